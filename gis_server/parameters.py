@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 from fastapi import Depends, HTTPException, Path, Query, Request
 
-from solmap.gis_server.services import ServicesOf
+from solmap.gis_server.analysis.ground import Ground
+from solmap.gis_server.parameters import AGAIN, Metres, MissionName
+from solmap.gis_server.services import Services, ServicesOf, map_layers
 from solmap.products.formats.raster.tiling import HALF_SIDE_M, MAX_ZOOM
 from solmap.products.model import Layer, ProductKind
 
@@ -73,3 +76,9 @@ async def _base(request: Request, mission: MissionName) -> str:
 
 BaseOf = Annotated[str, Depends(_base)]
 """The address of the mission's landing page, without a slash at its end."""
+
+
+def ground_of(mission: str, asked: str, services: Services) -> Ground:
+    """The terrain models of a mission that a question names."""
+    services.catalogue.mission(mission)
+    return Ground.of(map_layers(mission, services), asked, services.store, services.pool)

@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import Annotated
 
 from anyio import CapacityLimiter
-from fastapi import Depends, Request
+from fastapi import Depends, Path, Request
 
 from solmap.gis_server.live import EventTail
 from solmap.gis_server.rendering.reading import RasterPool
+from solmap.gis_server.services import Services, ServicesOf
 from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.catalogue.edits import EditLog, RunRequests
 from solmap.products.catalogue.events import LAYERS_PUBLISHED, Event
@@ -111,3 +112,9 @@ async def _services(request: Request) -> Services:
 
 ServicesOf = Annotated[Services, Depends(_services)]
 """The services of the app that a request came to."""
+
+
+def map_layers(mission: str, services: Services) -> list[Layer]:
+    """The latest layers that are on the map: models and panoramas are looked at elsewhere."""
+    latest = services.catalogue.layers(mission)
+    return [layer for layer in latest if layer.type in {"raster", "vector"}]

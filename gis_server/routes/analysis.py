@@ -24,7 +24,7 @@ from solmap.gis_server.analysis.driving import (
     reach_png,
     route_answer,
 )
-from solmap.gis_server.analysis.ground import BEST, Ground
+from solmap.gis_server.analysis.ground import BEST
 from solmap.gis_server.analysis.layer_values import ZonalAnswer, ZonalQuestion, zonal_answer
 from solmap.gis_server.analysis.measures import (
     AreaAnswer,
@@ -54,9 +54,8 @@ from solmap.gis_server.analysis.visibility import (
     viewshed_answer,
     viewshed_png,
 )
-from solmap.gis_server.parameters import AGAIN, Metres, MissionName
-from solmap.gis_server.routes.missions import map_layers
-from solmap.gis_server.services import Services, ServicesOf
+from solmap.gis_server.parameters import AGAIN, Metres, MissionName, ground_of
+from solmap.gis_server.services import ServicesOf, map_layers
 from solmap.photogrammetry.terrain.traversability.driving import DrivingParams
 from solmap.photogrammetry.terrain.visibility.viewshed import ViewshedParams
 from solmap.products.crs import local_crs
@@ -96,12 +95,6 @@ def geotiff(name: str, write: Callable[[Path], None]) -> Response:
         body = path.read_bytes()
     disposition = {"content-disposition": f'attachment; filename="{name}"'}
     return Response(body, media_type="image/tiff", headers={**AGAIN, **disposition})
-
-
-def ground_of(mission: str, asked: str, services: Services) -> Ground:
-    """The terrain models of a mission that a question names."""
-    services.catalogue.mission(mission)
-    return Ground.of(map_layers(mission, services), asked, services.store, services.pool)
 
 
 @router.post("/profile")

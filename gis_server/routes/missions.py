@@ -24,7 +24,7 @@ from solmap.gis_server.analysis.layer_values import (
 )
 from solmap.gis_server.parameters import AGAIN, LAST_SOL, Metres, MissionName
 from solmap.gis_server.routes.layers import MapLayer, layer_body
-from solmap.gis_server.services import Services, ServicesOf
+from solmap.gis_server.services import Services, ServicesOf, map_layers
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, Bounds, union
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.workspace import Workspace
@@ -238,12 +238,6 @@ def missions_of(services: Services) -> list[Mission]:
         mission_body(entry, services.catalogue.layers(entry.mission))
         for entry in services.catalogue.missions()
     ]
-
-
-def map_layers(mission: str, services: Services) -> list[Layer]:
-    """The latest layers that are on the map: models and panoramas are looked at elsewhere."""
-    latest = services.catalogue.layers(mission)
-    return [layer for layer in latest if layer.type in {"raster", "vector"}]
 
 
 class Start(BaseModel):

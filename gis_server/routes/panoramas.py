@@ -25,9 +25,9 @@ from solmap.gis_server.parameters import (
     Metres,
     MissionName,
     ScopeName,
+    ground_of,
 )
 from solmap.gis_server.rendering.png import indexed_png
-from solmap.gis_server.routes.analysis import ground_of
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace

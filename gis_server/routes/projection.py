@@ -30,8 +30,7 @@ from solmap.gis_server.analysis.projection import (
     project_into,
     seen_body,
 )
-from solmap.gis_server.parameters import Metres, MissionName
-from solmap.gis_server.routes.analysis import ground_of
+from solmap.gis_server.parameters import Metres, MissionName, ground_of
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.measure.ground_point import GroundPoint
@@ -122,7 +121,8 @@ def image_to_image(  # noqa: PLR0913 - the parameters of the question
     others = _others(mission, entry, found, stop, within_m, known)
     one = known.oriented_image(entry)
     curves = {
-        other.id: epipolar_curve_in(one, (sample, line), known.oriented_image(other)) for other in others
+        other.id: epipolar_curve_in(one, (sample, line), known.oriented_image(other))
+        for other in others
     }
     seen = [s for other in others if found and (s := project_into(other, found.ground, known))]
     told = add_visibility(seen, found.ground, known, ground) if found else []
