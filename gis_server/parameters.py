@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 from fastapi import Depends, HTTPException, Path, Query, Request
 
 from solmap.gis_server.analysis.ground import Ground
-from solmap.gis_server.parameters import AGAIN, Metres, MissionName
 from solmap.gis_server.services import Services, ServicesOf, map_layers
 from solmap.products.formats.raster.tiling import HALF_SIDE_M, MAX_ZOOM
 from solmap.products.model import Layer, ProductKind

@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Annotated
 
 from anyio import CapacityLimiter
-from fastapi import Depends, Path, Request
+from fastapi import Depends, Request
 
 from solmap.gis_server.live import EventTail
 from solmap.gis_server.rendering.reading import RasterPool
-from solmap.gis_server.services import Services, ServicesOf
 from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.catalogue.edits import EditLog, RunRequests
 from solmap.products.catalogue.events import LAYERS_PUBLISHED, Event

@@ -33,6 +33,7 @@ from solmap.products.formats.raster.tiling import CELL_SIZES, EXTENT
 from solmap.products.model import Layer
 from solmap.products.reports.sol_report import sol_report
 
+router = APIRouter(prefix="/api", tags=["missions"])
 _NO_LAYERS: Bounds = (-50.0, -50.0, 50.0, 50.0)
 """Shown of a mission with nothing on its map yet, metres."""
 _FAST = 5
@@ -170,7 +171,6 @@ async def _cache_state(
 
 CacheStateOf = Annotated[CacheState, Depends(_cache_state)]
 """What the client has in its cache, and reads."""
-router = APIRouter(prefix="/api", tags=["missions"])
 _IMAGES = TypeAdapter(list[Image])
 
 
