@@ -10,16 +10,20 @@ from __future__ import annotations
 import errno
 import shutil
 import sqlite3
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
 from sqlalchemy.exc import DBAPIError, OperationalError
+from tenacity import Retrying, retry_if_exception, stop_after_attempt, wait_exponential
 
 from solmap.products.errors import StoreAwayError
 
 T = TypeVar("T")
+
+_ATTEMPTS = 4
+_FIRST_PAUSE_S, _PAUSE_RATIO = 0.5, 4
+"""Pauses of 0.5, 2 and 8 s between the attempts."""
 
 TRANSIENT_ERRNOS = {
     errno.EIO,
@@ -49,20 +53,18 @@ _FULL_DISK = "53100"
 """PostgreSQL's code for it; it is not transient."""
 
 
-def retry_transient(call: Callable[[], T], pauses_s: tuple[float, ...] = (0.5, 2.0, 8.0)) -> T:
+def retry_transient(call: Callable[[], T]) -> T:
     """The result of a call, which is tried again after a transient error.
 
     For parts of a stage that may fail on their own, like the files of a downlink; a whole stage is
     tried again by the engine.
     """
-    for pause_s in pauses_s:
-        try:
-            return call()
-        except Exception as error:
-            if not is_transient(error):
-                raise
-            time.sleep(pause_s)
-    return call()
+    return Retrying(
+        retry=retry_if_exception(is_transient),
+        stop=stop_after_attempt(_ATTEMPTS),
+        wait=wait_exponential(multiplier=_FIRST_PAUSE_S, exp_base=_PAUSE_RATIO),
+        reraise=True,
+    )(call)
 
 
 def is_transient(error: BaseException) -> bool:

@@ -2,6 +2,7 @@
 
 import errno
 import sqlite3
+import time
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from sqlalchemy.exc import OperationalError
 
 from solmap.photogrammetry.errors import MatchingError
 from solmap.products.errors import ProductError, StoreAwayError, StoreFullError
-from solmap.products.store.faults import is_transient
+from solmap.products.store.faults import is_transient, retry_transient
 
 
 @pytest.mark.parametrize(
@@ -73,3 +74,25 @@ def test_a_database_without_room_cannot_pass(tmp_path: Path) -> None:
         small.execute("CREATE TABLE a(b)").execute("CREATE TABLE c(d)")
     small.close()
     assert not is_transient(full.value)
+
+
+def test_a_transient_error_is_retried_three_times_and_any_other_not_once(monkeypatch) -> None:
+    pauses: list[float] = []
+    monkeypatch.setattr(time, "sleep", pauses.append)
+    errors: list[Exception] = [OSError(errno.EIO, "stumbled")] * 3
+
+    def call() -> str:
+        if errors:
+            raise errors.pop()
+        return "read"
+
+    assert retry_transient(call) == "read"
+    assert pauses == [0.5, 2.0, 8.0]
+    errors += [OSError(errno.EIO, "stumbled")] * 5
+    with pytest.raises(OSError, match="stumbled"):
+        retry_transient(call)
+    assert len(errors) == 1
+    errors[:] = [ValueError("wrong")] * 2
+    with pytest.raises(ValueError, match="wrong"):
+        retry_transient(call)
+    assert len(errors) == 1
