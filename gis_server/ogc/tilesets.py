@@ -102,7 +102,7 @@ def legend_address(layer: Layer, style: str, base: str) -> str:
 
 def tilesets_document(layer: Layer, landing: LandingPoint, style: str, base: str) -> dict[str, Any]:
     """The only tileset of a layer in a style, in a list."""
-    here = _tiles_address(layer, style, base)
+    here = _tiles_url(layer, style, base)
     tileset = {
         "title": _title(layer, style),
         "dataType": "map",
@@ -118,7 +118,7 @@ def tilesets_document(layer: Layer, landing: LandingPoint, style: str, base: str
 
 def tileset_document(layer: Layer, landing: LandingPoint, style: str, base: str) -> dict[str, Any]:
     """A tileset: where its tiles are, and the address of each."""
-    here = f"{_tiles_address(layer, style, base)}/{tms_id(landing)}"
+    here = f"{_tiles_url(layer, style, base)}/{tms_id(landing)}"
     west, south, east, north = layer.bounds
     return {
         "title": _title(layer, style),
@@ -167,7 +167,7 @@ def limits_at(zoom: int, bounds: Bounds) -> Limits:
     }
 
 
-def _tiles_address(layer: Layer, style: str, base: str) -> str:
+def _tiles_url(layer: Layer, style: str, base: str) -> str:
     here = f"{base}/collections/{collection_id(layer)}"
     return f"{here}/map/tiles" if style == DEFAULT else f"{here}/styles/{style}/map/tiles"
 

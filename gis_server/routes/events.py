@@ -52,7 +52,7 @@ async def events(
     browsers send by themselves, or `since`) is told what it has missed. `reload` says that this
     is not known any more. A line without meaning every 15 s keeps the connection open.
     """
-    seen = _seen(since, last_event_id)
+    seen = _last_seen(since, last_event_id)
     missed = [] if seen is None else await services.tail.missed(seen)
     reached = await services.tail.newest() if seen is None or missed is None else seen
     yield ServerSentEvent(event="hello", data={}, id=str(reached), retry=_RETRY_MS)
@@ -61,7 +61,7 @@ async def events(
     for event in missed or ():
         reached = event.id
         if _concerns(event, mission):
-            yield _sent(event)
+            yield _server_event(event)
     while True:
         fresh = await queue.get()
         if fresh is None:
@@ -70,10 +70,10 @@ async def events(
         elif fresh.id > reached:
             reached = fresh.id
             if _concerns(fresh, mission):
-                yield _sent(fresh)
+                yield _server_event(fresh)
 
 
-def _seen(since: int | None, header: str | None) -> int | None:
+def _last_seen(since: int | None, header: str | None) -> int | None:
     """The header is newer than the address that a browser connects to again."""
     return int(header) if header and header.isascii() and header.isdigit() else since
 
@@ -82,7 +82,7 @@ def _concerns(event: Event, mission: str | None) -> bool:
     return mission is None or event.document.get("mission", mission) == mission
 
 
-def _sent(event: Event) -> ServerSentEvent:
+def _server_event(event: Event) -> ServerSentEvent:
     return ServerSentEvent(
         event=event.kind, data={**event.document, "at": event.at}, id=str(event.id)
     )

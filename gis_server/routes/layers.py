@@ -71,12 +71,12 @@ def features(
     elif bounds is not None:
         numbers = texts.within(bounds)
     else:
-        numbers = range(_all_of(layer, texts))
+        numbers = range(_count_of(layer, texts))
     body = texts.collection(numbers)
     return Response(body, headers=FOREVER, media_type="application/geo+json")
 
 
-def _all_of(layer: Layer, texts: FeatureTexts) -> int:
+def _count_of(layer: Layer, texts: FeatureTexts) -> int:
     """How many features there are.
 
     Raises:
