@@ -1,9 +1,9 @@
 """Live events: what processes write into the catalogue, handed on to every browser that listens.
 
-Any process may publish. Each server looks four times a second whether the database has changed,
-which SQLite answers from memory (`PRAGMA data_version`), reads the new events once, and hands them
-to the queues of its listeners. Nobody looks while nobody listens. A listener that does not keep up
-is told to ask everything anew rather than held in memory.
+Any process may publish. Each server polls the database four times a second, which SQLite answers
+from memory (`PRAGMA data_version`), reads new events once, and puts them into the queues of its
+listeners; without listeners it does not poll. A listener whose queue is full is sent a mark to read
+everything again, so that memory stays bounded.
 """
 
 from __future__ import annotations
