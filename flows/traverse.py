@@ -33,7 +33,7 @@ from solmap.photogrammetry.traverse.records import Traverse
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.formats.documents.archives import finite
 from solmap.products.model import ProductKind
-from solmap.products.reports.traverse_figure import traverse_figure
+from solmap.products.reports.network_figures import traverse_figure
 from solmap.tasks.mission.imported_traverse import draw_mission_traverse, read_traverses
 from solmap.tasks.mission.publish import publish
 from solmap.tasks.scopes import region_scope

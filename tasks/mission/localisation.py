@@ -36,8 +36,7 @@ from solmap.products.formats.documents.network import (
 from solmap.products.formats.vector.geojson import Feature, FeatureCollection
 from solmap.products.formats.vector.geopackage import write_geopackage
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.reports.figures import png, svg
-from solmap.products.reports.traverse_figure import SIGMAS, traverse_figure
+from solmap.products.reports.network_figures import SIGMAS, png, svg, traverse_figure
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.telemetry import Telemetry
 from solmap.tasks.mission.vectors import stop_features, traverse_features

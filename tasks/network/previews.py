@@ -26,10 +26,16 @@ from solmap.products.errors import ProductError
 from solmap.products.formats.documents.archives import read_dense
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.reports.link_figures import draw_features, draw_overlay
-from solmap.products.reports.match_figures import draw_pair
+from solmap.products.reports.matching_figures import (
+    FigureImage,
+    caption,
+    draw_features,
+    draw_overlay,
+    draw_pair,
+    draw_sheet,
+    misfits,
+)
 from solmap.products.reports.terrain_figures import class_figure, relief_figure
-from solmap.products.reports.tie_figures import FigureImage, caption, draw_sheet, misfits
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts, read_matched_pair
 from solmap.tasks.scopes import pair_scope

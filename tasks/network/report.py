@@ -17,11 +17,11 @@ from solmap.products.formats.documents.adjusted_network import quality_document
 from solmap.products.formats.documents.archives import read_matches
 from solmap.products.formats.documents.network import NetworkProduct, read_network
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.reports.adjustment_figures import (
+from solmap.products.reports.network_figures import (
     growth_figure,
+    network_figure,
     residual_figure,
     statistics_figure,
-    traverse_figure,
 )
 from solmap.products.reports.quality_page import report_page
 from solmap.products.store.product_store import ProductStore
@@ -87,7 +87,7 @@ def _figures(
 ) -> dict[str, bytes]:
     network = product.adjusted
     return {
-        "traverse": traverse_figure(network, product.telemetry, found),
+        "traverse": network_figure(network, product.telemetry, found),
         "growth": growth_figure(found),
         "statistics": statistics_figure(network),
         **{

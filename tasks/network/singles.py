@@ -33,7 +33,7 @@ from solmap.products.formats.documents.archives import (
     write_ties,
 )
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.products.reports.tie_figures import FigureImage
+from solmap.products.reports.matching_figures import FigureImage
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts, pair_frame, read_matched_pair
 from solmap.tasks.network.previews import write_sheet

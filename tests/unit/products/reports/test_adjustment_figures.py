@@ -12,12 +12,12 @@ from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.adjustment.quality.network_quality import network_quality
 from solmap.photogrammetry.adjustment.quality.records import PairCamera, QualityParams
 from solmap.photogrammetry.synthetic.networks import LINES, simulate_network
-from solmap.products.reports.adjustment_figures import (
+from solmap.products.reports.network_figures import (
     ellipse_scale,
     growth_figure,
+    network_figure,
     residual_figure,
     statistics_figure,
-    traverse_figure,
 )
 
 
@@ -42,7 +42,7 @@ def stated(request):
 def pictures(stated):
     adjusted, telemetry, cameras, found = stated
     return [
-        traverse_figure(adjusted, telemetry, found),
+        network_figure(adjusted, telemetry, found),
         growth_figure(found),
         statistics_figure(adjusted),
         *(residual_figure(adjusted, cameras, camera) for camera in found.cameras),

@@ -10,7 +10,7 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.search import (
     find_hypotheses,
 )
 from solmap.photogrammetry.matching.cross_site.hypotheses.voting import Landmarks
-from solmap.products.reports.link_figures import ENLARGED, agrees_with_fit, draw_features
+from solmap.products.reports.matching_figures import ENLARGED, agrees_with_fit, draw_features
 
 BIRDS_EYE = BirdsEyeParams(radius_m=16.0)
 

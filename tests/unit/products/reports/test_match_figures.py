@@ -8,7 +8,7 @@ from solmap.photogrammetry.matching.stereo.sparse import (
     match_interest_points,
     match_sparsely,
 )
-from solmap.products.reports.match_figures import (
+from solmap.products.reports.matching_figures import (
     draw_candidates,
     draw_pair,
     draw_parallax,

@@ -6,7 +6,7 @@ from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.alignment import AlignmentParams
 from solmap.photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
 from solmap.photogrammetry.matching.records import Ties
-from solmap.products.reports.tie_figures import (
+from solmap.products.reports.matching_figures import (
     GAP_PX,
     SHEET_PX,
     FigureImage,

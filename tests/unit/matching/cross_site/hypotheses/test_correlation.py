@@ -19,7 +19,7 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.correlation import (
     correlation_coefficient,
     lagged_products,
 )
-from solmap.products.reports.link_figures import draw_overlay
+from solmap.products.reports.matching_figures import draw_overlay
 
 PARAMS = BirdsEyeParams(radius_m=12.0, cell_m=0.16)
 CELLS = 150

@@ -1,0 +1,441 @@
+"""Quick looks of what was matched, in OpenCV's order of bands: blue, green, red.
+
+Pictures of ties: two images side by side with a line for every point that both show.
+
+A line is coloured by how well its tie agrees with all the others: by the length of its residual in
+standard deviations (Mahalanobis), from green (0) over yellow to red (the limit of the verdict).
+
+Pictures of hypotheses: two stops from above, side by side, with the landmarks that agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from solmap.photogrammetry.arrays import (
+    Flags,
+    Float64,
+    GreyImage,
+    ImagePoints,
+    Int32,
+    Mask,
+    ParallaxMap,
+    PerPoint,
+    Picture,
+    UInt8,
+)
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StereoMatches
+from solmap.photogrammetry.matching.alignment import AlignmentParams, align
+from solmap.photogrammetry.matching.cross_site.birds_eye import (
+    CLIP,
+    BirdsEyeParams,
+    BirdsEyeView,
+    PlaneFit,
+    SearchGate,
+    band_pass,
+    channels,
+    place_on,
+)
+from solmap.photogrammetry.matching.cross_site.hypotheses.features import (
+    FeatureParams,
+    conjugate_features,
+    find_features,
+)
+from solmap.photogrammetry.matching.cross_site.hypotheses.voting import Landmarks
+from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, Ties
+from solmap.photogrammetry.matching.stereo.dense import DenseMatches
+from solmap.photogrammetry.matching.stereo.sparse import Candidates
+from solmap.photogrammetry.matching.stereo.verification import (
+    VerificationParams,
+    parallax_curve,
+)
+from solmap.photogrammetry.stretching import stretch
+
+WHITE = (255, 255, 255)
+BLACK = (0, 0, 0)
+GREEN = (80, 200, 80)
+ORANGE = (0, 140, 255)
+RED = (60, 20, 220)
+AGREES_PX = 0.3
+"""Residual of a good match: what published stereo reaches on board (NPO-42487: 0.32 px)."""
+
+
+def in_three_bands(image: GreyImage, mask: Mask) -> Picture:
+    """The stretched image, to be drawn upon in colours; black where not usable."""
+    grey = np.where(mask, stretch(image, mask), 0).astype(np.uint8)
+    return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+
+
+def draw_candidates(images: EpipolarImages, candidates: Candidates) -> Picture:
+    """Both images side by side: accepted candidates white, those off the parallax curve black."""
+    pictures = []
+    for image, mask, points in (
+        (images.left, images.left_mask, candidates.left),
+        (images.right, images.right_mask, candidates.right),
+    ):
+        picture = in_three_bands(image, mask)
+        _dots(picture, points[candidates.accepted].astype(np.float64), WHITE, BLACK)
+        _dots(picture, points[~candidates.accepted].astype(np.float64), BLACK, WHITE)
+        pictures.append(picture)
+    return np.hstack(pictures)
+
+
+def draw_residuals(
+    images: EpipolarImages, matches: StereoMatches, parallax: ParallaxMap
+) -> Picture:
+    """The left image with the matches, coloured by how far dense matching is from them.
+
+    Least squares and semi-global matching come to a parallax each in its own way: green agrees to
+    0.3 px, orange to one, red does not; white has no dense parallax.
+    """
+    picture = in_three_bands(images.left, images.left_mask)
+    sample, line = np.rint(matches.left).astype(int).T
+    apart = np.abs(matches.parallax_px - parallax[line, sample])
+    for colour, chosen in (
+        (WHITE, ~np.isfinite(apart)),
+        (GREEN, apart <= AGREES_PX),
+        (ORANGE, (apart > AGREES_PX) & (apart <= 1)),
+        (RED, apart > 1),
+    ):
+        _dots(picture, matches.left[chosen], colour, BLACK)
+    return picture
+
+
+def draw_parallax(parallax: ParallaxMap) -> Picture:
+    """Parallax in colours over its own range, logarithmic as ranges are; black where unmatched."""
+    return _colours(parallax)
+
+
+def draw_pair(
+    images: EpipolarImages,
+    candidates: Candidates,
+    matches: StereoMatches,
+    dense: DenseMatches,
+    params: VerificationParams,
+) -> Picture:
+    """All that was matched in a pair, on one sheet.
+
+    Top: candidates in both images. Middle: matches coloured by residual, and the dense parallax.
+    Foot: the standard deviation of the dense parallax, and the parallax curve.
+    """
+    lines, samples = images.left.shape
+    middle = (draw_residuals(images, matches, dense.parallax_px), draw_parallax(dense.parallax_px))
+    curve = draw_parallax_curve(candidates, params, samples, lines)
+    foot = (_colours(dense.sigma_px), curve)
+    rows = (draw_candidates(images, candidates), np.hstack(middle), np.hstack(foot))
+    return np.vstack(rows)
+
+
+def draw_parallax_curve(
+    candidates: Candidates, params: VerificationParams, width: int = 1200, height: int = 500
+) -> Picture:
+    """Parallaxes in row-first order with the parallax curve (orange), blunders in black."""
+    picture = np.full((height, width, 3), 255, np.uint8)
+    if not len(candidates):
+        return picture
+    points = candidates.left.astype(np.float64)
+    parallax = points[:, 0] - candidates.right[:, 0]
+    curve = parallax_curve(points, parallax, params)
+    order = np.lexsort((points[:, 0], points[:, 1]))
+    x = np.linspace(10, width - 10, len(order))
+    highest = max(float(parallax.max()), 1.0) * 1.05
+
+    def place(values: np.ndarray) -> ImagePoints:
+        return np.column_stack([x, height - 10 - values[order] / highest * (height - 20)])
+
+    accepted = candidates.accepted[order]
+    _dots(picture, place(parallax)[accepted], GREEN, None)
+    _dots(picture, place(curve), ORANGE, None)
+    _dots(picture, place(parallax)[~accepted], BLACK, None)
+    return picture
+
+
+def _colours(values: ParallaxMap) -> Picture:
+    known = np.isfinite(values) & (values > 0)
+    if not known.any():
+        return np.zeros((*values.shape, 3), np.uint8)
+    logarithm = np.log(np.where(known, values, 1.0))
+    low, high = np.percentile(logarithm[known], [0.5, 99.5])
+    scaled = np.clip((logarithm - low) / max(high - low, 1e-6), 0, 1) * 255
+    picture = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO)
+    picture[~known] = 0
+    return picture
+
+
+def _dots(
+    picture: Picture,
+    points: ImagePoints,
+    colour: tuple[int, int, int],
+    rim: tuple[int, int, int] | None,
+) -> None:
+    """Small discs, drawn into the picture."""
+    for x, y in np.rint(points).astype(int).tolist():
+        if rim is not None:
+            cv2.circle(picture, (x, y), 3, rim, -1)
+        cv2.circle(picture, (x, y), 2, colour, -1)
+
+
+GAP_PX = 8
+COLUMNS = 2
+"""Couples of images side by side on a sheet."""
+SHEET_PX = 1536
+TITLE_PX = 22
+LEGEND = (
+    "a tie's line: green where it agrees with all others, yellow, red at the limit of the verdict"
+)
+LEAST_SHEET_PX = 64
+GREY_STEP = 8
+"""Grey values are told apart by so much: the noise of soil makes up most of a picture's bytes."""
+GREEN_DEG = 120.0
+"""Hue of a tie that fits; 0 is red."""
+
+
+def misfits(
+    ties: Ties,
+    geometries: Mapping[str, EpipolarPair],
+    first_from_second: Pose,
+    covariance: Float64[np.ndarray, "6 6"] | None,
+    params: AlignmentParams,
+) -> PerPoint:
+    """Residuals of ties after alignment, as shares of the limit of the verdict."""
+    if not len(ties):
+        return np.zeros(0)
+    aligned = align(ties, geometries, first_from_second, covariance, params)
+    return np.sqrt(aligned.mahalanobis2 / params.chi_square)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FigureImage:
+    """An image that ties are drawn on."""
+
+    name: str
+    image: GreyImage
+    mask: Mask
+
+    @classmethod
+    def of(cls, pair: MatchedPair) -> FigureImage:
+        """The left image of a pair."""
+        return cls(pair.pair_id, pair.images.left, pair.images.left_mask)
+
+
+def draw_ties(
+    first: FigureImage,
+    second: FigureImage,
+    ties: Ties,
+    misfit: PerPoint,
+    scale: float = 1.0,
+) -> Picture:
+    """Two images, and a coloured line from each point to its conjugate."""
+    for shown in (first, second):
+        if shown.name not in ties.pair_ids:
+            raise MatchingError(f"{shown.name} is not among the images of these ties")
+    grey = [_small(in_three_bands(s.image, s.mask), scale) for s in (first, second)]
+    height = max(g.shape[0] for g in grey)
+    offset = grey[0].shape[1] + GAP_PX
+    picture = np.zeros((height, offset + grey[1].shape[1], 3), np.uint8)
+    for image, left in zip(grey, (0, offset), strict=True):
+        picture[: image.shape[0], left : left + image.shape[1]] = image // GREY_STEP * GREY_STEP
+    for start, end, share in _lines(first.name, second.name, ties, misfit):
+        a, b = ((int(x * scale), int(y * scale)) for x, y in (start, end))
+        b, colour = (b[0] + offset, b[1]), _misfit_colour(share)
+        cv2.line(picture, a, b, colour, 1, cv2.LINE_AA)
+        for place in (a, b):
+            cv2.circle(picture, place, 3, colour, 1, cv2.LINE_AA)
+    return picture
+
+
+def draw_sheet(
+    images: Iterable[FigureImage], ties: Ties, misfit: PerPoint, *, first_left: bool = False
+) -> Picture:
+    """All couples of images that ties join, two to a row, those with most ties first.
+
+    With `first_left` the image where ties start, the earlier stop's, is always left; without, the
+    couple is so ordered that what both show is next to each other.
+    """
+    shown = {image.name: image for image in images}
+    counts = sorted(ties.counts().items(), key=lambda item: -item[1])
+    cells = [
+        _cell(*_side_by_side(shown[one], shown[other], ties, first_left=first_left), ties, misfit)
+        for (one, other), _ in counts
+        if one in shown and other in shown
+    ]
+    if not cells:
+        return np.zeros((LEAST_SHEET_PX, SHEET_PX, 3), np.uint8)
+    width = SHEET_PX // COLUMNS
+    rows = [caption(LEGEND, SHEET_PX)]
+    for k in range(0, len(cells), COLUMNS):
+        row = cells[k : k + COLUMNS]
+        height = max(cell.shape[0] for cell in row)
+        filled = [np.zeros((height, width, 3), np.uint8) for _ in range(COLUMNS)]
+        for cell, place in zip(row, filled, strict=False):
+            place[: cell.shape[0], : cell.shape[1]] = cell
+        rows.append(np.hstack(filled))
+    return np.vstack(rows)
+
+
+def caption(text: str, width: int) -> Picture:
+    """A line of white text on black."""
+    line = np.zeros((TITLE_PX, width, 3), np.uint8)
+    place, white = (2, 15), (255, 255, 255)
+    return cv2.putText(line, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, white, 1, cv2.LINE_AA)
+
+
+def _side_by_side(
+    first: FigureImage, second: FigureImage, ties: Ties, *, first_left: bool
+) -> tuple[FigureImage, FigureImage, Flags]:
+    """A couple as it is to stand, and the ties between them."""
+    rows = _between(ties, first.name, second.name)
+    if first_left:
+        return first, second, rows
+    shares = [
+        float(np.mean(left[rows, 0])) / shown.image.shape[1]
+        for left, shown in ((ties.first_left, first), (ties.second_left, second))
+    ]
+    return (first, second, rows) if shares[0] >= shares[1] else (second, first, rows)
+
+
+def _cell(
+    first: FigureImage, second: FigureImage, rows: Flags, ties: Ties, misfit: PerPoint
+) -> Picture:
+    """One couple of a sheet, with its names and number of ties above."""
+    wide = first.image.shape[1] + second.image.shape[1]
+    scale = (SHEET_PX // COLUMNS - 2 * GAP_PX) / wide
+    drawn = draw_ties(first, second, ties.select(rows), misfit[rows], scale)
+    count = int(rows.sum())
+    text = f"{first.name} - {second.name}: {count} {'tie' if count == 1 else 'ties'}"
+    return np.vstack([caption(text, drawn.shape[1]), drawn])
+
+
+def _small(image: Picture, scale: float) -> UInt8[np.ndarray, "height width 3"]:
+    size = tuple(max(1, round(side * scale)) for side in image.shape[1::-1])
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
+
+
+def _between(ties: Ties, one: str, other: str) -> Flags:
+    """The ties that run from one pair to the other."""
+    first, second = ties.pair_ids.index(one), ties.pair_ids.index(other)
+    return (ties.first == first) & (ties.second == second)
+
+
+def _lines(
+    first: str, second: str, ties: Ties, misfit: PerPoint
+) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """(point in the first pair, point in the second, misfit), whichever way the ties run."""
+    forth, back = _between(ties, first, second), _between(ties, second, first)
+    return [
+        *zip(ties.first_left[forth], ties.second_left[forth], misfit[forth].tolist(), strict=True),
+        *zip(ties.second_left[back], ties.first_left[back], misfit[back].tolist(), strict=True),
+    ]
+
+
+def _misfit_colour(share: float) -> tuple[int, int, int]:
+    """From green (0) to red (1 and more); (blue, green, red)."""
+    hue = round(GREEN_DEG / 2 * (1.0 - min(max(share, 0.0), 1.0)))  # OpenCV halves degrees
+    blue, green, red = cv2.cvtColor(np.array([[[hue, 230, 255]]], np.uint8), cv2.COLOR_HSV2BGR)[
+        0, 0
+    ]
+    return int(blue), int(green), int(red)
+
+
+ENLARGED = 3
+"""Picture elements to a cell along either axis."""
+AROUND = (3.0, 0.05)
+"""Metres and radians around a fit in which features are matched again for a picture."""
+GOLDEN = 0.618
+"""Hues advance by this share of the circle, so that neighbours differ."""
+
+
+def draw_landmarks(
+    views: tuple[BirdsEyeView, BirdsEyeView],
+    landmarks: tuple[Landmarks, Landmarks],
+    pairs: Int32[np.ndarray, "n 2"],
+    fit: PlaneFit,
+    params: BirdsEyeParams,
+) -> Picture:
+    """Both views, and a line between any two landmarks that the fit puts on the same place."""
+    grounds = [_ground(view, params) for view in views]
+    offset = grounds[0].shape[1] + GAP_PX
+    picture = np.zeros((grounds[0].shape[0], offset + grounds[1].shape[1], 3), np.uint8)
+    picture[:, : grounds[0].shape[1]], picture[:, offset:] = grounds
+    agreeing = pairs[agrees_with_fit(landmarks, pairs, fit, 2 * views[0].cell_m)]
+    starts, ends = (
+        _pixels(marks.places[rows], view)
+        for marks, rows, view in zip(landmarks, agreeing.T, views, strict=True)
+    )
+    for k, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+        a, b = (start[0], start[1]), (end[0] + offset, end[1])
+        cv2.line(picture, a, b, _landmark_colour(k), 1, cv2.LINE_AA)
+        for place in (a, b):
+            cv2.circle(picture, place, 4, _landmark_colour(k), 1, cv2.LINE_AA)
+    return picture
+
+
+def draw_features(
+    earlier: BirdsEyeView,
+    later: BirdsEyeView,
+    fit: PlaneFit,
+    birds_eye: BirdsEyeParams,
+    params: FeatureParams,
+) -> Picture:
+    """Both views, and a line for every feature that is matched near a fit and agrees with it."""
+    one, other = (find_features(view, birds_eye, params) for view in (earlier, later))
+    around = SearchGate(fit.north_m, fit.east_m, *AROUND)
+    pairs = conjugate_features(one, other, around, params)
+    return draw_landmarks((earlier, later), (one.landmarks, other.landmarks), pairs, fit, birds_eye)
+
+
+def agrees_with_fit(
+    landmarks: tuple[Landmarks, Landmarks],
+    pairs: Int32[np.ndarray, "n 2"],
+    fit: PlaneFit,
+    within_m: float,
+) -> Flags:
+    """Which pairs of landmarks a fit puts on the same place."""
+    c, s = np.cos(fit.azimuth), np.sin(fit.azimuth)
+    earlier, later = (m.places[rows] for m, rows in zip(landmarks, pairs.T, strict=True))
+    moved = later @ np.array([[c, -s], [s, c]]).T + (fit.north_m, fit.east_m)
+    return np.hypot(*(earlier - moved).T) < within_m
+
+
+def _ground(view: BirdsEyeView, params: BirdsEyeParams) -> Picture:
+    """Grey of a view without its long waves, black where nothing was seen."""
+    grey = channels(view, params)[0]
+    bright = np.where(grey.weight > 0, 40 + 160 * (grey.value + CLIP) / (2 * CLIP), 0)
+    once = np.repeat(bright.astype(np.uint8)[..., None], 3, axis=2)
+    return once.repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)
+
+
+def _landmark_colour(k: int) -> tuple[int, int, int]:
+    """A bright colour, (red, green, blue)."""
+    hue = np.array([[[round(180 * ((k * GOLDEN) % 1.0)) % 180, 220, 255]]], np.uint8)
+    red, green, blue = cv2.cvtColor(hue, cv2.COLOR_HSV2RGB)[0, 0].tolist()
+    return red, green, blue
+
+
+def _pixels(places: Float64[np.ndarray, "n 2"], view: BirdsEyeView) -> Int32[np.ndarray, "n 2"]:
+    """(column, row) in the picture of level places."""
+    half = view.grey.shape[0] / 2
+    at = np.column_stack([half + places[:, 1] / view.cell_m, half - places[:, 0] / view.cell_m])
+    return np.round(at * ENLARGED).astype(np.int32)
+
+
+def draw_overlay(earlier: BirdsEyeView, later: BirdsEyeView, fit: PlaneFit) -> Picture:
+    """Both views in one picture, the earlier in red, the later in green and blue.
+
+    Where they agree the picture is grey; where only one saw the ground it has that one's colour.
+    """
+    over = place_on(later.grey, later.cell_m, fit.azimuth, fit.north_m, fit.east_m)
+    wave = 1.0 / earlier.cell_m
+    red, cyan = (band_pass(grey, 0.8, wave) for grey in (earlier.grey, over))
+    stretched = [
+        np.where(c.weight > 0, 40 + 215 * (c.value + CLIP) / (2 * CLIP), 0).astype(np.uint8)
+        for c in (red, cyan, cyan)
+    ]
+    return np.dstack(stretched)
