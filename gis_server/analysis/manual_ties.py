@@ -67,8 +67,8 @@ from solmap.photogrammetry.matching.resampling import GROUND_M
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.oriented_images import (
-    MatchedPair,
     OrientedMission,
+    StereoPartners,
     geometry_of,
     matches_of,
 )
@@ -149,7 +149,7 @@ def stored_point(camera: CameraModel, geometry: EpipolarPair, points: ImagePoint
     return camera.project(camera.centre + GROUND_M * geometry.directions(points))
 
 
-def left_entry(image: str, mission: OrientedMission) -> tuple[ImageEntry, MatchedPair]:
+def left_entry(image: str, mission: OrientedMission) -> tuple[ImageEntry, StereoPartners]:
     """The left image of a matched pair by its name.
 
     Raises:
@@ -169,7 +169,7 @@ def left_entry(image: str, mission: OrientedMission) -> tuple[ImageEntry, Matche
 
 def _picked_view(
     point: Picked, mission: OrientedMission
-) -> tuple[PickedView, Float64[np.ndarray, " 2"], MatchedPair]:
+) -> tuple[PickedView, Float64[np.ndarray, " 2"], StereoPartners]:
     entry, eyes = left_entry(point.image, mission)
     pair = mission.pair_of(entry)
     assert pair is not None  # noqa: S101 - asked of by `left_entry`

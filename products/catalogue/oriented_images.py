@@ -43,7 +43,7 @@ _POINTED = float(np.radians(AdjustmentParams().pointing_deg))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MatchedPair:
+class StereoPartners:
     """The stereo pair of an image: geometry, cameras and dense matches."""
 
     pair_id: str
@@ -117,9 +117,9 @@ class OrientedMission:
         pointing = Pointing(pair.pointing, pair.pointing_covariance)
         return OrientedImage.of(self.record(entry), pose, pointing)
 
-    def matched_pair(self, entry: ImageEntry) -> MatchedPair | None:
+    def matched_pair(self, entry: ImageEntry) -> StereoPartners | None:
         """The matched pair that an image is part of; None for one without partner or matches."""
-        return matched_pair(entry, self.workspace)
+        return stereo_partners(entry, self.workspace)
 
 
 def matched_record(entry: ImageEntry, workspace: Workspace) -> RoverImage:
@@ -146,7 +146,7 @@ def geometry_of(matches: ProductRef, workspace: Workspace) -> EpipolarPair:
     return _geometry(workspace.store.path(matches))
 
 
-def matched_pair(entry: ImageEntry, workspace: Workspace) -> MatchedPair | None:
+def stereo_partners(entry: ImageEntry, workspace: Workspace) -> StereoPartners | None:
     """The matched pair that an image is part of; None for one without partner or matches."""
     matches = matches_of(entry, workspace)
     if matches is None or entry.partner is None:
@@ -157,7 +157,7 @@ def matched_pair(entry: ImageEntry, workspace: Workspace) -> MatchedPair | None:
     other = workspace.catalogue.image(entry.partner)
     left, right = (entry, other) if entry.eye == Eye.LEFT else (other, entry)
     parallax = ProductRef(ProductKind.PARALLAX, matches.scope, digest)
-    return MatchedPair(
+    return StereoPartners(
         left.id,
         geometry_of(matches, workspace),
         matched_record(left, workspace).camera,
