@@ -149,7 +149,7 @@ def _intersect_by_parallax(
     sigma_px: float,
     mission: OrientedMission,
 ) -> GroundPoint | None:
-    eyes, pair = mission.matched_pair(entry), mission.pair_of(entry)
+    eyes, pair = mission.stereo_partners(entry), mission.pair_of(entry)
     if eyes is None or pair is None:
         return None
     camera, eye, dense = eyes.camera(entry.eye), Eye(entry.eye), eyes.dense

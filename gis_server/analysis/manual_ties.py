@@ -161,7 +161,7 @@ def left_entry(image: str, mission: OrientedMission) -> tuple[ImageEntry, Stereo
             f"{entry.id} is a {entry.eye} image; ties are measured in left ones: pick in "
             f"{entry.partner or 'another image'}"
         )
-    eyes = mission.matched_pair(entry)
+    eyes = mission.stereo_partners(entry)
     if eyes is None or mission.pair_of(entry) is None:
         raise UnanswerableError(f"{entry.id} has no matched partner in the latest network")
     return entry, eyes

@@ -127,7 +127,7 @@ def _with_sight(
 def _by_pair(
     seen: ProjectedPoint, target: GroundPoint, mission: OrientedMission
 ) -> tuple[Sight, tuple[float, float] | None]:
-    eyes, pair = mission.matched_pair(seen.entry), mission.pair_of(seen.entry)
+    eyes, pair = mission.stereo_partners(seen.entry), mission.pair_of(seen.entry)
     if eyes is None or pair is None:
         return Sight.UNKNOWN, None
     left, parallax = eyes.geometry.project(pair.lsl_from_pair.inverse.apply(target.point[None]))

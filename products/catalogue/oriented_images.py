@@ -117,7 +117,7 @@ class OrientedMission:
         pointing = Pointing(pair.pointing, pair.pointing_covariance)
         return OrientedImage.of(self.record(entry), pose, pointing)
 
-    def matched_pair(self, entry: ImageEntry) -> StereoPartners | None:
+    def stereo_partners(self, entry: ImageEntry) -> StereoPartners | None:
         """The matched pair that an image is part of; None for one without partner or matches."""
         return stereo_partners(entry, self.workspace)
 

@@ -1,11 +1,10 @@
-"""Quick looks of what was matched, in OpenCV's order of bands: blue, green, red.
+"""Figures of matching (OpenCV; bands in the order blue, green, red).
 
-Pictures of ties: two images side by side with a line for every point that both show.
-
-A line is coloured by how well its tie agrees with all the others: by the length of its residual in
-standard deviations (Mahalanobis), from green (0) over yellow to red (the limit of the verdict).
-
-Pictures of hypotheses: two stops from above, side by side, with the landmarks that agree.
+- of a pair: accepted candidates, the parallax curve, dense parallax and residuals from it;
+- of ties: two images side by side with a line for every point that both show, coloured by the
+  length of the tie's residual in standard deviations (Mahalanobis), from green (0) over yellow to
+  red (the limit of the verdict);
+- of hypotheses: two stops from above, with the landmarks or features that agree.
 """
 
 from __future__ import annotations

@@ -1,10 +1,6 @@
-"""Plots as SVG whose bytes depend on what they show and on nothing else.
+"""Figures of networks and traverses (matplotlib): what a mean hides shows here.
 
-The traverse as people read it: map, vertical profile and accumulated differences (SVG).
-
-Figures of the quality of a network: they show what a mean hides.
-
-All are SVG without dates, so the same network gives the same bytes.
+All are SVG or PNG without dates, so equal input gives equal bytes.
 """
 
 from __future__ import annotations

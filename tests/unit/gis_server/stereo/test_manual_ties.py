@@ -33,7 +33,7 @@ def conjugates(stereo):
 
 def _stored(mission, stereo, name, left):
     entry = next(e for e in stereo.entries if e.id == name)
-    eyes = mission.matched_pair(entry)
+    eyes = mission.stereo_partners(entry)
     return name, stored_point(eyes.left, eyes.geometry, left[None])[0]
 
 
