@@ -37,7 +37,7 @@ class Mission:
     mapping_products: frozenset[str] | None
     """Product types whose pixels are grey values of the scene; None: DERIVED_IMAGE_TYPE tells."""
     leaves_out_half_pixel: bool = False
-    """Whether labels of averaged images scale H and V about a pixel's corner (`images.rover_image`)."""
+    """Whether labels of averaged images scale H and V about a pixel's corner."""
 
 
 MER = Mission(
