@@ -120,7 +120,7 @@ def _findings(inputs: SolInputs, standing: Standing) -> list[str]:
     again = [stop for stop in mapped if stop.is_new and stop.moved_m is not None]
     return [
         product.report["summary"],
-        *product.by_hand,
+        *product.manual_tie_notes,
         *links,
         *(_remapped_line(stop, inputs.config.reissue) for stop in again),
     ]

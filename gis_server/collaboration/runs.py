@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from solmap.gis_server.collaboration.accounts import Operator
 from solmap.gis_server.parameters import AGAIN, FOREVER, Digest, ScopeName
 from solmap.gis_server.services import ServicesOf
-from solmap.products.catalogue.edits import RequestKind, RequestState, RunRequest
+from solmap.products.catalogue.edits import RequestKind, RunRequest
 from solmap.products.catalogue.events import REQUESTS_CHANGED
 from solmap.products.catalogue.runs import Run, RunState
 from solmap.products.errors import ProductNotFoundError
@@ -38,19 +38,6 @@ class RunBody(BaseModel):
     """What it said; only of a single run, else empty."""
 
 
-class RequestBody(BaseModel):
-    """Somebody wants a run."""
-
-    id: int
-    kind: RequestKind
-    mission: str | None
-    author: str
-    at: str
-    state: RequestState
-    answer: str | None
-    """The name of the run in the orchestrator, or why there is none."""
-
-
 class ReportBody(BaseModel):
     """The quality report of an adjustment."""
 
@@ -64,7 +51,7 @@ class Runs(BaseModel):
     """Runs and requests, the newest first, and the reports of the latest adjustments."""
 
     runs: list[RunBody]
-    requests: list[RequestBody]
+    requests: list[RunRequest]
     reports: list[ReportBody]
 
 
@@ -87,7 +74,7 @@ def runs(
     reports = services.catalogue.pointers(ProductKind.REPORT)
     return Runs(
         runs=[_run_body(run).model_copy(update={"lines": ()}) for run in services.runs.runs(limit)],
-        requests=[_request_body(one) for one in services.requests.requests(limit)],
+        requests=services.requests.requests(limit),
         reports=[
             ReportBody(
                 scope=ref.scope.name,
@@ -107,7 +94,7 @@ def run(run: RunName, services: ServicesOf, response: Response) -> RunBody:
 
 
 @router.post("/runs", status_code=202)
-def request_run(wish: Wish, services: ServicesOf, who: Operator) -> RequestBody:
+def request_run(wish: Wish, services: ServicesOf, who: Operator) -> RunRequest:
     """Ask for a run. It waits until `solmap up` takes it; the same wish is not kept twice."""
     if wish.mission is not None:
         services.catalogue.mission(wish.mission)
@@ -115,7 +102,7 @@ def request_run(wish: Wish, services: ServicesOf, who: Operator) -> RequestBody:
     services.catalogue.append_event(
         REQUESTS_CHANGED, {"request": asked.id, "state": str(asked.state)}
     )
-    return _request_body(asked)
+    return asked
 
 
 @router.get("/reports/{scope}/{digest}.html", response_class=FileResponse)
@@ -129,7 +116,3 @@ def report(scope: ScopeName, digest: Digest, services: ServicesOf) -> FileRespon
 
 def _run_body(found: Run) -> RunBody:
     return RunBody.model_validate(found, from_attributes=True)
-
-
-def _request_body(found: RunRequest) -> RequestBody:
-    return RequestBody.model_validate(found, from_attributes=True)

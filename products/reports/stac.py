@@ -29,7 +29,7 @@ from pystac.extensions.projection import ProjectionExtension
 from pystac.extensions.raster import DataType, NoDataStrings, RasterBand, RasterExtension
 
 from solmap.photogrammetry.arrays import PerPoint
-from solmap.photogrammetry.terrain.dtm.grid import union
+from solmap.photogrammetry.terrain.dtm.grid import Bounds, union
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import MARS, LandingPoint, local_crs, lon_lat
 from solmap.products.formats.raster.raster import band_names, class_names, open_raster
@@ -37,7 +37,6 @@ from solmap.products.model import Layer
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.provenance import adjustment_id
 
-Box = tuple[float, float, float, float]
 PROCESSING = "https://stac-extensions.github.io/processing/v1.1.0/schema.json"
 SOLAR_SYSTEM = "https://stac-extensions.github.io/ssys/v1.1.0/schema.json"
 ON_MARS = {"ssys:targets": ["Mars"], "ssys:target_class": "planet"}
@@ -175,20 +174,20 @@ def _bands(dataset: rasterio.DatasetReader) -> list[RasterBand]:
     ]
 
 
-def degrees(bounds: Box, landing: LandingPoint) -> Box:
+def degrees(bounds: Bounds, landing: LandingPoint) -> Bounds:
     """(west, south, east, north) in planetocentric degrees of a box on the local map, metres."""
     corners = np.round(np.column_stack(lon_lat(landing, *_corners(bounds))), _DECIMALS)
     (west, south), (east, north) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
     return west, south, east, north
 
 
-def outline(bounds: Box, landing: LandingPoint) -> dict[str, Any]:
+def outline(bounds: Bounds, landing: LandingPoint) -> dict[str, Any]:
     """The box as a GeoJSON polygon in planetocentric degrees."""
     ring = np.round(np.column_stack(lon_lat(landing, *_corners(bounds))), _DECIMALS).tolist()
     return {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
 
 
-def _corners(bounds: Box) -> tuple[PerPoint, PerPoint]:
+def _corners(bounds: Bounds) -> tuple[PerPoint, PerPoint]:
     west, south, east, north = bounds
     return np.array([west, east, east, west]), np.array([south, south, north, north])
 

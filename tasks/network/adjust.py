@@ -162,7 +162,7 @@ class _EditedTies:
 
     ties: tuple[Ties, ...]
     links: tuple[dict[str, Any], ...]
-    by_hand: tuple[str, ...] = ()
+    manual_tie_notes: tuple[str, ...] = ()
 
 
 def _edited_ties(step: NetworkStep, store: ProductStore) -> _EditedTies:
@@ -226,7 +226,7 @@ def _document(
         adjusted=part.adjusted,
         links=joining.links,
         report=report_document(report),
-        by_hand=joining.by_hand,
+        manual_tie_notes=joining.manual_tie_notes,
         references=holders,
     )
     return product_document(product)

@@ -210,7 +210,7 @@ def test_a_saved_tie_changes_the_next_adjustment_and_the_page_follows(page, mapp
         until(page, lambda: page.locator(".toast div").count() > 0)
         assert page.evaluate("window.stillTheSame")
     after = latest_network(workspace)
-    assert len(after.by_hand) == len(before.by_hand) + 1
+    assert len(after.manual_tie_notes) == len(before.manual_tie_notes) + 1
     moved = [
         np.linalg.norm(one.lsl_from_rover.translation_m - other.lsl_from_rover.translation_m)
         for one, other in zip(before.adjusted.stops, after.adjusted.stops, strict=True)

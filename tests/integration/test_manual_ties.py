@@ -117,7 +117,7 @@ def test_a_vetoed_link_leaves_the_network(stop):
     assert joining(stop, automatic) > 20
     vetoed = stop.network(stop.wishes(f"veto,{stop.ids[0]},,,{stop.ids[1]},,\n"))
     assert joining(stop, vetoed) == 0
-    lines = read_network(vetoed, stop.store).by_hand
+    lines = read_network(vetoed, stop.store).manual_tie_notes
     assert "0 added, 0 moved" in lines[0]
     assert all(pair.ties == 0 for pair in read_network(vetoed, stop.store).adjusted.pairs)
 
@@ -142,7 +142,7 @@ def test_ties_that_were_clicked_hold_the_network_alone(stop):
     added = "".join(f"add,{click},0.2\n" for click in stop.clicks(9))
     ref = stop.network(stop.wishes(f"veto,{stop.ids[0]},,,{stop.ids[1]},,\n{added}"))
     product = read_network(ref, stop.store)
-    assert "9 added" in product.by_hand[0]
+    assert "9 added" in product.manual_tie_notes[0]
     assert joining(stop, ref) == 9
     assert product.report["ties"][str(TieKind.INTER_STEREO)] == 9
     alone, all_ties = (turn_between(stop, network) for network in (ref, stop.network()))
@@ -161,7 +161,7 @@ def test_a_veto_at_a_point_takes_out_that_tie(stop):
     one, sample, line, other, _, _ = click.split(",")
     wishes = stop.wishes(f"veto,{one},{sample},{line},{other},,\n")
     product = read_network(stop.network(wishes), stop.store)
-    assert product.by_hand == ("hand ties: 0 added, 0 moved, 1 vetoed",)
+    assert product.manual_tie_notes == ("hand ties: 0 added, 0 moved, 1 vetoed",)
 
 
 def test_what_concerns_other_images_remakes_nothing(stop):

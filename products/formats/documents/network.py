@@ -86,7 +86,7 @@ class NetworkProduct:
     """What came of every pair of stops that was tried, this sol."""
     report: dict[str, Any]
     """The report of this network's own adjustment."""
-    by_hand: tuple[str, ...] = ()
+    manual_tie_notes: tuple[str, ...] = ()
     """What became of the manual ties, line by line."""
     references: References = field(default_factory=dict)
     """The products that hold the other stops."""
@@ -124,7 +124,7 @@ def read_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
         adjusted=part.adjusted,
         links=tuple(document["links"]),
         report=document["network"]["reports"][-1],
-        by_hand=tuple(document.get("by_hand", ())),
+        manual_tie_notes=tuple(document.get("by_hand", ())),
         references=references_of_document(document.get("holders", {})),
     )
 
@@ -167,7 +167,7 @@ def product_document(network: NetworkProduct) -> dict[str, Any]:
         "sol": network.sol,
         **document,
         "links": list(network.links),
-        "by_hand": list(network.by_hand),
+        "by_hand": list(network.manual_tie_notes),
         "holders": references_document(network.references),
     }
 

@@ -18,7 +18,7 @@ from rasterio.enums import ColorInterp, Resampling
 from rasterio.windows import Window
 
 from solmap.photogrammetry.arrays import Classes, Float32, Picture, Raster
-from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
 from solmap.products.errors import ProductError
 from solmap.products.formats.raster.cog import Band, RasterClass, RasterDescription, create_cog
 from solmap.products.formats.raster.raster import (
@@ -150,7 +150,6 @@ _BLANK = 128
 """Grey of ground that no image shows."""
 _TINY = 1e-6
 """Part of a cell that decimal fractions may be off."""
-Bounds = tuple[float, float, float, float]
 
 
 def read_texture(path: Path, bounds: Bounds, max_px: int) -> tuple[Picture, Bounds]:
