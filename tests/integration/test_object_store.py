@@ -359,8 +359,8 @@ def test_a_slow_way_is_waited_for(url, wire, tmp_path):
 
 
 def test_the_server_says_that_the_store_is_away_and_goes_on_when_it_is_back(worlds, wire):
-    elsewhere = worlds.there.store.object_storage
-    client = TestClient(create_app(worlds.there.store.root, elsewhere=replace(elsewhere)))
+    object_storage = worlds.there.store.object_storage
+    client = TestClient(create_app(worlds.there.store.root, object_storage=replace(object_storage)))
     forget_copies(worlds.there.store.root)
     layers = worlds.here.catalogue.layers("MER2")
     asked = [address for address in questions(layers) if address.startswith(("/tiles", "/down"))]
