@@ -81,7 +81,7 @@ def test_who_reads_events_while_others_write_misses_none(tmp_path, catalogue_url
 
 def test_an_event_written_first_is_committed_first(postgres, tmp_path):
     catalogue = Catalogue.open(tmp_path, postgres.database())
-    late = threading.Thread(target=catalogue.tell, args=("second", {}))
+    late = threading.Thread(target=catalogue.append_event, args=("second", {}))
     with write_transaction(catalogue.engine) as connection:
         events.append(connection, "first", {})
         late.start()
