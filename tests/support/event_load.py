@@ -59,7 +59,7 @@ async def measure(address: str, catalogue: Catalogue) -> None:
         for _ in range(LISTENERS):
             await ready.acquire()
         for _ in range(EVENTS):
-            await asyncio.to_thread(catalogue.tell, "run.changed", {"sent": time.time()})
+            await asyncio.to_thread(catalogue.append_event, "run.changed", {"sent": time.time()})
             await asyncio.sleep(0.13)
         delays = np.concatenate(await asyncio.gather(*tasks))
     median, most = np.percentile(delays, [50, 95])
