@@ -1,0 +1,67 @@
+"""Kinds of products, and the names that recipes keep."""
+
+import ast
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from solmap.products.model import FAR_KINDS, REGION_KINDS, ProductKind, plain
+from solmap.products.recipe_names import RECIPE_NAMES, RecipeNames
+
+PACKAGES = ("config", "photogrammetry", "products", "tasks")
+ROOT = Path(__file__).parents[3]
+
+
+@dataclasses.dataclass(frozen=True)
+class Renamed:
+    kept: int = 1
+    new: float = 2.5
+
+
+def classes():
+    """Classes of the code, by name: bases, and annotated names. Importing them all takes long."""
+    return {
+        node.name: (
+            [ast.unparse(base) for base in node.bases],
+            {ast.unparse(one.target) for one in node.body if isinstance(one, ast.AnnAssign)},
+        )
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ClassDef)
+    }
+
+
+def fields_of(name, known):
+    bases, own = known[name]
+    return own.union(*(fields_of(base, known) for base in bases if base in known))
+
+
+def test_every_name_that_recipes_keep_is_of_a_record_and_its_fields():
+    known = classes()
+    for name, names in RECIPE_NAMES.items():
+        assert name in known, f"{name} is no class any more: name the one that took its place"
+        fields = fields_of(name, known)
+        assert set(names.fields) <= fields, name
+        assert not set(names.constants) & fields, name
+
+
+def test_a_renamed_record_is_written_by_its_former_names(monkeypatch):
+    names = RecipeNames("Former", {"new": "old"}, {"gone": [1, 2]})
+    monkeypatch.setitem(RECIPE_NAMES, "Renamed", names)
+    assert plain(Renamed()) == {"": "Former", "kept": 1, "old": 2.5, "gone": [1, 2]}
+
+
+@pytest.mark.parametrize(("kinds", "prefix"), [(FAR_KINDS, "far-"), (REGION_KINDS, "region-")])
+def test_variants_of_a_map_have_its_format(kinds, prefix):
+    assert kinds
+    for kind, variant in kinds.items():
+        assert variant == f"{prefix}{kind}"
+        assert variant.suffix == kind.suffix
+
+
+def test_kinds_are_their_names():
+    assert {str(kind) for kind in ProductKind} == {kind.value for kind in ProductKind}
+    assert all(kind.suffix.startswith(".") for kind in ProductKind)
+    assert ProductKind("dtm") is ProductKind.DTM
