@@ -14,6 +14,7 @@ from solmap.flows.cli.console import (
     StoreOption,
     errors,
     fail,
+    out,
     show_rows,
     store_of,
     workspace_of,
@@ -89,6 +90,49 @@ def report(  # noqa: PLR0913 - the words of the command
         typer.launch(rows[-1]["page"])
 
 
+def rig(
+    store: StoreOption = None,
+    mission: Annotated[
+        str | None, typer.Option(help="MER2 (Spirit), MER1 ...; all if none is named.")
+    ] = None,
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """How the stereo rigs differ from their labels, by the latest network. Changes nothing.
+
+    Of every camera set: the rotation of the right camera about three axes of the pair (x right, y
+    down, z forward; about y is toe-in) and the correction of the baseline, with standard
+    deviations. What exceeds three of them stands out. The correction is stated, not applied:
+    matches, network and maps stay as they are.
+    """
+    from solmap.config.records import ConfigError  # noqa: PLC0415
+    from solmap.flows.cli.tables import rig_correction_rows  # noqa: PLC0415
+    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
+    from solmap.products.errors import ProductError  # noqa: PLC0415
+
+    try:
+        rows = rig_correction_rows(workspace_of(store_of(store)), mission)
+    except (ConfigError, PhotogrammetryError, ProductError) as error:
+        fail(escape(str(error)))
+    if as_json or not rows:
+        show_rows(rows, [], as_json)
+        return
+    shown = [
+        row
+        | {name: f"{row[name]:.4f}" for name in ("value", "sigma")}
+        | {"stands_out": "yes" if row["stands_out"] else ""}
+        for row in rows
+    ]
+    columns = ["mission", "camera", "pairs", "component", "value", "sigma", "unit", "stands_out"]
+    show_rows(shown, [*columns, "parallax_px"], as_json)
+    for row in {row["mission"]: row for row in rows}.values():
+        out.print(
+            f"{row['mission']}: sigma0 {row['sigma0_labelled']:.3f} with the rigs of the labels, "
+            f"{row['sigma0_corrected']:.3f} with rigs corrected; nothing was changed",
+            highlight=False,
+        )
+
+
 def inspect(
     files: Annotated[
         list[Path], typer.Argument(help="Images (.img, .png, .jpg) or labels (.lbl, .xml)")
@@ -137,5 +181,5 @@ def inspect(
         raise typer.Exit(1)
 
 
-COMMANDS = (positions, products, status, report, inspect)
+COMMANDS = (positions, products, status, report, rig, inspect)
 """As the command line has them."""

@@ -6,8 +6,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from solmap.config.pipeline import load_pipeline
 from solmap.config.settings import Settings
-from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.catalogue.catalogue import ImageEntry, published_networks
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import MARS, local_proj4
 from solmap.products.formats.documents.network import whole_network
@@ -133,6 +134,34 @@ def write_sol_report(mission: str, sol: int, workspace: Workspace, path: Path) -
 def timing_rows(workspace: Workspace) -> list[dict[str, Any]]:
     """What all products of the store took, one row a kind, the longest first."""
     return [asdict(row) for row in timings(list(workspace.store.refs()), workspace)]
+
+
+def rig_correction_rows(workspace: Workspace, mission: str | None = None) -> list[dict[str, Any]]:
+    """Four rows a camera set: how its stereo rig differs from the labels; all missions, or one.
+
+    Raises:
+        ConfigError: the pipeline of the settings cannot be read.
+        ProductNotFoundError: there is no such mission, or no network of it.
+        AdjustmentError: a network cannot be adjusted, or determines no correction.
+    """
+    from solmap.tasks.mission.control import control_of  # noqa: PLC0415 - brings the engine
+    from solmap.tasks.network.rig import rig_rows  # noqa: PLC0415
+
+    catalogue, params = workspace.catalogue, load_pipeline(Settings().pipeline).adjustment
+    names = (
+        [mission.upper()]
+        if mission
+        else [
+            entry.mission
+            for entry in catalogue.missions()
+            if published_networks(entry.mission, catalogue)
+        ]
+    )
+    return [
+        asdict(row)
+        for name in names
+        for row in rig_rows(name, control_of(name, workspace), params, workspace)
+    ]
 
 
 def _path(ref: ProductRef | None, workspace: Workspace) -> str | None:

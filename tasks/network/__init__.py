@@ -1,5 +1,6 @@
 """From stereo pairs to the adjusted network: match, tie, adjust, report, and choose orientations.
 
 Enter pairs of `images` and telemetry; leave ties, networks, quality reports, previews, and the
-orientations that stops are mapped with. May not import `maps` or `mission`.
+orientations that stops are mapped with. `rig` makes nothing: it states how stereo rigs differ from
+their labels. May not import `maps` or `mission`.
 """

@@ -10,7 +10,8 @@ The gate depends on how many blunders there are (Benjamini and Hochberg 1995): i
 observations with probability alpha (`critical_value`), or, among ties of a kind of which a share
 of k/n is wrong, with q k/n, so that at most a share q of what is set aside is good. A few blunders
 thus cost a mission no ties, and among many the small ones do not hide. That presumes that the
-others are as good as stated: where s is above one the gate stays with alpha.
+others are as good as stated: where s is above one the gate stays with alpha. With an infinite
+`critical_value` nothing is set aside.
 
 **Control.** With the whitened misclosure l of a stop's control at the solution, its derivatives A,
 the cofactors Z of all unknowns and the weight w that it had (1; 0 if set aside; less than 1 under a
@@ -85,8 +86,8 @@ def gates(
         p = np.sort(_chance(T[tested & (loose < T)], 3))
         set_aside = int((aside & of_kind).sum())
         share = _share_of_blunders(p, int(tested.sum()), set_aside)
-        if spread > 1.0:  # sigmas or model are not what was stated, and tails tell nothing
-            share = 0.0
+        if spread > 1.0 or np.isinf(params.critical_value):
+            share = 0.0  # sigmas or model are not what was stated, and tails tell nothing
         for coordinates in (2, 3):
             least = coordinates * float(gammaincc(0.5, params.critical_value**2 / 2))
             alpha = max(least, FALSE_SHARE * share)

@@ -1,0 +1,300 @@
+"""Correction of stereo rigs that differ from their calibration.
+
+The baseline of a camera set may be longer by b than its calibration says, and the right camera
+turned by a small rotation r against the left one. With u = (x_r - c_x)/f and v = (y - c_y)/f the
+parallax of a point at depth Z is, to first order in r,
+
+    p = f (B + b)/Z + f (r_y (1 + u^2) - r_z v - r_x u v)
+
+so that with theta = (r_x, r_y, r_z, b) of every camera set the corrected parallaxes
+
+    p - f (r_y (1 + u^2) - r_z v - r_x u v)
+
+belong to rigs as calibrated with baselines B + b. The few theta border the normal equations of the
+network. For given theta the adjustment minimises over all else and leaves residuals v_p; by the
+envelope theorem the right-hand side of what remains is
+
+    n(theta) = A' W v_p - P theta          A = dp/dtheta, P weights of the prior
+
+and its matrix, the Schur complement of the border, is -dn/dtheta, which four adjustments a camera
+set give by differences. Nothing is asked of the solver but to solve.
+
+Toe-in r_y changes near and far points differently and shows in ties between pairs. A longer
+baseline scales everything the set sees and shows only against telemetry or against another set.
+What the network does not determine stays at the prior, with the prior's standard deviation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtri
+
+from solmap.photogrammetry.adjustment.model.adjusted_network import (
+    USED,
+    AdjustedNetwork,
+    AdjustmentReport,
+)
+from solmap.photogrammetry.adjustment.model.network import Network, select
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.overall import adjust
+from solmap.photogrammetry.adjustment.solver.results import SIGNIFICANT
+from solmap.photogrammetry.arrays import Float64, Vector3
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.imagery import StopId
+
+ROTATION_SIGMA_DEG = 0.05
+"""Prior standard deviation of the right camera's rotation, per axis: what thermal bending and years
+on Mars were found to do to archived camera models."""
+BASELINE_SIGMA_M = 0.001
+"""Prior standard deviation of the baseline: half a per cent of the Navcam's."""
+UNKNOWNS = 4
+"""Of a camera set: three angles and a length."""
+PASSES = 3
+"""A wrong rig makes good ties look like blunders: they are tested again once it is corrected."""
+ROUNDS = 8
+NEGLIGIBLE = 1e-3
+"""A step shorter than this, in its own standard deviations, ends the iteration."""
+PROBE = 0.02
+"""Step of the differences, in standard deviations of the prior: a hundredth of a pixel or two. With
+rotations of a whole pixel other ties are placed, and it is another network."""
+LEAST_KNOWN = 0.5
+"""Least eigenvalue of N in units of the prior's weights: the prior alone makes it 1, and less comes
+of a network whose ties changed between two differences."""
+SHARP = 1e-12
+"""Tolerance of the adjustments whose differences are taken."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigCorrection:
+    """The correction of one camera set."""
+
+    instrument: str
+    rotation: Vector3
+    """Rotation vector of the right camera against the left, in the pair's frame (right, down,
+    forward), radians."""
+    baseline_m: float
+    """By how much the baseline is longer than calibrated."""
+    covariance: Float64[np.ndarray, "4 4"]
+    """Of rotation (radians) and baseline (metres)."""
+
+    @property
+    def values(self) -> Float64[np.ndarray, " 4"]:
+        """Rotation (radians) and baseline (metres)."""
+        return np.append(self.rotation, self.baseline_m)
+
+    @property
+    def sigmas(self) -> Float64[np.ndarray, " 4"]:
+        """Their standard deviations."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigCalibration:
+    """The corrections of a network's camera sets, and how the network fits with and without."""
+
+    corrections: tuple[RigCorrection, ...]
+    """By name of the camera set."""
+    as_labelled: AdjustmentReport
+    corrected: AdjustmentReport
+
+
+def calibrate_rig(
+    network: Network,
+    held: AbstractSet[StopId],
+    instruments: Mapping[str, str],
+    params: AdjustmentParams,
+    start: AdjustedNetwork | None = None,
+) -> RigCalibration:
+    """Estimate the correction of every camera set of a network.
+
+    Args:
+        network: Stops, pairs and ties, as matched with the rigs of the labels.
+        held: Stops that are held as the datum.
+        instruments: Camera set by pair. Pairs that are not in it are not corrected.
+        params: Of the adjustment.
+        start: What was adjusted before, if anything.
+
+    Raises:
+        AdjustmentError: no pair has a camera set, the network cannot be adjusted, or its normal
+            equations are not positive definite.
+    """
+    sets = tuple(
+        sorted({instruments[p.pair_id] for p in network.pairs if p.pair_id in instruments})
+    )
+    if not sets:
+        raise AdjustmentError(
+            f"no stereo pair with tie points is in the network of {len(network.stops)} stops: "
+            "there is no rig to correct"
+        )
+    sigma = np.tile([*3 * [np.radians(ROTATION_SIGMA_DEG)], BASELINE_SIGMA_M], len(sets))
+    theta, C, used = np.zeros(len(sigma)), np.diag(sigma**2), np.zeros(0, dtype=bool)
+    reports: list[AdjustmentReport] = []
+    for _ in range(PASSES):
+        start, report = _adjusted(
+            _with_theta(network, sets, instruments, theta), held, params, start
+        )
+        reports.append(report)
+        before, used = used, start.ties.status == USED
+        if np.array_equal(before, used):
+            break
+        border = _Border.of(network, start, held, sets, instruments, sigma, params)
+        theta, C = border.solve(theta)
+    else:
+        bent = _with_theta(network, sets, instruments, theta)
+        reports.append(_adjusted(bent, held, params, start)[1])
+    columns = [slice(UNKNOWNS * k, UNKNOWNS * k + UNKNOWNS) for k in range(len(sets))]
+    corrections = tuple(
+        RigCorrection(name, theta[own][:3], float(theta[own][3]), C[own, own])
+        for name, own in zip(sets, columns, strict=True)
+    )
+    return RigCalibration(corrections, reports[0], reports[-1])
+
+
+def with_corrected_rigs(
+    network: Network, instruments: Mapping[str, str], corrections: tuple[RigCorrection, ...]
+) -> Network:
+    """The network as it would have been measured with rigs as calibrated and baselines as found."""
+    sets = tuple(correction.instrument for correction in corrections)
+    theta = np.concatenate([correction.values for correction in corrections])
+    return _with_theta(network, sets, instruments, theta)
+
+
+def parallax_partials(network: Network) -> Float64[np.ndarray, "n 4"]:
+    """Derivatives of all parallaxes by (r_x, r_y, r_z, b), in pixels per radian and per metre.
+
+    Zero where no parallax was measured.
+    """
+    ties = network.ties
+    shapes = {pair.pair_id: pair.geometry for pair in network.pairs}
+    own = [shapes[name] for name in ties.pair_ids]
+    f = np.array([shape.focal_px for shape in own])[ties.pair]
+    centre = np.array([shape.centre_px for shape in own]).reshape(-1, 2)[ties.pair]
+    base_m = np.array([shape.base_m for shape in own])[ties.pair]
+    u = (ties.left[:, 0] - ties.parallax_px - centre[:, 0]) / f
+    v = (ties.left[:, 1] - centre[:, 1]) / f
+    A = np.column_stack([-f * u * v, f * (1 + u**2), -f * v, ties.parallax_px / base_m])
+    return np.nan_to_num(A)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Border:
+    """The normal equations of theta that are left when all else has been adjusted."""
+
+    network: Network
+    """Without what was set aside as blunders, rigs as calibrated."""
+    held: AbstractSet[StopId]
+    sets: tuple[str, ...]
+    instruments: Mapping[str, str]
+    sigma: Float64[np.ndarray, " k"]
+    params: AdjustmentParams
+    start: AdjustedNetwork
+    is_of_set: tuple[np.ndarray, ...]
+    """Rows of the ties of every set."""
+
+    @classmethod
+    def of(  # noqa: PLR0913, PLR0917 - the network, where it stands, and what is asked of it
+        cls,
+        network: Network,
+        adjusted: AdjustedNetwork,
+        held: AbstractSet[StopId],
+        sets: tuple[str, ...],
+        instruments: Mapping[str, str],
+        sigma: np.ndarray,
+        params: AdjustmentParams,
+    ) -> _Border:
+        """Of the observations that an adjustment used; from here on none is set aside."""
+        good = replace(
+            network,
+            ties=select(network.ties, adjusted.ties.status == USED),
+            control=tuple(one.control for one in adjusted.control if one.used),
+        )
+        number = _set_of_row(good, sets, instruments)
+        of_set = tuple(np.flatnonzero(number == k) for k in range(len(sets)))
+        all_count = replace(params, critical_value=np.inf, tolerance=SHARP)
+        return cls(good, held, sets, instruments, sigma, all_count, adjusted, of_set)
+
+    def right_side(
+        self, theta: Float64[np.ndarray, " k"]
+    ) -> tuple[Float64[np.ndarray, " k"], AdjustmentReport]:
+        """n(theta), and the report of the adjustment that it came of."""
+        bent = _with_theta(self.network, self.sets, self.instruments, theta)
+        solved, report = adjust(bent, self.held, self.params, self.start, "rigs corrected")
+        weighted = np.nan_to_num(solved.ties.residuals_px[:, 2] / bent.ties.sigma_parallax_px**2)
+        products = parallax_partials(bent) * weighted[:, None]
+        sums = [products[rows].sum(axis=0) for rows in self.is_of_set]
+        return np.concatenate(sums) - theta / self.sigma**2, report
+
+    def solve(
+        self, theta: Float64[np.ndarray, " k"]
+    ) -> tuple[Float64[np.ndarray, " k"], Float64[np.ndarray, "k k"]]:
+        """The theta that makes n vanish, and its covariance.
+
+        A sigma0 that chance does not explain widens it, as it does all covariances of a network.
+        """
+        n, report = self.right_side(theta)
+        steps = np.diag(PROBE * self.sigma)
+        N = np.array([(n - self.right_side(theta + step)[0]) / step.sum() for step in steps])
+        N = (N + N.T) / 2
+        if np.linalg.eigvalsh(N * np.outer(self.sigma, self.sigma)).min() < LEAST_KNOWN:
+            raise AdjustmentError(
+                f"the rigs of {', '.join(self.sets)} cannot be corrected: other ties count at each "
+                "trial of a correction; match again with rows that correspond, or veto wrong ties "
+                "by hand"
+            )
+        for _ in range(ROUNDS):
+            step = np.linalg.solve(N, n)
+            theta = theta + step
+            n, report = self.right_side(theta)
+            if step @ N @ step < NEGLIGIBLE**2:
+                break
+        prior = np.diag(1.0 / self.sigma**2)
+        return theta, np.linalg.inv((N - prior) / _variance_factor(report) + prior)
+
+
+def _variance_factor(report: AdjustmentReport) -> float:
+    """Sigma0 squared where it is larger than chance explains, else one."""
+    cost = report.sigma0**2 * report.redundancy
+    return report.sigma0**2 if cost > chdtri(report.redundancy, 1.0 - SIGNIFICANT) else 1.0
+
+
+def _adjusted(
+    network: Network,
+    held: AbstractSet[StopId],
+    params: AdjustmentParams,
+    start: AdjustedNetwork | None,
+) -> tuple[AdjustedNetwork, AdjustmentReport]:
+    adjusted, report = adjust(network, held, params, start, "with rigs as they stand")
+    if not report.is_usable:
+        raise AdjustmentError(f"{report}; a rig can be corrected only where a network is adjusted")
+    return adjusted, report
+
+
+def _with_theta(
+    network: Network, sets: tuple[str, ...], instruments: Mapping[str, str], theta: np.ndarray
+) -> Network:
+    by_set = np.vstack([theta.reshape(len(sets), UNKNOWNS), np.zeros(UNKNOWNS)])
+    rotations = by_set[_set_of_row(network, sets, instruments), :3]  # the last: of no set
+    shift = (parallax_partials(network)[:, :3] * rotations).sum(axis=1)
+    longer = {name: float(by_set[k, 3]) for k, name in enumerate(sets)}
+    pairs = tuple(
+        replace(pair, geometry=replace(pair.geometry, base_m=pair.geometry.base_m + longer[name]))
+        if (name := instruments.get(pair.pair_id)) is not None
+        else pair
+        for pair in network.pairs
+    )
+    ties = replace(network.ties, parallax_px=network.ties.parallax_px - shift)
+    return replace(network, pairs=pairs, ties=ties)
+
+
+def _set_of_row(
+    network: Network, sets: tuple[str, ...], instruments: Mapping[str, str]
+) -> np.ndarray:
+    """Number of the camera set of every observation; -1 for pairs of none."""
+    number = {name: k for k, name in enumerate(sets)}
+    ties = network.ties
+    own = [number.get(instruments.get(name, ""), -1) for name in ties.pair_ids]
+    return np.array(own, dtype=np.int64)[ties.pair] if len(ties) else np.zeros(0, dtype=np.int64)
