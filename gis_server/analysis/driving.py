@@ -106,7 +106,7 @@ def find_drives(
     """All ways from a place, no longer than asked.
 
     Raises:
-        RefusedError: there are no hazard maps.
+        UnanswerableError: there are no hazard maps.
         TerrainError: no rover may stand at the place.
     """
     maps = [layer for layer in hazards if layer.ref.kind in HAZARD_KINDS and layer.cell_m]

@@ -57,7 +57,7 @@ class Ground:
         """The models that are asked for: one by the layer's id, or all as `best`.
 
         Raises:
-            RefusedError: no layer of that id is a terrain model.
+            UnanswerableError: no layer of that id is a terrain model.
         """
         models = [layer for layer in layers if layer.ref.kind in MODELS]
         chosen = [layer for layer in models if asked in (BEST, layer.id)]

@@ -49,7 +49,7 @@ def point_on_map(
     """The ground at a place of the map.
 
     Raises:
-        RefusedError: no terrain model knows the ground there.
+        UnanswerableError: no terrain model knows the ground there.
     """
     at = ground.at(np.array([place]))
     number = int(at.source[0])
@@ -102,7 +102,7 @@ def stop_named(mission: OrientedMission, name: str) -> StopId:
     """A stop of the network by its name.
 
     Raises:
-        RefusedError: the network has none of that name.
+        UnanswerableError: the network has none of that name.
     """
     for stop in mission.stops:
         if str(stop) == name:

@@ -153,7 +153,7 @@ def left_entry(image: str, mission: OrientedMission) -> tuple[ImageEntry, Stereo
     """The left image of a matched pair by its name.
 
     Raises:
-        RefusedError: the image is a right one, or its pair was not matched.
+        UnanswerableError: the image is a right one, or its pair was not matched.
     """
     entry = mission.workspace.catalogue.image(image.upper())
     if entry.eye != Eye.LEFT:

@@ -1,8 +1,8 @@
 """The adjustments of a mission, and how far one traverse lies from another.
 
-Every network that was ever made stays in the store: after each sol, after hand ties, after overall
-adjustments. Two of them, or one and telemetry, are compared stop by stop, as the paper does in its
-section 3.3: both traverses start at the same place, and differences accumulate along the way.
+Every network that was ever made stays in the store: after each sol, after manual ties, after
+overall adjustments. Two of them, or one and telemetry, are compared stop by stop, as the paper does
+in its section 3.3: both traverses start at the same place, and differences accumulate along the way.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def compare_traverses(
     """A solution against another one, or against telemetry.
 
     Raises:
-        RefusedError: they have fewer than two stops in common.
+        UnanswerableError: they have fewer than two stops in common.
     """
     telemetry, adjusted = traverses(named[1])
     other = telemetry if reference is None else traverses(reference[1])[1]

@@ -120,7 +120,7 @@ def point_above_ground(
     """(east, north, up) of what is so high above the ground, the map's where none is given.
 
     Raises:
-        RefusedError: the map has no elevation there.
+        UnanswerableError: the map has no elevation there.
     """
     if elevation is None:
         found = float(ground.elevation(np.array([place]))[0])

@@ -126,14 +126,14 @@ def edits(
 def edit_tie(mission: MissionName, edit: TieEdit, services: ServicesOf, who: Analyst) -> EditBody:
     """Wish for a tie to be added, vetoed or moved by the next run."""
     services.catalogue.mission(mission)
-    wish = edit.model_dump(exclude={"note"}, exclude_none=True)
-    document = {"features": [{"properties": wish}]}
+    request = edit.model_dump(exclude={"note"}, exclude_none=True)
+    document = {"features": [{"properties": request}]}
     (tie,) = parse_edit_requests(json.dumps(document), "edit")  # MatchingError answers 422
     for point in (tie.first, tie.second):
         if point.image:
             _must_know(point.image, mission, services, is_stop=point.is_stop)
     return _announce(
-        services.edits.append(mission, EditKind.TIE, wish, who.name, edit.note), services
+        services.edits.append(mission, EditKind.TIE, request, who.name, edit.note), services
     )
 
 

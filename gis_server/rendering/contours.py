@@ -102,7 +102,7 @@ def contours_in(
     """Contours of a terrain model inside some bounds, or of all of it.
 
     Raises:
-        UnknownLookError: they would be too many, or the area is too large.
+        UnknownStyleError: they would be too many, or the area is too large.
     """
     low, high = layer.range or (0.0, 1.0)
     if (high - low) / interval_m > _MOST_LEVELS:

@@ -214,7 +214,7 @@ class ImageView:
 
 
 def linearised_image(entry: ImageEntry, workspace: Workspace) -> GreyImage:
-    """The image as matching sees it, NaN where it was not measured.
+    """The linearised image, as it is matched; NaN where it was not measured.
 
     Raises:
         ProductNotFoundError: it has no partner, or was not matched.

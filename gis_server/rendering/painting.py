@@ -57,7 +57,7 @@ def margin_of(query: StyleQuery, cell_m: float) -> int:
     """Cells that a window reaches to either side.
 
     Raises:
-        UnknownLookError: it is too wide for a tile.
+        UnknownStyleError: it is too wide for a tile.
     """
     if query.baseline is None:
         return 1

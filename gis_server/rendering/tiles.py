@@ -106,7 +106,7 @@ def render_tile(
 
     Raises:
         ProductNotFoundError: the layer has no tiles.
-        UnknownLookError: it cannot be shown like that.
+        UnknownStyleError: it cannot be shown like that.
     """
     style = resolve_style(layer, query)
     paint = painter_of(layer, query, style)
