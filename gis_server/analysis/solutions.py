@@ -2,7 +2,8 @@
 
 Every network that was ever made stays in the store: after each sol, after manual ties, after
 overall adjustments. Two of them, or one and telemetry, are compared stop by stop, as the paper does
-in its section 3.3: both traverses start at the same place, and differences accumulate along the way.
+in its section 3.3: both traverses start at the same place, and differences accumulate along the
+way.
 """
 
 from __future__ import annotations
