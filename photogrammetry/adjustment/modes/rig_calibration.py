@@ -223,8 +223,12 @@ class _Border:
         """n(theta), and the report of the adjustment that it came of."""
         bent = _with_theta(self.network, self.sets, self.instruments, theta)
         solved, report = adjust(bent, self.held, self.params, self.start, "rigs corrected")
-        weighted = np.nan_to_num(solved.ties.residuals_px[:, 2] / bent.ties.sigma_parallax_px**2)
-        products = parallax_partials(bent) * weighted[:, None]
+        residuals = solved.ties.residuals_px[:, 2]
+        weighted = np.nan_to_num(residuals / bent.ties.sigma_parallax_px**2)
+        # at adjusted parallaxes: the noise of measured ones is that of the residuals, and their
+        # product would make every baseline longer
+        ties = replace(bent.ties, parallax_px=bent.ties.parallax_px - residuals)
+        products = parallax_partials(replace(bent, ties=ties)) * weighted[:, None]
         sums = [products[rows].sum(axis=0) for rows in self.is_of_set]
         return np.concatenate(sums) - theta / self.sigma**2, report
 

@@ -72,6 +72,19 @@ def test_a_straight_rig_stays_straight_and_its_unseen_length_stays_at_the_prior(
     assert 0.8 * BASELINE_SIGMA_M < rig.sigmas[3] <= BASELINE_SIGMA_M
 
 
+@pytest.mark.slow
+def test_noise_of_parallaxes_does_not_lengthen_the_baseline(params):
+    off = []
+    for seed in range(20, 32):
+        network, _ = simulate_network(
+            np.random.default_rng(seed), stops=2, inter_ties=100, intra_ties=20
+        )
+        instruments = {pair.pair_id: "NAVCAM" for pair in network.pairs}
+        (rig,) = calibrate_rig(network, {network.stop_ids[0]}, instruments, params).corrections
+        off.append(rig.values / rig.sigmas)
+    assert (np.abs(np.mean(off, axis=0)) < 3 / np.sqrt(len(off))).all()  # three standard errors
+
+
 def test_pairs_of_no_camera_set_are_left_as_they_are(params):
     network, truth = simulate_network(np.random.default_rng(4), stops=1, inter_ties=20)
     held, names = {network.stop_ids[0]}, [pair.pair_id for pair in network.pairs]
