@@ -58,3 +58,20 @@ def _sources() -> list[Path]:
         for path in (ROOT / folder).rglob("*.py")
         if "node_modules" not in path.parts
     ]
+
+
+def test_names_of_the_glossary_are_names_in_the_code():
+    lines = (ROOT / "docs" / "glossary.md").read_text().splitlines()
+    cells = [line.split("|")[4] for line in lines if line.startswith("| ") and line.count("|") > 5]
+    names = {name for cell in cells for name in re.findall(r"`([^`]+)`", cell)}
+    files = [path for path in _sources() if path.parts[len(ROOT.parts)] != "tests"]
+    paths = " ".join(f"/{path.relative_to(ROOT)} " for path in files)
+    words = set(re.findall(r"\w+", "\n".join(path.read_text() for path in files)))
+    missing = {
+        name
+        for name in names
+        if not (f"/{name} " in paths or f"/{name.rstrip('/')}/" in paths)
+        and name.rpartition(".")[2] not in words
+    }
+    assert len(names) > 80
+    assert missing == set()
