@@ -462,10 +462,7 @@ def test_as_many_files_come_at_a_time_as_there_are_connections(archive, images, 
 
 
 def test_nothing_leads_from_https_to_http():
-    from solmap.tasks.fetch.answers import (
-        NextMirrorError,  # noqa: PLC0415
-        _redirect_target,  # noqa: PLC0415 - slow to import
-    )
+    from solmap.tasks.fetch.answers import NextMirrorError, _redirect_target  # noqa: PLC0415
 
     def redirected(location):
         request = httpx.Request("GET", "https://a.example/x.img")

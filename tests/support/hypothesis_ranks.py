@@ -1,7 +1,8 @@
 """How often each way finds where a stop stands: `python -m tests.support.hypothesis_ranks`.
 
 For every two stops of a simulated world up to 50 m apart and those of `rendered_husband`, each way
-of `find_hypotheses` is asked on its own. A hypothesis is right within 0.5 m and 1 degree of the truth.
+of `find_hypotheses` is asked on its own. A hypothesis is right within 0.5 m and 1 degree of the
+truth.
 """
 
 import time

@@ -8,6 +8,7 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+
 from tests.support.structure import ROOT, folders, modules
 
 MOST_MODULES = 16
