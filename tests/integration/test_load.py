@@ -65,7 +65,7 @@ def test_a_flow_that_publishes_disturbs_nobody_who_looks_at_the_bowl(tmp_path):
     """The small sister: products are made and published one by one while clients read."""
     root = tmp_path / "store"
     script = (
-        "import pathlib, sys; from products.workspace import Workspace; "
+        "import pathlib, sys; from solmap.products.catalogue.workspace import Workspace; "
         "from tests.support.bowl_store import fill; fill(Workspace.open(pathlib.Path(sys.argv[1])))"
     )
     Workspace.open(root)
