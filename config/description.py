@@ -107,10 +107,10 @@ def reasons(kind: type) -> dict[str, str]:
     if not dataclasses.is_dataclass(kind) and not issubclass(kind, Settings):
         return found
     (body,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
-    return found | dict(_documented(body.body if isinstance(body, ast.ClassDef) else []))
+    return found | dict(_field_docstrings(body.body if isinstance(body, ast.ClassDef) else []))
 
 
-def _documented(body: list[ast.stmt]) -> Iterator[tuple[str, str]]:
+def _field_docstrings(body: list[ast.stmt]) -> Iterator[tuple[str, str]]:
     for statement, below in zip(body, [*body[1:], ast.Pass()], strict=True):
         if not (isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name)):
             continue
@@ -180,14 +180,14 @@ def configuration_page() -> str:
             parts.append(f"{title}\n\n{_prose(table.purpose)}\n\n{_rows(table.parameters)}\n")
     told = reasons(Settings)
     variables = (
-        Parameter(f"SOLMAP_{name.upper()}", _shown(field.default), told.get(name, ""))
+        Parameter(f"SOLMAP_{name.upper()}", _display_value(field.default), told.get(name, ""))
         for name, field in Settings.model_fields.items()
     )
     parts.append(f"## Environment\n\n{_prose(Settings.__doc__ or '')}\n\n{_rows(tuple(variables))}")
     return "\n".join(parts).rstrip() + "\n"
 
 
-def _shown(value: Any) -> Any:  # noqa: ANN401 - any setting
+def _display_value(value: Any) -> Any:  # noqa: ANN401 - any setting
     """A default without the folder that this machine happens to have the package in."""
     text = str(value)
     return "as shipped" if "/config/" in text else value.value if isinstance(value, Enum) else value

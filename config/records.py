@@ -29,7 +29,7 @@ def record_of(kind: type[T], table: dict[str, Any], where: str) -> T:
     """
     hints = get_type_hints(kind)
     for key in sorted(set(table) - set(_names(kind))):
-        raise ConfigError(_unknown(kind, key, where))
+        raise ConfigError(_describe_unknown_setting(kind, key, where))
     values = {key: _value(hints[key], value, f"{where}.{key}") for key, value in table.items()}
     try:
         return kind(**values)
@@ -43,7 +43,7 @@ def faults_of(kind: type, table: dict[str, Any], where: str) -> list[str]:
     values: dict[str, Any] = {}
     for key, value in table.items():
         if key not in _names(kind):
-            faults.append(_unknown(kind, key, where))
+            faults.append(_describe_unknown_setting(kind, key, where))
         elif dataclasses.is_dataclass(hints[key]) and isinstance(value, dict):
             inner = faults_of(typing.cast("type", hints[key]), value, f"{where}.{key}")
             faults += inner
@@ -65,7 +65,7 @@ def _names(kind: type) -> list[str]:
     return sorted(field.name for field in dataclasses.fields(kind))
 
 
-def _unknown(kind: type, key: str, where: str) -> str:
+def _describe_unknown_setting(kind: type, key: str, where: str) -> str:
     names = _names(kind)
     nearest = difflib.get_close_matches(key, names, 1)
     hint = f"; did you mean {nearest[0]}?" if nearest else ""

@@ -102,7 +102,7 @@ def _adjusted_pairs(stop: str, workspace: Workspace) -> tuple[StopId, tuple[Orie
             f"no stereo pairs of a stop {stop!r} are in the store; its stops are "
             f"{', '.join(known) or 'none'}"
         )
-    matched = [made for pair in files if (made := _matched(pair, workspace))]
+    matched = [made for pair in files if (made := _pair_products(pair, workspace))]
     for orientations in reversed(catalogue.pointers(ProductKind.ORIENTATIONS)):
         mapped = read_orientations(orientations, store, [stop]).get(stop)
         if mapped:
@@ -110,7 +110,7 @@ def _adjusted_pairs(stop: str, workspace: Workspace) -> tuple[StopId, tuple[Orie
     raise ProductNotFoundError(f"{stop} has not been adjusted: run its sol first")
 
 
-def _matched(pair: PairFiles, workspace: Workspace) -> PairProducts | None:
+def _pair_products(pair: PairFiles, workspace: Workspace) -> PairProducts | None:
     """What was matched of a pair; None where matching failed."""
     scope = pair_scope(pair.id)
     digests = [

@@ -93,7 +93,7 @@ def compare_files(
     """
     landing = landing_site(mission, Settings().landing_sites).landing
     traverses = read_traverses(files, mission, landing)
-    telemetry, localised = traverses.compared(*sols)
+    telemetry, localised = traverses.at_common_stops(*sols)
     found = differences(telemetry, localised)
     if figure is not None:
         figure.write_bytes(traverse_figure(telemetry, localised, found))

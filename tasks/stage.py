@@ -54,7 +54,7 @@ def _log_effort(work: Callable[P, R], name: str) -> Callable[P, R]:
     shape = signature(work)
 
     @wraps(work)
-    def logged(*args: P.args, **kwargs: P.kwargs) -> R:
+    def run_and_log(*args: P.args, **kwargs: P.kwargs) -> R:
         collect_garbage_seldom()
         effort, failed = ResourceMeter(), "failed"
         try:
@@ -65,11 +65,11 @@ def _log_effort(work: Callable[P, R], name: str) -> Callable[P, R]:
             bound.apply_defaults()
             subject = name.format(**bound.arguments)
             level = logging.WARNING if failed else logging.INFO
-            facts = {"stage": work.__name__, "subject": subject, **effort.used()}
+            facts = {"stage": work.__name__, "subject": subject, **effort.usage()}
             log.log(level, "%s %s", subject, failed or "done", extra=facts, exc_info=bool(failed))
         return made
 
-    return logged
+    return run_and_log
 
 
 def is_worth_retrying(_task: Task[Any, Any], _run: TaskRun, state: State[Any]) -> bool:

@@ -95,7 +95,7 @@ def inspect_file(file: Path) -> dict[str, Any]:
         raster = _derived_raster(file, data)
         if raster is not None:
             return {"file": str(file), **_raster(file, raster)}
-        described = _described(file, data)
+        described = _describe(file, data)
         image, label = described.image, described.label
         read = None if _is_label(file) else _read(file, data, image.stop.mission)
         mask = None if read is None else read.mask
@@ -116,7 +116,7 @@ def inspect_file(file: Path) -> dict[str, Any]:
             "partner": _partner(file, image),
         }
     except PhotogrammetryError as error:
-        raise InspectionError(_named(file, error)) from error
+        raise InspectionError(_error_line(file, error)) from error
 
 
 def write_png(file: Path, png: Path) -> None:
@@ -127,9 +127,9 @@ def write_png(file: Path, png: Path) -> None:
     """
     data = _bytes(file)
     try:
-        read = _read(file, data, _described(file, data).image.stop.mission)
+        read = _read(file, data, _describe(file, data).image.stop.mission)
     except PhotogrammetryError as error:
-        raise InspectionError(_named(file, error)) from error
+        raise InspectionError(_error_line(file, error)) from error
     _write_stretched(read.pixels, read.mask, file, png)
 
 
@@ -142,7 +142,7 @@ def write_linearised(file: Path, png: Path) -> None:
     """
     data = _bytes(file)
     try:
-        image = _described(file, data).image
+        image = _describe(file, data).image
         partner = _partner_record(file, image)
         own, other = image.camera, partner.camera
         if not isinstance(own, Cahvor) or not isinstance(other, Cahvor):
@@ -161,7 +161,7 @@ def write_linearised(file: Path, png: Path) -> None:
         read = _read(file, data, image.stop.mission)
         pixels, mask = linearise_image(read.pixels, read.mask, own, linear)
     except PhotogrammetryError as error:
-        raise InspectionError(_named(file, error)) from error
+        raise InspectionError(_error_line(file, error)) from error
     _write_stretched(pixels, mask, file, png)
 
 
@@ -184,7 +184,7 @@ def _bytes(file: Path) -> bytes:
     try:
         return file_bytes(file) if _is_label(file) else image_bytes(file)
     except LabelError as error:
-        raise InspectionError(_named(file, error)) from error
+        raise InspectionError(_error_line(file, error)) from error
     except OSError as error:
         raise InspectionError(f"{file} cannot be read: {error.strerror or error}") from error
 
@@ -193,7 +193,7 @@ def _is_label(file: Path) -> bool:
     return file.suffix.lower() in LABEL_SUFFIXES
 
 
-def _described(file: Path, data: bytes) -> DescribedImage:
+def _describe(file: Path, data: bytes) -> DescribedImage:
     """Record and label of a file; a label alone may be PDS4 or JSON metadata, too."""
     if _is_label(file) and not has_attached_label(data):
         return describe_image(b"", file.name, detached_label=decode_label(data))
@@ -247,7 +247,7 @@ def _radiance(label: Label | None) -> dict[str, float] | None:
     return None if scale is None else {"factor": scale.factor, "offset": scale.offset}
 
 
-def _named(file: Path, error: Exception) -> str:
+def _error_line(file: Path, error: Exception) -> str:
     """The fault in one line that names the file."""
     line = " ".join(str(error).split())
     return line if file.name in line else f"{file.name}: {line}"
@@ -393,7 +393,7 @@ def _beside(file: Path, image: RoverImage) -> list[tuple[Path, RoverImage]]:
             continue
         if abs(name.clock - math.floor(image.clock)) <= math.ceil(MAX_CLOCK_DIFFERENCE):
             try:
-                found.append((path, _described(path, _bytes(path)).image))
+                found.append((path, _describe(path, _bytes(path)).image))
             except (InspectionError, PhotogrammetryError):
                 continue  # a broken neighbour is no partner; it says so when it is inspected
     return found

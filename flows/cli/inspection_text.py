@@ -14,7 +14,7 @@ def report_of(finding: Mapping[str, Any]) -> str:
 
 def _image_rows(finding: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [
-        ("taken", _taken(finding)),
+        ("taken", _acquisition(finding)),
         ("at", _at(finding)),
         ("with", _with(finding)),
         ("size", _size(finding["size"])),
@@ -52,7 +52,7 @@ def _radiance(scale: Mapping[str, float] | None) -> str:
     return f"{scale['factor']:.6g} x pixel + {scale['offset']:.6g} W m^-2 sr^-1 nm^-1"
 
 
-def _taken(finding: Mapping[str, Any]) -> str:
+def _acquisition(finding: Mapping[str, Any]) -> str:
     parts = [f"{finding['mission']} sol {finding['sol']}"]
     if finding["local_solar_time"]:
         parts.append(f"{finding['local_solar_time']} local solar time")

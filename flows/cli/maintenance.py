@@ -95,7 +95,7 @@ def add(
         fail(f"--role {role} is none of {', '.join(str(one) for one in Role)}")
     if not name.strip():
         fail("a token has a name: edits are signed with it")
-    _, text = _book(store).add(name.strip(), Role.named(role), days)
+    _, text = _book(store).add(name.strip(), Role.of_name(role), days)
     out.print(text, highlight=False, soft_wrap=True)
 
 

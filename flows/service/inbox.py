@@ -63,7 +63,7 @@ class Inbox:
             if at - since >= self.params.settle_s
         }
         delivery = _digest(whole)
-        if not whole or delivery == self._processed():
+        if not whole or delivery == self._last_delivery():
             self._waiting_since = None
             return None
         if self._waiting_since is None:
@@ -80,7 +80,7 @@ class Inbox:
         draft.replace(self.memory)
         self._waiting_since = None
 
-    def _processed(self) -> str | None:
+    def _last_delivery(self) -> str | None:
         try:
             return str(json.loads(self.memory.read_text())["delivery"])
         except (OSError, ValueError, KeyError, TypeError):

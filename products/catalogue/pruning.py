@@ -99,14 +99,14 @@ class _Needs:
 
 def unreferenced_products(workspace: Workspace, params: PruningParams) -> list[UnreferencedProduct]:
     """What may be removed from a store, by kind, scope and digest; nothing is removed."""
-    known = dict(_known(workspace))
+    known = dict(_known_products(workspace))
     needs = _Needs(known)
-    published = set(_published(workspace))
+    published = set(_published_names(workspace))
     needs.add(published)
     youngest = (datetime.now(UTC) - params.youngest).isoformat(timespec="seconds")
     needs.add(name for name, one in known.items() if one.made_at > youngest)
     needs.add(_versions(known, published, params.versions))
-    while found := list(_unpublished(known, needs.names)):
+    while found := list(_newest_unpublished(known, needs.names)):
         needs.add(found)
     return [
         UnreferencedProduct(one.ref, one.size)
@@ -133,7 +133,7 @@ def prune(workspace: Workspace, params: PruningParams) -> list[UnreferencedProdu
     return found
 
 
-def _known(workspace: Workspace) -> Iterator[tuple[str, _Known]]:
+def _known_products(workspace: Workspace) -> Iterator[tuple[str, _Known]]:
     store = workspace.store
     for ref in store.refs():
         notes = store.provenance(ref)
@@ -156,7 +156,7 @@ def _named_in(params: Any) -> Iterator[str]:  # noqa: ANN401 - plain JSON
             yield from _named_in(value)
 
 
-def _published(workspace: Workspace) -> Iterator[str]:
+def _published_names(workspace: Workspace) -> Iterator[str]:
     """What pointers are at, what finished sols left, and the images."""
     with workspace.catalogue.engine.connect() as connection:
         for row in connection.execute(sa.select(LATEST)):
@@ -184,7 +184,7 @@ def _versions(known: Mapping[str, _Known], published: set[str], count: int) -> I
         yield from (_name(one.ref) for one in versions[: count - 1])
 
 
-def _unpublished(known: Mapping[str, _Known], needed: set[str]) -> Iterator[str]:
+def _newest_unpublished(known: Mapping[str, _Known], needed: set[str]) -> Iterator[str]:
     """The newest of each sort of what no pointer is at and needed products alone have made."""
     newest: dict[tuple[object, ...], _Known] = {}
     for one in known.values():

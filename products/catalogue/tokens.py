@@ -41,7 +41,7 @@ class Role(IntEnum):
         return self.name.lower()
 
     @classmethod
-    def named(cls, name: str) -> Role:
+    def of_name(cls, name: str) -> Role:
         """The role of a name in small letters."""
         return cls[name.upper()]
 
@@ -96,7 +96,7 @@ class Tokens:
             rows = connection.execute(
                 "SELECT id, name, role, made_at, ends_at, revoked_at FROM tokens ORDER BY rowid"
             )
-            return [Token(a, b, Role.named(c), *times) for a, b, c, *times in rows]
+            return [Token(a, b, Role.of_name(c), *times) for a, b, c, *times in rows]
 
     def revoke(self, number: str) -> Token:
         """Revoke a token.

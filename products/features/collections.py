@@ -21,7 +21,9 @@ from solmap.products.model import ProductKind
 Draw = Callable[[Iterable[Feature], Mapping[str, ImageEntry]], Iterable[Feature]]
 
 
-def unchanged(features: Iterable[Feature], _images: Mapping[str, ImageEntry]) -> Iterable[Feature]:
+def all_features(
+    features: Iterable[Feature], _images: Mapping[str, ImageEntry]
+) -> Iterable[Feature]:
     """All of them."""
     return features
 
@@ -57,7 +59,7 @@ def differences(
     `up_m` is null, and the line without elevations, where either place has none.
     """
     for telemetry, adjusted in _in_both(features):
-        line = _joined(telemetry, adjusted)
+        line = _line_between(telemetry, adjusted)
         east, north, *up = (line[1] - line[0]).tolist()
         known = {name: adjusted.properties.get(name) for name in _STOP}
         offsets = {
@@ -78,7 +80,7 @@ def profile(features: Iterable[Feature], _images: Mapping[str, ImageEntry]) -> I
     along, last = 0.0, None
     for telemetry, adjusted in _in_both(features):
         if last is not None:
-            along += float(np.linalg.norm(np.diff(_joined(last, adjusted), axis=0)))
+            along += float(np.linalg.norm(np.diff(_line_between(last, adjusted), axis=0)))
         last = adjusted
         known = {name: adjusted.properties.get(name) for name in _STOP}
         heights = {
@@ -90,7 +92,7 @@ def profile(features: Iterable[Feature], _images: Mapping[str, ImageEntry]) -> I
         yield Feature("Point", adjusted.points, known | heights, id=known["stop"])
 
 
-def _joined(start: Feature, end: Feature) -> np.ndarray:
+def _line_between(start: Feature, end: Feature) -> np.ndarray:
     """Two places in rows of (east, north, up), or of (east, north) where either has no elevation.
 
     Metres of the local map.
@@ -137,7 +139,7 @@ class CollectionDefinition:
     description: str
     geometry: Geometry | Literal["Unknown"]
     kinds: tuple[ProductKind, ...]
-    draw: Draw = unchanged
+    draw: Draw = all_features
     shows_images: bool = False
     """Whether a feature stands for an image and has its identifier."""
     all_images: bool = False

@@ -132,7 +132,7 @@ class MissionFeatures:
         if asked not in self._known or self._known[asked][0] != version:
             parts = list(self._parts(collection, mission))
             if collection.is_written:
-                parts = [self._written(collection, mission)]
+                parts = [self._annotation_part(collection, mission)]
             if self.index.missing(part.key for part in parts):
                 self._fill(collection, mission, parts)
             self._known[asked] = version, [part.key for part in parts]
@@ -148,7 +148,7 @@ class MissionFeatures:
             if any(kind in kinds for kind in collection.kinds):
                 self.keys(collection, mission)
 
-    def _written(self, collection: CollectionDefinition, mission: str) -> Part:
+    def _annotation_part(self, collection: CollectionDefinition, mission: str) -> Part:
         """What people wrote, up to now."""
         edits = EditLog.of(self.store.root).edits(mission)
         family = f"{collection.id}/{mission}"
@@ -201,7 +201,7 @@ class MissionFeatures:
         if collection.all_images:
             for entry in images.values():
                 if entry.id not in seen:
-                    yield _unplaced(entry)
+                    yield _unplaced_image(entry)
 
 
 def _annotation(edit: Edit) -> IndexedFeature:
@@ -237,6 +237,6 @@ def _row(name: str, feature: Feature, layer: Layer, times: FeatureTimes) -> Inde
     return IndexedFeature(name, shapely.to_wkb(feature.shape), text, *times.of(known))
 
 
-def _unplaced(entry: ImageEntry) -> IndexedFeature:
+def _unplaced_image(entry: ImageEntry) -> IndexedFeature:
     properties = json.dumps(image_properties(entry), ensure_ascii=False)
     return IndexedFeature(entry.id, None, properties, (entry.sol, entry.sol), times_of([entry]))

@@ -231,7 +231,7 @@ def report_page(title: str, document: Mapping[str, Any], pictures: Mapping[str, 
         title=title,
         adjustment=document["adjustment"],
         quality=document["quality"],
-        pictures={name: _embedded(picture) for name, picture in pictures.items()},
+        pictures={name: _data_url(picture) for name, picture in pictures.items()},
         findings=[
             finding | {"name": str(StopId(**finding["stop"]))}
             for finding in document["adjustment"].get("findings", ())
@@ -246,5 +246,5 @@ def _left_out(rows: list[Any]) -> str:
     return f"and {more} more, in the JSON beside this page" if more > 0 else ""
 
 
-def _embedded(picture: bytes) -> str:
+def _data_url(picture: bytes) -> str:
     return "data:image/svg+xml;base64," + base64.b64encode(picture).decode()

@@ -104,7 +104,7 @@ def sol_facts(mission: str, sol: int, workspace: Workspace) -> SolFacts:
     adjusted = {kind: _latest(kind, subject, workspace) for kind in _OF_NETWORK}
     stops = {image.stop for image in images}
     layers = [layer for layer in catalogue.layers(name) if sol in layer.sols]
-    made = list(_made(images, layers, workspace))
+    made = list(_products(images, layers, workspace))
     made += [ref for ref in adjusted.values() if ref is not None]
     names = {image.id.lower() for image in images}
     return SolFacts(
@@ -159,7 +159,7 @@ def _timing(kind: str, documents: list[dict[str, Any]]) -> Timing:
     )
 
 
-def _made(
+def _products(
     images: list[ImageEntry], layers: list[Layer], workspace: Workspace
 ) -> Iterator[ProductRef]:
     for image in images:

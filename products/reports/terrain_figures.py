@@ -26,7 +26,7 @@ def relief_figure(dtm: Dtm, shading: HillshadeParams, max_side: int = 1024) -> P
     elevation, light = dtm.elevation[small, small], hillshade(dtm, shading)[small, small]
     known = np.isfinite(elevation)
     low, high = np.percentile(elevation[known], (2, 98)) if known.any() else (0.0, 1.0)
-    grey = _stretched(elevation, float(low), float(high))
+    grey = _stretch(elevation, float(low), float(high))
     colour = cv2.applyColorMap(grey, cv2.COLORMAP_VIRIDIS)[..., ::-1]
     shade = DARKEST + (1 - DARKEST) * np.where(np.isfinite(light), light, np.sin(np.pi / 4))
     rgb = np.clip(colour * shade[..., None], 0, 255).astype(np.uint8)
@@ -47,7 +47,7 @@ def step_for(shape: tuple[int, ...], max_side: int) -> int:
     return max(1, -(-max(shape) // max_side))
 
 
-def _stretched(values: Raster, low: float, high: float) -> Picture:
+def _stretch(values: Raster, low: float, high: float) -> Picture:
     """Values between black and white as eight bits; 0 where unknown."""
     share = (values - low) / max(high - low, 1e-9)
     return np.clip(np.nan_to_num(share) * 255, 0, 255).astype(np.uint8)

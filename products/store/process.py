@@ -119,7 +119,7 @@ class ResourceMeter:
     cpu: float = field(default_factory=time.thread_time)
     peak_mb: float = field(default_factory=_peak_mb)
 
-    def used(self) -> dict[str, float]:
+    def usage(self) -> dict[str, float]:
         """Seconds and megabytes since the beginning."""
         peak = _peak_mb()
         return {

@@ -254,7 +254,7 @@ def _provenance(recipe: Recipe, draft: Path, effort: ResourceMeter) -> dict[str,
     return {
         "recipe": recipe.document,
         "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
-        **effort.used(),
+        **effort.usage(),
         "bytes": draft.stat().st_size,
         "sha256": digest.hexdigest(),
         "software": f"solmap {version('solmap')}",

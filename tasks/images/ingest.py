@@ -97,7 +97,7 @@ class Intake:
         browse = Recipe(ProductKind.BROWSE, scope, file.inputs, BrowseParams())
         before = self.known.get(record.id)
         if before is not None and _rank(before) > (record.created or "", recipe.ref.digest):
-            return superseded(name, record.id)
+            return superseded_outcome(name, record.id)
         if before is not None and before.browse == browse.ref and self.store.has(browse.ref):
             notes = before.notes
         else:
@@ -140,10 +140,12 @@ def newest_of_each(images: Sequence[TakenImage]) -> tuple[list[TakenImage], list
         counts[image.record.id] = image
     refs = {image.entry.ref for image in counts.values()}
     others = [image for image in images if image.entry.ref not in refs]
-    return list(counts.values()), [superseded(one.file_name, one.record.id) for one in others]
+    return list(counts.values()), [
+        superseded_outcome(one.file_name, one.record.id) for one in others
+    ]
 
 
-def superseded(name: str, image_id: str) -> Outcome:
+def superseded_outcome(name: str, image_id: str) -> Outcome:
     """How it ended for a file of an image that another file shows as well."""
     why = f"{name}: another file of {image_id} was made later and counts; this one is left aside"
     return Outcome.now(name, (why,))

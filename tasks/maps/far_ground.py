@@ -112,15 +112,15 @@ def match_wide_pair(
     eyes = (one, other)
 
     @cache
-    def matched() -> WideBaselineMatches:
+    def match() -> WideBaselineMatches:
         left, right = order_left_right(read_eye(one, store), read_eye(other, store))
         return match_wide_baseline(left, right, params)
 
     def write_geometry(path: Path) -> None:
-        write_matches(path, matched().images.geometry, StereoMatches.none(wide_id(eyes)))
+        write_matches(path, match().images.geometry, StereoMatches.none(wide_id(eyes)))
 
     def write_parallax(path: Path) -> None:
-        write_dense(path, matched().dense)
+        write_dense(path, match().dense)
 
     inputs = inputs_of(eyes)
     settings = (params, *(eye.orientation for eye in eyes))

@@ -208,18 +208,18 @@ def make_points(
     )
 
     @cache
-    def seen() -> PointCloud:
+    def build_cloud() -> PointCloud:
         return point_cloud(read_views(pairs, store), params)
 
     def write_file(path: Path) -> None:
-        cloud = seen()
+        cloud = build_cloud()
         notes = {"unit": "metre", "axes": "east, north, up", "spacing_m": cloud.spacing_m}
         sigma = "standard deviation along the line of sight, by matching alone, metres"
         write_ply(path, cloud, {**notes, "sigma": sigma, **notes_of(file, landing)})
 
     def write_tiles(path: Path) -> None:
         with TilesetWriter(path, notes_of(tiles, landing), refine="ADD") as writer:
-            for tile in cloud_tiles(seen()):
+            for tile in cloud_tiles(build_cloud()):
                 glb = write_points(tile.cloud)
                 writer.add(tile.place, glb, tile.cloud.points, SPACINGS * tile.spacing_m)
 

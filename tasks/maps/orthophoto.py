@@ -63,15 +63,15 @@ def render_orthophoto(
     )
 
     @cache
-    def prepared() -> tuple[OrthophotoRendering, Classes]:
+    def prepare() -> tuple[OrthophotoRendering, Classes]:
         made = prepare_orthophoto(read_dtm(store.path(dtm)), read_views(pairs, store), params)
         return made, np.zeros(made.source_grid.shape, np.uint8)
 
     def write_picture(path: Path) -> None:
-        write_rendering(path, *prepared(), landing, provenance_tags(picture))
+        write_rendering(path, *prepare(), landing, provenance_tags(picture))
 
     def write_codes(path: Path) -> None:
-        made, codes = prepared()
+        made, codes = prepare()
         if not codes.any():  # the picture was there already
             deque(_pieces(made, codes), maxlen=0)
         tags = provenance_tags(sources)

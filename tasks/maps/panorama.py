@@ -115,17 +115,17 @@ def draw_panorama(
     )
 
     @cache
-    def prepared() -> tuple[Panorama, Ground]:
+    def prepare() -> tuple[Panorama, Ground]:
         made = _panorama(stop, frames, dtm, params, store)
         return made, blank_ground(made.grid)
 
     def write_picture(path: Path) -> None:
-        made, distances = prepared()
+        made, distances = prepare()
         pieces, tags = brightness_blocks(made.blocks(), distances), provenance_tags(picture)
         write_panorama(path, made, pieces, registration(made), ground.ref.digest, tags)
 
     def write_ground(path: Path) -> None:
-        made, distances = prepared()
+        made, distances = prepare()
         if not np.isfinite(distances[1]).any():  # the picture was there already
             deque(brightness_blocks(made.blocks(), distances), maxlen=0)
         write_panorama_ground(path, made, distances, provenance_tags(ground))

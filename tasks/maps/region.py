@@ -48,15 +48,15 @@ def fuse_region(
     with TemporaryDirectory(prefix="solmap-region-") as scratch:
 
         @cache
-        def fused() -> RegionFiles:
+        def fuse() -> RegionFiles:
             files = RegionFiles(Path(scratch) / "dtm.tif", Path(scratch) / "seams.tif")
             tags = (provenance_tags(model), provenance_tags(seams))
             write_region(files, _sources(inputs, store), params, local_crs(landing), tags)
             return files
 
         return (
-            store.make(model, lambda path: _move(fused().dtm, path)),
-            store.make(seams, lambda path: _move(fused().seams, path)),
+            store.make(model, lambda path: _move(fuse().dtm, path)),
+            store.make(seams, lambda path: _move(fuse().seams, path)),
         )
 
 

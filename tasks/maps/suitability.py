@@ -48,7 +48,7 @@ def map_insolation(
     latitude = planetographic(math.radians(landing.latitude))
 
     @cache
-    def lit() -> Insolation:
+    def insolation() -> Insolation:
         terrain = read_dtm(store.path(dtm))
         return insolation_of(terrain.elevation, terrain.grid, latitude, params)
 
@@ -58,15 +58,15 @@ def map_insolation(
     )
 
     def write_map(path: Path) -> None:
-        tags = {**_season_tags(lit(), params), **provenance_tags(map_recipe)}
-        bands = _bands(lit())
+        tags = {**_season_tags(insolation(), params), **provenance_tags(map_recipe)}
+        bands = _bands(insolation())
         units = dict.fromkeys(bands, "Wh/m2/sol") | {"sky_view": ""}
-        write_raster(path, lit().grid, bands, local_crs(landing), unit=units, tags=tags)
+        write_raster(path, insolation().grid, bands, local_crs(landing), unit=units, tags=tags)
 
     def write_havens(path: Path) -> None:
-        found = winter_havens(lit(), latitude, havens)
+        found = winter_havens(insolation(), latitude, havens)
         features = [_feature(number, haven) for number, haven in enumerate(found, start=1)]
-        write_features(path, features, landing, tags=_season_tags(lit(), params))
+        write_features(path, features, landing, tags=_season_tags(insolation(), params))
 
     return store.make(map_recipe, write_map), store.make(haven_recipe, write_havens)
 

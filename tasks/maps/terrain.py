@@ -93,21 +93,21 @@ def map_relief(
     """Map how steep the ground is, where it falls to, how it leans to the north, and how rough."""
 
     @cache
-    def fitted() -> tuple[Relief, MapGrid]:
+    def fit_relief() -> tuple[Relief, MapGrid]:
         return relief_map(read_dtm(store.path(dtm)), params)
 
-    def made(kind: ProductKind, unit: str, bands_of: Callable[[Relief], Bands]) -> ProductRef:
+    def make_map(kind: ProductKind, unit: str, bands_of: Callable[[Relief], Bands]) -> ProductRef:
         recipe = Recipe(dtm.map_kind(kind), dtm.scope, (dtm,), (params, landing))
 
         def write(path: Path) -> None:
-            planes, grid = fitted()
+            planes, grid = fit_relief()
             tags = {"BASELINE_M": f"{params.baseline_m:g}", **provenance_tags(recipe)}
             crs = local_crs(landing)
             write_raster(path, grid, bands_of(planes), crs, unit=unit, tags=tags)
 
         return store.make(recipe, write)
 
-    return tuple(made(kind, *what) for kind, what in RELIEF.items())
+    return tuple(make_map(kind, *what) for kind, what in RELIEF.items())
 
 
 @stage(task_run_name="hillshade-{dtm.kind}-{dtm.scope}")

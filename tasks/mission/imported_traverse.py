@@ -51,7 +51,9 @@ class MissionTraverses:
             f"no file gives a {solution} traverse, only {known}; name one that does"
         )
 
-    def compared(self, first_sol: int = 0, last_sol: int = 1 << 30) -> tuple[Traverse, Traverse]:
+    def at_common_stops(
+        self, first_sol: int = 0, last_sol: int = 1 << 30
+    ) -> tuple[Traverse, Traverse]:
         """Telemetry and the localised places of the stops that both have, within some sols."""
         telemetry, localised = common_stops(self.of(TELEMETRY), self.of(LOCALISED))
         within = np.flatnonzero((localised.sols >= first_sol) & (localised.sols <= last_sol))
@@ -154,7 +156,7 @@ def traverse_stops(traverses: MissionTraverses) -> list[Feature]:
 
 def _telemetry_errors(traverses: MissionTraverses) -> dict[str, dict[str, float]]:
     try:
-        found = differences(*traverses.compared())
+        found = differences(*traverses.at_common_stops())
     except TraverseError:
         return {}
     return {

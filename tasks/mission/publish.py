@@ -189,7 +189,9 @@ def update_stac(mission: MissionEntry, fresh: Sequence[Layer], workspace: Worksp
     if not fresh:
         return
     images, catalogue = workspace.catalogue.images(mission.mission), workspace.catalogue
-    write_items(((layer, _taken(layer, images)) for layer in fresh), mission, workspace.store)
+    write_items(
+        ((layer, _acquisition_times(layer, images)) for layer in fresh), mission, workspace.store
+    )
     times = [image.start_time for image in images]
     layers = catalogue.layers(mission.mission)
     write_catalogue(
@@ -197,7 +199,7 @@ def update_stac(mission: MissionEntry, fresh: Sequence[Layer], workspace: Worksp
     )
 
 
-def _taken(layer: Layer, images: Iterable[ImageEntry]) -> AcquisitionTimes:
+def _acquisition_times(layer: Layer, images: Iterable[ImageEntry]) -> AcquisitionTimes:
     """When the images behind a layer were taken: those of its stop and sols."""
     of_stop = layer.ref.scope.level is ScopeLevel.STOP
     return AcquisitionTimes.of(

@@ -48,17 +48,17 @@ def match_stereo_pair(pair: PairFiles, params: MatchParams, store: ProductStore)
     """Match one stereo pair: interest points for the network, dense parallax for the terrain."""
 
     @cache
-    def fitted() -> tuple[RoverImage, EpipolarImages, Turn | None]:
+    def align() -> tuple[RoverImage, EpipolarImages, Turn | None]:
         left, right = read_pair(pair, store)
         return left.image, *align_rows(left, right)
 
     def write_sparse(path: Path) -> None:
-        left, images, turn = fitted()
+        left, images, turn = align()
         matches = match_sparsely(pair.id, images, params.sparse)
         write_matches(path, images.geometry, matches, left.mast_in_rover, turn)
 
     def write_parallax(path: Path) -> None:
-        write_dense(path, match_densely(fitted()[1], params.dense))
+        write_dense(path, match_densely(align()[1], params.dense))
 
     inputs, scope = pair.inputs, pair_scope(pair.id)
     matches = Recipe(ProductKind.MATCHES, scope, inputs, params.sparse)

@@ -199,7 +199,7 @@ def read_orientations(
     further: dict[str, MappedStop] = {}
     for holder, names in by_product.items():
         held, _ = _read(holder, store)
-        further |= {name: _unmoved(held[name]) for name in names}
+        further |= {name: _untouched_stop(held[name]) for name in names}
     return further | own
 
 
@@ -229,7 +229,7 @@ def _mapped_of(row: dict[str, Any]) -> MappedStop:
     return MappedStop(row["stop"], orientations, row["moved_m"], row["is_new"])
 
 
-def _unmoved(before: MappedStop) -> MappedStop:
+def _untouched_stop(before: MappedStop) -> MappedStop:
     """A stop that the network has not touched."""
     return MappedStop(before.stop, before.orientations, 0.0, is_new=False)
 

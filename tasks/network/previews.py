@@ -109,7 +109,7 @@ def write_link_preview(
     )
     sheet = draw_sheet(map(FigureImage.of, pairs), link.ties, share, first_left=True)
     heads = [caption(text, sheet.shape[1]) for text in (str(link), FROM_ABOVE)]
-    write_preview(path, np.vstack([*heads, _stacked(above, sheet)]))
+    write_preview(path, np.vstack([*heads, _stack(above, sheet)]))
 
 
 def _from_above(
@@ -128,7 +128,7 @@ def _geometries(pairs: Iterable[MatchedPair]) -> dict[str, EpipolarPair]:
     return {pair.pair_id: pair.images.geometry for pair in pairs}
 
 
-def _stacked(above: Picture, below: Picture) -> Picture:
+def _stack(above: Picture, below: Picture) -> Picture:
     """Two pictures as wide as the second, one over the other."""
     scale = below.shape[1] / above.shape[1]
     size = (below.shape[1], max(1, round(above.shape[0] * scale)))

@@ -39,7 +39,7 @@ def report_quality(
     inputs = (network, *(pair.matches for pair in pairs))
 
     @cache
-    def assessed() -> tuple[NetworkProduct, Quality, dict[str, PairCamera]]:
+    def evaluate() -> tuple[NetworkProduct, Quality, dict[str, PairCamera]]:
         product = read_network(network, store)
         cameras = {pair.files.id: _camera(pair, store) for pair in pairs}
         return (
@@ -49,11 +49,11 @@ def report_quality(
         )
 
     def write_document(path: Path) -> None:
-        product, found, _ = assessed()
+        product, found, _ = evaluate()
         path.write_text(json.dumps(_document(product, found)))
 
     def write_page(path: Path) -> None:
-        product, found, cameras = assessed()
+        product, found, cameras = evaluate()
         title = f"{product.mission}, adjustment up to sol {product.sol}"
         pictures = _figures(product, found, cameras)
         path.write_text(report_page(title, _document(product, found), pictures))

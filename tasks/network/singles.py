@@ -98,17 +98,17 @@ def tie_singles(
     """Tie the single images of a stop with one another and with its pairs."""
 
     @cache
-    def tied() -> tuple[list[tuple[RoverImage, SingleView]], list[MatchedPair], MonoTies]:
+    def tie() -> tuple[list[tuple[RoverImage, SingleView]], list[MatchedPair], MonoTies]:
         read = [_single(file, store) for file in singles]
         matched = [read_matched_pair(pair, store) for pair in pairs]
         return read, matched, tie_single_images(stop, [v for _, v in read], params, matched)
 
     def write(path: Path) -> None:
-        read, _, found = tied()
+        read, _, found = tie()
         write_ties(path, found.ties, _header(found, read))
 
     def write_look(path: Path) -> None:
-        read, matched, found = tied()
+        read, matched, found = tie()
         alone = [FigureImage(view.image_id, view.view.image, view.view.mask) for _, view in read]
         write_sheet(path, [*map(FigureImage.of, matched), *alone], found.ties, found.misfit)
 

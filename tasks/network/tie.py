@@ -64,16 +64,16 @@ def tie_stop(
     """Tie every two overlapping pairs of a stop."""
 
     @cache
-    def tied() -> tuple[MatchedStop, PairTies]:
+    def tie_pairs() -> tuple[MatchedStop, PairTies]:
         matched = _read_stop(stop, telemetry, store)
         return matched, tie_inter_stereo(matched, params)
 
     def write(path: Path) -> None:
-        found = tied()[1]
+        found = tie_pairs()[1]
         write_ties(path, found.ties, _figures_of_stop(found))
 
     def write_look(path: Path) -> None:
-        matched, found = tied()
+        matched, found = tie_pairs()
         write_ties_preview(path, matched, found.ties, params.alignment)
 
     scope = stop_scope(stop.stop)
@@ -94,13 +94,13 @@ def link_stops(
     """Tie two stops by the ground that both see, or say why that cannot be done."""
 
     @cache
-    def linked() -> tuple[StopViews, StopViews, SiteLink]:
+    def tie_sites() -> tuple[StopViews, StopViews, SiteLink]:
         one = StopViews.of(_read_stop(earlier, earlier_telemetry, store), params.birds_eye)
         other = StopViews.of(_read_stop(later, later_telemetry, store), params.birds_eye)
         return one, other, tie_cross_site(one, other, params)
 
     def write(path: Path) -> None:
-        link = linked()[2]
+        link = tie_sites()[2]
         write_ties(path, link.ties, _figures_of_link(link))
 
     poses = (TelemetryPose.of(earlier_telemetry), TelemetryPose.of(later_telemetry))
@@ -109,7 +109,7 @@ def link_stops(
     links = store.make(Recipe(ProductKind.LINKS, scope, inputs, (params, *poses)), write)
     store.make(
         Recipe(ProductKind.QUICKLOOK, scope, (links,)),
-        lambda path: write_link_preview(path, *linked(), params),
+        lambda path: write_link_preview(path, *tie_sites(), params),
     )
     return links
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solmap.products.catalogue.pruning import _known
+from solmap.products.catalogue.pruning import _known_products
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef
 from solmap.tasks.network.orientations import read_orientations
@@ -80,7 +80,7 @@ def test_a_late_image_remakes_what_depends_on_it_and_nothing_else(tmp_path: Path
 
 def dependents(ref: ProductRef, workspace: Workspace) -> set[ProductRef]:
     """What is made from a product, from what that made, and so on; and the product."""
-    known = dict(_known(workspace))
+    known = dict(_known_products(workspace))
     name, found = f"{ref.kind}/{ref.scope}/{ref.digest}", set()
     waiting = [name]
     while waiting:

@@ -74,14 +74,18 @@ class GlbWriter:
     def add(self, textured: TexturedMesh, origin: tuple[float, float, float], quality: int) -> None:
         """Append a mesh, its texture and its node."""
         number = len(self.meshes)
-        draw = self._compressed if self.encoding is Encoding.DRACO else self._stored
+        draw = (
+            self._draco_primitive
+            if self.encoding is Encoding.DRACO
+            else self._uncompressed_primitive
+        )
         part, node = draw(textured.mesh, origin)
         self.meshes.append({"name": textured.name, "primitives": [{**part, "material": number}]})
         self.nodes.append({"name": textured.name, "mesh": number, **node})
         view = self._view(_jpeg(textured.texture, quality))
         self.images.append({"bufferView": view, "mimeType": "image/jpeg"})
 
-    def _stored(
+    def _uncompressed_primitive(
         self, mesh: SurfaceMesh, origin: tuple[float, float, float]
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """A mesh as it is: its primitive, and what its node does to it."""
@@ -93,7 +97,7 @@ class GlbWriter:
         }
         return {"attributes": attributes, "indices": self._indices(mesh)}, node
 
-    def _compressed(
+    def _draco_primitive(
         self, mesh: SurfaceMesh, origin: tuple[float, float, float]
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """A mesh compressed by Draco."""

@@ -92,7 +92,7 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
     Raises:
         ProductError: a band does not fit the grid, or types are mixed or unknown.
     """
-    stack = _stacked(path, grid, bands)
+    stack = _band_stack(path, grid, bands)
     units = {name: unit if isinstance(unit, str) else unit.get(name, "") for name in bands}
     overview_resampling = overviews or ("NEAREST" if _DIRECTIONS & set(bands) else "AVERAGE")
     kind: Kind = "float32" if stack[0].dtype == np.float32 else "uint8"
@@ -124,7 +124,7 @@ def write_classes(  # noqa: PLR0913 - the properties of one file
         dataset.write(codes, 1)
 
 
-def _stacked(
+def _band_stack(
     path: Path, grid: MapGrid, bands: Mapping[str, Raster | np.ndarray]
 ) -> list[np.ndarray]:
     if not bands:

@@ -60,7 +60,7 @@ class Feature:
         if self.geometry not in get_args(Geometry):
             raise ProductError(f"{self.geometry!r} is none of {', '.join(get_args(Geometry))}")
         if self.geometry == "Polygon":
-            points = _opened(points)
+            points = _open_ring(points)
         shape_is_right = points.ndim == 2 and points.shape[1] in (2, 3)  # noqa: PLR2004
         if not shape_is_right or len(points) < _FEWEST[self.geometry]:
             raise ProductError(
@@ -76,7 +76,7 @@ class Feature:
             )
         if self.holes and self.geometry != "Polygon":
             raise ProductError(f"a {self.geometry} has no holes; a Polygon may")
-        holes = tuple(_opened(np.array(h, dtype=np.float64, ndmin=2)) for h in self.holes)
+        holes = tuple(_open_ring(np.array(h, dtype=np.float64, ndmin=2)) for h in self.holes)
         if any(len(h) < _FEWEST["Polygon"] or h.shape[1] != points.shape[1] for h in holes):
             raise ProductError(f"holes are rings of {points.shape[1]} columns, as the outline is")
         points.flags.writeable = False
@@ -105,7 +105,7 @@ class Feature:
         return float(west), float(south), float(east), float(north)
 
 
-def _opened(ring: np.ndarray) -> np.ndarray:
+def _open_ring(ring: np.ndarray) -> np.ndarray:
     """A ring without the repeated first point."""
     is_closed = len(ring) > 1 and np.array_equal(ring[0], ring[-1])
     return ring[:-1] if is_closed else ring
@@ -265,7 +265,7 @@ def read_placed(path: Path) -> PlacedFeatures:
         document = orjson.loads(path.read_bytes())
         landing = LandingPoint(**document["solmap"]["landing"])
         tags = document["solmap"].get("tags", {})
-        return _placed(document["features"], landing, tags)
+        return _place_features(document["features"], landing, tags)
     except FileNotFoundError as error:
         raise ProductNotFoundError(f"{path.name} is not there") from error
     except (ValueError, KeyError, TypeError, IndexError) as error:
@@ -274,7 +274,7 @@ def read_placed(path: Path) -> PlacedFeatures:
         ) from error
 
 
-def _placed(
+def _place_features(
     items: Sequence[Mapping[str, Any]], landing: LandingPoint, tags: Mapping[str, Any]
 ) -> PlacedFeatures:
     nested = [_rings_of(item["geometry"]) for item in items]

@@ -55,4 +55,4 @@ def test_an_unknown_token_cannot_be_revoked(book):
 
 def test_roles_include_those_before_them():
     assert Role.VIEWER < Role.ANALYST < Role.OPERATOR
-    assert Role.named(str(Role.OPERATOR)) is Role.OPERATOR
+    assert Role.of_name(str(Role.OPERATOR)) is Role.OPERATOR

@@ -115,14 +115,14 @@ def test_keeping_logs_twice_writes_a_line_once(tmp_path):
 def test_effort_tells_waiting_from_working():
     effort = ResourceMeter()
     time.sleep(0.2)
-    waited = effort.used()
+    waited = effort.usage()
     assert waited["seconds"] >= 0.2
     assert waited["cpu_s"] < 0.1
     effort = ResourceMeter()
-    while effort.used()["cpu_s"] < 0.1:
+    while effort.usage()["cpu_s"] < 0.1:
         sum(range(10_000))
-    assert effort.used()["seconds"] >= 0.1
+    assert effort.usage()["seconds"] >= 0.1
     held = bytearray(60_000_000)
     held[::4096] = b"x" * len(held[::4096])
-    assert effort.used()["rss_rise_mb"] >= 0.0
-    assert effort.used()["peak_rss_mb"] > 60.0
+    assert effort.usage()["rss_rise_mb"] >= 0.0
+    assert effort.usage()["peak_rss_mb"] > 60.0

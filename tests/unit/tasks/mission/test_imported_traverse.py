@@ -50,7 +50,7 @@ def test_telemetry_hangs_where_the_localised_traverse_begins(table):
 
 
 def test_a_comparison_may_begin_and_end_with_a_sol(table):
-    telemetry, localised = read_traverses([table], "MER2", LANDING).compared(3, 7)
+    telemetry, localised = read_traverses([table], "MER2", LANDING).at_common_stops(3, 7)
     assert telemetry.stops == localised.stops == ("1/10", "2/0")
 
 
@@ -60,7 +60,7 @@ def test_places_of_a_location_file_are_the_localised_ones(tmp_path):
     traverses = read_traverses([file], "MSL", LANDING)
     assert traverses.of("localised").stops == ("0/0", "1/7")
     with pytest.raises(TraverseError, match="no file gives a telemetry traverse"):
-        traverses.compared()
+        traverses.at_common_stops()
 
 
 def test_layers_lie_on_the_degrees_of_the_localised_places(table, tmp_path):
