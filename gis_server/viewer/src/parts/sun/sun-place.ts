@@ -1,5 +1,5 @@
 /**
- * Where the sun stands over a place, as in `photogrammetry/terrain/sun.py`: with the declination d of the season, the
+ * Where the sun stands over a place, as in `photogrammetry/terrain/insolation/sun.py`: with the declination d of the season, the
  * planetographic latitude phi (up is the plumb line) and the hour angle w, 0 at true noon,
  *
  *     sin d = sin 25.19 sin Ls
