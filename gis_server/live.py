@@ -74,9 +74,9 @@ class EventTail:
         """How many listen now."""
         return len(self._listeners)
 
-    async def missed(self, event_id: int) -> list[Event] | None:
+    async def events_after(self, event_id: int) -> list[Event] | None:
         """Events after `event_id`, or None where some of them have been forgotten."""
-        return await run_sync(self._missed, event_id)
+        return await run_sync(self._read_events_after, event_id)
 
     async def newest(self) -> int:
         """The number of the last event."""
@@ -132,7 +132,7 @@ class EventTail:
         with self.engine.connect() as connection:
             return last_event(connection)
 
-    def _missed(self, event_id: int) -> list[Event] | None:
+    def _read_events_after(self, event_id: int) -> list[Event] | None:
         with self.engine.connect() as connection:
             if is_gone(connection, event_id):
                 return None

@@ -78,7 +78,7 @@ def _complete_document(document: dict[str, Any]) -> dict[str, Any]:
     document["components"]["schemas"]["Problem"] = _PROBLEM_SCHEMA
     for path, operations in document["paths"].items():
         for operation in operations.values():
-            operation.setdefault("parameters", []).extend(_undeclared(path, operation))
+            operation.setdefault("parameters", []).extend(_undeclared_parameters(path, operation))
             _put_forms(path, operation)
             for status in _error_statuses(path, operation):
                 operation["responses"][str(int(status))] = _error_response(status)
@@ -87,7 +87,7 @@ def _complete_document(document: dict[str, Any]) -> dict[str, Any]:
     return document
 
 
-def _undeclared(path: str, operation: dict[str, Any]) -> Iterator[dict[str, Any]]:
+def _undeclared_parameters(path: str, operation: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Parameters in the path that no dependency declares."""
     said = {one["name"] for one in operation.get("parameters", ()) if one["in"] == "path"}
     for name in re.findall(r"\{(\w+)\}", path):

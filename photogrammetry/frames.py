@@ -151,14 +151,14 @@ class Pose:
     translation_m: Vector3
 
     def __post_init__(self) -> None:
-        def named(part: str) -> str:
+        def part_name(part: str) -> str:
             return f"the {part} of {self.target}_from_{self.source}"
 
-        rotation = read_only(self.rotation, (3, 3), lambda: named("rotation"))
+        rotation = read_only(self.rotation, (3, 3), lambda: part_name("rotation"))
         if not _is_proper_rotation(rotation):
-            raise FrameError(f"{named('rotation')} is not a proper rotation matrix")
+            raise FrameError(f"{part_name('rotation')} is not a proper rotation matrix")
         object.__setattr__(self, "rotation", rotation)
-        translation_m = read_only(self.translation_m, (3,), lambda: named("translation"))
+        translation_m = read_only(self.translation_m, (3,), lambda: part_name("translation"))
         object.__setattr__(self, "translation_m", translation_m)
 
     @classmethod

@@ -249,8 +249,10 @@ def _tile(mission: str, parameters: Mapping[str, str], services: Services, known
             "request",
         )
     try:
-        check_tms(_required(parameters, "tilematrixset"), services.catalogue.mission(mission))
-        layer = raster_named(_required(parameters, "layer"), mission, services)
+        check_tms(
+            _required_parameter(parameters, "tilematrixset"), services.catalogue.mission(mission)
+        )
+        layer = raster_named(_required_parameter(parameters, "layer"), mission, services)
         address = TileAddress(
             *(_number(parameters, n) for n in ("tilematrix", "tilecol", "tilerow"))
         )
@@ -269,14 +271,14 @@ def _check_format(parameters: Mapping[str, str]) -> None:
         raise _RequestError("InvalidParameterValue", f"format={found} is not image/png", "format")
 
 
-def _required(parameters: Mapping[str, str], name: str) -> str:
+def _required_parameter(parameters: Mapping[str, str], name: str) -> str:
     if not parameters.get(name):
         raise _RequestError("MissingParameterValue", f"GetTile asks for {name}", name)
     return parameters[name]
 
 
 def _number(parameters: Mapping[str, str], name: str) -> int:
-    text = _required(parameters, name)
+    text = _required_parameter(parameters, name)
     if not (text.isascii() and text.isdigit() and len(text) < 10):  # noqa: PLR2004 - digits
         raise _RequestError("InvalidParameterValue", f"{name}={text} is no number", name)
     return int(text)

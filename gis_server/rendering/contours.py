@@ -71,7 +71,7 @@ def contour_cover(patch: Patch, interval_m: float) -> np.ndarray:
     """How much of every pixel lines cover, 0 to 255."""
     sigma_m = smoothing_m(patch.cell_m)
     smooth = smooth_elevation(patch.values, patch.cell_m, sigma_m, _PARAMS.min_share)
-    return _cover(patch.interpolated(smooth) / np.float32(interval_m))
+    return _cover(patch.interpolate(smooth) / np.float32(interval_m))
 
 
 def _cover(height: Raster) -> np.ndarray:

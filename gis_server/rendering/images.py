@@ -177,23 +177,23 @@ class ImageView:
     def _plane(self, number: int) -> GreyImage:
         entry = self.planes[number][0]
 
-        def made() -> GreyImage:
+        def compute_plane() -> GreyImage:
             if self.style is Style.RAW:
                 return _raw(entry, self.workspace)
             return _grey(entry, self.style, self.workspace)
 
-        return _CACHE.get(self._key(number), made)
+        return _CACHE.get(self._key(number), compute_plane)
 
     def _level(self, number: int, halvings: int) -> GreyImage:
         if halvings == 0:
             return self._plane(number)
 
-        def halved() -> GreyImage:
+        def halve() -> GreyImage:
             larger = self._level(number, halvings - 1)
             size = (math.ceil(larger.shape[1] / 2), math.ceil(larger.shape[0] / 2))
             return cv2.resize(larger, size, interpolation=cv2.INTER_AREA)
 
-        return _CACHE.get((*self._key(number), halvings), halved)
+        return _CACHE.get((*self._key(number), halvings), halve)
 
     def _ends(self, number: int, stretch: Stretch) -> tuple[float, float]:
         """The values shown as black and as white."""
@@ -201,14 +201,14 @@ class ImageView:
             largest = float(np.nanmax(self._plane(number), initial=0.0))
             return 0.0, next((depth for depth in _DEPTHS if largest <= depth), largest)
 
-        def found() -> np.ndarray:
+        def percentiles() -> np.ndarray:
             values = self._plane(number)
             known = values[np.isfinite(values)]
             percent = [stretch.low_percent, stretch.high_percent]
             return np.percentile(known, percent) if len(known) else np.array([0.0, 1.0])
 
         key = (*self._key(number), stretch.low_percent, stretch.high_percent)
-        low, high = _CACHE.get(key, found).tolist()
+        low, high = _CACHE.get(key, percentiles).tolist()
         low = low if stretch.black is None else stretch.black
         return low, high if stretch.white is None else stretch.white
 

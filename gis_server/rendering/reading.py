@@ -133,7 +133,7 @@ class Patch:
             return computed[..., rows[:, None], columns[None, :]]
         return computed[..., rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
 
-    def interpolated(self, computed: np.ndarray) -> np.ndarray:
+    def interpolate(self, computed: np.ndarray) -> np.ndarray:
         """What was computed of every cell, bilinear between the middles of cells."""
         if not self.is_repeated:
             return self.tile(computed)

@@ -53,7 +53,7 @@ async def events(
     is not known any more. A line without meaning every 15 s keeps the connection open.
     """
     seen = _last_seen(since, last_event_id)
-    missed = [] if seen is None else await services.tail.missed(seen)
+    missed = [] if seen is None else await services.tail.events_after(seen)
     reached = await services.tail.newest() if seen is None or missed is None else seen
     yield ServerSentEvent(event="hello", data={}, id=str(reached), retry=_RETRY_MS)
     if missed is None:

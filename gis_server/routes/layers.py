@@ -285,7 +285,7 @@ class Styles(BaseModel):
 def styles(layer: LayerPath, response: Response) -> Styles:
     """How the tiles of a layer may be drawn: `?style=` of a tile."""
     response.headers.update(FOREVER)
-    named = [_named(layer, name, style) for name, style in styles_of(layer.ref.kind).items()]
+    named = [_named_style(layer, name, style) for name, style in styles_of(layer.ref.kind).items()]
     return Styles(styles=named, colours=list(RAMPS))
 
 
@@ -321,5 +321,5 @@ def contours(
     return JSONResponse(body, headers=FOREVER, media_type="application/geo+json")
 
 
-def _named(layer: Layer, name: str, style: TileStyle) -> NamedStyle:
+def _named_style(layer: Layer, name: str, style: TileStyle) -> NamedStyle:
     return NamedStyle(style=name, title=style.title or layer.title, legend=legend_of(layer, style))

@@ -121,15 +121,15 @@ def ties(
 @router.post("/refine", tags=["hand ties"])
 def refine(mission: MissionName, question: RefineQuestion, services: ServicesOf) -> RefineAnswer:
     """Measure a picked point to a fraction of a pixel, by least-squares matching."""
-    return refine_pick(question, _oriented(mission, services))
+    return refine_pick(question, _oriented_mission(mission, services))
 
 
 @router.post("/preview-adjustment", tags=["hand ties"])
 def preview(mission: MissionName, question: TrialQuestion, services: ServicesOf) -> TrialAnswer:
     """Adjust two stops with hand ties and without; computes only, writes nothing."""
-    return preview_adjustment(question, _oriented(mission, services))
+    return preview_adjustment(question, _oriented_mission(mission, services))
 
 
-def _oriented(mission: str, services: Services) -> OrientedMission:
+def _oriented_mission(mission: str, services: Services) -> OrientedMission:
     services.catalogue.mission(mission)
     return OrientedMission.latest(mission, Workspace(services.store, services.catalogue))

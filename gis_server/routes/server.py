@@ -60,7 +60,7 @@ class ViewerFiles(StaticFiles):
         status_code: int = 200,
     ) -> Response:
         """The file, compressed as the browser accepts it."""
-        accepted = _accepted(Headers(scope=scope).get("accept-encoding", ""))
+        accepted = _accepted_encodings(Headers(scope=scope).get("accept-encoding", ""))
         plain, used = os.fspath(full_path), None
         for encoding, suffix in _ENCODINGS.items():
             if encoding in accepted and os.path.isfile(plain + suffix):  # noqa: PTH113 - cheapest
@@ -77,7 +77,7 @@ class ViewerFiles(StaticFiles):
         return answer
 
 
-def _accepted(header: str) -> set[str]:
+def _accepted_encodings(header: str) -> set[str]:
     """Names of encodings in an Accept-Encoding header, without those of weight 0."""
     parts = (part.replace(" ", "").lower().partition(";") for part in header.split(","))
     return {name for name, _, weight in parts if weight not in {"q=0", "q=0.0"}}

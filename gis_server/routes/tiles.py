@@ -67,7 +67,7 @@ def _parameters(query: type[BaseModel]) -> dict[str, Any]:
     return {"parameters": described}
 
 
-def _checked(model: type[_Checked], values: Mapping[str, str], place: str) -> _Checked:
+def _validate(model: type[_Checked], values: Mapping[str, str], place: str) -> _Checked:
     """The values of a path or query, validated.
 
     Raises:
@@ -84,7 +84,7 @@ def _checked(model: type[_Checked], values: Mapping[str, str], place: str) -> _C
 def _checked_query(model: type[_Checked], query: bytes) -> _Checked:
     """All tiles of a view have the same query."""
     pairs = parse_qsl(query.decode("latin-1"), keep_blank_values=True)
-    return _checked(model, dict(pairs), "query")
+    return _validate(model, dict(pairs), "query")
 
 
 @router.get(
@@ -97,7 +97,7 @@ async def tile(request: Request) -> Response:
 
     Which styles a layer has says `GET /api/layers/{scope}/{kind}/{digest}/styles`.
     """
-    path = _checked(TilePath, request.path_params, "path")
+    path = _validate(TilePath, request.path_params, "path")
     query = _checked_query(StyleQuery, request.scope["query_string"])
     services: Services = request.app.state.services
     metrics: Metrics = request.app.state.metrics
@@ -121,7 +121,7 @@ async def values(request: Request) -> Response:
 
     The format stands in the documentation of the stage "Serve".
     """
-    path = _checked(TilePath, request.path_params, "path")
+    path = _validate(TilePath, request.path_params, "path")
     query = _checked_query(ValuesQuery, request.scope["query_string"])
     has_gzip = "gzip" in request.headers.get("accept-encoding", "")
     services: Services = request.app.state.services

@@ -103,7 +103,7 @@ class Cahvore:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             for start in range(0, len(points), CHUNK):
                 here = slice(start, start + CHUNK)
-                drawn = self._drawn(points[here] - self.c).r
+                drawn = self._distort(points[here] - self.c).r
                 along_h, along_v, along_a = np.stack([self.h, self.v, self.a]) @ drawn.T
                 depth = np.where(along_a > 0, along_a, np.nan)
                 image_points[here] = np.column_stack([along_h / depth, along_v / depth])
@@ -112,7 +112,7 @@ class Cahvore:
     def partials(self, points: ObjectPoints) -> tuple[ImagePoints, Partials]:
         """Image of object points, and its derivatives by them."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            drawn = self._drawn(points - self.c)
+            drawn = self._distort(points - self.c)
             image_points = self.project(points)
             by_r = perspective_partials(self.perspective, drawn.r, image_points)
             return image_points, by_r @ self._r_by_p(drawn)
@@ -149,7 +149,7 @@ class Cahvore:
             self, h=averaged_scale(self.h, width, half), v=averaged_scale(self.v, height, half)
         )
 
-    def _drawn(self, d: ObjectPoints) -> _Drawn:
+    def _distort(self, d: ObjectPoints) -> _Drawn:
         """Angles of points given from C, and where the CAHV camera sees them."""
         z = d @ self.o
         l = d - z[:, None] * self.o

@@ -154,16 +154,16 @@ def parallax_facets(parallax: ParallaxMap, half_px: int) -> Float32[np.ndarray, 
     col, row = np.meshgrid(*(float(TAKEN) * np.arange(n) for n in p.shape[::-1]))
     side = 2 * (half_px // TAKEN) + 1
 
-    def summed(values: np.ndarray) -> np.ndarray:
+    def window_sum(values: np.ndarray) -> np.ndarray:
         of_all = cv2.boxFilter(
             values, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT
         )
         return of_all[::KEPT, ::KEPT]
 
     x, y = col[::KEPT, ::KEPT], row[::KEPT, ::KEPT]
-    n, sx, sy = summed(one), summed(one * col), summed(one * row)
-    sxx, sxy, syy = (summed(one * square) for square in (col * col, col * row, row * row))
-    sp, sxp, syp, spp = summed(p), summed(col * p), summed(row * p), summed(p * p)
+    n, sx, sy = window_sum(one), window_sum(one * col), window_sum(one * row)
+    sxx, sxy, syy = (window_sum(one * square) for square in (col * col, col * row, row * row))
+    sp, sxp, syp, spp = window_sum(p), window_sum(col * p), window_sum(row * p), window_sum(p * p)
     u, v = sx - x * n, sy - y * n  # about the window's middle
     uu = sxx - 2 * x * sx + x * x * n
     uv = sxy - x * sy - y * sx + x * y * n

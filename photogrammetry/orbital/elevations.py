@@ -195,7 +195,7 @@ def _compare_heights(
     grid, rows_cols = ground.grid, np.nonzero(predicted.known)
     east = grid.west + (rows_cols[1] + 0.5) * grid.cell_m
     north = grid.north - (rows_cols[0] + 0.5) * grid.cell_m
-    places = correction.claimed(np.column_stack([east, north]))
+    places = correction.apply_inverse(np.column_stack([east, north]))
     heights = interpolate(model.elevation, model.grid, places)
     both = np.isfinite(heights)
     layers = np.column_stack([*predicted.stack[:, predicted.known][:, both], np.ones(both.sum())])

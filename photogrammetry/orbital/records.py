@@ -83,7 +83,7 @@ class Correction:
         turned = (points_m - centre) @ np.array([[c, -s], [s, c]]).T
         return turned + centre + [self.east_m, self.north_m]
 
-    def claimed(self, points_m: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
+    def apply_inverse(self, points_m: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
         """Where the orbital image puts what truly lies at points: `apply` undone."""
         c, s = np.cos(np.radians(self.rotation_deg)), np.sin(np.radians(self.rotation_deg))
         centre = np.asarray(self.centre_m)

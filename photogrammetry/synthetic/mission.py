@@ -9,7 +9,7 @@ is always too far. On top come the random errors of `networks` with a slip of `L
 Gaps are drives over which images tie nothing (on the way out of Eagle Crater there were no images
 at all): what lies on both sides hangs together by telemetry, or by the orbital image that shows
 every `control_every`th stop to `CONTROL_SIGMA_M`. The place of that image is unknown
-(`ControlFrame.claimed`), or certain where the image is the map itself.
+(`ControlFrame.from_sigmas`), or certain where the image is the map itself.
 
 The orbital image is shifted, turned and scaled as its georeference may be
 (`ControlFrame.covariance`), and every place in it is off by what its registration states.
@@ -106,7 +106,7 @@ def simulate_control(  # noqa: PLR0913 - one keyword for each thing that a test 
     """
     centres = np.array([pose.translation_m for pose in truth.lsl_from_rover])
     north, east = centres[:, :2].mean(axis=0).tolist()
-    frame = frame or ControlFrame.claimed("orbit", (east, north), shift_m=10.0)
+    frame = frame or ControlFrame.from_sigmas("orbit", (east, north), shift_m=10.0)
     place = frame.place.copy()
     free = np.array(frame.is_free)
     root = np.linalg.cholesky(frame.covariance[np.ix_(free, free)])

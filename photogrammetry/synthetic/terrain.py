@@ -255,14 +255,14 @@ class Terrain:
         fractal = Fractal(self.seed, 1, self.type.roughness_m, self.type.hurst)
         rise = self.type.slope * np.sqrt(0.5)
         plane = rise * (window.north[:, None] + window.east[None, :]) - self.datum_m
-        return self._refined(window, fractal) + plane.astype(np.float32)
+        return self._relief(window, fractal) + plane.astype(np.float32)
 
-    def _refined(self, window: Window, fractal: Fractal) -> Nodes:
+    def _relief(self, window: Window, fractal: Fractal) -> Nodes:
         """Relief and craters; below the craters' level both are refined together."""
         if window.level >= CRATER_LEVEL:
             hills = Fractal(self.seed, 3, self.type.hills_m / HILL_M**HILL_HURST, HILL_HURST)
             return fractal.values(window) + hills.values(window) + self._bowls(window)
-        fine = subdivide(self._refined(parent_window(window), fractal), window)
+        fine = subdivide(self._relief(parent_window(window), fractal), window)
         return fine + fractal.displacement(window)
 
     def _bowls(self, window: Window) -> Nodes:

@@ -65,7 +65,7 @@ class FrameParams:
         """
         middle = np.mean([one.values[:2] for one in places], axis=0) if places else np.zeros(2)
         centre = float(middle[0]), float(middle[1])
-        frame = ControlFrame.claimed(
+        frame = ControlFrame.from_sigmas(
             name, centre, shift_m=self.shift_m, rotation_deg=self.rotation_deg, scale=self.scale
         )
         level = np.array([0.0, 0.0, np.mean(up_m) if len(up_m) else 0.0, 0.0, 0.0])

@@ -22,7 +22,7 @@ from solmap.photogrammetry.adjustment.model.collinearity import (
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
 from solmap.photogrammetry.adjustment.model.telemetry import Telemetry, telemetry_misclosures
-from solmap.photogrammetry.adjustment.modes.overall import _known, adjust_overall
+from solmap.photogrammetry.adjustment.modes.overall import _known_state, adjust_overall
 from solmap.photogrammetry.adjustment.modes.stepwise import adjust_stepwise
 from solmap.photogrammetry.adjustment.solver.gauss_newton import solve
 from solmap.photogrammetry.adjustment.solver.problem import Problem
@@ -238,7 +238,7 @@ def started(network):
     """The problem without a search for blunders, at the alignment."""
     observations, telemetry = Observations.of(network), Telemetry.of(network, PARAMS)
     held = np.arange(len(network.stops)) == 0
-    known, is_known = _known(network, telemetry, observations, None)
+    known, is_known = _known_state(network, telemetry, observations, None)
     state, *_ = initialise(observations, telemetry, held, PARAMS, known, is_known)
     used = np.isfinite(misclosures(state, observations, np.arange(len(observations)))).all(axis=1)
     return Problem.of(observations, telemetry, held, used), state

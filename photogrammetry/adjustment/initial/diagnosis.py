@@ -82,7 +82,7 @@ def diagnose(network: Initial) -> tuple[tuple[Finding, ...], np.ndarray]:
     while waiting:
         k = next((k for k in waiting if any(o in placed for o in fitting.get(k, {}))), None)
         if k is None:
-            found, block = _detached(network, waiting, fitting, promised)
+            found, block = _detached_block(network, waiting, fitting, promised)
             findings += found
         else:
             block = {k}
@@ -171,7 +171,7 @@ def _is_spread(network: Initial, k: int, ours: np.ndarray) -> bool:
     return bool(sigma / np.sqrt(max(spread[1], 1e-12)) < 0.5 / network.telemetry.weight[k, 0])
 
 
-def _detached(
+def _detached_block(
     network: Initial,
     waiting: list[int],
     fitting: dict[int, dict[int, Rows]],

@@ -353,7 +353,7 @@ class Partials:
         """Those of some consecutive observations."""
         return Partials(self.by_point[..., part], self.by_pointing[..., part], self.X[:, part])
 
-    def weighted(self, weight: Float64[np.ndarray, " m"]) -> Partials:
+    def apply_weight(self, weight: Float64[np.ndarray, " m"]) -> Partials:
         """All of an observation times a weight."""
         return Partials(self.by_point * weight, self.by_pointing * weight, self.X)
 

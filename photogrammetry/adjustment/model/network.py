@@ -44,7 +44,7 @@ class ControlFrame:
     """Of the place; what has no variance is certain, and no unknown."""
 
     @classmethod
-    def claimed(
+    def from_sigmas(
         cls,
         name: str,
         centre_m: tuple[float, float],
@@ -79,7 +79,7 @@ class ControlFrame:
         return not any(self.is_free)
 
 
-MAP = ControlFrame.claimed("the map", (0.0, 0.0), shift_m=0.0, rotation_deg=0.0, scale=0.0)
+MAP = ControlFrame.from_sigmas("the map", (0.0, 0.0), shift_m=0.0, rotation_deg=0.0, scale=0.0)
 """The frame of the datum: see `datum`."""
 
 

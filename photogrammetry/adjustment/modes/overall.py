@@ -89,9 +89,11 @@ def adjust_with_outcome(
     inherited: Marginal | None = None,
 ) -> tuple[AdjustedNetwork, AdjustmentReport, Outcome]:
     """The same, with all that the iteration found."""
-    is_held = _held(network, held, has_datum=inherited is not None or network.datum_is_observed)
+    is_held = _held_mask(
+        network, held, has_datum=inherited is not None or network.datum_is_observed
+    )
     observations, telemetry = Observations.of(network), Telemetry.of(network, params)
-    known, is_known = _known(network, telemetry, observations, start)
+    known, is_known = _known_state(network, telemetry, observations, start)
     root = is_held if is_held.any() or inherited else np.arange(len(is_held)) == 0
     before = propagate_telemetry(known, telemetry, root, is_known)
     overview = Overview.of(observations, known.pointings, len(root), params)
@@ -176,7 +178,7 @@ def _frame_places(
     return np.where(is_known[:, None], before, control.fit_frames(state))
 
 
-def _held(network: Network, held: AbstractSet[StopId], *, has_datum: bool) -> np.ndarray:
+def _held_mask(network: Network, held: AbstractSet[StopId], *, has_datum: bool) -> np.ndarray:
     """Which stops are held; refuses a network without datum."""
     strangers = sorted(set(held) - set(network.stop_ids))
     if strangers:
@@ -190,7 +192,7 @@ def _held(network: Network, held: AbstractSet[StopId], *, has_datum: bool) -> np
     return np.array([stop in held for stop in network.stop_ids], dtype=bool)
 
 
-def _known(
+def _known_state(
     network: Network,
     telemetry: Telemetry,
     observations: Observations,

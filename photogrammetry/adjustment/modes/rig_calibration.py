@@ -134,7 +134,7 @@ def calibrate_rig(
     theta, C, used = np.zeros(len(sigma)), np.diag(sigma**2), np.zeros(0, dtype=bool)
     reports: list[AdjustmentReport] = []
     for _ in range(PASSES):
-        start, report = _adjusted(
+        start, report = _adjust_or_raise(
             _with_theta(network, sets, instruments, theta), held, params, start
         )
         reports.append(report)
@@ -145,7 +145,7 @@ def calibrate_rig(
         theta, C = border.solve(theta)
     else:
         bent = _with_theta(network, sets, instruments, theta)
-        reports.append(_adjusted(bent, held, params, start)[1])
+        reports.append(_adjust_or_raise(bent, held, params, start)[1])
     columns = [slice(UNKNOWNS * k, UNKNOWNS * k + UNKNOWNS) for k in range(len(sets))]
     corrections = tuple(
         RigCorrection(name, theta[own][:3], float(theta[own][3]), C[own, own])
@@ -265,7 +265,7 @@ def _variance_factor(report: AdjustmentReport) -> float:
     return report.sigma0**2 if cost > chdtri(report.redundancy, 1.0 - SIGNIFICANT) else 1.0
 
 
-def _adjusted(
+def _adjust_or_raise(
     network: Network,
     held: AbstractSet[StopId],
     params: AdjustmentParams,

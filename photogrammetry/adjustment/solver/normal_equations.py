@@ -155,7 +155,7 @@ def _eliminate_groups(
         A = together.of(part) if together else at.views.partials(problem.sights.part(part), masts)
         if threshold is not None:
             root = np.sqrt(huber_weights(lengths(l), threshold))
-            l, A = l * root, A.weighted(root)
+            l, A = l * root, A.apply_weight(root)
         yield eliminate(group, l, A, at.views)
 
 

@@ -87,26 +87,26 @@ class Label:
         Raises:
             LabelError: it is missing, unknown or of another kind.
         """
-        return self._converted(self._present(group, keyword), group, keyword, kind)
+        return self._convert(self._present(group, keyword), group, keyword, kind)
 
     def optional(self, group: str, keyword: str, kind: type[Scalar]) -> Scalar | None:
         """The value as `require` gives it, or None where it is missing or unknown."""
         value = self.get(group, keyword)
-        return None if value is None else self._converted(value, group, keyword, kind)
+        return None if value is None else self._convert(value, group, keyword, kind)
 
     def require_numbers(self, group: str, keyword: str, count: int | None = None) -> np.ndarray:
         """The list of a keyword as float64, of exactly `count` numbers if that is given."""
         values = _sequence(self._present(group, keyword))
         if count is not None and len(values) != count:
             raise self._complaint(group, keyword, f"{count} numbers", values)
-        return np.array([self._converted(value, group, keyword, float) for value in values])
+        return np.array([self._convert(value, group, keyword, float) for value in values])
 
     def optional_angle(self, group: str, keyword: str) -> float | None:
         """An angle in radians; labels give degrees unless they say rad."""
         value = self.get(group, keyword)
         if value is None:
             return None
-        angle = self._converted(value, group, keyword, float)
+        angle = self._convert(value, group, keyword, float)
         radians = isinstance(value, Quantity) and value.unit.lower().startswith("rad")
         return angle if radians else math.radians(angle)
 
@@ -125,7 +125,7 @@ class Label:
                 return self.groups[spelling]
         return None
 
-    def _converted(self, value: Value, group: str, keyword: str, kind: type[Scalar]) -> Scalar:
+    def _convert(self, value: Value, group: str, keyword: str, kind: type[Scalar]) -> Scalar:
         bare = value.value if isinstance(value, Quantity) else value
         if kind is str:
             if isinstance(bare, str | int | float):
@@ -184,7 +184,7 @@ class _Parser:
 
     def __init__(self, text: str, source: str) -> None:
         self._text, self._source = text, source
-        self._tokens = self._tokenised()
+        self._tokens = self._tokenise()
         self._ahead: _Token | None = None
         self._has_ahead = False
         self._groups: dict[str, dict[str, Value]] = {"": {}}
@@ -301,7 +301,7 @@ class _Parser:
             self._ahead, self._has_ahead = next(self._tokens, None), True
         return self._ahead
 
-    def _tokenised(self) -> Iterator[_Token]:
+    def _tokenise(self) -> Iterator[_Token]:
         position, count = 0, 0
         while position < len(self._text):
             count += 1

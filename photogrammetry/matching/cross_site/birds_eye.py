@@ -178,18 +178,16 @@ def band_pass(raster: Raster, fine: float, coarse: float) -> Channel:
     seen = np.isfinite(raster).astype(np.float32)
     value = np.nan_to_num(raster)
 
-    def blurred(what: Raster, sigma: float) -> Raster:
+    def blur(what: Raster, sigma: float) -> Raster:
         return cv2.GaussianBlur(what, (0, 0), sigma).astype(np.float32)
 
-    density_fine = blurred(seen, fine)
-    density = np.maximum(blurred(seen, coarse), 1e-6)
+    density_fine = blur(seen, fine)
+    density = np.maximum(blur(seen, coarse), 1e-6)
     weight = (density_fine > 0.1).astype(np.float32)  # noqa: PLR2004 - a tenth of the neighbours seen
-    detail = (
-        blurred(value, fine) / np.maximum(density_fine, 1e-6) - blurred(value, coarse) / density
-    )
+    detail = blur(value, fine) / np.maximum(density_fine, 1e-6) - blur(value, coarse) / density
     detail *= weight
-    around = np.maximum(blurred(weight, coarse), 1e-6)
-    spread = np.sqrt(blurred(detail * detail, coarse) / around)
+    around = np.maximum(blur(weight, coarse), 1e-6)
+    spread = np.sqrt(blur(detail * detail, coarse) / around)
     value = np.clip(detail / np.maximum(spread, 1e-6), -CLIP, CLIP) * weight
     return Channel(value.astype(np.float32), weight)
 

@@ -58,7 +58,7 @@ class SiteLinkFigures:
     handed_on: int = 0
     """Of these, the ties of the link: they hardly share their ground."""
     by_shape: int = 0
-    """Further ties of the link, by the shape of the ground."""
+    """Further, surface-matched ties of the link."""
     by_chance: int = 0
     """Ties that the strongest wrong hypothesis or decoy came to in the same way."""
     rms_px: float = float("nan")

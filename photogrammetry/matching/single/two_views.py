@@ -105,10 +105,10 @@ def relative_turn(
     sigma = np.sqrt(2.0) * pointing_sigma
     for scale in SCALES_PX:
 
-        def weighted(w: np.ndarray, scale: float = scale) -> np.ndarray:
+        def residuals(w: np.ndarray, scale: float = scale) -> np.ndarray:
             return np.concatenate([two_views.epipolar_distance(points, seen, w) / scale, w / sigma])
 
-        turn = least_squares(weighted, turn, loss="cauchy", x_scale=pointing_sigma).x
+        turn = least_squares(residuals, turn, loss="cauchy", x_scale=pointing_sigma).x
     return turn
 
 

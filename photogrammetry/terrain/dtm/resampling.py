@@ -233,21 +233,21 @@ def coarser_dtm(dtm: Dtm, factor: int) -> Dtm:
 def finer_dtm(dtm: Dtm, factor: int) -> Dtm:
     """A terrain model with cells a `factor`-th as wide: elevations bilinear, all else repeated."""
 
-    def repeated(layer: np.ndarray) -> np.ndarray:
+    def repeat(layer: np.ndarray) -> np.ndarray:
         return layer.repeat(factor, axis=0).repeat(factor, axis=1)
 
     grid = dtm.grid
     wide = (grid.cols * factor, grid.rows * factor)
     smooth = cv2.resize(dtm.elevation, wide, interpolation=cv2.INTER_LINEAR)
-    elevation = repeated(dtm.elevation)
+    elevation = repeat(dtm.elevation)
     elevation = np.where(np.isfinite(smooth), smooth, elevation)
     return Dtm(
         MapGrid(grid.west, grid.north, grid.cell_m / factor, wide[1], wide[0]),
         elevation,
-        repeated(dtm.sigma_m),
-        repeated(dtm.observations) / np.float32(factor**2),
-        repeated(dtm.ground),
-        None if dtm.pose_sigma_m is None else repeated(dtm.pose_sigma_m),
+        repeat(dtm.sigma_m),
+        repeat(dtm.observations) / np.float32(factor**2),
+        repeat(dtm.ground),
+        None if dtm.pose_sigma_m is None else repeat(dtm.pose_sigma_m),
     )
 
 

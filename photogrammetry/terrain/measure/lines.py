@@ -112,14 +112,14 @@ def _tangent(s: PerPoint, h: PerPoint, baseline_m: float) -> PerPoint:
     middle = float(h[known].mean()) if known.any() else 0.0
     rise, along = np.where(known, h - middle, 0.0), np.where(known, s - s.mean(), 0.0)
 
-    def summed(values: PerPoint) -> PerPoint:
+    def window_sum(values: PerPoint) -> PerPoint:
         running = np.concatenate([[0.0], np.cumsum(values)])
         return running[high] - running[low]
 
-    count = summed(known.astype(np.float64))
+    count = window_sum(known.astype(np.float64))
     with np.errstate(invalid="ignore", divide="ignore"):
-        spread = summed(along**2) - summed(along) ** 2 / count
-        tangent = (summed(along * rise) - summed(along) * summed(rise) / count) / spread
+        spread = window_sum(along**2) - window_sum(along) ** 2 / count
+        tangent = (window_sum(along * rise) - window_sum(along) * window_sum(rise) / count) / spread
         span = np.sqrt(12.0 * np.maximum(spread, 0.0) / count)  # of stations at equal distances
     enough = known & (count >= LEAST_STATIONS) & (span >= LEAST_SPAN * baseline_m)
     return np.where(enough, tangent, np.nan)

@@ -106,7 +106,7 @@ class PanoramaImage:
         rays = self.camera.rays(border_points(self.size))
         return span_of_rays(rays, self.axis)
 
-    def balanced(self, gain: float, offset: float) -> PanoramaImage:
+    def apply_gain(self, gain: float, offset: float) -> PanoramaImage:
         """The image with another brightness."""
         levels = (level * np.float32(gain) + np.float32(offset) for level in self.pyramid)
         return replace(self, pyramid=tuple(levels))
@@ -284,7 +284,7 @@ def prepare_panorama(
     seen = even[np.isfinite(even)]
     return replace(
         draft,
-        images=tuple(image.balanced(*own) for image, own in zip(images, gains, strict=True)),
+        images=tuple(image.apply_gain(*own) for image, own in zip(images, gains, strict=True)),
         stretch=black_and_white(seen),
         gains=gains,
     )

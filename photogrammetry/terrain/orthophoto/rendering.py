@@ -130,7 +130,9 @@ def prepare_orthophoto(
     gains = taken.balance()
     return OrthophotoRendering(
         dtm=dtm,
-        samplers=tuple(sampler.balanced(own) for sampler, own in zip(samplers, gains, strict=True)),
+        samplers=tuple(
+            sampler.apply_gains(own) for sampler, own in zip(samplers, gains, strict=True)
+        ),
         params=params,
         grid=grid,
         ratio=ratio,

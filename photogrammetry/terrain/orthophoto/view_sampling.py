@@ -89,7 +89,7 @@ class ViewSampler:
             nearest=np.where(np.isfinite(view.parallax), view.parallax, 0).astype(np.float32),
         )
 
-    def balanced(self, gains: Float64[np.ndarray, "bands 2"]) -> ViewSampler:
+    def apply_gains(self, gains: Float64[np.ndarray, "bands 2"]) -> ViewSampler:
         """The view with (gain, offset) applied to each of its bands."""
         pairs = zip(self.bands, gains.astype(np.float32), strict=True)
         bands = (tuple(level * g + o for level in pyramid) for pyramid, (g, o) in pairs)

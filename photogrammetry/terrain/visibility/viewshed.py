@@ -139,12 +139,12 @@ def _along_rays(height: Raster, centre: tuple[float, float], count: int, steps: 
     rows = np.float32(centre[0]) - away * np.cos(azimuth)
     cols = np.float32(centre[1]) + away * np.sin(azimuth)
 
-    def sampled(values: Raster) -> Rays:
+    def sample(values: Raster) -> Rays:
         return cv2.remap(values, cols, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
 
-    weight = sampled(known.astype(np.float32))
+    weight = sample(known.astype(np.float32))
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = sampled(np.where(known, height, np.float32(0))) / weight
+        mean = sample(np.where(known, height, np.float32(0))) / weight
     return np.where(weight > 0.5, mean, np.float32(np.nan))  # noqa: PLR2004 - most of it is known
 
 

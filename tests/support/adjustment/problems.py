@@ -28,7 +28,7 @@ from solmap.photogrammetry.adjustment.model.small_matrices import (
     rotation_of_vector,
 )
 from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
-from solmap.photogrammetry.adjustment.modes.overall import _known
+from solmap.photogrammetry.adjustment.modes.overall import _known_state
 from solmap.photogrammetry.adjustment.solver.gauss_newton import solve
 from solmap.photogrammetry.adjustment.solver.normal_equations import LinearisationPoint, linearise
 from solmap.photogrammetry.adjustment.solver.problem import Problem
@@ -88,7 +88,7 @@ def aligned(network):
     """A simulated network with mast pointings and telemetry, from the alignment (cold)."""
     observations, telemetry = Observations.of(network), Telemetry.of(network, PARAMS)
     held = np.arange(len(network.stops)) == 0
-    known, is_known = _known(network, telemetry, observations, None)
+    known, is_known = _known_state(network, telemetry, observations, None)
     start, *_ = initialise(observations, telemetry, held, PARAMS, known, is_known)
     return RigProblem(observations, telemetry, start)
 

@@ -128,7 +128,7 @@ def test_the_place_of_the_image_is_found_with_that_of_the_stops():
 def test_with_control_the_first_stop_keeps_its_place_and_gives_up_its_azimuth():
     """Its telemetry is turned by degrees; held, it would turn the traverse with it."""
     network, truth, _ = simulated(4, sigma_m=0.02)
-    frame = ControlFrame.claimed("orbit", (0.0, 0.0), rotation_deg=0.02)
+    frame = ControlFrame.from_sigmas("orbit", (0.0, 0.0), rotation_deg=0.02)
     rng = np.random.default_rng(4)
     orbit = simulate_control(rng, network, truth, range(8), frame=frame, sigma_m=0.02)
     network = replace(network, control=(), frames=())
@@ -187,7 +187,7 @@ def test_two_places_that_contradict_each_other_are_both_set_aside_where_nothing_
     """The image lies anywhere; each of its two places alone would fit."""
     network, _, orbit = simulated(8, shown=(2, 6))
     moved = replace(orbit.control[1], east_m=orbit.control[1].east_m + 30.0)
-    far = ControlFrame.claimed("orbit", orbit.frame.centre_m, shift_m=1e4, rotation_deg=0.1)
+    far = ControlFrame.from_sigmas("orbit", orbit.frame.centre_m, shift_m=1e4, rotation_deg=0.1)
     network = replace(
         network,
         frames=(MAP, far),
