@@ -48,7 +48,7 @@ NO_LAYER = "preview"
 Futures = dict[str, PrefectFuture[Any]]
 """By what is made: one product, or several at once."""
 LACKING, FINDINGS = "no far ground,", (MatchingError, TerrainError)
-"""How it is told that the images do not give it, and by which errors that is known."""
+"""Message and errors of a stop whose images do not allow far ground."""
 
 
 def map_stops(

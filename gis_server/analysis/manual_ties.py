@@ -196,7 +196,7 @@ class TiePoint(Question):
 
 
 class TieWish(Question):
-    """A row of a file of hand ties."""
+    """A row of a file of manual tie points."""
 
     action: Literal["add", "veto", "move"] = "add"
     first: TiePoint
@@ -206,13 +206,13 @@ class TieWish(Question):
 
 
 class TrialQuestion(Question):
-    """Hand ties between images of two stops."""
+    """Manual tie points between images of two stops."""
 
     ties: Annotated[list[TieWish], Field(min_length=1, max_length=_MOST_TIES)]
 
 
 class TieResidual(BaseModel):
-    """How well a hand tie fits: observed minus computed, in epipolar pixels of each pair."""
+    """Fit of a manual tie point: observed minus computed, in epipolar pixels of each pair."""
 
     tie: int
     """Its number in the question."""
@@ -254,7 +254,7 @@ class TrialReport(BaseModel):
 
 
 class TrialAnswer(BaseModel):
-    """What hand ties would do."""
+    """The effect that manual tie points would have."""
 
     units: str = UNITS
     held_stop: str

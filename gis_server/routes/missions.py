@@ -258,7 +258,7 @@ def start(services: ServicesOf, cache: CacheStateOf) -> Response:
     The header `Last-Event-ID` names the last event that is in it: who asks `/api/events` for those
     `since` misses none.
     """
-    seen = services.catalogue.version()  # before all else: what happens meanwhile is told again
+    seen = services.catalogue.version()  # before all else: later events are sent again
     answer = cache.respond(_start_body(services, services.catalogue.published_version()))
     answer.headers[LAST_EVENT] = str(seen)
     return answer

@@ -1,4 +1,4 @@
-"""Picked points measured, and hand ties tried, where the true conjugates are known."""
+"""Picked points measured, and manual ties tried, where the true conjugates are known."""
 
 import json
 

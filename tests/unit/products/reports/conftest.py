@@ -1,22 +1,6 @@
-"""Textured planes, and two stops on rolling ground."""
+"""What figures are drawn from: a textured plane, and two stops on rolling ground."""
 
-from tests.support.rolling_stops import (
-    first_stand,
-    first_stop,
-    foreign_stop,
-    second_stand,
-    second_stop,
-)
-from tests.support.textured_planes import ground, rock, scene, sky
+from tests.support.rolling_stops import first_stand, first_stop, second_stand, second_stop
+from tests.support.textured_planes import ground, scene
 
-__all__ = [
-    "first_stand",
-    "first_stop",
-    "foreign_stop",
-    "ground",
-    "rock",
-    "scene",
-    "second_stand",
-    "second_stop",
-    "sky",
-]
+__all__ = ["first_stand", "first_stop", "ground", "scene", "second_stand", "second_stop"]
