@@ -70,7 +70,7 @@ def process_downlink(
             ):
                 _process_mission(mission, workspace, pipeline, report)
                 clear_failure(mission.lower(), workspace)
-        record.say([*report.warnings, *str(report).splitlines()])
+        record.say([*report.warnings, *report.lines])
         record.fail_if(report.failures)
     write_report(report, workspace)
     return report

@@ -54,14 +54,16 @@ class FetchReport:
         """Whether everything that was asked for is here."""
         return not self.failures
 
-    def __str__(self) -> str:
+    @property
+    def lines(self) -> list[str]:
+        """What came, or what there is; a line."""
         found = f"{self.pairs} stereo pairs ({self.unpaired} images have no partner)"
         here = f"{self.already_here} images were here already"
         if self.is_dry:
-            return "\n".join([*self.files, f"{found}; {here}"])
+            return [*self.files, f"{found}; {here}"]
         size = self.received_bytes / 1e6
         failed = f", {len(self.failures)} failed" if self.failures else ""
-        return f"{found}; {self.fetched} images fetched ({size:.1f} MB), {here}{failed}"
+        return [f"{found}; {self.fetched} images fetched ({size:.1f} MB), {here}{failed}"]
 
 
 @flow(name="fetch-archive", flow_run_name="fetch {mission} sol {sols}")

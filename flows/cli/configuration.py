@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
 from solmap.config.settings import Settings
-from solmap.flows.cli.console import errors, fail, out
+from solmap.flows.cli.console import fail, note, say
 
 config = typer.Typer(help="Parameters of the pipeline.", no_args_is_help=True)
 
@@ -31,7 +30,7 @@ def show(
     try:
         text = pipeline_toml(load_pipeline(pipeline or Settings().pipeline))
     except ConfigError as error:
-        fail(escape(str(error)))
+        fail(str(error))
     _put(text, file)
 
 
@@ -48,10 +47,10 @@ def check(
     except ConfigError as error:
         faults = [str(error)]
     for fault in faults:
-        errors.print("[red]error[/red] " + escape(fault), highlight=False)
+        note("error", fault)
     if faults:
         raise typer.Exit(1)
-    out.print(f"{escape(file)} is a valid pipeline", highlight=False)
+    say(f"{file} is a valid pipeline")
 
 
 @config.command()
@@ -69,4 +68,4 @@ def _put(text: str, file: Path | None) -> None:
     try:
         file.write_text(text, encoding="utf-8")
     except OSError as error:
-        fail(escape(f"{file} cannot be written: {error.strerror or error}"))
+        fail(f"{file} cannot be written: {error.strerror or error}")

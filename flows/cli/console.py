@@ -1,4 +1,9 @@
-"""What commands share: output, progress bars, tables, errors, and the options of a store."""
+"""What commands share: output, progress bars, tables, errors, and the options of a store.
+
+Everything that reaches the terminal goes through `say`, `note`, `fail`, `show_rows` or a bar. None
+of them reads markup in a text, and `printable` shows what would steer a terminal as an escape, so
+that file names, labels and messages may be passed as they are.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +12,13 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 from solmap.config.settings import Settings
 from solmap.flows.runtime.progress import Step, listen
@@ -24,12 +29,34 @@ if TYPE_CHECKING:
 WIDE = 200
 """Columns of a table that goes to a file or a pipe: nothing is cut off."""
 
-out = Console(soft_wrap=True, width=None if sys.stdout.isatty() else WIDE)
-errors = Console(stderr=True, soft_wrap=True)
+_out = Console(soft_wrap=True, width=None if sys.stdout.isatty() else WIDE)
+_errors = Console(stderr=True, soft_wrap=True)
+_STYLES = {"error": "red", "failed": "red", "warning": "yellow", "note": "yellow"}
 StoreOption = Annotated[
     Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+
+def printable(text: object) -> str:
+    """A text on one line that steers no terminal.
+
+    Control characters, line ends, changes of the writing direction and lone surrogates are shown as
+    escapes, as Python writes them.
+    """
+    return "".join(
+        one if one.isprintable() else one.encode("unicode_escape").decode() for one in str(text)
+    )
+
+
+def say(text: object) -> None:
+    """Print one line."""
+    _out.print(Text(printable(text)))
+
+
+def note(kind: Literal["error", "failed", "warning", "note"], text: object) -> None:
+    """Print one line of a kind to the standard error."""
+    _errors.print(Text.assemble((kind, _STYLES[kind]), " ", printable(text)))
 
 
 @contextmanager
@@ -45,11 +72,11 @@ def progress_shown() -> Iterator[None]:
 
 def _bars() -> Progress:
     return Progress(
-        TextColumn("{task.description:<44}"),
+        TextColumn("{task.description:<44}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        console=errors,
+        console=_errors,
     )
 
 
@@ -62,19 +89,19 @@ class _BarListener:
 
     def __call__(self, step: Step) -> None:
         if step.stage not in self._tasks:
-            self._tasks[step.stage] = self._bars.add_task(step.stage, total=step.total)
+            self._tasks[step.stage] = self._bars.add_task(printable(step.stage), total=step.total)
         task = self._tasks[step.stage]
         self._bars.update(task, completed=step.done, total=step.total)  # type: ignore[arg-type]
 
 
 def _print_finished(step: Step) -> None:
     if step.done == step.total:
-        errors.print(f"{step.stage}: {step.total} done", highlight=False)
+        _errors.print(Text(printable(f"{step.stage}: {step.total} done")))
 
 
 def fail(message: str) -> NoReturn:
     """Say what is wrong, and end the command with 1."""
-    errors.print(f"[red]error[/red] {message}", highlight=False)
+    note("error", message)
     raise typer.Exit(1)
 
 
@@ -86,7 +113,7 @@ def workspace_of(store: Path) -> Workspace:
     try:
         return open_workspace(store)
     except ProductError as error:
-        fail(escape(str(error)))
+        fail(str(error))
 
 
 def show_rows(rows: list[dict[str, Any]], columns: list[str], as_json: bool) -> None:  # noqa: FBT001
@@ -95,12 +122,12 @@ def show_rows(rows: list[dict[str, Any]], columns: list[str], as_json: bool) -> 
         typer.echo(json.dumps(rows, indent=2))
         return
     if not rows:
-        out.print("nothing yet: `solmap run DOWNLINK_DIR --store STORE` makes it")
+        say("nothing yet: `solmap run DOWNLINK_DIR --store STORE` makes it")
         return
     table = Table(*columns)
     for row in rows:
-        table.add_row(*(_cell(row.get(column)) for column in columns))
-    out.print(table)
+        table.add_row(*(Text(printable(_cell(row.get(column)))) for column in columns))
+    _out.print(table)
 
 
 def _cell(value: Any) -> str:  # noqa: ANN401 - anything JSON holds

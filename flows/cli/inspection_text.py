@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 
-def report_of(finding: Mapping[str, Any]) -> str:
+def report_of(finding: Mapping[str, Any]) -> list[str]:
     """A few lines on one image or derived raster, its name first."""
     rows = _raster_rows(finding) if "raster" in finding else _image_rows(finding)
-    return "\n".join([finding["product"], *(f"  {name:<9}{text}" for name, text in rows if text)])
+    return [finding["product"], *(f"  {name:<9}{text}" for name, text in rows if text)]
 
 
 def _image_rows(finding: Mapping[str, Any]) -> list[tuple[str, str]]:

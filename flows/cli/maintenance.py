@@ -14,7 +14,7 @@ from solmap.flows.cli.console import (
     JsonOption,
     StoreOption,
     fail,
-    out,
+    say,
     show_rows,
     store_of,
     workspace_of,
@@ -61,7 +61,7 @@ def prune(
         show_rows(rows, ["kind", "products", "megabytes"], False)  # noqa: FBT003
     megabytes = sum(one.size for one in found) / _MB
     verb = "removed" if yes else "would go; --yes removes them"
-    out.print(f"{len(found)} products, {megabytes:.1f} MB, {verb}", highlight=False)
+    say(f"{len(found)} products, {megabytes:.1f} MB, {verb}")
 
 
 def _rows(found: Sequence[UnreferencedProduct]) -> list[dict[str, Any]]:
@@ -96,7 +96,7 @@ def add(
     if not name.strip():
         fail("a token has a name: edits are signed with it")
     _, text = _book(store).add(name.strip(), Role.of_name(role), days)
-    out.print(text, highlight=False, soft_wrap=True)
+    say(text)
 
 
 @tokens.command("list")
@@ -130,4 +130,4 @@ def revoke(
         token = _book(store).revoke(number)
     except ProductNotFoundError as error:
         fail(str(error))
-    out.print(f"the token of {token.name} ({token.id}) is revoked", highlight=False)
+    say(f"the token of {token.name} ({token.id}) is revoked")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from solmap.flows.cli.console import StoreOption, fail, out, show_rows, store_of
+from solmap.flows.cli.console import StoreOption, fail, say, show_rows, store_of
 
 orbital = typer.Typer(help="Orbital images under the rover's map.", no_args_is_help=True)
 
@@ -57,7 +57,7 @@ def add_image(  # noqa: PLR0913 - options
     except (ProductError, OSError) as error:
         fail(str(error))
     for line in said:
-        out.print(line, highlight=False)
+        say(line)
 
 
 @orbital.callback()
@@ -89,7 +89,7 @@ def add_measured(
         said = add_control(file, mission.upper(), store_of(store), params)
     except (PhotogrammetryError, ProductError, OSError) as error:
         fail(str(error))
-    out.print(said, highlight=False)
+    say(said)
 
 
 @control.command("list")

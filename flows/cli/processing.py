@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
 
 from solmap.config.settings import Settings
-from solmap.flows.cli.console import StoreOption, errors, fail, out, progress_shown, store_of
+from solmap.flows.cli.console import StoreOption, fail, note, progress_shown, say, store_of
 from solmap.flows.runtime.engine import start_engine
 from solmap.products.store.locks import try_lock
 
@@ -46,10 +45,11 @@ def run(
     except (ConfigError, ProductError, TimeoutError) as error:
         fail(str(error))
     for line in report.warnings:
-        errors.print(f"[yellow]warning[/yellow] {line}", highlight=False)
+        note("warning", line)
     for line in report.failures:
-        errors.print(f"[red]failed[/red] {line}", highlight=False)
-    out.print(str(report), highlight=False)
+        note("failed", line)
+    for line in report.lines:
+        say(line)
     if not report.succeeded:
         raise typer.Exit(1)
 
@@ -79,8 +79,9 @@ def adjust(
     except (ConfigError, ProductError, TimeoutError) as error:
         fail(str(error))
     for line in report.failures:
-        errors.print("[red]failed[/red] " + escape(line), highlight=False)
-    out.print(escape("\n".join(report.notes)), highlight=False)
+        note("failed", line)
+    for line in report.notes:
+        say(line)
     if report.failures:
         raise typer.Exit(1)
 
@@ -131,10 +132,10 @@ def ties(
     try:
         taken = take_ties_file(file, store_of(store))
     except (PhotogrammetryError, OSError) as error:
-        fail(escape(str(error)))
+        fail(str(error))
     for name in taken.strangers:
-        errors.print(f"[yellow]warning[/yellow] {escape(name)} is not in the store (yet)")
-    out.print(escape(str(taken)), highlight=False)
+        note("warning", f"{name} is not in the store (yet)")
+    say(taken)
 
 
 def serve(
@@ -148,7 +149,7 @@ def serve(
     settings = Settings()
     address, listening_port = host or settings.host, port or settings.port
     os.environ["SOLMAP_STORE"] = str(store_of(store).resolve())
-    out.print(f"map at http://{address}:{listening_port}/  (Ctrl-C stops)", highlight=False)
+    say(f"map at http://{address}:{listening_port}/  (Ctrl-C stops)")
     uvicorn.run(
         "solmap.gis_server.app:create_app_from_settings",
         factory=True,
@@ -179,11 +180,11 @@ def up(
     with try_lock(root / "up.lock") as is_alone:
         if not is_alone:
             fail(f"another `solmap up` runs on {root}; stop it first")
-        machine = Machine(settings, lambda line: out.print(line, highlight=False))
+        machine = Machine(settings, say)
         try:
             machine.start()
-            out.print(f"map at http://{settings.host}:{settings.port}/", highlight=False)
-            out.print(f"runs at {machine.engine_url}/  (Ctrl-C stops both)", highlight=False)
+            say(f"map at http://{settings.host}:{settings.port}/")
+            say(f"runs at {machine.engine_url}/  (Ctrl-C stops both)")
             while not stopping.wait(LOOK_EVERY_S):
                 machine.tend()
         except TimeoutError as error:
@@ -195,10 +196,11 @@ def up(
 def _print_fetch_report(report: FetchReport) -> None:
     """Print how a fetch ended, and exit with 1 where something failed."""
     for line in report.warnings:
-        errors.print("[yellow]warning[/yellow] " + escape(line), highlight=False)
+        note("warning", line)
     for line in report.failures:
-        errors.print("[red]failed[/red] " + escape(line), highlight=False)
-    out.print(escape(str(report)), highlight=False)
+        note("failed", line)
+    for line in report.lines:
+        say(line)
     if not report.succeeded:
         raise typer.Exit(1)
 

@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
 from solmap.flows.cli.console import (
     JsonOption,
     StoreOption,
-    errors,
     fail,
-    out,
+    note,
+    say,
     show_rows,
     store_of,
     workspace_of,
@@ -80,7 +79,7 @@ def report(  # noqa: PLR0913 - the words of the command
             fail(f"name the sol too: `solmap report {mission_of_sol} 156 --out FILE`")
         target = out or Path(f"{mission_of_sol.lower()}-sol{sol:04d}.html")
         write_sol_report(mission_of_sol, sol, workspace_of(store_of(store)), target)
-        typer.echo(str(target))
+        say(target)
         if show:
             typer.launch(str(target.resolve()))
         return
@@ -113,7 +112,7 @@ def rig(
     try:
         rows = rig_correction_rows(workspace_of(store_of(store)), mission)
     except (ConfigError, PhotogrammetryError, ProductError) as error:
-        fail(escape(str(error)))
+        fail(str(error))
     if as_json or not rows:
         show_rows(rows, [], as_json)
         return
@@ -126,10 +125,9 @@ def rig(
     columns = ["mission", "camera", "pairs", "component", "value", "sigma", "unit", "stands_out"]
     show_rows(shown, [*columns, "parallax_px"], as_json)
     for row in {row["mission"]: row for row in rows}.values():
-        out.print(
+        say(
             f"{row['mission']}: sigma0 {row['sigma0_labelled']:.3f} with the rigs of the labels, "
-            f"{row['sigma0_corrected']:.3f} with rigs corrected; nothing was changed",
-            highlight=False,
+            f"{row['sigma0_corrected']:.3f} with rigs corrected; nothing was changed"
         )
 
 
@@ -166,8 +164,9 @@ def inspect(
     if as_json:
         typer.echo(json.dumps(findings, indent=2))
     else:
-        for number, finding in enumerate(findings):
-            typer.echo(("\n" if number else "") + report_of(finding))
+        lines = [line for finding in findings for line in ("", *report_of(finding))]
+        for line in lines[1:]:
+            say(line)
     try:
         if png is not None and not faults:
             write_png(files[0], png)
@@ -176,7 +175,7 @@ def inspect(
     except InspectionError as error:
         faults.append(str(error))
     for fault in faults:
-        errors.print("[red]error[/red] " + escape(fault), highlight=False)
+        note("error", fault)
     if faults:
         raise typer.Exit(1)
 

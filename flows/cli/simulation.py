@@ -11,8 +11,8 @@ from solmap.flows.cli.console import (
     JsonOption,
     StoreOption,
     fail,
-    out,
     progress_shown,
+    say,
     show_rows,
     store_of,
     workspace_of,
@@ -31,7 +31,7 @@ def simulate(
 
     with progress_shown():
         files = write_downlink(out_dir, stops=stops, seed=seed, terrain=terrain)
-    out.print(f"{files} files in {out_dir}; {out_dir / 'truth'} is for evaluation only")
+    say(f"{files} files in {out_dir}; {out_dir / 'truth'} is for evaluation only")
 
 
 def simulate_mission(
@@ -56,7 +56,7 @@ def simulate_mission(
             summary = simulate_into(root, plan, seed)
     except PhotogrammetryError as error:
         fail(str(error))
-    out.print(summary, highlight=False)
+    say(summary)
 
 
 def evaluate(

@@ -11,6 +11,7 @@ from solmap.flows.cli.console import (
     JsonOption,
     StoreOption,
     fail,
+    say,
     show_rows,
     store_of,
     workspace_of,
@@ -108,6 +109,4 @@ def stl(
     except (PhotogrammetryError, ProductError, OSError) as error:
         fail(str(error))
     kind = "watertight" if solid.is_watertight else "open"
-    typer.echo(
-        f"{file}: {len(solid.triangles)} triangles, {kind}, {abs(solid.volume_m3):.1f} m3 inside"
-    )
+    say(f"{file}: {len(solid.triangles)} triangles, {kind}, {abs(solid.volume_m3):.1f} m3 inside")

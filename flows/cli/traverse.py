@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from solmap.flows.cli.console import StoreOption, errors, fail, out, show_rows, store_of
+from solmap.flows.cli.console import StoreOption, fail, note, say, show_rows, store_of
 
 app = typer.Typer(help="Where the rover really was.", no_args_is_help=True)
 
@@ -38,11 +38,11 @@ def compare(  # noqa: PLR0913 - options
         found = compare_files(files, mission.upper(), (first_sol, last_sol), figure)
     except (PhotogrammetryError, OSError) as error:
         fail(str(error))
-    for note in found.notes:
-        errors.print(f"[yellow]note[/yellow] {note}", highlight=False)
+    for line in found.notes:
+        note("note", line)
     show_rows(found.rows(every_sol=every_sol), COLUMNS, as_json)
     if not as_json:
-        out.print(found.as_a_whole, highlight=False)
+        say(found.as_a_whole)
 
 
 @app.command("import")
@@ -56,7 +56,7 @@ def take(files: Files, mission: Mission = "MER2", store: StoreOption = None) -> 
         taken = import_files(files, mission.upper(), store_of(store))
     except (PhotogrammetryError, ProductError, OSError) as error:
         fail(str(error))
-    out.print(taken, highlight=False)
+    say(taken)
 
 
 @app.command()
@@ -72,7 +72,7 @@ def export(
     if not made:
         fail(f"no adjusted traverse of {mission.upper()} is in the store: run its downlink first")
     for file in made:
-        out.print(str(file), highlight=False)
+        say(file)
 
 
 @app.command("georeference")
@@ -96,7 +96,7 @@ def georeference_track(
         show_rows([found.document()], [], as_json)
         return
     show_rows(found.rows(), list(found.rows()[0]), as_json)
-    out.print(found.summary, highlight=False)
+    say(found.summary)
 
 
 @app.command("simulate-mosaic")
@@ -109,4 +109,4 @@ def simulate_points(
     from solmap.flows.traverse import write_simulated  # noqa: PLC0415 - slow to import
 
     truth = write_simulated(file, seed, rotation)
-    out.print(f"{file}; the answer is in {truth}", highlight=False)
+    say(f"{file}; the answer is in {truth}")

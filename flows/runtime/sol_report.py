@@ -65,10 +65,11 @@ class DownlinkReport:
         """Whether every sol that could be processed was."""
         return not self.failures
 
-    def __str__(self) -> str:
+    @property
+    def lines(self) -> list[str]:
+        """What became of every sol."""
         layers = sum(sol.layers for sol in self.sols)
         lines = [f"{self.images} images, {len(self.sols)} sols, {layers} layers of stops published"]
         for sol in self.sols:
             lines += [f"{sol.mission} sol {sol.sol}", *(f"  {note}" for note in sol.notes)]
-        lines += self.seams
-        return "\n".join(lines)
+        return lines + self.seams

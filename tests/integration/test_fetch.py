@@ -648,7 +648,7 @@ def test_a_dry_run_lists_and_fetches_no_image(archive, images, fetch):
     there.write_bytes(wanted(images)[name])
     report = fetch(archive, dry_run=True)
     assert [request.path for request in archive.requests] == [LABEL, TABLE]
-    text = str(report)
+    text = "\n".join(report.lines)
     assert f"{name}  (here)" in text
     assert text.endswith("3 stereo pairs (0 images have no partner); 1 images were here already")
     assert all(line in text for line in wanted(images))

@@ -248,7 +248,7 @@ def test_a_run_maps_counts_and_says_what_is_peculiar(frames, tmp_path, monkeypat
     names = [Path(name).stem.upper() for name in sorted(frames.files)]
     assert {f"{name}: {note}" for name in names} <= set(report.sols[0].notes)
     assert report.warnings == []
-    assert f"{names[0]}: {note}" in str(report)
+    assert f"{names[0]}: {note}" in "\n".join(report.lines)
     workspace = Workspace.open(store)
     outcomes = {outcome.subject: outcome for outcome in workspace.catalogue.outcomes()}
     assert outcomes[min(frames.files)].notes == (note,)
