@@ -26,7 +26,6 @@ from solmap.flows.sol import process_sol
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import Scope
-from solmap.products.store.locks import exclusive_lock
 from solmap.tasks.images.ingest import Delivery, ingest_downlink
 from solmap.tasks.images.manual_ties import take_edits
 from solmap.tasks.network.orientations import Standing
@@ -65,7 +64,7 @@ def process_downlink(
         for mission in delivery.missions:
             line = f"{mission}: {{}}"
             with (
-                exclusive_lock(workspace.store.root, mission, partial(_log_waiting, mission)),
+                workspace.mission_turn(mission, partial(_log_waiting, mission)),
                 isolate(mission.lower(), workspace, report.failures, line),
             ):
                 _process_mission(mission, workspace, pipeline, report)

@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Set
 from pathlib import Path
 
-from prefect import flow
-
 from solmap.config.landing import landing_site
 from solmap.config.pipeline import PipelineConfig, load_pipeline
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
-from solmap.flows.runtime.run_page import mission_name
 from solmap.flows.runtime.run_record import record_run
 from solmap.photogrammetry.terrain.dtm.region_dtm import regions_of
 from solmap.products.catalogue.catalogue import MissionEntry
@@ -19,7 +16,6 @@ from solmap.products.catalogue.images import image_records
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.model import REGION_KINDS, Layer, ProductKind, ProductRef, Scope
-from solmap.products.store.locks import exclusive_lock
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.telemetry import read_telemetry, vector_files
 from solmap.tasks.maps.region import fuse_region, seam_notes
@@ -110,10 +106,7 @@ def _surfaces(
     ]
 
 
-@flow(name="refresh-region", flow_run_name=mission_name)
-def refresh_regions(
-    store: Path, pipeline: str = "default", mission: str | None = None
-) -> list[str]:
+def refresh_regions(store: Path, pipeline: str, mission: str | None = None) -> list[str]:
     """Join the stops of every mission, or of one, to regions anew where any of them changed.
 
     Args:
@@ -125,7 +118,7 @@ def refresh_regions(
     notes: list[str] = []
     for name in missions_of(store, mission):
         with (
-            exclusive_lock(workspace.store.root, name),
+            workspace.mission_turn(name),
             record_run("region", name, workspace) as record,
         ):
             seams = map_regions(name, workspace, pipeline)

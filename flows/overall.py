@@ -8,7 +8,7 @@ from prefect import flow
 
 from solmap.config.workspace import open_workspace
 from solmap.flows.mission import draw_mission, map_regions, missions_of
-from solmap.flows.runtime.run_page import mission_name, write_adjustments
+from solmap.flows.runtime.run_page import write_adjustments
 from solmap.flows.runtime.run_record import record_run
 from solmap.flows.runtime.runners import on_workers
 from solmap.flows.runtime.sol_report import SolReport
@@ -17,7 +17,6 @@ from solmap.flows.sol_inputs import gather_all
 from solmap.products.catalogue.catalogue import published_networks
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.store.locks import exclusive_lock
 from solmap.tasks.images.manual_ties import take_edits
 from solmap.tasks.network.orientations import Standing, standing_of
 from solmap.tasks.scopes import is_overall, sol_of
@@ -49,7 +48,7 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
     """
     workspace = open_workspace(store)
     with (
-        exclusive_lock(workspace.store.root, mission),
+        workspace.mission_turn(mission),
         record_run("overall adjustment", mission, workspace) as record,
     ):
         take_edits(workspace)
@@ -86,8 +85,7 @@ def overall_sols(mission: str, workspace: Workspace) -> set[int]:
     }
 
 
-@flow(name="overall-adjustment", flow_run_name=mission_name)
-def adjust_all(store: Path, pipeline: str = "default", mission: str | None = None) -> list[str]:
+def adjust_all(store: Path, pipeline: str, mission: str | None = None) -> list[str]:
     """Adjust all stops of every mission, or of one, together; map again what moved.
 
     Args:

@@ -21,6 +21,7 @@ from solmap.products.errors import (
     ProductNotFoundError,
     StoreAwayError,
     StoreFullError,
+    StoreReadOnlyError,
 )
 
 log = logging.getLogger(__name__)
@@ -28,6 +29,7 @@ STATUS: dict[type[Exception], HTTPStatus] = {
     ProductNotFoundError: HTTPStatus.NOT_FOUND,
     OutsideCoverageError: HTTPStatus.NOT_FOUND,
     StoreFullError: HTTPStatus.INSUFFICIENT_STORAGE,
+    StoreReadOnlyError: HTTPStatus.FORBIDDEN,
     StoreAwayError: HTTPStatus.SERVICE_UNAVAILABLE,
     UnknownStyleError: HTTPStatus.UNPROCESSABLE_ENTITY,
     ProductError: HTTPStatus.INTERNAL_SERVER_ERROR,
@@ -91,7 +93,8 @@ def _answer(status: HTTPStatus) -> Callable[[Request, Exception], Awaitable[JSON
 async def _name_methods(request: Request, _error: Exception) -> JSONResponse:
     """Which methods an address has, of all its routes: a file server would answer with its own."""
     described = request.app.openapi()["paths"].items()
-    fitting = [ways for path, ways in described if compile_path(path)[0].match(request.url.path)]
+    asked = request.url.path.removeprefix(request.scope.get("root_path", ""))
+    fitting = [ways for path, ways in described if compile_path(path)[0].match(asked)]
     methods = sorted({way.upper() for ways in fitting for way in ways}) or ["GET", "HEAD"]
     status = HTTPStatus.METHOD_NOT_ALLOWED
     what = f"{request.method} is not among the methods of this address: {', '.join(methods)}"

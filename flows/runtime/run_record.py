@@ -12,13 +12,13 @@ import logging
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 
 from sqlalchemy.exc import SQLAlchemyError
 
 from solmap.flows.runtime.progress import Step, listen
 from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.store.locks import shared_run_lock
 from solmap.products.store.process import log_context, log_to_store
 
 log = logging.getLogger(__name__)
@@ -82,7 +82,7 @@ def record_run(kind: str, subject: str, workspace: Workspace) -> Iterator[RunRec
     record = RunRecord(Run.start(kind, subject), RunRecords(workspace.catalogue.engine))
     try:
         with (
-            shared_run_lock(workspace.store.root),
+            workspace.run_turn(partial(log.info, "%s waits for maintenance of the store", kind)),
             listen(record.step),
             log_context(run=record.name, flow=kind, of=subject),
         ):

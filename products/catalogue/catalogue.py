@@ -17,15 +17,14 @@ from typing import Any
 import sqlalchemy as sa
 
 from solmap.photogrammetry.imagery import StopId
+from solmap.products.catalogue import schema
 from solmap.products.catalogue.database import (
     IMAGES,
     LATEST,
     LAYERS,
     MISSIONS,
     OUTCOMES,
-    TABLES,
     count_ingested,
-    create_tables,
     engine_of,
     move_pointer,
     pointer_keys,
@@ -154,11 +153,14 @@ class Catalogue:
     def open(cls, root: Path, url: str | None = None) -> Catalogue:
         """Open or found the catalogue of the store at `root`, or at a database URL.
 
+        An older one is migrated first; where nothing may be written, it is read as it is.
+
         Raises:
-            ProductError: the URL cannot be used, or its database does not answer.
+            ProductError: the URL cannot be used, its database does not answer, or the store is of
+                a newer version.
         """
-        engine = engine_of(root / "catalogue.sqlite", url)
-        create_tables(engine, TABLES)
+        engine = engine_of(root / schema.CATALOGUE, url)
+        schema.prepare(root, engine)
         return cls(engine)
 
     def missions(self) -> list[MissionEntry]:

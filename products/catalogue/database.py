@@ -5,14 +5,22 @@ numbers in another order than their transactions commit, and who asks for events
 would miss a 6 that is committed later. So writers take turns there too (an advisory lock that ends
 with the transaction, even if its process is killed): numbers are in the order of commits, and what
 a writer reads stays true until it has written. Readers wait for nobody.
+
+Databases of a store that may only be read are opened so that SQLite writes nothing beside them. One
+that its owner has open is read with its write-ahead log; one at rest is read as a file that does
+not change. Every question opens it anew, so it is seen when the owner comes back to work.
 """
 
 from __future__ import annotations
 
 import atexit
 import json
+import shutil
+import sqlite3
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -20,10 +28,11 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine.interfaces import DBAPIConnection
-from sqlalchemy.exc import ArgumentError, NoSuchModuleError, OperationalError
+from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, OperationalError
 
-from solmap.products.errors import ProductError, StoreAwayError
+from solmap.products.errors import ProductError, StoreAwayError, StoreFullError
 from solmap.products.model import ProductRef
+from solmap.products.store.faults import is_database_full, is_read_only, require_writable
 
 Text = sa.String().with_variant(postgresql.VARCHAR(collation="C"), "postgresql")
 """Text that both sort by its bytes, whatever the language of the database."""
@@ -39,6 +48,8 @@ _SPARE = 20
 
 def engine_of(path: Path, url: str | None = None) -> sa.Engine:
     """A database in a file, or at a URL; one pool of connections for all who ask for a URL."""
+    if not url and is_read_only(path):
+        return _read_only_engine(path)
     if not url:
         return _engine(f"sqlite:///{path}")
     with _AT_URLS_LOCK:
@@ -82,20 +93,64 @@ def _engine(url: str) -> sa.Engine:
         raise ProductError(f"the catalogue's URL cannot be used: {error}; {_URLS}") from error
 
 
+def _read_only_engine(path: Path) -> sa.Engine:
+    if not path.is_file():
+        raise ProductError(f"{path.parent} holds no catalogue, and none can be made there")
+    creator = partial(read_only_connection, path)
+    engine = sa.create_engine("sqlite://", creator=creator, poolclass=sa.NullPool)
+
+    @sa.event.listens_for(engine, "begin")
+    def refuse_writers(connection: sa.Connection) -> None:
+        if connection.get_execution_options().get(_WRITES):
+            require_writable(path)
+
+    return engine
+
+
+def read_only_connection(path: Path) -> sqlite3.Connection:
+    """A connection to an SQLite database beside which nothing may be written."""
+    uri, log = path.resolve().as_uri(), Path(f"{path}-wal")
+    connect = partial(
+        sqlite3.connect, uri=True, timeout=_WAIT_S, check_same_thread=False, isolation_level=None
+    )
+    if not log.exists():
+        return connect(f"{uri}?mode=ro&immutable=1")
+    connection = connect(f"{uri}?mode=ro")
+    try:
+        connection.execute("SELECT 1 FROM sqlite_master").fetchone()
+    except sqlite3.OperationalError:  # nobody has it open: the log was left by a killed process
+        connection.close()
+        changed = tuple((one.stat().st_mtime_ns, one.stat().st_size) for one in (path, log))
+        return connect(_copy_with_log(path, changed).as_uri())
+    return connection
+
+
+@lru_cache(maxsize=8)
+def _copy_with_log(path: Path, changed: tuple[tuple[int, int], ...]) -> Path:  # noqa: ARG001 - cached by it
+    """A copy of a database and its log in a temporary folder, where SQLite may join them."""
+    folder = Path(tempfile.mkdtemp(dir=_temporary_folder().name))
+    for name in (path.name, f"{path.name}-wal"):
+        shutil.copyfile(path.with_name(name), folder / name)
+    return folder / path.name
+
+
+@cache
+def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
+    """Kept until this process ends."""
+    return tempfile.TemporaryDirectory(prefix="solmap-")
+
+
 _URLS = "say SOLMAP_CATALOGUE_URL=postgresql+psycopg://user:password@host/database, or leave it out"
 
 
-def create_tables(engine: sa.Engine, tables: sa.MetaData) -> None:
-    """Create missing tables; processes that start together do so one after the other.
+def tables_of(engine: sa.Engine) -> set[str]:
+    """The names of the tables in a database.
 
     Raises:
         StoreAwayError: the database does not answer.
     """
     try:
-        if set(tables.tables) <= set(sa.inspect(engine).get_table_names()):
-            return  # also where nothing may be written
-        with write_transaction(engine) as connection:
-            tables.create_all(connection)
+        return set(sa.inspect(engine).get_table_names())
     except OperationalError as error:
         if engine.dialect.name == "sqlite":
             raise
@@ -109,11 +164,29 @@ def create_tables(engine: sa.Engine, tables: sa.MetaData) -> None:
 @contextmanager
 def write_transaction(engine: sa.Engine) -> Iterator[sa.Connection]:
     """A transaction that writes, alone among writers from its first statement on."""
-    with engine.connect().execution_options(**{_WRITES: True}) as connection, connection.begin():
+    with (
+        explain_full_disk(engine.url.render_as_string(hide_password=True)),
+        engine.connect().execution_options(**{_WRITES: True}) as connection,
+        connection.begin(),
+    ):
         if connection.dialect.name == "postgresql":
             connection.exec_driver_sql(f"SET LOCAL lock_timeout = '{_WAIT_S}s'")
             connection.execute(sa.select(sa.func.pg_advisory_xact_lock(_TURN)))
         yield connection
+
+
+@contextmanager
+def explain_full_disk(database: object) -> Iterator[None]:
+    """Say plainly that a database cannot be written because its disk is full."""
+    try:
+        yield
+    except (DBAPIError, sqlite3.Error) as error:
+        if is_database_full(error):
+            raise StoreFullError(
+                f"the disk of {database} is full; free some space and run again: what was made "
+                "before is kept"
+            ) from error
+        raise
 
 
 def upsert(

@@ -12,34 +12,23 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from solmap.products.catalogue.database import explain_full_disk, read_only_connection
 from solmap.products.errors import ProductError, ProductNotFoundError
+from solmap.products.store.faults import is_read_only, require_writable
 
 FILE = "edits.sqlite"
 _WAIT_S = 30.0
 """For others who write."""
 
 
-@contextmanager
-def transaction(path: Path, schema: str) -> Iterator[sqlite3.Connection]:
-    """A transaction on the database, which is made with the schema where it is not there yet."""
-    connection = sqlite3.connect(path, timeout=_WAIT_S)
-    try:
-        with connection:
-            connection.execute("PRAGMA journal_mode=WAL")
-            connection.executescript(schema)
-            yield connection
-    finally:
-        connection.close()
-
-
-_EDITS_SCHEMA = """
+_SCHEMA = """
 CREATE TABLE IF NOT EXISTS edits(
     id INTEGER PRIMARY KEY AUTOINCREMENT, mission TEXT NOT NULL, kind TEXT NOT NULL,
     document TEXT NOT NULL, author TEXT NOT NULL, at TEXT NOT NULL, note TEXT NOT NULL,
@@ -49,7 +38,40 @@ CREATE TRIGGER IF NOT EXISTS edits_stay BEFORE DELETE ON edits
     BEGIN SELECT RAISE(ABORT, 'edits are never deleted'); END;
 CREATE TRIGGER IF NOT EXISTS edits_are BEFORE UPDATE ON edits
     BEGIN SELECT RAISE(ABORT, 'edits are never changed'); END;
+CREATE TABLE IF NOT EXISTS requests(
+    id INTEGER PRIMARY KEY AUTOINCREMENT, kind TEXT NOT NULL, mission TEXT, author TEXT NOT NULL,
+    at TEXT NOT NULL, state TEXT NOT NULL, answer TEXT);
 """
+
+
+@contextmanager
+def transaction(path: Path) -> Iterator[sqlite3.Connection]:
+    """A transaction on the database, which is made where it is not there yet.
+
+    Raises:
+        StoreReadOnlyError: nothing may be written there.
+        StoreFullError: its disk is full.
+    """
+    require_writable(path)
+    with (
+        closing(sqlite3.connect(path, timeout=_WAIT_S)) as connection,
+        explain_full_disk(path),
+        connection,
+    ):
+        connection.execute("PRAGMA journal_mode=WAL")
+        connection.executescript(_SCHEMA)
+        yield connection
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[sqlite3.Connection]:
+    """The same for readers, also where nothing may be written."""
+    if not is_read_only(path):
+        with transaction(path) as connection:
+            yield connection
+        return
+    with closing(read_only_connection(path)) as connection:
+        yield connection
 
 
 class EditKind(StrEnum):
@@ -122,7 +144,7 @@ class EditLog:
         """All edits, or those of a mission, in their order; also those without effect."""
         if not self.path.is_file():
             return []
-        with transaction(self.path, _EDITS_SCHEMA) as connection:
+        with _reading(self.path) as connection:
             rows = connection.execute(
                 "SELECT id, mission, kind, document, author, at, note, undoes FROM edits "
                 "WHERE ? IS NULL OR mission = ? ORDER BY id",
@@ -149,7 +171,7 @@ class EditLog:
     ) -> Edit:
         at = datetime.now(UTC).isoformat(timespec="milliseconds")
         row = (mission, str(kind), json.dumps(document), author, at, note, undoes)
-        with transaction(self.path, _EDITS_SCHEMA) as connection:
+        with transaction(self.path) as connection:
             added = connection.execute(
                 "INSERT INTO edits(mission, kind, document, author, at, note, undoes) "
                 "VALUES(?,?,?,?,?,?,?)",
@@ -165,9 +187,6 @@ def _edit(row: tuple[Any, ...], counts: bool) -> Edit:  # noqa: FBT001 - a fact 
     return Edit(number, mission, EditKind(kind), known, author, at, note, undoes, counts)
 
 
-_REQUESTS_SCHEMA = """CREATE TABLE IF NOT EXISTS requests(
-    id INTEGER PRIMARY KEY AUTOINCREMENT, kind TEXT NOT NULL, mission TEXT, author TEXT NOT NULL,
-    at TEXT NOT NULL, state TEXT NOT NULL, answer TEXT)"""
 _COLUMNS = "id, kind, mission, author, at, state, answer"
 
 
@@ -219,7 +238,7 @@ class RunRequests:
 
     def add(self, kind: RequestKind, mission: str | None, author: str) -> RunRequest:
         """Add a request, unless the same is waiting already; the one that waits."""
-        with transaction(self.path, _REQUESTS_SCHEMA) as connection:
+        with transaction(self.path) as connection:
             connection.execute("BEGIN IMMEDIATE")
             same = connection.execute(
                 f"SELECT {_COLUMNS} FROM requests "  # noqa: S608 - our own words
@@ -239,7 +258,7 @@ class RunRequests:
         """The newest first."""
         if not self.path.is_file():
             return []
-        with transaction(self.path, _REQUESTS_SCHEMA) as connection:
+        with _reading(self.path) as connection:
             rows = connection.execute(
                 f"SELECT {_COLUMNS} FROM requests ORDER BY id DESC LIMIT ?",  # noqa: S608
                 (limit,),
@@ -253,7 +272,7 @@ class RunRequests:
 
     def answer(self, number: int, state: RequestState, answer: str) -> None:
         """Record the answer to a request."""
-        with transaction(self.path, _REQUESTS_SCHEMA) as connection:
+        with transaction(self.path) as connection:
             connection.execute(
                 "UPDATE requests SET state = ?, answer = ? WHERE id = ?", (state, answer, number)
             )

@@ -28,9 +28,8 @@ import sqlalchemy as sa
 
 from solmap.products.catalogue.database import FINISHED, LATEST, LAYERS, write_transaction
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.errors import ProductError
+from solmap.products.errors import ProductError, ProductNotFoundError
 from solmap.products.model import ProductKind, ProductRef
-from solmap.products.store.locks import run_lock_path, try_lock
 
 UNPUBLISHED = {
     ProductKind.QUICKLOOK,
@@ -119,13 +118,9 @@ def prune(workspace: Workspace, params: PruningParams) -> list[UnreferencedProdu
     """Remove the unreferenced products, and return them.
 
     Raises:
-        ProductError: a run is going on, which may need what is unreferenced yet.
+        StoreBusyError: a run is going on, which may need what is unreferenced yet.
     """
-    with try_lock(run_lock_path(workspace.store.root)) as is_alone:
-        if not is_alone:
-            raise ProductError(
-                f"a run is working on {workspace.store.root}: prune when it has ended"
-            )
+    with workspace.maintenance_turn("prune"):
         found = unreferenced_products(workspace, params)
         _forget(workspace, [one.ref for one in found])
         for one in found:
@@ -136,12 +131,18 @@ def prune(workspace: Workspace, params: PruningParams) -> list[UnreferencedProdu
 def _known_products(workspace: Workspace) -> Iterator[tuple[str, _Known]]:
     store = workspace.store
     for ref in store.refs():
-        notes = store.provenance(ref)
-        recipe = notes["recipe"]
-        inputs = (*recipe["inputs"], *_named_in(recipe["params"]))
-        params = recipe["params"]
-        sort = params.get("", "") if isinstance(params, dict) else ""
-        yield _name(ref), _Known(ref, inputs, sort, notes["made_at"], notes["bytes"])
+        try:
+            yield _name(ref), _known(ref, store.provenance(ref))
+        except (ProductNotFoundError, ValueError, LookupError, TypeError):
+            continue  # what cannot be told the origin of stays; `solmap check` names it
+
+
+def _known(ref: ProductRef, notes: dict[str, Any]) -> _Known:
+    recipe = notes["recipe"]
+    inputs = (*recipe["inputs"], *_named_in(recipe["params"]))
+    params = recipe["params"]
+    sort = params.get("", "") if isinstance(params, dict) else ""
+    return _Known(ref, inputs, sort, notes["made_at"], notes["bytes"])
 
 
 def _named_in(params: Any) -> Iterator[str]:  # noqa: ANN401 - plain JSON
@@ -164,7 +165,8 @@ def _published_names(workspace: Workspace) -> Iterator[str]:
         finished = connection.execute(sa.select(FINISHED.c.document)).scalars().all()
     for document in finished:
         for text in (*document["standing"], *document["layers"], *document.get("pointers", ())):
-            yield _name(ProductRef.of_text(text))
+            kind, _, rest = text.partition("/")  # a scope may have an odd name
+            yield f"{kind}/{rest.partition('/')[2]}"
     for image in workspace.catalogue.images():
         for ref in (image.ref, image.browse, image.radiometry):
             if ref is not None:

@@ -9,16 +9,19 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import os
 import secrets
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from enum import IntEnum
 from pathlib import Path
 
-from solmap.products.errors import ProductNotFoundError
+from solmap.products.catalogue.database import explain_full_disk, read_only_connection
+from solmap.products.errors import ProductError, ProductNotFoundError
+from solmap.products.store.faults import is_read_only, require_writable
 
 FILE = "access.sqlite"
 _PREFIX = "solmap"
@@ -92,7 +95,7 @@ class Tokens:
         """All, revoked ones too, in the order in which they were made."""
         if not self.path.is_file():
             return []
-        with self._connection() as connection:
+        with self._reading() as connection:
             rows = connection.execute(
                 "SELECT id, name, role, made_at, ends_at, revoked_at FROM tokens ORDER BY rowid"
             )
@@ -117,9 +120,9 @@ class Tokens:
     def verify(self, text: str) -> Token | None:
         """The token of a text, if it is valid."""
         parts = text.split("_", 2)
-        if len(parts) != 3 or parts[0] != _PREFIX or not self.path.is_file():  # noqa: PLR2004
+        if len(parts) != 3 or parts[0] != _PREFIX or not os.access(self.path, os.R_OK):  # noqa: PLR2004
             return None
-        with self._connection() as connection:
+        with self._reading() as connection:
             row = connection.execute("SELECT hash FROM tokens WHERE id = ?", (parts[1],)).fetchone()
         if row is None or not hmac.compare_digest(row[0], _hash(parts[2])):
             return None
@@ -127,12 +130,25 @@ class Tokens:
         return next(same, None)
 
     @contextmanager
+    def _reading(self) -> Iterator[sqlite3.Connection]:
+        """A connection for readers, also where nothing may be written."""
+        if not os.access(self.path, os.R_OK):
+            raise ProductError(f"{self.path} cannot be read: it belongs to another user")
+        if not is_read_only(self.path):
+            with self._connection() as connection:
+                yield connection
+            return
+        with closing(read_only_connection(self.path)) as connection:
+            yield connection
+
+    @contextmanager
     def _connection(self) -> Iterator[sqlite3.Connection]:
+        require_writable(self.path)
         if not self.path.exists():
             self.path.touch(mode=0o600)
         connection = sqlite3.connect(self.path, timeout=30.0)
         try:
-            with connection:
+            with explain_full_disk(self.path), connection:
                 connection.execute(_SCHEMA)
                 yield connection
         finally:

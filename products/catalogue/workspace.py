@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
+from solmap.products.catalogue import turns
 from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.store.backends import ObjectStorage
 from solmap.products.store.product_store import ProductStore
@@ -27,3 +30,21 @@ class Workspace:
         """Open or found the workspace at `root`; catalogue and products may lie elsewhere."""
         store = ProductStore.open(root, object_storage)
         return cls(store, Catalogue.open(store.root, catalogue_url))
+
+    def run_turn(self, on_wait: Callable[[], None] = lambda: None) -> AbstractContextManager[None]:
+        """Work on it beside other runs: nothing is pruned, repaired or restored meanwhile."""
+        return turns.run_turn(self.store.root, self.catalogue.engine, on_wait)
+
+    def mission_turn(
+        self, mission: str, on_wait: Callable[[], None] = lambda: None
+    ) -> AbstractContextManager[None]:
+        """Change a mission alone; `on_wait` is called once where another run does."""
+        return turns.mission_turn(self.store.root, self.catalogue.engine, mission, on_wait)
+
+    def maintenance_turn(self, what: str) -> AbstractContextManager[None]:
+        """Work on it alone; `what` is asked for again later where others work on it.
+
+        Raises:
+            StoreBusyError: they do.
+        """
+        return turns.maintenance_turn(self.store.root, self.catalogue.engine, what)

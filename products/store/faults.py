@@ -7,7 +7,9 @@ fail in the same way again.
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import os
 import shutil
 import sqlite3
 from collections.abc import Callable
@@ -17,7 +19,7 @@ from typing import TypeVar
 from sqlalchemy.exc import DBAPIError, OperationalError
 from tenacity import Retrying, retry_if_exception, stop_after_attempt, wait_exponential
 
-from solmap.products.errors import StoreAwayError
+from solmap.products.errors import StoreAwayError, StoreReadOnlyError
 
 T = TypeVar("T")
 
@@ -85,10 +87,17 @@ def _database_is_away(error: DBAPIError) -> bool:
     """Whether the connection was lost, or another transaction was in the way."""
     if isinstance(error.orig, sqlite3.Error):
         return is_transient(error.orig)
-    is_disk_full = getattr(error.orig, "sqlstate", None) == _FULL_DISK
     return (
         isinstance(error, OperationalError) or error.connection_invalidated
-    ) and not is_disk_full
+    ) and not is_database_full(error)
+
+
+def is_database_full(error: DBAPIError | sqlite3.Error) -> bool:
+    """Whether a database could not be written because its disk is full."""
+    cause = error.orig if isinstance(error, DBAPIError) else error
+    code: int = getattr(cause, "sqlite_errorcode", 0)
+    is_full = getattr(cause, "sqlstate", None) == _FULL_DISK
+    return is_full or code & _PRIMARY_CODE == sqlite3.SQLITE_FULL
 
 
 _FULL_BYTES = 1 << 20
@@ -102,4 +111,25 @@ def is_disk_full(folder: Path, error: Exception) -> bool:
     """
     number = error.errno if isinstance(error, OSError) else None
     full = number in (errno.ENOSPC, errno.EDQUOT)
-    return full or shutil.disk_usage(folder).free < _FULL_BYTES
+    with contextlib.suppress(OSError):  # the disk is away
+        full = full or shutil.disk_usage(folder).free < _FULL_BYTES
+    return full
+
+
+def is_read_only(path: Path) -> bool:
+    """Whether a folder, or a file and its folder, is there and this process may not change it."""
+    folder = path if path.is_dir() else path.parent
+    return any(there.exists() and not os.access(there, os.W_OK) for there in (folder, path))
+
+
+def require_writable(root: Path) -> None:
+    """Refuse to go on where the store at `root` is there and may only be read.
+
+    Raises:
+        StoreReadOnlyError: it may.
+    """
+    if is_read_only(root):
+        raise StoreReadOnlyError(
+            f"{root} can only be read, by this user or because of its disk: what it holds can be "
+            "served and listed; to change it, use a copy or the user that it belongs to"
+        )

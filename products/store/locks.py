@@ -1,7 +1,8 @@
 """Locks between the processes of a store: who changes a mission, who makes products, who prunes.
 
 They are locks of the kernel (flock), which it releases when the holding process ends, however it
-ends. Runs share one lock and pruning takes it alone.
+ends. Runs share one lock; pruning, migration, repair and restoring take it alone. Where several
+machines share a catalogue, `products.catalogue.turns` adds locks of its database.
 """
 
 from __future__ import annotations
@@ -10,6 +11,10 @@ import fcntl
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
+
+from solmap.products.errors import StoreReadOnlyError
+from solmap.products.store.faults import is_read_only, require_writable
 
 
 @contextmanager
@@ -22,25 +27,20 @@ def exclusive_lock(
         root: Folder of the store.
         name: What is changed, like a mission.
         on_wait: Called once before waiting.
+
+    Raises:
+        StoreReadOnlyError: nothing may be written in the store.
     """
-    folder = root / "locks"
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / f"{name.lower()}.lock").open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            on_wait()
-            fcntl.flock(file, fcntl.LOCK_EX)
+    with _opened(root / "locks" / f"{name.lower()}.lock") as file:
+        _wait_for(file, fcntl.LOCK_EX, on_wait)
         yield
 
 
 @contextmanager
-def shared_run_lock(root: Path) -> Iterator[None]:
+def shared_run_lock(root: Path, on_wait: Callable[[], None] = lambda: None) -> Iterator[None]:
     """Hold the lock of runs, with other runs: nothing is pruned meanwhile. Waits for a pruning."""
-    file = run_lock_path(root)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("a") as opened:
-        fcntl.flock(opened, fcntl.LOCK_SH)
+    with _opened(run_lock_path(root)) as file:
+        _wait_for(file, fcntl.LOCK_SH, on_wait)
         yield
 
 
@@ -52,11 +52,32 @@ def run_lock_path(root: Path) -> Path:
 @contextmanager
 def try_lock(path: Path) -> Iterator[bool]:
     """Take the lock file at `path` alone if it is free; whether it was. Never waits."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("a") as file:
+    with _opened(path) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             yield False
         else:
             yield True
+
+
+def _opened(path: Path) -> IO[str]:
+    """The lock file, made where it is missing."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("a")
+    except OSError as error:
+        require_writable(path.parent.parent)
+        if is_read_only(path):
+            raise StoreReadOnlyError(
+                f"{path} cannot be locked ({error.strerror}): it belongs to another user"
+            ) from error
+        raise
+
+
+def _wait_for(file: IO[str], kind: int, on_wait: Callable[[], None]) -> None:
+    try:
+        fcntl.flock(file, kind | fcntl.LOCK_NB)
+    except OSError:
+        on_wait()
+        fcntl.flock(file, kind)

@@ -28,6 +28,8 @@ from logging.handlers import WatchedFileHandler
 from pathlib import Path
 from types import MappingProxyType
 
+from solmap.products.store.faults import is_read_only
+
 MOST_BYTES = 10_000_000
 KEPT = 4
 _STANDARD = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName"}
@@ -94,8 +96,10 @@ class SharedLogHandler(WatchedFileHandler):
 
 
 def log_to_store(root: Path, program: str) -> None:
-    """Write the log of this process to `logs/PROGRAM.jsonl` of a store."""
+    """Write the log of this process to `logs/PROGRAM.jsonl` of a store, if that may be written."""
     path = root.resolve() / "logs" / f"{program}.jsonl"
+    if is_read_only(root) or is_read_only(path):
+        return
     handler = SharedLogHandler(path)
     handler.setFormatter(JsonLineFormatter())
     logger = logging.getLogger("solmap")

@@ -34,12 +34,14 @@ from solmap.products.store.backends import (
     object_storage_of,
     remember_object_storage,
 )
-from solmap.products.store.faults import is_disk_full
+from solmap.products.store.faults import is_disk_full, require_writable
 from solmap.products.store.object_backend import open_object_backend
 from solmap.products.store.process import ResourceMeter
 
 _CHUNK = 1 << 20
 _PRODUCTS = "products"
+_LEVELS = 4
+"""Of the name of a product: `products/KIND/SCOPE/FILE`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,17 +57,21 @@ class ProductStore:
     def open(cls, root: Path, object_storage: ObjectStorage | None = None) -> ProductStore:
         """Open or found the store at `root`, and clear the drafts that killed processes left.
 
+        One that may only be read is opened for that.
+
         Raises:
-            ProductError: the folder cannot be made or written to, or the URL cannot be used.
+            ProductError: the folder cannot be made, or the URL cannot be used.
             StoreAwayError: the object store does not answer.
         """
         store = cls(root.resolve())
         try:
             store._drafts.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ProductError(
-                f"{root} cannot hold a store: {error.strerror}; name a folder that can be written"
-            ) from error
+            if not (store.root / _PRODUCTS).is_dir():
+                raise ProductError(
+                    f"{root} cannot hold a store: {error.strerror}; name a folder that can be "
+                    "written"
+                ) from error
         store._clear_dead_drafts()
         object_storage = object_storage_of(store.root, object_storage)
         if object_storage is None:
@@ -130,12 +136,13 @@ class ProductStore:
         """Every product there is, latest or not, in the order of their names."""
         for kind in sorted(ProductKind):
             for name in sorted(self._backend.names(f"{_PRODUCTS}/{kind}")):
-                scope = name.split("/")[2]
-                for digest in _digests([name], kind):
-                    yield ProductRef(kind, Scope(self._level(kind, name), scope), digest)
+                parts = name.split("/")
+                for digest in _digests([name], kind) if len(parts) == _LEVELS else ():
+                    yield ProductRef(kind, Scope(self._level(kind, name), parts[2]), digest)
 
     def remove(self, ref: ProductRef) -> None:
         """Remove a product, then its provenance; it may be gone already."""
+        require_writable(self.root)
         self._backend.remove(_name(ref))
         self._backend.remove(_provenance_name(_name(ref)))
 
@@ -188,11 +195,15 @@ class ProductStore:
         """What a product is about; where its kind does not say the level, its provenance does."""
         if kind.level is not None:
             return kind.level
-        notes = self._backend.read(_provenance_name(name)) or b"{}"
-        return ScopeLevel(json.loads(notes)["recipe"]["scope"]["level"])
+        try:
+            notes = json.loads(self._backend.read(_provenance_name(name)) or b"{}")
+            return ScopeLevel(notes["recipe"]["scope"]["level"])
+        except (ValueError, LookupError, TypeError):
+            return ScopeLevel.REGION  # its provenance is broken, and says so to who asks for it
 
     @contextlib.contextmanager
     def _draft(self) -> Iterator[Path]:
+        require_writable(self.root)
         self._drafts.mkdir(parents=True, exist_ok=True)  # a store that another machine opened
         prefix = f"{socket.gethostname()}-{os.getpid()}-"
         folder = Path(tempfile.mkdtemp(prefix=prefix, dir=self._drafts))

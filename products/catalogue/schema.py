@@ -1,0 +1,235 @@
+"""The schema of a store: the version of its tables and folders, and the migrations between them.
+
+One number stands for the tables of the catalogue, the databases of edits and tokens, and the layout
+of the folder. It is kept in the catalogue, where every migration that was carried out has a row,
+and in the folder, in the file `schema`. A store without either is of version 0.
+
+Whoever opens an older store migrates it first, alone on the store. Each migration changes the
+catalogue in one transaction, together with its row; what it changes in the folder may be done again
+by the next process if this one is killed. Copies of the SQLite databases as they were are kept in
+`before-schema-N`.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import sqlite3
+import time
+from collections.abc import Callable
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+
+import sqlalchemy as sa
+
+from solmap.products.catalogue import edits, events, tokens
+from solmap.products.catalogue.database import (
+    TABLES,
+    explain_full_disk,
+    read_only_connection,
+    tables_of,
+    upsert,
+    write_transaction,
+)
+from solmap.products.catalogue.turns import maintenance_turn
+from solmap.products.errors import (
+    ProductError,
+    StoreBusyError,
+    StoreFullError,
+    StoreReadOnlyError,
+)
+from solmap.products.store.faults import is_disk_full, is_read_only
+
+log = logging.getLogger(__name__)
+FILE = "schema"
+CATALOGUE = "catalogue.sqlite"
+DATABASES = (CATALOGUE, edits.FILE, tokens.FILE)
+RESTORING = "restoring"
+"""File in a store that is being restored: it is not whole yet."""
+SAFETY_COPIES = "before-schema-"
+STEPS = sa.Table(
+    "schema_steps",
+    TABLES,
+    sa.Column("version", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("at", sa.String, nullable=False),
+)
+"""Every migration that the catalogue has had."""
+_WAIT_S, _LOOK_S = 60.0, 0.2
+"""For another process that migrates the same store."""
+
+
+def _add_missing_tables(root: Path, connection: sa.Connection) -> None:
+    """Earlier versions made some tables only when they first wrote to them."""
+    TABLES.create_all(connection)
+    if (root / edits.FILE).is_file():
+        with edits.transaction(root / edits.FILE):
+            pass
+
+
+Migration = Callable[[Path, sa.Connection], None]
+"""Changes the folder of a store and its catalogue; it may be called again after a kill."""
+MIGRATIONS: list[Migration] = [_add_missing_tables]
+"""In their order: the first leads to version 1. Append to them, and never change one."""
+OLDEST_READABLE = 0
+"""Stores from this version on are read without migration where nothing may be written."""
+
+
+def latest_version() -> int:
+    """The version that this solmap reads and writes."""
+    return len(MIGRATIONS)
+
+
+def prepare(root: Path, engine: sa.Engine) -> None:
+    """Found the tables of a new store, migrate those of an older one, refuse those of a newer one.
+
+    Raises:
+        ProductError: the store is newer, or being restored; or a run is working on an older one.
+        StoreFullError: there is no space for the migration; the store is as it was.
+    """
+    _refuse_half_restored(root)
+    version = version_of(root, engine)
+    if version is None:
+        version = _found(root, engine)
+    if version > latest_version():
+        raise ProductError(
+            f"{root} has schema {version}, this solmap reads up to {latest_version()}: "
+            "update solmap"
+        )
+    if version < latest_version():
+        if not is_read_only(root):
+            _migrate_when_free(root, engine)
+        elif version < OLDEST_READABLE:
+            raise StoreReadOnlyError(
+                f"{root} has schema {version} and can only be read, this solmap reads from "
+                f"{OLDEST_READABLE} to {latest_version()}: migrate a copy of it"
+            )
+
+
+def version_of(root: Path, engine: sa.Engine) -> int | None:
+    """The version of a store: the lower of folder and catalogue, or the higher if it is newer.
+
+    None: there are no tables yet.
+    """
+    tables, in_catalogue = tables_of(engine), 0
+    if events.EVENTS.name not in tables:
+        return None
+    if STEPS.name in tables:
+        with engine.connect() as connection:
+            in_catalogue = connection.execute(sa.select(sa.func.max(STEPS.c.version))).scalar() or 0
+    versions = in_catalogue, _version_of_folder(root)
+    return max(versions) if max(versions) > latest_version() else min(versions)
+
+
+def _version_of_folder(root: Path) -> int:
+    """As its file says; a folder without one is new, or of a version that wrote none."""
+    try:
+        return int((root / FILE).read_text())
+    except FileNotFoundError:
+        is_old = any((root / name).exists() for name in (edits.FILE, tokens.FILE, "products"))
+        return 0 if is_old else latest_version()
+    except ValueError as error:
+        raise ProductError(
+            f"{root / FILE} holds no version; remove it, and the store is migrated again"
+        ) from error
+
+
+def _found(root: Path, engine: sa.Engine) -> int:
+    """Make the tables of a new store; processes that start together do so one after the other."""
+    root.mkdir(parents=True, exist_ok=True)
+    version = _version_of_folder(root)
+    if version == latest_version():
+        _write_version(root, version)
+    with write_transaction(engine) as connection:
+        TABLES.create_all(connection)
+        _note_step(connection, latest_version())
+    return version
+
+
+def _migrate_when_free(root: Path, engine: sa.Engine) -> None:
+    """Migrate alone; where another process is just doing it, wait for it to end."""
+    end = time.monotonic() + _WAIT_S
+    while True:
+        try:
+            with maintenance_turn(root, engine, "open it again"):
+                _migrate(root, engine)
+                return
+        except StoreBusyError:
+            if version_of(root, engine) == latest_version():
+                return
+            if time.monotonic() > end:
+                raise
+        time.sleep(_LOOK_S)
+
+
+def _migrate(root: Path, engine: sa.Engine) -> None:
+    version = version_of(root, engine)
+    if version is None or version >= latest_version():
+        return  # another process has
+    _keep_safety_copies(root)
+    for number, migration in enumerate(MIGRATIONS[version:], version + 1):
+        with explain_full_disk(root), write_transaction(engine) as connection:
+            migration(root, connection)
+            _note_step(connection, number)
+        _write_version(root, number)
+        log.info("%s was migrated to schema %d", root, number)
+
+
+def _note_step(connection: sa.Connection, number: int) -> None:
+    at = datetime.now(UTC).isoformat(timespec="seconds")
+    STEPS.create(connection, checkfirst=True)
+    upsert(connection, STEPS, {"version": number}, {"at": at})
+
+
+def _write_version(root: Path, number: int) -> None:
+    draft = root / f".{FILE}.{os.getpid()}"
+    draft.write_text(f"{number}\n")
+    draft.replace(root / FILE)
+
+
+def _keep_safety_copies(root: Path) -> None:
+    """Copy the databases as they are before the first migration, whole or not at all."""
+    kept = root / f"{SAFETY_COPIES}{latest_version()}"
+    if kept.exists():
+        return
+    draft = kept.with_name(f"{kept.name}.draft")
+    shutil.rmtree(draft, ignore_errors=True)
+    try:
+        draft.mkdir()
+        for name in DATABASES:
+            if (root / name).is_file():
+                copy_database(root / name, draft / name)
+        draft.replace(kept)
+    except (OSError, sqlite3.Error) as error:
+        shutil.rmtree(draft, ignore_errors=True)
+        if is_disk_full(root, error):
+            raise StoreFullError(
+                f"the disk of {root} is full: there is no space to copy its databases before they "
+                "are migrated; free some and open it again, nothing was changed"
+            ) from error
+        raise
+
+
+def copy_database(source: Path, target: Path) -> None:
+    """Copy an SQLite database as it is at one moment, also while it is written to."""
+    target.touch(mode=source.stat().st_mode & 0o777)
+    with (
+        closing(_reader(source)) as original,
+        closing(sqlite3.connect(target)) as copy,
+    ):
+        original.backup(copy)
+
+
+def _reader(database: Path) -> sqlite3.Connection:
+    if is_read_only(database):
+        return read_only_connection(database)
+    return sqlite3.connect(f"{database.resolve().as_uri()}?mode=ro", uri=True)
+
+
+def _refuse_half_restored(root: Path) -> None:
+    if (root / RESTORING).exists():
+        raise ProductError(
+            f"{root} was not restored to the end: say `solmap restore "
+            f"{(root / RESTORING).read_text().strip()} --store {root}` again"
+        )
