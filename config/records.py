@@ -67,9 +67,13 @@ def _names(kind: type) -> list[str]:
 
 def _describe_unknown_setting(kind: type, key: str, where: str) -> str:
     names = _names(kind)
-    nearest = difflib.get_close_matches(key, names, 1)
-    hint = f"; did you mean {nearest[0]}?" if nearest else ""
-    return f"{where} has no setting {key!r}; it has {', '.join(names)}{hint}"
+    return f"{where} has no setting {key!r}; it has {', '.join(names)}{nearest_name(key, names)}"
+
+
+def nearest_name(name: str, names: list[str]) -> str:
+    """The end of a message on an unknown name: which one may be meant, if any."""
+    nearest = difflib.get_close_matches(name, names, 1)
+    return f"; did you mean {nearest[0]}?" if nearest else ""
 
 
 def _value(hint: Any, value: Any, where: str) -> Any:  # noqa: ANN401 - any setting

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from solmap.config.settings import Settings
-from solmap.flows.cli.console import fail, note, say
+from solmap.flows.cli.console import note, say
 
 config = typer.Typer(help="Parameters of the pipeline.", no_args_is_help=True)
 
@@ -25,13 +25,8 @@ def show(
     """Print every parameter with its effective value, unit and reason, as a pipeline file."""
     from solmap.config.description import pipeline_toml  # noqa: PLC0415 - slow to import
     from solmap.config.pipeline import load_pipeline  # noqa: PLC0415
-    from solmap.config.records import ConfigError  # noqa: PLC0415
 
-    try:
-        text = pipeline_toml(load_pipeline(pipeline or Settings().pipeline))
-    except ConfigError as error:
-        fail(str(error))
-    _put(text, file)
+    _put(pipeline_toml(load_pipeline(pipeline or Settings().pipeline)), file)
 
 
 @config.command()
@@ -40,12 +35,8 @@ def check(
 ) -> None:
     """Name every wrong key and value of a pipeline file; exit code 1 if there is any."""
     from solmap.config.pipeline import faults_of_pipeline  # noqa: PLC0415 - slow to import
-    from solmap.config.records import ConfigError  # noqa: PLC0415
 
-    try:
-        faults = faults_of_pipeline(file)
-    except ConfigError as error:
-        faults = [str(error)]
+    faults = faults_of_pipeline(file)
     for fault in faults:
         note("error", fault)
     if faults:
@@ -65,7 +56,4 @@ def _put(text: str, file: Path | None) -> None:
     if file is None:
         typer.echo(text, nl=False)
         return
-    try:
-        file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        fail(f"{file} cannot be written: {error.strerror or error}")
+    file.write_text(text, encoding="utf-8")

@@ -35,6 +35,10 @@ _STYLES = {"error": "red", "failed": "red", "warning": "yellow", "note": "yellow
 StoreOption = Annotated[
     Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
 ]
+MissionOption = Annotated[
+    str | None,
+    typer.Option("--mission", help="MER2 (Spirit), MER1 ...; the store's own if it holds one."),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
@@ -105,15 +109,33 @@ def fail(message: str) -> NoReturn:
     raise typer.Exit(1)
 
 
-def workspace_of(store: Path) -> Workspace:
-    """The store and catalogue for a command; one that cannot be opened ends it."""
+def workspace_of(given: Path | None) -> Workspace:
+    """The store that is named, or else the one of the settings; there has to be one."""
     from solmap.config.workspace import open_workspace  # noqa: PLC0415 - `solmap --help` answers at once
-    from solmap.products.errors import ProductError  # noqa: PLC0415
 
-    try:
-        return open_workspace(store)
-    except ProductError as error:
-        fail(str(error))
+    return open_workspace(existing_store(given))
+
+
+def existing_store(given: Path | None) -> Path:
+    """The folder of a store that is there: what reads makes none."""
+    root = store_of(given)
+    if not any((root / name).exists() for name in ("drafts", "products", "catalogue.sqlite")):
+        fail(f"{root} is no store; name one by --store or SOLMAP_STORE, `solmap run` makes one")
+    return root
+
+
+def mission_of(given: str | None, store: Path | None) -> str:
+    """The mission of a store that is named, or else the only one that it holds."""
+    from solmap.config.workspace import open_catalogue  # noqa: PLC0415 - `solmap --help` answers at once
+
+    root = existing_store(store)
+    held = [entry.mission for entry in open_catalogue(root).missions()]
+    if given is None and len(held) == 1:
+        return held[0]
+    if given is None or given.upper() not in held:
+        wrong = "name one by --mission" if given is None else f"{given} is not one of them"
+        fail(f"{root} holds {', '.join(held) or 'no mission yet'}; {wrong}")
+    return given.upper()
 
 
 def show_rows(rows: list[dict[str, Any]], columns: list[str], as_json: bool) -> None:  # noqa: FBT001

@@ -47,7 +47,7 @@ def prune(
     as_json: JsonOption = False,
 ) -> None:
     """List unreferenced products, and with --yes delete them; published maps stay."""
-    workspace = workspace_of(store_of(store))
+    workspace = workspace_of(store)
     try:
         params = PruningParams(versions, timedelta(days=older_than))
         found = remove(workspace, params) if yes else unreferenced_products(workspace, params)

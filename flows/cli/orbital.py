@@ -7,7 +7,15 @@ from typing import Annotated
 
 import typer
 
-from solmap.flows.cli.console import StoreOption, fail, say, show_rows, store_of
+from solmap.flows.cli.console import (
+    JsonOption,
+    MissionOption,
+    StoreOption,
+    mission_of,
+    say,
+    show_rows,
+    store_of,
+)
 
 orbital = typer.Typer(help="Orbital images under the rover's map.", no_args_is_help=True)
 
@@ -17,16 +25,13 @@ ShiftSigma = Annotated[
 ]
 RotationSigma = Annotated[float, typer.Option(help="The same of its rotation, degrees")]
 control = typer.Typer(help="Places of stops in orbital images, as control.", no_args_is_help=True)
-Mission = Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity) ...")]
 
 
 @orbital.command("add")
 def add_image(  # noqa: PLR0913 - options
     file: Annotated[Path, typer.Argument(help="A georeferenced image, any Mars CRS")],
-    mission: Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity) ...")] = "MER2",
-    store: Annotated[
-        Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
-    ] = None,
+    mission: MissionOption = None,
+    store: StoreOption = None,
     reach: Annotated[
         float, typer.Option(help="How far off it, or a stop, may be, metres", min=1.0, max=200.0)
     ] = 12.0,
@@ -45,18 +50,14 @@ def add_image(  # noqa: PLR0913 - options
 ) -> None:
     """Find where an orbital image lies on the rover's map, and show it there as base layer."""
     from solmap.flows.external_data import OrbitalOptions, add_orbital  # noqa: PLC0415 - slow to import
-    from solmap.products.errors import ProductError  # noqa: PLC0415
     from solmap.tasks.mission.control import FrameParams  # noqa: PLC0415
 
-    try:
-        frame = None if no_control else FrameParams(shift_sigma, rotation_sigma)
-        options = OrbitalOptions(
-            registered=not as_claimed, reach_m=reach, control=frame, heights=heights
-        )
-        said = add_orbital(file, mission.upper(), store_of(store), options)
-    except (ProductError, OSError) as error:
-        fail(str(error))
-    for line in said:
+    frame = None if no_control else FrameParams(shift_sigma, rotation_sigma)
+    options = OrbitalOptions(
+        registered=not as_claimed, reach_m=reach, control=frame, heights=heights
+    )
+    root = store_of(store)
+    for line in add_orbital(file, mission_of(mission, root), root, options):
         say(line)
 
 
@@ -68,7 +69,7 @@ def group() -> None:
 @control.command("add")
 def add_measured(
     file: Annotated[Path, typer.Argument(help="CSV or GeoJSON: stop, place, sigma_m ...")],
-    mission: Mission = "MER2",
+    mission: MissionOption = None,
     store: StoreOption = None,
     shift_sigma: ShiftSigma = 50.0,
     rotation_sigma: RotationSigma = 0.1,
@@ -80,28 +81,24 @@ def add_measured(
     network. With all three standard deviations zero they are places on the map itself.
     """
     from solmap.flows.external_data import add_control  # noqa: PLC0415 - slow to import
-    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
-    from solmap.products.errors import ProductError  # noqa: PLC0415
     from solmap.tasks.mission.control import FrameParams  # noqa: PLC0415
 
-    try:
-        params = FrameParams(shift_sigma, rotation_sigma, scale_sigma)
-        said = add_control(file, mission.upper(), store_of(store), params)
-    except (PhotogrammetryError, ProductError, OSError) as error:
-        fail(str(error))
-    say(said)
+    params = FrameParams(shift_sigma, rotation_sigma, scale_sigma)
+    root = store_of(store)
+    say(add_control(file, mission_of(mission, root), root, params))
 
 
 @control.command("list")
 def show(
-    mission: Mission = "MER2",
+    mission: MissionOption = None,
     store: StoreOption = None,
     *,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Every place that counts as control, by registration or by hand."""
     from solmap.flows.external_data import control_rows  # noqa: PLC0415 - slow to import
 
-    rows = control_rows(mission.upper(), store_of(store))
+    root = store_of(store)
+    rows = control_rows(mission_of(mission, root), root)
     columns = ["frame", "stop", "east_m", "north_m", "sigma_m", "up_m", "azimuth_deg"]
     show_rows(rows, columns, as_json)

@@ -12,10 +12,10 @@ from solmap.flows.cli.console import (
     JsonOption,
     StoreOption,
     fail,
+    mission_of,
     note,
     say,
     show_rows,
-    store_of,
     workspace_of,
 )
 
@@ -24,7 +24,7 @@ def positions(store: StoreOption = None, *, as_json: JsonOption = False) -> None
     """Where the rover stood: telemetry and adjusted position of every stop, in the LSL."""
     from solmap.flows.cli.tables import position_rows  # noqa: PLC0415
 
-    rows = position_rows(workspace_of(store_of(store)))
+    rows = position_rows(workspace_of(store))
     show_rows(
         rows, ["stop", "telemetry_ned_m", "adjusted_ned_m", "sigma_ned_m", "held_by"], as_json
     )
@@ -34,7 +34,7 @@ def products(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
     """Every published product and the file it lies in."""
     from solmap.flows.cli.tables import product_rows  # noqa: PLC0415
 
-    rows = product_rows(workspace_of(store_of(store)))
+    rows = product_rows(workspace_of(store))
     show_rows(rows, ["kind", "scope", "cell_m", "path"], as_json)
 
 
@@ -53,9 +53,9 @@ def status(
         from solmap.flows.cli.tables import timing_rows  # noqa: PLC0415
 
         columns = ["kind", "count", "seconds", "cpu_s", "peak_rss_mb"]
-        show_rows(timing_rows(workspace_of(store_of(store))), columns, as_json)
+        show_rows(timing_rows(workspace_of(store)), columns, as_json)
         return
-    rows = outcome_rows(workspace_of(store_of(store)))
+    rows = outcome_rows(workspace_of(store))
     show_rows(rows, ["subject", "ended", "notes"], as_json)
 
 
@@ -63,7 +63,7 @@ def report(  # noqa: PLR0913 - the words of the command
     mission_of_sol: Annotated[
         str | None, typer.Argument(metavar="MISSION", help="with a sol: the report of that sol")
     ] = None,
-    sol: Annotated[int | None, typer.Argument(min=0)] = None,
+    sol: Annotated[int | None, typer.Argument(min=0, max=999_999)] = None,
     store: StoreOption = None,
     out: Annotated[Path | None, typer.Option(help="File of the sol's report.")] = None,
     mission: Annotated[str | None, typer.Option(help="MER2 (Spirit), MER1 ...; or all")] = None,
@@ -77,13 +77,14 @@ def report(  # noqa: PLR0913 - the words of the command
     if mission_of_sol is not None:
         if sol is None:
             fail(f"name the sol too: `solmap report {mission_of_sol} 156 --out FILE`")
-        target = out or Path(f"{mission_of_sol.lower()}-sol{sol:04d}.html")
-        write_sol_report(mission_of_sol, sol, workspace_of(store_of(store)), target)
+        name = mission_of(mission_of_sol, store)
+        target = out or Path(f"{name.lower()}-sol{sol:04d}.html")
+        write_sol_report(name, sol, workspace_of(store), target)
         say(target)
         if show:
             typer.launch(str(target.resolve()))
         return
-    rows = report_rows(workspace_of(store_of(store)), mission)
+    rows = report_rows(workspace_of(store), mission and mission_of(mission, store))
     show_rows(rows, ["adjustment", "made_at", "page"], as_json)
     if show and rows:
         typer.launch(rows[-1]["page"])
@@ -104,15 +105,10 @@ def rig(
     deviations. What exceeds three of them stands out. The correction is stated, not applied:
     matches, network and maps stay as they are.
     """
-    from solmap.config.records import ConfigError  # noqa: PLC0415
     from solmap.flows.cli.tables import rig_correction_rows  # noqa: PLC0415
-    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
-    from solmap.products.errors import ProductError  # noqa: PLC0415
 
-    try:
-        rows = rig_correction_rows(workspace_of(store_of(store)), mission)
-    except (ConfigError, PhotogrammetryError, ProductError) as error:
-        fail(str(error))
+    name = mission and mission_of(mission, store)
+    rows = rig_correction_rows(workspace_of(store), name)
     if as_json or not rows:
         show_rows(rows, [], as_json)
         return

@@ -10,7 +10,6 @@ import typer
 from solmap.flows.cli.console import (
     JsonOption,
     StoreOption,
-    fail,
     progress_shown,
     say,
     show_rows,
@@ -44,18 +43,14 @@ def simulate_mission(
 ) -> None:
     """Fill an empty store with a simulated mission of many stops and no images, for the map."""
     root = store_of(store)
-    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
     from solmap.photogrammetry.synthetic.mission import MissionPlan  # noqa: PLC0415
 
-    try:
-        plan = MissionPlan(stops=stops, distance_m=distance, gaps=gaps, control_every=control)
-        start_engine(root)
-        with progress_shown():
-            from solmap.flows.simulation import simulate_into  # noqa: PLC0415 - Prefect is ready now
+    plan = MissionPlan(stops=stops, distance_m=distance, gaps=gaps, control_every=control)
+    start_engine(root)
+    with progress_shown():
+        from solmap.flows.simulation import simulate_into  # noqa: PLC0415 - Prefect is ready now
 
-            summary = simulate_into(root, plan, seed)
-    except PhotogrammetryError as error:
-        fail(str(error))
+        summary = simulate_into(root, plan, seed)
     say(summary)
 
 
@@ -69,7 +64,7 @@ def evaluate(
     from solmap.flows.cli.evaluation import evaluate_positions, evaluate_terrain, true_stops  # noqa: PLC0415
     from solmap.flows.cli.tables import position_rows  # noqa: PLC0415
 
-    workspace = workspace_of(store_of(store))
+    workspace = workspace_of(store)
     positions = evaluate_positions(position_rows(workspace), true_stops(truth))
     terrain = evaluate_terrain(workspace, truth)
     if as_json:

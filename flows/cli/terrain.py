@@ -13,7 +13,6 @@ from solmap.flows.cli.console import (
     fail,
     say,
     show_rows,
-    store_of,
     workspace_of,
 )
 
@@ -35,15 +34,9 @@ def ground(
 ) -> None:
     """Strike and dip of the ground inside an outline, from the stop's terrain model."""
     from solmap.flows.dips import dip_of_ground  # noqa: PLC0415 - slow to import
-    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
     from solmap.photogrammetry.terrain.measure.strike_dip import CellPlaneParams  # noqa: PLC0415
-    from solmap.products.errors import ProductError  # noqa: PLC0415
 
-    workspace = workspace_of(store_of(store))
-    try:
-        found = dip_of_ground(stop, _corners(corner), CellPlaneParams(), workspace)
-    except (PhotogrammetryError, ProductError) as error:
-        fail(str(error))
+    found = dip_of_ground(stop, _corners(corner), CellPlaneParams(), workspace_of(store))
     show_rows([found.row()], [*ANGLES, "dip_direction_deg", "rms_m", "cells"], as_json)
 
 
@@ -57,17 +50,9 @@ def rocks(
 ) -> None:
     """Strike and dip of the planar facets of rocks that a stop's pairs see, put on the map."""
     from solmap.config.pipeline import load_pipeline  # noqa: PLC0415
-    from solmap.config.records import ConfigError  # noqa: PLC0415 - slow to import
-    from solmap.flows.dips import dips_of_rocks  # noqa: PLC0415
-    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
-    from solmap.products.errors import ProductError  # noqa: PLC0415
+    from solmap.flows.dips import dips_of_rocks  # noqa: PLC0415 - slow to import
 
-    workspace = workspace_of(store_of(store))
-    try:
-        params = load_pipeline(pipeline).models.facets
-        rows = dips_of_rocks(stop, params, workspace)
-    except (ConfigError, PhotogrammetryError, ProductError) as error:
-        fail(str(error))
+    rows = dips_of_rocks(stop, load_pipeline(pipeline).models.facets, workspace_of(store))
     columns = [*ANGLES, "length_m", "width_m", "distance_m", "east", "north", "pair"]
     if not rows and not as_json:
         fail(f"the pairs of {stop} show no facet that is steep, flat and large enough")
@@ -92,21 +77,18 @@ def stl(
     store: StoreOption = None,
 ) -> None:
     """Write the terrain model of a stop as a watertight solid (binary STL, metres)."""
-    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415 - slow to import
     from solmap.photogrammetry.terrain.mesh.solid import SolidParams, build_solid  # noqa: PLC0415
-    from solmap.products.errors import ProductError, ProductNotFoundError  # noqa: PLC0415
+    from solmap.products.errors import ProductNotFoundError  # noqa: PLC0415
     from solmap.products.formats.mesh.stl import stl_bytes  # noqa: PLC0415
     from solmap.products.formats.raster.raster import read_dtm  # noqa: PLC0415
     from solmap.products.model import ProductKind  # noqa: PLC0415
 
-    workspace = workspace_of(store_of(store))
+    workspace = workspace_of(store)
     try:
         ref = workspace.catalogue.layer(stop, ProductKind.DTM).ref
-        solid = build_solid(read_dtm(workspace.store.path(ref)), SolidParams(tolerance_m, base_m))
-        file.write_bytes(stl_bytes(solid))
     except ProductNotFoundError:
         fail(f"no stop {stop} has a terrain model; `solmap products` lists those that have one")
-    except (PhotogrammetryError, ProductError, OSError) as error:
-        fail(str(error))
+    solid = build_solid(read_dtm(workspace.store.path(ref)), SolidParams(tolerance_m, base_m))
+    file.write_bytes(stl_bytes(solid))
     kind = "watertight" if solid.is_watertight else "open"
     say(f"{file}: {len(solid.triangles)} triangles, {kind}, {abs(solid.volume_m3):.1f} m3 inside")

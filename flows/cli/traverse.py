@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from solmap.flows.cli.console import StoreOption, fail, note, say, show_rows, store_of
+from solmap.flows.cli.console import (
+    JsonOption,
+    MissionOption,
+    StoreOption,
+    fail,
+    mission_of,
+    note,
+    say,
+    show_rows,
+    store_of,
+)
 
 app = typer.Typer(help="Where the rover really was.", no_args_is_help=True)
 
@@ -28,16 +38,12 @@ def compare(  # noqa: PLR0913 - options
     figure: Annotated[Path | None, typer.Option(help="Write map and plots, SVG")] = None,
     *,
     every_sol: Annotated[bool, typer.Option("--sols", help="A row for every sol.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """How far telemetry strays from the localised traverse, as the paper reports it."""
     from solmap.flows.traverse import compare_files  # noqa: PLC0415 - slow to import
-    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
 
-    try:
-        found = compare_files(files, mission.upper(), (first_sol, last_sol), figure)
-    except (PhotogrammetryError, OSError) as error:
-        fail(str(error))
+    found = compare_files(files, mission.upper(), (first_sol, last_sol), figure)
     for line in found.notes:
         note("note", line)
     show_rows(found.rows(every_sol=every_sol), COLUMNS, as_json)
@@ -49,28 +55,24 @@ def compare(  # noqa: PLR0913 - options
 def take(files: Files, mission: Mission = "MER2", store: StoreOption = None) -> None:
     """Put a mission's traverse on the map: lines and stops of every solution in the files."""
     from solmap.flows.traverse import import_files  # noqa: PLC0415 - slow to import
-    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
-    from solmap.products.errors import ProductError  # noqa: PLC0415
 
-    try:
-        taken = import_files(files, mission.upper(), store_of(store))
-    except (PhotogrammetryError, ProductError, OSError) as error:
-        fail(str(error))
-    say(taken)
+    say(import_files(files, mission.upper(), store_of(store)))
 
 
 @app.command()
 def export(
     folder: Annotated[Path, typer.Argument(help="Where to write the files")],
-    mission: Mission = "MER2",
+    mission: MissionOption = None,
     store: StoreOption = None,
 ) -> None:
     """Hand out the adjusted traverse: PLACES table, vector files, differences, figure."""
     from solmap.flows.traverse import export_files  # noqa: PLC0415 - slow to import
 
-    made = export_files(folder, mission.upper(), store_of(store))
+    root = store_of(store)
+    name = mission_of(mission, root)
+    made = export_files(folder, name, root)
     if not made:
-        fail(f"no adjusted traverse of {mission.upper()} is in the store: run its downlink first")
+        fail(f"no adjusted traverse of {name} is in the store: run its downlink first")
     for file in made:
         say(file)
 
@@ -82,16 +84,12 @@ def georeference_track(
     ],
     *,
     affine: Annotated[bool, typer.Option("--affine", help="Six parameters, not four.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Georeference an uncontrolled mosaic by points of the traverse: rotation, scale, residuals."""
     from solmap.flows.traverse import georeference_mosaic  # noqa: PLC0415 - slow to import
-    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
 
-    try:
-        found = georeference_mosaic(file, affine=affine)
-    except (PhotogrammetryError, OSError) as error:
-        fail(str(error))
+    found = georeference_mosaic(file, affine=affine)
     if as_json:
         show_rows([found.document()], [], as_json)
         return
