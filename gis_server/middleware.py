@@ -1,14 +1,18 @@
-"""What is done with every request and answer: security headers, compression, a limit of bodies."""
+"""What is done with every request and answer: address, security headers, compression, a limit."""
 
 from __future__ import annotations
 
 import contextlib
 from http import HTTPStatus
+from urllib.parse import urlsplit
 
+import anyio
 from starlette.datastructures import MutableHeaders
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from solmap.gis_server.addresses import ROOT_PATH
 
 MOST_BYTES = 1 << 20
 _WITHOUT_BODY = {"GET", "HEAD", "OPTIONS"}
@@ -33,6 +37,62 @@ _HEADERS = {
 in a worker; it allows no JavaScript from text. Pictures inside models are read as blobs."""
 _PACKED = ("/tiles/", "/models/", "/download/", "/products/", "/images/", "/panoramas/")
 """What is served below these is compressed already, or asked for by ranges."""
+
+
+class PublicAddress:
+    """Has every request name the address that people reach the map at, so that links do.
+
+    A reverse proxy may hand on paths with or without that of the public address before them.
+    """
+
+    def __init__(self, app: ASGIApp, url: str) -> None:
+        parts = urlsplit(url)
+        self.app, self.root = app, parts.path.rstrip("/")
+        self.scheme, self.host = parts.scheme, (b"host", parts.netloc.encode("idna"))
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on as one to the public address."""
+        if scope["type"] == "http":
+            ROOT_PATH.set(self.root)
+            path = scope["path"]
+            headers = [pair for pair in scope["headers"] if pair[0] != b"host"]
+            scope = {
+                **scope,
+                "scheme": self.scheme,
+                "headers": [*headers, self.host],
+                "root_path": self.root,
+                "path": path if f"{path}/".startswith(f"{self.root}/") else self.root + path,
+            }
+        await self.app(scope, receive, send)
+
+
+class AnswerHead:
+    """Answers HEAD as GET without a body, for every address that has GET."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Ask for the same by GET, and end with the head of the answer."""
+        if scope["type"] != "http" or scope["method"] != "HEAD":
+            await self.app(scope, receive, send)
+            return
+        has_ended = False
+
+        async def send_head(message: Message) -> None:
+            nonlocal has_ended
+            if message["type"] == "http.response.start":
+                await send(message)
+            elif not has_ended:
+                has_ended = True
+                await send({"type": "http.response.body", "body": b""})
+                if message.get("more_body", False):
+                    answering.cancel()  # a stream would go on for ever
+
+        scope["method"] = "GET"
+        with anyio.CancelScope() as answering:
+            await self.app(scope, receive, send_head)
+        scope["method"] = "HEAD"
 
 
 class _TooLargeError(Exception):
@@ -120,6 +180,6 @@ class CompressText:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Choose by the address: tiles, models, downloads and images are never compressed."""
-        path = scope.get("path", "")
+        path = scope.get("path", "").removeprefix(scope.get("root_path", ""))
         raw = path.startswith(_PACKED)
         await (self.plain if raw else self.compressing)(scope, receive, send)

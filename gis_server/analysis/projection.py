@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
+from solmap.gis_server.addresses import ServerPath
 from solmap.gis_server.analysis.bodies import (
     SIGHT_NAMES,
     UNITS,
@@ -212,8 +213,8 @@ class SeenBody(BaseModel):
     linearised_sample: float | None
     linearised_line: float | None
     """The place in the image as matching sees it, resampled with its partner."""
-    browse: str
-    original: str
+    browse: ServerPath
+    original: ServerPath
 
 
 class CurvePoint(BaseModel):

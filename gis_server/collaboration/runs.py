@@ -8,6 +8,7 @@ from fastapi import APIRouter, Path, Query, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
+from solmap.gis_server.addresses import ServerPath
 from solmap.gis_server.collaboration.accounts import Operator
 from solmap.gis_server.parameters import AGAIN, FOREVER, Digest, ScopeName
 from solmap.gis_server.services import ServicesOf
@@ -43,7 +44,7 @@ class ReportBody(BaseModel):
 
     scope: str
     digest: str
-    page: str
+    page: ServerPath
     """Address of the report for people."""
 
 

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Res
 from fastapi.responses import FileResponse
 from pydantic import BaseModel
 
+from solmap.gis_server.addresses import ServerPath
 from solmap.gis_server.analysis.bodies import UnanswerableError, json_numbers
 from solmap.gis_server.parameters import AGAIN, ImageName
 from solmap.gis_server.rendering.images import TILE, ImageView, Stretch, Style, png_of
@@ -34,8 +35,8 @@ class Picture(BaseModel):
     max_zoom: int
     """Zoom at which a pixel of a tile is one of the picture."""
     tile_px: int = TILE
-    picture: str
-    tiles: str
+    picture: ServerPath
+    tiles: ServerPath
 
 
 class ImageInfo(BaseModel):
@@ -50,7 +51,7 @@ class ImageInfo(BaseModel):
     notes: tuple[str, ...]
     """What is peculiar about its pixels."""
     styles: dict[str, Picture]
-    original: str
+    original: ServerPath
 
 
 class PointHere(BaseModel):

@@ -9,6 +9,7 @@ from fastapi import APIRouter, HTTPException, Query, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 
+from solmap.gis_server.addresses import ServerPath
 from solmap.gis_server.analysis.solutions import OVERALL
 from solmap.gis_server.parameters import AGAIN, FOREVER, BBox, LayerPath, ScopeName
 from solmap.gis_server.rendering.contours import contours_in, interval_of
@@ -117,15 +118,15 @@ class MapLayer(BaseModel):
     range: tuple[float, float] | None
     sols: tuple[int, ...]
     made_at: str
-    tiles: str | None
-    values: str | None
+    tiles: ServerPath | None
+    values: ServerPath | None
     """Tiles of values, for shading in the browser."""
-    styles: str | None
+    styles: ServerPath | None
     """What `style` of a tile may be, with legends."""
-    features: str | None
+    features: ServerPath | None
     legend: Legend | None
-    download: str
-    provenance: str
+    download: ServerPath
+    provenance: ServerPath
 
 
 def layer_body(layer: Layer) -> MapLayer:

@@ -18,6 +18,7 @@ from fastapi import APIRouter, Depends, Header, Path, Query, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, TypeAdapter
 
+from solmap.gis_server.addresses import ServerPath
 from solmap.gis_server.analysis.layer_values import (
     Place,
     identify,
@@ -98,8 +99,8 @@ class Image(BaseModel):
     local_solar_time: str | None
     partner: str | None
     unpaired_because: str | None
-    browse: str
-    original: str
+    browse: ServerPath
+    original: ServerPath
 
 
 def mission_body(entry: MissionEntry, layers: Iterable[Layer]) -> Mission:

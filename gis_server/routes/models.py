@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Path, Query, Response
 from pydantic import BaseModel
 
+from solmap.gis_server.addresses import ServerPath
 from solmap.gis_server.analysis.bodies import UnanswerableError
 from solmap.gis_server.analysis.scene import (
     SceneCameras,
@@ -50,10 +51,10 @@ class Model(BaseModel):
     range: tuple[float, float] | None
     sols: tuple[int, ...]
     made_at: str
-    open: str
+    open: ServerPath
     """What a viewer is given: a glTF binary or a `tileset.json`."""
-    download: str
-    provenance: str
+    download: ServerPath
+    provenance: ServerPath
 
 
 @router.get("/api/missions/{mission}/models")

@@ -9,6 +9,7 @@ import numpy as np
 from fastapi import APIRouter, Path, Query, Response
 from pydantic import BaseModel
 
+from solmap.gis_server.addresses import ServerPath
 from solmap.gis_server.analysis.ground import BEST
 from solmap.gis_server.analysis.image_to_ground import point_on_map
 from solmap.gis_server.analysis.panoramas import (
@@ -61,12 +62,12 @@ class PanoramaBody(BaseModel):
     cols: int
     registration_px: float | None
     """Median shift between neighbouring images where both show the same, pixels."""
-    tiles: str
+    tiles: ServerPath
     tile_size: int
     max_zoom: int
     """At which a pixel of a tile is one of the panorama; each zoom below halves it."""
-    download: str
-    provenance: str
+    download: ServerPath
+    provenance: ServerPath
 
 
 @router.get("/api/missions/{mission}/panoramas")

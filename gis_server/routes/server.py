@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from pathlib import Path, PurePosixPath
 
+from anyio import to_thread
 from fastapi import APIRouter, FastAPI, Request, Response
 from fastapi.responses import HTMLResponse
 from fastapi.staticfiles import StaticFiles
@@ -36,15 +37,15 @@ _UNBUILT = _FRAME.format(
     body="""<h1>solmap</h1><p>The server runs, but the viewer has not been built. Run
 <code>make viewer</code> (or <code>npm ci &amp;&amp; npm run build</code> in
 <code>gis_server/viewer</code>) and reload.</p>
-<p><a href="/docs">The API</a> works without it.</p>""",
+<p><a href="docs">The API</a> works without it.</p>""",
 )
 _DOCS = _FRAME.format(
-    head='<link rel="stylesheet" href="/swagger/swagger-ui.css">',
-    body='<div id="swagger-ui"></div><script src="/swagger/swagger-ui-bundle.js"></script>'
-    '<script src="/docs/start.js"></script>',
+    head='<link rel="stylesheet" href="swagger/swagger-ui.css">',
+    body='<div id="swagger-ui"></div><script src="swagger/swagger-ui-bundle.js"></script>'
+    '<script src="docs/start.js"></script>',
 )
 _DOCS_START = (
-    'SwaggerUIBundle({url: "/openapi.json", dom_id: "#swagger-ui", deepLinking: true, '
+    'SwaggerUIBundle({url: "openapi.json", dom_id: "#swagger-ui", deepLinking: true, '
     "validatorUrl: null});\n"  # by default it asks a validator elsewhere
 )
 
@@ -91,9 +92,9 @@ def metrics(request: Request) -> Response:
 
 
 @router.get("/healthz", tags=["server"])
-def healthz(services: ServicesOf) -> dict[str, str]:
+async def healthz(services: ServicesOf) -> dict[str, str]:
     """Answers when the server is ready and the catalogue can be read."""
-    services.catalogue.missions()
+    await to_thread.run_sync(services.catalogue.missions, limiter=services.health)
     return {"status": "ok"}
 
 
@@ -123,5 +124,5 @@ def _plain_docs(app: FastAPI) -> str:
         for path, operations in app.openapi()["paths"].items()
         for method, operation in operations.items()
     )
-    head = '<h1>solmap API</h1><p>In full: <a href="/openapi.json">openapi.json</a></p>'
+    head = '<h1>solmap API</h1><p>In full: <a href="openapi.json">openapi.json</a></p>'
     return _FRAME.format(head="", body=f"{head}<dl>{rows}</dl>")

@@ -14,4 +14,4 @@ const RANKS = ["viewer", "analyst", "operator"] as const;
 export const mayAct = (account: Account | null, role: Account["role"]): boolean =>
   account !== null && RANKS.indexOf(account.role) >= RANKS.indexOf(role);
 
-export const whoami = () => get<Account>("/api/account");
+export const whoami = () => get<Account>("api/account");

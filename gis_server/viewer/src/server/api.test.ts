@@ -8,20 +8,20 @@ const answer = (status: number, body: unknown) =>
   vi.stubGlobal("fetch", async () => new Response(JSON.stringify(body), { status }));
 
 test("names of missions are escaped in addresses", () => {
-  expect(urls.layers("a b/c")).toBe("/api/missions/a%20b%2Fc/layers");
+  expect(urls.layers("a b/c")).toBe("api/missions/a%20b%2Fc/layers");
 });
 
 test("a place is asked for to a tenth of a millimetre", () => {
   expect(urls.identify("MER2", [12.345678, -0.00004])).toBe(
-    "/api/missions/MER2/identify?east=12.3457&north=-0.0000",
+    "api/missions/MER2/identify?east=12.3457&north=-0.0000",
   );
 });
 
 test("images are filtered by what is known only", () => {
-  expect(urls.images("MER2")).toBe("/api/missions/MER2/images");
-  expect(urls.images("MER2", { sol: 0, stop: null })).toBe("/api/missions/MER2/images?sol=0");
+  expect(urls.images("MER2")).toBe("api/missions/MER2/images");
+  expect(urls.images("MER2", { sol: 0, stop: null })).toBe("api/missions/MER2/images?sol=0");
   expect(urls.images("MER2", { sol: 156, stop: "mer2-site0010" })).toBe(
-    "/api/missions/MER2/images?sol=156&stop=mer2-site0010",
+    "api/missions/MER2/images?sol=156&stop=mer2-site0010",
   );
 });
 

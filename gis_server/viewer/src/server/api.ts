@@ -1,4 +1,8 @@
-/** The one module that knows the server's URLs. */
+/**
+ * The one module that knows the server's URLs.
+ *
+ * They are relative to the page, which a reverse proxy may serve below the root of its host.
+ */
 
 import { authorization } from "./token";
 import type {
@@ -43,7 +47,7 @@ export interface FeatureCollection {
 }
 
 /** Address of a mission. */
-export const of = (mission: string) => `/api/missions/${encodeURIComponent(mission)}`;
+export const of = (mission: string) => `api/missions/${encodeURIComponent(mission)}`;
 
 export function withQuery(path: string, query: Record<string, string | number | null | undefined>) {
   const known = Object.entries(query).filter(([, value]) => value !== null && value !== undefined);
@@ -64,15 +68,15 @@ export const toQuery = (place: MapPoint) => {
 };
 
 export const urls = {
-  health: () => "/healthz",
-  start: () => "/api/start",
+  health: () => "healthz",
+  start: () => "api/start",
   layers: (mission: string) => `${of(mission)}/layers`,
   identify: (mission: string, place: MapPoint) =>
     withQuery(`${of(mission)}/identify`, placeQuery(place)),
   images: (mission: string, filter: ImageFilter = {}) =>
     withQuery(`${of(mission)}/images`, { sol: filter.sol, stop: filter.stop }),
   solReport: (mission: string, sol: number) => `${of(mission)}/sols/${sol}/report`,
-  docs: () => "/docs",
+  docs: () => "docs",
 };
 
 export function get<T>(url: string, signal?: AbortSignal): Promise<T> {

@@ -46,7 +46,7 @@ const COORDINATE_DECIMALS = 3;
 
 /** The terrain model of a stop as a solid that can be printed. */
 export const stlUrl = ({ scope, digest }: Layer) =>
-  `/models/${encodeURIComponent(scope)}/dtm/${digest}/terrain.stl`;
+  `models/${encodeURIComponent(scope)}/dtm/${digest}/terrain.stl`;
 
 /** The part of a layer in a box, as its cells or features are stored. */
 export function clipUrl(layer: Layer, box: Bounds, form: "geojson" | "gpkg" = "geojson"): string {
@@ -59,7 +59,7 @@ export const downloads = {
   addresses: (mission: string) => get<readonly Address[]>(`${of(mission)}/addresses`),
   models: (mission: string) => get<readonly ModelFile[]>(`${of(mission)}/models`),
   collections: async (mission: string): Promise<readonly Collection[]> => {
-    const root = `/ogc/${encodeURIComponent(mission)}/collections`;
+    const root = `ogc/${encodeURIComponent(mission)}/collections`;
     const { collections } = await get<Collections>(root);
     const ofFeatures = collections.filter(({ links }) => links.some(({ rel }) => rel === "items"));
     return ofFeatures.map(({ id, title }) => ({

@@ -39,7 +39,7 @@ const KINDS: readonly Kind[] = [
 const HELLO = "hello";
 
 export const eventsUrl = (mission: string, since: string | null) =>
-  withQuery("/api/events", { mission, since });
+  withQuery("api/events", { mission, since });
 
 /**
  * Listens until `alive` ends, to all that happened after the event `since`, which is what the page knows already. The

@@ -45,8 +45,8 @@ export const WISHES = ["downlink", "overall adjustment", "region"] as const;
 export type Wish = (typeof WISHES)[number];
 
 export const runs = {
-  all: () => get<Runs>("/api/runs"),
-  one: (id: string) => get<Run>(`/api/runs/${encodeURIComponent(id)}`),
-  ask: (kind: Wish, mission: string | null) => post<RunRequest>("/api/runs", { kind, mission }),
+  all: () => get<Runs>("api/runs"),
+  one: (id: string) => get<Run>(`api/runs/${encodeURIComponent(id)}`),
+  ask: (kind: Wish, mission: string | null) => post<RunRequest>("api/runs", { kind, mission }),
   report: async ({ page }: Report): Promise<string> => (await fetch(page)).text(),
 };

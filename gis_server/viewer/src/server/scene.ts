@@ -66,7 +66,7 @@ export interface SceneCamera {
   readonly axis: Place3;
 }
 
-const of = (mission: string) => `/api/missions/${encodeURIComponent(mission)}`;
+const of = (mission: string) => `api/missions/${encodeURIComponent(mission)}`;
 
 export const sceneApi = {
   models: (mission: string, signal: AbortSignal) =>

@@ -23,7 +23,7 @@ export async function pairPictures(
   right: ImageEntry,
   signal: AbortSignal,
 ): Promise<PairPictures> {
-  const linearised = ({ id }: ImageEntry) => `/images/${encodeURIComponent(id)}/linearised.png`;
+  const linearised = ({ id }: ImageEntry) => `images/${encodeURIComponent(id)}/linearised.png`;
   const [a, b] = await both(linearised(left), linearised(right), signal);
   if (a && b) return { left: a, right: b, isLinearised: true };
   if (left.browse && right.browse) {

@@ -43,10 +43,10 @@ const named = (found: LayerVersion): LayerVersion => ({
 export const versions = {
   list: async ({ scope, kind }: Pick<Layer, "scope" | "kind">, offset = 0, limit = 20) => {
     const answer = await get<LayerVersions>(
-      withQuery(`/api/layers/${scope}/${kind}/versions`, { limit, offset }),
+      withQuery(`api/layers/${scope}/${kind}/versions`, { limit, offset }),
     );
     return { ...answer, versions: answer.versions.map(named) };
   },
   /** The version that an id names. */
-  one: async (id: string) => named(await get<LayerVersion>(`/api/layers/${id.replace("@", "/")}`)),
+  one: async (id: string) => named(await get<LayerVersion>(`api/layers/${id.replace("@", "/")}`)),
 };

@@ -133,7 +133,7 @@ export class Pane {
   private async load(): Promise<void> {
     const { current } = this;
     if (!current?.browse) return;
-    const partner = current.partner && `/images/${current.partner}/browse.png`;
+    const partner = current.partner && `images/${current.partner}/browse.png`;
     if (!this.stereo.checked || !partner) {
       await this.picture.load(current.browse, current.id);
       return;

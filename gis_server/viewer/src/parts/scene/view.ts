@@ -266,7 +266,7 @@ export class SceneView {
     const open = () => this.context.signals.image.emit(id);
     this.card.hidden = false;
     this.card.replaceChildren(
-      h("img", { src: `/images/${encodeURIComponent(id)}/browse.png`, alt: "" }),
+      h("img", { src: `images/${encodeURIComponent(id)}/browse.png`, alt: "" }),
       h("button", { type: "button", class: "link", "data-image": id, onclick: open }, id),
     );
   }
