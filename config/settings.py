@@ -93,6 +93,9 @@ class Settings(BaseSettings):
     engine_port: int = Field(default=4200, ge=1, le=65535)
     """Port of Prefect's server and its run pages; it listens on this machine only."""
 
+    server_memory_mb: int = Field(default=1500, ge=600)
+    """Memory for the map's server and the two processes that answer its heavy requests, megabytes:
+    a third of it bounds what one such request may take."""
     history_days: int = Field(default=90, ge=1, le=36_500)
     """Days after which records of runs are removed: solmap's own and those of the engine that it
     starts, with their tasks, messages and events."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,8 @@ import typer
 
 from solmap.config.settings import Settings
 from solmap.flows.cli.console import StoreOption, fail, note, progress_shown, say, store_of
-from solmap.flows.runtime.engine import start_engine
+from solmap.flows.runtime.engine import password_file, start_engine
+from solmap.flows.runtime.stopping import end_on_signals
 from solmap.products.store.locks import try_lock
 
 if TYPE_CHECKING:
@@ -32,18 +34,11 @@ def run(
     """Take a downlink from raw images to published layers; a second run does nothing twice."""
     if not downlink.is_dir():
         fail(f"{downlink} is no folder; name the folder that the downlink's files lie in")
-    root = store_of(store)
-    from solmap.config.records import ConfigError  # noqa: PLC0415
-    from solmap.products.errors import ProductError  # noqa: PLC0415
+    folder, root, recipe = downlink.resolve(), store_of(store).absolute(), _pipeline_of(pipeline)
+    with _engine_of(root):
+        from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - Prefect is ready now
 
-    try:
-        start_engine(root)
-        with progress_shown():
-            from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - Prefect is ready now
-
-            report = process_downlink(downlink.resolve(), root, pipeline or Settings().pipeline)
-    except (ConfigError, ProductError, TimeoutError) as error:
-        fail(str(error))
+        report = process_downlink(folder, root, recipe)
     for line in report.warnings:
         note("warning", line)
     for line in report.failures:
@@ -66,18 +61,11 @@ def adjust(
     """Adjust a mission again, and map again the stops that move; later sols go on from there."""
     if not overall:
         fail("say --overall: sol by sol a mission is adjusted by `solmap run`")
-    root = store_of(store)
-    from solmap.config.records import ConfigError  # noqa: PLC0415
-    from solmap.products.errors import ProductError  # noqa: PLC0415
+    root, recipe = store_of(store).absolute(), _pipeline_of(pipeline)
+    with _engine_of(root):
+        from solmap.flows.overall import readjust  # noqa: PLC0415 - Prefect is ready now
 
-    try:
-        start_engine(root)
-        with progress_shown():
-            from solmap.flows.overall import readjust  # noqa: PLC0415 - Prefect is ready now
-
-            report = readjust(mission.upper(), root, pipeline or Settings().pipeline)
-    except (ConfigError, ProductError, TimeoutError) as error:
-        fail(str(error))
+        report = readjust(mission.upper(), root, recipe)
     for line in report.failures:
         note("failed", line)
     for line in report.notes:
@@ -100,24 +88,19 @@ def fetch(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what there is.")] = False,
 ) -> None:
     """Bring the stereo pairs of some sols here from the archive; a second call goes on."""
-    from solmap.config.records import ConfigError  # noqa: PLC0415
-    from solmap.tasks.fetch.answers import FetchError  # noqa: PLC0415
+    folder = out_dir.absolute()
+    addresses = (archive or Settings().archive).absolute()
+    with _engine_of(folder / ".fetch"):
+        from solmap.flows.fetch import fetch_archive  # noqa: PLC0415 - Prefect is ready now
 
-    try:
-        start_engine(out_dir / ".fetch")
-        with progress_shown():
-            from solmap.flows.fetch import fetch_archive  # noqa: PLC0415 - Prefect is ready now
-
-            report = fetch_archive(
-                mission,
-                sols,
-                instrument or ["navcam"],
-                out_dir,
-                dry_run=dry_run,
-                archive_file=archive,
-            )
-    except (ConfigError, FetchError, TimeoutError) as error:
-        fail(str(error))
+        report = fetch_archive(
+            mission,
+            sols,
+            instrument or ["navcam"],
+            folder,
+            dry_run=dry_run,
+            archive_file=addresses,
+        )
     _print_fetch_report(report)
 
 
@@ -157,6 +140,8 @@ def serve(
         port=listening_port,
         log_level="warning",
         timeout_graceful_shutdown=2,  # browsers that listen for events never hang up
+        proxy_headers=bool(settings.trusted_proxies),
+        forwarded_allow_ips=settings.trusted_proxies,
     )
 
 
@@ -171,26 +156,57 @@ def up(
     from solmap.flows.service.machine import LOOK_EVERY_S, Machine  # noqa: PLC0415 - `solmap --help` answers at once
 
     settings = Settings()
-    root = (store or settings.store).resolve()
-    given = {"store": root, "inbox": inbox or settings.inbox, "port": port or settings.port}
+    root, folder = (store or settings.store).resolve(), inbox or settings.inbox
+    files = {name: value.absolute() for name, value in settings if isinstance(value, Path)}
+    given = {
+        **files,
+        "store": root,
+        "inbox": folder.resolve() if folder else None,
+        "port": port or settings.port,
+        "pipeline": _pipeline_of(None),
+    }
     settings = settings.model_copy(update=given)
     stopping = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopping.set())
-    with try_lock(root / "up.lock") as is_alone:
+    with end_on_signals(stopping.set), try_lock(root / "up.lock") as is_alone:
         if not is_alone:
             fail(f"another `solmap up` runs on {root}; stop it first")
         machine = Machine(settings, say)
         try:
             machine.start()
             say(f"map at http://{settings.host}:{settings.port}/")
-            say(f"runs at {machine.engine_url}/  (Ctrl-C stops both)")
+            say(f"runs at {machine.engine_url}/, password in {password_file(root)}")
+            say("Ctrl-C stops both")
             while not stopping.wait(LOOK_EVERY_S):
                 machine.tend()
-        except TimeoutError as error:
+        except OSError as error:
             fail(str(error))
         finally:
             machine.stop()
+    say("stopped; what was made is kept")
+
+
+@contextmanager
+def _engine_of(store: Path) -> Iterator[None]:
+    """An engine for the block, and what is shown of it: progress, one line of what stops it."""
+    from solmap.config.records import ConfigError  # noqa: PLC0415 - `solmap --help` answers at once
+    from solmap.products.errors import ProductError  # noqa: PLC0415
+    from solmap.tasks.fetch.answers import FetchError  # noqa: PLC0415
+
+    try:
+        with end_on_signals():
+            start_engine(store)
+            with progress_shown():
+                yield
+    except (ConfigError, ProductError, FetchError, OSError) as error:
+        fail(str(error))
+
+
+def _pipeline_of(given: str | None) -> str:
+    """The name of a shipped pipeline, or the whole path of a file."""
+    name = given or Settings().pipeline
+    from solmap.config.pipeline import SHIPPED  # noqa: PLC0415 - `solmap --help` answers at once
+
+    return name if (SHIPPED / f"{name}.toml").is_file() else str(Path(name).absolute())
 
 
 def _print_fetch_report(report: FetchReport) -> None:

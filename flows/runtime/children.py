@@ -1,7 +1,10 @@
 """Processes that belong to another: they are watched, restarted, and never outlive it.
 
-The kernel tells a child when its parent dies (`PR_SET_PDEATHSIG`), so that even `kill -9` of the
+The kernel kills a child when its parent dies (`PR_SET_PDEATHSIG`), so that even `kill -9` of the
 parent leaves no orphan behind. On systems without it children end when they are stopped in order.
+
+No child reads code or settings from the folder that a user is in: Python starts with `-P`, in the
+folder of the logs, and with those variables of the environment only that are meant for it.
 """
 
 from __future__ import annotations
@@ -9,8 +12,11 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
+import re
+import shutil
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,17 +26,42 @@ _PR_SET_PDEATHSIG = 1
 _RESTED_S = 60.0
 """A child that ran so long has started well; how often it died before is forgotten."""
 _LONGEST_PAUSE_S = 30.0
+_LARGEST_LOG_BYTES = 16_000_000
+_PASSED_ON = re.compile(
+    r"PATH|LD_LIBRARY_PATH|HOME|USER|LOGNAME|TMPDIR|TZ|LANG|LANGUAGE|LC_\w+|XDG_\w+|MPLCONFIGDIR"
+    r"|(SOLMAP|PREFECT|AWS|DASK|GDAL|CPL|VSI|PROJ|MALLOC)_\w+|PG[A-Z]+|DO_NOT_TRACK"
+    r"|\w+_NUM_THREADS|OMP_\w+|SSL_CERT_(FILE|DIR)|\w+_CA_BUNDLE|(?i:(https?|all|no)_proxy)"
+)
+"""Variables of the environment that children get. Not among them: what makes an interpreter or
+the loader run other code (`PYTHONPATH`, `PYTHONSTARTUP`, `LD_PRELOAD`), and others' secrets."""
+
+
+def module_command(module: str, *arguments: str) -> tuple[str, ...]:
+    """The command line of a Python module that is never taken from the current folder."""
+    return (sys.executable, "-P", "-m", module, *arguments)
+
+
+def clean_environment() -> dict[str, str]:
+    """The environment that children start with; `-P` holds for what they start themselves too."""
+    kept = {name: value for name, value in os.environ.items() if _PASSED_ON.fullmatch(name)}
+    return {**kept, "PYTHONSAFEPATH": "1"}
+
+
+def kill_children() -> None:
+    """Kill all children of this process and what they started."""
+    for child in _started:
+        child.kill()
 
 
 def die_with_parent() -> None:
-    """Ask the kernel to end this process when the one that started it ends."""
+    """Have the kernel kill this process when the thread that started it ends."""
     try:
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     except (AttributeError, OSError):
         return  # no Linux: the parent's orderly stop is all there is
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Child:
     """A process that should always run, and what is known of its running."""
 
@@ -61,7 +92,8 @@ class Child:
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(  # noqa: S603 - our own command line
                 list(self.command),
-                env={**os.environ, **self.environment},
+                cwd=self.log.parent,
+                env={**clean_environment(), **self.environment},
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -69,9 +101,12 @@ class Child:
                 preexec_fn=die_with_parent,  # noqa: PLW1509 - asks the kernel one thing
             )
         self._started_at = time.monotonic()
+        if self not in _started:
+            _started.append(self)
 
     def revive(self) -> str | None:
         """Start it again if it died, after a pause that grows with every death; what is to say."""
+        self._shorten_log()
         if self.is_alive or self._stopping:
             return None
         now = time.monotonic()
@@ -86,19 +121,40 @@ class Child:
             self.start()
         return None
 
-    def stop(self, patience_s: float = 15.0) -> None:
-        """End it and all that it started: asked first, killed when it does not listen."""
+    def ask_to_end(self) -> None:
+        """Send it SIGTERM and start it no more."""
         self._stopping = True
+        if self.process is not None:
+            self._signal(signal.SIGTERM)
+
+    def stop(self, patience_s: float = 4.0) -> None:
+        """End it and all that it started: asked first, killed when it does not listen."""
+        self.ask_to_end()
         if self.process is None:
             return
-        self._signal(signal.SIGTERM)
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(patience_s)
         self._signal(signal.SIGKILL)  # and whatever of its own it left behind
         self.process.wait()
+
+    def kill(self) -> None:
+        """End it and all that it started at once."""
+        self._stopping = True
+        if self.process is not None:
+            self._signal(signal.SIGKILL)
+
+    def _shorten_log(self) -> None:
+        """Move what a long log holds to a second file; the child goes on adding to the first."""
+        with contextlib.suppress(OSError):
+            if self.log.stat().st_size > _LARGEST_LOG_BYTES:
+                shutil.copyfile(self.log, self.log.with_suffix(".log.1"))
+                os.truncate(self.log, 0)
 
     def _signal(self, number: int) -> None:
         try:
             os.killpg(self.process.pid, number)  # type: ignore[union-attr]
         except ProcessLookupError:
             return
+
+
+_started: list[Child] = []

@@ -1,36 +1,53 @@
 """Prefect's settings, and its server as a child process; imported before Prefect is.
 
 A run needs no network and no server of its own. The server's database lies in the store, it listens
-on this machine only and reports nothing to anybody; what is set in the environment wins. Prefect
-would start a server by itself, but a run that is killed would leave that one behind. One that dies
-is started again on the same port with the same database: the run asks again and goes on.
+on this machine only, answers nobody without the password of the store, and reports nothing to
+anybody. Prefect would start a server by itself, but a run that is killed would leave that one
+behind. One that dies is started again on the same port with the same database: the run asks again
+and goes on.
+
+Whoever may give a server of Prefect orders can have it run any command. So the password is random,
+lies in a file that its owner alone can read (`password_file`), and reaches processes by their
+environment, never by their arguments. Pages of other sites are not answered (CORS); a name that is
+made to point to this machine (DNS rebinding) does not help them, because no browser sends this
+password by itself.
+
+Prefect reads `.env`, `prefect.toml` and `pyproject.toml` of the current folder, which may be a
+downlink's. `leave_folder` changes to a folder of the store before Prefect is imported.
 """
 
 from __future__ import annotations
 
 import atexit
+import contextlib
 import logging
 import os
+import secrets
 import socket
-import sys
+import tempfile
 import threading
 import time
 import urllib.request
 from pathlib import Path
 
-from solmap.flows.runtime.children import Child
+from solmap.config.settings import PREFIX, Settings
+from solmap.flows.runtime.children import Child, module_command
 
 log = logging.getLogger(__name__)
 _START_S = 300.0
 """Its database is made at the first start, and a loaded machine takes its time."""
 _LOOK_S = 0.5
 """Between looks at whether it lives."""
+_DAY_S = 86_400
+_EVENT_DAYS = 7
+"""Events tell of every step of every task; nobody reads old ones."""
 _RUN_ONLY = {"PREFECT_UI_ENABLED": "false"}
 """A run that nobody can look at longer than it lasts needs no pages."""
 
 
 def prepare_engine(store: Path) -> None:
     """Set what Prefect reads at import; call before the first import of a flow."""
+    days = Settings().history_days
     defaults = {
         "PREFECT_HOME": str(store.resolve() / "prefect"),
         "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
@@ -39,13 +56,49 @@ def prepare_engine(store: Path) -> None:
         # The terminal shows progress and outcomes; Prefect's own lines are on its run page.
         "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL",
         "PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS": "300",
+        # The server removes old runs with their tasks, logs and artifacts, and old events, hourly.
+        "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs,orphans",
+        "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": str(days * _DAY_S),
+        "PREFECT_SERVER_EVENTS_RETENTION_PERIOD": f"P{min(days, _EVENT_DAYS)}D",
         # Small-block linear algebra is far slower with two BLAS threads than with one.
         "OPENBLAS_NUM_THREADS": "1",
     }
     for name, value in defaults.items():
         os.environ.setdefault(name, value)
+    home = Path(os.environ["PREFECT_HOME"]).expanduser().absolute()
+    os.environ["PREFECT_HOME"] = str(home)
     # Prefect makes the folder itself but not its parents, and then waits for its server in vain.
-    Path(os.environ["PREFECT_HOME"]).expanduser().mkdir(parents=True, exist_ok=True)
+    home.mkdir(parents=True, exist_ok=True)
+
+
+def leave_folder(store: Path) -> None:
+    """Work in a folder of the store; settings that name files from here on name them in full."""
+    for name, value in Settings().model_dump().items():
+        variable = f"{PREFIX}{name.upper()}"
+        if variable in os.environ and (isinstance(value, Path) or str(value).endswith(".toml")):
+            os.environ[variable] = str(Path(value).absolute())
+    folder = store / "logs"
+    folder.mkdir(parents=True, exist_ok=True)
+    os.chdir(folder)
+
+
+def password_file(store: Path) -> Path:
+    """The file with what the server of a store asks for, `user:password`; made once.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    path = store / "prefect" / "password"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.exists():
+        number, draft = tempfile.mkstemp(dir=path.parent)  # for its owner only
+        with os.fdopen(number, "w") as file:
+            file.write(f"solmap:{secrets.token_urlsafe(32)}")
+        with contextlib.suppress(FileExistsError):  # another process was first: that one counts
+            Path(path).hardlink_to(draft)
+        Path(draft).unlink()
+    path.chmod(0o600)
+    return path
 
 
 def address(port: int) -> str:
@@ -55,9 +108,20 @@ def address(port: int) -> str:
 
 def engine_child(store: Path, port: int, *, has_pages: bool) -> Child:
     """The server of a store, not started yet. It listens on this machine only."""
-    command = (sys.executable, "-m", "prefect", "server", "start", "--host", "127.0.0.1")
-    extra = {} if has_pages else _RUN_ONLY
-    return Child("engine", (*command, "--port", str(port)), extra, store / "logs" / "engine.log")
+    command = ("server", "start", "--host", "127.0.0.1", "--port", str(port))
+    environment = {
+        "PREFECT_SERVER_API_AUTH_STRING": password_file(store).read_text(),
+        "PREFECT_SERVER_CORS_ALLOWED_ORIGINS": f"{address(port)},http://localhost:{port}",
+        **({} if has_pages else _RUN_ONLY),
+    }
+    log_file = store / "logs" / "engine.log"
+    return Child("engine", module_command("prefect", *command), environment, log_file)
+
+
+def use_engine(store: Path, port: int) -> None:
+    """Have this process and those that it starts speak to the server of a store."""
+    os.environ["PREFECT_API_URL"] = f"{address(port)}/api"
+    os.environ["PREFECT_API_AUTH_STRING"] = password_file(store).read_text()
 
 
 def await_engine(child: Child, port: int) -> None:
@@ -84,7 +148,10 @@ def start_engine(store: Path) -> None:
 
     Raises:
         TimeoutError: it does not start.
+        OSError: the store cannot be written.
     """
+    store = store.absolute()
+    leave_folder(store)
     prepare_engine(store)
     if os.environ.get("PREFECT_API_URL"):
         return
@@ -94,7 +161,7 @@ def start_engine(store: Path) -> None:
     atexit.register(child.stop)
     await_engine(child, port)
     threading.Thread(target=_keep_alive, args=(child,), name="engine-watch", daemon=True).start()
-    os.environ["PREFECT_API_URL"] = f"{address(port)}/api"
+    use_engine(store, port)
 
 
 def _keep_alive(child: Child) -> None:

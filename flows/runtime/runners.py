@@ -46,15 +46,19 @@ def _runner(settings: Settings) -> Runner:
         raise ConfigError(
             "SOLMAP_TASK_RUNNER=dask needs prefect-dask: install solmap[cluster], or leave it out"
         ) from error
-    address = settings.dask_address or local_cluster(settings.task_workers).scheduler_address
-    return cast("Runner", DaskTaskRunner(address=address))
+    if settings.dask_address:
+        return cast("Runner", DaskTaskRunner(address=settings.dask_address))
+    cluster = local_cluster(settings.task_workers)
+    keys = {"security": cluster.security}
+    return cast("Runner", DaskTaskRunner(address=cluster.scheduler_address, client_kwargs=keys))
 
 
 @lru_cache(maxsize=1)
 def local_cluster(workers: int) -> LocalCluster:
     """Worker processes of this one, until it ends; they notice when it is killed.
 
-    One for all sols: a worker takes seconds to start.
+    One for all sols: a worker takes seconds to start. Who may send it work may run anything, so its
+    ports ask for a certificate that these processes alone have.
     """
     import dask  # noqa: PLC0415 - an extra
     from distributed import LocalCluster  # noqa: PLC0415 - an extra
@@ -66,6 +70,7 @@ def local_cluster(workers: int) -> LocalCluster:
         n_workers=workers,
         threads_per_worker=1,
         processes=True,
+        security=True,
         host="127.0.0.1",
         dashboard_address="127.0.0.1:0",
         local_directory=os.environ.get("PREFECT_HOME"),

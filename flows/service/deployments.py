@@ -6,14 +6,15 @@ other.
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+import asyncio
+import contextlib
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 from solmap.config.settings import Settings
 
 if TYPE_CHECKING:
     from prefect import Flow
-    from prefect.deployments.runner import RunnerDeployment
 
 DOWNLINK, OVERALL, REGION, FETCH = (
     "downlink/inbox",
@@ -24,64 +25,63 @@ DOWNLINK, OVERALL, REGION, FETCH = (
 """Names by which runs are asked for: flow and deployment."""
 
 
-def deployments(settings: Settings, store: Path) -> list[RunnerDeployment]:
-    """All deployments of a store; those with a schedule run by it."""
-    from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
-    from solmap.flows.fetch import fetch_archive  # noqa: PLC0415
-    from solmap.flows.mission import refresh_regions  # noqa: PLC0415
-    from solmap.flows.overall import adjust_all  # noqa: PLC0415
+def served(settings: Settings) -> Iterator[tuple[Flow[..., Any], dict[str, Any]]]:
+    """The flows that may be asked for, and how they are deployed; some run by a schedule."""
+    from solmap.flows.service import deployed  # noqa: PLC0415 - after the engine's settings
 
-    made_from = {"store": str(store), "pipeline": settings.pipeline}
-    inbox = {"downlink": str(settings.inbox.resolve())} if settings.inbox else {}
-    return [
-        _deployment(
-            process_downlink,
+    yield (
+        deployed.process_inbox,
+        _options(
             DOWNLINK,
-            cron=settings.downlink_cron if inbox else None,
-            parameters={**made_from, **inbox},
-            description="Take everything in the inbox to published layers; what is made is kept.",
-            tags=["solmap", "downlink"],
+            "Take everything in the inbox to published layers; what is made is kept.",
+            "downlink",
+            settings.downlink_cron if settings.inbox else None,
         ),
-        _deployment(
-            adjust_all,
+    )
+    yield (
+        deployed.adjust_missions,
+        _options(
             OVERALL,
-            cron=settings.overall_cron,
-            parameters=made_from,
-            description="Adjust all stops of every mission together; map again those that moved.",
-            tags=["solmap", "adjustment"],
+            "Adjust all stops of every mission together; map again those that moved.",
+            "adjustment",
+            settings.overall_cron,
         ),
-        _deployment(
-            refresh_regions,
-            REGION,
-            parameters=made_from,
-            description="Join stops to regions anew.",
-            tags=["solmap", "region"],
+    )
+    yield deployed.refresh_missions, _options(REGION, "Join stops to regions anew.", "region")
+    yield (
+        deployed.fetch_to_inbox,
+        _options(
+            FETCH, "Bring the stereo pairs of some sols from the archive to the inbox.", "fetch"
         ),
-        _deployment(
-            fetch_archive,
-            FETCH,
-            parameters={"instruments": ["navcam"], "out_dir": inbox.get("downlink", "")},
-            description="Bring the stereo pairs of some sols from the archive to the inbox.",
-            tags=["solmap", "fetch"],
-        ),
-    ]
+    )
 
 
-def _deployment(flow: Flow[..., Any], name: str, **options: Any) -> RunnerDeployment:  # noqa: ANN401 - Prefect's own
+def _options(name: str, description: str, tag: str, cron: str | None = None) -> dict[str, Any]:
     from prefect.types.entrypoint import EntrypointType  # noqa: PLC0415
 
-    how = EntrypointType.MODULE_PATH
-    made = flow.to_deployment(name.partition("/")[2], entrypoint_type=how, **options)
-    return cast("RunnerDeployment", made)  # outside of an event loop it is no coroutine
+    return {
+        "name": name.partition("/")[2],
+        "description": description,
+        "tags": ["solmap", tag],
+        "cron": cron,
+        "entrypoint_type": EntrypointType.MODULE_PATH,
+    }
 
 
 def main() -> None:
-    """Serve the deployments until told to stop."""
-    settings = Settings()
-    store = settings.store.resolve()
-    from prefect import serve  # noqa: PLC0415 - the environment was prepared by `solmap up`
+    """Serve the deployments until told to stop.
 
-    serve(*deployments(settings, store), limit=1, pause_on_shutdown=False)
+    A runner that was given flows runs these, whatever entry point, path or pull steps the engine
+    has of their deployments; one that was given deployments (`prefect.serve`) would do what the
+    engine says.
+    """
+    from prefect.runner import Runner  # noqa: PLC0415 - the environment was prepared by `solmap up`
+
+    runner = Runner(name="solmap", limit=1, pause_on_shutdown=False)
+    for flow, options in served(Settings()):
+        runner.add_flow(flow, **options)
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(runner.start())
 
 
 if __name__ == "__main__":

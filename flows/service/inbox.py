@@ -12,7 +12,10 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
+_PAUSES_S = (60.0, 300.0, 900.0, 3600.0)
+"""Between attempts at a delivery whose run failed; after the last it waits for other files."""
 _ON_THE_WAY = (".part", ".partial", ".tmp", ".filepart", ".crdownload")
 
 
@@ -48,6 +51,8 @@ class Inbox:
     _seen: dict[str, tuple[FileState, float]] = field(default_factory=dict)
     """Every file as last seen, and since when it has been so."""
     _waiting_since: float | None = None
+    _not_before: float = 0.0
+    """When a delivery that failed may be tried again."""
 
     def poll(self, now: float | None = None) -> str | None:
         """Look once; the name of a delivery that should be processed now, or None.
@@ -63,8 +68,12 @@ class Inbox:
             if at - since >= self.params.settle_s
         }
         delivery = _digest(whole)
-        if not whole or delivery == self._last_delivery():
+        memory = self._read_memory()
+        if not whole or delivery == memory.get("delivery"):
             self._waiting_since = None
+            return None
+        attempts = _attempts(memory, delivery)
+        if attempts > len(_PAUSES_S) or (attempts and at < self._not_before):
             return None
         if self._waiting_since is None:
             self._waiting_since = at
@@ -75,16 +84,39 @@ class Inbox:
 
     def mark_processed(self, delivery: str) -> None:
         """Remember that a delivery was processed."""
-        draft = self.memory.with_suffix(".draft")
-        draft.write_text(json.dumps({"delivery": delivery}))
-        draft.replace(self.memory)
+        self._write_memory({"delivery": delivery})
         self._waiting_since = None
 
-    def _last_delivery(self) -> str | None:
+    def mark_failed(self, delivery: str, now: float | None = None) -> float | None:
+        """Remember that the run of a delivery failed; seconds until it is tried again.
+
+        None where it was tried often enough: it waits until files come or change.
+        """
+        memory = self._read_memory()
+        attempts = _attempts(memory, delivery) + 1
+        failed = {"delivery": delivery, "attempts": attempts}
+        self._write_memory({**memory, "failed": failed})
+        if attempts > len(_PAUSES_S):
+            return None
+        pause = _PAUSES_S[attempts - 1]
+        self._not_before = (time.monotonic() if now is None else now) + pause
+        return pause
+
+    def _write_memory(self, memory: dict[str, Any]) -> None:
+        draft = self.memory.with_suffix(".draft")
+        draft.write_text(json.dumps(memory))
+        draft.replace(self.memory)
+
+    def _read_memory(self) -> dict[str, Any]:
+        """What was processed last and what failed; nothing where nobody can say.
+
+        Processing again is safe.
+        """
         try:
-            return str(json.loads(self.memory.read_text())["delivery"])
-        except (OSError, ValueError, KeyError, TypeError):
-            return None  # nothing was yet, or nobody can say: processing again is safe
+            memory = json.loads(self.memory.read_text())
+        except (OSError, ValueError):
+            return {}
+        return memory if isinstance(memory, dict) else {}
 
     def _note(self, at: float) -> None:
         found: dict[str, tuple[FileState, float]] = {}
@@ -100,6 +132,15 @@ class Inbox:
         self._seen = found
 
 
+def _attempts(memory: dict[str, Any], delivery: str) -> int:
+    """How often a delivery has failed."""
+    failed = memory.get("failed")
+    if not isinstance(failed, dict) or failed.get("delivery") != delivery:
+        return 0
+    attempts = failed.get("attempts")
+    return attempts if isinstance(attempts, int) else 0
+
+
 def _files(folder: Path) -> Iterator[Path]:
     """Files below a folder but those on their way; labels beside images count too."""
     for path in folder.rglob("*"):
@@ -111,5 +152,6 @@ def _files(folder: Path) -> Iterator[Path]:
 def _digest(files: dict[str, FileState]) -> str:
     digest = hashlib.sha256()
     for name, state in sorted(files.items()):
-        digest.update(f"{name}\0{state.size}\0{state.modified_ns}\n".encode())
+        line = f"{name}\0{state.size}\0{state.modified_ns}\n"
+        digest.update(line.encode(errors="surrogateescape"))  # names need not be UTF-8
     return digest.hexdigest()[:16]

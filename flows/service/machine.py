@@ -7,38 +7,44 @@ inbox over when files have come whole, and stops all of it in order.
 from __future__ import annotations
 
 import os
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from httpx import HTTPError
-
 from solmap.config.settings import Settings
-from solmap.flows.runtime.children import Child
-from solmap.flows.runtime.engine import address, await_engine, engine_child, prepare_engine
+from solmap.flows.runtime.children import Child, module_command
+from solmap.flows.runtime.engine import (
+    address,
+    await_engine,
+    engine_child,
+    leave_folder,
+    prepare_engine,
+    use_engine,
+)
 from solmap.flows.service.inbox import Inbox, InboxParams
 
 if TYPE_CHECKING:
     from solmap.flows.service.submission import SubmittedRun
 
 LOOK_EVERY_S = 2.0
+_STOP_S = 2.5
+"""What was told to stop is killed after so long."""
 _STUCK_S = 300.0
 """A run that is so late while none runs: the scheduler takes no run any more."""
 
 
 @dataclass(slots=True)
 class Machine:
-    """What `solmap up` runs, and says."""
+    """What `solmap up` runs, and says; its settings name folders and files in full."""
 
     settings: Settings
     say: Callable[[str], None]
-    params: InboxParams = field(default_factory=InboxParams)
     _children: dict[str, Child] = field(default_factory=dict)
     _inbox: Inbox | None = None
     _running: SubmittedRun | None = None
+    _scheduler_died: bool = False
     _looked_for_stuck_at: float = 0.0
     _trouble: str = ""
 
@@ -58,9 +64,10 @@ class Machine:
         Raises:
             TimeoutError: Prefect's server does not answer.
         """
-        os.environ["PREFECT_API_URL"] = f"{self.engine_url}/api"
+        leave_folder(self.store)
         os.environ.update(self.settings.environment)
         prepare_engine(self.store)
+        use_engine(self.store, self.settings.engine_port)
         engine = engine_child(self.store, self.settings.engine_port, has_pages=True)
         self._keep(engine)
         await_engine(engine, self.settings.engine_port)
@@ -68,33 +75,38 @@ class Machine:
 
         if dead := submission.mark_crashed_runs():
             self.say(f"{dead} runs had died with the last `solmap up`; what they made is kept")
-        self._child("scheduler", sys.executable, "-m", "solmap.flows.service.deployments")
-        self._child("map", sys.executable, "-m", "solmap.flows.cli", "serve", *self._address())
+        self._child("scheduler", *module_command("solmap.flows.service.deployments"))
+        self._child("map", *module_command("solmap.flows.cli", "serve", *self._address()))
         if self.settings.inbox is not None:
             self.settings.inbox.mkdir(parents=True, exist_ok=True)
-            memory = self.store / "inbox.json"
-            self._inbox = Inbox(self.settings.inbox.resolve(), memory, self.params)
+            memory, params = self.store / "inbox.json", InboxParams(self.settings.inbox_settle_s)
+            self._inbox = Inbox(self.settings.inbox.resolve(), memory, params)
 
     def tend(self) -> None:
         """Look after everything once: the children, the inbox, runs that nobody takes."""
         for child in self._children.values():
             if said := child.revive():
                 self.say(said)
-                if child.name == "scheduler":
-                    self._running = None  # it died with the scheduler; the inbox asks again
+                self._scheduler_died = self._scheduler_died or child.name == "scheduler"
         try:
+            self._end_dead_runs()
             self._tend_inbox()
             self._tend_requests()
             self._tend_scheduler()
-        except (OSError, HTTPError) as error:  # the engine starts again, or the inbox is away
+        except Exception as error:  # noqa: BLE001 - the engine starts again, the inbox is away, ...
             self._complain(f"{type(error).__name__}: {error}; tried again until it works")
         else:
             self._trouble = ""
 
     def stop(self) -> None:
-        """Stop the map, the scheduler with its runs, then the engine."""
-        for child in reversed(self._children.values()):
-            child.stop()
+        """Stop the map and the scheduler with its runs, then the engine; a few seconds in all."""
+        first = [child for name, child in self._children.items() if name != "engine"]
+        for child in first:
+            child.ask_to_end()
+        for child in first:
+            child.stop(_STOP_S)
+        for child in self._children.values():
+            child.stop(_STOP_S / 2)
 
     def _complain(self, trouble: str) -> None:
         """Say what is wrong, once while it stays the same."""
@@ -103,8 +115,10 @@ class Machine:
         self._trouble = trouble
 
     def _child(self, name: str, *command: str) -> None:
-        child = Child(name, command, {"PYTHONUNBUFFERED": "1"}, self.store / "logs" / f"{name}.log")
-        self._keep(child)
+        environment = {"PYTHONUNBUFFERED": "1"}
+        if name == "map":  # gives the engine no orders; requests of people go through the store
+            environment["PREFECT_API_AUTH_STRING"] = ""
+        self._keep(Child(name, command, environment, self.store / "logs" / f"{name}.log"))
 
     def _keep(self, child: Child) -> None:
         self._children[child.name] = child
@@ -122,14 +136,32 @@ class Machine:
             ended = submission.final_state(self._running)
             if ended is None:
                 return
-            self.say(f"the inbox was processed: {ended.lower()}")
-            if ended != "CRASHED":
-                self._inbox.mark_processed(self._running.delivery)
+            self._note_end(ended, self._running.delivery, self._inbox)
             self._running = None
         delivery = self._inbox.poll()
         if delivery is not None:
-            self._running = submission.submit_inbox(delivery, self.params.settle_s)
+            self._running = submission.submit_inbox(delivery, self.settings.inbox_settle_s)
+        if self._running is not None:
             self.say(f"files came: run {self._running.name}, see {self.engine_url}/runs")
+
+    def _note_end(self, ended: str, delivery: str, inbox: Inbox) -> None:
+        """Remember how the run of a delivery ended; one that people cancelled counts as done."""
+        if ended in {"COMPLETED", "CANCELLED"}:
+            inbox.mark_processed(delivery)
+            self.say(f"the inbox was processed: {ended.lower()}")
+            return
+        pause = inbox.mark_failed(delivery)
+        when = "when files come or change" if pause is None else f"in {pause / 60:.0f} min"
+        self.say(f"the run of the inbox {ended.lower()}, see `solmap status`; tried again {when}")
+
+    def _end_dead_runs(self) -> None:
+        """Say in the engine that the runs of a scheduler that died have ended with it."""
+        if not self._scheduler_died:
+            return
+        from solmap.flows.service import submission  # noqa: PLC0415 - after the engine's settings
+
+        submission.mark_crashed_runs()
+        self._scheduler_died = False
 
     def _tend_requests(self) -> None:
         """Hand what people asked for on the map to the scheduler."""

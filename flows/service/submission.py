@@ -74,11 +74,17 @@ class SubmittedRun:
     delivery: str
 
 
-def submit_inbox(delivery: str, settle_s: float) -> SubmittedRun:
-    """Have the inbox processed; files that changed less than `settle_s` ago are left for later."""
-    answer = run_deployment(
-        DOWNLINK, parameters={"settle_s": settle_s}, timeout=0, as_subflow=False
-    )
+def submit_inbox(delivery: str, settle_s: float) -> SubmittedRun | None:
+    """Have the inbox processed; files that changed less than `settle_s` ago are left for later.
+
+    None where the scheduler has just begun and its deployments are not known yet.
+    """
+    try:
+        answer = run_deployment(
+            DOWNLINK, parameters={"settle_s": settle_s}, timeout=0, as_subflow=False
+        )
+    except ObjectNotFound:
+        return None
     run = cast("FlowRun", answer)  # outside of an event loop it is no coroutine
     return SubmittedRun(run.id, run.name, delivery)
 
@@ -101,13 +107,14 @@ def mark_crashed_runs() -> int:
 
     For the moment at which no scheduler runs: then none of them does.
     """
+    number, sort = 0, FlowRunSort.START_TIME_ASC
     with _client() as client:
-        sort = FlowRunSort.START_TIME_ASC
-        dead = client.read_flow_runs(flow_run_filter=_of_types(_TAKEN), sort=sort, limit=200)
-        for run in dead:
-            message = "solmap ended while this ran; the next run continues"
-            client.set_flow_run_state(run.id, Crashed(message=message), force=True)
-    return len(dead)
+        while dead := client.read_flow_runs(flow_run_filter=_of_types(_TAKEN), sort=sort, limit=50):
+            for run in dead:
+                message = "solmap ended while this ran; the next run continues"
+                client.set_flow_run_state(run.id, Crashed(message=message), force=True)
+            number += len(dead)
+    return number
 
 
 def is_stuck(late_s: float) -> bool:

@@ -1,0 +1,96 @@
+"""The flows that deployments offer: what may be asked of the engine, in plain values only.
+
+Folders, the store, the pipeline and addresses come from the settings of the service, never from the
+parameters of a run: who may start runs cannot name files or programs by them.
+"""
+
+import multiprocessing
+from pathlib import Path
+from typing import Annotated, Literal
+
+from prefect import flow
+from pydantic import Field
+
+from solmap.config.records import ConfigError
+from solmap.config.settings import Settings
+from solmap.flows.downlink import process_downlink
+from solmap.flows.fetch import FetchReport, fetch_archive
+from solmap.flows.mission import refresh_regions
+from solmap.flows.overall import adjust_all
+from solmap.flows.runtime.children import die_with_parent
+from solmap.flows.runtime.run_page import mission_name
+from solmap.flows.runtime.sol_report import DownlinkReport
+
+MissionName = Annotated[str, Field(pattern=r"^[A-Za-z0-9]{1,16}$")]
+Sols = Annotated[str, Field(pattern=r"^[0-9, -]{1,200}$")]
+Instrument = Literal["navcam", "pancam", "hazcam", "front_hazcam", "rear_hazcam"]
+
+
+@flow(name="downlink", flow_run_name="downlink of the inbox")
+def process_inbox(settle_s: Annotated[float, Field(ge=0.0, le=86_400.0)] = 20.0) -> DownlinkReport:
+    """Take the inbox to published layers; what was made before is looked up.
+
+    Args:
+        settle_s: Files that changed less than so many seconds ago may still be arriving: they are
+            left for the next run.
+    """
+    settings = _settings()
+    return process_downlink.fn(_inbox(settings), settings.store, settings.pipeline, settle_s)
+
+
+@flow(name="overall-adjustment", flow_run_name=mission_name)
+def adjust_missions(mission: MissionName | None = None) -> list[str]:
+    """Adjust all stops of every mission, or of one, together; map again what moved.
+
+    Args:
+        mission: As its labels have it: MER2; every mission where none is given.
+
+    Returns:
+        Notes, a line each; failures begin with the mission and `failed`.
+    """
+    settings = _settings()
+    return adjust_all(settings.store, settings.pipeline, mission)
+
+
+@flow(name="refresh-region", flow_run_name=mission_name)
+def refresh_missions(mission: MissionName | None = None) -> list[str]:
+    """Join the stops of every mission, or of one, to regions anew where any of them changed.
+
+    Args:
+        mission: As its labels have it: MER2; every mission where none is given.
+    """
+    settings = _settings()
+    return refresh_regions(settings.store, settings.pipeline, mission)
+
+
+@flow(name="fetch-archive", flow_run_name="fetch {mission} sol {sols}")
+def fetch_to_inbox(
+    mission: MissionName,
+    sols: Sols,
+    instruments: tuple[Instrument, ...] = ("navcam",),
+    *,
+    dry_run: bool = False,
+) -> FetchReport:
+    """Bring the stereo pairs of some sols from the archive to the inbox.
+
+    Args:
+        mission: MER1 or MER2.
+        sols: 155, 155-157, or several of these with commas between.
+        instruments: Any of navcam, pancam, hazcam, front_hazcam, rear_hazcam.
+        dry_run: Only say what there is.
+    """
+    inbox = _inbox(_settings())
+    return fetch_archive.fn(mission, sols, list(instruments), inbox, dry_run=dry_run)
+
+
+def _settings() -> Settings:
+    """The settings of the service; the process of a run ends with that of the scheduler."""
+    if multiprocessing.parent_process() is not None:
+        die_with_parent()
+    return Settings()
+
+
+def _inbox(settings: Settings) -> Path:
+    if settings.inbox is None:
+        raise ConfigError("no inbox is watched; set SOLMAP_INBOX or start `solmap up --inbox`")
+    return settings.inbox
