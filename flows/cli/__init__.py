@@ -23,7 +23,15 @@ from typer.exceptions import TyperException
 
 from solmap.config.records import ConfigError
 from solmap.config.settings import Settings, unknown_variables
-from solmap.flows.cli import configuration, maintenance, processing, results, simulation, terrain
+from solmap.flows.cli import (
+    configuration,
+    maintenance,
+    processing,
+    results,
+    safekeeping,
+    simulation,
+    terrain,
+)
 from solmap.flows.cli.console import fail, note
 from solmap.flows.cli.orbital import control, orbital
 from solmap.flows.cli.traverse import app as traverse
@@ -95,6 +103,7 @@ for _command in (
     *simulation.COMMANDS,
     terrain.stl,
     maintenance.prune,
+    *safekeeping.COMMANDS,
 ):
     app.command()(_command)
 app.command("judge", hidden=True)(simulation.evaluate)  # its name until 0.1

@@ -10,17 +10,24 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
+from functools import partial, wraps
+from inspect import signature
+from typing import ParamSpec, TypeVar
 
 from sqlalchemy.exc import SQLAlchemyError
 
+from solmap.config.settings import Settings
+from solmap.config.workspace import open_workspace
 from solmap.flows.runtime.progress import Step, listen
+from solmap.products.catalogue.history import trim_history
 from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.store.process import log_context, log_to_store
 
+P = ParamSpec("P")
+T = TypeVar("T")
 log = logging.getLogger(__name__)
 _AT_MOST_EVERY_S = 0.5
 """A stage of many quick parts is not written down part by part."""
@@ -72,6 +79,30 @@ class RunRecord:
             log.warning("how far %s is could not be noted: %s", self._run.id, error)
 
 
+def beside_runs(work: Callable[P, T]) -> Callable[P, T]:
+    """Have a function that is no run, and makes products too, hold the lock of runs.
+
+    It works on its argument `workspace`, or on the store in the folder `root` or `store`.
+    """
+    names = signature(work)
+
+    @wraps(work)
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        given = names.bind(*args, **kwargs).arguments
+        workspace = given.get("workspace") or open_workspace(given.get("root") or given["store"])
+        with workspace.run_turn():
+            return work(*args, **kwargs)
+
+    return call
+
+
+def _trim_history(workspace: Workspace) -> None:
+    try:
+        trim_history(workspace, Settings().history_days)
+    except SQLAlchemyError as error:
+        log.warning("the history of %s could not be trimmed: %s", workspace.store.root, error)
+
+
 @contextmanager
 def record_run(kind: str, subject: str, workspace: Workspace) -> Iterator[RunRecord]:
     """Keep a record of the run inside the block; an exception ends it as failed.
@@ -86,6 +117,7 @@ def record_run(kind: str, subject: str, workspace: Workspace) -> Iterator[RunRec
             listen(record.step),
             log_context(run=record.name, flow=kind, of=subject),
         ):
+            _trim_history(workspace)
             log.info("%s of %s begins", kind, subject)
             yield record
             log.info("%s of %s ends", kind, subject)

@@ -36,6 +36,7 @@ from solmap.products.catalogue.events import (
     IMAGES_INGESTED,
     LAYERS_PUBLISHED,
     MISSION_CHANGED,
+    PUBLICATIONS,
     Event,
     append,
     events_since,
@@ -289,9 +290,8 @@ class Catalogue:
 
     def published_version(self) -> int:
         """Like `version`, but unchanged by the progress of runs and by edits."""
-        kinds = (LAYERS_PUBLISHED, IMAGES_INGESTED, MISSION_CHANGED)
         with self.engine.connect() as connection:  # those of them may be forgotten, newer ones not
-            return last_event(connection, kinds) or last_event(connection)
+            return last_event(connection, PUBLICATIONS) or last_event(connection)
 
     def append_event(self, kind: str, document: dict[str, Any]) -> None:
         """Append an event that belongs to no other change of the catalogue."""

@@ -28,7 +28,13 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine.interfaces import DBAPIConnection
-from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, OperationalError
+from sqlalchemy.exc import (
+    ArgumentError,
+    DatabaseError,
+    DBAPIError,
+    NoSuchModuleError,
+    OperationalError,
+)
 
 from solmap.products.errors import ProductError, StoreAwayError, StoreFullError
 from solmap.products.model import ProductRef
@@ -118,8 +124,10 @@ def read_only_connection(path: Path) -> sqlite3.Connection:
     connection = connect(f"{uri}?mode=ro")
     try:
         connection.execute("SELECT 1 FROM sqlite_master").fetchone()
-    except sqlite3.OperationalError:  # nobody has it open: the log was left by a killed process
+    except sqlite3.OperationalError:  # nobody has it open, the log was left
         connection.close()
+        if not log.stat().st_size:
+            return connect(f"{uri}?mode=ro&immutable=1")
         changed = tuple((one.stat().st_mtime_ns, one.stat().st_size) for one in (path, log))
         return connect(_copy_with_log(path, changed).as_uri())
     return connection
@@ -158,6 +166,11 @@ def tables_of(engine: sa.Engine) -> set[str]:
         raise StoreAwayError(
             f"the catalogue's database {where} does not answer: {str(error.orig).strip()}; "
             "is it running, and is SOLMAP_CATALOGUE_URL right?"
+        ) from error
+    except DatabaseError as error:
+        raise ProductError(
+            f"{engine.url.database or 'the catalogue'} is damaged ({error.orig}): restore a backup "
+            "with `solmap restore`, or remove it and run the downlinks again"
         ) from error
 
 

@@ -270,6 +270,15 @@ class RunRequests:
         asked = self.requests(limit=1000)
         return [one for one in reversed(asked) if one.state is RequestState.WAITING]
 
+    def trim(self, before: str) -> None:
+        """Delete the answered ones that were made before a time."""
+        if self.path.is_file():
+            with transaction(self.path) as connection:
+                connection.execute(
+                    "DELETE FROM requests WHERE state != ? AND at < ?",
+                    (RequestState.WAITING, before),
+                )
+
     def answer(self, number: int, state: RequestState, answer: str) -> None:
         """Record the answer to a request."""
         with transaction(self.path) as connection:

@@ -4,7 +4,7 @@ Event numbers are in the order in which transactions committed (`write_transacti
 in at a time): after number 7 no 6 can follow.
 
 Events are rows that are only appended, in the transaction that makes the change, and deleted when
-there are many newer ones. A browser that was away asks for those after the last it has seen; where
+there are many newer ones or they are old. A browser that was away asks for those after the last it has seen; where
 these are deleted already, `is_gone` says so and the browser asks for everything again.
 """
 
@@ -26,6 +26,7 @@ LAYERS_PUBLISHED, IMAGES_INGESTED, MISSION_CHANGED = (
     "images.ingested",
     "mission.changed",
 )
+PUBLICATIONS = LAYERS_PUBLISHED, IMAGES_INGESTED, MISSION_CHANGED
 RUN_CHANGED, EDITS_CHANGED, REQUESTS_CHANGED = "run.changed", "edits.changed", "requests.changed"
 EVENTS = sa.Table(
     "events",
@@ -68,6 +69,17 @@ def last_event(connection: sa.Connection, kinds: Collection[str] = ()) -> int:
     if kinds:
         query = query.where(EVENTS.c.kind.in_(kinds))
     return connection.execute(query).scalar_one_or_none() or 0
+
+
+def trim_events(connection: sa.Connection, before: str) -> None:
+    """Delete the events before a time, but for those since the last publication.
+
+    What is left has no gaps, and the newest stays: numbers go on from it.
+    """
+    young = connection.execute(sa.select(sa.func.min(EVENTS.c.id)).where(EVENTS.c.at >= before))
+    first = young.scalar_one() or last_event(connection)
+    published = last_event(connection, PUBLICATIONS) or first
+    connection.execute(EVENTS.delete().where(EVENTS.c.id < min(first, published)))
 
 
 def is_gone(connection: sa.Connection, event_id: int) -> bool:

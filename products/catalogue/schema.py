@@ -140,7 +140,7 @@ def _found(root: Path, engine: sa.Engine) -> int:
     root.mkdir(parents=True, exist_ok=True)
     version = _version_of_folder(root)
     if version == latest_version():
-        _write_version(root, version)
+        write_version(root, version)
     with write_transaction(engine) as connection:
         TABLES.create_all(connection)
         _note_step(connection, latest_version())
@@ -172,7 +172,7 @@ def _migrate(root: Path, engine: sa.Engine) -> None:
         with explain_full_disk(root), write_transaction(engine) as connection:
             migration(root, connection)
             _note_step(connection, number)
-        _write_version(root, number)
+        write_version(root, number)
         log.info("%s was migrated to schema %d", root, number)
 
 
@@ -182,7 +182,8 @@ def _note_step(connection: sa.Connection, number: int) -> None:
     upsert(connection, STEPS, {"version": number}, {"at": at})
 
 
-def _write_version(root: Path, number: int) -> None:
+def write_version(root: Path, number: int) -> None:
+    """Write the version of a store's folder down."""
     draft = root / f".{FILE}.{os.getpid()}"
     draft.write_text(f"{number}\n")
     draft.replace(root / FILE)
@@ -215,16 +216,17 @@ def copy_database(source: Path, target: Path) -> None:
     """Copy an SQLite database as it is at one moment, also while it is written to."""
     target.touch(mode=source.stat().st_mode & 0o777)
     with (
-        closing(_reader(source)) as original,
+        closing(database_reader(source)) as original,
         closing(sqlite3.connect(target)) as copy,
     ):
         original.backup(copy)
 
 
-def _reader(database: Path) -> sqlite3.Connection:
+def database_reader(database: Path) -> sqlite3.Connection:
+    """A connection that reads a database of a store, whether or not it may be written."""
     if is_read_only(database):
         return read_only_connection(database)
-    return sqlite3.connect(f"{database.resolve().as_uri()}?mode=ro", uri=True)
+    return sqlite3.connect(database)
 
 
 def _refuse_half_restored(root: Path) -> None:

@@ -38,7 +38,6 @@ from solmap.products.store.faults import is_disk_full, require_writable
 from solmap.products.store.object_backend import open_object_backend
 from solmap.products.store.process import ResourceMeter
 
-_CHUNK = 1 << 20
 _PRODUCTS = "products"
 _LEVELS = 4
 """Of the name of a product: `products/KIND/SCOPE/FILE`."""
@@ -81,7 +80,8 @@ class ProductStore:
         return cls(store.root, object_storage)
 
     @property
-    def _backend(self) -> StorageBackend:
+    def backend(self) -> StorageBackend:
+        """Where its files lie; for what looks after them, products are reached by reference."""
         if self.object_storage is None:
             return FolderBackend(self.root)
         return open_object_backend(self.object_storage, self.root)
@@ -96,14 +96,14 @@ class ProductStore:
         Raises:
             ProductNotFoundError: it has not been made.
         """
-        path = self._backend.path(_name(ref))
+        path = self.backend.path(_name(ref))
         if path is None:
             raise _not_found(ref)
         return path
 
     def address(self, ref: ProductRef) -> Path | str:
         """What GDAL opens to read parts of a raster where it lies, be it made or not."""
-        return self._backend.address(_name(ref))
+        return self.backend.address(_name(ref))
 
     def size(self, ref: ProductRef) -> int:
         """How many bytes the product has.
@@ -111,22 +111,22 @@ class ProductStore:
         Raises:
             ProductNotFoundError: it has not been made.
         """
-        size = self._backend.size(_name(ref))
+        size = self.backend.size(_name(ref))
         if size is None:
             raise _not_found(ref)
         return size
 
     def chunks(self, ref: ProductRef, start: int, end: int) -> Iterator[bytes]:
         """The bytes of a product from `start` up to `end` in order, a few at a time."""
-        return self._backend.chunks(_name(ref), start, end)
+        return self.backend.chunks(_name(ref), start, end)
 
     def has(self, ref: ProductRef) -> bool:
         """Whether the product has been made."""
-        return self._backend.has(_name(ref))
+        return self.backend.has(_name(ref))
 
     def versions(self, kind: ProductKind, scope: Scope) -> list[ProductRef]:
         """All products of a kind and scope, latest or not, in the order in which they were made."""
-        names = self._backend.names(f"{_PRODUCTS}/{kind}/{scope.name}")
+        names = self.backend.names(f"{_PRODUCTS}/{kind}/{scope.name}")
         found = [ProductRef(kind, scope, digest) for digest in _digests(names, kind)]
         if len(found) < 2:  # noqa: PLR2004 - one needs no order, and no reading
             return found
@@ -135,7 +135,7 @@ class ProductStore:
     def refs(self) -> Iterator[ProductRef]:
         """Every product there is, latest or not, in the order of their names."""
         for kind in sorted(ProductKind):
-            for name in sorted(self._backend.names(f"{_PRODUCTS}/{kind}")):
+            for name in sorted(self.backend.names(f"{_PRODUCTS}/{kind}")):
                 parts = name.split("/")
                 for digest in _digests([name], kind) if len(parts) == _LEVELS else ():
                     yield ProductRef(kind, Scope(self._level(kind, name), parts[2]), digest)
@@ -143,8 +143,8 @@ class ProductStore:
     def remove(self, ref: ProductRef) -> None:
         """Remove a product, then its provenance; it may be gone already."""
         require_writable(self.root)
-        self._backend.remove(_name(ref))
-        self._backend.remove(_provenance_name(_name(ref)))
+        self.backend.remove(_name(ref))
+        self.backend.remove(provenance_name(_name(ref)))
 
     def make(self, recipe: Recipe, write: Callable[[Path], None]) -> ProductRef:
         """Make the product of `recipe` with `write`, unless it is there already.
@@ -158,19 +158,22 @@ class ProductStore:
             return ref
         name = _name(ref)
         effort = ResourceMeter()
-        with self._draft() as folder, self._explaining_full_disk(ref):
+        with (
+            self._draft() as folder,
+            self._explaining_full_disk(f"making {ref.kind} of {ref.scope}"),
+        ):
             draft = folder / PurePosixPath(name).name
             write(draft)
-            notes = folder / PurePosixPath(_provenance_name(name)).name
+            notes = folder / PurePosixPath(provenance_name(name)).name
             notes.write_text(json.dumps(_provenance(recipe, draft, effort)))
             # the product last: where it is, its provenance is too
-            self._backend.put(notes, _provenance_name(name), once=False)
-            self._backend.put(draft, name, once=True)
+            self.backend.put(notes, provenance_name(name), once=False)
+            self.backend.put(draft, name, once=True)
         return ref
 
     def provenance(self, ref: ProductRef) -> dict[str, Any]:
         """Recipe, date, duration, size and checksum of a product."""
-        found = self._backend.read(_provenance_name(_name(ref)))
+        found = self.backend.read(provenance_name(_name(ref)))
         if found is None:
             raise _not_found(ref)
         return json.loads(found)
@@ -184,11 +187,11 @@ class ProductStore:
         with self._draft() as folder:
             draft = folder / "document"
             draft.write_text(text, encoding="utf-8")
-            self._backend.put(draft, name, once=False)
+            self.backend.put(draft, name, once=False)
 
     def document(self, name: str) -> str | None:
         """A document beside the products; None where there is none."""
-        found = self._backend.read(name)
+        found = self.backend.read(name)
         return None if found is None else found.decode()
 
     def _level(self, kind: ProductKind, name: str) -> ScopeLevel:
@@ -196,10 +199,23 @@ class ProductStore:
         if kind.level is not None:
             return kind.level
         try:
-            notes = json.loads(self._backend.read(_provenance_name(name)) or b"{}")
+            notes = json.loads(self.backend.read(provenance_name(name)) or b"{}")
             return ScopeLevel(notes["recipe"]["scope"]["level"])
         except (ValueError, LookupError, TypeError):
             return ScopeLevel.REGION  # its provenance is broken, and says so to who asks for it
+
+    def admit(self, name: str, chunks: Iterable[bytes], sha256: str) -> bool:
+        """Take a file of a backup under its name, unless its checksum is another; whether it was.
+
+        Raises:
+            StoreFullError: the disk is full.
+        """
+        with self._draft() as folder, self._explaining_full_disk(f"restoring {name}"):
+            draft = folder / "file"
+            if write_chunks(draft, chunks) != sha256:
+                return False
+            self.backend.put(draft, name, once=False)
+        return True
 
     @contextlib.contextmanager
     def _draft(self) -> Iterator[Path]:
@@ -213,15 +229,15 @@ class ProductStore:
             shutil.rmtree(folder, ignore_errors=True)
 
     @contextlib.contextmanager
-    def _explaining_full_disk(self, ref: ProductRef) -> Iterator[None]:
+    def _explaining_full_disk(self, what: str) -> Iterator[None]:
         """Say plainly that the disk is full, also where a library only says that writing failed."""
         try:
             yield
         except Exception as error:
             if is_disk_full(self.root, error):
                 raise StoreFullError(
-                    f"the disk is full while making {ref.kind} of {ref.scope}; free some space "
-                    "and run again: what was made before is kept"
+                    f"the disk is full while {what}; free some space and run again: what was made "
+                    "before is kept"
                 ) from error
             raise
 
@@ -237,7 +253,8 @@ def _name(ref: ProductRef) -> str:
     return f"{_PRODUCTS}/{ref.file_name}"
 
 
-def _provenance_name(name: str) -> str:
+def provenance_name(name: str) -> str:
+    """The name of the file that says how the product of a name was made."""
     folder, _, file = name.rpartition("/")
     return f"{folder}/{file.split('.')[0]}.provenance.json"
 
@@ -257,16 +274,26 @@ def _not_found(ref: ProductRef) -> ProductNotFoundError:
     )
 
 
-def _provenance(recipe: Recipe, draft: Path, effort: ResourceMeter) -> dict[str, Any]:
+def write_chunks(path: Path, chunks: Iterable[bytes]) -> str:
+    """Write a new file, and flush it to the disk; its checksum."""
     digest = hashlib.sha256()
-    with draft.open("rb") as file:
-        while chunk := file.read(_CHUNK):
+    with path.open("wb") as file:
+        for chunk in chunks:
             digest.update(chunk)
+            file.write(chunk)
+        file.flush()
+        os.fsync(file.fileno())
+    return digest.hexdigest()
+
+
+def _provenance(recipe: Recipe, draft: Path, effort: ResourceMeter) -> dict[str, Any]:
+    with draft.open("rb") as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     return {
         "recipe": recipe.document,
         "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
         **effort.usage(),
         "bytes": draft.stat().st_size,
-        "sha256": digest.hexdigest(),
+        "sha256": sha256,
         "software": f"solmap {version('solmap')}",
     }

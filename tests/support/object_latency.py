@@ -66,7 +66,7 @@ def copied(root: Path, folder: Path, layers: Sequence[Layer], url: str) -> Path:
         draft = store.root / "drafts" / "copy"
         name = f"products/{layer.ref.file_name}"
         shutil.copyfile(root / name, draft)
-        store._backend.put(draft, name, once=True)
+        store.backend.put(draft, name, once=True)
     forget_copies(there)
     return there
 

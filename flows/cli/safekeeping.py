@@ -1,0 +1,98 @@
+"""`solmap backup`, `restore` and `check`: copies of a store, and whether it is sound."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from solmap.config.settings import Settings
+from solmap.flows.cli.console import (
+    StoreOption,
+    note,
+    progress_shown,
+    say,
+    workspace_of,
+)
+from solmap.flows.runtime.progress import report
+
+if TYPE_CHECKING:
+    from solmap.products.catalogue.backups import BackupReport
+
+
+def backup(
+    destination: Annotated[Path, typer.Argument(help="Folder that keeps the backups")],
+    store: StoreOption = None,
+    keep: Annotated[
+        int | None, typer.Option(help="Remove all but so many of the newest backups", min=1)
+    ] = None,
+) -> None:
+    """Back the store up while it is worked on; products that DESTINATION has are not copied."""
+    from solmap.products.catalogue.backups import back_up  # noqa: PLC0415 - `solmap --help` answers at once
+
+    with progress_shown():
+        done = back_up(workspace_of(store), destination, keep, partial(report, "back up"))
+    _print_report(
+        done, "backed up", "`solmap check --repair` removes it, the next run makes it anew"
+    )
+
+
+def restore(
+    source: Annotated[Path, typer.Argument(help="A backup, or the folder that keeps several")],
+    store: Annotated[
+        Path, typer.Option("--store", help="Empty folder, to hold the store from now on")
+    ],
+    *,
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Put it in place of what the store holds.")
+    ] = False,
+) -> None:
+    """Restore a backup, or the newest of several; every file is held against its checksum."""
+    from solmap.products.catalogue import backups  # noqa: PLC0415 - as above
+
+    settings = Settings()
+    with progress_shown():
+        done = backups.restore(
+            source,
+            store,
+            settings.catalogue_url,
+            settings.object_storage,
+            replace=replace,
+            on_progress=partial(report, "restore"),
+        )
+    _print_report(done, "restored", f"say `solmap check --repair --store {store}`")
+
+
+def check(
+    store: StoreOption = None,
+    *,
+    repair: Annotated[
+        bool, typer.Option("--repair", help="Remove what is broken, withdraw what is lost.")
+    ] = False,
+) -> None:
+    """Look through the store: checksums, catalogue, left-overs, databases; a line a finding."""
+    from solmap.products.catalogue.checking import check as look_through  # noqa: PLC0415 - as above
+
+    mended = left = 0
+    with progress_shown():
+        progress = partial(report, "check files")
+        for finding in look_through(workspace_of(store), repair=repair, on_progress=progress):
+            say(finding)
+            mended, left = mended + finding.is_mended, left + (not finding.is_mended)
+    say(f"{mended} mended, {left} left" if mended or left else "nothing is wrong")
+    if left:
+        raise typer.Exit(1)
+
+
+def _print_report(done: BackupReport, verb: str, remedy: str) -> None:
+    for name in done.broken:
+        note("warning", f"{name} is broken and was left out; {remedy}")
+    say(f"{done.folder}: {done.files} files {verb}, {done.copied} of them copied")
+    if done.broken:
+        raise typer.Exit(1)
+
+
+COMMANDS = (backup, restore, check)
+"""As the command line has them."""

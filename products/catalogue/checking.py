@@ -1,0 +1,315 @@
+"""Checking a store: files against their provenance, the catalogue against the files, databases.
+
+Found are
+
+- products whose bytes are not those of their provenance, or that have none;
+- files that are no products, provenance without a product, drafts that nobody works on;
+- rows of the catalogue that name a product which is not there, or by a name no path can hold;
+- databases that SQLite finds damaged, documents that are no JSON.
+
+Repairing removes what is broken and withdraws what is lost, so that the next run makes it anew.
+Images cannot be made: their files have to be delivered again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import shutil
+import sqlite3
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import sqlalchemy as sa
+
+from solmap.products.catalogue import edits, schema, tokens
+from solmap.products.catalogue.database import FINISHED, IMAGES, LATEST, LAYERS, write_transaction
+from solmap.products.catalogue.events import LAYERS_PUBLISHED, append
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.model import ProductKind
+from solmap.products.store.faults import is_read_only
+from solmap.products.store.product_store import provenance_name
+
+_PROVENANCE = ".provenance.json"
+_YOUNG_S = 3600.0
+"""Provenance and drafts may wait so long for their product while runs go on."""
+_AGAIN = "removed, the next run makes it anew; what was delivered has to come again"
+_PARTS = "standing", "layers", "pointers"
+"""Lists of products in the document of a finished sol."""
+_REFERENCES = "ref", "browse", "radiometry"
+"""Products in the document of an image."""
+_LEVELS = 4
+"""Of a product's name: `products/KIND/SCOPE/FILE`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What is wrong with a part of a store."""
+
+    text: str
+    remedy: str
+    """What was done about it, or is to be done."""
+    is_mended: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.text}; {self.remedy}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Fault:
+    text: str
+    remedy: str
+    """What mending has done; without it, what people have to do."""
+    mend: Callable[[], object] | None = None
+
+
+def check(
+    workspace: Workspace,
+    *,
+    repair: bool = False,
+    on_progress: Callable[[int, int], None] = lambda _done, _total: None,
+) -> Iterator[Finding]:
+    """Look through a store, and with `repair` mend what can be; every finding as it is met.
+
+    Runs may go on meanwhile; repairing is done alone.
+
+    Raises:
+        StoreBusyError: others work on a store that is to be repaired.
+        StoreReadOnlyError: nothing can be mended there.
+    """
+    if repair:
+        turn = workspace.maintenance_turn("repair it")
+    elif is_read_only(workspace.store.root):
+        turn = contextlib.nullcontext()
+    else:
+        turn = workspace.run_turn()
+    with turn:
+        for fault in _faults(workspace, repair, on_progress):
+            if repair and fault.mend is not None:
+                fault.mend()
+                yield Finding(fault.text, fault.remedy, is_mended=True)
+            elif fault.mend is not None:
+                yield Finding(fault.text, "`solmap check --repair` mends it")
+            else:
+                yield Finding(fault.text, fault.remedy)
+
+
+def _faults(
+    workspace: Workspace,
+    is_alone: bool,  # noqa: FBT001 - a fact
+    on_progress: Callable[[int, int], None],
+) -> Iterator[_Fault]:
+    yield from _faulty_databases(workspace)
+    oldest = time.time() - (0.0 if is_alone else _YOUNG_S)
+    yield from _faulty_files(workspace, oldest, on_progress)
+    yield from _faulty_documents(workspace)
+    yield from _left_drafts(workspace, oldest)
+    yield from _faulty_rows(workspace)
+
+
+def _faulty_databases(workspace: Workspace) -> Iterator[_Fault]:
+    root, engine = workspace.store.root, workspace.catalogue.engine
+    names = [schema.CATALOGUE] if engine.dialect.name == "sqlite" else []
+    for name in (*names, edits.FILE, tokens.FILE):
+        if (root / name).is_file():
+            answer = _integrity(root / name)
+            if answer != "ok":
+                yield _Fault(f"{name} is damaged: {answer}", "`solmap restore` a backup of it")
+
+
+def _integrity(database: Path) -> str:
+    try:
+        with closing(schema.database_reader(database)) as connection:
+            return str(connection.execute("PRAGMA integrity_check(1)").fetchone()[0])
+    except (sqlite3.Error, OSError) as error:
+        return str(error)
+
+
+def _faulty_files(
+    workspace: Workspace, oldest: float, on_progress: Callable[[int, int], None]
+) -> Iterator[_Fault]:
+    names = set(workspace.store.backend.names("products"))
+    for done, name in enumerate(sorted(names), 1):
+        fault = _file_fault(name, workspace, names, oldest)
+        if fault is not None:
+            yield fault
+        on_progress(done, len(names))
+
+
+def _file_fault(name: str, workspace: Workspace, names: set[str], oldest: float) -> _Fault | None:
+    backend, short = workspace.store.backend, name.partition("/")[2]
+
+    def remove() -> None:
+        backend.remove(name)
+        backend.remove(provenance_name(name))
+
+    product = _product_name(name)
+    if product is None and provenance_name(name) in names:
+        return _Fault(f"{short} lies where no product does", "removed", remove)
+    if product is None:
+        return _Fault(f"{short} is no product", "it is not touched: remove it or keep it elsewhere")
+    try:
+        notes = json.loads(backend.read(provenance_name(name)) or b"")
+        made_at, sha256 = datetime.fromisoformat(notes["made_at"]), str(notes["sha256"])
+    except (ValueError, LookupError, TypeError):
+        is_gone = not backend.has(name)  # pruned, or removed with its product, since it was listed
+        return None if is_gone else _Fault(f"{short} has no readable provenance", _AGAIN, remove)
+    if name != product:
+        is_lone = product not in names and made_at.timestamp() < oldest and not backend.has(product)
+        return (
+            _Fault(f"{short} is there without its product", "removed", remove) if is_lone else None
+        )
+    if _sha256(name, workspace) in (None, sha256):
+        return None
+    return _Fault(f"{short} is broken: its checksum is not that of its provenance", _AGAIN, remove)
+
+
+def _product_name(name: str) -> str | None:
+    """The name of the product that a file is, or that it is the provenance of, if of any."""
+    levels, kind = name.split("/"), name.split("/")[1]
+    if len(levels) != _LEVELS or kind not in set(ProductKind):
+        return None
+    digest, _, rest = levels[-1].partition(".")
+    suffix = ProductKind(kind).suffix
+    is_ours = f".{rest}" in (suffix, _PROVENANCE)
+    return "/".join([*levels[:-1], f"{digest}{suffix}"]) if is_ours else None
+
+
+def _sha256(name: str, workspace: Workspace) -> str | None:
+    """The checksum of a file; None where it has been removed meanwhile."""
+    backend, digest = workspace.store.backend, hashlib.sha256()
+    try:
+        for chunk in backend.chunks(name, 0, backend.size(name) or 0):
+            digest.update(chunk)
+    except FileNotFoundError:
+        return None
+    return digest.hexdigest()
+
+
+def _faulty_documents(workspace: Workspace) -> Iterator[_Fault]:
+    backend = workspace.store.backend
+    for name in backend.names("stac"):
+        try:
+            json.loads(backend.read(name) or b"{}")
+        except ValueError as error:
+            remedy = "removed, the next publication writes it anew"
+            yield _Fault(f"half of {name}: {error}", remedy, partial(backend.remove, name))
+
+
+def _left_drafts(workspace: Workspace, oldest: float) -> Iterator[_Fault]:
+    for folder in (workspace.store.root / "drafts").glob("*"):
+        with contextlib.suppress(FileNotFoundError):  # put into place meanwhile
+            if folder.stat().st_mtime < oldest:
+                mend = partial(shutil.rmtree, folder, ignore_errors=True)
+                yield _Fault(f"drafts/{folder.name} was left by a process", "removed", mend)
+
+
+@dataclass(slots=True)
+class _Presence:
+    """Which products are in the store; each is looked for once."""
+
+    workspace: Workspace
+    _known: dict[_Key, bool] = field(default_factory=dict)
+
+    def has(self, key: _Key) -> bool:
+        """Whether it is there, under a name that a path can hold."""
+        if key not in self._known:
+            has = self.workspace.store.backend.has
+            self._known[key] = _is_sound(key) and has(_name_of(key))
+        return self._known[key]
+
+
+def _faulty_rows(workspace: Workspace) -> Iterator[_Fault]:
+    """Rows that name what is not there, or by a name that no path can hold."""
+    presence = _Presence(workspace)
+    with workspace.catalogue.engine.connect() as connection:
+        pointers = [_Key(*row) for row in connection.execute(sa.select(*_columns(LATEST)))]
+        versions = [_Key(*row) for row in connection.execute(sa.select(*_columns(LAYERS)))]
+        sols = connection.execute(sa.select(FINISHED.c.scope, FINISHED.c.document)).all()
+        images = connection.execute(sa.select(IMAGES.c.id, IMAGES.c.document)).all()
+    for key in sorted({*pointers, *versions}):
+        if not presence.has(key):
+            remedy = "withdrawn, the next run makes it anew"
+            what = f"{'/'.join(key)} is in the catalogue and not in the store"
+            yield _Fault(what, remedy, partial(_withdraw, key, workspace))
+    for scope, document in sols:
+        keys = [_key_of_text(text) for part in _PARTS for text in document.get(part, ())]
+        if not all(key is not None and presence.has(key) for key in keys):
+            remedy = "forgotten, the next run processes it anew"
+            mend = partial(_delete, FINISHED, FINISHED.c.scope == scope, workspace)
+            yield _Fault(f"what finished sol {scope} left is not in the store", remedy, mend)
+    for name, document in images:
+        yield from _faults_of_image(name, document, presence)
+
+
+def _faults_of_image(name: str, document: dict[str, Any], presence: _Presence) -> Iterator[_Fault]:
+    keys = [_key_of_reference(document[one]) for one in _REFERENCES if document.get(one)]
+    if not all(map(_is_sound, keys)):
+        mend = partial(_delete, IMAGES, IMAGES.c.id == name, presence.workspace)
+        yield _Fault(f"no path can hold the name of image {name!r}", "forgotten", mend)
+        return
+    for key in keys:
+        if not presence.has(key):
+            what = f"{'/'.join(key)} of image {name} is not in the store"
+            yield _Fault(what, "`solmap run` a folder with its file again")
+
+
+class _Key(NamedTuple):
+    """What names a product in the catalogue."""
+
+    kind: str
+    scope: str
+    digest: str
+
+
+def _columns(table: sa.Table) -> list[sa.Column[str]]:
+    return [table.c.kind, table.c.scope, table.c.digest]
+
+
+def _key_of_text(text: str) -> _Key | None:
+    parts = text.split("/")
+    return _Key(parts[0], *parts[2:]) if len(parts) == _LEVELS else None
+
+
+def _key_of_reference(reference: dict[str, Any]) -> _Key:
+    return _Key(reference["kind"], reference["scope"]["name"], reference["digest"])
+
+
+def _is_sound(key: _Key) -> bool:
+    return (
+        key.kind in set(ProductKind)
+        and _product_name(_name_of(key)) is not None
+        and (key.scope not in {"", ".", ".."} and key.scope.isprintable())
+    )
+
+
+def _name_of(key: _Key) -> str:
+    suffix = ProductKind(key.kind).suffix if key.kind in set(ProductKind) else ""
+    return f"products/{key.kind}/{key.scope}/{key.digest}{suffix}"
+
+
+def _withdraw(key: _Key, workspace: Workspace) -> None:
+    """Take a product out of the catalogue, all at once; browsers are notified."""
+    of_layer, of_pointer = (
+        sa.and_(*(one == value for one, value in zip(_columns(table), key, strict=True)))
+        for table in (LAYERS, LATEST)
+    )
+    with write_transaction(workspace.catalogue.engine) as connection:
+        mission = connection.execute(sa.select(LAYERS.c.mission).where(of_layer)).scalar()
+        connection.execute(LAYERS.delete().where(of_layer))
+        was_latest = connection.execute(LATEST.delete().where(of_pointer)).rowcount
+        if mission is not None and was_latest:
+            ids = [f"{key.scope}/{key.kind}"]
+            append(connection, LAYERS_PUBLISHED, {"mission": mission, "layers": ids})
+
+
+def _delete(table: sa.Table, rows: sa.ColumnElement[bool], workspace: Workspace) -> None:
+    with write_transaction(workspace.catalogue.engine) as connection:
+        connection.execute(table.delete().where(rows))
