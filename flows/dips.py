@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solmap.flows.runtime.run_record import beside_runs
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.planes import PlaneFit
 from solmap.photogrammetry.terrain.measure.facets import FacetParams
@@ -74,6 +75,7 @@ def dip_of_ground(
     return GroundDip(plane, attitude(plane))
 
 
+@beside_runs
 def dips_of_rocks(stop: str, params: FacetParams, workspace: Workspace) -> list[dict[str, object]]:
     """Strike and dip of the facets that a stop's pairs see; they become a layer of the map.
 
@@ -84,7 +86,7 @@ def dips_of_rocks(stop: str, params: FacetParams, workspace: Workspace) -> list[
     entry = workspace.catalogue.mission(stop_id.mission)
     ref = map_dips.fn(stop_id, pairs, params, entry.landing, workspace.store)
     sols = tuple(sorted({pair.products.files.sol for pair in pairs}))
-    publish.fn(entry, [(ref, sols)], (), (), workspace)
+    publish.fn(entry, [(ref, sols)], (), (), workspace).check()
     collection = read_features(workspace.store.path(ref))
     return [
         {"east": float(f.points[0, 0]), "north": float(f.points[0, 1]), **f.properties}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from solmap.config.workspace import open_workspace
 from solmap.flows.finished import ReusableSols, withdraw_leftovers
 from solmap.flows.mission import draw_mission, map_regions
 from solmap.flows.overall import overall_sols, process_overall
-from solmap.flows.runtime.failures import clear_failure, isolate
+from solmap.flows.runtime.failures import clear_failure, isolate, keep_going
 from solmap.flows.runtime.progress import report as report_progress
 from solmap.flows.runtime.run_page import downlink_name, folder_name, rename_run, write_report
 from solmap.flows.runtime.run_record import record_run
@@ -24,10 +25,12 @@ from solmap.flows.runtime.runners import on_workers
 from solmap.flows.runtime.sol_report import DownlinkReport, SolReport
 from solmap.flows.sol import process_sol
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
+from solmap.photogrammetry.archive.images.radiometry import Radiometry
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.errors import ProductError, cause_of
 from solmap.products.model import Scope
 from solmap.tasks.images.ingest import Delivery, ingest_downlink
-from solmap.tasks.images.manual_ties import take_edits
+from solmap.tasks.images.manual_ties import EDITS_FILE, take_edits
 from solmap.tasks.network.orientations import Standing
 from solmap.tasks.scopes import network_scope
 
@@ -50,29 +53,50 @@ def process_downlink(
     radiometry = load_radiometry(Settings().instruments)
     workspace = open_workspace(store)
     with record_run("downlink", downlink.name, workspace) as record:
-        delivery = ingest_downlink(
+        delivery = _ingest(downlink, workspace, radiometry, settle_s)
+        _note_delivery(delivery, downlink, report)
+        if delivery.images:
+            rename_run(downlink_name(delivery.images))
+        with isolate(EDITS_FILE, workspace, report.failures, f"{EDITS_FILE}: {{}}"):
+            take_edits(workspace)
+        for mission in delivery.missions:
+            line = f"{mission}: {{}}"
+            with (
+                isolate(mission.lower(), workspace, report.failures, line),
+                workspace.mission_turn(mission, partial(_log_waiting, mission)),
+            ):
+                _process_mission(mission, workspace, pipeline, report)
+                clear_failure(mission.lower(), workspace)
+        record.say([*report.warnings, *report.lines])
+        record.fail_if(report.failures)
+    unwritten: dict[str, str] = {}
+    with keep_going(unwritten, "the page of the run"):
+        write_report(report, workspace)
+    return report
+
+
+def _ingest(
+    downlink: Path, workspace: Workspace, radiometry: Mapping[str, Radiometry], settle_s: float
+) -> Delivery:
+    """Take the files over; where that fails as a whole, nothing can be done.
+
+    Raises:
+        ProductError: it does; one line says why.
+    """
+    try:
+        return ingest_downlink(
             downlink,
             workspace,
             radiometry,
             lambda done, total: report_progress("ingest files", done, total),
             settle_s,
         )
-        _note_delivery(delivery, downlink, report)
-        if delivery.images:
-            rename_run(downlink_name(delivery.images))
-        take_edits(workspace)
-        for mission in delivery.missions:
-            line = f"{mission}: {{}}"
-            with (
-                workspace.mission_turn(mission, partial(_log_waiting, mission)),
-                isolate(mission.lower(), workspace, report.failures, line),
-            ):
-                _process_mission(mission, workspace, pipeline, report)
-                clear_failure(mission.lower(), workspace)
-        record.say([*report.warnings, *report.lines])
-        record.fail_if(report.failures)
-    write_report(report, workspace)
-    return report
+    except ProductError:
+        raise
+    except Exception as error:
+        raise ProductError(
+            f"the files of {downlink} could not be taken into the store: {cause_of(error)}"
+        ) from error
 
 
 def _log_waiting(mission: str) -> None:
@@ -112,9 +136,10 @@ def _process_mission(
     finished, walks = ReusableSols.of(mission, workspace, pipeline), False
     for sol in sols:
         for flow_of_sol in (process_sol, process_overall) if sol in overall else (process_sol,):
-            scope, key = _scope_of(flow_of_sol, mission, sol), finished.key(sol, standing)
+            scope = _scope_of(flow_of_sol, mission, sol)
             line = f"{mission} sol {sol}: {{}}"
             with isolate(scope.name, workspace, report.failures, line):
+                key = finished.key(sol, standing)
                 done = None if walks else finished.report(scope, sol, key)
                 if done is None:
                     if not walks:
@@ -129,7 +154,7 @@ def _process_mission(
                 standing = done.standing or standing
     report.sols += reports
     if len(reports) == len(sols) + len(overall.intersection(sols)):
-        withdraw_leftovers(mission, reports, workspace)
+        _withdraw_leftovers(mission, reports, workspace, report)
     if standing is not None:
         _draw(mission, standing, workspace, pipeline, report)
         _map_regions(mission, workspace, pipeline, report)
@@ -141,14 +166,25 @@ def _scope_of(flow_of_sol: object, mission: str, sol: int) -> Scope:
     return network_scope(mission, sol, mode)
 
 
+def _withdraw_leftovers(
+    mission: str, reports: list[SolReport], workspace: Workspace, report: DownlinkReport
+) -> None:
+    subject = f"{mission.lower()}-leftovers"
+    line = f"{mission}: what no sol gives any more could not be withdrawn: {{}}"
+    with isolate(subject, workspace, report.failures, line):
+        withdraw_leftovers(mission, reports, workspace)
+        clear_failure(subject, workspace)
+
+
 def _draw(
     mission: str, standing: Standing, workspace: Workspace, pipeline: str, report: DownlinkReport
 ) -> None:
     subject, line = f"{mission.lower()}-layers", f"{mission}: its layers could not be drawn: {{}}"
-    with isolate(subject, workspace, report.failures, line):
-        note = draw_mission(mission, standing.network, workspace, pipeline)
+    with isolate(subject, workspace, report.failures, line) as failed:
+        note = draw_mission(mission, standing.network, workspace, pipeline, failed)
         report.warnings += [f"{mission}: {note}"] if note else []
-        clear_failure(subject, workspace)
+        if not failed:
+            clear_failure(subject, workspace)
 
 
 def _map_regions(mission: str, workspace: Workspace, pipeline: str, report: DownlinkReport) -> None:
@@ -156,6 +192,7 @@ def _map_regions(mission: str, workspace: Workspace, pipeline: str, report: Down
         f"{mission.lower()}-regions",
         f"{mission}: its regions could not be mapped: {{}}",
     )
-    with isolate(subject, workspace, report.failures, line):
-        report.seams += map_regions(mission, workspace, pipeline)
-        clear_failure(subject, workspace)
+    with isolate(subject, workspace, report.failures, line) as failed:
+        report.seams += map_regions(mission, workspace, pipeline, failed)
+        if not failed:
+            clear_failure(subject, workspace)

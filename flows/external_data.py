@@ -9,6 +9,7 @@ from typing import Any
 from solmap.config.landing import landing_site
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
+from solmap.flows.runtime.run_record import beside_runs
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.manual.editing import EditAction
 from solmap.photogrammetry.orbital.registration import RegistrationParams
@@ -20,7 +21,7 @@ from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.documents.control import read_control, refused_stops
 from solmap.products.model import Layer, ProductKind, ProductRef, ScopeLevel
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images.files import file_bytes
+from solmap.products.store.user_files import MAX_ROWS_BYTES, read_user_file
 from solmap.tasks.images.manual_ties import named_in, read_edit_requests, take_manual_ties
 from solmap.tasks.mission.control import (
     FrameParams,
@@ -55,6 +56,7 @@ class OrbitalOptions:
     """It is a terrain model: it gives control, and no image to draw."""
 
 
+@beside_runs
 def add_orbital(
     file: Path, mission: str, root: Path, options: OrbitalOptions | None = None
 ) -> tuple[str, ...]:
@@ -88,12 +90,12 @@ def add_orbital(
             said += _control_lines(control, stops, store)
     entry = MissionEntry(mission, site.title, site.landing, None)
     if options.heights:
-        publish.fn(entry, [], pointers, (), workspace)
+        publish.fn(entry, [], pointers, (), workspace).check()
         return tuple(said)
     around = union(layer.bounds for layer in layers if layer.ref.kind is ProductKind.DTM)
     base = draw_base.fn(mission, image, registration, around, site.landing, store)
     sols = tuple(sorted({sol for layer in layers for sol in layer.sols}))
-    publish.fn(entry, [(base, sols)], pointers, (), workspace)
+    publish.fn(entry, [(base, sols)], pointers, (), workspace).check()
     return tuple(said)
 
 
@@ -149,6 +151,7 @@ def _height_change(correction: dict[str, Any]) -> str:
     return f", raised by {correction['up_m']:+.2f} m ({correction['sigma_up_m']:.2f})"
 
 
+@beside_runs
 def add_control(file: Path, mission: str, root: Path, params: FrameParams) -> str:
     """Publish a file of measured control; one line on what it holds.
 
@@ -163,9 +166,10 @@ def add_control(file: Path, mission: str, root: Path, params: FrameParams) -> st
         raise ProductNotFoundError(
             f"no network of {mission} is in the store; `solmap run` its downlink first"
         )
-    store = workspace.store
-    ref = take_control(file.name, file.read_bytes(), standing.network, params, site.landing, store)
-    publish.fn(MissionEntry(mission, site.title, site.landing, None), [], [ref], (), workspace)
+    store, data = workspace.store, read_user_file(file, most_bytes=MAX_ROWS_BYTES)
+    ref = take_control(file.name, data, standing.network, params, site.landing, store)
+    entry = MissionEntry(mission, site.title, site.landing, None)
+    publish.fn(entry, [], [ref], (), workspace).check()
     frame, found = read_control(ref, store)
     if not found:
         return f"{file.name} is empty: what it held before counts no more"
@@ -207,6 +211,7 @@ class TakenTies:
         return f"{self.name}: {said}; the next run carries them out"
 
 
+@beside_runs
 def take_ties_file(file: Path, root: Path) -> TakenTies:
     """Take a file of manual ties into the store at `root`; an earlier one of its name is replaced.
 
@@ -214,7 +219,7 @@ def take_ties_file(file: Path, root: Path) -> TakenTies:
         PhotogrammetryError: the file cannot be read; one line says where and why.
         OSError: there is no such file.
     """
-    data = file_bytes(file)
+    data = read_user_file(file, most_bytes=MAX_ROWS_BYTES)
     requests = read_edit_requests(data, file.name)
     workspace = open_workspace(root)
     ref = take_manual_ties(file.name, data, workspace.store)

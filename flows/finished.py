@@ -21,6 +21,7 @@ from solmap.config.landing import landing_site
 from solmap.config.pipeline import load_pipeline
 from solmap.config.settings import Settings
 from solmap.flows.runtime.sol_report import SolReport
+from solmap.flows.sol_inputs import read_mission
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.products.catalogue.runs import FinishedSolRecords
 from solmap.products.catalogue.workspace import Workspace
@@ -107,6 +108,9 @@ def _common(mission: str, workspace: Workspace, pipeline: str) -> Iterator[str]:
     yield repr(landing_site(mission, Settings().landing_sites))
     for kind in (ProductKind.VECTORS, ProductKind.MANUAL_TIES, ProductKind.CONTROL):
         yield repr(workspace.catalogue.pointers(kind))
+    set_aside = read_mission(mission, workspace).set_aside
+    if set_aside:
+        yield repr(sorted(set_aside))
 
 
 def _images(mission: str, workspace: Workspace) -> dict[int, str]:
@@ -120,7 +124,9 @@ def _images(mission: str, workspace: Workspace) -> dict[int, str]:
 
 def _will_fail_again(failure: str) -> bool:
     """Whether the images are at fault, and not a disk, a network or a program."""
-    return any(f": {name}: " in failure for name in _names_of(PhotogrammetryError))
+    return not failure.startswith("publish ") and any(
+        f": {name}: " in failure for name in _names_of(PhotogrammetryError)
+    )
 
 
 def _names_of(error: type[Exception]) -> Iterator[str]:

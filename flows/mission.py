@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Sequence, Set
 from pathlib import Path
 
 from solmap.config.landing import landing_site
 from solmap.config.pipeline import PipelineConfig, load_pipeline
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
+from solmap.flows.runtime.failures import clear_failure, isolate, keep_going
 from solmap.flows.runtime.run_record import record_run
+from solmap.flows.sol_inputs import read_mission
 from solmap.photogrammetry.terrain.dtm.region_dtm import regions_of
 from solmap.products.catalogue.catalogue import MissionEntry
-from solmap.products.catalogue.images import image_records
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
+from solmap.products.errors import ProductError
 from solmap.products.model import REGION_KINDS, Layer, ProductKind, ProductRef, Scope
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images.telemetry import read_telemetry, vector_files
 from solmap.tasks.maps.region import fuse_region, seam_notes
 from solmap.tasks.maps.suitability import map_hazards, map_insolation
 from solmap.tasks.maps.terrain import map_relief, shade_relief, trace_contours
@@ -30,42 +31,70 @@ LEAST_STOPS = 2
 
 
 def draw_mission(
-    mission: str, network: ProductRef, workspace: Workspace, pipeline: str
+    mission: str,
+    network: ProductRef,
+    workspace: Workspace,
+    pipeline: str,
+    failed: dict[str, str],
 ) -> str | None:
-    """Draw and publish them; what is to be said of the mission's frame, if anything."""
+    """Draw and publish them; what is to be said of the mission's frame, if anything.
+
+    `failed` gains what could not be made, and why.
+    """
     site = landing_site(mission, Settings().landing_sites)
     entries = workspace.catalogue.images(mission)
-    telemetry = read_telemetry(image_records(entries, workspace), vector_files(mission, workspace))
+    telemetry = read_mission(mission, workspace).telemetry()
     params = load_pipeline(pipeline).footprints
-    layers = draw_vectors(mission, network, entries, params, site.landing, workspace)
+    layers: list[ProductRef] = []
+    traverse: list[ProductRef] = []
+    with keep_going(failed, "vector layers"):
+        layers = draw_vectors(mission, network, entries, params, site.landing, workspace)
+    with keep_going(failed, "traverse"):
+        traverse = localise(network, telemetry, site.landing, workspace.store)
     sols = tuple(sorted({entry.sol for entry in entries}))
     entry = MissionEntry(mission, site.title, site.landing, telemetry.note)
-    traverse = localise(network, telemetry, site.landing, workspace.store)
-    publish(entry, [(ref, sols) for ref in layers], traverse, (), workspace)
+    published = publish(entry, [(ref, sols) for ref in layers], traverse, (), workspace)
+    failed |= published.failures
     return telemetry.note
 
 
-def map_regions(mission: str, workspace: Workspace, pipeline: str) -> list[str]:
+def map_regions(
+    mission: str, workspace: Workspace, pipeline: str, failed: dict[str, str]
+) -> list[str]:
     """Fuse, map and publish the regions of a mission; how far their stops disagree.
 
-    What did not change is looked up.
+    What did not change is looked up. `failed` gains what could not be made, and why.
     """
     config = load_pipeline(pipeline)
-    landing = landing_site(mission, Settings().landing_sites).landing
+    if not config.region.enabled:
+        return []
     notes: list[str] = []
     scopes: set[Scope] = set()
-    for stops in _regions(mission, workspace, config) if config.region.enabled else ():
-        refs = [layer.ref for layer in stops]
-        dtm, seams = fuse_region(mission, refs, config.region.fusion, landing, workspace.store)
-        made = [dtm, seams, *_surfaces(dtm, config, landing, workspace.store)]
-        sols = tuple(sorted({sol for layer in stops for sol in layer.sols}))
-        entry = workspace.catalogue.mission(mission)
-        publish(entry, [(ref, sols) for ref in made], (), (), workspace)
-        notes += seam_notes(seams, workspace.store)
-        scopes.add(dtm.scope)
-    if config.region.enabled:
+    for stops in _regions(mission, workspace, config):
+        with keep_going(failed, f"region of {stops[0].ref.scope}"):
+            scope, seams = _map_region(mission, stops, workspace, config, failed)
+            scopes.add(scope)
+            notes += seams
+    if not failed:
         _withdraw_others(mission, scopes, workspace)
     return notes
+
+
+def _map_region(
+    mission: str,
+    stops: Sequence[Layer],
+    workspace: Workspace,
+    config: PipelineConfig,
+    failed: dict[str, str],
+) -> tuple[Scope, list[str]]:
+    store, landing = workspace.store, landing_site(mission, Settings().landing_sites).landing
+    refs = [layer.ref for layer in stops]
+    dtm, seams = fuse_region(mission, refs, config.region.fusion, landing, store)
+    made = [dtm, seams, *_surfaces(dtm, config, landing, store, failed)]
+    sols = tuple(sorted({sol for layer in stops for sol in layer.sols}))
+    entry = workspace.catalogue.mission(mission)
+    failed |= publish(entry, [(ref, sols) for ref in made], (), (), workspace).failures
+    return dtm.scope, seam_notes(seams, store)
 
 
 def _withdraw_others(mission: str, scopes: Set[Scope], workspace: Workspace) -> None:
@@ -94,16 +123,25 @@ def _regions(mission: str, workspace: Workspace, config: PipelineConfig) -> list
 
 
 def _surfaces(
-    dtm: ProductRef, config: PipelineConfig, landing: LandingPoint, store: ProductStore
+    dtm: ProductRef,
+    config: PipelineConfig,
+    landing: LandingPoint,
+    store: ProductStore,
+    failed: dict[str, str],
 ) -> list[ProductRef]:
     """What shows the shape of the region, and what it means to a rover."""
-    return [
-        shade_relief(dtm, config.hillshade, landing, store),
-        trace_contours(dtm, config.region.contour, landing, store),
-        *map_relief(dtm, config.slope, landing, store),
-        *map_insolation(dtm, config.insolation, config.havens, landing, store),
-        map_hazards(dtm, config.hazard, landing, store),
-    ]
+    made: list[ProductRef] = []
+    with keep_going(failed, f"hillshade of {dtm.scope}"):
+        made.append(shade_relief(dtm, config.hillshade, landing, store))
+    with keep_going(failed, f"contours of {dtm.scope}"):
+        made.append(trace_contours(dtm, config.region.contour, landing, store))
+    with keep_going(failed, f"relief of {dtm.scope}"):
+        made += map_relief(dtm, config.slope, landing, store)
+    with keep_going(failed, f"insolation of {dtm.scope}"):
+        made += map_insolation(dtm, config.insolation, config.havens, landing, store)
+    with keep_going(failed, f"hazard of {dtm.scope}"):
+        made.append(map_hazards(dtm, config.hazard, landing, store))
+    return made
 
 
 def refresh_regions(store: Path, pipeline: str, mission: str | None = None) -> list[str]:
@@ -116,15 +154,32 @@ def refresh_regions(store: Path, pipeline: str, mission: str | None = None) -> l
     """
     workspace = open_workspace(store)
     notes: list[str] = []
+    failures: list[str] = []
     for name in missions_of(store, mission):
+        subject = f"{name.lower()}-regions"
         with (
+            isolate(subject, workspace, failures, f"{name} failed: {{}}") as failed,
             workspace.mission_turn(name),
             record_run("region", name, workspace) as record,
         ):
-            seams = map_regions(name, workspace, pipeline)
+            seams = map_regions(name, workspace, pipeline, failed)
             record.say(seams)
+            record.fail_if([f"{part}: {cause}" for part, cause in failed.items()])
             notes += [f"{name}: {line}" for line in seams]
-    return notes
+            if not failed:
+                clear_failure(subject, workspace)
+    return all_notes(notes, failures)
+
+
+def all_notes(notes: list[str], failures: list[str]) -> list[str]:
+    """What a run over missions has to say, failures last.
+
+    Raises:
+        ProductError: there are only failures, so the run failed.
+    """
+    if failures and not notes:
+        raise ProductError("; ".join(failures))
+    return notes + failures
 
 
 def missions_of(store: Path, mission: str | None) -> list[str]:

@@ -7,7 +7,8 @@ from pathlib import Path
 from prefect import flow
 
 from solmap.config.workspace import open_workspace
-from solmap.flows.mission import draw_mission, map_regions, missions_of
+from solmap.flows.mission import all_notes, draw_mission, map_regions, missions_of
+from solmap.flows.runtime.failures import clear_failure, isolate, keep_going
 from solmap.flows.runtime.run_page import write_adjustments
 from solmap.flows.runtime.run_record import record_run
 from solmap.flows.runtime.runners import on_workers
@@ -71,8 +72,12 @@ def _readjust(mission: str, workspace: Workspace, pipeline: str) -> SolReport:
     sol, standing = sol_of(last.scope), standing_of(last, workspace)
     report = on_workers(process_overall)(mission, sol, workspace.store.root, pipeline, standing)
     if report.standing is not None:
-        draw_mission(mission, report.standing.network, workspace, pipeline)
-        report.notes += map_regions(mission, workspace, pipeline)
+        failed: dict[str, str] = {}
+        with keep_going(failed, "layers of the mission"):
+            draw_mission(mission, report.standing.network, workspace, pipeline, failed)
+        with keep_going(failed, "regions"):
+            report.notes += map_regions(mission, workspace, pipeline, failed)
+        report.add_failures("draw", failed)
     return report
 
 
@@ -96,9 +101,14 @@ def adjust_all(store: Path, pipeline: str, mission: str | None = None) -> list[s
     Returns:
         Notes, a line each; failures begin with the mission and `failed`.
     """
+    workspace = open_workspace(store)
     notes: list[str] = []
+    failures: list[str] = []
     for name in missions_of(store, mission):
-        report = readjust(name, store, pipeline)
-        notes += [f"{name}: {note}" for note in report.notes]
-        notes += [f"{name} failed: {line}" for line in report.failures]
-    return notes
+        subject, line = f"{name.lower()}-overall", f"{name} failed: {{}}"
+        with isolate(subject, workspace, failures, line):
+            report = readjust(name, store, pipeline)
+            notes += [f"{name}: {note}" for note in report.notes]
+            notes += [line.format(cause) for cause in report.failures]
+            clear_failure(subject, workspace)
+    return all_notes(notes, failures)

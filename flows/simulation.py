@@ -19,6 +19,7 @@ from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.flows.mission import draw_mission
 from solmap.flows.runtime.progress import report
+from solmap.flows.runtime.run_record import beside_runs
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.synthetic.downlink import (
     DownlinkFile,
@@ -33,6 +34,7 @@ from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.catalogue.catalogue import MissionEntry, Outcome
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import local_crs
+from solmap.products.errors import ProductError
 from solmap.products.formats.raster.raster import write_raster
 from solmap.products.model import ProductKind, ProductRef
 from solmap.tasks.mission.publish import publish
@@ -109,6 +111,7 @@ def _write_true_terrain(world: World, path: Path) -> None:
 
 
 @flow(name="simulate-mission", flow_run_name="{seed}")
+@beside_runs
 def simulate_into(store: Path, plan: MissionPlan, seed: int) -> str:
     """Simulate a mission and publish it; one line of what it holds.
 
@@ -137,8 +140,11 @@ def _publish(network: ProductRef, workspace: Workspace) -> None:
     quality = report_quality(network, (), load_pipeline(PIPELINE).quality, workspace.store)
     entry = MissionEntry(MISSION, f"{site.title} (simulated)", site.landing, None)
     done = Outcome.now(network.scope.name, ("simulated: there are no images",))
-    publish(entry, [], [network, *quality], [done], workspace)
-    draw_mission(MISSION, network, workspace, PIPELINE)
+    publish(entry, [], [network, *quality], [done], workspace).check()
+    failed: dict[str, str] = {}
+    draw_mission(MISSION, network, workspace, PIPELINE, failed)
+    if failed:
+        raise ProductError("; ".join(f"{what}: {cause}" for what, cause in failed.items()))
 
 
 def _refuse_other_missions(workspace: Workspace, network: ProductRef) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,20 +10,21 @@ from solmap.config.landing import landing_site
 from solmap.config.pipeline import PipelineConfig, load_pipeline
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
+from solmap.flows.runtime.failures import keep_going
 from solmap.photogrammetry.adjustment.model.network import StopPrior
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
-from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.archive.tables.vector_files import VectorFile
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import RoverImage, StopId
 from solmap.photogrammetry.matching.cross_site.gate import link_candidates
+from solmap.photogrammetry.traverse.plausibility import TelemetryStop, implausible_stops
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
-from solmap.products.catalogue.images import image_records
+from solmap.products.catalogue.images import image_record, image_records
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.documents.network import read_network
-from solmap.tasks.images.telemetry import (
-    Telemetry,
-    read_telemetry,
-    vector_files,
-)
+from solmap.products.model import ProductKind
+from solmap.tasks.images.telemetry import Telemetry, read_telemetry, read_vector_file
 from solmap.tasks.network.orientations import Standing
 
 WINDOW = 3
@@ -44,8 +45,10 @@ class SolInputs:
     """Stops first seen this sol."""
     touched: tuple[StopId, ...]
     """Stops that images of this sol were taken at."""
-    unplaced: tuple[StopId, ...]
-    """Stops of this sol that no chain of sites joins to the LSL."""
+    unplaced: tuple[str, ...]
+    """Why stops of this sol cannot be put on the map, a line each."""
+    unread: Mapping[str, str]
+    """What could not be read, images and files, and why."""
     unpaired: tuple[ImageEntry, ...]
     """Images of this sol that have no stereo partner."""
     window: tuple[StopPrior, ...]
@@ -77,7 +80,8 @@ def gather(
         known.telemetry,
         tuple(stop.stop for stop in touched if stop.sols[0] == sol),
         tuple(stop.stop for stop in touched),
-        tuple(stop for stop in known.telemetry.unplaced if str(stop) in seen),
+        tuple(why for stop, why in known.telemetry.unplaced.items() if str(stop) in seen),
+        known.unread,
         tuple(entry for entry in entries if entry.sol == sol and entry.partner is None),
         window,
         known.images_at(window),
@@ -97,7 +101,8 @@ def gather_all(mission: str, sol: int, store: Path, pipeline: str) -> SolInputs:
         known.telemetry,
         new_stops=(),
         touched=tuple(stop.stop for stop in stops),
-        unplaced=known.telemetry.unplaced,
+        unplaced=tuple(known.telemetry.unplaced.values()),
+        unread=known.unread,
         unpaired=(),
         window=stops,
         images=known.images_at(stops),
@@ -113,16 +118,18 @@ class _Known:
     mission: MissionEntry
     entries: tuple[ImageEntry, ...]
     telemetry: Telemetry
+    unread: Mapping[str, str]
 
     @classmethod
     def of(cls, mission: str, sol: int, store: Path, pipeline: str) -> _Known:
         workspace = open_workspace(store)
         site = landing_site(mission, Settings().landing_sites)
-        entries = tuple(e for e in _images_of(mission, workspace) if e.sol <= sol)
-        records = image_records(entries, workspace)
-        telemetry = read_telemetry(records, vector_files(mission, workspace))
+        read = read_mission(mission, workspace)
+        telemetry = read.telemetry(sol)
+        entries = tuple(entry for entry, _ in read.images if entry.sol <= sol)
         entry = MissionEntry(mission, site.title, site.landing, telemetry.note)
-        return cls(workspace, load_pipeline(pipeline), entry, entries, telemetry)
+        config = load_pipeline(pipeline)
+        return cls(workspace, config, entry, entries, telemetry, read.unread)
 
     def images_at(self, stops: Iterable[StopPrior]) -> tuple[ImageEntry, ...]:
         """The images taken at some stops."""
@@ -130,16 +137,75 @@ class _Known:
         return tuple(entry for entry in self.entries if entry.stop in names)
 
 
-_read: dict[tuple[Path, str], tuple[str, tuple[ImageEntry, ...]]] = {}
-"""The images of a mission as they were read last, and their version, by store and mission."""
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionLabels:
+    """The labels of all images of a mission and its vector files, as far as they can be read."""
+
+    images: Sequence[tuple[ImageEntry, RoverImage]]
+    vector_files: Sequence[VectorFile]
+    unread: Mapping[str, str]
+    """Images and files that cannot be read, and why."""
+    set_aside: Mapping[StopId, str]
+    """Stops whose telemetry is implausible, and why; judged by all that is known of the mission."""
+
+    @classmethod
+    def read(cls, mission: str, workspace: Workspace) -> MissionLabels:
+        """Read what there is in the store."""
+        unread: dict[str, str] = {}
+        images = _read_labels(workspace.catalogue.images(mission), workspace, unread)
+        vectors: list[VectorFile] = []
+        for ref in workspace.catalogue.pointers(ProductKind.VECTORS):
+            with keep_going(unread, ref.scope.name):
+                vectors.append(read_vector_file(ref, workspace))
+        of_mission = [file for file in vectors if file.mission.upper() == mission]
+        return cls(images, of_mission, unread, _implausible([one for _, one in images], of_mission))
+
+    def telemetry(self, sol: int | None = None) -> Telemetry:
+        """Where telemetry has the rover up to a sol, without the stops that are set aside."""
+        labels = [label for entry, label in self.images if sol is None or entry.sol <= sol]
+        telemetry = read_telemetry(labels, self.vector_files)
+        known = telemetry.first_clocks
+        return telemetry.without({s: why for s, why in self.set_aside.items() if s in known})
 
 
-def _images_of(mission: str, workspace: Workspace) -> tuple[ImageEntry, ...]:
-    """All images of a mission; sol after sol asks for them, and reading thousands takes a while."""
-    name, version = (workspace.store.root, mission), workspace.catalogue.images_version(mission)
-    if name not in _read or _read[name][0] != version:
-        _read[name] = version, tuple(workspace.catalogue.images(mission))
+_read: dict[tuple[Path, str], tuple[str, MissionLabels]] = {}
+"""What was read of a mission last, and its version, by store and mission."""
+
+
+def read_mission(mission: str, workspace: Workspace) -> MissionLabels:
+    """The labels of a mission; sol after sol asks for them, and reading thousands takes a while."""
+    catalogue = workspace.catalogue
+    vectors = catalogue.pointers(ProductKind.VECTORS)
+    name, version = (workspace.store.root, mission), catalogue.images_version(mission)
+    version += repr(vectors)
+    if name not in _read or _read[name][0] != version or _read[name][1].unread:
+        _read[name] = version, MissionLabels.read(mission, workspace)
     return _read[name][1]
+
+
+def _read_labels(
+    entries: Sequence[ImageEntry], workspace: Workspace, unread: dict[str, str]
+) -> list[tuple[ImageEntry, RoverImage]]:
+    try:
+        return list(zip(entries, image_records(entries, workspace), strict=True))
+    except Exception:  # noqa: BLE001 - of one image: one by one shows of which
+        labels = []
+        for entry in entries:
+            with keep_going(unread, entry.id):
+                labels.append((entry, image_record(entry, workspace)))
+        return labels
+
+
+def _implausible(labels: Sequence[RoverImage], files: Sequence[VectorFile]) -> dict[StopId, str]:
+    poses: dict[StopId, list[Pose]] = {}
+    for label in labels:
+        poses.setdefault(label.stop, []).append(label.site_from_rover)
+    return implausible_stops(
+        [
+            TelemetryStop(one.stop, one.lsl_from_rover, one.sols, tuple(poses[one.stop]))
+            for one in read_telemetry(labels, files).stops
+        ]
+    )
 
 
 def _mode(config: PipelineConfig) -> AdjustmentMode:

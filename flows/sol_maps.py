@@ -12,7 +12,13 @@ from typing import Any
 from prefect.futures import PrefectFuture
 
 from solmap.config.pipeline import PipelineConfig
-from solmap.flows.runtime.failures import as_argument, group_by_first, group_layers, wait_for
+from solmap.flows.runtime.failures import (
+    as_argument,
+    group_by_first,
+    group_layers,
+    keep_going,
+    wait_for,
+)
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol_inputs import SolInputs
 from solmap.photogrammetry.errors import MatchingError, TerrainError
@@ -62,12 +68,14 @@ def map_stops(
         orientations, inputs.workspace.store, [str(stop) for stop in matched]
     )
     futures: dict[tuple[StopId, str], PrefectFuture[Any]] = {}
+    unasked: dict[tuple[StopId, str], str] = {}
     for stop, pairs in matched.items():
         oriented = orient_pairs(pairs, mapped.get(str(stop)))
         if oriented:
-            made = _submit_stop(stop, oriented, inputs)
+            made = _submit_stop(stop, oriented, inputs, unasked)
             futures |= {(stop, what): future for what, future in made.items()}
     done, failed = wait_for(f"sol {report.sol}: map the stops", futures)
+    failed |= unasked
     report.add_failures(
         "map", {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()}
     )
@@ -75,13 +83,16 @@ def map_stops(
 
 
 def _submit_stop(
-    stop: StopId, oriented: tuple[OrientedPair, ...], inputs: SolInputs
-) -> dict[str, PrefectFuture[Any]]:
-    """All maps of one stop, by what is made: one product, or several at once."""
+    stop: StopId,
+    oriented: tuple[OrientedPair, ...],
+    inputs: SolInputs,
+    unasked: dict[tuple[StopId, str], str],
+) -> Futures:
+    """All maps of one stop; `unasked` gains what cannot even be asked for, and why."""
     config, store, landing = inputs.config, inputs.workspace.store, inputs.landing
     dtm = build_dtm.submit(stop, oriented, config.dtm, landing, store)
     terrain = as_argument(dtm)
-    futures: dict[str, PrefectFuture[Any]] = {
+    futures: Futures = {
         "dtm": dtm,
         "orthophoto": render_orthophoto.submit(
             terrain, oriented, config.orthophoto, landing, store
@@ -93,10 +104,12 @@ def _submit_stop(
         ),
         NO_LAYER: preview_terrain.submit(terrain, store),
     }
-    images = inputs.workspace.catalogue.images(stop=str(stop))
-    frames = colour_frames(oriented, images, inputs.workspace)
-    if frames:
-        futures["colour"] = render_colour.submit(terrain, frames, config.orthophoto, landing, store)
+    with keep_going(unasked, (stop, "colour")):
+        images = inputs.workspace.catalogue.images(stop=str(stop))
+        frames = colour_frames(oriented, images, inputs.workspace)
+        if frames:
+            colour = render_colour.submit(terrain, frames, config.orthophoto, landing, store)
+            futures["colour"] = colour
     return futures
 
 
@@ -175,20 +188,23 @@ def draw_panoramas(
         orientations, workspace.store, [str(one.stop) for one in inputs.window]
     )
     futures: dict[StopId, PrefectFuture[Any]] = {}
+    unasked: dict[StopId, str] = {}
     for stop in (one.stop for one in inputs.window if str(one.stop) in poses):
-        entries = workspace.catalogue.images(inputs.mission.mission, stop=str(stop))
-        frames = oriented_frames(
-            [entry for entry in entries if entry.sol <= inputs.sol],
-            {pair.files.id: pair.matches for pair in matched.get(stop, ())},
-            poses[str(stop)].orientations,
-            wanted.drawing.eye,
-            workspace,
-        )
-        dtm = {ref.kind: ref for ref in mapped.get(stop, ())}.get(ProductKind.DTM)
-        if frames:
-            futures[stop] = draw_panorama.submit(stop, frames, dtm, wanted.drawing, workspace.store)
+        with keep_going(unasked, stop):
+            entries = workspace.catalogue.images(inputs.mission.mission, stop=str(stop))
+            frames = oriented_frames(
+                [entry for entry in entries if entry.sol <= inputs.sol],
+                {pair.files.id: pair.matches for pair in matched.get(stop, ())},
+                poses[str(stop)].orientations,
+                wanted.drawing.eye,
+                workspace,
+            )
+            dtm = {ref.kind: ref for ref in mapped.get(stop, ())}.get(ProductKind.DTM)
+            if frames:
+                drawn = draw_panorama.submit(stop, frames, dtm, wanted.drawing, workspace.store)
+                futures[stop] = drawn
     done, failed = wait_for(f"sol {report.sol}: draw the panoramas", futures)
-    causes = {f"panorama of {stop}": cause for stop, cause in failed.items()}
+    causes = {f"panorama of {stop}": cause for stop, cause in (failed | unasked).items()}
     report.add_findings("draw", causes, "no", TerrainError)
     return done
 
@@ -228,12 +244,14 @@ def _match_wide_pairs(
     mapped = read_orientations(standing.orientations, store, [str(stop) for stop in matched])
     oriented = {stop: orient_pairs(pairs, mapped.get(str(stop))) for stop, pairs in matched.items()}
     futures: dict[tuple[StopId, str], PrefectFuture[WidePair]] = {}
+    unasked: dict[tuple[StopId, str], str] = {}
     for earlier, later in _linked_stops(standing, matched, inputs):
-        chosen = choose_wide_pairs(oriented[later], oriented[earlier], params.limits, store)
-        for eyes in chosen:
-            futures[later, wide_id(eyes)] = match_wide_pair.submit(*eyes, params, store)
+        with keep_going(unasked, (later, f"{earlier} - {later}")):
+            chosen = choose_wide_pairs(oriented[later], oriented[earlier], params.limits, store)
+            for eyes in chosen:
+                futures[later, wide_id(eyes)] = match_wide_pair.submit(*eyes, params, store)
     done, failed = wait_for(f"sol {report.sol}: match pairs across stops", futures)
-    causes = {name: cause for (_, name), cause in failed.items()}
+    causes = {name: cause for (_, name), cause in (failed | unasked).items()}
     report.add_findings("map far ground", causes, LACKING, *FINDINGS)
     return group_by_first(done)
 

@@ -6,21 +6,22 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from solmap.flows.runtime.failures import wait_for
+from solmap.flows.runtime.failures import keep_going, wait_for
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol_inputs import SolInputs, candidates
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.manual.editing import EditRequest
 from solmap.products.formats.documents.archives import read_right_turn
-from solmap.products.model import ProductRef
-from solmap.tasks.images.manual_ties import all_edit_requests, requests_within
+from solmap.products.model import ProductKind, ProductRef
+from solmap.tasks.images.manual_ties import read_edit_requests, requests_within
 from solmap.tasks.images.pairs import PairProducts, pairs_of
-from solmap.tasks.mission.control import control_of
+from solmap.tasks.mission.control import holds_control_of
 from solmap.tasks.network.adjust import NetworkParams, NetworkStep, adjust_network
 from solmap.tasks.network.match import MatchParams, match_stereo_pair
 from solmap.tasks.network.orientations import Standing
 from solmap.tasks.network.previews import preview_pair
 from solmap.tasks.network.singles import (
+    SingleFile,
     drop_repeats,
     read_singles,
     singles_notes,
@@ -45,14 +46,17 @@ def match_pairs(inputs: SolInputs, report: SolReport) -> dict[StopId, list[PairP
     }
     report.add_failures("preview", wait_for(f"sol {sol}: preview the matches", previews)[1])
     matched: dict[StopId, list[PairProducts]] = {stop: [] for stop in sorted(window)}
-    for products in done.values():
-        matched[products.files.stop].append(products)
-        turn = read_right_turn(workspace.store.path(products.matches))
-        if turn is not None and products.files.sol == sol:
-            report.notes.append(
-                f"{products.files.id}: rows did not correspond; the right camera was turned by "
-                f"{np.rad2deg(np.linalg.norm(turn)):.3f} degrees from its label's model"
-            )
+    unread: dict[str, str] = {}
+    for pair, products in done.items():
+        with keep_going(unread, pair):
+            turn = read_right_turn(workspace.store.path(products.matches))
+            matched[products.files.stop].append(products)
+            if turn is not None and products.files.sol == sol:
+                report.notes.append(
+                    f"{pair}: rows did not correspond; the right camera was turned by "
+                    f"{np.rad2deg(np.linalg.norm(turn)):.3f} degrees from its label's model"
+                )
+    report.add_failures("read the matches of", unread)
     return matched
 
 
@@ -98,8 +102,8 @@ def adjust_stops(
         ties=tuple(ties.values()),
         links=tuple(links.values()),
         singles=singles,
-        edit_requests=_edit_requests(inputs, matched),
-        control=control_of(inputs.mission.mission, inputs.workspace),
+        edit_requests=_edit_requests(inputs, matched, report),
+        control=_control(inputs, report),
     )
     params = NetworkParams(config.tracks, config.adjustment)
     done, undone = wait_for(
@@ -114,7 +118,13 @@ def _tie_singles(
 ) -> tuple[ProductRef, ...]:
     """Tie images without stereo partner at the stops of the window; those of old sols are found."""
     store, window = inputs.workspace.store, {stop.stop for stop in inputs.window}
-    singles = singles_of(drop_repeats(inputs.images, inputs.workspace))
+    singles: dict[StopId, tuple[SingleFile, ...]] = {}
+    unread: dict[str, str] = {}
+    for stop in window:
+        images = [image for image in inputs.images if image.stop_id == stop]
+        with keep_going(unread, str(stop)):
+            singles |= singles_of(drop_repeats(images, inputs.workspace))
+    report.add_failures("read the unpaired images of", unread)
     futures = {
         stop: tie_singles.submit(
             stop, files, stops[stop].pairs if stop in stops else (), inputs.config.mono, store
@@ -132,12 +142,30 @@ def _tie_singles(
 
 
 def _edit_requests(
-    inputs: SolInputs, matched: Mapping[StopId, Sequence[PairProducts]]
+    inputs: SolInputs, matched: Mapping[StopId, Sequence[PairProducts]], report: SolReport
 ) -> tuple[EditRequest, ...]:
     """The edit requests that concern pairs and stops of the window and nothing beyond them."""
-    requests = all_edit_requests(inputs.workspace)
+    unread: dict[str, str] = {}
+    requests: list[EditRequest] = []
+    for ref in inputs.workspace.catalogue.pointers(ProductKind.MANUAL_TIES):
+        with keep_going(unread, ref.scope.name):
+            data = inputs.workspace.store.path(ref).read_bytes()
+            requests += read_edit_requests(data, ref.scope.name)
+    report.add_failures("read", unread)
     known = {pair.files.id for pairs in matched.values() for pair in pairs}
     return requests_within(requests, known | {str(stop) for stop in matched})
+
+
+def _control(inputs: SolInputs, report: SolReport) -> tuple[ProductRef, ...]:
+    """All control that is published for the mission."""
+    unread: dict[str, str] = {}
+    control: list[ProductRef] = []
+    for ref in inputs.workspace.catalogue.pointers(ProductKind.CONTROL):
+        with keep_going(unread, ref.scope.name):
+            if holds_control_of(ref, inputs.mission.mission, inputs.workspace.store):
+                control.append(ref)
+    report.add_failures("read", unread)
+    return tuple(control)
 
 
 def _link_candidates(inputs: SolInputs) -> list[tuple[StopId, StopId]]:

@@ -18,6 +18,7 @@ import numpy as np
 from solmap.config.landing import landing_site
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
+from solmap.flows.runtime.run_record import beside_runs
 from solmap.photogrammetry.traverse.differences import Difference, Differences, differences
 from solmap.photogrammetry.traverse.georeference import (
     Georeference,
@@ -34,6 +35,7 @@ from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.formats.documents.archives import finite
 from solmap.products.model import ProductKind
 from solmap.products.reports.network_figures import traverse_figure
+from solmap.products.store.user_files import read_user_file
 from solmap.tasks.mission.imported_traverse import draw_mission_traverse, read_traverses
 from solmap.tasks.mission.publish import publish
 from solmap.tasks.scopes import region_scope
@@ -100,6 +102,7 @@ def compare_files(
     return Comparison(telemetry, localised, found, traverses.notes)
 
 
+@beside_runs
 def import_files(files: Sequence[Path], mission: str, root: Path) -> str:
     """Publish the traverses that files give as layers of a mission; one line on what they are."""
     workspace = open_workspace(root)
@@ -108,7 +111,7 @@ def import_files(files: Sequence[Path], mission: str, root: Path) -> str:
     layers = draw_mission_traverse(mission, traverses, files, site.landing, workspace.store)
     sols = tuple(sorted({int(sol) for one in traverses.found for sol in one.sols}))
     entry = MissionEntry(mission, site.title, site.landing, None)
-    publish.fn(entry, [(ref, sols) for ref in layers], (), (), workspace)
+    publish.fn(entry, [(ref, sols) for ref in layers], (), (), workspace).check()
     said = ", ".join(f"{len(one)} {one.solution} stops" for one in traverses.found)
     return f"{mission}: {said} are on the map"
 
@@ -183,7 +186,7 @@ def georeference_mosaic(file: Path, *, affine: bool = False) -> GeoreferencedMos
     Raises:
         TraverseError: the file is broken, or the points do not fix the transform.
     """
-    points = parse_points(file.read_text(encoding="utf-8"), file.name)
+    points = parse_points(read_user_file(file).decode("utf-8", "replace"), file.name)
     transform = MapTransform.AFFINITY if affine else MapTransform.SIMILARITY
     fit = georeference(points.mosaic_m, points.map_m, transform)
     return GeoreferencedMosaic(

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar, cast
 
 from prefect.exceptions import UnfinishedRun
 from prefect.futures import PrefectFuture
-from sqlalchemy.exc import SQLAlchemyError
 
-from solmap.config.records import ConfigError
 from solmap.flows.runtime.progress import report
-from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.products.catalogue.catalogue import Outcome
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.errors import ProductError, StoreFullError
+from solmap.products.errors import StoreFullError, cause_of
 from solmap.products.model import ProductRef
 from solmap.products.store.faults import is_disk_full
 
@@ -28,14 +25,43 @@ T = TypeVar("T")
 @contextmanager
 def isolate(
     subject: str, workspace: Workspace, failures: list[str], line: str = "{}"
-) -> Iterator[None]:
+) -> Iterator[dict[str, str]]:
     """Go on after the block whatever fails in it, and keep the cause; but a full disk stops all.
+
+    The block may add parts of it that failed, by their name, to the dictionary it is given.
 
     Args:
         subject: What is worked on, by its name in the catalogue's outcomes.
         workspace: Where outcomes are kept.
-        failures: Gains a line.
+        failures: Gains a line for the block, or for each part.
         line: What is added, with `{}` for the cause.
+
+    Raises:
+        StoreFullError: the disk is full; whatever else is tried would find it full too.
+    """
+    parts: dict[str, str] = {}
+    causes: list[str] = []
+    try:
+        yield parts
+    except StoreFullError:
+        raise
+    except Exception as error:
+        if is_disk_full(workspace.store.root, error):
+            raise StoreFullError(
+                f"the disk is full while working on {subject}; free some space and run again: "
+                "what was made before is kept"
+            ) from error
+        causes.append(cause_of(error))
+        log.warning("%s", line.format(causes[0]), exc_info=error)
+    causes += [f"{part}: {cause}" for part, cause in parts.items()]
+    if causes:
+        failures += [line.format(cause) for cause in causes]
+        keep_outcome(Outcome.now(subject, tuple(causes), is_failure=True), workspace)
+
+
+@contextmanager
+def keep_going(failed: MutableMapping[K, str], part: K) -> Iterator[None]:
+    """Go on after the block whatever fails in it, with the cause under `part`.
 
     Raises:
         StoreFullError: the disk is full; whatever else is tried would find it full too.
@@ -45,36 +71,27 @@ def isolate(
     except StoreFullError:
         raise
     except Exception as error:
-        if is_disk_full(workspace.store.root, error):
-            raise StoreFullError(
-                f"the disk is full while working on {subject}; free some space and run again: "
-                "what was made before is kept"
-            ) from error
-        log.warning("%s", line.format(cause_of(error)), exc_info=error)
-        failures.append(line.format(cause_of(error)))
-        keep_outcome(Outcome.now(subject, (cause_of(error),), is_failure=True), workspace)
+        failed[part] = cause_of(error, is_named=True)
+        log.warning("%s: %s", part, failed[part], exc_info=error)
 
 
 def keep_outcome(outcome: Outcome, workspace: Workspace) -> None:
     """Keep how something ended; that it cannot be kept stops nothing."""
     try:
         workspace.catalogue.publish(outcomes=[outcome])
-    except SQLAlchemyError as error:
-        log.warning("how %s ended could not be noted: %s", outcome.subject, error)
+    except Exception as error:  # noqa: BLE001 - the database is away, or its disk is full
+        log.warning("how %s ended could not be noted: %s", outcome.subject, cause_of(error))
 
 
 def clear_failure(subject: str, workspace: Workspace) -> None:
     """Say of what failed at an earlier time that it does no longer."""
-    failed = {one.subject for one in workspace.catalogue.outcomes() if one.is_failure}
+    try:
+        failed = {one.subject for one in workspace.catalogue.outcomes() if one.is_failure}
+    except Exception as error:  # noqa: BLE001 - the database is away
+        log.warning("whether %s failed before is not known: %s", subject, cause_of(error))
+        return
     if subject in failed:
         keep_outcome(Outcome.now(subject, ()), workspace)
-
-
-def cause_of(error: Exception) -> str:
-    """Our own errors speak for themselves; others are named. The traceback is on the run page."""
-    if isinstance(error, PhotogrammetryError | ProductError | ConfigError):
-        return str(error)
-    return f"{type(error).__name__}: {error}"
 
 
 def as_argument(future: PrefectFuture[T]) -> T:
@@ -118,12 +135,12 @@ def wait_for(
         except UnfinishedRun:  # never ran: what it waited for failed
             failures[key] = ""
         except Exception as error:  # noqa: BLE001 - its worker was killed, again and again
-            failures[key] = f"{type(error).__name__}: {error}"
+            failures[key] = cause_of(error, is_named=True)
         else:
             if isinstance(result, StoreFullError):
                 raise result
             if isinstance(result, BaseException):
-                failures[key] = f"{type(result).__name__}: {result}"
+                failures[key] = cause_of(result, is_named=True)
             else:
                 results[key] = result
         report(stage, done, len(futures))

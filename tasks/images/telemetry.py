@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from solmap.photogrammetry.adjustment.model.network import StopPrior
 from solmap.photogrammetry.archive.tables.vector_files import (
@@ -13,11 +14,13 @@ from solmap.photogrammetry.archive.tables.vector_files import (
     lsl_tree,
     parse_vector_file,
 )
-from solmap.photogrammetry.errors import FrameError
-from solmap.photogrammetry.frames import LSL, FrameTree, Pose, site_frame
+from solmap.photogrammetry.errors import FrameError, VectorFileError
+from solmap.photogrammetry.frames import LSL, FrameKind, FrameTree, Pose, site_frame
 from solmap.photogrammetry.imagery import RoverImage, StopId
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.model import ProductKind
+from solmap.products.model import ProductKind, ProductRef
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,8 +33,8 @@ class Telemetry:
     tree: FrameTree
     note: str | None
     """Says so when the LSL is not the lander's."""
-    unplaced: tuple[StopId, ...]
-    """Stops at sites that no chain joins to the LSL."""
+    unplaced: Mapping[StopId, str]
+    """Stops that cannot be put on the map, and why: no chain joins their sites to the LSL."""
 
     def stop(self, stop: StopId) -> StopPrior:
         """The telemetry of one stop.
@@ -42,15 +45,30 @@ class Telemetry:
         for known in self.stops:
             if known.stop == stop:
                 return known
-        raise FrameError(why_unplaced(stop))
+        raise FrameError(self.unplaced.get(stop, f"{stop} is not known"))
+
+    def without(self, stops: Mapping[StopId, str]) -> Telemetry:
+        """The same with some stops set aside, by name and reason."""
+        return replace(
+            self,
+            stops=tuple(known for known in self.stops if known.stop not in stops),
+            first_clocks={k: at for k, at in self.first_clocks.items() if k not in stops},
+            unplaced={
+                **self.unplaced,
+                **{stop: _why_aside(stop, reason) for stop, reason in stops.items()},
+            },
+        )
 
 
-def why_unplaced(stop: StopId) -> str:
-    """One line for a stop that cannot be put on the map."""
+def _why_unplaced(stop: StopId) -> str:
     return (
         f"{stop} is not on the map: no chain of sites joins site {stop.site} to the LSL; "
         "deliver the site vector file (.svf) that does"
     )
+
+
+def _why_aside(stop: StopId, reason: str) -> str:
+    return f"{stop} is not on the map: {reason}; deliver labels or a site vector file that mend it"
 
 
 def read_telemetry(images: Sequence[RoverImage], vector_files: Sequence[VectorFile]) -> Telemetry:
@@ -64,16 +82,16 @@ def read_telemetry(images: Sequence[RoverImage], vector_files: Sequence[VectorFi
     for image in sorted(images, key=lambda image: image.clock):
         by_stop[image.stop].append(image)
     rovers = [taken[0].site_from_rover for taken in by_stop.values()]
-    chain = [pose for pose in best_poses(vector_files) if pose.source.kind != rovers[0].source.kind]
+    chain = [pose for pose in best_poses(vector_files) if pose.source.kind is not FrameKind.ROVER]
     sites = {stop.site for stop in by_stop}
     declared = _declared_sites(images, chain, sites)
     lsl = lsl_tree([*declared, *chain, *rovers], sites=sites)
-    placed, unplaced = [], []
+    placed, loose = [], []
     for stop, taken in by_stop.items():
         try:
             lsl_from_rover = lsl.tree.pose(LSL, stop.frame)
         except FrameError:
-            unplaced.append(stop)
+            loose.append(stop)
             continue
         placed.append(
             StopPrior(
@@ -85,7 +103,8 @@ def read_telemetry(images: Sequence[RoverImage], vector_files: Sequence[VectorFi
         )
     placed.sort(key=lambda known: (known.stop.site, known.stop.drive))
     clocks = {known.stop: by_stop[known.stop][0].clock for known in placed}
-    return Telemetry(tuple(placed), clocks, lsl.tree, lsl.note, tuple(sorted(unplaced)))
+    unplaced = {stop: _why_unplaced(stop) for stop in sorted(loose)}
+    return Telemetry(tuple(placed), clocks, lsl.tree, lsl.note, unplaced)
 
 
 def _declared_sites(
@@ -104,10 +123,16 @@ def _declared_sites(
 
 def vector_files(mission: str, workspace: Workspace) -> list[VectorFile]:
     """The vector files of a mission that were delivered, the latest of each name."""
-    files = []
+    files: list[VectorFile] = []
     for ref in workspace.catalogue.pointers(ProductKind.VECTORS):
-        text = workspace.store.path(ref).read_text(errors="replace")
-        parsed = parse_vector_file(text, ref.scope.name)
-        if parsed.mission.upper() == mission:
-            files.append(parsed)
-    return files
+        try:
+            files.append(read_vector_file(ref, workspace))
+        except VectorFileError as error:  # an earlier version took it
+            log.warning("%s is left out: %s", ref.scope, error)
+    return [file for file in files if file.mission.upper() == mission]
+
+
+def read_vector_file(ref: ProductRef, workspace: Workspace) -> VectorFile:
+    """A vector file that was delivered."""
+    text = workspace.store.path(ref).read_text(errors="replace")
+    return parse_vector_file(text, ref.scope.name)

@@ -186,10 +186,10 @@ def _control_of_row(
 def control_of(mission: str, workspace: Workspace) -> tuple[ProductRef, ...]:
     """All control that is published for a mission."""
     pointers = workspace.catalogue.pointers(ProductKind.CONTROL)
-    return tuple(ref for ref in pointers if _mission_of(ref, workspace.store) in {mission, None})
+    return tuple(ref for ref in pointers if holds_control_of(ref, mission, workspace.store))
 
 
-def _mission_of(ref: ProductRef, store: ProductStore) -> str | None:
-    """The mission whose stops control is of; None where it has none any more."""
+def holds_control_of(ref: ProductRef, mission: str, store: ProductStore) -> bool:
+    """Whether the stops that control is of are of a mission, or there are none any more."""
     _, control = read_control(ref, store)
-    return control[0].stop.mission if control else None
+    return not control or control[0].stop.mission == mission

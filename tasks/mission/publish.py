@@ -6,12 +6,15 @@ The STAC catalogue follows with what was just published.
 from __future__ import annotations
 
 import logging
-import sqlite3
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry, Outcome
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.errors import ProductError, StoreFullError, cause_of
 from solmap.products.features.mission_features import MissionFeatures
 from solmap.products.formats.mesh.models import extent_of_model
 from solmap.products.formats.raster.panorama import panorama_bounds
@@ -19,6 +22,7 @@ from solmap.products.formats.raster.raster import summarise
 from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import Layer, ProductKind, ProductRef, ScopeLevel
 from solmap.products.reports.stac import AcquisitionTimes, write_catalogue, write_items
+from solmap.products.store.faults import is_disk_full, retry_transient
 from solmap.tasks.stage import stage
 
 log = logging.getLogger(__name__)
@@ -105,6 +109,25 @@ MODELS = {
 }
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Published:
+    """What came of publishing."""
+
+    layers: tuple[Layer, ...]
+    failures: dict[str, str]
+    """What could not be published, and why."""
+
+    def check(self) -> None:
+        """Refuse to go on where anything is missing.
+
+        Raises:
+            ProductError: it is.
+        """
+        if self.failures:
+            lines = [f"{what}: {cause}" for what, cause in self.failures.items()]
+            raise ProductError("; ".join(lines))
+
+
 @stage(task_run_name="publish")
 def publish(
     mission: MissionEntry,
@@ -112,15 +135,36 @@ def publish(
     pointers: Iterable[ProductRef],
     outcomes: Iterable[Outcome],
     workspace: Workspace,
-) -> list[Layer]:
-    """Publish products with the sols that they show; readers see all of it or nothing."""
-    described = [layer_of(mission.mission, ref, sols, workspace) for ref, sols in layers]
+) -> Published:
+    """Publish products with the sols that they show; readers see all of it or nothing.
+
+    A product that cannot be read is left out: what was published of its kind stays.
+    """
+    described: list[Layer] = []
+    failures: dict[str, str] = {}
+    for ref, sols in layers:
+        describe = partial(layer_of, mission.mission, ref, sols, workspace)
+        with _note_failure(failures, f"{ref.kind} of {ref.scope}", workspace):
+            described.append(retry_transient(describe))
     workspace.catalogue.publish(
         missions=[mission], layers=described, pointers=pointers, outcomes=outcomes
     )
-    update_stac(mission, described, workspace)
+    with _note_failure(failures, "STAC catalogue", workspace):
+        retry_transient(lambda: update_stac(mission, described, workspace))
     _index(mission.mission, {layer.ref.kind for layer in described}, workspace)
-    return described
+    return Published(tuple(described), failures)
+
+
+@contextmanager
+def _note_failure(failures: dict[str, str], what: str, workspace: Workspace) -> Iterator[None]:
+    """Go on after the block with the cause of what fails in it, but for a full disk."""
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, StoreFullError) or is_disk_full(workspace.store.root, error):
+            raise
+        failures[what] = cause_of(error, is_named=True)
+        log.warning("%s could not be published: %s", what, failures[what], exc_info=error)
 
 
 def withdraw(
@@ -141,8 +185,8 @@ def _index(mission: str, kinds: Collection[ProductKind], workspace: Workspace) -
     """Read the new features into the index now, so that no visitor of the map waits for it."""
     try:
         MissionFeatures.open(workspace.store, workspace.catalogue).fill(mission, kinds)
-    except sqlite3.Error as error:  # the server fills it when it is asked
-        log.warning("the index of features of %s is not up to date: %s", mission, error)
+    except Exception as error:  # noqa: BLE001 - the server fills it when it is asked
+        log.warning("the index of features of %s is not up to date: %s", mission, cause_of(error))
 
 
 def layer_of(mission: str, ref: ProductRef, sols: tuple[int, ...], workspace: Workspace) -> Layer:

@@ -208,7 +208,7 @@ def walked(
             standing = flows[sol in whole](sol, root, standing, costs)
         if sol in whole:
             with costs.of("draw"):
-                draw_mission("MER2", standing.network, workspace, "default")
+                draw_mission("MER2", standing.network, workspace, "default", {})
         sizes = {
             f"{ref.kind}_kb": round(workspace.store.size(ref) / 1024, 1)
             for ref in (standing.network, standing.orientations)

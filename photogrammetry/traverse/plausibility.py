@@ -1,0 +1,154 @@
+"""Stops whose telemetry cannot be true: beside their neighbours, on their own, or by their images.
+
+A label can be well-formed and still place its rover kilometres from where it stood, by a damaged
+field or a frame that was mixed up. One such stop in a network stretches the map, the links and
+every figure of the mission, so it is set aside with its reason until its files are corrected.
+
+The limits are physical and wide: whatever a rover can do stays far inside, so no slip of the
+wheels, gap in what was delivered or change of the site frame comes near them.
+
+Stops that contradict each other are told apart by number: the most stops that agree, each with
+the next, are kept. Where the numbers are equal, those nearest to the origin are, for an error of a
+coordinate nearly always makes it larger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from solmap.photogrammetry.arrays import Float64, ObjectPoints
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
+
+Flags = np.ndarray
+"""One truth value a stop."""
+
+MOST_PER_SOL_M = 1000.0
+"""Perseverance drove 411 m in its longest sol, Spirit and Opportunity 124 and 220 m."""
+MOST_DRIFT = 0.2
+"""Of the distance from the origin: what telemetry and localised sites may differ by where a chain
+goes from one to the other. Wheels slip by up to 20 % over a whole traverse (more on single drives,
+which the distance of a sol covers)."""
+MOST_FROM_ORIGIN_M = 200_000.0
+"""The longest traverse so far is 45 km; the map of the landing site is a plane tangent to Mars."""
+MOST_TILT_DEG = 60.0
+"""Rovers are kept below 30 degrees and fall over at 45."""
+MOST_APART_M = 10.0
+"""A rover stands still between the images of one stop; labels of before and after a localisation
+differ by what the wheels slipped since its site was declared, some metres."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TelemetryStop:
+    """What telemetry says of a stop."""
+
+    stop: StopId
+    lsl_from_rover: Pose
+    sols: tuple[int, ...]
+    """On which images were taken there, ascending."""
+    site_from_rover: tuple[Pose, ...] = ()
+    """What the label of each image says."""
+
+
+def implausible_stops(stops: Sequence[TelemetryStop]) -> dict[StopId, str]:
+    """The stops that are to be set aside, and why; `stops` are in the order of the traverse."""
+    reasons = {one.stop: reason for one in stops if (reason := _own_reason(one))}
+    left = [one for one in stops if one.stop not in reasons]
+    kept = np.flatnonzero(_largest_agreeing(left))
+    for k in sorted(set(range(len(left))) - set(kept.tolist())):
+        neighbours = [left[i] for i in (*kept[kept < k][-1:], *kept[kept > k][:1])]
+        reasons[left[k].stop] = _jump_reason(left[k], neighbours)
+    return reasons
+
+
+def _own_reason(one: TelemetryStop) -> str | None:
+    """Why a stop cannot be true whatever its neighbours are."""
+    away_m = float(np.linalg.norm(one.lsl_from_rover.translation_m))
+    if not away_m <= MOST_FROM_ORIGIN_M:
+        return (
+            f"telemetry has it {away_m:.4g} m from the origin of the map; no rover has driven "
+            f"{MOST_FROM_ORIGIN_M / 1000:.0f} km"
+        )
+    tilt_deg = float(np.degrees(np.arccos(np.clip(one.lsl_from_rover.rotation[2, 2], -1.0, 1.0))))
+    if not tilt_deg <= MOST_TILT_DEG:
+        return (
+            f"telemetry has the rover tilted by {tilt_deg:.0f} degrees; beyond "
+            f"{MOST_TILT_DEG:.0f} it would lie on its side"
+        )
+    apart_m = _spread_m(one.site_from_rover)
+    if not apart_m <= MOST_APART_M:
+        return (
+            f"the labels of its images place the rover up to {apart_m:.4g} m apart; within "
+            f"{MOST_APART_M:.0f} m they would be of one stop"
+        )
+    return None
+
+
+def _spread_m(poses: Sequence[Pose]) -> float:
+    """How far apart poses of one frame lie, along the axis where it is most."""
+    if not poses:
+        return 0.0
+    return float(np.ptp([pose.translation_m for pose in poses], axis=0).max())
+
+
+def _largest_agreeing(stops: Sequence[TelemetryStop]) -> Flags:
+    """Which of the stops to keep, so that each agrees with the next that is kept."""
+    count = len(stops)
+    places = np.array([one.lsl_from_rover.translation_m for one in stops]).reshape(-1, 3)
+    sols = np.array([(one.sols[0], one.sols[-1]) if one.sols else (0, 0) for one in stops])
+    sols = sols.reshape(-1, 2).astype(np.float64)
+    steps = [
+        _agree(places[k - 1 : k], sols[k - 1 : k], places[k], sols[k]) for k in range(1, count)
+    ]
+    if all(step.all() for step in steps):
+        return np.ones(count, dtype=bool)
+    away_m = np.linalg.norm(places, axis=1)
+    worth = 1.0 - 0.5 * away_m / max(float(away_m.sum()), 1.0)
+    best, before = worth.copy(), np.full(count, -1)
+    for k in range(1, count):
+        fits = np.flatnonzero(_agree(places[:k], sols[:k], places[k], sols[k]))
+        if len(fits):
+            before[k] = fits[np.argmax(best[fits])]
+            best[k] += best[before[k]]
+    keep, k = np.zeros(count, dtype=bool), int(np.argmax(best))
+    while k >= 0:
+        keep[k], k = True, int(before[k])
+    return keep
+
+
+def _agree(
+    earlier_m: ObjectPoints,
+    earlier_sols: Float64[np.ndarray, "n 2"],
+    later_m: Float64[np.ndarray, " 3"],
+    later_sols: Float64[np.ndarray, " 2"],
+) -> Flags:
+    """Whether the rover can have gone from each earlier place to a later one."""
+    return np.linalg.norm(later_m - earlier_m, axis=1) <= _most_between_m(
+        earlier_m, earlier_sols, later_m, later_sols
+    )
+
+
+def _most_between_m(
+    earlier_m: ObjectPoints,
+    earlier_sols: Float64[np.ndarray, "n 2"],
+    later_m: Float64[np.ndarray, " 3"],
+    later_sols: Float64[np.ndarray, " 2"],
+) -> Float64[np.ndarray, " n"]:
+    driving = 1.0 + np.maximum(0.0, later_sols[0] - earlier_sols[:, 1])
+    nearer_m = np.minimum(np.linalg.norm(earlier_m, axis=1), np.linalg.norm(later_m))
+    return MOST_PER_SOL_M * driving + MOST_DRIFT * nearer_m
+
+
+def _jump_reason(one: TelemetryStop, neighbours: Sequence[TelemetryStop]) -> str:
+    here = one.lsl_from_rover.translation_m
+    far = [
+        f"{np.linalg.norm(here - other.lsl_from_rover.translation_m):,.0f} m from {other.stop}"
+        for other in neighbours
+    ]
+    return (
+        f"telemetry has it {' and '.join(far)}, the stops beside it, farther than a rover drives "
+        f"in the sols between ({MOST_PER_SOL_M:,.0f} m each)"
+    )
