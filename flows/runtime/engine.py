@@ -32,6 +32,7 @@ from pathlib import Path
 
 from solmap.config.settings import PREFIX, Settings
 from solmap.flows.runtime.children import Child, module_command
+from solmap.products.store.faults import require_writable
 
 log = logging.getLogger(__name__)
 _START_S = 300.0
@@ -148,9 +149,11 @@ def start_engine(store: Path) -> None:
 
     Raises:
         TimeoutError: it does not start.
-        OSError: the store cannot be written.
+        StoreReadOnlyError: the store may only be read.
+        OSError: it cannot be written.
     """
     store = store.absolute()
+    require_writable(store)
     leave_folder(store)
     prepare_engine(store)
     if os.environ.get("PREFECT_API_URL"):

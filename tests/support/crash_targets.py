@@ -1,4 +1,4 @@
-"""What is killed, a downlink's flow and a server, and the client that looks on.
+"""What is killed, a downlink's flow, maintenance and a server, and the client that looks on.
 
 Each is a process of its own, forked from one that has imported everything, so that a kill costs no
 seconds of imports.
@@ -9,10 +9,15 @@ from __future__ import annotations
 import hashlib
 import os
 import random
+import shutil
+import sqlite3
 import sys
 import threading
 import time
 from collections import Counter
+from contextlib import closing
+from datetime import timedelta
+from enum import StrEnum
 from pathlib import Path
 
 import cv2
@@ -22,6 +27,12 @@ import uvicorn
 
 import solmap.flows.downlink  # noqa: F401 - before processes are forked
 from solmap.gis_server.app import create_app
+from solmap.products.catalogue import schema
+from solmap.products.catalogue.backups import back_up
+from solmap.products.catalogue.checking import check
+from solmap.products.catalogue.pruning import PruningParams, prune
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.errors import StoreBusyError
 from tests.support.tile_at import tile_at
 
 
@@ -34,6 +45,50 @@ def process(downlink: Path, store: Path, pipeline: Path, log: Path) -> None:
     for line in report.failures:
         print("failed", line, flush=True)  # noqa: T201 - into the log
     os._exit(0 if report.succeeded else 1)
+
+
+class Maintenance(StrEnum):
+    """What is done to a store beside runs."""
+
+    PRUNE = "prune"
+    BACKUP = "backup"
+    REPAIR = "check --repair"
+    MIGRATION = "migration"
+
+
+def maintain(what: Maintenance, store: Path, backups: Path, log: Path) -> None:
+    """Maintain a store; the exit code says whether it went well, or was refused as it should be."""
+    _write_to(log)
+    try:
+        workspace = Workspace.open(store)
+        if what is Maintenance.PRUNE:
+            prune(workspace, PruningParams(versions=1, youngest=timedelta(0)))
+        elif what is Maintenance.BACKUP:
+            report = back_up(workspace, backups, keep=2)
+            if report.broken:
+                print("broken", report.broken, flush=True)  # noqa: T201 - into the log
+                os._exit(3)
+        elif what is Maintenance.REPAIR:
+            found = [finding.text for finding in check(workspace, repair=True)]
+            print(*found, sep="\n", flush=True)  # noqa: T201
+            if not all(text.endswith(LEFT_BY_KILLS) for text in found):
+                os._exit(4)
+    except StoreBusyError as error:
+        print(error, flush=True)  # noqa: T201
+    os._exit(0)
+
+
+LEFT_BY_KILLS = ("is there without its product", "was left by a process")
+"""What `check --repair` may find of a process that was killed."""
+
+
+def downgrade(store: Path) -> None:
+    """Have a store look as those did that knew no version."""
+    (store / schema.FILE).unlink(missing_ok=True)
+    for folder in store.glob(f"{schema.SAFETY_COPIES}*"):
+        shutil.rmtree(folder)
+    with closing(sqlite3.connect(store / schema.CATALOGUE, timeout=30.0)) as database, database:
+        database.execute(f"DROP TABLE IF EXISTS {schema.STEPS.name}")
 
 
 def serve(store: Path, port: int, log: Path) -> None:

@@ -1,12 +1,13 @@
-"""Kill flows and servers at random moments, run again, and compare with an undisturbed run.
+"""Kill flows, maintenance and servers at random moments; compare with an undisturbed run.
 
     python -m tests.support.crashes --kills 200 --seed 0 [--folder FOLDER]
 
 A downlink is processed into an empty store, its process killed, started again, killed again, until
 a run gets to its end; then the store is compared with that of an undisturbed run, byte for byte,
 and the next store is begun. A server of the store is killed now and then at the same moment; a
-client asks it for tiles, features and products all the while. After every kill the store is looked
-through.
+client asks it for tiles, features and products all the while. Between the runs, and beside them,
+the store is pruned, backed up, repaired and migrated from the version that had no number, and these
+are killed too. After every kill the store is looked through, and the newest backup.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ import numpy as np
 import psutil
 
 from solmap.flows.runtime.children import Child
-from solmap.flows.runtime.engine import _free_port, address, await_engine, engine_child
+from solmap.flows.runtime.engine import _free_port, await_engine, engine_child, use_engine
+from solmap.products.catalogue.backups import restore
 from solmap.products.catalogue.workspace import Workspace
 from tests.support.kill_moments import Moment, Watch
 from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink
@@ -53,6 +55,8 @@ class Tally:
     moments: Counter[str] = field(default_factory=Counter)
     stores: int = 0
     """Runs that got to their end, and were compared."""
+    restored: int = 0
+    """Backups that were restored, and looked through."""
     answers: Counter[str] = field(default_factory=Counter)
     found: list[str] = field(default_factory=list)
 
@@ -62,13 +66,14 @@ class Tally:
 
     def row(self) -> dict[str, object]:
         """The summary."""
-        kinds = ("lost", "half", "doubled", "changed", "orphan")
-        named = {kind: sum(line.startswith(kind) for line in self.found) for kind in kinds}
+        kinds = ("lost", "broken", "doubled", "changed", "orphan")
+        named = {kind: sum(kind in line for line in self.found) for kind in kinds}
         return {
             "kills": self.kills,
             "of": dict(self.killed),
             "after": dict(self.moments),
             "stores compared": self.stores,
+            "backups restored": self.restored,
             **named,
             "other faults": len(self.found) - sum(named.values()),
             "asked of the server": dict(self.answers),
@@ -110,6 +115,19 @@ class CrashTest:
         started.start()
         return started
 
+    def maintenance(self, what: str, store: Path) -> BaseProcess:
+        """A process that maintains a store."""
+        from tests.support.crash_targets import maintain  # noqa: PLC0415
+
+        arguments = (what, store, self.backups, self.folder / "maintenance.log")
+        started = self.context.Process(target=maintain, args=arguments, daemon=True)
+        started.start()
+        return started
+
+    @property
+    def backups(self) -> Path:
+        return self.folder / "backups"
+
     def server(self, store: Path, port: int) -> BaseProcess:
         """A process that serves a store."""
         from tests.support.crash_targets import await_server, serve  # noqa: PLC0415
@@ -140,16 +158,19 @@ class CrashTest:
 
         store = self.folder / f"store-{number}"
         shutil.rmtree(store, ignore_errors=True)
+        shutil.rmtree(self.backups, ignore_errors=True)
         Workspace.open(store)
         port = _free_port()
         server, onlooker = self.server(store, port), Onlooker(port)
         onlooker.start()
         before: set[str] = set()
         while True:
+            beside = self._maintain_beside(store)
             run = self.flow(store)
             moment = Moment.draw(self.rng, self.longest_s, self.early)
             if self.tally.kills >= kills or not self._kill_at(moment, run, store):
                 run.join(LONGEST_RUN_S)
+                self._end(beside)
                 if run.exitcode == 0:
                     break
                 self.tally.found.append(f"run ended with {run.exitcode}")
@@ -161,9 +182,13 @@ class CrashTest:
                 server.join()
                 self.tally.killed["server"] += 1
                 server = self.server(store, port)
+            self._end(beside)
             before = self._look_through(store, before)
+            if self._maintain(store):
+                before = self._look_through(store, set())
             say(self.tally)
         self._look_through(store, before)
+        self._restore_newest()
         self.tally.found += expected.differences(Contents.of(store))
         self.tally.stores += 1
         onlooker.stop()
@@ -184,6 +209,60 @@ class CrashTest:
         self.tally.killed["flow"] += 1
         self.tally.moments[str(moment.step)] += 1
         return True
+
+    def _maintain_beside(self, store: Path) -> tuple[str, BaseProcess] | None:
+        """Now and then maintenance begins beside a run; that may have it refused, or wait for it.
+
+        Where there is something to prune, a run would not end as the undisturbed one does.
+        """
+        from tests.support.crash_targets import Maintenance  # noqa: PLC0415
+
+        if self.rng.random() < 0.7:
+            return None
+        what = self.rng.choice([Maintenance.BACKUP, Maintenance.BACKUP, Maintenance.REPAIR])
+        return what, self.maintenance(Maintenance(what), store)
+
+    def _end(self, beside: tuple[str, BaseProcess] | None) -> None:
+        """Kill what was begun beside a run, or see how it ended."""
+        if beside is None:
+            return
+        what, process = beside
+        if process.is_alive():
+            process.kill()
+            self.tally.killed[f"{what} beside a run"] += 1
+        process.join()
+        if process.exitcode not in (0, -signal.SIGKILL):
+            self.tally.found.append(f"{what} beside a run ended with {process.exitcode}")
+
+    def _maintain(self, store: Path) -> bool:
+        """Now and then maintain the store while no run goes on, and mostly kill that."""
+        from tests.support.crash_targets import Maintenance, downgrade  # noqa: PLC0415
+
+        if self.rng.random() < 0.4 or not (store / "catalogue.sqlite").exists():
+            return False
+        what = Maintenance(self.rng.choice(list(Maintenance)))
+        if what is Maintenance.MIGRATION:
+            downgrade(store)
+        process = self.maintenance(what, store)
+        process.join(float(self.rng.uniform(0.0, 0.2 if what is Maintenance.MIGRATION else 1.0)))
+        if process.is_alive() and self.rng.random() < 0.9:
+            process.kill()
+            self.tally.killed[str(what)] += 1
+        process.join(LONGEST_RUN_S)
+        if process.exitcode not in (0, -signal.SIGKILL):
+            self.tally.found.append(f"{what} ended with {process.exitcode}")
+        return True
+
+    def _restore_newest(self) -> None:
+        """A backup that is offered can be restored, whole, and the store is sound."""
+        if not any((self.backups / "backups").glob("*")):
+            return
+        restored = self.folder / "restored"
+        shutil.rmtree(restored, ignore_errors=True)
+        report = restore(self.backups, restored)
+        self.tally.found += [f"broken in a backup: {name}" for name in report.broken]
+        self.tally.found += [f"restored: {line}" for line in faults(restored)]
+        self.tally.restored += 1
 
     def _look_through(self, store: Path, before: set[str]) -> set[str]:
         """Take down what is wrong; the products that are there now."""
@@ -279,7 +358,7 @@ def prepared(folder: Path, seed: int, *, pairs: int = 3) -> Iterator[CrashTest]:
     """A downlink, and one engine that outlives the flows."""
     os.environ[MARK] = str(os.getpid())
     sys.path.insert(0, str(ROOT))  # for what is forked
-    os.environ["PYTHONPATH"] = str(ROOT)
+    os.environ["PYTHONPATH"] = f"{ROOT / 'src'}{os.pathsep}{ROOT}"
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / "coarse.toml").exists():
         write_small_downlink(folder / "downlink", pairs=pairs)
@@ -307,7 +386,7 @@ def _engine(folder: Path) -> Child | None:
     engine = engine_child(folder, port, has_pages=False)
     engine.start()
     await_engine(engine, port)
-    os.environ["PREFECT_API_URL"] = f"{address(port)}/api"
+    use_engine(folder, port)
     return engine
 
 

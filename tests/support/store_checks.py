@@ -1,8 +1,7 @@
 """What must hold of a store at every moment, and what two stores differ in.
 
-`faults` is asked after a process was killed: every product is whole, its provenance beside it with
-the checksum of its bytes, every pointer of the catalogue leads to a file. `Contents` is what a
-store holds without its dates, so that two runs can be compared byte for byte.
+`faults` is asked after a process was killed. `Contents` is what a store holds without its dates, so
+that two runs can be compared byte for byte.
 """
 
 from __future__ import annotations
@@ -16,7 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from solmap.products.model import ProductKind
+from solmap.products.catalogue.checking import check
+from solmap.products.catalogue.workspace import Workspace
 
 PROVENANCE = ".provenance.json"
 DATES = {"at", "made_at", "created", "updated", "datetime_made"}
@@ -59,59 +59,12 @@ class Contents:
 
 
 def faults(root: Path) -> list[str]:
-    """What is wrong in the store at `root`, a line each."""
-    found = list(_faulty_products(root / "products"))
-    for file in sorted(root.rglob("*.sqlite")):
-        if "prefect" not in file.parts:
-            with closing(sqlite3.connect(file)) as database:
-                answer = database.execute("PRAGMA integrity_check").fetchone()[0]
-            found += [] if answer == "ok" else [f"{file.name}: {answer}"]
-    found += [f"{what} is in the catalogue and not in the store" for what in _missing(root)]
-    for file in (root / "stac").rglob("*.json"):
-        try:
-            json.loads(file.read_bytes())
-        except ValueError as error:
-            found.append(f"half of {file.relative_to(root)}: {error}")
-    return found
-
-
-def _faulty_products(folder: Path) -> Iterator[str]:
-    for file in sorted(folder.rglob("*")):
-        if not file.is_file():
-            continue
-        name = str(file.relative_to(folder))
-        digest = file.name.split(".")[0]
-        provenance = file.with_name(f"{digest}{PROVENANCE}")
-        try:
-            told = json.loads(provenance.read_bytes())
-        except (OSError, ValueError) as error:
-            yield f"half of {name}: no provenance, {error}"
-            continue
-        kind = ProductKind(name.split("/", maxsplit=1)[0])
-        if file != provenance and file.name != digest + ProductKind(kind).suffix:
-            yield f"{name} is no product"
-        elif file != provenance and _sha256(file) != told["sha256"]:
-            yield f"half of {name}: its checksum is not that of its provenance"
-
-
-def _missing(root: Path) -> Iterator[str]:
-    """Products that the catalogue names and the store lacks."""
-    if not (root / "catalogue.sqlite").is_file():
-        return
-    with closing(sqlite3.connect(root / "catalogue.sqlite")) as database:
-        tables = {row[0] for row in database.execute("SELECT name FROM sqlite_master")}
-        if not {"latest", "layers", "images"} <= tables:
-            return
-        named = list(database.execute("SELECT kind, scope, digest FROM latest"))
-        named += database.execute("SELECT kind, scope, digest FROM layers")
-        for (text,) in database.execute("SELECT document FROM images"):
-            document = json.loads(text)
-            refs = (document["ref"], document["browse"], document.get("radiometry"))
-            named += [(r["kind"], r["scope"]["name"], r["digest"]) for r in refs if r]
-    for kind, scope, digest in named:
-        path = f"{kind}/{scope}/{digest}{ProductKind(kind).suffix}"
-        if not (root / "products" / path).is_file():
-            yield path
+    """What is wrong in the store at `root`, a line each, as `solmap check` finds it."""
+    workspace = Workspace.open(root)
+    try:
+        return [str(finding) for finding in check(workspace)]
+    finally:
+        workspace.catalogue.engine.dispose()
 
 
 def _rows(root: Path) -> Iterator[tuple[str, dict[str, Any]]]:
