@@ -11,13 +11,12 @@ They stand in TOML files, one a mission, in the folder that `SOLMAP_INSTRUMENTS`
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from solmap.config.records import ConfigError, record_of
+from solmap.config.records import ConfigError, read_toml, record_of
 from solmap.photogrammetry.archive.images.pixels import read_pixels
 from solmap.photogrammetry.archive.images.radiometry import (
     Companding,
@@ -28,6 +27,7 @@ from solmap.photogrammetry.archive.images.radiometry import (
 )
 from solmap.photogrammetry.archive.images.reading import read_label
 from solmap.photogrammetry.errors import PhotogrammetryError, PixelError
+from solmap.products.store.user_files import read_user_file
 
 TABLES = frozenset({"hosts", "companding", "vignetting", "flat_fields"})
 
@@ -43,10 +43,7 @@ def load_radiometry(folder: Path) -> dict[str, Radiometry]:
         raise ConfigError(f"{folder} is no folder; it should hold a TOML file for each mission")
     found: dict[str, Radiometry] = {}
     for path in sorted(folder.glob("*.toml")):
-        try:
-            content = tomllib.loads(path.read_text())
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise ConfigError(f"{path}: {error}") from error
+        content = read_toml(path)
         unknown = sorted(set(content) - TABLES)
         if unknown:
             raise ConfigError(f"{path} has no setting {unknown[0]!r}; it has {sorted(TABLES)}")
@@ -106,14 +103,14 @@ def _inverse_table(name: str, table: Any, where: str) -> InverseTable:  # noqa: 
     try:
         counts = np.array(table["counts"], dtype=np.float32)
         return InverseTable(name, counts, str(table["source"]))
-    except (PixelError, TypeError, ValueError) as error:
+    except (PixelError, TypeError, ValueError, OverflowError) as error:
         raise ConfigError(f"{where}: {error}") from error
 
 
 def _flat_field(file: Path, where: str) -> FlatField:
     """An image of an even source, scaled to 1 at its median in the middle."""
     try:
-        data = file.read_bytes()
+        data = read_user_file(file)
         pixels, mask = read_pixels(data, read_label(data, file.name), file.name)
     except (OSError, PhotogrammetryError) as error:
         raise ConfigError(f"{where}: {error}") from error

@@ -80,10 +80,14 @@ def rover_frame(site: int, drive: int) -> Frame:
     return Frame(FrameKind.ROVER, (site, drive))
 
 
+UNIT_TOLERANCE = 0.01
+"""Labels with two decimals still give a quaternion of unit length within it."""
+
+
 def rotation_of_quaternion(quaternion: Quaternion) -> Rotation:
     """Rotation matrix of a quaternion, scalar first; labels round, so it is normalised here."""
     norm = float(np.linalg.norm(quaternion))
-    if not np.isfinite(norm) or norm < 0.5:  # noqa: PLR2004 - far from any rounding of unit length
+    if not abs(norm - 1.0) <= UNIT_TOLERANCE:
         raise FrameError(f"{quaternion} is not a unit quaternion: its length is {norm:.3g}")
     return ScipyRotation.from_quat(quaternion / norm, scalar_first=True).as_matrix()
 

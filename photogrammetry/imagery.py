@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -11,6 +14,21 @@ from solmap.photogrammetry.arrays import ImagePoints, Int32, PerPoint
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import FrameError, LabelError
 from solmap.photogrammetry.frames import Frame, Pose, rover_frame
+
+MAX_SOL = 100_000
+"""150 Mars years; no rover has counted more than 6,000."""
+MAX_COUNTER = 1_000_000
+"""Sites, drives and the other motion counters have at most five digits in the archive."""
+MAX_CLOCK = 1 << 32
+"""Spacecraft clocks count seconds in 32 bits."""
+MAX_PIXELS = 1 << 25
+"""Nearly twice the 5120 x 3840 pixels of the largest rover camera."""
+MAX_FROM_SITE_M = 100_000.0
+"""Of stops and of other sites: twice as far as any rover has driven in all its years."""
+MAX_IN_ROVER_M = 10.0
+"""No camera or mast of a rover is farther from its origin between the wheels."""
+_IDENTIFIER = re.compile(r"[A-Z0-9][A-Z0-9_.()+ -]{0,99}", re.ASCII)
+_MAX_TEXT = 100
 
 
 class Eye(StrEnum):
@@ -86,8 +104,52 @@ class RoverImage:
                 f"{self.id} was taken at {self.stop.frame}, but its label gives the pose of "
                 f"{self.site_from_rover.source}"
             )
-        if self.lines < 1 or self.samples < 1:
-            raise LabelError(f"{self.id} is {self.samples} x {self.lines} pixels: no image")
+        _check_image(self)
+
+
+def _check_image(image: RoverImage) -> None:
+    """Refuse what cannot be true of a rover's image, for its file came from elsewhere."""
+    if not _IDENTIFIER.fullmatch(image.id):
+        raise LabelError(
+            f"the product identifier {image.id[:40]!a} should be up to 100 letters, digits and "
+            "_ . - + ( ), of which a letter or digit is the first"
+        )
+    if image.lines < 1 or image.samples < 1:
+        raise LabelError(f"{image.id} is {image.samples} x {image.lines} pixels: no image")
+    _check_range(image.id, "lines and samples", (image.lines, image.samples), MAX_PIXELS)
+    _check_range(image.id, "pixels", (image.lines * image.samples,), MAX_PIXELS)
+    _check_range(image.id, "the sol", (image.sol,), MAX_SOL)
+    _check_range(image.id, "the motion counter", (image.stop.site, image.stop.drive), MAX_COUNTER)
+    _check_range(image.id, "the motion counter", image.motion_counter, MAX_COUNTER)
+    _check_range(image.id, "the spacecraft clock", (image.clock,), MAX_CLOCK)
+    for pose in (image.site_from_rover, image.parent_from_site):
+        distance_m = 0.0 if pose is None else float(np.linalg.norm(pose.translation_m))
+        if not distance_m <= MAX_FROM_SITE_M:
+            raise LabelError(
+                f"{image.id}: rover and sites should be within {MAX_FROM_SITE_M:,.0f} m of the "
+                f"site that they are placed in, but {distance_m:.6g} m are given"
+            )
+    in_rover = [image.camera.centre.tolist(), image.mast_in_rover or ()]
+    if not all(abs(metres) <= MAX_IN_ROVER_M for place in in_rover for metres in place):
+        raise LabelError(
+            f"{image.id}: camera and mast should be within {MAX_IN_ROVER_M:.0f} m of the rover's "
+            f"origin, but are at {in_rover}"
+        )
+    angles = (image.sun_azimuth, image.sun_elevation)
+    if not all(angle is None or abs(angle) <= math.tau for angle in angles):
+        raise LabelError(f"{image.id}: the Sun should be at angles of one turn, but is at {angles}")
+    texts = (image.sequence, image.product_type, image.attitude_measured_by)
+    for text in texts:
+        if len(text) > _MAX_TEXT or not text.isprintable():
+            raise LabelError(f"{image.id}: {text[:40]!a} is no plain text of one line")
+
+
+def _check_range(image_id: str, what: str, values: Iterable[int | float], most: int) -> None:
+    for value in values:
+        if not 0 <= value <= most:
+            raise LabelError(
+                f"{image_id}: {what} should be from 0 to {most:,.0f}, but is {value:.6g}"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

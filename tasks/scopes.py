@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.photogrammetry.imagery import StopId
+from solmap.products.errors import ProductError, one_line
 from solmap.products.model import Scope, ScopeLevel
 
+_MAX_NAME_BYTES = 200
 OVERALL = f"-{AdjustmentMode.OVERALL}"
 """What the names of overall adjustments end in."""
 
@@ -63,7 +65,16 @@ def sol_of(network: Scope) -> int:
 
 
 def file_scope(name: str) -> Scope:
-    """One file that is about more than one image, by its name."""
+    """One file that is about more than one image, by its name.
+
+    Raises:
+        ProductError: the name cannot be that of a product.
+    """
+    if not name.isprintable() or "\\" in name or len(name.encode()) > _MAX_NAME_BYTES:
+        raise ProductError(
+            f"{one_line(name)[:60]}: rename it; names of files that are kept have up to "
+            f"{_MAX_NAME_BYTES} bytes, all of them printable and none a backslash"
+        )
     return Scope(ScopeLevel.REGION, name.lower().replace(".", "-"))
 
 

@@ -54,10 +54,11 @@ from solmap.photogrammetry.errors import LabelError, PhotogrammetryError
 from solmap.photogrammetry.frames import roll_pitch_yaw_of_rotation, rotation_of_quaternion
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.stretching import stretch
+from solmap.products.errors import cause_of
+from solmap.products.store.user_files import read_user_file, reason_of
 from solmap.tasks.images.files import (
     IMAGE_SUFFIXES,
     PICTURE_SUFFIXES,
-    file_bytes,
     image_bytes,
 )
 
@@ -115,7 +116,9 @@ def inspect_file(file: Path) -> dict[str, Any]:
             "sun": _sun(image),
             "partner": _partner(file, image),
         }
-    except PhotogrammetryError as error:
+    except InspectionError:
+        raise
+    except Exception as error:
         raise InspectionError(_error_line(file, error)) from error
 
 
@@ -182,11 +185,11 @@ def _write_stretched(pixels: GreyImage, mask: Mask, file: Path, png: Path) -> No
 def _bytes(file: Path) -> bytes:
     """A label as it is, an image with the label that lies beside it."""
     try:
-        return file_bytes(file) if _is_label(file) else image_bytes(file)
+        return read_user_file(file) if _is_label(file) else image_bytes(file)
     except LabelError as error:
         raise InspectionError(_error_line(file, error)) from error
     except OSError as error:
-        raise InspectionError(f"{file} cannot be read: {error.strerror or error}") from error
+        raise InspectionError(f"{file} cannot be read: {reason_of(error)}") from error
 
 
 def _is_label(file: Path) -> bool:
@@ -249,7 +252,7 @@ def _radiance(label: Label | None) -> dict[str, float] | None:
 
 def _error_line(file: Path, error: Exception) -> str:
     """The fault in one line that names the file."""
-    line = " ".join(str(error).split())
+    line = cause_of(error)
     return line if file.name in line else f"{file.name}: {line}"
 
 
@@ -394,7 +397,7 @@ def _beside(file: Path, image: RoverImage) -> list[tuple[Path, RoverImage]]:
         if abs(name.clock - math.floor(image.clock)) <= math.ceil(MAX_CLOCK_DIFFERENCE):
             try:
                 found.append((path, _describe(path, _bytes(path)).image))
-            except (InspectionError, PhotogrammetryError):
+            except Exception:  # noqa: BLE001, S112 - whatever is wrong with it
                 continue  # a broken neighbour is no partner; it says so when it is inspected
     return found
 

@@ -9,16 +9,42 @@ from solmap.photogrammetry.errors import PhotogrammetryError
 
 MAX_CHARACTERS = 1 << 24
 """The longest master file known, of 138 sites, has 55 kB, the longest PDS4 label 120 kB."""
+MAX_ELEMENTS = 1 << 20
+MAX_DEPTH = 32
+"""Labels have some 3,000 elements, 15 deep."""
 _FORBIDDEN = re.compile(r"<!\s*(DOCTYPE|ENTITY)", re.IGNORECASE)
+
+
+class _Builder(ET.TreeBuilder):
+    """Builds elements without namespaces, and no more of them than a file of ours has."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._depth = self._count = 0
+
+    def start(self, tag: str, attrs: dict[str, str]) -> ET.Element:
+        """Open an element."""
+        self._depth += 1
+        self._count += 1
+        if self._depth > MAX_DEPTH:
+            raise ValueError(f"elements are nested deeper than {MAX_DEPTH}")
+        if self._count > MAX_ELEMENTS:
+            raise ValueError(f"more than {MAX_ELEMENTS} elements")
+        return super().start(tag.rpartition("}")[2], attrs)
+
+    def end(self, tag: str) -> ET.Element:
+        """Close an element."""
+        self._depth -= 1
+        return super().end(tag.rpartition("}")[2])
 
 
 def xml_root(
     text: str, source: str, tag: str, what: str, error: type[PhotogrammetryError]
 ) -> ET.Element:
-    """The root element of an XML text.
+    """The root element of an XML text; namespaces are left off.
 
     Raises:
-        error: it is too long, declares entities, or is not well-formed XML under `tag`.
+        error: it is too long, too deep, declares entities, or is not well-formed XML under `tag`.
     """
     if len(text) > MAX_CHARACTERS:
         raise error(f"{source}: {len(text)} characters are too many for a {what} file")
@@ -30,14 +56,11 @@ def xml_root(
         )
     try:
         # Entities, the one danger of this parser, were refused above.
-        root = ET.fromstring(text)  # noqa: S314 - see the line before
-    except (ET.ParseError, ValueError) as fault:
+        root = ET.fromstring(text, ET.XMLParser(target=_Builder()))  # noqa: S314 - see above
+    except ET.ParseError as fault:
         raise error(f"{source}: not well-formed XML: {fault}") from fault
-    if local_name(root) != tag:
-        raise error(f"{source}: expected <{tag}>, found <{local_name(root)[:40]}>")
+    except ValueError as fault:
+        raise error(f"{source}: {fault}") from fault
+    if root.tag != tag:
+        raise error(f"{source}: expected <{tag}>, found <{root.tag[:40]}>")
     return root
-
-
-def local_name(element: ET.Element) -> str:
-    """The tag without its namespace."""
-    return element.tag.rpartition("}")[2]

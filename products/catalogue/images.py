@@ -7,6 +7,7 @@ of its image and the version of the reader. The cache can be made again from the
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 from collections.abc import Iterable, Mapping
@@ -28,6 +29,7 @@ from solmap.photogrammetry.archive.images.reading import (
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.cahvore import Cahvore
+from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.products.catalogue.catalogue import ImageEntry
@@ -61,7 +63,8 @@ class LabelCache:
                 names = [f"{digest}/{_READER}" for digest in some]
                 query = sa.select(LABELS).where(LABELS.c.digest.in_(names))
                 for name, text in connection.execute(query):
-                    found[name.partition("/")[0]] = label_of_text(text)
+                    with contextlib.suppress(PhotogrammetryError):  # read anew, and refused then
+                        found[name.partition("/")[0]] = label_of_text(text)
         return found
 
     def keep(self, labels: Mapping[str, RoverImage]) -> None:

@@ -17,7 +17,6 @@ import sqlite3
 import threading
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 from tempfile import gettempdir
@@ -26,6 +25,7 @@ from typing import Any
 import shapely
 import shapely.geometry
 
+from solmap.photogrammetry.archive.times import utc_of
 from solmap.products.catalogue.catalogue import Catalogue, ImageEntry
 from solmap.products.catalogue.edits import Edit, EditKind, EditLog
 from solmap.products.errors import ProductError
@@ -73,7 +73,8 @@ class FeatureTimes:
 
 def times_of(images: Iterable[ImageEntry]) -> Times | None:
     """First and last start of images; None where no label tells it."""
-    known = sorted(moment(image.start_time) for image in images if image.start_time)
+    starts = {image.start_time for image in images if utc_of(image.start_time)}
+    known = sorted(moment(start) for start in starts if start)
     return (known[0], known[-1]) if known else None
 
 
@@ -84,8 +85,9 @@ def moment(text: str) -> str:
     Raises:
         ValueError: it is no moment.
     """
-    moment = datetime.fromisoformat(text)
-    utc = moment.astimezone(UTC) if moment.tzinfo else moment.replace(tzinfo=UTC)
+    utc = utc_of(text)
+    if utc is None:
+        raise ValueError(f"{text[:40]!r} is no moment")
     return utc.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 

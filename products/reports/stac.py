@@ -28,6 +28,7 @@ from pystac.extensions.classification import Classification, ClassificationExten
 from pystac.extensions.projection import ProjectionExtension
 from pystac.extensions.raster import DataType, NoDataStrings, RasterBand, RasterExtension
 
+from solmap.photogrammetry.archive.times import utc_of
 from solmap.photogrammetry.arrays import PerPoint
 from solmap.photogrammetry.terrain.dtm.grid import Bounds, union
 from solmap.products.catalogue.catalogue import MissionEntry
@@ -59,8 +60,8 @@ class AcquisitionTimes:
     @classmethod
     def of(cls, layer: Layer, times: Iterable[str | None]) -> AcquisitionTimes:
         """From the images' own times, UTC; when it was made where none has any."""
-        known = sorted(_moment(time) for time in times if time)
-        made = _moment(layer.made_at)
+        known = sorted(moment for moment in map(utc_of, times) if moment is not None)
+        made = datetime.fromisoformat(layer.made_at).replace(tzinfo=UTC)
         return cls(known[0], known[-1]) if known else cls(made, made)
 
 
@@ -190,12 +191,6 @@ def outline(bounds: Bounds, landing: LandingPoint) -> dict[str, Any]:
 def _corners(bounds: Bounds) -> tuple[PerPoint, PerPoint]:
     west, south, east, north = bounds
     return np.array([west, east, east, west]), np.array([south, south, north, north])
-
-
-def _moment(time: str) -> datetime:
-    """A time of a label or of the store, with or without its zone, which is UTC."""
-    moment = datetime.fromisoformat(time)
-    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
 FOLDER = "stac"

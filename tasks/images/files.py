@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import stat
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,6 +18,7 @@ from solmap.photogrammetry.archive.labels.detached import MAX_DETACHED_BYTES, jo
 from solmap.photogrammetry.errors import LabelError
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
+from solmap.products.store.user_files import plain_name, read_user_file
 from solmap.tasks.scopes import file_scope
 
 IMAGE_SUFFIXES = frozenset({".img"})
@@ -24,25 +27,23 @@ VECTOR_SUFFIXES = frozenset({".svf", ".rvf"})
 MANUAL_TIE_SUFFIXES = (".ties.csv", ".ties.geojson")
 LABEL_ENDINGS = (".lbl", ".LBL", ".xml", ".XML", "-metadata.json", ".json")
 """What follows the stem of an image in the name of its label, where that is a file of its own."""
-MAX_FILE_BYTES = 256 << 20
-"""Far above any frame of these cameras; a larger file is not read into memory."""
 
 
 def files_of(downlink: Path) -> list[Path]:
     """Every image, picture, vector file and file of manual ties below a folder, by name.
 
-    Suffixes may be written in any case.
+    Suffixes may be written in any case. What bears such a name and is no file is among them, and so
+    is a folder that cannot be read: whoever opens it says so.
 
     A picture that is called after an image beside it (X.png or X.img.jpg beside X.img) shows the
     same in eight bits, and is left out.
     """
     known = IMAGE_SUFFIXES | PICTURE_SUFFIXES | VECTOR_SUFFIXES
-    files = [
+    files = sorted(
         path
-        for path in downlink.rglob("*")
-        if path.suffix.lower() in known or is_manual_tie_file(path.name)
-    ]
-    files = sorted(path for path in files if path.is_file())
+        for path, is_closed in _below(downlink)
+        if is_closed or path.suffix.lower() in known or is_manual_tie_file(path.name)
+    )
     images = [path for path in files if path.suffix.lower() in IMAGE_SUFFIXES]
     shown = {(path.parent, name.lower()) for path in images for name in (path.stem, path.name)}
     return [
@@ -53,6 +54,23 @@ def files_of(downlink: Path) -> list[Path]:
     ]
 
 
+def _below(folder: Path) -> Iterator[tuple[Path, bool]]:
+    """What lies below a folder but its folders; of these, with True, those that cannot be read."""
+    waiting = [folder]
+    while waiting:
+        here = waiting.pop()
+        try:
+            entries = list(os.scandir(here))
+        except OSError:
+            yield here, True
+            continue
+        for entry in entries:
+            if entry.is_dir(follow_symlinks=False):
+                waiting.append(here / entry.name)
+            elif not entry.is_dir():
+                yield here / entry.name, False
+
+
 def is_settled(file: Path, settle_s: float) -> bool:
     """Whether a file, and the label beside it, have not changed for so many seconds.
 
@@ -61,38 +79,29 @@ def is_settled(file: Path, settle_s: float) -> bool:
     if settle_s <= 0.0:
         return True
     now = time.time()
-    ages = (now - part.stat().st_mtime for part in (file, *_labels_beside(file)) if part.exists())
+    facts = (_facts(part) for part in (file, *_labels_beside(file)))
+    ages = (now - known.st_mtime for known in facts if known is not None)
     return all(age >= settle_s or age < 0.0 for age in ages)
 
 
-def file_bytes(path: Path) -> bytes:
-    """The bytes of a file.
-
-    Raises:
-        LabelError: it is too large for an image.
-        OSError: it cannot be read.
-    """
-    size = path.stat().st_size
-    if size > MAX_FILE_BYTES:
-        raise LabelError(f"{path.name} is {size >> 20} MiB: no image of these cameras")
-    return path.read_bytes()
-
-
-def image_bytes(path: Path) -> bytes:
+def image_bytes(path: Path, folder: Path | None = None) -> bytes:
     """An image with its label: as it came, or joined to the label that lies beside it.
 
+    `folder` is that of the delivery, which links may not leave (`open_user_file`).
+
     Raises:
-        LabelError: it is too large, or a picture without a label.
-        OSError: it cannot be read.
+        LabelError: it is a picture without a label.
+        OSError: it is no regular file, too large, or cannot be read.
     """
-    data = file_bytes(path)
+    data = read_user_file(path, folder)
     if has_attached_label(data):
         return data
     for label in _labels_beside(path):
-        return join_label(label.read_bytes(), data, label.name)
+        return join_label(read_user_file(label, folder), data, plain_name(label.name))
     if is_picture(data):
+        name, stem = plain_name(path.name), plain_name(path.stem)
         raise LabelError(
-            f"{path.name}: a picture without a label; it takes {path.stem}-metadata.json, .xml or "
+            f"{name}: a picture without a label; it takes {stem}-metadata.json, .xml or "
             ".lbl beside it to say where it was taken from"
         )
     return data
@@ -101,8 +110,18 @@ def image_bytes(path: Path) -> bytes:
 def _labels_beside(path: Path) -> Iterator[Path]:
     for ending in LABEL_ENDINGS:
         label = path.with_name(path.stem + ending)
-        if label.is_file() and label.stat().st_size <= MAX_DETACHED_BYTES:
+        facts = _facts(label)
+        is_file = facts is not None and stat.S_ISREG(facts.st_mode)
+        if facts is not None and is_file and facts.st_size <= MAX_DETACHED_BYTES:
             yield label
+
+
+def _facts(path: Path) -> os.stat_result | None:
+    """What the system says of a file; None where there is none or it cannot be asked."""
+    try:
+        return path.stat()
+    except OSError:  # also of names that are too long
+        return None
 
 
 def is_manual_tie_file(name: str) -> bool:

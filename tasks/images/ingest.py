@@ -13,8 +13,11 @@ images coded by it and nothing else, and where no table is given, recipes know o
 
 from __future__ import annotations
 
+import logging
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -24,20 +27,28 @@ from solmap.photogrammetry.archive.images.radiometry import PixelState, Radiomet
 from solmap.photogrammetry.archive.images.reading import ReadImage, describe_image, read_image
 from solmap.photogrammetry.archive.partners import find_stereo_pairs
 from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file
-from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.photogrammetry.errors import PhotogrammetryError, PixelError
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.stretching import stretch
 from solmap.products.catalogue.catalogue import ImageEntry, Outcome
 from solmap.products.catalogue.images import ImageFile, image_record
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.errors import (
+    ProductError,
+    ProductNotFoundError,
+    StoreAwayError,
+    StoreFullError,
+    cause_of,
+    one_line,
+)
 from solmap.products.formats.documents.archives import radiometry_digest, write_radiometry
 from solmap.products.model import ProductKind, ProductRef, Recipe
-from solmap.products.store.faults import retry_transient
+from solmap.products.store.faults import is_disk_full, is_transient, retry_transient
 from solmap.products.store.product_store import ProductStore
+from solmap.products.store.user_files import MAX_ROWS_BYTES, plain_name, read_user_file, reason_of
 from solmap.tasks.images.files import (
     VECTOR_SUFFIXES,
     ContentDigest,
-    file_bytes,
     files_of,
     image_bytes,
     is_manual_tie_file,
@@ -48,6 +59,17 @@ from solmap.tasks.images.files import (
 from solmap.tasks.images.manual_ties import take_manual_ties
 from solmap.tasks.scopes import image_scope, region_scope
 from solmap.tasks.stage import stage
+
+log = logging.getLogger(__name__)
+
+LARGE_BYTES = 32 << 20
+LARGE_PIXELS = 1 << 23
+"""Files and images above these are read one at a time: each may take some 600 MB."""
+_LARGE = threading.RLock()
+
+
+def _in_turn(is_large: bool) -> AbstractContextManager[object]:  # noqa: FBT001 - what it asks
+    return _LARGE if is_large else nullcontext()
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +123,8 @@ class Intake:
         if before is not None and before.browse == browse.ref and self.store.has(browse.ref):
             notes = before.notes
         else:
-            image = self._read(name, data, record.stop.mission)
+            with _in_turn(record.lines * record.samples > LARGE_PIXELS):
+                image = self._read(name, data, record.stop.mission)
             self.store.make(recipe, lambda draft: write_bytes(draft, data))
             self.store.make(browse, lambda draft: _write_browse(draft, image))
             notes = image.notes
@@ -122,7 +145,10 @@ class Intake:
         return self.tables_for(entry.mission, state) != entry.radiometry
 
     def _read(self, name: str, data: bytes, mission: str) -> ReadImage:
-        return read_image(data, name, radiometry=self._of(mission))
+        image = read_image(data, name, radiometry=self._of(mission))
+        if not image.mask.any():
+            raise PixelError(f"{name}: none of its pixels was measured")
+        return image
 
     def _of(self, mission: str) -> Radiometry:
         return self.radiometry.get(mission, Radiometry())
@@ -233,36 +259,51 @@ def ingest_downlink(
     intake = Intake(workspace.store, radiometry or {}, known)
     taken: list[Taken] = []
     with ThreadPoolExecutor(2) as pool:
-        for done, one in enumerate(pool.map(lambda file: _take(file, intake), files), 1):
+        for done, one in enumerate(pool.map(lambda file: _take(file, downlink, intake), files), 1):
             progress(done, len(files))
             taken.append(one)
     images, aside = newest_of_each([one for one in taken if isinstance(one, TakenImage)])
     faults = [*(one for one in taken if isinstance(one, Outcome)), *aside]
-    delivered = tuple(image.record for image in images)
-    anew = list(_reread(intake, {image.id for image in delivered}))
+    anew = list(_reread(intake, {image.record.id for image in images}))
+    delivered = list(images)
     images += [one for one in anew if isinstance(one, TakenImage)]
     faults += [one for one in anew if isinstance(one, Outcome)]
-    workspace.catalogue.publish(
-        images=_pair_entries(images, workspace),
-        pointers=[one for one in taken if isinstance(one, ProductRef)],
-        outcomes=[*faults, *_outcomes(images, workspace)],
+    refused = _publish(
+        images, [one for one in taken if isinstance(one, ProductRef)], faults, workspace
     )
-    return Delivery(delivered, tuple(faults), len(files))
+    records = tuple(one.record for one in delivered if one.file_name not in refused)
+    return Delivery(records, (*faults, *refused.values()), len(files))
 
 
-def _take(path: Path, intake: Intake) -> Taken:
+def _take(path: Path, downlink: Path, intake: Intake) -> Taken:
+    """Take a file; whatever it raises becomes its outcome, but for faults of the store.
+
+    Raises:
+        StoreFullError, StoreAwayError: nothing else could be kept either.
+    """
+    name = plain_name(path.name)
     try:
-        return retry_transient(lambda: _take_file(path, intake))
-    except (PhotogrammetryError, OSError) as error:
-        return _fault(path.name, str(error))
+        return retry_transient(lambda: _take_file(path, name, downlink, intake))
+    except (StoreFullError, StoreAwayError):
+        raise
+    except Exception as error:
+        if is_disk_full(intake.store.root, error):
+            raise StoreFullError(
+                f"the disk is full while taking {name}; free some space and run again"
+            ) from error
+        return _fault(name, error)
 
 
-def _take_file(path: Path, intake: Intake) -> Taken:
+def _take_file(path: Path, name: str, downlink: Path, intake: Intake) -> Taken:
     if path.suffix.lower() in VECTOR_SUFFIXES:
-        return _take_vectors(path, intake)
+        data = read_user_file(path, downlink, most_bytes=MAX_ROWS_BYTES)
+        parse_vector_file(data.decode("utf-8", "replace"), name)  # refuses what is broken
+        return keep_file(ProductKind.VECTORS, name, data, intake.store)
     if is_manual_tie_file(path.name):
-        return take_manual_ties(path.name, file_bytes(path), intake.store)
-    return intake.take(path.name, image_bytes(path))
+        data = read_user_file(path, downlink, most_bytes=MAX_ROWS_BYTES)
+        return take_manual_ties(name, data, intake.store)
+    with _in_turn(path.stat().st_size > LARGE_BYTES):
+        return intake.take(name, image_bytes(path, downlink))
 
 
 def _reread(intake: Intake, delivered: set[str]) -> Iterator[Taken]:
@@ -274,12 +315,53 @@ def _reread(intake: Intake, delivered: set[str]) -> Iterator[Taken]:
         try:
             yield intake.take(name, intake.store.path(entry.ref).read_bytes())
         except (PhotogrammetryError, OSError) as error:
-            yield _fault(name, str(error))
+            yield _fault(name, error)
 
 
-def _fault(name: str, reason: str) -> Outcome:
-    reason = reason if name in reason else f"{name}: {reason}"
-    return Outcome.now(name, (reason,), is_failure=True)
+def _fault(name: str, error: Exception) -> Outcome:
+    """Of a file that could not be taken, in one line that names it."""
+    reason = reason_of(error) if isinstance(error, OSError) else cause_of(error)
+    if not isinstance(error, PhotogrammetryError | ProductError | OSError):
+        log.debug("%s could not be taken", name, exc_info=error)
+    reason = one_line(reason)
+    return Outcome.now(name, (reason if name in reason else f"{name}: {reason}",), is_failure=True)
+
+
+def _publish(
+    images: Sequence[TakenImage],
+    pointers: Sequence[ProductRef],
+    faults: Sequence[Outcome],
+    workspace: Workspace,
+) -> dict[str, Outcome]:
+    """Publish what was taken at once, or if that fails without those that the catalogue refuses.
+
+    Returns:
+        Outcomes of the files that were refused, by name.
+    """
+    catalogue, refused = workspace.catalogue, dict[str, Outcome]()
+    entries = _pair_entries(images, workspace)
+    outcomes = [*faults, *_outcomes(images, workspace)]
+    try:
+        catalogue.publish(images=entries, pointers=pointers, outcomes=outcomes)
+    except Exception as error:
+        if is_transient(error) or isinstance(error, ProductError):
+            raise
+    else:
+        return refused
+    for image in images:
+        try:
+            catalogue.publish(images=[image.entry])
+        except Exception as error:
+            if is_transient(error):
+                raise
+            refused[image.file_name] = _fault(image.file_name, error)
+    kept = [image for image in images if image.file_name not in refused]
+    catalogue.publish(
+        images=_pair_entries(kept, workspace),
+        pointers=pointers,
+        outcomes=[*faults, *_outcomes(kept, workspace), *refused.values()],
+    )
+    return refused
 
 
 def _outcomes(images: Sequence[TakenImage], workspace: Workspace) -> list[Outcome]:
@@ -292,21 +374,19 @@ def _outcomes(images: Sequence[TakenImage], workspace: Workspace) -> list[Outcom
     ]
 
 
-def _take_vectors(path: Path, intake: Intake) -> ProductRef:
-    data = file_bytes(path)
-    parse_vector_file(data.decode("utf-8", "replace"), path.name)  # refuses what is broken
-    return keep_file(ProductKind.VECTORS, path.name, data, intake.store)
-
-
 def _pair_entries(images: Sequence[TakenImage], workspace: Workspace) -> list[ImageEntry]:
     """The new entries and those already known at the same stops, with their partners filled in."""
     by_id = {image.record.id: image.entry for image in images}
     records = {image.record.id: image.record for image in images}
     for stop in sorted({entry.stop for entry in by_id.values()}):
-        for known in workspace.catalogue.images(stop=stop):
-            if known.id not in by_id:
-                by_id[known.id] = known
+        others = [e for e in workspace.catalogue.images(stop=stop) if e.id not in by_id]
+        for known in others:
+            try:
                 records[known.id] = image_record(known, workspace)
+            except (PhotogrammetryError, ProductNotFoundError) as error:
+                log.warning("%s is left as it is: %s", known.id, error)
+            else:
+                by_id[known.id] = known
     pairing = find_stereo_pairs(list(records.values()))
     partners = {pair.left.id: pair.right.id for pair in pairing.pairs}
     partners |= {right: left for left, right in partners.items()}

@@ -8,6 +8,7 @@ in it that concern its images, so that a new row remakes what it touches and not
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 
@@ -34,6 +35,7 @@ from solmap.tasks.images.files import keep_file
 from solmap.tasks.images.pairs import PairProducts, read_pair, turn_right_camera
 from solmap.tasks.scopes import file_scope
 
+log = logging.getLogger(__name__)
 EDITS_FILE = "map-edits.ties.geojson"
 """The file of manual ties that the edits on the map become."""
 
@@ -74,12 +76,14 @@ def take_edits(workspace: Workspace) -> None:
 
 def all_edit_requests(workspace: Workspace) -> tuple[EditRequest, ...]:
     """The rows of all files of manual ties, file by file."""
-    refs = workspace.catalogue.pointers(ProductKind.MANUAL_TIES)
-    return tuple(
-        request
-        for ref in refs
-        for request in read_edit_requests(workspace.store.path(ref).read_bytes(), ref.scope.name)
-    )
+    found: list[EditRequest] = []
+    for ref in workspace.catalogue.pointers(ProductKind.MANUAL_TIES):
+        data = workspace.store.path(ref).read_bytes()
+        try:
+            found += read_edit_requests(data, ref.scope.name)
+        except MatchingError as error:  # an earlier version took it
+            log.warning("%s is left out: %s", ref.scope, error)
+    return tuple(found)
 
 
 def named_in(requests: Iterable[EditRequest]) -> set[str]:

@@ -24,6 +24,7 @@ from solmap.products.crs import LandingPoint, east_north
 from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
+from solmap.products.store.user_files import read_user_file
 from solmap.tasks.images.files import ContentDigest
 from solmap.tasks.scopes import region_scope
 
@@ -71,7 +72,7 @@ def read_traverses(files: Sequence[Path], mission: str, landing: LandingPoint) -
     vectors: list[VectorFile] = []
     places: list[VectorFile] = []
     for file in files:
-        text = file.read_text(encoding="utf-8-sig", errors="replace")
+        text = read_user_file(file).decode("utf-8-sig", "replace")
         if re.match(r"\s*(<\?xml[^>]*>\s*)?<rmc_file", text):
             vectors.append(parse_vector_file(text, file.name))
         elif re.match(r"\s*<|[^\n]*landing_x", text, re.IGNORECASE):
@@ -106,7 +107,7 @@ def draw_mission_traverse(
     store: ProductStore,
 ) -> list[ProductRef]:
     """Lines and stops of a mission's traverse as layers, with their differences where known."""
-    digests = tuple(ContentDigest.of(file.read_bytes()) for file in sources)
+    digests = tuple(ContentDigest.of(read_user_file(file)) for file in sources)
     made = []
     for kind, features in (
         (ProductKind.MISSION_TRAVERSE, traverse_lines),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import math
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,7 +32,8 @@ from solmap.products.formats.raster.raster import bounds_on_map, read_onto_grid
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.provenance import provenance_tags
-from solmap.tasks.images.files import ContentDigest, write_bytes
+from solmap.products.store.user_files import open_user_file
+from solmap.tasks.images.files import ContentDigest
 from solmap.tasks.scopes import file_scope, region_scope
 from solmap.tasks.stage import stage
 
@@ -62,10 +65,17 @@ class RegistrationMethod:
 
 def take_orbital(file: Path, store: ProductStore) -> ProductRef:
     """Keep an orbital image as it came."""
-    data = file.read_bytes()
     scope = file_scope(file.name)
-    recipe = Recipe(ProductKind.ORBITAL_IMAGE, scope, params=ContentDigest.of(data))
-    return store.make(recipe, lambda draft: write_bytes(draft, data))
+    with open_user_file(file) as opened:
+        digest = hashlib.file_digest(opened, "sha256").hexdigest()
+        recipe = Recipe(ProductKind.ORBITAL_IMAGE, scope, params=ContentDigest(digest))
+
+        def write(path: Path) -> None:
+            opened.seek(0)
+            with path.open("wb") as draft:
+                shutil.copyfileobj(opened, draft)
+
+        return store.make(recipe, write)
 
 
 @stage(task_run_name="register-{image.scope}")

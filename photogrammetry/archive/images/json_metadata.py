@@ -21,7 +21,9 @@ from typing import Any
 
 import numpy as np
 
+from solmap.photogrammetry.archive.images.rover_image import check_field
 from solmap.photogrammetry.archive.missions import M2020
+from solmap.photogrammetry.archive.times import time_text
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.cahvore import Cahvore
@@ -105,6 +107,7 @@ def rover_image_of_metadata(
     samples, lines = (int(size) for size in _list(metadata, "dimension", 2, source))
     if min(samples, lines) < 1:
         raise LabelError(f"{source}: dimension {samples} x {lines} is no image")
+    check_field(camera, samples, lines, source)
     image_id = str(metadata.get("imageid") or source).rpartition("/")[2].partition(".")[0].upper()
     try:
         return RoverImage(
@@ -125,7 +128,7 @@ def rover_image_of_metadata(
             site_from_rover=site_from_rover or _site_from_rover(metadata, stop, source),
             attitude_measured_by="UNKNOWN",
             local_solar_time=None,
-            start_time=str(metadata["date_taken_utc"]) if "date_taken_utc" in metadata else None,
+            start_time=time_text(str(metadata.get("date_taken_utc"))),
             sun_azimuth=None,
             sun_elevation=None,
         )
@@ -164,7 +167,7 @@ def _counter(metadata: dict[str, Any], key: str, source: str) -> int:
 def _clock(metadata: dict[str, Any], source: str) -> float:
     try:
         clock = float(metadata.get("sclk"))  # type: ignore[arg-type] # refused below
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         clock = math.nan
     if not math.isfinite(clock):
         raise LabelError(f"{source}: sclk should be seconds, but is {metadata.get('sclk')!a:.40}")

@@ -39,11 +39,11 @@ from solmap.photogrammetry.archive.labels.label import Label, Quantity, Value, n
 from solmap.photogrammetry.archive.labels.vicar import vicar_label_end
 from solmap.photogrammetry.arrays import GreyImage, Mask
 from solmap.photogrammetry.errors import LabelError, PixelError
+from solmap.photogrammetry.imagery import MAX_PIXELS
 
 RUN = 9
 """Zeros in a row that no dark scene makes, but the shortest line of a lost segment does."""
 MAX_BANDS = 3
-MAX_PIXELS = 1 << 28
 _BIG, _LITTLE = ">", "<"
 
 SAMPLE_TYPES: Mapping[str, tuple[str, str]] = {
@@ -74,9 +74,13 @@ EDGES = (
     "INST_CMPRS_SEG_SAMPLES",
 )
 PNG = b"\x89PNG\r\n\x1a\n"
+PNG_BITS = 24
+"""Place of the byte that says how many bits a colour has."""
 JPEG = b"\xff\xd8\xff"
-MAX_PICTURE_PIXELS = 1 << 25
-"""Twice the 5120 x 3840 pixels of the largest rover camera."""
+JPEG_SCAN = b"\xff\xda"
+"""What a scan begins with; within its data no such bytes occur."""
+MAX_SCANS = 32
+"""Of a JPEG, each of which decodes the whole picture; progressive ones have some ten."""
 SIZE_MARKERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 """JPEG markers of the segments that hold lines and samples."""
 
@@ -155,7 +159,7 @@ def pixel_layout(label: Label, *, most_bands: int | None = None) -> PixelLayout:
     prefix = label.optional("IMAGE", "LINE_PREFIX_BYTES", int) or 0
     suffix = label.optional("IMAGE", "LINE_SUFFIX_BYTES", int) or 0
     for keyword, size in sizes.items():
-        if not 1 <= size <= MAX_PIXELS:
+        if size < 1:
             raise LabelError(f"{label.source}: IMAGE/{keyword} should be above zero, but is {size}")
     if sizes["LINES"] * sizes["LINE_SAMPLES"] > MAX_PIXELS:
         raise LabelError(
@@ -398,8 +402,11 @@ def read_picture(data: bytes, name: str) -> tuple[GreyImage, Mask]:
         PixelError: it is neither, too large, or broken.
     """
     samples, lines = picture_size(data, name)
-    if not 1 <= samples * lines <= MAX_PICTURE_PIXELS:
+    if not 1 <= samples * lines <= MAX_PIXELS:
         raise PixelError(f"{name}: {samples} x {lines} pixels: no rover image is that large")
+    bits = data[PNG_BITS] if data.startswith(PNG) else 8
+    if bits > 8 or data.count(JPEG_SCAN) > MAX_SCANS:  # noqa: PLR2004 - one byte a colour
+        raise PixelError(f"{name}: not a picture of 8 bits in at most {MAX_SCANS} scans")
     try:
         values = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -417,7 +424,7 @@ def picture_size(data: bytes, name: str) -> tuple[int, int]:
     Raises:
         PixelError: it is neither, or its header is broken.
     """
-    if data.startswith(PNG) and data[12:16] == b"IHDR" and len(data) >= 24:  # noqa: PLR2004
+    if data.startswith(PNG) and data[12:16] == b"IHDR" and len(data) > PNG_BITS:
         return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     position = 2 if data.startswith(JPEG) else len(data)
     while position + 9 <= len(data) and data[position] == 0xFF:  # noqa: PLR2004 - every marker

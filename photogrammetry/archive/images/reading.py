@@ -14,6 +14,7 @@ import numpy as np
 from solmap.photogrammetry.archive.images.json_metadata import rover_image_of_metadata
 from solmap.photogrammetry.archive.images.pixels import (
     is_picture,
+    picture_size,
     read_picture,
     read_pixels,
     received_mask,
@@ -182,10 +183,10 @@ def _stored_pixels(described: DescribedImage, name: str) -> tuple[GreyImage, Mas
     image, data = described.image, described.data
     if described.label is not None and not is_picture(data):
         return read_pixels(data, described.label, name)
-    pixels, mask = read_picture(data, name)
-    if pixels.shape != (image.lines, image.samples):
+    samples, lines = picture_size(data, name)
+    if (lines, samples) != (image.lines, image.samples):
         raise PixelError(
-            f"{name}: the picture is {pixels.shape[1]} x {pixels.shape[0]} pixels, its label says "
+            f"{name}: the picture is {samples} x {lines} pixels, its label says "
             f"{image.samples} x {image.lines}"
         )
-    return pixels, mask
+    return read_picture(data, name)

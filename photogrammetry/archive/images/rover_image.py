@@ -15,6 +15,7 @@ or where there is no mast by the Sun being up by day.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -22,7 +23,8 @@ import numpy as np
 from solmap.photogrammetry.archive.file_names import FileName, parse_file_name
 from solmap.photogrammetry.archive.labels.label import Label
 from solmap.photogrammetry.archive.missions import MISSIONS, Mission, mission_of_host
-from solmap.photogrammetry.cameras.cahv import Cahv
+from solmap.photogrammetry.archive.times import time_text
+from solmap.photogrammetry.cameras.cahv import Cahv, interior_orientation
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.errors import CameraError, FrameError, LabelError
@@ -40,6 +42,16 @@ TELLING_ELEVATION = math.radians(1.0)
 """Mast elevations nearer to the horizon do not tell the sign: six digits and 0.1 degree of lag."""
 DAY_HOURS = (6.5, 17.5)
 """Local true solar time at which the Sun is up at any rover's latitude, in every season."""
+
+MAX_FIELD_RATIO = 20.0
+"""Image size over focal length: a field of 168 degrees, wider than any of these lenses has."""
+MAX_FOCAL_PX = 1e6
+"""Twenty times that of the longest lens on a mast."""
+_SOLAR_TIME = re.compile(
+    r"(?:SOL-?\d{1,6}[ MT]+)?(?P<hour>\d{1,2}):(?P<minute>\d\d)(?::\d\d(?:\.\d{0,9})?)?",
+    re.ASCII | re.IGNORECASE,
+)
+"""Local true solar time, alone or behind the sol."""
 
 Camera = Cahv | Cahvor | Cahvore
 
@@ -59,6 +71,8 @@ def rover_image(label: Label, file_name: str, missions: Sequence[Mission] = MISS
     counter = _motion_counter(label)
     stop = StopId(label.require("", "INSTRUMENT_HOST_ID", str), counter[0], counter[1])
     site_from_rover = _site_from_rover(label, stop)
+    lines, samples = (label.require("IMAGE", size, int) for size in ("LINES", "LINE_SAMPLES"))
+    check_field(camera_model(label), samples, lines, label.source)
     return RoverImage(
         id=product_id,
         stop=stop,
@@ -71,8 +85,8 @@ def rover_image(label: Label, file_name: str, missions: Sequence[Mission] = MISS
         sequence=(label.optional("", "SEQUENCE_ID", str) or "").lower(),
         product_type=product_type,
         is_linearised=label.optional("", "GEOMETRY_PROJECTION_TYPE", str) == "LINEARIZED",
-        lines=label.require("IMAGE", "LINES", int),
-        samples=label.require("IMAGE", "LINE_SAMPLES", int),
+        lines=lines,
+        samples=samples,
         camera=_camera_in_rover(
             label,
             site_from_rover,
@@ -81,13 +95,13 @@ def rover_image(label: Label, file_name: str, missions: Sequence[Mission] = MISS
         site_from_rover=site_from_rover,
         attitude_measured_by=label.optional(ROVER, "QUATERNION_MEASUREMENT_METHOD", str)
         or "UNKNOWN",
-        local_solar_time=label.optional("", "LOCAL_TRUE_SOLAR_TIME", str),
-        start_time=label.optional("", "START_TIME", str),
+        local_solar_time=_local_solar_time(label),
+        start_time=time_text(label.optional("", "START_TIME", str)),
         sun_azimuth=_sun_azimuth(label),
         sun_elevation=_sun_elevation(label, mission),
         mast_in_rover=_mast_in_rover(label, mission, instrument),
         parent_from_site=parent_from_site(label, stop.site),
-        created=label.optional("", "PRODUCT_CREATION_TIME", str),
+        created=time_text(label.optional("", "PRODUCT_CREATION_TIME", str)),
     )
 
 
@@ -120,6 +134,26 @@ def camera_model(label: Label) -> Camera:
         return Cahvore(**vectors, type=_model_kind(label, parts), parameter=float(parts["P"][0]))
     except CameraError as error:
         raise LabelError(f"{label.source}: {CAMERA}: {error}") from error
+
+
+def check_field(camera: Camera, samples: int, lines: int, source: str) -> None:
+    """Refuse a camera model that cannot be that of an image of so many pixels.
+
+    Raises:
+        LabelError: its focal lengths or principal point are out of all proportion to the image.
+    """
+    inner = interior_orientation(camera.a, camera.h, camera.v)
+    for size, focal_px, centre_px in ((samples, inner.hs, inner.hc), (lines, inner.vs, inner.vc)):
+        is_plausible = (
+            size <= MAX_FIELD_RATIO * focal_px
+            and focal_px <= MAX_FOCAL_PX
+            and abs(centre_px) <= MAX_FOCAL_PX
+        )
+        if not is_plausible:
+            raise LabelError(
+                f"{source}: {CAMERA}: focal length {focal_px:.6g} px and principal point "
+                f"{centre_px:.6g} px cannot belong to an image of {samples} x {lines} pixels"
+            )
 
 
 def _component(label: Label, letter: str, number: int) -> np.ndarray:
@@ -343,11 +377,15 @@ def _mast_elevation(label: Label, mission: Mission) -> float | None:
     return math.asin(max(-1.0, min(1.0, -float(forward[2]))))
 
 
+def _local_solar_time(label: Label) -> str | None:
+    """The local true solar time as it stands there; None where it is none."""
+    text = label.optional("", "LOCAL_TRUE_SOLAR_TIME", str)
+    return text if text is not None and _SOLAR_TIME.fullmatch(text) else None
+
+
 def _is_day(label: Label) -> bool:
     """Whether the local solar time says so; rovers photograph by day if nobody says otherwise."""
-    time = (label.optional("", "LOCAL_TRUE_SOLAR_TIME", str) or "").split(":")
-    try:
-        hours = float(time[0]) + float(time[1]) / 60
-    except (ValueError, IndexError):
+    time = _SOLAR_TIME.fullmatch(label.optional("", "LOCAL_TRUE_SOLAR_TIME", str) or "")
+    if time is None:
         return True
-    return DAY_HOURS[0] <= hours <= DAY_HOURS[1]
+    return DAY_HOURS[0] <= int(time["hour"]) + int(time["minute"]) / 60 <= DAY_HOURS[1]

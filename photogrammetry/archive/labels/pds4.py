@@ -18,7 +18,7 @@ conjugate where it is Reverse. The mission follows from the logical identifier.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from xml.etree.ElementTree import Element
 
 from solmap.photogrammetry.archive.labels.label import (
@@ -28,7 +28,7 @@ from solmap.photogrammetry.archive.labels.label import (
     none_if_unknown,
     number_of,
 )
-from solmap.photogrammetry.archive.xml_text import local_name, xml_root
+from solmap.photogrammetry.archive.xml_text import xml_root
 from solmap.photogrammetry.errors import LabelError
 
 HOSTS = (
@@ -137,7 +137,7 @@ def _identification(root: Element, source: str) -> dict[str, Value]:
 
 def _telemetry(root: Element) -> Element | None:
     """The description of the geometry that counts."""
-    found = list(_all(root, "Geometry_Lander"))
+    found = list(root.iter("Geometry_Lander"))
     told = [each for each in found if (_text(each, "geometry_state") or "") == "Telemetry"]
     return next(iter(told or found), None)
 
@@ -171,7 +171,7 @@ def _add_camera(lander: Element, groups: Groups) -> None:
 
 
 def _add_frames(lander: Element, groups: Groups, source: str) -> None:
-    for space in _all(lander, "Coordinate_Space_Definition"):
+    for space in lander.iter("Coordinate_Space_Definition"):
         present, reference = (
             _first(space, name)
             for name in ("Coordinate_Space_Present", "Coordinate_Space_Reference")
@@ -234,12 +234,12 @@ def _quaternion(turn: Element, source: str) -> Value:
 
 
 def _add_directions(lander: Element, groups: Groups) -> None:
-    for derived in _all(lander, "Derived_Geometry"):
+    for derived in lander.iter("Derived_Geometry"):
         sun = _text(derived, "solar_azimuth") is not None
         group = "SITE_DERIVED_GEOMETRY_PARMS" if sun else "ROVER_DERIVED_GEOMETRY_PARMS"
         items: dict[str, Value] = {}
         for element in derived:
-            name = local_name(element).upper()
+            name = element.tag.upper()
             number = number_of((element.text or "").strip())
             if name.endswith(("AZIMUTH", "ELEVATION")) and number is not None:
                 items[name] = Quantity(number, element.get("unit", "deg"))
@@ -248,9 +248,9 @@ def _add_directions(lander: Element, groups: Groups) -> None:
 
 def _add_averaging(root: Element, groups: Groups) -> None:
     """How many pixels were averaged in fact: not what was commanded."""
-    for imaging in _all(root, "Imaging"):
+    for imaging in root.iter("Imaging"):
         for element in imaging:
-            if local_name(element) == "Downsampling":
+            if element.tag == "Downsampling":
                 items: dict[str, Value] = {}
                 for name in ("width", "height"):
                     count = number_of(_text(element, f"{name}_pixels") or "")
@@ -274,7 +274,7 @@ def _add_array(root: Element, groups: Groups, source: str) -> None:
 
 def _array(array: Element, source: str) -> dict[str, Value]:
     axes: dict[int, tuple[str, str]] = {}
-    for axis in _all(array, "Axis_Array"):
+    for axis in array.iter("Axis_Array"):
         place = number_of(_text(axis, "sequence_number") or "")
         if not isinstance(place, int):
             raise LabelError(f"{source}: <sequence_number> of Axis_Array should be a whole number")
@@ -312,7 +312,7 @@ def _index(space: Element) -> tuple[Value, ...]:
     """The counters of a frame, in their order."""
     return tuple(
         number_of(_text(index, "index_value_number") or "")
-        for index in _all(space, "Coordinate_Space_Index")
+        for index in space.iter("Coordinate_Space_Index")
     )
 
 
@@ -320,12 +320,8 @@ def _numbers(parent: Element, names: Sequence[str]) -> tuple[Value, ...]:
     return tuple(number_of(_text(parent, name) or "") for name in names)
 
 
-def _all(parent: Element, name: str) -> Iterator[Element]:
-    return (element for element in parent.iter() if local_name(element) == name)
-
-
 def _first(parent: Element, name: str) -> Element | None:
-    return next(_all(parent, name), None)
+    return next(parent.iter(name), None)
 
 
 def _text(parent: Element, name: str) -> str | None:

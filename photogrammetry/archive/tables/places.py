@@ -37,9 +37,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from solmap.photogrammetry.archive.tables.vector_files import Solution, VectorFile
+from solmap.photogrammetry.archive.tables.vector_files import Solution, VectorFile, check_pose
 from solmap.photogrammetry.archive.xml_text import xml_root
-from solmap.photogrammetry.errors import FrameError, VectorFileError
+from solmap.photogrammetry.errors import VectorFileError
 from solmap.photogrammetry.frames import FrameKind, Pose, roll_pitch_yaw_of_rotation
 from solmap.photogrammetry.imagery import StopId
 
@@ -221,10 +221,7 @@ def _solution(
         quaternion=quaternion,
         added="",
     )
-    try:
-        _ = solution.pose
-    except FrameError as error:
-        raise VectorFileError(f"{where}: {error}") from error
+    check_pose(solution, where)
     return solution
 
 

@@ -42,8 +42,11 @@ from solmap.photogrammetry.frames import (
     rover_frame,
     site_frame,
 )
+from solmap.photogrammetry.imagery import MAX_FROM_SITE_M
 
 MAX_COUNTERS = 16
+MAX_PRIORITIES = 1000
+"""Solutions in an order of priority; the files of the archive name six."""
 
 Rank: TypeAlias = tuple[int, tuple[int, ...], str]
 """Trust in a solution, its motion counter, the date it was added."""
@@ -119,6 +122,8 @@ def parse_vector_file(text: str, source: str) -> VectorFile:
     listed = [
         _attribute(entry, "solution_id", source) for entry in root.iterfind("./priority/entry")
     ]
+    if len(listed) > MAX_PRIORITIES:
+        raise VectorFileError(f"{source}: {len(listed)} entries of <priority> are too many")
     solutions = tuple(_solution(element, source) for element in root.iterfind("./solution"))
     if not solutions:
         raise VectorFileError(f"{source}: expected at least one <solution>, found none")
@@ -237,16 +242,25 @@ def _solution(element: ET.Element, source: str) -> Solution:
         ),
         added=element.get("add_date", ""),
     )
-    _check_pose(solution, source)
+    check_pose(solution, source)
     return solution
 
 
-def _check_pose(solution: Solution, source: str) -> None:
-    """Refuse what is no pose, or a frame that refers to itself."""
+def check_pose(solution: Solution, source: str) -> None:
+    """Refuse what is no pose, lies farther away than can be, or refers to itself.
+
+    Raises:
+        VectorFileError: names the source and the frame.
+    """
     try:
-        _ = solution.pose
+        distance_m = float(np.linalg.norm(solution.pose.translation_m))
     except FrameError as error:
         raise VectorFileError(f"{source}: {error}") from error
+    if not distance_m <= MAX_FROM_SITE_M:
+        raise VectorFileError(
+            f"{source}: {solution.frame} lies {distance_m:.6g} m from site "
+            f"{solution.reference_site}; expected {MAX_FROM_SITE_M:,.0f} m at most"
+        )
     if solution.frame == site_frame(solution.reference_site):
         raise VectorFileError(f"{source}: {solution.frame} is placed in itself")
 

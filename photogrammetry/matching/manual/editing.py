@@ -24,6 +24,7 @@ serves where it has one, and otherwise the tie is two rays.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -43,6 +44,9 @@ TOLERANCE_PX = 3.0
 """Within which an automatic tie is meant by a point, where the file does not say."""
 
 
+_NAME = re.compile(r"[A-Za-z0-9_.()+ -]{0,100}", re.ASCII)
+
+
 class EditAction(StrEnum):
     """What a person wants done."""
 
@@ -60,6 +64,13 @@ class EditPoint:
     point: tuple[float, float] | None = None
     right: tuple[float, float] | None = None
     """The same feature in the right image of the pair."""
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.image):
+            raise MatchingError(
+                f"{self.image[:40]!a} is the name of no image or stop: up to 100 letters, digits "
+                "and _ . - + ( )"
+            )
 
     @property
     def is_stop(self) -> bool:

@@ -78,7 +78,7 @@ def _number(row: Row, name: str, otherwise: float) -> float:
         return otherwise
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if isinstance(value, bool) or not abs(number) < LARGEST_PX:
         raise MatchingError(f"{name} should be a number, not {str(value)[:40]!a}")

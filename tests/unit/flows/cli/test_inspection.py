@@ -309,7 +309,7 @@ def test_a_truncated_file_and_one_that_is_not_there_are_named(pair, tmp_path):
     _, faults = inspect_files([pair[0], tmp_path / "gone.img", tmp_path])
     assert "truncated" in faults[0]
     assert faults[1].endswith("gone.img cannot be read: No such file or directory")
-    assert faults[2].endswith("cannot be read: Is a directory")
+    assert faults[2].endswith("cannot be read: it is a folder; only regular files are read")
 
 
 # On the command line

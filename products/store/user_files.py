@@ -1,0 +1,98 @@
+"""Files that people deliver or name: opened only where they are regular files, and read in bounds.
+
+Whoever made a folder may have put into it a FIFO, which is waited for without end, a device, whose
+reading changes something, or a link to a file that was never meant to be read here. Links may lead
+to regular files of the same folder. What is refused raises `OSError`, its reason in `strerror`.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BufferedReader
+from pathlib import Path
+
+MAX_FILE_BYTES = 256 << 20
+"""Three bands of floats of the largest rover camera have 236 MB."""
+MAX_ROWS_BYTES = 4 << 20
+"""Of vector files and manual ties: 138 sites take 55 kB, 10,000 ties 1 MB."""
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a FIFO",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+@contextmanager
+def open_user_file(path: Path, folder: Path | None = None) -> Iterator[BufferedReader]:
+    """A file opened for reading, after a look at what it is.
+
+    Args:
+        path: Its path.
+        folder: Where links may lead to: the folder of a delivery; that of the file, if not given.
+
+    Raises:
+        OSError: it is no regular file, lies outside of the folder, or cannot be opened.
+    """
+    folder = (folder or path.parent).resolve()
+    try:
+        place = path.resolve(strict=True)
+    except RuntimeError:  # what Python 3.11 raises of links in a circle
+        raise OSError(errno.ELOOP, "a link that leads to itself", str(path)) from None
+    if path.is_symlink() and not place.is_relative_to(folder):
+        raise OSError(
+            errno.EACCES, "a link that leads out of its folder is not followed", str(path)
+        )
+    _check_regular(path, place.lstat())  # opening a device may do something
+    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_NOCTTY | os.O_CLOEXEC
+    with os.fdopen(os.open(place, flags), "rb") as file:
+        _check_regular(path, os.fstat(file.fileno()))  # another file may be there by now
+        yield file
+
+
+def read_user_file(
+    path: Path, folder: Path | None = None, *, most_bytes: int = MAX_FILE_BYTES
+) -> bytes:
+    """The bytes of a file that `open_user_file` opens.
+
+    No more are read than its size says, so that files of the kernel that have none end at once.
+
+    Raises:
+        OSError: it is none of these files, is larger than `most_bytes`, or cannot be read.
+    """
+    with open_user_file(path, folder) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > most_bytes:
+            raise OSError(
+                errno.EFBIG,
+                f"{size >> 20} MiB are more than the {most_bytes >> 20} MiB of any such file",
+            )
+        return file.read(size)
+
+
+def reason_of(error: OSError) -> str:
+    """Why a file could not be read, without its number and path."""
+    return error.strerror or str(error)
+
+
+def plain_name(name: str) -> str:
+    """A file's name as text that can be printed, kept and sent.
+
+    Bytes that are not UTF-8, control characters and marks that turn the direction of writing are
+    escaped.
+    """
+    text = os.fsencode(name).decode("utf-8", "backslashreplace")
+    return "".join(
+        one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in text
+    )
+
+
+def _check_regular(path: Path, facts: os.stat_result) -> None:
+    if not stat.S_ISREG(facts.st_mode):
+        kind = _KINDS.get(stat.S_IFMT(facts.st_mode), "of a kind of its own")
+        raise OSError(errno.EINVAL, f"it is {kind}; only regular files are read", str(path))
