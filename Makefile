@@ -80,7 +80,7 @@ check: develop  ## Style, types and the direction of imports.
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-audit: develop  ## Known weaknesses of what is pinned; says plainly where nobody can be asked.
+audit: develop  ## Known weaknesses of what is pinned; AUDIT=required fails where nobody can be asked.
 	$(BIN)/python .ci/audit
 
 # Without the checks of array types that every test runs under: they would be timed too.
@@ -102,11 +102,12 @@ fuzz: develop  ## Every reader under mutated files; guided by coverage where ath
 docs: develop
 	$(BIN)/mkdocs build --strict
 
-wheel: setup viewer  ## dist/solmap-*.whl, the built viewer inside.
+wheel: develop viewer  ## dist/solmap-*.whl, the built viewer inside, and its bill of materials.
 	rm -rf build dist
 	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+	$(BIN)/python .ci/bill-of-materials dist/solmap-*.whl
 
-test-wheel: develop wheel  ## The wheel in an empty environment: simulate, run, serve.
+test-wheel: wheel  ## The wheel in an empty environment: simulate, run, serve.
 	$(BIN)/pytest tests/packaging
 
 clean:

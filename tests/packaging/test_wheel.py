@@ -3,6 +3,7 @@
 Run by `make test-wheel`, which builds the wheel first.
 """
 
+import hashlib
 import json
 import os
 import re
@@ -72,6 +73,14 @@ def test_the_wheel_holds_one_package_and_the_viewer(wheel):
     assert "solmap/config/landing_sites.toml" in names
     assert "solmap/py.typed" in names
     assert not [name for name in names if "node_modules" in name or "/tests/" in name]
+
+
+def test_a_bill_of_materials_of_the_wheel_lies_beside_it(wheel):
+    (path,) = wheel.parent.glob("solmap-*.cdx.json")
+    product = json.loads(path.read_text())["metadata"]["component"]
+    assert f"-{product['version']}-" in wheel.name
+    (digest,) = product["externalReferences"][0]["hashes"]
+    assert digest["content"] == hashlib.sha256(wheel.read_bytes()).hexdigest()
 
 
 def test_what_the_wheel_requires_is_what_the_lock_installs(environment, tmp_path):

@@ -1,0 +1,65 @@
+"""What `make wheel` states of the packages that a wheel installs and carries."""
+
+import hashlib
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from cyclonedx.schema import SchemaVersion
+from cyclonedx.validation.json import JsonStrictValidator
+
+ROOT = Path(__file__).resolve().parents[2]
+BUNDLED = {"ol", "proj4", "three", "3d-tiles-renderer", "swagger-ui-dist"}
+"""What the viewer imports or copies, by its package.json."""
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The text of the bill of a wheel, and the wheel."""
+    wheel = tmp_path_factory.mktemp("dist") / "solmap-1.2.3-py3-none-any.whl"
+    wheel.write_bytes(b"a wheel")
+    subprocess.run([sys.executable, ROOT / ".ci" / "bill-of-materials", wheel], check=True)
+    return wheel.with_name("solmap-1.2.3.cdx.json").read_text(), wheel
+
+
+@pytest.fixture(scope="module")
+def components(written):
+    return {one["purl"]: one for one in json.loads(written[0])["components"]}
+
+
+def hashes_of(component):
+    return {one["content"] for one in component["externalReferences"][0]["hashes"]}
+
+
+def test_it_keeps_to_the_schema_and_names_the_wheel(written):
+    text, wheel = written
+    assert JsonStrictValidator(SchemaVersion.V1_6).validate_str(text) is None
+    product = json.loads(text)["metadata"]["component"]
+    assert (product["name"], product["version"]) == ("solmap", "1.2.3")
+    assert hashes_of(product) == {hashlib.sha256(wheel.read_bytes()).hexdigest()}
+    assert not re.search(r"https?://(?!cyclonedx\.org)", text), "an address of some registry"
+
+
+def test_it_holds_every_locked_package_with_its_hashes(components):
+    lock = (ROOT / "requirements.lock").read_text()
+    pins = re.findall(r"(?m)^([a-z0-9][\w.-]*)(?:\[.*\])?==([^\s;]+)", lock)
+    python = {purl for purl in components if purl.startswith("pkg:pypi/")}
+    assert python == {f"pkg:pypi/{name}@{version}" for name, version in pins}
+    hashes = set().union(*(hashes_of(components[purl]) for purl in python))
+    assert hashes == set(re.findall(r"--hash=sha256:([0-9a-f]{64})", lock))
+
+
+def test_it_holds_what_the_viewer_is_built_from_and_no_tool_of_its_build(components):
+    package = json.loads((ROOT / "gis_server" / "viewer" / "package.json").read_text())
+    assert {*package["dependencies"], "swagger-ui-dist"} == BUNDLED
+    node = {one["name"] for purl, one in components.items() if purl.startswith("pkg:npm/")}
+    assert node >= BUNDLED
+    assert not node & {"vite", "vitest", "typescript", "prettier"}
+
+
+def test_licences_are_known_of_all_that_is_installed_here(components):
+    unknown = {purl for purl, one in components.items() if not one.get("licenses")}
+    assert len(unknown) <= 5, unknown  # those of other platforms and Python versions
