@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from solmap.config.records import ConfigError, record_of
+from solmap.config.records import ConfigError, read_toml, record_of
 
 SHIPPED = Path(__file__).parent / "archive.toml"
 
@@ -83,10 +82,7 @@ def load_archive(path: Path = SHIPPED) -> Archive:
     Raises:
         ConfigError: the file cannot be read, or a setting in it is wrong.
     """
-    try:
-        tables = tomllib.loads(path.read_text())
-    except (OSError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(f"{path}: {error}") from error
+    tables = read_toml(path)
     missions = tables.pop("missions", None)
     if not isinstance(missions, dict) or not missions:
         raise ConfigError(f"{path} should have a table [missions.NAME] for each mission")

@@ -18,6 +18,7 @@ from enum import Enum
 from typing import Any, get_args, get_type_hints
 
 from solmap.config.pipeline import PipelineConfig
+from solmap.config.records import limits_in_words, range_of
 from solmap.config.settings import Settings
 
 WIDTH = 100
@@ -65,6 +66,8 @@ class Parameter:
     reason: str
     choices: tuple[str, ...] = ()
     """Of an enumeration."""
+    range: str = ""
+    """What it may be set to."""
 
     @property
     def unit(self) -> str:
@@ -89,9 +92,9 @@ def tables_of(record: Any, key: str = "") -> Iterator[Table]:  # noqa: ANN401 - 
     kind = type(record)
     values = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
     own = {name: value for name, value in values.items() if not dataclasses.is_dataclass(value)}
-    hints, told = get_type_hints(kind), reasons(kind)
+    hints, told = get_type_hints(kind, include_extras=True), reasons(kind)
     parameters = (
-        Parameter(name, value, told.get(name, ""), _choices(hints[name]))
+        Parameter(name, value, told.get(name, ""), _choices(hints[name]), range_of(hints[name]))
         for name, value in own.items()
     )
     yield Table(key, _purpose(kind), tuple(parameters))
@@ -180,7 +183,12 @@ def configuration_page() -> str:
             parts.append(f"{title}\n\n{_prose(table.purpose)}\n\n{_rows(table.parameters)}\n")
     told = reasons(Settings)
     variables = (
-        Parameter(f"SOLMAP_{name.upper()}", _display_value(field.default), told.get(name, ""))
+        Parameter(
+            f"SOLMAP_{name.upper()}",
+            _display_value(field.default),
+            told.get(name, ""),
+            range=limits_in_words(field.metadata),
+        )
         for name, field in Settings.model_fields.items()
     )
     parts.append(f"## Environment\n\n{_prose(Settings.__doc__ or '')}\n\n{_rows(tuple(variables))}")
@@ -194,13 +202,13 @@ def _display_value(value: Any) -> Any:  # noqa: ANN401 - any setting
 
 
 def _rows(parameters: tuple[Parameter, ...]) -> str:
-    lines = ["| key | default | unit | meaning |", "| --- | --- | --- | --- |"]
+    lines = ["| key | default | unit | range | meaning |", "| --- | --- | --- | --- | --- |"]
     for one in parameters:
         default = "" if one.value is None else f"`{toml_value(_plain(one.value))}`"
         meaning = _prose(one.reason)
         if one.choices:
             meaning = f"{meaning} One of {', '.join(f'`{choice}`' for choice in one.choices)}."
-        lines.append(f"| `{one.name}` | {default} | {one.unit} | {meaning.strip()} |")
+        lines.append(f"| `{one.name}` | {default} | {one.unit} | {one.range} | {meaning.strip()} |")
     return "\n".join(lines)
 
 

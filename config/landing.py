@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-from solmap.config.records import ConfigError, record_of
+from solmap.config.records import ConfigError, read_toml, record_of
 from solmap.products.crs import LandingPoint
 
 SHIPPED = Path(__file__).parent / "landing_sites.toml"
@@ -26,12 +25,12 @@ def landing_sites(path: Path = SHIPPED) -> dict[str, LandingSite]:
     Raises:
         ConfigError: the file cannot be read or a table is not a landing site.
     """
-    try:
-        tables = tomllib.loads(path.read_text())
-    except (OSError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(f"{path}: {error}") from error
     sites = {}
-    for mission, table in tables.items():
+    for mission, table in read_toml(path).items():
+        if not isinstance(table, dict):
+            raise ConfigError(
+                f"{path} should have a table [MISSION] for each mission, not {mission}"
+            )
         title = str(table.pop("title", mission))
         sites[mission] = LandingSite(title, record_of(LandingPoint, table, f"{path}: {mission}"))
     return sites

@@ -7,12 +7,11 @@ shipped file (`config/pipelines/`) or a path.
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from solmap.config.records import ConfigError, faults_of, record_of
+from solmap.config.records import ConfigError, faults_of, read_toml, record_of
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
@@ -151,10 +150,7 @@ def _read(name: str) -> tuple[Path, dict[str, Any]]:
     path = SHIPPED / f"{name}.toml"
     if not path.is_file():
         path = Path(name)
-    if not path.is_file():
+    if not path.exists():
         shipped = ", ".join(sorted(file.stem for file in SHIPPED.glob("*.toml")))
         raise ConfigError(f"there is no pipeline {name!r}: name one of {shipped}, or a TOML file")
-    try:
-        return path, tomllib.loads(path.read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(f"{path}: {error}") from error
+    return path, read_toml(path)

@@ -90,8 +90,9 @@ def fetch_archive(
         ConfigError: no such mission, instrument or sols.
         FetchError: an index cannot be had, or nothing can be written.
     """
-    archive = load_archive(archive_file or Settings().archive)
-    params = record_of(TransferParams, dict(archive.transfer), "transfer")
+    file = archive_file or Settings().archive
+    archive = load_archive(file)
+    params = record_of(TransferParams, dict(archive.transfer), f"{file.name}: transfer")
     wanted = [
         (_volume(archive, mission, name), IndexSelection(mission.upper(), name, sols_of(sols)))
         for name in dict.fromkeys(instruments)

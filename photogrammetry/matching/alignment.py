@@ -34,6 +34,7 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair, projection_part
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.records import Ties
+from solmap.photogrammetry.ranges import Factor, Radians
 
 ROUNDS = 14
 """Of weighting, the last three with the kernel of the verdict."""
@@ -47,9 +48,9 @@ FIRST_SCALE = 64.0
 class AlignmentParams:
     """How ties are held against each other."""
 
-    pointing_sigma: float = 0.0026
+    pointing_sigma: Radians = 0.0026
     """Radians (0.15 degrees) an axis: the mast's pointing from image to image."""
-    chi_square: float = 11.34
+    chi_square: Factor = 11.34
     """99 % point of chi-square with 3 degrees of freedom."""
 
     def __post_init__(self) -> None:

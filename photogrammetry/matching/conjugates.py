@@ -47,6 +47,7 @@ from solmap.photogrammetry.matching.parallax_planes import (
     stereo_homographies,
 )
 from solmap.photogrammetry.matching.records import MatchedPair
+from solmap.photogrammetry.ranges import HalfWindow, PixelsOrZero, Share
 
 PYRAMID_LEVELS = 5
 """Of an image, each half as wide as the one before."""
@@ -99,15 +100,15 @@ def image_pyramid(image: np.ndarray) -> list[np.ndarray]:
 class ConjugateParams:
     """How conjugate points are found and refined."""
 
-    half_px: int = 10
+    half_px: HalfWindow = 10
     """Half the patch: 21 x 21 cells of the common grid."""
-    threshold: float = 0.75
+    threshold: Share = 0.75
     """Least correlation after refinement. The paper's 0.8 is for one stereo pair."""
-    ambiguity: float = 0.92
+    ambiguity: Share = 0.92
     """A second place may correlate at most this well, as a share of the best."""
-    sigma_floor_px: float = 0.1
+    sigma_floor_px: PixelsOrZero = 0.1
     """Least-squares matching is not better than this, whatever it says of itself."""
-    parallax_floor_px: float = 0.2
+    parallax_floor_px: PixelsOrZero = 0.2
     """Nor a measured parallax than this: 0.1-0.2 px on good texture, 0.32 px in JPL's test
     (NASA Tech Brief NPO-42487)."""
 

@@ -34,6 +34,7 @@ from solmap.photogrammetry.matching.parallax_planes import (
     plane_homographies,
 )
 from solmap.photogrammetry.matching.records import MatchedStop, Ties, join_ties
+from solmap.photogrammetry.ranges import Count, Metres, WholePixels
 
 REACH_SIGMAS = 3.0
 
@@ -48,13 +49,13 @@ class InterStereoParams:
     """The eyes of one mast see the ground alike: against truth least squares say how good a
     conjugate is, to half as good again, on smooth ground (0.03 px) and on rough (0.1 px)."""
     alignment: AlignmentParams = field(default_factory=AlignmentParams)
-    candidates: int = 150
+    candidates: Count = 150
     """Most matches of a pair that are looked for in another one."""
-    cell_px: int = 40
+    cell_px: WholePixels = 40
     """One candidate, the most certain, in every cell of this size."""
-    least_overlap: int = 12
+    least_overlap: Count = 12
     """Matches that must fall into another pair before the two count as overlapping."""
-    farthest_m: float = 100.0
+    farthest_m: Metres = 100.0
     """Beyond it the range of a Navcam match is nearly unknown."""
 
     def __post_init__(self) -> None:

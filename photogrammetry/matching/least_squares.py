@@ -61,6 +61,7 @@ from solmap.photogrammetry.matching.resampling import (
     sample_rows,
     spline_coefficients,
 )
+from solmap.photogrammetry.ranges import Few, OddPixels
 
 PARAMETERS = 5
 
@@ -103,9 +104,9 @@ FURTHEST_PX = 1.5
 class LeastSquaresParams:
     """How windows are refined."""
 
-    window_px: int = 15
+    window_px: OddPixels = 15
     """Side of the square window, odd: the one of the correlation (Di et al. 2008, section 5)."""
-    steps: int = 8
+    steps: Few = 8
     """Most Gauss-Newton steps; three to five are usual."""
 
 

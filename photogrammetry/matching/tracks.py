@@ -25,6 +25,7 @@ from solmap.photogrammetry.arrays import ImagePoints, Int32, PerPoint
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.imagery import StereoMatches, TiePoints
 from solmap.photogrammetry.matching.records import Ties
+from solmap.photogrammetry.ranges import Pixels, WholePixels
 
 MEASURED = ("parallax_px", "sigma_px", "sigma_parallax_px", "sigma_line_px")
 """Columns that a tie has for both of its pairs, and tie points for every observation."""
@@ -34,9 +35,9 @@ MEASURED = ("parallax_px", "sigma_px", "sigma_parallax_px", "sigma_line_px")
 class TrackParams:
     """How tie points are put together."""
 
-    same_px: float = 0.5
+    same_px: Pixels = 0.5
     """Measurements of one pair that are closer are of one feature."""
-    intra_cell_px: int = 160
+    intra_cell_px: WholePixels = 160
     """One intra-stereo point is kept in every cell: some 40 a pair, 300 and more a panorama."""
 
     def __post_init__(self) -> None:

@@ -14,10 +14,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
 from pathlib import Path
+from typing import Annotated
 from urllib.parse import urlsplit
 
 import httpx
+from annotated_types import Interval
 
+from solmap.photogrammetry.ranges import Few
 from solmap.tasks.fetch.answers import (
     DiskError,
     FetchError,
@@ -34,21 +37,22 @@ log = logging.getLogger(__name__)
 
 FRUITFUL_BYTES = 1 << 16
 """An attempt that brought less brought nothing new."""
+Wait = Annotated[float, Interval(ge=0.0, le=3600.0)]
 
 
 @dataclass(frozen=True, slots=True)
 class TransferParams:
     """How patient a transfer is."""
 
-    connections: int = 3
+    connections: Annotated[int, Interval(ge=1, le=32)] = 3
     """Files at a time: the archive is shared by many."""
-    attempts: int = 5
+    attempts: Few = 5
     """In a row that bring nothing new, per file and mirror."""
-    first_wait_s: float = 1.0
+    first_wait_s: Wait = 1.0
     """Before the second attempt; doubled for each further one."""
-    longest_wait_s: float = 60.0
+    longest_wait_s: Wait = 60.0
     """Also caps what a server asks for by Retry-After."""
-    timeout_s: float = 60.0
+    timeout_s: Annotated[float, Interval(gt=0.0, le=3600.0)] = 60.0
     """Without a byte."""
 
     def __post_init__(self) -> None:

@@ -5,6 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.ranges import (
+    Count,
+    Degrees,
+    Factor,
+    Few,
+    FewOrZero,
+    Metres,
+    Share,
+    Tolerance,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,32 +25,32 @@ class AdjustmentParams:
     can do; image coordinates carry their own, from matching.
     """
 
-    pointing_deg: float = 0.1
+    pointing_deg: Degrees = 0.1
     """Mast pointing, per axis and pair: 0.077 deg assumed for the rovers' masts by the operations
     software, 0.1-0.2 deg found on archived panoramas."""
-    tilt_deg: float = 0.3
+    tilt_deg: Degrees = 0.3
     """Roll and pitch from accelerometers, absolute because gravity is."""
-    azimuth_fine_deg: float = 1.0
+    azimuth_fine_deg: Degrees = 1.0
     """Azimuth said to be measured (FINE): a sun sighting is good to 0.6 deg when it is fresh, and
     the label does not say how much the gyroscopes drifted since."""
-    azimuth_step_deg: float = 2.0
+    azimuth_step_deg: Degrees = 2.0
     """Azimuth that is only propagated: drift of the gyroscopes over a drive of some tens of
     minutes at up to 3 deg an hour, relative to the stop before."""
-    slip: float = 0.1
+    slip: Share = 0.1
     """Standard deviation of wheel odometry, as a fraction of the distance driven: 10 % is the
     largest correction usually found on firm slopes."""
-    position_floor_m: float = 0.1
+    position_floor_m: Metres = 0.1
     """What odometry may be wrong by however short the drive: about half a wheel."""
-    critical_value: float = 4.0
+    critical_value: Factor = 4.0
     """Standardised residual that makes an observation a blunder: one good coordinate in 16,000 is
     lost, so a mission keeps its ties. Baarda's 3.29 loses one in 1,000."""
-    max_iterations: int = 50
+    max_iterations: Few = 50
     """Gauss-Newton steps per solution; a network from the alignment needs about six."""
-    tolerance: float = 1e-6
+    tolerance: Tolerance = 1e-6
     """Converged when the squared length of a step, in its own standard deviations, is below."""
-    max_rounds: int = 12
+    max_rounds: FewOrZero = 12
     """Rounds of data snooping per step."""
-    window_stops: int = 4
+    window_stops: Count = 4
     """Stops that the sequential adjustment estimates anew at every step. Ties that reach back
     further re-open the whole traverse; drives and turns seldom show ground of more than the third
     stop before."""

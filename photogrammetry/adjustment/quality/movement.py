@@ -16,16 +16,17 @@ import numpy as np
 
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.ranges import MetresOrZero
 
 
 @dataclass(frozen=True, slots=True)
 class ReissueParams:
     """When a stop whose pairs were adjusted again is mapped again."""
 
-    range_m: float = 10.0
+    range_m: MetresOrZero = 10.0
     """Range to which a map is to be right: where a Navcam's stereo is good to a decimetre, and a
     pair of a full panorama still overlaps its neighbours."""
-    shift_m: float = 0.02
+    shift_m: MetresOrZero = 0.02
     """Movement of ground at that range that is worth a new map: half a cell of the terrain model
     and two of the orthophoto, at 10 m two and a half Navcam pixels."""
 

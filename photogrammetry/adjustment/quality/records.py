@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from solmap.photogrammetry.imagery import StopId, TieKind
+from solmap.photogrammetry.ranges import CountOrZero, Factor, Share
 
 Triple = tuple[float, float, float]
 
@@ -23,14 +24,14 @@ class PairCamera:
 class QualityParams:
     """When a part of a network is called weak."""
 
-    few_ties: int = 7
+    few_ties: CountOrZero = 7
     """A link between stops that rests on fewer tie points: the paper's example had seven."""
-    thin_redundancy: float = 0.2
+    thin_redundancy: Share = 0.2
     """Mean redundancy number below which a stop's observations hardly check each other: a blunder
     shows by less than a fifth of its size."""
-    many_blunders: float = 0.25
+    many_blunders: Share = 0.25
     """Share of a pair's observations set aside as blunders: more is no accident of matching."""
-    large_misfit: float = 1.5
+    large_misfit: Factor = 1.5
     """Root mean square of a camera's standardised residuals: what chance does not explain."""
 
 

@@ -23,6 +23,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float32, Float64, Raster
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
+from solmap.photogrammetry.ranges import MOST_SIDE, CellSize, Few, Metres, SquareMetres
 
 CLIP = 3.0
 """Channels are clipped here, in local standard deviations: rocks and shadows must not rule."""
@@ -44,15 +45,15 @@ SEPARATION_M = 1.5
 class BirdsEyeParams:
     """How a stop is drawn from above and searched."""
 
-    cell_m: float = 0.16
+    cell_m: CellSize = 0.16
     """The footprint of a Navcam pixel along the ground is 0.15 m at 15 m range."""
-    surface_cell_m: float = 0.08
+    surface_cell_m: CellSize = 0.08
     """Of the elevations that patches of ground are drawn over."""
-    radius_m: float = 30.0
+    radius_m: Metres = 30.0
     """Beyond it a Navcam's range is off by a metre and more."""
-    grey_wave_m: float = 1.0
-    min_overlap_m2: float = 40.0
-    peaks: int = 5
+    grey_wave_m: Metres = 1.0
+    min_overlap_m2: SquareMetres = 40.0
+    peaks: Few = 5
     """Handed on; the lower ones, which are wrong, show what chance can do."""
 
     def __post_init__(self) -> None:
@@ -60,6 +61,11 @@ class BirdsEyeParams:
             raise MatchingError(
                 f"a bird's-eye view needs cell < wave < radius, not {self.cell_m}, "
                 f"{self.grey_wave_m} and {self.radius_m} m"
+            )
+        if 2 * self.radius_m > MOST_SIDE * min(self.cell_m, self.surface_cell_m):
+            raise MatchingError(
+                f"ground as far as {self.radius_m} m has more than {MOST_SIDE} cells a side: give "
+                "larger cells or a smaller radius"
             )
 
 

@@ -27,6 +27,7 @@ from solmap.photogrammetry.matching.cross_site.ground_views import (
     limit_resolution,
 )
 from solmap.photogrammetry.matching.cross_site.tie_weights import select_apart
+from solmap.photogrammetry.ranges import CellSize, Count, Metres, Pixels
 
 APART_CELLS = 5.0
 """Least distance of two candidates in cells of their patches, a third of a patch: ties that
@@ -70,18 +71,18 @@ LAST_GAP_M = 0.05
 class CandidateParams:
     """How candidates are chosen."""
 
-    cell_m: float = 0.75
+    cell_m: CellSize = 0.75
     """One candidate at most in every cell of the ground."""
-    farthest_m: float = 30.0
-    most: int = 120
+    farthest_m: Metres = 30.0
+    most: Count = 120
     """In a trial of a hypothesis."""
-    most_at_last: int = 300
+    most_at_last: Count = 300
     """When the hypothesis is settled."""
-    square_m: float = 0.2
+    square_m: Metres = 0.2
     """Cells are square up to this length; longer ones are narrower instead, of the same area, as
     far as both images resolve it. Stops far apart look at the ground between them along one line,
     and see more across it; but narrow patches hold less that is unique, so only where they must."""
-    parallax_sigma_px: float = 0.3
+    parallax_sigma_px: Pixels = 0.3
     """Of the dense parallax, which places the surface a patch is drawn on (NTB NPO-42487: 0.32)."""
 
     def __post_init__(self) -> None:

@@ -13,6 +13,7 @@ from solmap.photogrammetry.frames import Pose, rotation_of_roll_pitch_yaw
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit, SearchGate
 from solmap.photogrammetry.matching.records import MatchedStop
+from solmap.photogrammetry.ranges import Factor, FewOrZero, Metres, MetresOrZero, Radians, Share
 
 PoseCovariance = Float64[np.ndarray, "6 6"]
 """Of rotation vector (radians), then translation (metres)."""
@@ -22,9 +23,9 @@ PoseCovariance = Float64[np.ndarray, "6 6"]
 class LinkParams:
     """Which stops are tried for links."""
 
-    max_distance_m: float = 50.0
+    max_distance_m: MetresOrZero = 50.0
     """Farther apart, Navcam stereo sees no common ground well enough."""
-    max_earlier: int = 4
+    max_earlier: FewOrZero = 4
     """Nearest earlier stops tried for each new one: m-1, m-2 and revisits decide the drift."""
 
 
@@ -45,15 +46,15 @@ def link_candidates(
 class GateParams:
     """What telemetry leaves open between two stops, whatever it says of itself."""
 
-    slip_sigma: float = 0.08
+    slip_sigma: Share = 0.08
     """Of the distance between the stops: 3 sigma cover the 4-20 % that wheels slip."""
-    position_sigma_m: float = 0.3
+    position_sigma_m: Metres = 0.3
     """However short the drive: about a wheel's width, and the first drive of a stop is a turn."""
-    azimuth_sigma: float = 0.026
+    azimuth_sigma: Radians = 0.026
     """Radians (1.5 degrees): drift of the heading over a drive."""
-    tilt_sigma: float = 0.0052
+    tilt_sigma: Radians = 0.0052
     """Radians (0.3 degrees): roll and pitch from gravity."""
-    sigmas: float = 3.0
+    sigmas: Factor = 3.0
     """The gate is so many standard deviations wide."""
 
     def __post_init__(self) -> None:

@@ -55,6 +55,7 @@ from solmap.photogrammetry.matching.parallax_planes import (
     plane_homographies,
 )
 from solmap.photogrammetry.matching.records import Ties, join_ties
+from solmap.photogrammetry.ranges import HalfWindow
 
 WINDOW_STEP = 8
 """Windows grow in steps of so many cells: patches of one size are drawn together."""
@@ -95,7 +96,7 @@ BLUR_CELLS = 0.7
 class GroundMatchingParams:
     """How patches of ground are matched and their parallaxes measured."""
 
-    half_cells: int = 8
+    half_cells: HalfWindow = 8
     """Half a patch: 17 x 17 cells are 1.4 m of ground at 10 m, and enough to be unique."""
     patches: ConjugateParams = field(
         default_factory=lambda: ConjugateParams(threshold=0.6, ambiguity=0.85, sigma_floor_px=0.4)

@@ -85,6 +85,7 @@ from solmap.photogrammetry.matching.cross_site.tie_weights import (
     select_spread,
 )
 from solmap.photogrammetry.matching.records import MatchedStop, Ties, join_ties
+from solmap.photogrammetry.ranges import FactorOrZero, FewOrZero, Metres
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +95,8 @@ class TrialParams:
     candidates: CandidateParams = field(default_factory=CandidateParams)
     ground: GroundMatchingParams = field(default_factory=GroundMatchingParams)
     alignment: AlignmentParams = field(default_factory=AlignmentParams)
-    decoys: int = 2
-    separation_m: float = 0.75
+    decoys: FewOrZero = 2
+    separation_m: Metres = 0.75
     """Trials that end this near to each other found the same place."""
 
     def __post_init__(self) -> None:
@@ -116,7 +117,7 @@ class CrossSiteParams:
     trials: TrialParams = field(default_factory=TrialParams)
     by_shape: SurfaceTieParams = field(default_factory=SurfaceTieParams)
     verdict: VerdictParams = field(default_factory=VerdictParams)
-    apart: float = 0.75
+    apart: FactorOrZero = 0.75
     """Least distance of ties that are handed on, in widths of their patches: they share a quarter
     of their ground at most along either axis, and nearly count as independent."""
 

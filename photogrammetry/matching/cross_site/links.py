@@ -14,6 +14,7 @@ from solmap.photogrammetry.matching.alignment import Alignment
 from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit
 from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
 from solmap.photogrammetry.matching.records import Ties
+from solmap.photogrammetry.ranges import Count, FactorFromOne, FactorOrZero, MetresOrZero, Share
 
 LEAST_TO_ALIGN = 6
 """Ties for the six unknowns of a pose with some redundancy."""
@@ -23,17 +24,17 @@ LEAST_TO_ALIGN = 6
 class VerdictParams:
     """When a link is believed."""
 
-    least_ties: int = 20
+    least_ties: Count = 20
     """The paper's example had 7, made by hand; 20 and more hold the drift (issue 4)."""
-    least_z: float = 6.0
+    least_z: FactorOrZero = 6.0
     """A gate holds some 10^5 independent places: chance comes to 4.8, and to 6 once in 5000."""
-    chance_factor: float = 2.0
+    chance_factor: FactorFromOne = 2.0
     """A link needs so many times the ties that a wrong hypothesis found,"""
-    chance_sigmas: float = 4.0
+    chance_sigmas: FactorOrZero = 4.0
     """and as many more as four standard deviations of a count that happens by chance."""
-    least_share: float = 0.5
+    least_share: Share = 0.5
     """Of the conjugates measured in the narrow window, so many must agree in space."""
-    least_spread_m: float = 1.0
+    least_spread_m: MetresOrZero = 1.0
     """Standard deviation of the ties' places across their longest direction."""
 
     def __post_init__(self) -> None:

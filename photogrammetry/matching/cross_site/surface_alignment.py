@@ -47,6 +47,17 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair, projection_part
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.parallax_planes import EVERY, ParallaxPlanes, parallax_facets
+from solmap.photogrammetry.ranges import (
+    Count,
+    FactorFromOne,
+    Few,
+    Metres,
+    MetresOrZero,
+    Pixels,
+    PixelsOrZero,
+    Radians,
+    WholePixels,
+)
 from solmap.photogrammetry.robust import robust_sigma
 
 MOTION = 6
@@ -73,26 +84,26 @@ LEAST_TURNED = 0.03
 class SurfaceParams:
     """How ground is held against ground."""
 
-    step_px: int = 8
+    step_px: WholePixels = 8
     """Every so many pixels a point is taken: neighbours share but the rim of their windows."""
-    half_px: int = 5
+    half_px: WholePixels = 5
     """Half the window of a facet."""
-    farthest_m: float = 30.0
-    least_points: int = 60
+    farthest_m: Metres = 30.0
+    least_points: Count = 60
     """Of the ground that two pairs share, both counted."""
-    sigma_parallax_px: float = 0.1
+    sigma_parallax_px: Pixels = 0.1
     """Of dense parallax."""
-    correlated: float = 8.0
+    correlated: FactorFromOne = 8.0
     """So many points say what one would: windows overlap, and so do the stones within them."""
-    pointing_sigma: float = 0.0026
+    pointing_sigma: Radians = 0.0026
     """Radians an axis by which two pairs may be turned against each other before."""
-    shift_sigma_m: float = 0.1
+    shift_sigma_m: MetresOrZero = 0.1
     """How far any ground may be from where it is said to be,"""
-    bias_parallax_px: float = 0.05
+    bias_parallax_px: PixelsOrZero = 0.05
     """c: and how far what a stop sees lies from the middle of things, along its rays;"""
-    bias_line_px: float = 1.5
+    bias_line_px: PixelsOrZero = 1.5
     """b: and above them. Standard deviations, as rendered and simulated ground has them."""
-    rounds: int = 12
+    rounds: Few = 12
 
     def __post_init__(self) -> None:
         if not (self.step_px > 0 and self.half_px > 0 and self.correlated >= 1 and self.rounds > 0):

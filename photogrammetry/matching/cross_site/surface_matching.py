@@ -30,6 +30,7 @@ from solmap.photogrammetry.matching.cross_site.surface_alignment import (
     robust_weights,
 )
 from solmap.photogrammetry.matching.records import Ties
+from solmap.photogrammetry.ranges import Count, Metres
 from solmap.photogrammetry.robust import robust_sigma
 
 DEFINED_PX = 0.02
@@ -47,14 +48,14 @@ class SurfaceTieParams:
 
     enabled: bool = True
     surface: SurfaceParams = field(default_factory=SurfaceParams)
-    block_m: float = 1.0
+    block_m: Metres = 1.0
     """Side of a block, and at least"""
-    least_points: int = 30
-    largest_sigma_m: float = 0.06
+    least_points: Count = 30
+    largest_sigma_m: Metres = 0.06
     """Across the rays: blocks without relief know no better and are left out."""
-    least: int = 8
+    least: Count = 8
     """With fewer blocks there are no surface-matched ties."""
-    most: int = 80
+    most: Count = 80
     """Blocks that become ties, the most certain."""
 
     def __post_init__(self) -> None:

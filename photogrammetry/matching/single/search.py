@@ -37,6 +37,7 @@ from solmap.photogrammetry.matching.stereo.interest_points import (
     strongest_by_cell,
 )
 from solmap.photogrammetry.matching.stereo.verification import VerificationParams
+from solmap.photogrammetry.ranges import Count, NearestMetres, PixelsOrZero, Radians, WholePixels
 
 FirstMatches = tuple[Float64[np.ndarray, "scouts 2"], Float64[np.ndarray, " scouts"]]
 """Image points found at the first search, and their inverse depth, per metre."""
@@ -65,20 +66,20 @@ class MonoParams:
     interest: FoerstnerParams = field(default_factory=FoerstnerParams)
     conjugates: ConjugateParams = field(default_factory=lambda: ConjugateParams(half_px=8))
     verification: VerificationParams = field(default_factory=VerificationParams)
-    pointing_sigma: float = 0.0026
+    pointing_sigma: Radians = 0.0026
     """Radians (0.15 degrees) an axis and image, as in `alignment`."""
-    nearest_m: float = 1.5
+    nearest_m: NearestMetres = 1.5
     """Nearest ground, as deep as the mast is high."""
-    scouts: int = 400
+    scouts: Count = 400
     """Interest points that are looked for first, over all depths."""
-    candidates: int = 2500
+    candidates: Count = 2500
     """Interest points of the overlap that are looked for with depth and turn known."""
-    cell_px: int = 32
+    cell_px: WholePixels = 32
     """Cell in which the strongest are taken in turn."""
-    least_parallax_px: float = 1.0
+    least_parallax_px: PixelsOrZero = 1.0
     """Along the epipolar line. Below, the rays of the adjusted images may diverge, and a point
     behind infinity has no place."""
-    least_ties: int = 12
+    least_ties: Count = 12
     """Four times the three unknowns of the turn: with fewer there is no link."""
 
     def __post_init__(self) -> None:

@@ -53,6 +53,16 @@ from solmap.photogrammetry.matching.stereo.semi_global import (
     to_eight_bit,
 )
 from solmap.photogrammetry.matching.stereo.sparse import largest_parallax_px
+from solmap.photogrammetry.ranges import (
+    FactorOrZero,
+    Few,
+    NearestMetres,
+    OddPixels,
+    Pixels,
+    PixelsOrZero,
+    Share,
+    WholeParallax,
+)
 
 SLOPE_NOISE = 1.39
 """Variance of the spline's slope over that of white noise."""
@@ -83,22 +93,22 @@ TEXTURE_PX = 5
 class RefinementParams:
     """How the parallax of every pixel is refined and judged."""
 
-    box_px: int = 5
+    box_px: OddPixels = 5
     """Side of the box, odd, that is applied twice: the window is 9 pixels wide, and half of its
     weight lies within 5, about the block of semi-global matching."""
-    steps: int = 3
+    steps: Few = 3
     """Lucas-Kanade steps."""
-    smoothing_px: float = 2.0
+    smoothing_px: PixelsOrZero = 2.0
     """Standard deviation in space of the smoothing that undoes pixel locking, which recurs with
     every pixel of parallax: level ground changes by one in some seven rows of a Navcam image."""
-    edge_px: float = 1.0
+    edge_px: Pixels = 1.0
     """Standard deviation in parallax of that smoothing: what differs by more is another surface."""
-    texture: float = 2.0
+    texture: FactorOrZero = 2.0
     """Least energy of the slope, in units of what noise alone would give: as much texture as noise.
     Below that even the whole window leaves 0.2 px; the sky stays at 1."""
-    largest_sigma_px: float = 0.5
+    largest_sigma_px: Pixels = 0.5
     """Parallaxes less precise than this are left out."""
-    least_correlation: float = 0.6
+    least_correlation: Share = 0.6
     """Of the windows after the last step; chance agreement of noise stays below."""
 
 
@@ -110,9 +120,9 @@ NORMALISATION_PX = 31
 class DenseParams:
     """How every pixel is matched."""
 
-    nearest_range_m: float = 1.2
+    nearest_range_m: NearestMetres = 1.2
     """Nearest ground, as in sparse matching: sets the search."""
-    least_parallax_px: int = -2
+    least_parallax_px: WholeParallax = -2
     """Parallax of infinity less what an error of the stereo rig of 0.1 degrees may take off."""
     semi_global: SemiGlobalParams = field(default_factory=SemiGlobalParams)
     refinement: RefinementParams = field(default_factory=RefinementParams)

@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from solmap.photogrammetry.arrays import Float64, GreyImage, ImagePoints, Int32, Mask, PerPoint
+from solmap.photogrammetry.ranges import Count, FactorOrZero, OddPixels, Share, WholePixels
 
 WINDOW_SIGMAS = 4.0
 """Width of the window in standard deviations of its weights: at its edge they are down to 0.14."""
@@ -31,15 +32,15 @@ SEPARATION_PX = 3
 class FoerstnerParams:
     """How interest points are chosen; defaults by Förstner & Gülch 1987 and Di et al. 2008."""
 
-    window_px: int = 7
+    window_px: OddPixels = 7
     """Window over which gradients are summed; odd. 5 to 7 in the original."""
-    smallest_roundness: float = 0.5
+    smallest_roundness: Share = 0.5
     """Limit of q: 0.5 to 0.75 in the original."""
-    smallest_weight: float = 0.5
+    smallest_weight: FactorOrZero = 0.5
     """Limit of w as a share of its mean over the image: 0.5 to 1.5 in the original."""
-    count: int = 5000
+    count: Count = 5000
     """Points an image (Di et al. 2008, section 5)."""
-    cell_px: int = 64
+    cell_px: WholePixels = 64
     """Cell in which the strongest are kept in turn, so that strong texture does not take all."""
 
 

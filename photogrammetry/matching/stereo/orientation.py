@@ -42,6 +42,7 @@ from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.stereo.dense import SharedSigma
 from solmap.photogrammetry.matching.stereo.interest_points import strongest_by_cell
 from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_interest_points
+from solmap.photogrammetry.ranges import Metres, Pixels, Radians
 from solmap.photogrammetry.robust import geman_mcclure_weights, robust_sigma
 
 LINE_TOLERANCE_PX = 6
@@ -115,11 +116,11 @@ FEWEST_OFFSETS = 30
 class OrientationParams:
     """How far adjusted orientations are trusted."""
 
-    rotation_sigma: float = float(np.deg2rad(0.2))
+    rotation_sigma: Radians = float(np.deg2rad(0.2))
     """Standard deviation of a relative rotation, radians: twice a mast's pointing error."""
-    position_sigma_m: float = 0.05
+    position_sigma_m: Metres = 0.05
     """Standard deviation of a relative position: adjusted neighbours are known to centimetres."""
-    bar_sigma_px: float = 0.03
+    bar_sigma_px: Pixels = 0.03
     """Standard deviation of what all parallaxes of a bar share: its rows have corresponded to that
     after calibration, and nothing holds its parallax better than its rows."""
 

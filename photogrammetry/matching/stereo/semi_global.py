@@ -29,6 +29,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import GreyImage, Mask, ParallaxMap, Picture
 from solmap.photogrammetry.matching.parallax_planes import ParallaxPlane, fit_robust_plane
+from solmap.photogrammetry.ranges import CountOrZero, OddPixels, Percent, Pixels, PixelsOrZero
 
 CONTRAST = 40.0
 """Grey levels of eight bits per local standard deviation: three to either side fit."""
@@ -56,15 +57,15 @@ FIT_POINTS = 20_000
 class SemiGlobalParams:
     """How parallaxes are found before refinement."""
 
-    block_px: int = 5
+    block_px: OddPixels = 5
     """Side of the block, odd: small, so that depth edges stay sharp; 3 to 11 by OpenCV."""
-    uniqueness_percent: int = 5
+    uniqueness_percent: Percent = 5
     """By how much the best cost must win: 5 to 15 by OpenCV."""
-    agreement_px: float = 1.0
+    agreement_px: PixelsOrZero = 1.0
     """Largest difference between the parallax from left to right and from right to left."""
-    smallest_surface_px: int = 100
+    smallest_surface_px: CountOrZero = 100
     """Patches of fewer pixels are speckle: 50 to 200 by OpenCV."""
-    surface_step_px: float = 1.5
+    surface_step_px: Pixels = 1.5
     """Step of parallax between neighbours of one surface: steep rock faces reach about one."""
 
 

@@ -52,6 +52,16 @@ from solmap.photogrammetry.matching.stereo.verification import (
     VerificationParams,
     agrees_with_terrain,
 )
+from solmap.photogrammetry.ranges import (
+    Few,
+    FewOrZero,
+    NearestMetres,
+    OddPixels,
+    Parallax,
+    Pixels,
+    Share,
+    WholePixels,
+)
 from solmap.photogrammetry.robust import MAD_TO_SIGMA
 
 PAIRS_AT_A_TIME = 16_384
@@ -78,23 +88,23 @@ class SparseParams:
     """How interest points of a pair are matched; defaults by Di et al. 2008, section 5."""
 
     interest: FoerstnerParams = field(default_factory=FoerstnerParams)
-    window_px: int = 15
+    window_px: OddPixels = 15
     """Side of the correlation window, odd."""
-    least_correlation: float = 0.8
+    least_correlation: Share = 0.8
     """Threshold of the normalised cross-correlation."""
-    line_tolerance_px: int = 1
+    line_tolerance_px: FewOrZero = 1
     """Rows above and below the epipolar line: maxima of the operator are whole pixels."""
-    nearest_range_m: float = 1.2
+    nearest_range_m: NearestMetres = 1.2
     """Nearest ground: below a 1.5 m mast, just clear of the deck and wheels. Sets the search."""
-    least_parallax_px: float = -2.0
+    least_parallax_px: Parallax = -2.0
     """Parallax of infinity less what an error of the stereo rig of 0.1 degrees may take off."""
     verification: VerificationParams = field(default_factory=VerificationParams)
     refinement: LeastSquaresParams = field(default_factory=LeastSquaresParams)
-    largest_sigma_px: float = 0.3
+    largest_sigma_px: Pixels = 0.3
     """Matches less precise than this are left out: at 10 m it is 0.12 m of Navcam range."""
-    cell_px: int = 32
+    cell_px: WholePixels = 32
     """Cell of the grid in which the best matches are chosen."""
-    per_cell: int = 4
+    per_cell: Few = 4
     """Matches a cell."""
 
 

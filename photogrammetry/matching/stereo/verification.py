@@ -20,6 +20,7 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, PerPoint
+from solmap.photogrammetry.ranges import Factor, FactorOrZero, Few, Pixels, PixelsOrZero
 from solmap.photogrammetry.robust import MAD_TO_SIGMA
 
 PLANE_STEPS = 6
@@ -41,16 +42,16 @@ NEIGHBOURS = 12
 class VerificationParams:
     """What counts as a blunder."""
 
-    strips: int = 4
+    strips: Few = 4
     """Upright strips with a parallax curve each: a quarter of a 45 degree field is about 11
     degrees, over which ground of 20 degrees cross slope changes its parallax by less than half."""
-    roughness: float = 0.5
+    roughness: FactorOrZero = 0.5
     """Terrain roughness as a share of the parallax: rocks of half a metre below a 1.5 m mast."""
-    roughness_px: float = 3.0
+    roughness_px: PixelsOrZero = 3.0
     """Least terrain roughness, pixels: far away, ridges behind each other."""
-    spread: float = 4.0
+    spread: Factor = 4.0
     """Distance from the neighbours' plane, in robust standard deviations of theirs."""
-    least_spread_px: float = 0.75
+    least_spread_px: Pixels = 0.75
     """Smallest standard deviation assumed of neighbours: pixel-sized relief on smooth ground."""
 
 

@@ -53,6 +53,7 @@ from solmap.photogrammetry.matching.stereo.orientation import (
     VerticalParallax,
     relative_orientation,
 )
+from solmap.photogrammetry.ranges import Factor, Metres, MetresOrZero, PixelsOrZero, Radians
 
 ROUNDS = 2
 """Times the right camera is set right; the second finds hundredths of a pixel."""
@@ -82,13 +83,13 @@ BACK_PX = 1
 class InstrumentLimits:
     """Which two pairs make an instrument."""
 
-    least_base_m: float = 2.0
+    least_base_m: MetresOrZero = 2.0
     """Shorter bases are no gain over the rig in ground it maps itself."""
-    largest_base_m: float = 40.0
+    largest_base_m: Metres = 40.0
     """Longer bases see the ground from too different sides until beyond what is asked for."""
-    least_angle: float = float(np.deg2rad(30.0))
+    least_angle: Radians = float(np.deg2rad(30.0))
     """Between the base and either view: half of the base counts at 30 degrees."""
-    largest_turn: float = float(np.deg2rad(30.0))
+    largest_turn: Radians = float(np.deg2rad(30.0))
     """Between the views: two thirds of a Navcam's field, of which a third is then shared."""
 
 
@@ -102,10 +103,10 @@ class WideParams:
     """How two stops are matched as one stereo instrument."""
 
     limits: InstrumentLimits = field(default_factory=InstrumentLimits)
-    nearest_bases: float = 2.0
+    nearest_bases: Factor = 2.0
     """Nearest ground in units of the base: rays meet at 27 degrees there. The prediction takes out
     what that does to the look of the ground, though not of rocks."""
-    bar_error_px: float = 0.5
+    bar_error_px: PixelsOrZero = 0.5
     """What the rig's parallax may be wrong by, three standard deviations: sets the search."""
     orientation: OrientationParams = field(default_factory=OrientationParams)
     dense: DenseParams = field(default_factory=DenseParams)

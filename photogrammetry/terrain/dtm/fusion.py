@@ -24,6 +24,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float32, Float64, Raster
 from solmap.photogrammetry.matching.stereo.dense import SharedSigma
 from solmap.photogrammetry.planes import Gradients
+from solmap.photogrammetry.ranges import FactorOrZero, Pixels
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.ground import (
     MAP_FROM_LSL,
@@ -52,11 +53,11 @@ PerCell = Float64[np.ndarray, " cells"]
 class FusionParams(SightParams):
     """How well the elevation of a cell is known."""
 
-    sigma_image_px: float = 0.25
+    sigma_image_px: Pixels = 0.25
     """Standard deviation of an image coordinate: half a pixel's rounding by the matching window."""
-    correlation_px: float = 9.0
+    correlation_px: Pixels = 9.0
     """Side of the window that refines dense parallax: pixels this close share their error."""
-    roughness: float = 0.2
+    roughness: FactorOrZero = 0.2
     """How far ground strays between pixels, over the length: the slope of rocky plains over some
     decimetres is about ten degrees (RMS)."""
 

@@ -26,6 +26,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Float32, Float64, Mask, ParallaxMap, Vector3
 from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.ranges import Metres, Pixels, ShareAboveZero
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 
 PixelPoints = Float32[np.ndarray, "3 lines samples"]
@@ -49,22 +50,22 @@ SAMPLES_AT_ONCE = 2_000_000
 class SightParams:
     """Which parallaxes to trust and what to take for one continuous surface."""
 
-    sigma_parallax_px: float = 0.25
+    sigma_parallax_px: Pixels = 0.25
     """Standard deviation of a dense parallax: published stereo has 0.32 px on board and 0.1-0.2 px
     with a good sub-pixel matcher on texture (NPO-42487; Di et al. 2008)."""
-    max_relative_sigma: float = 0.03
+    max_relative_sigma: ShareAboveZero = 0.03
     """Largest standard deviation along the view over the distance. Three percent is reached at 29 m
     by Navcam and 129 m by Pancam: the extents of the paper's maps (section 5)."""
-    radius_m: float = 60.0
+    radius_m: Metres = 60.0
     """Farthest ground from the camera: half of the 120 m that the paper maps from Pancam."""
-    max_spike_px: float = 0.75
+    max_spike_px: Pixels = 0.75
     """Largest distance from the median of the neighbourhood: three standard deviations."""
-    min_height_m: float = 0.4
+    min_height_m: Metres = 0.4
     """Least height of the camera above the plane of continuous ground, which may then step by
     B / height a pixel: 0.5 px with Navcam, 0.75 px with Pancam. Flat ground lies 1.5 m below a mast
     and 0.5 m below a hazard camera; a plane any nearer is seen edge-on, as are only the sides and
     backs of rocks."""
-    max_gap_m: float = 0.5
+    max_gap_m: Metres = 0.5
     """Widest gap bridged between neighbouring pixels: the line spacing of Navcam on flat ground at
     the end of its range, Z^2 / (f h) = 29^2 / (1222 x 1.5) = 0.46 m."""
 

@@ -36,6 +36,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Float32, Raster
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.ranges import MOST_SIDE, CellSize, Metres
 from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid, union
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.dtm.resampling import merge_classes
@@ -58,17 +59,22 @@ LEAST, GROWTH, CLASSES = 1e-4, 1.02, 800
 class RegionParams:
     """How to join the terrain models of stops."""
 
-    cell_m: float = 0.08
+    cell_m: CellSize = 0.08
     """Side of a cell: two cells of a stop's model, and a quarter of the memory."""
-    feather_m: float = 2.0
+    feather_m: Metres = 2.0
     """Width over which a stop's edge fades: some spacings of the lines that end it."""
-    largest_m: float = 700.0
+    largest_m: Metres = 700.0
     """Side of the largest region: that of the paper's, 690 x 640 m. A longer traverse has more."""
 
     def __post_init__(self) -> None:
         if not self.feather_m >= self.cell_m:
             raise TerrainError(
                 f"edges fade over at least a cell of {self.cell_m} m, not {self.feather_m} m"
+            )
+        if self.largest_m > MOST_SIDE * self.cell_m:
+            raise TerrainError(
+                f"a region of {self.largest_m} m has more than {MOST_SIDE} cells of "
+                f"{self.cell_m} m a side: give larger cells or smaller regions"
             )
 
     @property

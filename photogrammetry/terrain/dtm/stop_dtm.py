@@ -58,6 +58,14 @@ from scipy.spatial import Delaunay
 from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.planes import Gradients, window_gradients
+from solmap.photogrammetry.ranges import (
+    MOST_SIDE,
+    CellSize,
+    Metres,
+    Pixels,
+    ShareAboveZero,
+    ShortMetres,
+)
 from solmap.photogrammetry.terrain.dtm.fusion import (
     PATCH,
     Entries,
@@ -95,28 +103,35 @@ class DtmParams(FusionParams):
     """The mesh knows where the image jumps and takes less than half of the time; elevations between
     triangles are a tenth to a fifth more accurate (docs/benchmarks.md)."""
 
-    cell_m: float = 0.04
+    cell_m: CellSize = 0.04
     """Side of a cell: four orthophoto cells, and the spacing of Navcam samples at 50 m."""
-    slope_baseline_m: float = 0.5
+    slope_baseline_m: ShortMetres = 0.5
     """Baseline of the slope that enters the standard deviation: some cells, less than a rover."""
+
+    def __post_init__(self) -> None:
+        if 2 * self.radius_m > MOST_SIDE * self.cell_m:
+            raise TerrainError(
+                f"ground as far as {self.radius_m} m has more than {MOST_SIDE} cells of "
+                f"{self.cell_m} m a side: give larger cells or a smaller radius"
+            )
 
 
 @dataclass(frozen=True, slots=True)
 class FarDtmParams(DtmParams):
     """How to build a terrain model of far ground."""
 
-    cell_m: float = 0.64
+    cell_m: CellSize = 0.64
     """Four Navcam pixels at 200 m; sixteen cells of a stop's model, so that both maps nest."""
-    max_relative_sigma: float = 0.1
+    max_relative_sigma: ShareAboveZero = 0.1
     """A base of 10 m reaches ten percent beyond a kilometre: the radius ends the map before."""
-    radius_m: float = 400.0
+    radius_m: Metres = 400.0
     """Where errors in range have grown to a twentieth with a base of 10 m (docs/benchmarks.md)."""
-    max_spike_px: float = 5.0
+    max_spike_px: Pixels = 5.0
     """Parallax changes by B / h a line, seven pixels with 10 m: by far more than with a bar."""
-    max_gap_m: float = 8.0
+    max_gap_m: Metres = 8.0
     """Widest gap bridged. The line spacing Z^2 / f (h + Z s) of ground that rises away from the
     camera by s a metre is 1.5 m for s = 0.1 at 200 m, and 8 m for s = 0.013."""
-    slope_baseline_m: float = 8.0
+    slope_baseline_m: ShortMetres = 8.0
     """Some cells, as in the model of a stop."""
 
 

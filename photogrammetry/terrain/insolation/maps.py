@@ -40,6 +40,18 @@ import numpy as np
 from solmap.photogrammetry.arrays import Bool, Float32, Float64, PerPoint, Raster
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.planes import Gradients, window_gradients
+from solmap.photogrammetry.ranges import (
+    CellSize,
+    FactorOrZero,
+    MapCells,
+    OpticalDepth,
+    Share,
+    ShortMetres,
+    Slope,
+    SolarLongitude,
+    SquareMetres,
+    Tilt,
+)
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.resampling import (
     coarsen,
@@ -73,17 +85,17 @@ Ring = Float64[np.ndarray, "_ 2"]
 class InsolationParams:
     """For which seasons and sky to map insolation, and how finely."""
 
-    ls_deg: tuple[float, ...] = ()
+    ls_deg: tuple[SolarLongitude, ...] = ()
     """Areocentric solar longitudes of the seasons; the local winter solstice when empty."""
-    optical_depth: float = 0.5
+    optical_depth: OpticalDepth = 0.5
     """Of dust: what the Viking landers saw outside storms (Appelbaum and Flood 1990, figure 3)."""
-    cell_m: float = 0.16
+    cell_m: CellSize = 0.16
     """Side of a cell: a fourteenth of a rover's length, and sixteen cells of a stop's model."""
-    most_cells: int = 2_000_000
+    most_cells: MapCells = 2_000_000
     """Cells at most, 400 MB: of larger areas the cells are doubled. A stop has 0.2 million."""
-    baseline_m: float = 1.1
+    baseline_m: ShortMetres = 1.1
     """Length over which the ground's tilt is felt: about a wheel base, as for slope."""
-    min_share: float = 0.5
+    min_share: Share = 0.5
     """Least share of that window that must have an elevation."""
 
     def seasons(self, latitude: float) -> tuple[Season, ...]:
@@ -209,16 +221,16 @@ def _place_window(
 class HavenParams:
     """What makes ground a winter haven."""
 
-    least_gain: float = 1.06
+    least_gain: FactorOrZero = 1.06
     """Least insolation over that of level ground. At Gusev in the middle of winter, with an optical
     depth of 0.5, a tilt to the north of 5, 8, 10 and 15 degrees gives 1.04, 1.06, 1.08 and 1.11."""
-    least_tilt_to_sun_deg: float = 0.0
+    least_tilt_to_sun_deg: Tilt = 0.0
     """Least tilt towards the equator: to north in the south. Spirit's second haven had 11."""
-    steepest_deg: float = 25.0
+    steepest_deg: Slope = 25.0
     """Steepest ground to drive onto: Spirit's winters were spent at up to 30 degrees."""
-    width_m: float = 1.6
+    width_m: ShortMetres = 1.6
     """Least width everywhere: MER with its wheels."""
-    least_area_m2: float = 4.0
+    least_area_m2: SquareMetres = 4.0
     """Least area: MER is 1.6 by 2.3 m."""
 
     def __post_init__(self) -> None:

@@ -40,6 +40,16 @@ from solmap.photogrammetry.arrays import (
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.matching.parallax_planes import whole_window_planes
 from solmap.photogrammetry.planes import SHARED_PX, PlaneFit, fit_plane, least_squares_plane
+from solmap.photogrammetry.ranges import (
+    Count,
+    Degrees,
+    Elevation,
+    OddPixels,
+    Pixels,
+    ShareAboveZero,
+    Slope,
+    WholePixels,
+)
 from solmap.photogrammetry.terrain.dtm.ground import (
     MAP_FROM_LSL,
     SightParams,
@@ -70,15 +80,15 @@ GROWTHS = 20
 class PlanarRegionParams:
     """How to find planar regions."""
 
-    window_px: int = 17
+    window_px: OddPixels = 17
     """Side of the window that a sample's own plane is fitted over: two matching windows."""
-    step_px: int = 4
+    step_px: WholePixels = 4
     """Distance of the samples: half of the window over which a parallax was matched."""
-    tolerance_px: float = 0.5
+    tolerance_px: Pixels = 0.5
     """How far parallaxes may lie from their region's plane: two standard deviations."""
-    turn_deg: float = 15.0
+    turn_deg: Degrees = 15.0
     """Angle between a sample's own plane and its region's that is always allowed."""
-    min_samples: int = 60
+    min_samples: Count = 60
     """Smallest region: with a sample every 4 pixels, 30 by 30 pixels."""
 
     def __post_init__(self) -> None:
@@ -231,16 +241,16 @@ def _on_plane(
 class FacetParams(SightParams):
     """How to find planar facets."""
 
-    max_relative_sigma: float = 0.01
+    max_relative_sigma: ShareAboveZero = 0.01
     """Largest standard deviation along the view over the distance: 10 m with Navcam, 43 m with
     Pancam; beyond it a bed is thinner than the noise."""
     regions: PlanarRegionParams = field(default_factory=PlanarRegionParams)
-    min_dip_deg: float = 10.0
+    min_dip_deg: Elevation = 10.0
     """Facets that dip less are taken for the ground that the rocks stand on."""
-    max_sigma_deg: float = 10.0
+    max_sigma_deg: Slope = 10.0
     """Largest standard deviation of strike and dip: the aim of a geologist's compass is 2 degrees,
     and beyond 10 one bed cannot be told from the next."""
-    shared_px: float = SHARED_PX
+    shared_px: Pixels = SHARED_PX
     """Pixels this close share their error."""
 
 

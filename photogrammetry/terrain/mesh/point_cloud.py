@@ -20,6 +20,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Float32, Float64, UInt8
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.ranges import MapCells, Metres, ShareAboveZero
 from solmap.photogrammetry.stretching import black_and_white
 from solmap.photogrammetry.terrain.dtm.ground import (
     SightParams,
@@ -42,12 +43,12 @@ TILE_SPACINGS = 256
 class PointCloudParams(SightParams):
     """Which points to keep."""
 
-    spacing_m: float = 0.02
+    spacing_m: Metres = 0.02
     """Side of the cubes of which each keeps one point: half a cell of the terrain model."""
-    max_relative_sigma: float = 0.01
+    max_relative_sigma: ShareAboveZero = 0.01
     """Largest standard deviation along the view over the distance, as for models of views: 10 m
     with Navcam, 43 m with Pancam."""
-    most_points: int = 4_000_000
+    most_points: MapCells = 4_000_000
     """Cubes are doubled until no more are left: 110 MB as PLY."""
 
 

@@ -36,6 +36,7 @@ from solmap.photogrammetry.arrays import (
 )
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.planes import Gradients, window_gradients
+from solmap.photogrammetry.ranges import JpegQuality, Metres, WholePixels
 from solmap.photogrammetry.terrain.dtm.grid import Bounds
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.mesh.right_triangles import GridMesh, RightTriangles
@@ -52,12 +53,12 @@ HALF = 0.5
 class ModelParams:
     """How to draw a stop's terrain model in three dimensions."""
 
-    tolerance_m: float = 0.02
+    tolerance_m: Metres = 0.02
     """Largest vertical distance between the model and the terrain model's cells: the standard
     deviation of half of the cells. Triangles that follow noise more closely show no more ground."""
-    max_texture_px: int = 4096
+    max_texture_px: WholePixels = 4096
     """Longest side of the texture: what every graphics driver of the last decade takes."""
-    jpeg_quality: int = 90
+    jpeg_quality: JpegQuality = 90
     """Of the texture. The edge of what was seen is drawn by the mesh and cannot smear."""
 
     def __post_init__(self) -> None:
@@ -179,11 +180,11 @@ class TerrainMesher:
 class TilesetParams:
     """How to cut a terrain model into tiles in three dimensions."""
 
-    tolerance_m: float = 0.02
+    tolerance_m: Metres = 0.02
     """Largest vertical distance from the terrain model at the finest level; doubles with each."""
-    texture_px: int = 1024
+    texture_px: WholePixels = 1024
     """Side of a tile's texture: that of the orthophoto itself at the finest level."""
-    jpeg_quality: int = 85
+    jpeg_quality: JpegQuality = 85
     """Of the textures, percent."""
     draco: bool = False
     """Whether to compress triangles with Draco: a third of the size; viewers need its decoder."""

@@ -26,6 +26,13 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Bool, GreyImage, Mask, ParallaxMap, Picture
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.ranges import (
+    FactorFromOne,
+    JpegQuality,
+    Pixels,
+    ShareAboveZero,
+    WholePixels,
+)
 from solmap.photogrammetry.stretching import black_and_white
 from solmap.photogrammetry.terrain.dtm.ground import (
     PixelPoints,
@@ -56,17 +63,17 @@ SAMPLED = 37
 class ViewModelParams(SightParams):
     """How to draw what pairs see."""
 
-    max_relative_sigma: float = 0.01
+    max_relative_sigma: ShareAboveZero = 0.01
     """Largest standard deviation along the view over the distance: beyond it (10 m with Navcam, 43
     m with Pancam) noise along the rays is larger than the relief that a model is looked at for."""
-    tolerance_px: float = 0.5
+    tolerance_px: Pixels = 0.5
     """How far a triangle's parallax may stray: two standard deviations of a dense parallax, which
     is the most that noise on its own does to nearly all of them."""
-    block_px: int = 8
+    block_px: WholePixels = 8
     """Side of the blocks over which it is decided which pair shows the ground."""
-    yield_to: float = 1.25
+    yield_to: FactorFromOne = 1.25
     """How many times better another pair must show a block for this one to leave it out."""
-    jpeg_quality: int = 90
+    jpeg_quality: JpegQuality = 90
     """Of the textures, percent."""
     draco: bool = True
     """Whether to compress triangles with Draco: a fifth of the size; viewers need its decoder."""

@@ -29,6 +29,7 @@ from solmap.photogrammetry.cameras.epipolar import border_points
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.ranges import PanoramaPixel, WholePixels
 from solmap.photogrammetry.stretching import black_and_white
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.dtm.records import Dtm
@@ -166,9 +167,9 @@ class PanoramaParams:
     """How to draw a panorama."""
 
     eye: Eye = Eye.LEFT
-    pixel_deg: float = 0.0
+    pixel_deg: PanoramaPixel = 0.0
     """Width of a pixel; 0: that of the coarsest images, which are those that show all around."""
-    block_px: int = 512
+    block_px: WholePixels = 512
 
     def __post_init__(self) -> None:
         if self.block_px < NODE or self.block_px % NODE or self.pixel_deg < 0:

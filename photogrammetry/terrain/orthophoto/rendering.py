@@ -18,6 +18,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Flags, Float32, Float64, GreyImage, Raster, Vector3
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.ranges import CellSize, WholePixels
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, Bounds, MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, TerrainView
 from solmap.photogrammetry.terrain.orthophoto.brightness import sample_brightness
@@ -37,9 +38,9 @@ Stretch = tuple[float, float]
 class OrthophotoParams:
     """How to render an orthophoto."""
 
-    cell_m: float = 0.01
+    cell_m: CellSize = 0.01
     """Side of a cell: as `marsortho`, and as the paper's orthophotos (section 5)."""
-    block_cells: int = 512
+    block_cells: WholePixels = 512
     """Side of the blocks it is made in: a megabyte a layer stays in the processor's cache."""
 
     def __post_init__(self) -> None:

@@ -30,6 +30,13 @@ import shapely
 
 from solmap.photogrammetry.arrays import Float32, Float64, Raster
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.ranges import (
+    ContourInterval,
+    Few,
+    MetresOrZero,
+    Share,
+    ShortMetresOrZero,
+)
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 Line = Float64[np.ndarray, "_ 2"]
@@ -78,19 +85,19 @@ def _intersecting(lines: np.ndarray) -> np.ndarray:
 class ContourParams:
     """How to trace contours."""
 
-    interval_m: float | None = None
+    interval_m: ContourInterval | None = None
     """Difference in elevation between contours; chosen by the relief when absent."""
-    contours_wanted: int = 15
+    contours_wanted: Few = 15
     """Number of contours at most when the interval is chosen: lines stay apart on a screen."""
-    index_every: int = 5
+    index_every: Few = 5
     """Every fifth contour is an index contour, as on printed maps."""
-    smoothing_m: float = 0.2
+    smoothing_m: ShortMetresOrZero = 0.2
     """Standard deviation of the Gaussian: rocks below half a metre are not drawn."""
-    min_share: float = 0.5
+    min_share: Share = 0.5
     """Least share of the Gaussian's weight that must fall on known cells: at an edge, half does."""
-    min_length_m: float = 1.0
+    min_length_m: MetresOrZero = 1.0
     """Shortest contour: about a wheel base."""
-    simplify_m: float = 0.02
+    simplify_m: ShortMetresOrZero = 0.02
     """Farthest that a contour may stray from where it was traced: a fifth of a node's distance."""
 
     def __post_init__(self) -> None:
@@ -102,13 +109,13 @@ class ContourParams:
 class RegionContourParams(ContourParams):
     """How to trace the contours of a region: many stops, seen from farther away."""
 
-    interval_m: float | None = 1.0
+    interval_m: ContourInterval | None = 1.0
     """As on the paper's maps of regions."""
-    smoothing_m: float = 0.5
+    smoothing_m: ShortMetresOrZero = 0.5
     """Rocks of a metre are not drawn."""
-    min_length_m: float = 5.0
+    min_length_m: MetresOrZero = 5.0
     """Shorter lines are mounds of a few metres."""
-    simplify_m: float = 0.1
+    simplify_m: ShortMetresOrZero = 0.1
     """Less than can be seen on a map of a hundred metres."""
 
 
@@ -116,11 +123,11 @@ class RegionContourParams(ContourParams):
 class FarContourParams(ContourParams):
     """How to trace contours of far ground."""
 
-    smoothing_m: float = 3.2
+    smoothing_m: ShortMetresOrZero = 3.2
     """Five cells, as in the map of a stop."""
-    min_length_m: float = 16.0
+    min_length_m: MetresOrZero = 16.0
     """Twenty-five cells, as in the map of a stop."""
-    simplify_m: float = 0.32
+    simplify_m: ShortMetresOrZero = 0.32
     """Half a cell."""
 
 

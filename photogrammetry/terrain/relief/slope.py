@@ -33,6 +33,16 @@ from solmap.photogrammetry.planes import (
     window_gradients,
     window_mean,
 )
+from solmap.photogrammetry.ranges import (
+    Azimuth,
+    CellSize,
+    Elevation,
+    Factor,
+    MapCells,
+    Pixels,
+    Share,
+    ShortMetres,
+)
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.dtm.resampling import (
@@ -58,17 +68,17 @@ LEAST_STEEPNESS = 1e-6
 class SlopeParams:
     """How to map slope, aspect, northerly tilt and roughness."""
 
-    baseline_m: float = 1.1
+    baseline_m: ShortMetres = 1.1
     """Length over which slope is felt: about a wheel base, so that pebbles do not count."""
-    min_share: float = 0.5
+    min_share: Share = 0.5
     """Least share of the window that must have an elevation: at a straight edge, half has."""
-    correlation_px: float = 9.0
+    correlation_px: Pixels = 9.0
     """Side of the window that refines dense parallax: points this close share their error. Seen
     from afar few points lie in a cell, so that the window covers many cells."""
-    cell_m: float = 0.08
+    cell_m: CellSize = 0.08
     """Least side of a cell on the map: what is felt over a baseline of 1.1 m hardly changes over
     less. Every cell of the terrain model has its plane; a map's cell is the mean of some."""
-    most_cells: int = 20_000_000
+    most_cells: MapCells = 20_000_000
     """Cells at most, 1 GB: of larger areas the cells are doubled. A stop has 1 million."""
 
 
@@ -76,11 +86,11 @@ class SlopeParams:
 class HillshadeParams:
     """How to shade relief."""
 
-    sun_azimuth_deg: float = 315.0
+    sun_azimuth_deg: Azimuth = 315.0
     """Clockwise from north. North-west, as on printed maps: lit from below, relief inverts."""
-    sun_elevation_deg: float = 45.0
+    sun_elevation_deg: Elevation = 45.0
     """Above the horizon: flat ground is middle grey."""
-    exaggeration: float = 1.0
+    exaggeration: Factor = 1.0
     """Factor on heights."""
 
 

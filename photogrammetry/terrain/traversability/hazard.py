@@ -27,6 +27,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Classes, Raster
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.planes import Gradients, fit_window_planes
+from solmap.photogrammetry.ranges import CellSize, Metres, Share, ShortMetres, Slope
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.dtm.resampling import coarsen
@@ -54,20 +55,20 @@ class Hazard(IntEnum):
 class HazardParams:
     """How large the rover is, and what it may drive over."""
 
-    window_m: float = 2.6
+    window_m: ShortMetres = 2.6
     """Side of the rover-sized window: GESTALT's 13 cells of 0.2 m. MER is 1.6 by 2.3 m."""
-    steepest_deg: float = 20.0
+    steepest_deg: Slope = 20.0
     """Largest tilt. MER was to be safe up to 30 degrees, but slips on loose ground long before;
     steeper slopes were driven with visual odometry only (Maimone, Cheng and Matthies 2007)."""
-    highest_step_m: float = 0.2
+    highest_step_m: Metres = 0.2
     """Highest step: MER's suspension climbs rocks as high as a wheel's diameter, 0.26 m."""
-    roughest_m: float = 0.1
+    roughest_m: Metres = 0.1
     """Largest standard deviation from the plane: a third of MER's ground clearance, 0.3 m."""
-    wheel_m: float = 0.26
+    wheel_m: ShortMetres = 0.26
     """Diameter of a wheel: heights this close to each other make a step."""
-    min_share: float = 0.7
+    min_share: Share = 0.7
     """Least share of the window that must be seen: more than a rover's half."""
-    cell_m: float = 0.16
+    cell_m: CellSize = 0.16
     """Side of a cell; GESTALT's are 0.2 m, which is no power of two times the map's finest cell."""
 
     def __post_init__(self) -> None:

@@ -21,6 +21,7 @@ from solmap.photogrammetry.arrays import Directions, Flags, Float64, ImagePoints
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.frames import FrameKind, Pose
+from solmap.photogrammetry.ranges import Metres
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 
@@ -38,7 +39,7 @@ STEPS = 1000
 class FootprintParams:
     """How far footprints and pointing lines reach."""
 
-    max_range_m: float = 40.0
+    max_range_m: Metres = 40.0
     """Navcam stereo is worse than a metre in range beyond; lines to the horizon are cut here."""
 
 

@@ -35,6 +35,7 @@ import cv2
 import numpy as np
 
 from solmap.photogrammetry.arrays import Classes, Float32, Float64, Int32, PerPoint, Raster, Vector3
+from solmap.photogrammetry.ranges import CellSize, MapCells, Metres, MetresOrZero
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.dtm.resampling import MapPoints, coarsen, manageable_cell_m
@@ -64,18 +65,18 @@ class Sight(IntEnum):
 class ViewshedParams:
     """Who looks at what, and how far unseen ground is believed to be low."""
 
-    eye_height_m: float = 1.5
+    eye_height_m: Metres = 1.5
     """Of the eye above the ground, where no camera says it: the mast of MER."""
-    target_height_m: float = 0.1
+    target_height_m: MetresOrZero = 0.1
     """Of what is looked at above the ground: a stone, and three times a terrain model's noise."""
-    max_unseen_m: float = 4.0
+    max_unseen_m: MetresOrZero = 4.0
     """Longest stretch of unseen ground over which a target counts as visible: twice as long as the
     shadow of a rock of 0.1 m at 30 m from a mast."""
-    radius_m: float = 100.0
+    radius_m: Metres = 100.0
     """Farthest target: beyond the reach of a stop's terrain model."""
-    cell_m: float = 0.16
+    cell_m: CellSize = 0.16
     """Side of a cell: what is smaller than a hand hides no ground that matters."""
-    most_cells: int = 4_000_000
+    most_cells: MapCells = 4_000_000
     """Cells at most, 200 MB: of larger areas the cells are doubled. A stop has 0.2 million."""
 
 

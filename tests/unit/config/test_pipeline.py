@@ -38,7 +38,7 @@ def test_seasons_and_limits_of_a_rover_can_be_set(tmp_path):
     assert (config.havens.least_gain, config.hazard.steepest_deg) == (1.08, 15.0)
     assert config.viewshed.target_height_m == 0.5
     file.write_text("[hazard]\nsteepest_deg = 0\n")
-    with pytest.raises(ConfigError, match="give all above zero"):
+    with pytest.raises(ConfigError, match="steepest_deg should be more than 0"):
         load_pipeline(str(file))
 
 

@@ -1,9 +1,10 @@
+import os
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 import pytest
 
-from solmap.config.records import ConfigError, faults_of, record_of
+from solmap.config.records import ConfigError, faults_of, read_toml, record_of
 
 
 class Colour(StrEnum):
@@ -71,3 +72,30 @@ def test_a_value_that_the_record_refuses_is_a_fault():
         "dtm: cell_m must be above zero"
     ]
     assert not faults_of(Outer, {"cell_m": 1, "span_m": [1, 2], "inner": {"size_px": 3}}, "dtm")
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("x = " + "9" * 5000, "Exceeds the limit"),
+        ("x = " + "[" * 5000, "recursion"),
+        ("x = \x00", "TOML|Illegal|Invalid"),
+        (b"\xff", "utf-8"),
+        (None, "No such file"),
+    ],
+)
+def test_a_file_that_is_no_toml_is_one_line(text, complaint, tmp_path):
+    file = tmp_path / "own.toml"
+    if text is not None:
+        file.write_bytes(text.encode() if isinstance(text, str) else text)
+    with pytest.raises(ConfigError, match=complaint) as refused:
+        read_toml(file)
+    assert str(refused.value).startswith(f"{file}")
+    assert "\n" not in str(refused.value)
+
+
+def test_only_files_are_read(tmp_path):
+    os.mkfifo(tmp_path / "own.toml")
+    for path in (tmp_path / "own.toml", tmp_path):
+        with pytest.raises(ConfigError, match="is no file"):
+            read_toml(path)

@@ -32,6 +32,7 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.voting import (
     VotingParams,
     vote_for_places,
 )
+from solmap.photogrammetry.ranges import Count, Factor, FactorFromOne, Share
 
 DESCRIPTOR_CELLS = 9
 """Side of the square around a feature that must have been seen: what its descriptor looks at."""
@@ -45,13 +46,13 @@ SEEN_SHARE = 0.7
 class FeatureParams:
     """How features on the ground are found and matched."""
 
-    features: int = 1500
+    features: Count = 1500
     """In a channel, the strongest."""
-    contrast: float = 0.01
+    contrast: Share = 0.01
     """Of a feature against the ground around it (Lowe 2004, section 4), of the channel's range."""
-    size_ratio: float = 1.5
+    size_ratio: FactorFromOne = 1.5
     """Features whose sizes differ by more than this factor are not the same."""
-    sigma_cells: float = 1.0
+    sigma_cells: Factor = 1.0
     """Of a feature's place, along north and east."""
     voting: VotingParams = field(default_factory=VotingParams)
 

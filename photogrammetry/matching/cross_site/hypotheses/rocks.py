@@ -40,6 +40,7 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.voting import (
     vote_for_places,
 )
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
+from solmap.photogrammetry.ranges import FactorFromOne, Metres, MetresOrZero
 
 HIGHEST_PERCENT = 95.0
 """Percentile of a patch's heights that counts as its largest: single pixels may be wrong."""
@@ -80,11 +81,11 @@ DEPTH_SHARE = 0.25
 class RockParams:
     """Which bumps are rocks, and which of them may be the same."""
 
-    least_height_m: float = 0.08
-    least_width_m: float = 0.12
-    largest_width_m: float = 3.0
-    farthest_m: float = 30.0
-    size_ratio: float = 2.0
+    least_height_m: MetresOrZero = 0.08
+    least_width_m: Metres = 0.12
+    largest_width_m: Metres = 3.0
+    farthest_m: Metres = 30.0
+    size_ratio: FactorFromOne = 2.0
     """Widths, and heights, that differ by more than this factor are of two rocks."""
     voting: VotingParams = field(
         default_factory=lambda: VotingParams(cell_m=0.3, azimuth_step=0.0175)

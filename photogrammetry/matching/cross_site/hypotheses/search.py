@@ -45,6 +45,7 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.rocks import (
     match_rocks,
 )
 from solmap.photogrammetry.matching.cross_site.hypotheses.voting import VotedPlace
+from solmap.photogrammetry.ranges import Few
 
 CORRELATION, FEATURES, ROCKS = "correlation", "features", "rocks"
 
@@ -72,7 +73,7 @@ class HypothesisParams:
 
     wide_baseline: FeatureParams = field(default_factory=FeatureParams)
     rocks: RockParams = field(default_factory=RockParams)
-    most: int = 4
+    most: Few = 4
     """Hypotheses handed on."""
 
     def __post_init__(self) -> None:

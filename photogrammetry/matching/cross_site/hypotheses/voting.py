@@ -31,6 +31,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float64, Int32, Raster
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.matching.cross_site.birds_eye import SearchGate
+from solmap.photogrammetry.ranges import AzimuthStep, CellSize, Metres
 from solmap.photogrammetry.robust import robust_sigma
 
 CUT_SIGMAS = 2.5
@@ -52,12 +53,12 @@ SEPARATION_M = 1.5
 class VotingParams:
     """How votes are collected."""
 
-    cell_m: float = 0.2
-    azimuth_step: float = 0.0087
+    cell_m: CellSize = 0.2
+    azimuth_step: AzimuthStep = 0.0087
     """Radians (0.5 degrees): moves a landmark by a cell at 23 m."""
-    around_m: float = 2.5
+    around_m: Metres = 2.5
     """Standard deviation of the neighbourhood that tells what chance does."""
-    largest_sigma_m: float = 1.0
+    largest_sigma_m: Metres = 1.0
     """Votes that are blunter than this along any direction are not cast."""
 
     def __post_init__(self) -> None:
