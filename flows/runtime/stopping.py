@@ -2,7 +2,9 @@
 
 An interrupted block is left in order where that is quick: records are closed, child processes
 stopped. A thread that computes in a library or a read that hangs is not waited for longer than
-`GRACE_S`; what was made by then is whole or a draft, as after a kill.
+`GRACE_S`; what was made by then is whole or a draft, as after a kill. A guard, a small process, is
+told of the signal by the kernel and kills a process in which nothing else runs any more because a
+library keeps the interpreter's lock.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import os
 import signal
 import socket
+import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -23,6 +26,20 @@ GRACE_S = 6.0
 """From the signal to the end of the process; children are killed with it."""
 STOPPED = "stopped; what was made is kept; run again to continue"
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_GUARD = """
+import os, select, sys, time
+pid, grace_s, wanted = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3:]
+while (number := os.read(0, 1)) and str(number[0]) not in wanted:
+    pass
+if number:
+    os.write(1, number)
+    end = time.monotonic() + grace_s
+    while select.select([0], [], [], max(0.0, end - time.monotonic()))[0]:
+        if not os.read(0, 1):
+            sys.exit()  # the process has ended
+    os.kill(pid, 9)
+"""
+"""Passes the number of the first signal on, and kills the process that is there too long after."""
 
 
 @contextmanager
@@ -50,8 +67,10 @@ def end_on_signals(on_signal: Callable[[], None] | None = None) -> Iterator[None
     tells.settimeout(0.0)
     descriptor = signal.set_wakeup_fd(tells.fileno(), warn_on_full_buffer=False)
     handlers = {number: signal.signal(number, interrupt) for number in _SIGNALS}
+    with told:
+        guard = _start_guard(told)
     is_over = threading.Event()
-    watch = threading.Thread(target=_watch, args=(told, is_over), name="signals", daemon=True)
+    watch = threading.Thread(target=_watch, args=(guard, is_over), name="signals", daemon=True)
     watch.start()
     try:
         yield
@@ -75,14 +94,20 @@ def end_process(number: int) -> NoReturn:
     os._exit(128 + number)
 
 
-def _watch(told: socket.socket, is_over: threading.Event) -> None:
+def _start_guard(told: socket.socket) -> subprocess.Popen[bytes]:
+    limit = (str(os.getpid()), str(GRACE_S + 1.0), *(str(int(number)) for number in _SIGNALS))
+    return subprocess.Popen(  # noqa: S603 - our own command line
+        (sys.executable, "-I", "-S", "-c", _GUARD, *limit),
+        stdin=told,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+
+
+def _watch(guard: subprocess.Popen[bytes], is_over: threading.Event) -> None:
     """End the process some time after it was told to end, if it has not by then."""
-    with told:
-        number = 0
-        while number not in _SIGNALS:
-            received = told.recv(1)
-            if not received:
-                return
-            number = received[0]
-    if not is_over.wait(GRACE_S):
-        end_process(number)
+    with guard:
+        number = guard.stdout.read(1) if guard.stdout else b""
+        if number and not is_over.wait(GRACE_S):
+            end_process(number[0])

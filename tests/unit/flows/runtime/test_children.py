@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from solmap.flows.runtime.children import Child
+from solmap.flows.runtime.children import Child, module_command
 
 SLEEPER = (sys.executable, "-c", "import time; time.sleep(60)")
 STUBBORN = (
@@ -21,7 +21,7 @@ STUBBORN = (
 PARENT = """
 import sys, time
 from pathlib import Path
-from solmap.flows.runtime.children import Child
+from solmap.flows.runtime.children import Child, module_command
 child = Child("sleeper", (sys.executable, "-c", "import time; time.sleep(60)"), {{}}, Path({log!r}))
 child.start()
 print(child.process.pid, flush=True)
@@ -89,6 +89,40 @@ def test_a_child_that_dies_again_and_again_is_given_longer_and_longer(tmp_path):
         time.sleep(0.02)
     assert [said.split(" in ")[1].split(" s")[0] for said in pauses] == ["1", "2", "4"]
     child.stop()
+
+
+def test_no_child_takes_code_or_settings_from_the_folder_that_a_user_is_in(tmp_path, monkeypatch):
+    downlink = tmp_path / "downlink"
+    downlink.mkdir()
+    (downlink / "h2.py").write_text("raise SystemExit('hostile')")
+    (downlink / "timeit.py").write_text("raise SystemExit('hostile')")
+    monkeypatch.chdir(downlink)
+    variables = {"PYTHONPATH": str(downlink), "LD_PRELOAD": "", "API_KEY": "1", "SOLMAP_PORT": "9"}
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    look = "import os; print(sorted(os.environ)); print(os.getcwd()); import sys; print(sys.path)"
+    grandchild = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {look!r}])"
+    child = child_of(tmp_path, module_command("timeit", "-n", "1", "-r", "1", grandchild))
+    child.start()
+    child.process.wait(60)
+    names, folder, path, *_ = child.log.read_text().splitlines()
+    assert child.process.returncode == 0
+    assert {"SOLMAP_PORT", "PATH", "PYTHONSAFEPATH"} <= set(eval(names))  # noqa: S307 - our own
+    assert not {"PYTHONPATH", "LD_PRELOAD", "API_KEY"} & set(eval(names))  # noqa: S307
+    assert folder == str(child.log.parent)
+    assert not {"", str(downlink), str(child.log.parent)} & set(eval(path))  # noqa: S307
+
+
+def test_a_long_log_is_shortened_and_what_follows_is_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr("solmap.flows.runtime.children._LARGEST_LOG_BYTES", 1000)
+    script = "import sys, time; print('x' * 2000, flush=True); time.sleep(2); print('later')"
+    child = child_of(tmp_path, (sys.executable, "-c", script))
+    child.start()
+    until(lambda: child.log.stat().st_size > 1000)
+    child.revive()
+    child.process.wait(30)
+    assert child.log.read_text() == "later\n"
+    assert child.log.with_suffix(".log.1").read_text().startswith("xxx")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells children of their parent")

@@ -101,3 +101,43 @@ def test_a_broken_memory_only_means_to_process_again(folder, tmp_path, memory):
 def test_a_folder_that_went_away_hands_nothing_over(inbox, folder):
     folder.rmdir()
     assert inbox.poll(0.0) is None
+
+
+def test_a_delivery_whose_run_failed_is_tried_again_after_longer_and_longer_pauses(inbox, folder):
+    (folder / "a.img").write_bytes(b"1")
+    inbox.poll(0.0)
+    now, pauses = 20.0, []
+    while delivery := inbox.poll(now):
+        pause = inbox.mark_failed(delivery, now)
+        if pause is None:
+            break
+        assert inbox.poll(now + pause - 1.0) is None
+        pauses.append(pause)
+        now += pause
+    assert pauses == sorted(set(pauses))
+    assert len(pauses) == 4
+    assert inbox.poll(now + 1e6) is None  # often enough
+    (folder / "b.img").write_bytes(b"1")
+    inbox.poll(now + 1e6)
+    assert inbox.poll(now + 1e6 + 20.0) is not None  # another delivery
+
+
+def test_how_often_a_delivery_failed_is_known_after_a_restart(inbox, folder, tmp_path):
+    (folder / "a.img").write_bytes(b"1")
+    inbox.poll(0.0)
+    delivery = inbox.poll(20.0)
+    for _ in range(4):
+        assert inbox.mark_failed(delivery) is not None
+    again = Inbox(folder, tmp_path / "inbox.json", PARAMS)
+    again.poll(0.0)
+    assert again.poll(20.0) == delivery
+    assert again.mark_failed(delivery) is None
+    assert again.poll(1e9) is None
+    again.mark_processed("another")
+    assert json.loads((tmp_path / "inbox.json").read_text()) == {"delivery": "another"}
+
+
+def test_names_that_are_not_utf_8_are_handed_over_too(inbox, folder):
+    (folder / "\udcff.img").write_bytes(b"1")
+    inbox.poll(0.0)
+    assert inbox.poll(20.0) is not None

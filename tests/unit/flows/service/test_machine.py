@@ -1,0 +1,72 @@
+"""`solmap up` says once what is wrong, and goes on."""
+
+import time
+
+import pytest
+
+from solmap.config.settings import Settings
+
+
+@pytest.fixture
+def machine(tmp_path, engine):  # noqa: ARG001 - Prefect reads its settings at import
+    from solmap.flows.service.inbox import Inbox, InboxParams  # noqa: PLC0415
+    from solmap.flows.service.machine import Machine  # noqa: PLC0415
+
+    inbox = tmp_path / "inbox"
+    inbox.mkdir()
+    (inbox / "a.img").write_bytes(b"1")
+    said: list[str] = []
+    made = Machine(Settings(store=tmp_path / "store", inbox=inbox), said.append)
+    made.store.mkdir()
+    made._inbox = Inbox(inbox, tmp_path / "inbox.json", InboxParams(settle_s=0.0))
+    made._looked_for_stuck_at = time.monotonic()
+    return made, said
+
+
+def test_files_that_come_before_the_deployments_wait_in_silence(machine):
+    up, said = machine
+    up.tend()  # the engine of the tests knows no deployment of this name
+    assert said == []
+    assert up._running is None
+
+
+def test_any_trouble_is_said_once_and_tried_again(machine, monkeypatch):
+    from solmap.flows.service import submission  # noqa: PLC0415
+
+    up, said = machine
+
+    def trouble(*_):
+        raise RuntimeError("no luck")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(submission, "submit_inbox", trouble)
+        up.tend()
+        up.tend()
+    assert said == ["RuntimeError: no luck; tried again until it works"]
+    run = submission.SubmittedRun("id", "a-run", "delivery")
+    monkeypatch.setattr(submission, "submit_inbox", lambda *_: run)
+    up.tend()
+    assert said[1].startswith("files came: run a-run")
+
+
+def test_a_run_that_failed_does_not_count_as_done(machine, monkeypatch):
+    from solmap.flows.service import submission  # noqa: PLC0415
+
+    up, said = machine
+    runs = iter("abc")
+
+    def submit(delivery, _):
+        return submission.SubmittedRun("id", next(runs), delivery)
+
+    monkeypatch.setattr(submission, "submit_inbox", submit)
+    monkeypatch.setattr(submission, "final_state", lambda _: "FAILED")
+    up.tend()
+    up.tend()
+    assert said[-1] == "the run of the inbox failed, see `solmap status`; tried again in 1 min"
+    up._inbox._not_before = 0.0
+    up.tend()
+    monkeypatch.setattr(submission, "final_state", lambda _: "COMPLETED")
+    up.tend()
+    assert said[-1] == "the inbox was processed: completed"
+    up.tend()
+    assert up._running is None
