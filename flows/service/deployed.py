@@ -87,7 +87,10 @@ def _settings() -> Settings:
     """The settings of the service; the process of a run ends with that of the scheduler."""
     if multiprocessing.parent_process() is not None:
         die_with_parent()
-    return Settings()
+    settings = Settings()
+    if not settings.store.is_absolute():  # a worker runs every flow in a folder of its own
+        raise ConfigError(f"SOLMAP_STORE is {settings.store}; name the store by its whole path")
+    return settings
 
 
 def _inbox(settings: Settings) -> Path:

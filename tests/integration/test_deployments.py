@@ -79,6 +79,15 @@ def test_a_run_is_named_by_what_it_does():
     assert format_sols(range(1, 500, 2)) == "1-499 (250 sols)"
 
 
+def test_a_worker_that_names_its_store_by_half_a_path_is_refused(monkeypatch):
+    from solmap.config.records import ConfigError  # noqa: PLC0415 - as above
+    from solmap.flows.service.deployed import adjust_missions  # noqa: PLC0415 - as above
+
+    monkeypatch.setenv("SOLMAP_STORE", "store")
+    with pytest.raises(ConfigError, match="SOLMAP_STORE is store; name the store by its whole"):
+        adjust_missions.fn()
+
+
 @pytest.fixture(scope="module")
 def installation(tmp_path_factory):
     """Environment and folder of commands, client of a Prefect server that asks for a password."""
