@@ -36,12 +36,13 @@ WAIT_MS = 60_000
 class Server:
     """The real server on a free port, in a thread."""
 
-    def __init__(self, store: Path) -> None:
+    def __init__(self, store: Path, path: str = "") -> None:
+        """A server of a store, below a path as behind a reverse proxy."""
         self.socket = socket.create_server(("127.0.0.1", 0))
-        self.url = f"http://127.0.0.1:{self.socket.getsockname()[1]}"
+        self.url = f"http://127.0.0.1:{self.socket.getsockname()[1]}{path}"
         self.uvicorn = uvicorn.Server(
             uvicorn.Config(
-                create_app(store, DIST),
+                create_app(store, DIST, public_url=self.url if path else None),
                 log_level="warning",
                 access_log=False,
                 timeout_graceful_shutdown=1,  # pages that listen for events never hang up
