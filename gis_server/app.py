@@ -8,14 +8,24 @@ from contextlib import asynccontextmanager
 from importlib.metadata import version
 from pathlib import Path
 
-from fastapi import FastAPI
+from anyio import to_thread
+from fastapi import Depends, FastAPI
 from starlette.middleware.cors import CORSMiddleware
 
 from solmap.config.settings import Settings
+from solmap.gis_server.budgets import FILES, QUESTIONS, Budgets, HeavyRequests
 from solmap.gis_server.collaboration import accounts, edits, runs
 from solmap.gis_server.errors import install_error_table
 from solmap.gis_server.metrics import MeasureRequests, Metrics
-from solmap.gis_server.middleware import CompressText, LimitBodies, SecurityHeaders
+from solmap.gis_server.middleware import (
+    AnswerHead,
+    CompressText,
+    LimitBodies,
+    PublicAddress,
+    ReadableRanges,
+    SecurityHeaders,
+    restore_head,
+)
 from solmap.gis_server.ogc import features, landing, wmts
 from solmap.gis_server.ogc import tiles as ogc_tiles
 from solmap.gis_server.openapi import complete
@@ -34,16 +44,22 @@ from solmap.gis_server.routes import (
     tiles,
 )
 from solmap.gis_server.services import open_services
+from solmap.gis_server.workers import Worker, limit_arenas
 from solmap.products.store.backends import ObjectStorage
 from solmap.products.store.process import collect_garbage_seldom, log_to_store
 
+_THREADS = 8
+"""Of light requests: more of them would make each other, and the loop of events, wait."""
 
-def create_app(
+
+def create_app(  # noqa: PLR0913, PLR0917 - all that differs from one server to the next
     store_root: Path,
     viewer_dist: Path | None = None,
     catalogue_url: str | None = None,
     object_storage: ObjectStorage | None = None,
     origins: Sequence[str] = (),
+    public_url: str | None = None,
+    worker_memory_mb: int | None = None,
 ) -> FastAPI:
     """The server of the store at `store_root`.
 
@@ -53,12 +69,23 @@ def create_app(
         catalogue_url: Database of the catalogue; SQLite in the store's folder where there is none.
         object_storage: Where products lie if not in the store's folder.
         origins: Other sites whose pages may ask this server.
+        public_url: Address that a reverse proxy serves the map at; that of each request otherwise.
+        worker_memory_mb: What a process that answers heavy requests may take for one of them; None:
+            there are no such processes.
     """
     services = open_services(store_root, catalogue_url, object_storage)
+    workers = {}
+    if worker_memory_mb is not None:
+        given = (store_root, viewer_dist, catalogue_url, object_storage, (), public_url)
+        workers = {lane: Worker(given, worker_memory_mb) for lane in (QUESTIONS, FILES)}
+    budgets = Budgets(workers)
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
-        with ThreadPoolExecutor(1) as background:
+        to_thread.current_default_thread_limiter().total_tokens = _THREADS
+        with budgets.running_workers(), ThreadPoolExecutor(1) as background:
+            if workers:
+                background.submit(_app.openapi)  # a third of a second, while nobody waits for it
             background.submit(services.ahead.read)
             yield
         services.tail.close()
@@ -72,9 +99,10 @@ def create_app(
         docs_url=None,
         redoc_url=None,
         lifespan=lifespan,
+        dependencies=[Depends(restore_head)],
     )
     app.state.services = services
-    app.state.metrics = Metrics(services)
+    app.state.metrics = Metrics(services, budgets)
     install_error_table(app)
     for module in (
         tiles,  # the most frequent requests first: routes are tried in this order
@@ -100,7 +128,9 @@ def create_app(
         app.include_router(module.router)
     complete(app)
     server.install_pages(app, viewer_dist or server.SHIPPED_VIEWER)
+    app.add_middleware(HeavyRequests, budgets=budgets)
     app.add_middleware(LimitBodies)
+    app.add_middleware(ReadableRanges)
     app.add_middleware(CompressText)
     if origins:
         app.add_middleware(
@@ -110,8 +140,11 @@ def create_app(
             allow_headers=["Authorization", "Content-Type", "Range", "If-None-Match"],
             expose_headers=["ETag", "Content-Range", "Link", "OGC-NumberMatched"],
         )
+    app.add_middleware(AnswerHead)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(MeasureRequests, metrics=app.state.metrics)
+    if public_url:
+        app.add_middleware(PublicAddress, url=public_url)
     return app
 
 
@@ -120,9 +153,12 @@ def create_app_from_settings() -> FastAPI:
     settings = Settings()
     log_to_store(settings.store, "server")
     collect_garbage_seldom()
+    limit_arenas()
     return create_app(
         settings.store,
         catalogue_url=settings.catalogue_url,
         object_storage=settings.object_storage,
         origins=settings.cors_origins.split(),
+        public_url=settings.public_url,
+        worker_memory_mb=settings.server_memory_mb // 3,
     )

@@ -39,6 +39,7 @@ STATUS: dict[type[Exception], HTTPStatus] = {
     MatchingError: HTTPStatus.UNPROCESSABLE_ENTITY,
     AdjustmentError: HTTPStatus.UNPROCESSABLE_ENTITY,
     OverflowError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    MemoryError: HTTPStatus.UNPROCESSABLE_ENTITY,
 }
 HINT = {
     HTTPStatus.UNAUTHORIZED: "reading takes no token; `solmap token add` makes one for writing",
@@ -77,15 +78,24 @@ def install_error_table(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _fail)
 
 
+def problem(
+    status: HTTPStatus, what: str, where: str, headers: Mapping[str, str] | None = None
+) -> JSONResponse:
+    """A refusal: what is wrong, where, and what to try."""
+    detail = {"what": what, "where": where, "what to try": HINT[status]}
+    return JSONResponse(
+        {"code": status.phrase, "description": what, "detail": detail},
+        status_code=status,
+        headers={**(headers or {}), "Cache-Control": "no-store"},
+    )
+
+
 def _answer(status: HTTPStatus) -> Callable[[Request, Exception], Awaitable[JSONResponse]]:
     async def answer(request: Request, error: Exception) -> JSONResponse:
         what = error.detail if isinstance(error, HTTPException) else str(error)
-        detail = {"what": what, "where": request.url.path, "what to try": HINT[status]}
-        return JSONResponse(
-            {"code": status.phrase, "description": what, "detail": detail},
-            status_code=status,
-            headers={**_headers(error), "Cache-Control": "no-store"},
-        )
+        if isinstance(error, MemoryError):
+            what = f"this takes more memory than a request may have: {what or 'ask for less'}"
+        return problem(status, what, request.url.path, _headers(error))
 
     return answer
 

@@ -22,14 +22,19 @@ from solmap.products.catalogue.events import Event, events_since, is_gone, last_
 
 log = logging.getLogger(__name__)
 POLL_INTERVAL_S = 0.25
-MOST_LISTENERS = 500
-"""Each holds a connection and a queue."""
+MOST_LISTENERS, MOST_OF_ONE = 500, 100
+"""Each holds a connection and a queue; and those of one client."""
 _QUEUE = 256
 """Events that a listener may be behind."""
 
 
 class TooManyListenersError(Exception):
-    """Every place for listeners is taken."""
+    """Every place for listeners is taken, or every one that a client may have."""
+
+    def __init__(self, most: int, *, are_of_client: bool) -> None:
+        whose = "of yours listen" if are_of_client else "listen"
+        super().__init__(f"{most} browsers {whose} already; try again later")
+        self.are_of_client = are_of_client
 
 
 @dataclass(slots=True, eq=False)
@@ -38,34 +43,38 @@ class EventTail:
 
     engine: sa.Engine
     most: int = MOST_LISTENERS
+    most_of_one: int = MOST_OF_ONE
     before: Callable[[Collection[Event]], None] | None = None
     """What is done, in a thread, before the listeners hear of new events."""
-    _listeners: set[asyncio.Queue[Event | None]] = field(default_factory=set)
+    _listeners: dict[asyncio.Queue[Event | None], str] = field(default_factory=dict)
+    """Queues, and whose they are."""
     _wanted: asyncio.Event = field(default_factory=asyncio.Event)
     """Set while anybody listens."""
     _task: asyncio.Task[None] | None = None
     _last: int = 0
 
     @contextlib.asynccontextmanager
-    async def listening(self) -> AsyncIterator[asyncio.Queue[Event | None]]:
-        """A queue of new events; None in it says that events were left out.
+    async def listening(self, client: str = "") -> AsyncIterator[asyncio.Queue[Event | None]]:
+        """A queue of new events for a client; None in it says that events were left out.
 
         Raises:
             TooManyListenersError: all places are taken.
         """
+        if list(self._listeners.values()).count(client) >= self.most_of_one:
+            raise TooManyListenersError(self.most_of_one, are_of_client=True)
         if len(self._listeners) >= self.most:
-            raise TooManyListenersError(f"{self.most} browsers listen already; try again later")
+            raise TooManyListenersError(self.most, are_of_client=False)
         queue: asyncio.Queue[Event | None] = asyncio.Queue(_QUEUE)
         if not self._listeners:
             self._last = await run_sync(self._newest)
         if self._task is None:
             self._task = asyncio.create_task(self._watch())
-        self._listeners.add(queue)
+        self._listeners[queue] = client
         self._wanted.set()
         try:
             yield queue
         finally:
-            self._listeners.discard(queue)
+            self._listeners.pop(queue, None)
             if not self._listeners:
                 self._wanted.clear()
 

@@ -23,6 +23,7 @@ from prometheus_client.metrics_core import (
 from prometheus_client.process_collector import ProcessCollector
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from solmap.gis_server.budgets import KINDS, ROUTE, Budgets
 from solmap.gis_server.services import Services
 from solmap.products.catalogue.runs import Run, RunState
 
@@ -38,7 +39,7 @@ _METHODS = {"GET", "HEAD", "POST", "OPTIONS", "PUT", "PATCH", "DELETE"}
 class Metrics:
     """The figures of one server."""
 
-    def __init__(self, services: Services) -> None:
+    def __init__(self, services: Services, budgets: Budgets) -> None:
         self.registry = CollectorRegistry()
         self.requests = Counter(
             "solmap_http_requests",
@@ -62,6 +63,7 @@ class Metrics:
         )
         ProcessCollector(registry=self.registry)
         self.registry.register(StoreCollector(services))
+        self.registry.register(BudgetCollector(budgets))
 
     @contextlib.contextmanager
     def drawing(self, form: str) -> Iterator[None]:
@@ -112,7 +114,7 @@ class MeasureRequests:
 
 def route_of(scope: Scope) -> str:
     """The template that a request was answered by."""
-    path: str | None = getattr(scope.get("route"), "path", None)
+    path: str | None = scope.get(ROUTE) or getattr(scope.get("route"), "path", None)
     return path or NO_ROUTE
 
 
@@ -159,6 +161,48 @@ class StoreCollector:
             lookups.add_metric((cache, "yes"), hits)
             lookups.add_metric((cache, "no"), misses)
         yield lookups
+
+
+class BudgetCollector:
+    """Limits of heavy requests, and how far they are used."""
+
+    def __init__(self, budgets: Budgets) -> None:
+        self._budgets = budgets
+
+    def collect(self) -> Iterable[Metric]:
+        """Every family of figures."""
+        lanes = self._budgets.lanes.values()
+        limits = GaugeMetricFamily(
+            "solmap_heavy_limit", "Places of heavy requests", labels=("lane", "whose")
+        )
+        held = GaugeMetricFamily(
+            "solmap_heavy_requests_now", "Heavy requests under way", labels=("lane", "state")
+        )
+        memory = GaugeMetricFamily(
+            "solmap_worker_memory_bytes", "Resident memory of a lane's process", labels=("lane",)
+        )
+        for state in lanes:
+            name, turns = state.lane.name, state.turn.statistics()
+            limits.add_metric((name, "client"), state.lane.per_client)
+            limits.add_metric((name, "all"), state.lane.places)
+            counts = {"waiting": turns.tasks_waiting, "working": turns.borrowed_tokens}
+            counts["sending"] = max(0, state.places.total() - sum(counts.values()))
+            for what, count in counts.items():
+                held.add_metric((name, what), count)
+            if state.worker is not None:
+                memory.add_metric((name,), state.worker.memory_bytes)
+        yield from (limits, held, memory)
+        answered = CounterMetricFamily(
+            "solmap_heavy_answered", "Heavy requests that were worked on", labels=("kind",)
+        )
+        for kind, _, _ in KINDS:
+            answered.add_metric((kind,), self._budgets.answered[kind])
+        refused = CounterMetricFamily(
+            "solmap_heavy_refused", "Heavy requests that were refused", labels=("kind", "status")
+        )
+        for (kind, status), count in sorted(self._budgets.refused.items()):
+            refused.add_metric((kind, str(int(status))), count)
+        yield from (answered, refused)
 
 
 def run_metrics(runs: list[Run]) -> Iterator[Metric]:

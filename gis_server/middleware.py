@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 import contextlib
+import math
+import re
 from http import HTTPStatus
 from urllib.parse import urlsplit
 
 import anyio
+from fastapi import Request
 from starlette.datastructures import MutableHeaders
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from solmap.gis_server.addresses import ROOT_PATH
+from solmap.gis_server.budgets import ROUTE
 
 MOST_BYTES = 1 << 20
+BODY_S = 30.0
+"""Longest time that a body may take to arrive."""
 _WITHOUT_BODY = {"GET", "HEAD", "OPTIONS"}
 """Methods whose bodies no endpoint reads."""
+_RANGE = re.compile(rb"(\d*)-(\d*)")
+_ENDLESS, _LARGEST = re.compile(rb"\d{19,}"), b"9" * 18
+"""Numbers of bytes that no file has."""
+_HEAD = "solmap.head"
+"""In the scope of a request that came as HEAD."""
 _HEADERS = {
     "Content-Security-Policy": (
         "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; connect-src 'self' blob:; "
@@ -67,40 +78,71 @@ class PublicAddress:
 
 
 class AnswerHead:
-    """Answers HEAD as GET without a body, for every address that has GET."""
+    """Answers HEAD wherever GET is answered: routes are looked for by GET."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Ask for the same by GET, and end with the head of the answer."""
+        """Ask for the same by GET, and leave the body out."""
         if scope["type"] != "http" or scope["method"] != "HEAD":
             await self.app(scope, receive, send)
             return
-        has_ended = False
 
         async def send_head(message: Message) -> None:
-            nonlocal has_ended
             if message["type"] == "http.response.start":
                 await send(message)
-            elif not has_ended:
-                has_ended = True
-                await send({"type": "http.response.body", "body": b""})
-                if message.get("more_body", False):
-                    answering.cancel()  # a stream would go on for ever
 
-        scope["method"] = "GET"
-        with anyio.CancelScope() as answering:
-            await self.app(scope, receive, send_head)
-        scope["method"] = "HEAD"
+        asked = {**scope, "method": "GET", _HEAD: True}
+        await self.app(asked, receive, send_head)
+        await send({"type": "http.response.body", "body": b""})
+        scope.update({name: asked[name] for name in (ROUTE, "route") if name in asked})
 
 
-class _TooLargeError(Exception):
-    """More bytes came than are taken."""
+async def restore_head(request: Request) -> None:
+    """Tell an endpoint that it was found for HEAD: files need not be read."""
+    if _HEAD in request.scope:
+        request.scope["method"] = "HEAD"
+
+
+class ReadableRanges:
+    """Leaves out `Range` headers that are none of RFC 9110; shortens endless numbers in them."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on, with ranges that files and objects can be asked for."""
+        if scope["type"] == "http" and any(name == b"range" for name, _ in scope["headers"]):
+            headers = [
+                (name, ranges if name == b"range" else value)
+                for name, value in scope["headers"]
+                if name != b"range" or (ranges := readable_ranges(value))
+            ]
+            scope["headers"] = headers
+        await self.app(scope, receive, send)
+
+
+def readable_ranges(header: bytes) -> bytes | None:
+    """The ranges of a header with numbers that fit into 64 bits; None where they are to be ignored.
+
+    That is where the unit is another than bytes, or a range is malformed or ends before it begins.
+    """
+    unit, _, given = _ENDLESS.sub(_LARGEST, header).partition(b"=")
+    ranges = [part.strip() for part in given.split(b",")]
+    for one in ranges:
+        found = _RANGE.fullmatch(one)
+        if found is None or one == b"-" or (all(found.groups()) and int(found[1]) > int(found[2])):
+            return None
+    return b"bytes=" + b",".join(ranges) if unit.strip().lower() == b"bytes" else None
+
+
+class _RefusedError(Exception):
+    """A body is too large, or too slow."""
 
 
 class LimitBodies:
-    """Answers 413 where a body is larger than `MOST_BYTES`, announced or not."""
+    """Answers 413 where a body is larger than `MOST_BYTES`, and 408 where it takes too long."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -110,42 +152,59 @@ class LimitBodies:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        if _announced_bytes(scope) > MOST_BYTES:
+        if _announces_too_much(scope):
             await _too_large()(scope, receive, send)
             return
         if scope["method"] in _WITHOUT_BODY:
             await self.app(scope, receive, send)
             return
-        came, has_started = 0, False
+        came, has_started, is_whole = 0, False, False
+        refusal: JSONResponse | None = None
+        deadline = anyio.current_time() + BODY_S
 
         async def receive_counted() -> Message:
-            nonlocal came
-            message = await receive()
+            nonlocal came, is_whole, refusal
+            with anyio.CancelScope(deadline=math.inf if is_whole else deadline) as waiting:
+                message = await receive()
+            if waiting.cancelled_caught:
+                refusal = _too_slow()
+                raise _RefusedError
             came += len(message.get("body", b""))
+            is_whole = not message.get("more_body", False)
             if came > MOST_BYTES:
-                raise _TooLargeError
+                refusal = _too_large()
+                raise _RefusedError
             return message
 
-        async def send_unless_too_large(message: Message) -> None:
+        async def send_unless_refused(message: Message) -> None:
             nonlocal has_started
-            if came <= MOST_BYTES or has_started:  # else the app has its own word for the error
+            if refusal is None or has_started:  # else the app has its own word for the error
                 has_started = True
                 await send(message)
 
-        with contextlib.suppress(_TooLargeError):
-            await self.app(scope, receive_counted, send_unless_too_large)
-        if came > MOST_BYTES and not has_started:
-            await _too_large()(scope, receive, send)
+        with contextlib.suppress(_RefusedError):
+            await self.app(scope, receive_counted, send_unless_refused)
+        if refusal is not None and not has_started:
+            await refusal(scope, receive, send)
 
 
-def _announced_bytes(scope: Scope) -> int:
-    announced = dict(scope["headers"]).get(b"content-length", b"0")
-    return int(announced) if announced.isdigit() else 0
+def _announces_too_much(scope: Scope) -> bool:
+    announced = dict(scope["headers"]).get(b"content-length", b"0").lstrip(b"0")
+    is_long = len(announced) > len(str(MOST_BYTES))
+    return announced.isdigit() and (is_long or int(announced) > MOST_BYTES)
 
 
 def _too_large() -> JSONResponse:
     text = f"a request has at most {MOST_BYTES} bytes; send less at once"
-    status = HTTPStatus.REQUEST_ENTITY_TOO_LARGE
+    return _refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text)
+
+
+def _too_slow() -> JSONResponse:
+    text = f"the body did not arrive within {BODY_S:.0f} s; send it faster, or less"
+    return _refusal(HTTPStatus.REQUEST_TIMEOUT, text)
+
+
+def _refusal(status: HTTPStatus, text: str) -> JSONResponse:
     return JSONResponse({"code": status.phrase, "description": text}, status_code=status)
 
 

@@ -13,6 +13,8 @@ from typing import Any
 
 from fastapi import FastAPI
 
+from solmap.gis_server.budgets import kind_of
+
 JSON, HTML, GEOJSON, PNG = "application/json", "text/html", "application/geo+json", "image/png"
 _FILES = (
     "image/tiff",
@@ -122,6 +124,10 @@ def _error_statuses(path: str, operation: dict[str, Any]) -> Iterator[HTTPStatus
         yield from (HTTPStatus.BAD_REQUEST, HTTPStatus.UNPROCESSABLE_ENTITY)
         yield HTTPStatus.REQUEST_ENTITY_TOO_LARGE
         yield HTTPStatus.CONFLICT
+    if kind_of(path) or path == "/api/events":
+        yield HTTPStatus.TOO_MANY_REQUESTS
+    if operation.get("requestBody"):
+        yield HTTPStatus.REQUEST_TIMEOUT
     if operation.get("security"):
         yield from (HTTPStatus.UNAUTHORIZED, HTTPStatus.FORBIDDEN, HTTPStatus.TOO_MANY_REQUESTS)
     yield HTTPStatus.SERVICE_UNAVAILABLE

@@ -80,6 +80,8 @@ class Services:
     requests: RunRequests
     drawing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(_DRAWING))
     """Of the threads that draw tiles."""
+    health: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
+    """Of the thread that looks whether the catalogue can be read: it waits for no other."""
 
 
 def open_services(

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import logging
 import math
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rasterio
 import shapely
+from cachetools import LRUCache, cached
 from pydantic import BaseModel
 from rasterio.windows import Window
 
@@ -37,6 +38,8 @@ _AREAS = (ProductKind.FOOTPRINTS, ProductKind.HAVENS, ProductKind.REGION_HAVENS)
 _NEARBY = (ProductKind.STOPS, ProductKind.TIE_POINTS, ProductKind.POINTING)
 _CELLS = 4_000_000
 """Cells that are looked at; of larger windows an overview is read."""
+_KEPT = 100_000
+"""Features that are kept in memory, some kilobytes each."""
 _PERCENT = (5.0, 25.0, 50.0, 75.0, 95.0)
 
 
@@ -210,7 +213,11 @@ class FeatureIndex:
         return [(self.collection.features[i], metres) for i, metres in with_distance]
 
 
-@lru_cache(maxsize=64)
+def _size_of(index: FeatureIndex) -> int:
+    return min(1 + len(index.shapes), _KEPT)
+
+
+@cached(LRUCache(_KEPT, getsizeof=_size_of), lock=threading.Lock())
 def index_of(path: Path) -> FeatureIndex:
     """The features of a file. Products never change, so they are read once."""
     collection = read_features(path)

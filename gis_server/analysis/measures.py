@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from typing import Annotated, Literal
 
@@ -39,6 +37,7 @@ from solmap.photogrammetry.terrain.measure.lines import (
     stations,
 )
 from solmap.products.crs import LandingPoint, lon_lat
+from solmap.products.formats.documents.csv_table import csv_table
 
 _STEEP_PLACES = 10_000
 """At which an area is read, five times each for its slope."""
@@ -333,12 +332,9 @@ def profile_csv(answer: ProfileAnswer) -> str:
     """The stations as a table; the layer's id and digest stand in every row."""
     ground = ("distance_m", "east", "north", "elevation_m", "sigma_m", "pose_sigma_m")
     columns = (*ground, "slope_deg", "slope_sigma_deg")
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow((*columns, "layer", "digest"))
     names = [(layer.id, layer.digest) for layer in answer.layers]
     sources = (("", "") if k is None else names[k] for k in answer.source)
     rows = zip(*(getattr(answer, column) for column in columns), sources, strict=True)
-    for *values, source in rows:
-        table.writerow(["" if value is None else value for value in (*values, *source)])
-    return text.getvalue()
+    return csv_table(
+        (*columns, "layer", "digest"), ((*values, *source) for *values, source in rows)
+    )

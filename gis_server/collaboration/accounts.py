@@ -15,6 +15,7 @@ from fastapi import APIRouter, Depends, HTTPException, Request, Response
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from pydantic import BaseModel
 
+from solmap.gis_server.budgets import client_of
 from solmap.gis_server.services import ServicesOf
 from solmap.products.catalogue.tokens import Role, Token
 
@@ -74,7 +75,7 @@ def _token_of(
         )
     token = services.tokens.verify(shown.credentials)
     if token is None:
-        wait_s = _WRONG.wait_s(request.client.host if request.client else "")
+        wait_s = _WRONG.wait_s(client_of(request.scope))
         if wait_s:
             raise HTTPException(
                 429,

@@ -6,8 +6,6 @@ GEOS, so that a page of a thousand features costs some milliseconds.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,6 +20,7 @@ import shapely
 from solmap.gis_server.ogc.crs import Crs, transform_shapes
 from solmap.products.crs import MARS, MARS_URN, LandingPoint, MarsCrs, local_crs
 from solmap.products.features.index import IndexedFeature
+from solmap.products.formats.documents.csv_table import csv_table
 from solmap.products.formats.vector.geopackage import feature_frame
 
 
@@ -109,14 +108,16 @@ def as_csv(page: FeaturePage) -> str:
         Crs.LOCAL: ["east_m", "north_m"],
     }[page.crs] + ["elevation_m"]
     is_points = all(shape is None or shape.geom_type == "Point" for shape in shapes)
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\r\n")
-    writer.writerow(["id", *names, *(axes if is_points else []), "wkt"])
-    for one, row, shape in zip(page.features, rows, shapes, strict=True):
-        place = [] if not is_points else _coordinates(shape)
-        text = "" if shape is None else shapely.to_wkt(shape, rounding_precision=9)
-        writer.writerow([one.name, *(_cell(row.get(name)) for name in names), *place, text])
-    return out.getvalue()
+    lines = (
+        [
+            one.name,
+            *(_cell(row.get(name)) for name in names),
+            *(_coordinates(shape) if is_points else []),
+            None if shape is None else shapely.to_wkt(shape, rounding_precision=9),
+        ]
+        for one, row, shape in zip(page.features, rows, shapes, strict=True)
+    )
+    return csv_table(["id", *names, *(axes if is_points else []), "wkt"], lines)
 
 
 def _coordinates(point: shapely.Point | None) -> list[float | str]:

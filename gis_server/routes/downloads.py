@@ -255,7 +255,6 @@ def geopackage(layer: LayerPath, services: ServicesOf) -> Response:
     )
 
 
-@router.head("/download/{scope}/{kind}/{digest}", tags=["layers"], include_in_schema=False)
 @router.get("/download/{scope}/{kind}/{digest}", tags=["layers"], response_class=FileResponse)
 def download(layer: LayerPath, services: ServicesOf, request: Request) -> Response:
     """The layer's file, whole or by ranges: GeoTIFF in the local CRS, GeoJSON in Mars degrees."""
@@ -289,7 +288,6 @@ def provenance(layer: LayerPath, services: ServicesOf) -> dict[str, Any]:
     return services.store.provenance(layer.ref)
 
 
-@router.head("/products/{kind}/{scope}/{digest}.{suffix}", tags=["stac"], include_in_schema=False)
 @router.get(
     "/products/{kind}/{scope}/{digest}.{suffix}", tags=["stac"], response_class=FileResponse
 )

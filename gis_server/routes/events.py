@@ -6,9 +6,10 @@ import asyncio
 from collections.abc import AsyncIterable, AsyncIterator
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Header, HTTPException, Query
+from fastapi import APIRouter, Depends, Header, HTTPException, Query, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
+from solmap.gis_server.budgets import client_of
 from solmap.gis_server.live import TooManyListenersError
 from solmap.gis_server.parameters import LARGEST_ID
 from solmap.gis_server.services import ServicesOf
@@ -27,12 +28,15 @@ Number = Annotated[
 SeenHeader = Annotated[str | None, Header(alias="Last-Event-ID", max_length=20)]
 
 
-async def _queue(services: ServicesOf) -> AsyncIterator[asyncio.Queue[Event | None]]:
+async def _queue(
+    services: ServicesOf, request: Request
+) -> AsyncIterator[asyncio.Queue[Event | None]]:
     try:
-        async with services.tail.listening() as queue:
+        async with services.tail.listening(client_of(request.scope)) as queue:
             yield queue
     except TooManyListenersError as error:
-        raise HTTPException(503, str(error), headers={"Retry-After": "30"}) from error
+        status = 429 if error.are_of_client else 503
+        raise HTTPException(status, str(error), headers={"Retry-After": "30"}) from error
 
 
 Queue = Annotated[asyncio.Queue[Event | None], Depends(_queue)]
@@ -42,6 +46,7 @@ Queue = Annotated[asyncio.Queue[Event | None], Depends(_queue)]
 async def events(
     queue: Queue,
     services: ServicesOf,
+    request: Request,
     mission: Mission = None,
     since: Number = None,
     last_event_id: SeenHeader = None,
@@ -52,6 +57,8 @@ async def events(
     browsers send by themselves, or `since`) is told what it has missed. `reload` says that this
     is not known any more. A line without meaning every 15 s keeps the connection open.
     """
+    if request.method == "HEAD":
+        return
     seen = _last_seen(since, last_event_id)
     missed = [] if seen is None else await services.tail.events_after(seen)
     reached = await services.tail.newest() if seen is None or missed is None else seen
@@ -75,7 +82,9 @@ async def events(
 
 def _last_seen(since: int | None, header: str | None) -> int | None:
     """The header is newer than the address that a browser connects to again."""
-    return int(header) if header and header.isascii() and header.isdigit() else since
+    if not (header and header.isascii() and header.isdigit()):
+        return since
+    return min(int(header), LARGEST_ID)
 
 
 def _concerns(event: Event, mission: str | None) -> bool:

@@ -181,7 +181,6 @@ def tile(  # noqa: PLR0913, PLR0917 - the address
     return _png(png_of(shown.tile(z, x, y, stretch)), tag)
 
 
-@router.head("/{image}/original", include_in_schema=False)
 @router.get("/{image}/original", response_class=FileResponse)
 def original(image: ImageName, services: ServicesOf) -> FileResponse:
     """The file as the rover sent it, label and all."""

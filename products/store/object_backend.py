@@ -7,6 +7,8 @@ recently used are removed first. A copy appears by renaming, so it is whole, and
 machine share the folder.
 
 Keys, region and endpoint come from the usual AWS_* variables; GDAL is given the same endpoint.
+Where there are no keys the clients would ask the cloud's metadata address for some: that is
+refused, unless the environment says that the machine has a role.
 """
 
 from __future__ import annotations
@@ -189,6 +191,13 @@ _CONNECT_S, _SILENCE_S, _REQUEST_S = 5, 60, 600
 _AMAZON = "https://s3.amazonaws.com"
 _URLS = "say SOLMAP_STORE_URL=s3://bucket/prefix, or leave it out"
 _REFUSALS = ("AccessDenied", "InvalidAccessKeyId", "SignatureDoesNotMatch", "403 Forbidden")
+_KEYS = {"AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"}
+_ROLES = {
+    "AWS_WEB_IDENTITY_TOKEN_FILE",
+    "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
+    "AWS_CONTAINER_CREDENTIALS_FULL_URI",
+}
+"""Variables that say where keys are to be had."""
 _GDAL = {
     "GDAL_HTTP_MAX_RETRY": "3",
     "GDAL_HTTP_RETRY_DELAY": "0.2",
@@ -213,7 +222,7 @@ def client_of(bucket: str, prefix: str) -> S3Store:
     """A client of the objects below a prefix; threads may share it, processes may not.
 
     Raises:
-        ProductError: what reads objects is not installed.
+        ProductError: what reads objects is not installed, or there are no keys.
     """
     try:
         from obstore.store import S3Store  # noqa: PLC0415 - only where a store is given by URL
@@ -222,6 +231,7 @@ def client_of(bucket: str, prefix: str) -> S3Store:
             f"products at s3://{bucket}/{prefix} are read with obstore, which is not installed; "
             "install solmap with its extra `cluster`"
         ) from error
+    _check_keys(bucket, prefix)
     _configure_gdal(bucket)
     return S3Store(
         bucket,
@@ -234,6 +244,24 @@ def client_of(bucket: str, prefix: str) -> S3Store:
         },
         retry_config={"max_retries": _RETRIES, "retry_timeout": timedelta(seconds=_RETRY_S)},
     )
+
+
+def _check_keys(bucket: str, prefix: str) -> None:
+    """Refuse an environment that has no keys and does not say where there are some.
+
+    Raises:
+        ProductError: that is so.
+    """
+    given = {name for name, value in os.environ.items() if value}
+    may_ask = os.environ.get("AWS_EC2_METADATA_DISABLED", "").lower() in {"false", "no", "0"}
+    is_open = os.environ.get("AWS_SKIP_SIGNATURE", "").lower() in {"true", "yes", "1"}
+    if is_open:
+        os.environ.setdefault("AWS_NO_SIGN_REQUEST", "YES")  # GDAL's word for the same
+    if not (may_ask or is_open or given >= _KEYS or given & _ROLES):
+        raise ProductError(
+            f"there are no keys to s3://{bucket}/{prefix}: set AWS_ACCESS_KEY_ID and "
+            "AWS_SECRET_ACCESS_KEY, or AWS_EC2_METADATA_DISABLED=false where the machine has a role"
+        )
 
 
 def endpoint() -> str:

@@ -11,17 +11,18 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import geopandas
 import numpy as np
-import pyogrio
 import shapely
 from pyproj import CRS
 
 from solmap.products.crs import local_crs
 from solmap.products.errors import ProductError
 from solmap.products.formats.vector.geojson import FeatureCollection
+
+if TYPE_CHECKING:
+    import geopandas
 
 _DATE = {"OGR_CURRENT_DATE": "2004-01-04T04:35:00.000Z"}
 """For the column `last_change`, which the format asks for: when Spirit landed."""
@@ -45,6 +46,8 @@ def write_geopackage(path: Path, collection: FeatureCollection, layer: str) -> N
         [feature.shape for feature in features],
         local_crs(collection.landing),
     )
+    import pyogrio  # noqa: PLC0415 - with geopandas
+
     pyogrio.set_gdal_config_options(_DATE)  # at every write: a long run is known to lose it
     frame.to_file(path, driver="GPKG", layer=layer, index=False)
 
@@ -56,6 +59,8 @@ def feature_frame(
 
     A column holds numbers where every row has one in it, else text or nothing.
     """
+    import geopandas  # noqa: PLC0415 - 30 MB, for the one process that writes such files
+
     names = dict.fromkeys(name for row in rows for name in row)
     columns = {name: _column([row.get(name) for row in rows]) for name in names}
     return geopandas.GeoDataFrame(columns, geometry=np.array([*shapes], dtype=object), crs=crs)

@@ -1,0 +1,292 @@
+"""Limits of heavy requests: how many are worked on, how many may wait, and how long.
+
+A request is heavy by its route (`KINDS`). Those of one lane are answered one after the other, each
+lane by a worker process (`workers`) where there is one; light requests never wait for them. A
+client that has too many of them under way is answered 429, and so is one that was served lately
+where others wait for long; one that comes when all places are taken is answered 503. All are told
+when to come again (`Retry-After`). A place is held until the answer is sent, so that whoever reads
+slowly uses up places of his own; the lane is free as soon as the answer is known.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import math
+import re
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import anyio
+from anyio import CapacityLimiter, WouldBlock
+from cachetools import TTLCache
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from solmap.gis_server.errors import problem
+from solmap.gis_server.workers import Answer, Worker, WorkerLostError, collect
+
+ROUTE = "solmap.route"
+"""In the scope of a request that another process answered: the template of the route."""
+_METHODS = {"GET", "POST"}
+WAIT_S, WORK_S = 60.0, 120.0
+"""Longest time that a request waits for its turn, and that it is worked on."""
+BUSY_S, SHARE_S = 15.0, 60.0
+"""A lane is busy when those that wait will take so long. It then takes requests of those clients
+that were not answered so lately, and has the others come again."""
+_LONGEST_RETRY_S = 60
+_CLIENTS = 10_000
+"""Whose share is remembered."""
+_LATEST = 10
+"""Requests that the usual time of one is told by."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lane:
+    """Heavy requests that are answered one after the other."""
+
+    name: str
+    per_client: int
+    """Places that one client may have."""
+    places: int
+    """Of requests that wait, are worked on, or are being sent."""
+
+
+QUESTIONS = Lane("questions", per_client=8, places=64)
+"""What a person asks of the map."""
+FILES = Lane("files", per_client=4, places=64)
+"""What is written for a download."""
+PICTURES = Lane("pictures", per_client=64, places=512)
+"""Many small ones at a time, drawn in the server's own process from what it keeps in memory."""
+LANES = (QUESTIONS, FILES, PICTURES)
+KINDS: tuple[tuple[str, str, Lane], ...] = (
+    ("solid", r"^/models/.*\.stl$", FILES),
+    ("part", r"^/download/.*/clip$", FILES),
+    ("features", r"^/download/.*\.gpkg$|^/ogc/.*/items$", FILES),
+    ("report", r"^/api/.*/sols/[^/]+/report$", FILES),
+    ("contours", r"^/api/.*/contours\.geojson$", QUESTIONS),
+    ("measure", r"^/api/.*/(profile(\.csv)?|measure-\w+|volume|plane-fit|zonal)$", QUESTIONS),
+    ("view", r"^/api/.*/(viewshed(\.png|\.tif)?|line-of-sight)$", QUESTIONS),
+    ("drive", r"^/api/.*/(reach(\.png|\.tif)?|route)$", QUESTIONS),
+    ("projection", r"^/api/.*/(ground-to-image|image-to-\w+|direction|place)$", QUESTIONS),
+    ("adjustment", r"^/api/.*/(refine|preview-adjustment)$", QUESTIONS),
+    ("network", r"^/api/.*/(solutions|traverse|network|pairs|images/[^/]+/ties)$", QUESTIONS),
+    ("scene", r"^/api/.*/(scene/\w+|tileset\.json)$", QUESTIONS),
+    ("picture", r"^/(images|panoramas)/.*\.png$|^/api/.*/legend\.png$", PICTURES),
+    ("map", r"^/ogc/.*(/map/tiles/[^/]+/[^/]+/|/wmts$|/WMTSCapabilities\.xml$)", PICTURES),
+)
+"""Kind, what its addresses look like, and its lane."""
+_PATTERNS = [(re.compile(pattern), kind, lane) for kind, pattern, lane in KINDS]
+
+
+def kind_of(path: str) -> tuple[str, Lane] | None:
+    """Kind and lane of the requests to an address, or to a template; None: they are light."""
+    found = ((kind, lane) for pattern, kind, lane in _PATTERNS if pattern.search(path))
+    return next(found, None)
+
+
+def client_of(scope: Scope) -> str:
+    """Who asks, by address: a network of 64 bits where it is one of IPv6."""
+    host = (scope.get("client") or ("", 0))[0]
+    try:
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        return str(host)
+    is_long = isinstance(address, ipaddress.IPv6Address)
+    return str(ipaddress.ip_network((host, 64), strict=False)) if is_long else host
+
+
+class RefusedError(Exception):
+    """A request is not answered; says why, and the status whether that is the client's doing."""
+
+    def __init__(self, status: HTTPStatus, what: str) -> None:
+        super().__init__(what)
+        self.status = status
+
+
+@dataclass(slots=True, eq=False)
+class LaneState:
+    """What is under way in a lane."""
+
+    lane: Lane
+    worker: Worker | None
+    turn: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
+    places: Counter[str] = field(default_factory=Counter)
+    """Held, by client."""
+    _usual_s: float = 1.0
+    """Mean time that the latest requests took."""
+    _answered: TTLCache[str, bool] = field(default_factory=lambda: TTLCache(_CLIENTS, SHARE_S))
+    """Clients that were answered lately."""
+
+    @property
+    def ahead_s(self) -> float:
+        """What those that wait will probably take."""
+        return self.turn.statistics().tasks_waiting * self._usual_s
+
+    @property
+    def retry_s(self) -> int:
+        """When to come again."""
+        return max(1, min(_LONGEST_RETRY_S, math.ceil(self.ahead_s)))
+
+    @contextmanager
+    def place_of(self, client: str) -> Iterator[None]:
+        """A place for a request of a client.
+
+        Raises:
+            RefusedError: the client has had its share, or all places are taken.
+        """
+        lane = self.lane
+        if self.places[client] >= lane.per_client:
+            what = f"{lane.per_client} {lane.name} of yours are under way, as many as may be"
+            raise RefusedError(HTTPStatus.TOO_MANY_REQUESTS, what)
+        if client in self._answered and self.ahead_s > BUSY_S:
+            what = f"others wait for their {lane.name}, and you were answered a moment ago"
+            raise RefusedError(HTTPStatus.TOO_MANY_REQUESTS, what)
+        if self.places.total() >= lane.places:
+            what = f"{lane.places} {lane.name} are under way, as many as may be"
+            raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, what)
+        self.places[client] += 1
+        try:
+            yield
+        finally:
+            self.places -= Counter((client,))
+            self._answered[client] = True
+
+    @asynccontextmanager
+    async def turn_of(self, receive: Receive) -> AsyncIterator[bool]:
+        """The turn of a request; False where its client leaves before it comes.
+
+        Raises:
+            RefusedError: it does not come in time.
+        """
+        request = object()
+        try:
+            self.turn.acquire_on_behalf_of_nowait(request)
+        except WouldBlock:
+            has_left = await self._wait(request, receive)
+        else:
+            has_left = False
+        if request not in self.turn.statistics().borrowers:
+            if has_left:
+                yield False
+                return
+            what = f"{self.lane.name} that came before took more than {WAIT_S:.0f} s"
+            raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, what)
+        started = time.monotonic()
+        try:
+            yield True
+        finally:
+            self.turn.release_on_behalf_of(request)
+            self._usual_s += (time.monotonic() - started - self._usual_s) / _LATEST
+
+    async def _wait(self, request: object, receive: Receive) -> bool:
+        """Wait for the turn, not longer than may be; whether the client left meanwhile."""
+        has_left = False
+        async with anyio.create_task_group() as waiting:
+
+            async def leave() -> None:
+                nonlocal has_left
+                while (await receive())["type"] != "http.disconnect":
+                    pass
+                has_left = True
+                waiting.cancel_scope.cancel()
+
+            waiting.start_soon(leave)
+            with anyio.move_on_after(WAIT_S):
+                await self.turn.acquire_on_behalf_of(request)
+            waiting.cancel_scope.cancel()
+        return has_left
+
+    async def answer(self, app: ASGIApp, scope: Scope, body: bytes) -> Answer:
+        """What the lane's worker, or this process, answers.
+
+        Raises:
+            RefusedError: the worker gave up.
+        """
+        if self.worker is None:
+            return await collect(app, scope, body, None)
+        try:
+            return await self.worker.ask(scope, body, WORK_S)
+        except TimeoutError:
+            what = f"this took longer than {WORK_S:.0f} s; ask for less at once"
+            raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, what) from None
+        except WorkerLostError:
+            what = "the process that worked on this has ended; ask for less at once, or again"
+            raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, what) from None
+
+
+class Budgets:
+    """The limits of one server, and how far they are used."""
+
+    def __init__(self, workers: Mapping[Lane, Worker]) -> None:
+        """Lanes without a worker are answered in this process."""
+        self.lanes = {lane: LaneState(lane, workers.get(lane)) for lane in LANES}
+        self.answered: Counter[str] = Counter()
+        """By kind."""
+        self.refused: Counter[tuple[str, int]] = Counter()
+        """By kind and status."""
+
+    @contextmanager
+    def running_workers(self) -> Iterator[None]:
+        """Have the workers run while the block does."""
+        workers = [state.worker for state in self.lanes.values() if state.worker is not None]
+        with TemporaryDirectory(prefix="solmap-answers-") as folder:
+            try:
+                for worker in workers:
+                    worker.start(Path(folder))
+                yield
+            finally:
+                for worker in workers:
+                    worker.stop()
+
+
+class HeavyRequests:
+    """Has heavy requests answered when it is their turn, and light ones at once."""
+
+    def __init__(self, app: ASGIApp, budgets: Budgets) -> None:
+        self.app, self.budgets = app, budgets
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a light request on; see that a heavy one keeps to the limits."""
+        found = None
+        if scope["type"] == "http" and scope["method"] in _METHODS:
+            found = kind_of(scope["path"].removeprefix(scope.get("root_path", "")))
+        if found is None:
+            await self.app(scope, receive, send)
+            return
+        kind, lane = found
+        state = self.budgets.lanes[lane]
+        try:
+            await self._answer(state, scope, receive, send)
+            self.budgets.answered[kind] += 1
+        except RefusedError as error:
+            self.budgets.refused[kind, error.status] += 1
+            again = {"Retry-After": str(state.retry_s)}
+            await problem(error.status, str(error), scope["path"], again)(scope, receive, send)
+
+    async def _answer(self, state: LaneState, scope: Scope, receive: Receive, send: Send) -> None:
+        body = await _whole_body(receive) if scope["method"] == "POST" else b""
+        if body is None:
+            return
+        with state.place_of(client_of(scope)):
+            async with state.turn_of(receive) as is_on:
+                answer = await state.answer(self.app, scope, body) if is_on else None
+            if answer is not None:
+                scope[ROUTE] = answer.route
+                await answer.send(send)
+
+
+async def _whole_body(receive: Receive) -> bytes | None:
+    """The body of a request, before it waits for others; None where the client leaves."""
+    body = bytearray()
+    while True:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            return None
+        body += message.get("body", b"")
+        if not message.get("more_body", False):
+            return bytes(body)

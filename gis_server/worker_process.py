@@ -1,0 +1,66 @@
+"""What a worker process does: it answers the requests that the server sends it, one by one."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ctypes
+import logging
+import os
+import resource
+import signal
+import sys
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from anyio import to_thread
+
+from solmap.gis_server.app import create_app
+from solmap.gis_server.workers import collect, resident_bytes
+from solmap.products.store.process import collect_garbage_seldom, log_to_store
+
+_DIE_WITH_PARENT = 1
+"""PR_SET_PDEATHSIG of prctl(2)."""
+
+
+def _return_memory() -> None:
+    with contextlib.suppress(AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+def _limit_memory(memory_mb: int) -> None:
+    """Let allocations fail that would take more than so much beyond what is taken now."""
+    with contextlib.suppress(OSError, ValueError):
+        words = Path("/proc/self/status").read_text().split()
+        taken = int(words[words.index("VmData:") + 1]) << 10
+        _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+        resource.setrlimit(resource.RLIMIT_DATA, (taken + (memory_mb << 20), hard))
+
+
+async def _answer_all(connection: Connection) -> None:
+    """Answer requests until the server ends."""
+    arguments, memory_mb, folder = await to_thread.run_sync(connection.recv)
+    with contextlib.suppress(OSError):  # a store that is only read keeps no log
+        log_to_store(arguments[0], "server")
+    collect_garbage_seldom()
+    app = create_app(*arguments)
+    logging.getLogger("solmap").setLevel(logging.WARNING)  # the server logs the requests
+    at_start = resident_bytes(os.getpid())
+    _limit_memory(memory_mb)
+    while True:
+        try:
+            request, body = await to_thread.run_sync(connection.recv)
+        except EOFError:
+            return
+        answer = await collect(app, request, body, folder)
+        _return_memory()
+        is_full = resident_bytes(os.getpid()) > at_start + (memory_mb << 20) // 2
+        await to_thread.run_sync(connection.send, (answer, is_full))
+
+
+def main() -> None:
+    """Be a worker of the server at the other end of the pipe that the command line names."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends its workers
+    with contextlib.suppress(AttributeError):
+        ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
+    asyncio.run(_answer_all(Connection(int(sys.argv[1]))))
