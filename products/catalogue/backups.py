@@ -99,6 +99,10 @@ def _back_up(workspace: Workspace, target: Path, on_progress: OnProgress) -> Bac
     _copy_catalogue(workspace, draft / schema.CATALOGUE)
     for name in _OWN:
         if (root / name).is_file():
+            if not os.access(root / name, os.R_OK):
+                raise ProductError(
+                    f"{root / name} cannot be read: back up as the user that it belongs to"
+                )
             schema.copy_database(root / name, draft / name)
     for name in workspace.store.backend.names("stac"):
         (draft / name).parent.mkdir(parents=True, exist_ok=True)

@@ -4,8 +4,9 @@ Event numbers are in the order in which transactions committed (`write_transacti
 in at a time): after number 7 no 6 can follow.
 
 Events are rows that are only appended, in the transaction that makes the change, and deleted when
-there are many newer ones or they are old. A browser that was away asks for those after the last it has seen; where
-these are deleted already, `is_gone` says so and the browser asks for everything again.
+there are many newer ones or they are old. A browser that was away asks for those after the last it
+has seen; where these are deleted already, `is_gone` says so and the browser asks for everything
+again.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The history of a store, trimmed by age: runs, events, answered requests, old logs and copies.
 
-What a store publishes does not depend on any of it. Edits, tokens and the outcomes of files and sols
-stay: reports are made from these.
+What a store publishes does not depend on any of it. Edits, tokens and the outcomes of files and
+sols stay.
 """
 
 from __future__ import annotations
