@@ -68,10 +68,8 @@ def read_user_file(
     with open_user_file(path, folder) as file:
         size = os.fstat(file.fileno()).st_size
         if size > most_bytes:
-            raise OSError(
-                errno.EFBIG,
-                f"{size >> 20} MiB are more than the {most_bytes >> 20} MiB of any such file",
-            )
+            text = f"{size} bytes are too many: at most {most_bytes} of such a file are read"
+            raise OSError(errno.EFBIG, text, str(path))
         return file.read(size)
 
 

@@ -60,15 +60,14 @@ def _below(folder: Path) -> Iterator[tuple[Path, bool]]:
     while waiting:
         here = waiting.pop()
         try:
-            entries = list(os.scandir(here))
+            found = [
+                (here / one.name, one.is_dir(follow_symlinks=False)) for one in os.scandir(here)
+            ]
         except OSError:
             yield here, True
             continue
-        for entry in entries:
-            if entry.is_dir(follow_symlinks=False):
-                waiting.append(here / entry.name)
-            elif not entry.is_dir():
-                yield here / entry.name, False
+        waiting += [path for path, is_folder in found if is_folder]
+        yield from ((path, False) for path, is_folder in found if not is_folder)
 
 
 def is_settled(file: Path, settle_s: float) -> bool:

@@ -323,8 +323,8 @@ def _fault(name: str, error: Exception) -> Outcome:
     reason = reason_of(error) if isinstance(error, OSError) else cause_of(error)
     if not isinstance(error, PhotogrammetryError | ProductError | OSError):
         log.debug("%s could not be taken", name, exc_info=error)
-    reason = one_line(reason)
-    return Outcome.now(name, (reason if name in reason else f"{name}: {reason}",), is_failure=True)
+    line = one_line(reason if name in reason else f"{name}: {reason}")
+    return Outcome.now(name, (line,), is_failure=True)
 
 
 def _publish(

@@ -4,6 +4,9 @@ import shutil
 from pathlib import Path
 
 import pytest
+from tests.support.hostile_files import compare, label_with
+from tests.support.small_downlink import FEW_LAYERS, write_coarse_pipeline, write_small_downlink
+from tests.support.store_checks import Contents
 
 from solmap.flows.simulation import write_downlink
 from solmap.products.catalogue.workspace import Workspace
@@ -21,10 +24,10 @@ def downlink(small_world: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(small_world, tmp_path / "downlink"))
 
 
-def process(downlink: Path, store: Path):
+def process(downlink: Path, store: Path, pipeline: str = "default"):
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
-    return process_downlink(downlink, store)
+    return process_downlink(downlink, store, pipeline)
 
 
 def spoil(downlink: Path) -> None:
@@ -98,3 +101,43 @@ def test_frames_without_partner_are_mapped_and_named(small_world, tmp_path):
     assert any("is unpaired: no right-eye partner" in note for note in notes)
     layers = Workspace.open(tmp_path / "store").catalogue.layers()
     assert {"footprints", "pointing", "stops"} <= {str(layer.ref.kind) for layer in layers}
+
+
+@pytest.mark.slow
+def test_four_hundred_hostile_files_change_nothing(tmp_path):
+    """Each gives one line; products and catalogue are those of the clean run, byte for byte."""
+    clean, hostile, wrong = compare(tmp_path)
+    assert wrong == []
+    assert (clean.code, hostile.code) == (0, 0)
+    assert hostile.peak_bytes < 2 << 30
+    assert hostile.seconds < 1.5 * clean.seconds
+
+
+TIMES = (
+    *("2004-162T08:00:36.816", "2004-162T08:00:36Z", "2004-06-10T24:00:00", "2004-12-31T23:59:60"),
+    *('"UNK"', "UNK", '"N/A"', "NULL", '"unknown"', "2004", "2004-06", "2004-06-10T08"),
+)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("engine")
+def test_every_legal_time_gives_all_maps(tmp_path):
+    """Twelve images, each with its times in another form: the products are those of ISO times."""
+    plain, odd = write_small_downlink(tmp_path / "plain"), tmp_path / "odd"
+    shutil.copytree(plain, odd)
+    for file, time in zip(sorted(odd.rglob("*.img")), TIMES, strict=True):
+        keywords = ("START_TIME", "STOP_TIME", "PRODUCT_CREATION_TIME", "LOCAL_TRUE_SOLAR_TIME")
+        changes = ((keyword, time) for keyword in keywords)
+        file.write_bytes(label_with(file.read_bytes(), *changes))
+    pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml", FEW_LAYERS))
+    stores = {}
+    for downlink in (plain, odd):
+        store = tmp_path / f"{downlink.name}-store"
+        report = process(downlink, store, pipeline)
+        assert report.succeeded, report.failures
+        assert report.warnings == []
+        stores[downlink.name] = Contents.of(store)
+    kinds = [sorted(key for key in one.rows["latest"]) for one in stores.values()]
+    assert kinds[0] == kinds[1]
+    starts = {row["start_time"] for row in stores["odd"].rows["images"].values()}
+    assert {None, "2004-06-10T08:00:36.816", "2005-01-01T00:00:00.000"} <= starts
