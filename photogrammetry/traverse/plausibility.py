@@ -66,7 +66,7 @@ def implausible_stops(stops: Sequence[TelemetryStop]) -> dict[StopId, str]:
 
 def _own_reason(one: TelemetryStop) -> str | None:
     """Why a stop cannot be true whatever its neighbours are."""
-    away_m = float(np.linalg.norm(one.lsl_from_rover.translation_m))
+    away_m = float(np.abs(one.lsl_from_rover.translation_m).max())
     if not away_m <= MOST_FROM_ORIGIN_M:
         return (
             f"telemetry has it {away_m:.4g} m from the origin of the map; no rover has driven "
@@ -100,16 +100,14 @@ def _largest_agreeing(stops: Sequence[TelemetryStop]) -> Flags:
     places = np.array([one.lsl_from_rover.translation_m for one in stops]).reshape(-1, 3)
     sols = np.array([(one.sols[0], one.sols[-1]) if one.sols else (0, 0) for one in stops])
     sols = sols.reshape(-1, 2).astype(np.float64)
-    steps = [
-        _agree(places[k - 1 : k], sols[k - 1 : k], places[k], sols[k]) for k in range(1, count)
-    ]
-    if all(step.all() for step in steps):
+    if _agree(places[:-1], sols[:-1], places[1:], sols[1:]).all():
         return np.ones(count, dtype=bool)
     away_m = np.linalg.norm(places, axis=1)
     worth = 1.0 - 0.5 * away_m / max(float(away_m.sum()), 1.0)
     best, before = worth.copy(), np.full(count, -1)
     for k in range(1, count):
-        fits = np.flatnonzero(_agree(places[:k], sols[:k], places[k], sols[k]))
+        here = [k] * k
+        fits = np.flatnonzero(_agree(places[:k], sols[:k], places[here], sols[here]))
         if len(fits):
             before[k] = fits[np.argmax(best[fits])]
             best[k] += best[before[k]]
@@ -122,24 +120,14 @@ def _largest_agreeing(stops: Sequence[TelemetryStop]) -> Flags:
 def _agree(
     earlier_m: ObjectPoints,
     earlier_sols: Float64[np.ndarray, "n 2"],
-    later_m: Float64[np.ndarray, " 3"],
-    later_sols: Float64[np.ndarray, " 2"],
+    later_m: ObjectPoints,
+    later_sols: Float64[np.ndarray, "n 2"],
 ) -> Flags:
-    """Whether the rover can have gone from each earlier place to a later one."""
-    return np.linalg.norm(later_m - earlier_m, axis=1) <= _most_between_m(
-        earlier_m, earlier_sols, later_m, later_sols
-    )
-
-
-def _most_between_m(
-    earlier_m: ObjectPoints,
-    earlier_sols: Float64[np.ndarray, "n 2"],
-    later_m: Float64[np.ndarray, " 3"],
-    later_sols: Float64[np.ndarray, " 2"],
-) -> Float64[np.ndarray, " n"]:
-    driving = 1.0 + np.maximum(0.0, later_sols[0] - earlier_sols[:, 1])
-    nearer_m = np.minimum(np.linalg.norm(earlier_m, axis=1), np.linalg.norm(later_m))
-    return MOST_PER_SOL_M * driving + MOST_DRIFT * nearer_m
+    """Whether the rover can have gone from each earlier place to its later one."""
+    driving = 1.0 + np.maximum(0.0, later_sols[:, 0] - earlier_sols[:, 1])
+    nearer_m = np.minimum(np.linalg.norm(earlier_m, axis=1), np.linalg.norm(later_m, axis=1))
+    apart_m = np.linalg.norm(later_m - earlier_m, axis=1)
+    return apart_m <= MOST_PER_SOL_M * driving + MOST_DRIFT * nearer_m
 
 
 def _jump_reason(one: TelemetryStop, neighbours: Sequence[TelemetryStop]) -> str:

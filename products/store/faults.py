@@ -51,6 +51,8 @@ TRANSIENT_ERRNOS = {
 _TRANSIENT_SQLITE = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_IOERR}
 _PRIMARY_CODE = 0xFF
 """The rest of an error code of SQLite is detail."""
+_PARSED_AT_ONCE = "recursion depth mismatch"
+"""Python 3.11 says so, seldom, where two threads parse the headers of NumPy archives at once."""
 _FULL_DISK = "53100"
 """PostgreSQL's code for it; it is not transient."""
 
@@ -80,7 +82,7 @@ def is_transient(error: BaseException) -> bool:
         return _database_is_away(error)
     if isinstance(error, OSError):
         return error.errno in TRANSIENT_ERRNOS or isinstance(error, TimeoutError | ConnectionError)
-    return False
+    return isinstance(error, SystemError) and _PARSED_AT_ONCE in str(error)
 
 
 def _database_is_away(error: DBAPIError) -> bool:

@@ -15,13 +15,13 @@ import numpy as np
 
 from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedNetwork
 from solmap.photogrammetry.adjustment.model.network import ControlFrame, StopControl
-from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.errors import AdjustmentError, PhotogrammetryError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.orbital.registration import stop_in_image
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint, east_north
-from solmap.products.errors import ProductError
+from solmap.products.errors import ProductError, cause_of
 from solmap.products.formats.documents.control import control_product, read_control
 from solmap.products.formats.documents.control_files import ControlRow, parse_control
 from solmap.products.formats.documents.network import read_network, whole_network
@@ -95,13 +95,17 @@ def control_by_image(
         up_m: list[float] = []
         refused: dict[str, str] = {}
         for stop, own in stops.items():
-            outcome, _ = find_registration(image, [own], params[0], landing, store)
-            if outcome.correction is None:
-                refused[str(stop)] = outcome.reason
-            else:
+            try:
+                outcome, _ = find_registration(image, [own], params[0], landing, store)
+                if outcome.correction is None:
+                    refused[str(stop)] = outcome.reason
+                    continue
                 pose = _mapped_pose(stop, adjusted, mapped)
-                up_m += [outcome.correction.up_m] if outcome.correction.up_m else []
                 found.append(stop_in_image(stop, pose, outcome.correction, image.scope.name))
+            except (PhotogrammetryError, ProductError, ArithmeticError, ValueError) as error:
+                refused[str(stop)] = cause_of(error)  # of this stop
+                continue
+            up_m += [outcome.correction.up_m] if outcome.correction.up_m else []
         frame = params[1].frame(image.scope.name, found, up_m)
         path.write_text(json.dumps(control_product(frame, found, refused)))
 

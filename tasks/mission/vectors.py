@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 from solmap.photogrammetry.adjustment.model.adjusted_network import USED, AdjustedStop
 from solmap.photogrammetry.adjustment.quality.network_quality import error_ellipse
+from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.mars import map_from_lsl
@@ -25,12 +27,14 @@ from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.images import image_record
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
+from solmap.products.errors import cause_of
 from solmap.products.formats.documents.network import NetworkProduct, cached_whole_network
 from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.tasks.scopes import region_scope
 from solmap.tasks.stage import stage
 
+log = logging.getLogger(__name__)
 WHEELS_M = 0.294
 """The ground below the rover origin when it stands level (VICAR's default ground plane)."""
 
@@ -84,14 +88,19 @@ class _Reading:
         poses = {stop.stop: stop.lsl_from_rover for stop in self.network.adjusted.stops}
         pointings = {pair.pair_id: pair.pointing for pair in self.network.adjusted.pairs}
         for entry in self._entries:
-            image = image_record(entry, self._workspace)
-            if image.stop in poses:
+            try:
+                image = image_record(entry, self._workspace)
+                if image.stop not in poses:
+                    continue
                 pointing = pointings.get(entry.id, pointings.get(entry.partner or ""))
                 if pointing is not None:
                     image = apply_pointing(image, pointing)
                 drawn = draw(image, entry, poses[image.stop], params)
-                if drawn is not None:
-                    yield drawn
+            except (PhotogrammetryError, ArithmeticError, ValueError) as error:  # of this image
+                log.warning("%s is not drawn: %s", entry.id, cause_of(error))
+                continue
+            if drawn is not None:
+                yield drawn
 
 
 def traverse_features(network: NetworkProduct) -> list[Feature]:
