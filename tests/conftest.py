@@ -61,14 +61,24 @@ def husband(shared_data: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Prefect's embedded server with a database in a temporary folder."""
-    from solmap.flows.runtime.engine import prepare_engine  # noqa: PLC0415 - before Prefect is imported
+    """Prefect's embedded server with a database in a temporary folder, closed by a password."""
+    from solmap.flows.runtime.engine import password_file, prepare_engine  # noqa: PLC0415 - before Prefect is imported
 
-    prepare_engine(tmp_path_factory.mktemp("engine"))
+    folder = tmp_path_factory.mktemp("engine")
+    prepare_engine(folder)
+    password = password_file(folder).read_text()
+    names = ("PREFECT_API_AUTH_STRING", "PREFECT_SERVER_API_AUTH_STRING")
+    os.environ |= dict.fromkeys(names, password)
+    from prefect import settings  # noqa: PLC0415
     from prefect.testing.utilities import prefect_test_harness  # noqa: PLC0415
 
-    with prefect_test_harness(server_startup_timeout=300):
+    with (
+        settings.temporary_settings({getattr(settings, name): password for name in names}),
+        prefect_test_harness(server_startup_timeout=300),
+    ):
         yield
+    for name in names:
+        del os.environ[name]
 
 
 @pytest.fixture(scope="session")

@@ -77,6 +77,8 @@ def engine(tmp_path_factory):
     try:
         yield started
     finally:
+        started.friend.close()
+        started.stranger.close()
         started.child.stop()
 
 
