@@ -24,6 +24,7 @@ from solmap.flows.runtime.progress import Step, listen
 from solmap.products.catalogue.history import trim_history
 from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.errors import StoreFullError
 from solmap.products.store.process import log_context, log_to_store
 
 P = ParamSpec("P")
@@ -75,7 +76,7 @@ class RunRecord:
         self._written_at = time.monotonic()
         try:
             self._book.write(self._run)
-        except SQLAlchemyError as error:
+        except (SQLAlchemyError, StoreFullError) as error:
             log.warning("how far %s is could not be noted: %s", self._run.id, error)
 
 
@@ -99,7 +100,7 @@ def beside_runs(work: Callable[P, T]) -> Callable[P, T]:
 def _trim_history(workspace: Workspace) -> None:
     try:
         trim_history(workspace, Settings().history_days)
-    except SQLAlchemyError as error:
+    except (SQLAlchemyError, StoreFullError) as error:
         log.warning("the history of %s could not be trimmed: %s", workspace.store.root, error)
 
 

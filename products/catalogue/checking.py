@@ -31,7 +31,14 @@ from typing import Any, NamedTuple
 import sqlalchemy as sa
 
 from solmap.products.catalogue import edits, schema, tokens
-from solmap.products.catalogue.database import FINISHED, IMAGES, LATEST, LAYERS, write_transaction
+from solmap.products.catalogue.database import (
+    FINISHED,
+    IMAGES,
+    LATEST,
+    LAYERS,
+    explain_full_disk,
+    write_transaction,
+)
 from solmap.products.catalogue.events import LAYERS_PUBLISHED, append
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind
@@ -127,7 +134,10 @@ def _faulty_databases(workspace: Workspace) -> Iterator[_Fault]:
 
 def _integrity(database: Path) -> str:
     try:
-        with closing(schema.database_reader(database)) as connection:
+        with (
+            explain_full_disk(database),
+            closing(schema.database_reader(database)) as connection,
+        ):
             return str(connection.execute("PRAGMA integrity_check(1)").fetchone()[0])
     except (sqlite3.Error, OSError) as error:
         return str(error)

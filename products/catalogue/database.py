@@ -38,7 +38,12 @@ from sqlalchemy.exc import (
 
 from solmap.products.errors import ProductError, StoreAwayError, StoreFullError
 from solmap.products.model import ProductRef
-from solmap.products.store.faults import is_database_full, is_read_only, require_writable
+from solmap.products.store.faults import (
+    is_database_full,
+    is_disk_full,
+    is_read_only,
+    require_writable,
+)
 
 Text = sa.String().with_variant(postgresql.VARCHAR(collation="C"), "postgresql")
 """Text that both sort by its bytes, whatever the language of the database."""
@@ -158,7 +163,8 @@ def tables_of(engine: sa.Engine) -> set[str]:
         StoreAwayError: the database does not answer.
     """
     try:
-        return set(sa.inspect(engine).get_table_names())
+        with explain_full_disk(_name_of(engine)):
+            return set(sa.inspect(engine).get_table_names())
     except OperationalError as error:
         if engine.dialect.name == "sqlite":
             raise
@@ -178,7 +184,7 @@ def tables_of(engine: sa.Engine) -> set[str]:
 def write_transaction(engine: sa.Engine) -> Iterator[sa.Connection]:
     """A transaction that writes, alone among writers from its first statement on."""
     with (
-        explain_full_disk(engine.url.render_as_string(hide_password=True)),
+        explain_full_disk(_name_of(engine)),
         engine.connect().execution_options(**{_WRITES: True}) as connection,
         connection.begin(),
     ):
@@ -188,13 +194,19 @@ def write_transaction(engine: sa.Engine) -> Iterator[sa.Connection]:
         yield connection
 
 
+def _name_of(engine: sa.Engine) -> str:
+    """The file of a database in SQLite, or what its server calls it."""
+    return engine.url.database or "the catalogue"
+
+
 @contextmanager
-def explain_full_disk(database: object) -> Iterator[None]:
-    """Say plainly that a database cannot be written because its disk is full."""
+def explain_full_disk(database: Path | str) -> Iterator[None]:
+    """Say plainly that a database cannot be written, or opened, because its disk is full."""
     try:
         yield
     except (DBAPIError, sqlite3.Error) as error:
-        if is_database_full(error):
+        folder = Path(database).parent
+        if is_database_full(error) or (folder.is_dir() and is_disk_full(folder, error)):
             raise StoreFullError(
                 f"the disk of {database} is full; free some space and run again: what was made "
                 "before is kept"

@@ -35,7 +35,7 @@ from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.database import LABELS, upsert, write_transaction
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.errors import StoreReadOnlyError
+from solmap.products.errors import StoreFullError, StoreReadOnlyError
 from solmap.products.formats.documents.archives import read_radiometry
 from solmap.products.model import SCIENCE_VERSION, ProductRef
 from solmap.products.store.product_store import ProductStore
@@ -74,7 +74,7 @@ class LabelCache:
                 for digest, label in labels.items():
                     text = {"document": text_of_label(label)}
                     upsert(connection, LABELS, {"digest": f"{digest}/{_READER}"}, text)
-        except (SQLAlchemyError, StoreReadOnlyError):
+        except (SQLAlchemyError, StoreFullError, StoreReadOnlyError):
             return
 
 

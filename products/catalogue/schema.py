@@ -169,7 +169,7 @@ def _migrate(root: Path, engine: sa.Engine) -> None:
         return  # another process has
     _keep_safety_copies(root)
     for number, migration in enumerate(MIGRATIONS[version:], version + 1):
-        with explain_full_disk(root), write_transaction(engine) as connection:
+        with explain_full_disk(root / CATALOGUE), write_transaction(engine) as connection:
             migration(root, connection)
             _note_step(connection, number)
         write_version(root, number)
@@ -214,12 +214,15 @@ def _keep_safety_copies(root: Path) -> None:
 
 def copy_database(source: Path, target: Path) -> None:
     """Copy an SQLite database as it is at one moment, also while it is written to."""
+    is_new = not target.exists()
     target.touch(mode=source.stat().st_mode & 0o777)
     with (
         closing(database_reader(source)) as original,
         closing(sqlite3.connect(target)) as copy,
     ):
         original.backup(copy)
+        if is_new:  # one that others have open keeps its log; a copy is read without any
+            copy.execute("PRAGMA journal_mode=DELETE")
 
 
 def database_reader(database: Path) -> sqlite3.Connection:
