@@ -315,10 +315,16 @@ def violations(clean: CleanRun, injection: Injection, *, from_nothing: bool = Fa
         injection: What is raised, and where.
         from_nothing: Make all products anew; else those of the clean run are looked up.
     """
-    root = clean.folder / "faulty"
-    shutil.rmtree(root, ignore_errors=True)
-    if not from_nothing:
-        shutil.copytree(clean.store / "products", root / "products")
+    root = Path(tempfile.mkdtemp(prefix="faulty-", dir=clean.folder))
+    try:
+        if not from_nothing:
+            shutil.copytree(clean.store / "products", root / "products")
+        return _violations(clean, injection, root)
+    finally:
+        shutil.rmtree(root)
+
+
+def _violations(clean: CleanRun, injection: Injection, root: Path) -> list[str]:
     error, found = injection.error(), list[str]()
     with Watch(injection).on():
         try:
@@ -427,7 +433,7 @@ def _sweep(clean: CleanRun, arguments: argparse.Namespace) -> None:
         errors = rng.permutation(sorted(ERRORS))[: arguments.errors]
         for error in [arguments.error] if arguments.error else errors:
             injection, began = chosen(clean, stage, rng, str(error)), time.monotonic()
-            lines = violations(clean, injection, from_nothing=not runs % 8)
+            lines = violations(clean, injection, from_nothing=runs % 8 == 7)
             runs, bad = runs + 1, bad + bool(lines)
             when = "after" if injection.is_after else "before"
             took_s = time.monotonic() - began
