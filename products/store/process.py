@@ -77,8 +77,8 @@ class SharedLogHandler(WatchedFileHandler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a line; a failure to write is reported and goes no further."""
-        super().emit(record)
         try:
+            super().emit(record)
             if self._path.stat().st_size > self._most:
                 self._rotate()
         except OSError:
