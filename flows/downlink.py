@@ -59,6 +59,7 @@ def process_downlink(
             rename_run(downlink_name(delivery.images))
         with isolate(EDITS_FILE, workspace, report.failures, f"{EDITS_FILE}: {{}}"):
             take_edits(workspace)
+            clear_failure(EDITS_FILE, workspace)
         for mission in delivery.missions:
             line = f"{mission}: {{}}"
             with (

@@ -199,7 +199,7 @@ class Watch:
             told = {
                 key: repr(value)
                 for key, value in bound.items()
-                if key not in {"store", "workspace"} and not callable(value)
+                if key not in {"store", "workspace", "outcomes"} and not callable(value)
             }
             digest = hashlib.sha256(repr(told).encode()).hexdigest()[:16]
             with self._lock:
