@@ -124,6 +124,14 @@ def existing_store(given: Path | None) -> Path:
     return root
 
 
+def input_file(text: str) -> Path:
+    """A file that is read, as an argument names it: no folder, FIFO or device is waited for."""
+    path = Path(text)
+    if not path.is_file():
+        fail(f"{text} {'is no file' if path.exists() else 'is not there'}; name a file to read")
+    return path
+
+
 def mission_of(given: str | None, store: Path | None) -> str:
     """The mission of a store that is named, or else the only one that it holds."""
     from solmap.config.workspace import open_catalogue  # noqa: PLC0415 - `solmap --help` answers at once

@@ -13,10 +13,10 @@ import typer
 from solmap.flows.cli.console import (
     JsonOption,
     StoreOption,
+    existing_store,
     fail,
     say,
     show_rows,
-    store_of,
     workspace_of,
 )
 from solmap.products.catalogue.pruning import (
@@ -37,7 +37,8 @@ tokens = typer.Typer(
 def prune(
     store: StoreOption = None,
     older_than: Annotated[
-        float, typer.Option(help="Days; what is younger stays", min=0.0)
+        float,
+        typer.Option(help="Days; what is younger stays", min=0.0, max=36_500),
     ] = PruningParams().youngest / timedelta(days=1),
     versions: Annotated[
         int, typer.Option(help="Kept of each product, the published one counted", min=1)
@@ -75,10 +76,7 @@ def _rows(found: Sequence[UnreferencedProduct]) -> list[dict[str, Any]]:
 
 
 def _book(store: Path | None) -> Tokens:
-    root = store_of(store)
-    if not root.is_dir():
-        fail(f"{root} is no store; `solmap run` makes one")
-    return Tokens.of(root)
+    return Tokens.of(existing_store(store))
 
 
 @tokens.command()
@@ -87,7 +85,9 @@ def add(
     role: Annotated[
         str, typer.Option(help="viewer; analyst: edits and annotations; operator: runs too")
     ] = "analyst",
-    days: Annotated[int | None, typer.Option(help="It ends by itself after so many", min=1)] = None,
+    days: Annotated[
+        int | None, typer.Option(help="It ends by itself after so many", min=1, max=36_500)
+    ] = None,
     store: StoreOption = None,
 ) -> None:
     """Make a token and print it; it is shown only now."""

@@ -11,6 +11,7 @@ from solmap.flows.cli.console import (
     JsonOption,
     MissionOption,
     StoreOption,
+    input_file,
     mission_of,
     say,
     show_rows,
@@ -21,19 +22,29 @@ orbital = typer.Typer(help="Orbital images under the rover's map.", no_args_is_h
 
 
 ShiftSigma = Annotated[
-    float, typer.Option(help="Standard deviation of its georeference east and north, metres")
+    float,
+    typer.Option(
+        min=0,
+        max=1e6,
+        help="Standard deviation of its georeference east and north, metres",
+    ),
 ]
-RotationSigma = Annotated[float, typer.Option(help="The same of its rotation, degrees")]
+RotationSigma = Annotated[
+    float, typer.Option(min=0, max=180, help="The same of its rotation, degrees")
+]
 control = typer.Typer(help="Places of stops in orbital images, as control.", no_args_is_help=True)
 
 
 @orbital.command("add")
 def add_image(  # noqa: PLR0913 - options
-    file: Annotated[Path, typer.Argument(help="A georeferenced image, any Mars CRS")],
+    file: Annotated[
+        Path, typer.Argument(help="A georeferenced image, any Mars CRS", parser=input_file)
+    ],
     mission: MissionOption = None,
     store: StoreOption = None,
     reach: Annotated[
-        float, typer.Option(help="How far off it, or a stop, may be, metres", min=1.0, max=200.0)
+        float,
+        typer.Option(help="How far off it, or a stop, may be, metres", min=1.0, max=200.0),
     ] = 12.0,
     shift_sigma: ShiftSigma = 50.0,
     rotation_sigma: RotationSigma = 0.1,
@@ -68,12 +79,14 @@ def group() -> None:
 
 @control.command("add")
 def add_measured(
-    file: Annotated[Path, typer.Argument(help="CSV or GeoJSON: stop, place, sigma_m ...")],
+    file: Annotated[
+        Path, typer.Argument(help="CSV or GeoJSON: stop, place, sigma_m ...", parser=input_file)
+    ],
     mission: MissionOption = None,
     store: StoreOption = None,
     shift_sigma: ShiftSigma = 50.0,
     rotation_sigma: RotationSigma = 0.1,
-    scale_sigma: Annotated[float, typer.Option(help="The same of its scale")] = 1e-3,
+    scale_sigma: Annotated[float, typer.Option(min=0, max=1, help="The same of its scale")] = 1e-3,
 ) -> None:
     """Take measured places of stops as control; a file of the same name before counts no more.
 

@@ -71,9 +71,12 @@ def stl(
     stop: Annotated[str, typer.Argument(help="As `solmap positions` names it")],
     file: Annotated[Path, typer.Argument(help="The STL file to write")],
     base_m: Annotated[
-        float, typer.Option(min=0, help="How far the base lies below; 0: no base")
+        float,
+        typer.Option(min=0, max=1000, help="How far the base lies below; 0: no base"),
     ] = 0.5,
-    tolerance_m: Annotated[float, typer.Option(min=0.005, help="Of the surface, metres")] = 0.05,
+    tolerance_m: Annotated[
+        float, typer.Option(min=0.005, max=100, help="Of the surface, metres")
+    ] = 0.05,
     store: StoreOption = None,
 ) -> None:
     """Write the terrain model of a stop as a watertight solid (binary STL, metres)."""

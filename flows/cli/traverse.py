@@ -12,6 +12,7 @@ from solmap.flows.cli.console import (
     MissionOption,
     StoreOption,
     fail,
+    input_file,
     mission_of,
     note,
     say,
@@ -23,7 +24,10 @@ app = typer.Typer(help="Where the rover really was.", no_args_is_help=True)
 
 Files = Annotated[
     list[Path],
-    typer.Argument(help="Traverse tables, .svf, .rvf, PLACES tables, locations.xml of one mission"),
+    typer.Argument(
+        help="Traverse tables, .svf, .rvf, PLACES tables, locations.xml of one mission",
+        parser=input_file,
+    ),
 ]
 Mission = Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity), MSL ...")]
 COLUMNS = ["where", "stop", "sol", "distance_m", "horizontal_m", "percent", "elevation_m"]
@@ -80,7 +84,10 @@ def export(
 @app.command("georeference")
 def georeference_track(
     file: Annotated[
-        Path, typer.Argument(help="CSV: name, mosaic_x_m, mosaic_y_m, east_m, north_m")
+        Path,
+        typer.Argument(
+            help="CSV: name, mosaic_x_m, mosaic_y_m, east_m, north_m", parser=input_file
+        ),
     ],
     *,
     affine: Annotated[bool, typer.Option("--affine", help="Six parameters, not four.")] = False,
@@ -100,8 +107,11 @@ def georeference_track(
 @app.command("simulate-mosaic")
 def simulate_points(
     file: Annotated[Path, typer.Argument(help="Where to write the points, CSV")],
-    seed: Annotated[int, typer.Option(help="Repeats the points")] = 1,
-    rotation: Annotated[float, typer.Option(help="Of the mosaic against the map, degrees")] = 1.3,
+    seed: Annotated[int, typer.Option(min=0, help="Repeats the points")] = 1,
+    rotation: Annotated[
+        float,
+        typer.Option(min=-360, max=360, help="Of the mosaic against the map, degrees"),
+    ] = 1.3,
 ) -> None:
     """Points of a track in a simulated mosaic, with the answer to them beside (.truth.json)."""
     from solmap.flows.traverse import write_simulated  # noqa: PLC0415 - slow to import
