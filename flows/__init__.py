@@ -6,3 +6,10 @@ what could not be made. `cli` holds the commands, `service` what `solmap up` kee
 point from `cli` to `service` to the flows to `runtime`; science is called in `tasks`, never here,
 and nothing is imported from `gis_server`.
 """
+
+import sys
+
+if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
+    # `python -m solmap.flows.cli`: what is imported from here on is not looked for in the folder
+    # that the user is in; with `-P` nothing is.
+    del sys.path[0]

@@ -35,8 +35,11 @@ from solmap.flows.cli import (
 from solmap.flows.cli.console import fail, note
 from solmap.flows.cli.orbital import control, orbital
 from solmap.flows.cli.traverse import app as traverse
+from solmap.flows.runtime.engine import import_prefect
 
 _UNEXPECTED, _INTERRUPTED = 70, 130
+_WITH_FLOWS = {"ties", "traverse", "orbital", "control", "dip", "simulate", "stl"}
+"""Commands that import flows without an engine."""
 
 
 class Commands(TyperGroup):
@@ -50,7 +53,7 @@ class Commands(TyperGroup):
             note("warning", line)
         try:
             return super().invoke(ctx)
-        except (TyperException, typer.Exit, typer.Abort):
+        except (TyperException, typer.Exit, typer.Abort, BrokenPipeError):
             raise
         except KeyboardInterrupt:
             note("error", "interrupted; what was made stays")
@@ -64,6 +67,8 @@ def _end_command(error: Exception) -> NoReturn:
         fail(str(error))
     if isinstance(error, OSError):
         fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+    if isinstance(error, UnicodeEncodeError):
+        fail(f"{error.object!a:.100} is no text that can be written as UTF-8")
     if isinstance(error, MemoryError):
         fail("there is not enough memory")
     with contextlib.suppress(ConfigError):
@@ -119,8 +124,9 @@ def _print_version(wanted: bool) -> None:  # noqa: FBT001 - as Typer calls it
 
 @app.callback()
 def main(
+    context: typer.Context,
     *,
-    version: Annotated[
+    version: Annotated[  # noqa: ARG001 - its callback prints it
         bool,
         typer.Option(
             "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
@@ -128,3 +134,5 @@ def main(
     ] = False,
 ) -> None:
     """From a Mars rover's stereo images to maps in the browser."""
+    if context.invoked_subcommand in _WITH_FLOWS:
+        import_prefect()

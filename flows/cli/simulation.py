@@ -22,7 +22,7 @@ from solmap.flows.runtime.engine import start_engine
 def simulate(
     out_dir: Annotated[Path, typer.Argument(help="Folder to write the downlink to")],
     stops: Annotated[int, typer.Option(help="Number of stops", min=1, max=100)] = 2,
-    seed: Annotated[int, typer.Option(help="Repeats a world bit for bit")] = 1,
+    seed: Annotated[int, typer.Option(help="Repeats a world bit for bit", min=0)] = 1,
     terrain: Annotated[str, typer.Option(help="plains, hills or crater")] = "hills",
 ) -> None:
     """Make a synthetic downlink with known truth: PDS3 images, vector files and the truth."""
@@ -36,13 +36,15 @@ def simulate(
 def simulate_mission(
     store: StoreOption = None,
     stops: Annotated[int, typer.Option(help="Number of stops", min=2, max=500)] = 500,
-    distance: Annotated[float, typer.Option(help="Metres driven", min=1.0)] = 7000.0,
-    gaps: Annotated[int, typer.Option(help="Places where images tie nothing", min=0)] = 10,
-    control: Annotated[int, typer.Option(help="Stops to an orbital tie; 0: none", min=0)] = 10,
-    seed: Annotated[int, typer.Option(help="Repeats a mission bit for bit")] = 1,
+    distance: Annotated[float, typer.Option(help="Metres driven", min=1.0, max=1e6)] = 7000.0,
+    gaps: Annotated[int, typer.Option(help="Places where images tie nothing", min=0, max=500)] = 10,
+    control: Annotated[
+        int, typer.Option(help="Stops to an orbital tie; 0: none", min=0, max=500)
+    ] = 10,
+    seed: Annotated[int, typer.Option(help="Repeats a mission bit for bit", min=0)] = 1,
 ) -> None:
     """Fill an empty store with a simulated mission of many stops and no images, for the map."""
-    root = store_of(store)
+    root = store_of(store).absolute()
     from solmap.photogrammetry.synthetic.mission import MissionPlan  # noqa: PLC0415
 
     plan = MissionPlan(stops=stops, distance_m=distance, gaps=gaps, control_every=control)

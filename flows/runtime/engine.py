@@ -20,10 +20,12 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import importlib
 import logging
 import os
 import secrets
 import socket
+import sys
 import tempfile
 import threading
 import time
@@ -81,6 +83,12 @@ def leave_folder(store: Path) -> None:
     folder = store / "logs"
     folder.mkdir(parents=True, exist_ok=True)
     os.chdir(folder)
+
+
+def import_prefect() -> None:
+    """Import Prefect where nothing has been delivered, for commands that stay in their folder."""
+    with contextlib.chdir(sys.prefix):
+        importlib.import_module("prefect.main")
 
 
 def password_file(store: Path) -> Path:

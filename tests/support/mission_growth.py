@@ -165,6 +165,7 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=10, help="stereo pairs a stop")
     parser.add_argument("--whole", default="10,50,100,200,300,400,500", help="sols on the engine")
     arguments = parser.parse_args()
+    arguments.store = arguments.store.absolute()  # the engine changes to another folder
     arguments.store.mkdir(parents=True, exist_ok=True)
     from solmap.flows.runtime.engine import start_engine  # noqa: PLC0415
 
