@@ -91,7 +91,7 @@ peers: develop  ## Rivals that `make bench` compares adjustment and tiles with; 
 	$(PIP_INSTALL) gtsam==4.3.0 pyceres==2.6 pycolmap==4.2.1 titiler.core==2.4.0 geojson-pydantic==2.2.0 simplejson==4.3.0
 
 FUZZ_SECONDS ?= 30
-FUZZ_TARGETS := label vicar image detached raster pds4 metadata camera picture vectors localisations names
+FUZZ_TARGETS := label vicar image detached raster pds4 metadata camera picture vectors localisations names times ties
 
 fuzz: develop  ## Every reader under mutated files; guided by coverage where atheris is installed.
 	for target in $(FUZZ_TARGETS); do \

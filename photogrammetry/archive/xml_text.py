@@ -18,9 +18,10 @@ _FORBIDDEN = re.compile(r"<!\s*(DOCTYPE|ENTITY)", re.IGNORECASE)
 class _Builder(ET.TreeBuilder):
     """Builds elements without namespaces, and no more of them than a file of ours has."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int) -> None:
         super().__init__()
         self._depth = self._count = 0
+        self._most = most
 
     def start(self, tag: str, attrs: dict[str, str]) -> ET.Element:
         """Open an element."""
@@ -28,8 +29,8 @@ class _Builder(ET.TreeBuilder):
         self._count += 1
         if self._depth > MAX_DEPTH:
             raise ValueError(f"elements are nested deeper than {MAX_DEPTH}")
-        if self._count > MAX_ELEMENTS:
-            raise ValueError(f"more than {MAX_ELEMENTS} elements")
+        if self._count > self._most:
+            raise ValueError(f"more than {self._most} elements")
         return super().start(tag.rpartition("}")[2], attrs)
 
     def end(self, tag: str) -> ET.Element:
@@ -39,7 +40,13 @@ class _Builder(ET.TreeBuilder):
 
 
 def xml_root(
-    text: str, source: str, tag: str, what: str, error: type[PhotogrammetryError]
+    text: str,
+    source: str,
+    tag: str,
+    what: str,
+    error: type[PhotogrammetryError],
+    *,
+    most_elements: int = MAX_ELEMENTS,
 ) -> ET.Element:
     """The root element of an XML text; namespaces are left off.
 
@@ -56,7 +63,7 @@ def xml_root(
         )
     try:
         # Entities, the one danger of this parser, were refused above.
-        root = ET.fromstring(text, ET.XMLParser(target=_Builder()))  # noqa: S314 - see above
+        root = ET.fromstring(text, ET.XMLParser(target=_Builder(most_elements)))  # noqa: S314 - see above
     except ET.ParseError as fault:
         raise error(f"{source}: not well-formed XML: {fault}") from fault
     except ValueError as fault:

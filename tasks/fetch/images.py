@@ -11,6 +11,7 @@ from solmap.photogrammetry.archive.images.reading import read_label
 from solmap.photogrammetry.archive.labels.label import MAX_LABEL_BYTES
 from solmap.photogrammetry.archive.tables.volume_index import IndexEntry
 from solmap.photogrammetry.errors import LabelError
+from solmap.products.store.user_files import open_user_file
 from solmap.tasks.fetch.answers import DiskError, FetchError, WrongContentError
 from solmap.tasks.fetch.index import Volume, local_name
 from solmap.tasks.fetch.partial import PartialFile
@@ -75,7 +76,7 @@ def check_image(path: Path) -> None:
         WrongContentError: it is no image, or of another size.
     """
     name = path.name.removesuffix(".part")
-    with path.open("rb") as file:
+    with open_user_file(path) as file:
         beginning = file.read(MAX_LABEL_BYTES)
     try:
         label = read_label(beginning, name)

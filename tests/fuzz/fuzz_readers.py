@@ -54,7 +54,9 @@ with (
         lsl_tree,
         parse_vector_file,
     )
+    from solmap.photogrammetry.archive.times import time_text
     from solmap.photogrammetry.errors import PhotogrammetryError
+    from solmap.products.formats.documents.edit_requests import parse_edit_requests
 
 NAME = "2n292280938effb100p0703l0m1.img"
 SHARED = Path(os.environ.get("SOLMAP_SHARED", ROOT.parent / "shared")) / "data"
@@ -128,12 +130,22 @@ LOCATIONS = (
     b"<rot>0,0,0,1</rot></location><location><site>1</site><drive>8</drive><x>3</x><y>2</y>"
     b"<z>0</z><lat>-4.6</lat><rot>0,0,0.6,0.8</rot></location></msl>"
 )
+TIES_CSV = (
+    b"action,first_image,first_sample,first_line,second_image,second_sample,second_line,note\n"
+    b'add,2N1,10.5,7,2N2,11,7.25,"by hand"\nveto,2N1,,,mer2-site0010-drive0064,,,\n'
+)
+TIES_GEOJSON = (
+    b'{"features": [{"properties": {"action": "move", "first_image": "A", "first_sample": 1,'
+    b' "first_line": 2, "second_image": "B", "second_sample": 3, "second_line": 1e4}}]}'
+)
 SMALL: dict[str, Callable[[], list[bytes]]] = {
     "vicar": lambda: [b"PROPERTY='A' B=(1,'it''s') B__UNIT=('m','') EOL=1 LBLSIZE=9 C='x' "],
     "image": lambda: [small_image()],
     "detached": lambda: [small_image()[:4096].rstrip() + b"\0" + small_image(), *small_joined()],
     "raster": lambda: [small_raster()],
     "localisations": lambda: [PLACES, LOCATIONS],
+    "times": lambda: [b"2004-162T08:00:36.816Z", b"2005-12-31T23:59:60", b"UNK"],
+    "ties": lambda: [TIES_CSV, TIES_GEOJSON],
 }
 """Seeds that are whole: real files are cut off, which XML does not forgive."""
 
@@ -177,6 +189,8 @@ TARGETS: dict[str, tuple[Callable[[bytes], object], tuple[str, ...]]] = {
     "localisations": (text_of(parse_localisations), ("traverse/msl/*.xml",)),
     "picture": (lambda data: read_picture(data, "x.png"), ("terrain_reference/*.png",)),
     "names": (lambda data: parse_file_name(data.decode("latin-1")), ()),
+    "times": (lambda data: time_text(data.decode("latin-1")), ()),
+    "ties": (text_of(parse_edit_requests), ()),
 }
 """Name -> reader of bytes, and where seeds are among the shared data."""
 

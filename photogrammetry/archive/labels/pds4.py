@@ -89,6 +89,8 @@ SIMPLE = {
 }
 """Keyword of PDS3 -> class (any, if None) and attribute of PDS4; the first in the label counts."""
 
+MAX_ELEMENTS = 30_000
+"""The longest label known has some 3,000."""
 Groups = dict[str, dict[str, Value]]
 
 
@@ -98,7 +100,10 @@ def parse_pds4_label(text: str, source: str) -> Label:
     Raises:
         LabelError: it is no PDS4 label of an observation, or one of its classes is broken.
     """
-    root = xml_root(text, source, "Product_Observational", "PDS4 label", LabelError)
+    root = xml_root(
+        *(text, source, "Product_Observational", "PDS4 label", LabelError),
+        most_elements=MAX_ELEMENTS,
+    )
     groups: Groups = {"": _identification(root, source)}
     lander = _telemetry(root)
     if lander is not None:

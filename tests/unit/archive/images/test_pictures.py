@@ -58,3 +58,12 @@ def test_the_raw_images_of_curiosity_and_perseverance_read(shared_data):
         assert pixels.shape == shape
         assert mask.mean() > 0.98
         assert pixels.std() > 10
+
+
+def test_pictures_that_unpack_to_more_than_they_say_are_refused_unread(rng):
+    deep = bytearray(encoded(rng.integers(1, 200, (6, 8), dtype=np.uint8), ".png"))
+    deep[24] = 16
+    scans = encoded(rng.integers(1, 200, (30, 40), dtype=np.uint8), ".jpg") + b"\xff\xda" * 40
+    for data in (bytes(deep), scans):
+        with pytest.raises(PixelError, match="not a picture of 8 bits in at most 32 scans"):
+            read_picture(data, "x")

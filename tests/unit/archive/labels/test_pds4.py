@@ -1,6 +1,7 @@
 import contextlib
 import math
 import random
+import time
 from pathlib import Path
 
 import numpy as np
@@ -120,3 +121,15 @@ def test_a_label_with_characters_changed_is_read_or_refused():
             continue
         refused += 1
     assert 0 < refused < 300
+
+
+@pytest.mark.parametrize("depth", [1, 25, 20_000])
+def test_a_megabyte_of_elements_is_refused_at_once(depth):
+    """One took 38 s: every nested class was searched down to its last descendant."""
+    space = "Coordinate_Space_Definition"
+    nested = f"<{space}>" * depth + "<a/>" * 100_000 + f"</{space}>" * depth
+    text = f"<Product_Observational><Geometry_Lander>{nested}</Geometry_Lander>"
+    began = time.process_time()
+    with pytest.raises(LabelError, match=r"nested deeper than 32|more than 30000 elements"):
+        parse_pds4_label(f"{text}</Product_Observational>", "x.xml")
+    assert time.process_time() - began < 5  # a hundredth of that, but for the checks of types
