@@ -98,7 +98,7 @@ def _start_guard(told: socket.socket) -> subprocess.Popen[bytes]:
     limit = (str(os.getpid()), str(GRACE_S + 1.0), *(str(int(number)) for number in _SIGNALS))
     return subprocess.Popen(  # noqa: S603 - our own command line
         (sys.executable, "-I", "-S", "-c", _GUARD, *limit),
-        stdin=told,
+        stdin=told.fileno(),
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
