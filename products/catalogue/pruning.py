@@ -26,7 +26,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from solmap.products.catalogue.database import FINISHED, LATEST, LAYERS, write_transaction
+from solmap.products.catalogue.database import FINISHED, LABELS, LATEST, LAYERS, write_transaction
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, ProductNotFoundError
 from solmap.products.model import ProductKind, ProductRef
@@ -200,7 +200,7 @@ def _newest_unpublished(known: Mapping[str, _Known], needed: set[str]) -> Iterat
 
 
 def _forget(workspace: Workspace, refs: Iterable[ProductRef]) -> None:
-    """Remove layers from the catalogue, all at once."""
+    """Remove layers, and the labels of images, from the catalogue, all at once."""
     with write_transaction(workspace.catalogue.engine) as connection:
         for ref in refs:
             connection.execute(
@@ -210,6 +210,9 @@ def _forget(workspace: Workspace, refs: Iterable[ProductRef]) -> None:
                     LAYERS.c.digest == ref.digest,
                 )
             )
+            if ref.kind is ProductKind.IMAGE:
+                of_image = LABELS.c.digest.startswith(f"{ref.digest}/", autoescape=True)
+                connection.execute(LABELS.delete().where(of_image))
 
 
 def _name(ref: ProductRef) -> str:

@@ -4,7 +4,9 @@ from datetime import timedelta
 from pathlib import Path
 
 import pytest
+import sqlalchemy as sa
 
+from solmap.products.catalogue.database import LABELS, write_transaction
 from solmap.products.catalogue.pruning import PruningParams, prune, unreferenced_products
 from solmap.products.catalogue.runs import FinishedSolRecords
 from solmap.products.catalogue.workspace import Workspace
@@ -105,6 +107,20 @@ def test_what_a_finished_sol_left_stays_though_a_later_one_mapped_it_again(works
     book = FinishedSolRecords(workspace.catalogue.engine)
     book.note("mer2-sol0155", "key", {"standing": standing, "layers": layers})
     assert gone(workspace) == {mapped["old_slope"]}
+
+
+def test_the_label_of_an_image_that_came_in_a_later_edition_goes_with_it(workspace):
+    of_image = Scope(ScopeLevel.IMAGE, "2n1l")
+    old, new = (made(workspace, ProductKind.IMAGE, of_image, n=number) for number in (1, 2))
+    publish(workspace, old)
+    publish(workspace, new)
+    with write_transaction(workspace.catalogue.engine) as connection:
+        for ref in (old, new):
+            connection.execute(LABELS.insert().values(digest=f"{ref.digest}/3", document="{}"))
+    assert gone(workspace) == {old}
+    with workspace.catalogue.engine.connect() as connection:
+        kept = connection.execute(sa.select(LABELS.c.digest)).scalars().all()
+    assert kept == [f"{new.digest}/3"]
 
 
 def test_nothing_is_pruned_while_a_run_goes_on(workspace, mapped):
