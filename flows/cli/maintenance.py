@@ -26,7 +26,6 @@ from solmap.products.catalogue.pruning import (
 )
 from solmap.products.catalogue.pruning import prune as remove
 from solmap.products.catalogue.tokens import Role, Tokens
-from solmap.products.errors import ProductError, ProductNotFoundError
 
 _MB = 1e6
 tokens = typer.Typer(
@@ -49,11 +48,8 @@ def prune(
 ) -> None:
     """List unreferenced products, and with --yes delete them; published maps stay."""
     workspace = workspace_of(store)
-    try:
-        params = PruningParams(versions, timedelta(days=older_than))
-        found = remove(workspace, params) if yes else unreferenced_products(workspace, params)
-    except ProductError as error:
-        fail(str(error))
+    params = PruningParams(versions, timedelta(days=older_than))
+    found = remove(workspace, params) if yes else unreferenced_products(workspace, params)
     rows = _rows(found)
     if as_json:
         typer.echo(json.dumps({"removed": yes, "products": rows}, indent=2))
@@ -126,8 +122,5 @@ def revoke(
     store: StoreOption = None,
 ) -> None:
     """Revoke a token: it opens nothing any more."""
-    try:
-        token = _book(store).revoke(number)
-    except ProductNotFoundError as error:
-        fail(str(error))
+    token = _book(store).revoke(number)
     say(f"the token of {token.name} ({token.id}) is revoked")

@@ -110,12 +110,8 @@ def ties(
 ) -> None:
     """Take a file of manual ties into the store; the next run adds, vetoes and moves them."""
     from solmap.flows.external_data import take_ties_file  # noqa: PLC0415
-    from solmap.photogrammetry.errors import PhotogrammetryError  # noqa: PLC0415
 
-    try:
-        taken = take_ties_file(file, store_of(store))
-    except (PhotogrammetryError, OSError) as error:
-        fail(str(error))
+    taken = take_ties_file(file, store_of(store))
     for name in taken.strangers:
         note("warning", f"{name} is not in the store (yet)")
     say(taken)
@@ -123,7 +119,9 @@ def ties(
 
 def serve(
     store: StoreOption = None,
-    port: Annotated[int | None, typer.Option(help="Port. [env: SOLMAP_PORT]")] = None,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="Port. [env: SOLMAP_PORT]")
+    ] = None,
     host: Annotated[str | None, typer.Option(help="Address. [env: SOLMAP_HOST]")] = None,
 ) -> None:
     """Serve the map, its tiles and features; the API is described at /docs."""
@@ -150,7 +148,9 @@ def up(
     inbox: Annotated[
         Path | None, typer.Option(help="Folder that downlinks arrive in. [env: SOLMAP_INBOX]")
     ] = None,
-    port: Annotated[int | None, typer.Option(help="Port of the map. [env: SOLMAP_PORT]")] = None,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="Port of the map. [env: SOLMAP_PORT]")
+    ] = None,
 ) -> None:
     """Run everything: the map, the schedules, and whatever arrives in the inbox. Ctrl-C stops."""
     from solmap.flows.service.machine import LOOK_EVERY_S, Machine  # noqa: PLC0415 - `solmap --help` answers at once
@@ -178,8 +178,6 @@ def up(
             say("Ctrl-C stops both")
             while not stopping.wait(LOOK_EVERY_S):
                 machine.tend()
-        except OSError as error:
-            fail(str(error))
         finally:
             machine.stop()
     say("stopped; what was made is kept")
@@ -187,18 +185,11 @@ def up(
 
 @contextmanager
 def _engine_of(store: Path) -> Iterator[None]:
-    """An engine for the block, and what is shown of it: progress, one line of what stops it."""
-    from solmap.config.records import ConfigError  # noqa: PLC0415 - `solmap --help` answers at once
-    from solmap.products.errors import ProductError  # noqa: PLC0415
-    from solmap.tasks.fetch.answers import FetchError  # noqa: PLC0415
-
-    try:
-        with end_on_signals():
-            start_engine(store)
-            with progress_shown():
-                yield
-    except (ConfigError, ProductError, FetchError, OSError) as error:
-        fail(str(error))
+    """An engine for the block, and its progress shown."""
+    with end_on_signals():
+        start_engine(store)
+        with progress_shown():
+            yield
 
 
 def _pipeline_of(given: str | None) -> str:
