@@ -85,7 +85,7 @@ class OddError(Exception):
     """An error that cannot be printed."""
 
     def __str__(self) -> str:
-        raise RuntimeError("no text")
+        raise RuntimeError(MARK)
 
 
 ERRORS: dict[str, Callable[[], Exception]] = {

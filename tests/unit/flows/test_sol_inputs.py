@@ -1,0 +1,90 @@
+"""What a sol is processed with: without what cannot be read, and without what cannot be true."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from solmap.products.catalogue import images as labels
+from solmap.products.catalogue.workspace import Workspace
+from tests.support.small_downlink import write_small_downlink
+
+OFFSET = re.compile(rb"(ROVER_COORDINATE_SYSTEM.*?ORIGIN_OFFSET_VECTOR\s*= )(\([^)]*\))", re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def downlink(tmp_path_factory) -> Path:
+    return write_small_downlink(tmp_path_factory.mktemp("small"), stops=3, pairs=1)
+
+
+def files_of(downlink: Path) -> dict[str, bytes]:
+    """Its images and vector files."""
+    found = [*downlink.rglob("2n*m1.img"), *downlink.rglob("*.?vf")]
+    return {file.name: file.read_bytes() for file in found}
+
+
+def misplace(image: Path, north_m: float) -> bytes:
+    """An image whose label places the rover so far north in its site."""
+    data = image.read_bytes()
+    found = OFFSET.search(data)
+    assert found is not None
+    vector = f"({north_m:g},0.0,0.0)".encode().ljust(len(found[2]))
+    return data[: found.start(2)] + vector + data[found.end(2) :]
+
+
+def take(files: dict[str, bytes], folder: Path, workspace: Workspace) -> None:
+    from solmap.tasks.images.ingest import ingest_downlink  # noqa: PLC0415 - imports Prefect
+
+    folder.mkdir()
+    for name, data in files.items():
+        (folder / name).write_bytes(data)
+    assert not ingest_downlink.fn(folder, workspace).faults
+
+
+@pytest.mark.parametrize("sol", [155, 156, 157])
+def test_a_stop_five_kilometres_off_is_set_aside_until_its_labels_are_mended(
+    tmp_path, downlink, sol
+):
+    from solmap.flows.finished import ReusableSols  # noqa: PLC0415 - imports Prefect
+    from solmap.flows.sol_inputs import gather  # noqa: PLC0415
+
+    workspace = Workspace.open(tmp_path / "store")
+    true = files_of(downlink)
+    wrong = {file.name: misplace(file, 5000.0) for file in downlink.rglob(f"sol0{sol}/*/2n*m1.img")}
+    assert len(wrong) == 2
+    take({**true, **wrong}, tmp_path / "wrong", workspace)
+    keys, aside = ReusableSols.of("MER2", workspace, "default"), []
+    for one in (155, 156, 157):
+        inputs = gather("MER2", one, workspace.store.root, "default")
+        aside += inputs.unplaced
+        assert bool(inputs.touched) == (one != sol)
+        assert len(inputs.telemetry.stops) == len(
+            {155, 156, 157} - {sol} - set(range(one + 1, 158))
+        )
+    assert len(aside) == 1
+    assert "is not on the map: telemetry has it " in aside[0]
+
+    later = {
+        name: true[name].replace(b"TIME            = 2004", b"TIME            = 2005")
+        for name in wrong
+    }
+    take(later, tmp_path / "mended", workspace)
+    assert not gather("MER2", 157, workspace.store.root, "default").unplaced
+    assert ReusableSols.of("MER2", workspace, "default").common != keys.common
+
+
+def test_an_image_that_cannot_be_read_is_named_and_left_out(tmp_path, downlink, monkeypatch):
+    from solmap.flows.sol_inputs import gather  # noqa: PLC0415 - imports Prefect
+
+    workspace = Workspace.open(tmp_path / "store")
+    take(files_of(downlink), tmp_path / "in", workspace)
+    broken = workspace.catalogue.images("MER2", sol=156)[0]
+    workspace.store.path(broken.ref).write_bytes(b"\0" * 100)
+    monkeypatch.setattr(labels, "_remembered", {})
+    inputs = gather("MER2", 157, workspace.store.root, "default")
+    assert list(inputs.unread) == [broken.id]
+    assert inputs.unread[broken.id].startswith("LabelError: ")
+    assert len(inputs.images) == 5
+    assert len(inputs.telemetry.stops) == 3
