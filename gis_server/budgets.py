@@ -1,7 +1,7 @@
 """Limits of heavy requests: how many are worked on, how many may wait, and how long.
 
-A request is heavy by its route (`KINDS`). Those of one lane are answered one after the other, each
-lane by a worker process (`workers`) where there is one; light requests never wait for them. A
+Addresses tell which requests are heavy (`KINDS`). Those of a lane are answered one after the other,
+each lane by a worker process (`workers`) where there is one; light requests never wait for them. A
 client that has too many of them under way is answered 429, and so is one that was served lately
 where others wait for long; one that comes when all places are taken is answered 503. All are told
 when to come again (`Retry-After`). A place is held until the answer is sent, so that whoever reads
@@ -35,9 +35,8 @@ ROUTE = "solmap.route"
 _METHODS = {"GET", "POST"}
 WAIT_S, WORK_S = 60.0, 120.0
 """Longest time that a request waits for its turn, and that it is worked on."""
-BUSY_S, SHARE_S = 15.0, 60.0
-"""A lane is busy when those that wait will take so long. It then takes requests of those clients
-that were not answered so lately, and has the others come again."""
+SHARE_S = 60.0
+"""A busy lane has clients come again that were answered within so many seconds."""
 _LONGEST_RETRY_S = 60
 _CLIENTS = 10_000
 """Whose share is remembered."""
@@ -54,13 +53,15 @@ class Lane:
     """Places that one client may have."""
     places: int
     """Of requests that wait, are worked on, or are being sent."""
+    busy_s: float
+    """It is busy when those that wait will take longer."""
 
 
-QUESTIONS = Lane("questions", per_client=8, places=64)
+QUESTIONS = Lane("questions", per_client=8, places=64, busy_s=15.0)
 """What a person asks of the map."""
-FILES = Lane("files", per_client=4, places=64)
+FILES = Lane("files", per_client=4, places=64, busy_s=15.0)
 """What is written for a download."""
-PICTURES = Lane("pictures", per_client=64, places=512)
+PICTURES = Lane("pictures", per_client=64, places=512, busy_s=WAIT_S)
 """Many small ones at a time, drawn in the server's own process from what it keeps in memory."""
 LANES = (QUESTIONS, FILES, PICTURES)
 KINDS: tuple[tuple[str, str, Lane], ...] = (
@@ -143,7 +144,7 @@ class LaneState:
         if self.places[client] >= lane.per_client:
             what = f"{lane.per_client} {lane.name} of yours are under way, as many as may be"
             raise RefusedError(HTTPStatus.TOO_MANY_REQUESTS, what)
-        if client in self._answered and self.ahead_s > BUSY_S:
+        if client in self._answered and self.ahead_s > lane.busy_s:
             what = f"others wait for their {lane.name}, and you were answered a moment ago"
             raise RefusedError(HTTPStatus.TOO_MANY_REQUESTS, what)
         if self.places.total() >= lane.places:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import anyio
 from anyio import CapacityLimiter, to_thread
@@ -79,11 +79,9 @@ class Answer:
 
 
 async def collect(app: ASGIApp, scope: Scope, body: bytes, folder: Path | None) -> Answer:
-    """The whole answer of an application; a large body becomes a file of the folder."""
-    has_come = False
-    starts: list[Message] = []
-    descriptor, name = tempfile.mkstemp(dir=folder)
-    path = Path(name)
+    """The whole answer of an application; a large body becomes a file of the folder, if any."""
+    has_come, starts, small = False, list[Message](), bytearray()
+    file: IO[bytes] | None = None
 
     async def receive() -> Message:
         nonlocal has_come
@@ -92,27 +90,28 @@ async def collect(app: ASGIApp, scope: Scope, body: bytes, folder: Path | None) 
         has_come = True
         return {"type": "http.request", "body": body, "more_body": False}
 
-    with os.fdopen(descriptor, "w+b") as parts:
+    async def keep(message: Message) -> None:
+        nonlocal file
+        if message["type"] == "http.response.start":
+            starts.append(message)
+            return
+        part = message.get("body", b"")
+        if file is None and folder is not None and len(small) + len(part) > _SMALL:
+            file = tempfile.NamedTemporaryFile(dir=folder, delete=False)  # noqa: SIM115 - it stays
+            file.write(small)
+        (small.extend if file is None else file.write)(part)
 
-        async def keep(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                starts.append(message)
-            else:
-                parts.write(message.get("body", b""))
-
-        try:
-            await app(scope, receive, keep)
-        except BaseException as error:
-            if not (starts and isinstance(error, Exception)):  # else the app has said it failed
-                path.unlink()
-                raise
-        route = getattr(scope.get("route"), "path", None)
-        status, headers = starts[0]["status"], list(starts[0]["headers"])
-        if parts.tell() > _SMALL:
-            return Answer(status, headers, path, route)
-        parts.seek(0)
-        path.unlink()
-        return Answer(status, headers, parts.read(), route)
+    try:
+        await app(scope, receive, keep)
+    except Exception:
+        if not starts:  # else the application has answered that it failed, and logged why
+            raise
+    finally:
+        if file is not None:
+            file.close()
+    route = getattr(scope.get("route"), "path", None)
+    found = bytes(small) if file is None else Path(file.name)
+    return Answer(starts[0]["status"], list(starts[0]["headers"]), found, route)
 
 
 @dataclass(slots=True, eq=False)

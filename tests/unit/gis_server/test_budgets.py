@@ -132,11 +132,10 @@ def test_who_waits_too_long_is_refused_with_503(monkeypatch):
     assert "took more than" in refused.json()["description"]
 
 
-def test_who_was_answered_lately_comes_again_when_others_wait_for_long(monkeypatch):
-    monkeypatch.setattr(budgets_module, "BUSY_S", 0.0)
-
+def test_who_was_answered_lately_comes_again_when_others_wait_for_long():
     async def crowd():
         slow, budgets = Slow(), Budgets({})
+        budgets.lanes[FILES].lane = replace(FILES, busy_s=0.0)
         app = HeavyRequests(slow, budgets)
         slow.go.set()
         served = await asked(app)
