@@ -49,7 +49,9 @@ def test_old_events_go_and_numbers_go_on(workspace):
 
 def test_the_last_publication_stays_with_all_events_since(workspace):
     catalogue = workspace.catalogue
-    entry = MissionEntry("MER2", "Spirit", LandingPoint("here", 0.0, 0.0, 3_393_000.0, "a book"), None)
+    entry = MissionEntry(
+        "MER2", "Spirit", LandingPoint("here", 0.0, 0.0, 3_393_000.0, "a book"), None
+    )
     for _ in range(3):
         catalogue.append_event(events.RUN_CHANGED, {})
     catalogue.publish(missions=[entry])
