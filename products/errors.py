@@ -24,7 +24,7 @@ class StoreBusyError(ProductError):
 
 
 class StoreReadOnlyError(ProductError):
-    """The store may only be read: by this user, or because its disk may."""
+    """The store may not be changed: by this user, or because its disk may only be read."""
 
 
 class StoreAwayError(ProductError):

@@ -20,7 +20,7 @@ from enum import IntEnum
 from pathlib import Path
 
 from solmap.products.catalogue.database import explain_full_disk, read_only_connection
-from solmap.products.errors import ProductError, ProductNotFoundError
+from solmap.products.errors import ProductNotFoundError, StoreReadOnlyError
 from solmap.products.store.faults import is_read_only, require_writable
 
 FILE = "access.sqlite"
@@ -133,7 +133,7 @@ class Tokens:
     def _reading(self) -> Iterator[sqlite3.Connection]:
         """A connection for readers, also where nothing may be written."""
         if not os.access(self.path, os.R_OK):
-            raise ProductError(f"{self.path} cannot be read: it belongs to another user")
+            raise StoreReadOnlyError(f"{self.path} cannot be read: it belongs to another user")
         if not is_read_only(self.path):
             with self._connection() as connection:
                 yield connection
