@@ -245,7 +245,7 @@ def test_labels_that_place_their_site_join_the_stops_of_two_sites(shared_data):
     )
     in_54_m = of_54.site_from_rover.translation_m
     together = read_telemetry([of_53, of_54], [])
-    assert together.unplaced == ()
+    assert not together.unplaced
     lsl_from_rover = together.stop(of_54.stop).lsl_from_rover
     assert lsl_from_rover.target == LSL
     declared_m = np.array([-45.1451, -279.261, -0.94907])

@@ -277,7 +277,8 @@ class CleanRun:
         """Products that depend on some, and these.
 
         Maps depend on the poses of the network of their stop's first sol, too, which their recipes
-        hold as numbers; far ground on that of the last sol, which says what is linked.
+        hold as numbers; far ground on that of the last sol, which says what is linked. A network
+        is adjusted from what the sol before left, its network and orientations together.
         """
         networks = [name for name in self.needs if name.startswith(("network/", "orientations/"))]
         found = set(made)
@@ -286,6 +287,7 @@ class CleanRun:
             for network in found.intersection(networks):
                 sol = network.split("/")[1]
                 more |= {name for name in self.needs if self._is_drawn_with(name, sol)} - found
+                more |= {name for name in networks if name.split("/")[1] > sol} - found
             if not more:
                 return found
             found |= more
