@@ -33,9 +33,9 @@ from solmap.gis_server.workers import Answer, Worker, WorkerLostError, collect
 ROUTE = "solmap.route"
 """In the scope of a request that another process answered: the template of the route."""
 _METHODS = {"GET", "POST"}
-WAIT_S, WORK_S = 60.0, 120.0
+WAIT_S, WORK_S = 90.0, 120.0
 """Longest time that a request waits for its turn, and that it is worked on."""
-SHARE_S = 60.0
+SHARE_S = 120.0
 """A busy lane has clients come again that were answered within so many seconds."""
 _LONGEST_RETRY_S = 60
 _CLIENTS = 10_000

@@ -19,6 +19,8 @@ from solmap.gis_server.app import create_app
 from solmap.gis_server.workers import collect, resident_bytes
 from solmap.products.store.process import collect_garbage_seldom, log_to_store
 
+_NICENESS = 5
+"""Tiles and health come first where processors are few."""
 _DIE_WITH_PARENT = 1
 """PR_SET_PDEATHSIG of prctl(2)."""
 
@@ -63,4 +65,5 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends its workers
     with contextlib.suppress(AttributeError):
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
+    os.nice(_NICENESS)
     asyncio.run(_answer_all(Connection(int(sys.argv[1]))))
