@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import stat
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -124,7 +125,9 @@ class Inbox:
             try:
                 facts = path.stat()
             except OSError:
-                continue  # taken away while we looked
+                continue  # taken away while we looked, or in a folder that may not be entered
+            if not stat.S_ISREG(facts.st_mode):
+                continue
             state = FileState(facts.st_size, facts.st_mtime_ns)
             name = str(path.relative_to(self.folder))
             before = self._seen.get(name)
@@ -142,10 +145,10 @@ def _attempts(memory: dict[str, Any], delivery: str) -> int:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """Files below a folder but those on their way; labels beside images count too."""
+    """What lies below a folder but files on their way; labels beside images count too."""
     for path in folder.rglob("*"):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
-        if not hidden and path.suffix.lower() not in _ON_THE_WAY and path.is_file():
+        if not hidden and path.suffix.lower() not in _ON_THE_WAY:
             yield path
 
 

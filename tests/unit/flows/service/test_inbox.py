@@ -1,6 +1,7 @@
 """What a watched folder hands over, and when."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -140,4 +141,20 @@ def test_how_often_a_delivery_failed_is_known_after_a_restart(inbox, folder, tmp
 def test_names_that_are_not_utf_8_are_handed_over_too(inbox, folder):
     (folder / "\udcff.img").write_bytes(b"1")
     inbox.poll(0.0)
+    assert inbox.poll(20.0) is not None
+
+
+def test_what_may_not_be_looked_at_stops_no_delivery(inbox, folder, monkeypatch):
+    (folder / "a.img").write_bytes(b"1")
+    (folder / "closed").mkdir()
+    (folder / "closed" / "b.img").write_bytes(b"1")
+    look = Path.stat
+
+    def refuse(path, **options):
+        if path.parent.name == "closed":  # as where a folder may be listed and not entered
+            raise PermissionError(13, "Permission denied")
+        return look(path, **options)
+
+    monkeypatch.setattr(Path, "stat", refuse)
+    assert inbox.poll(0.0) is None
     assert inbox.poll(20.0) is not None
