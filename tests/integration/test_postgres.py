@@ -174,6 +174,7 @@ def test_a_url_that_cannot_be_used_says_what_one_looks_like(tmp_path, url, messa
 
 
 def test_a_command_on_a_database_that_is_away_ends_with_one_line(tmp_path):
+    (tmp_path / "store" / "products").mkdir(parents=True)
     asked = subprocess.run(
         (sys.executable, "-m", "solmap.flows.cli", "status", "--store", str(tmp_path / "store")),
         env={"PATH": "", "SOLMAP_CATALOGUE_URL": "postgresql+psycopg://x:y@127.0.0.1:1/z"},
