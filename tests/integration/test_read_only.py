@@ -147,3 +147,4 @@ def test_a_store_that_another_user_works_on_is_served(store):
         workspace.catalogue.append_event("run.changed", {})
         as_other = ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups"]
         holds(asked(store, *as_other), has_token=False)
+    workspace.catalogue.engine.dispose()
