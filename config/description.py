@@ -53,7 +53,10 @@ A **pipeline** is a TOML file with one table per stage, naming only what differs
     solmap config check FILE            # names wrong keys and values
     solmap run DOWNLINK --pipeline FILE
 
-Where things are is set by environment variables.
+A value outside of its range is refused when the file is read, with its table and key.
+
+Where things are is set by environment variables. A wrong value ends a command with a line that names
+the variable; a name with `SOLMAP_` that is no setting gives a warning.
 """
 
 

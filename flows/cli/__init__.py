@@ -134,5 +134,5 @@ def main(
     ] = False,
 ) -> None:
     """From a Mars rover's stereo images to maps in the browser."""
-    if context.invoked_subcommand in _WITH_FLOWS:
+    if context.invoked_subcommand in _WITH_FLOWS and "--help" not in sys.argv:
         import_prefect()
