@@ -55,8 +55,8 @@ A **pipeline** is a TOML file with one table per stage, naming only what differs
 
 A value outside of its range is refused when the file is read, with its table and key.
 
-Where things are is set by environment variables. A wrong value ends a command with a line that names
-the variable; a name with `SOLMAP_` that is no setting gives a warning.
+Where things are is set by environment variables. A wrong value ends a command with a line that
+names the variable; a name with `SOLMAP_` that is no setting gives a warning.
 """
 
 
