@@ -21,7 +21,7 @@ import os
 import shutil
 import sqlite3
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -46,6 +46,9 @@ from solmap.products.store.product_store import ProductStore, provenance_name, w
 
 BACKUPS, MANIFEST = "backups", "manifest.json"
 _DRAFTS, _LOCK = "drafts", "backup.lock"
+_PRODUCTS, _STAC = "products", "stac"
+_FOLDERS = (_PRODUCTS, BACKUPS, _DRAFTS)
+"""Of a backup folder."""
 _OWN = (edits.FILE, tokens.FILE)
 _INBOX = "inbox.json"
 _PROVENANCE = ".provenance.json"
@@ -82,6 +85,11 @@ def back_up(
         raise ProductError(f"{destination} and {root} lie in each other; name another folder")
     if (target / schema.CATALOGUE).exists():
         raise ProductError(f"{destination} is a store; name another folder")
+    is_ours = (target / _LOCK).exists() or any((target / BACKUPS).glob(f"*/{MANIFEST}"))
+    if not is_ours and (taken := [one for one in _FOLDERS if (target / one).exists()]):
+        raise ProductError(
+            f"{target / taken[0]} is of no backup, and backups would change it; name another folder"
+        )
     with _explaining(target), _alone_in(target):
         with contextlib.nullcontext() if is_read_only(root) else workspace.run_turn():
             report = _back_up(workspace, target, on_progress)
@@ -104,13 +112,13 @@ def _back_up(workspace: Workspace, target: Path, on_progress: OnProgress) -> Bac
                     f"{root / name} cannot be read: back up as the user that it belongs to"
                 )
             schema.copy_database(root / name, draft / name)
-    for name in workspace.store.backend.names("stac"):
+    for name in workspace.store.backend.names(_STAC):
         (draft / name).parent.mkdir(parents=True, exist_ok=True)
         (draft / name).write_bytes(workspace.store.backend.read(name) or b"")
     files: dict[str, str] = {}
     broken: list[str] = []
     copied = 0
-    names = [n for n in workspace.store.backend.names("products") if not n.endswith(_PROVENANCE)]
+    names = [n for n in workspace.store.backend.names(_PRODUCTS) if not n.endswith(_PROVENANCE)]
     for done, name in enumerate(sorted(names), 1):
         taken = _take(name, workspace.store, target)
         if taken is None:
@@ -238,7 +246,7 @@ def restore(
         store = ProductStore.open(root, object_storage)
         report = _restore_products(manifest["files"], folder, store, on_progress)
         for name in manifest["own"]:
-            if name.startswith("stac/"):
+            if name.startswith(f"{_STAC}/"):
                 store.write_document(name, (folder / name).read_text(encoding="utf-8"))
         _restore_databases(folder, root, engine)
         schema.write_version(root, manifest["schema"])
@@ -248,8 +256,21 @@ def restore(
 
 def _read_manifest(folder: Path) -> dict[str, Any]:
     """The manifest of a backup whose databases and documents are as they were written."""
-    manifest: dict[str, Any] = json.loads((folder / MANIFEST).read_bytes())
-    if manifest["schema"] > schema.latest_version():
+    try:
+        manifest: dict[str, Any] = json.loads((folder / MANIFEST).read_bytes())
+        is_newer = manifest["schema"] > schema.latest_version()
+        own = (_STAC, *schema.DATABASES, _INBOX)
+        strange = [
+            *(name for name in manifest["files"] if not _is_below(name, (_PRODUCTS,))),
+            *(name for name in manifest["own"] if not _is_below(name, own)),
+        ]
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        raise ProductError(f"{folder / MANIFEST} is damaged; restore another backup") from error
+    if strange:  # whoever made it wants to have another file overwritten
+        raise ProductError(
+            f"{folder / MANIFEST} names {strange[0][:60]!a}, which no backup holds; restore another"
+        )
+    if is_newer:
         raise ProductError(
             f"{folder} has schema {manifest['schema']}, this solmap reads up to "
             f"{schema.latest_version()}: update solmap"
@@ -258,6 +279,12 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         if not (folder / name).is_file() or _sha256(folder / name) != sha256:
             raise ProductError(f"{folder / name} is not what was backed up; restore another backup")
     return manifest
+
+
+def _is_below(name: str, first: Collection[str]) -> bool:
+    """Whether a name is that of a file of a store, in one of some places."""
+    parts = name.split("/")
+    return parts[0] in first and not {"", ".", ".."}.intersection(parts)
 
 
 def _is_used(root: Path, catalogue_url: str | None) -> bool:
@@ -291,7 +318,7 @@ def _restore_databases(folder: Path, root: Path, engine: sa.Engine) -> None:
         if (folder / name).is_file():
             _overwrite_database(folder / name, root / name)
         else:
-            (root / name).unlink(missing_ok=True)
+            _remove_database(root / name)
     if (folder / _INBOX).is_file():
         shutil.copyfile(folder / _INBOX, root / _INBOX)
     if engine.dialect.name == "sqlite":
@@ -316,9 +343,14 @@ def _overwrite_database(source: Path, target: Path) -> None:
     except sqlite3.OperationalError:
         raise
     except sqlite3.DatabaseError:  # what is there is damaged
-        for end in ("", "-wal", "-shm"):
-            Path(f"{target}{end}").unlink(missing_ok=True)
+        _remove_database(target)
         schema.copy_database(source, target)
+
+
+def _remove_database(database: Path) -> None:
+    """Remove a database with its log, which SQLite would add to another of that name."""
+    for end in ("", "-wal", "-shm"):
+        Path(f"{database}{end}").unlink(missing_ok=True)
 
 
 def _remove_older(target: Path, keep: int) -> None:
@@ -334,7 +366,7 @@ def _remove_older(target: Path, keep: int) -> None:
         for name in json.loads((folder / MANIFEST).read_bytes())["files"]
     }
     pool = FolderBackend(target)
-    for name in list(pool.names("products")):
+    for name in list(pool.names(_PRODUCTS)):
         if name not in named:
             pool.remove(name)
 

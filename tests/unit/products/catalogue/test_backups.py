@@ -1,6 +1,7 @@
 """Backups are whole, grow by what is new, and give back every byte."""
 
 import errno
+import hashlib
 import json
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from solmap.products.catalogue.backups import back_up, newest_backup, restore
 from solmap.products.catalogue.edits import EditLog
 from solmap.products.catalogue.events import RUN_CHANGED
 from solmap.products.catalogue.pruning import PruningParams, prune
-from solmap.products.catalogue.tokens import Tokens
+from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, StoreBusyError, StoreFullError
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
@@ -230,3 +231,61 @@ def test_two_backups_within_a_second_have_names_of_their_own(workspace, tmp_path
     began = time.monotonic()
     names = {back_up(workspace, tmp_path / "backups").folder for _ in range(2)}
     assert len(names) == 2 or time.monotonic() - began > 1.0
+
+
+@pytest.mark.parametrize("folder", ["drafts", "products", "backups"])
+def test_a_folder_with_something_else_in_it_is_not_made_a_backup_folder(
+    workspace, tmp_path, folder
+):
+    mine = tmp_path / "papers" / folder / "thesis.txt"
+    mine.parent.mkdir(parents=True)
+    mine.write_text("years of work")
+    with pytest.raises(ProductError, match=f"{folder} is of no backup"):
+        back_up(workspace, tmp_path / "papers", keep=1)
+    assert mine.read_text() == "years of work"
+
+
+@pytest.mark.parametrize(
+    ("part", "name"),
+    [
+        ("files", "products/../../outside"),
+        ("files", "../outside"),
+        ("files", "/outside"),
+        ("files", "access.sqlite"),
+        ("files", "prefect/password"),
+        ("own", "stac/../../outside"),
+        ("own", "schema"),
+    ],
+)
+def test_a_backup_cannot_have_other_files_overwritten(workspace, tmp_path, part, name):
+    report = back_up(workspace, tmp_path / "deep" / "backups")
+    manifest = json.loads((report.folder / "manifest.json").read_text())
+    given = (report.folder if part == "own" else tmp_path / "deep" / "backups") / name.lstrip("/")
+    given.parent.mkdir(parents=True, exist_ok=True)
+    given.write_text("given")
+    manifest[part][name] = hashlib.sha256(b"given").hexdigest()
+    (report.folder / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(ProductError, match="which no backup holds"):
+        restore(report.folder, tmp_path / "new")
+    assert not (tmp_path / "outside").exists()
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[]", '{"schema": "1", "own": {}, "files": {}}', "\xff"]
+)
+def test_a_backup_with_a_damaged_manifest_is_refused(workspace, tmp_path, text):
+    report = back_up(workspace, tmp_path / "backups")
+    (report.folder / "manifest.json").write_text(text, encoding="latin-1")
+    with pytest.raises(ProductError, match=r"manifest\.json is damaged"):
+        restore(tmp_path / "backups", tmp_path / "new")
+
+
+def test_restoring_leaves_no_log_of_a_database_that_the_backup_lacks(workspace, tmp_path):
+    back_up(workspace, tmp_path / "backups")
+    Tokens.of(workspace.store.root).add("later", Role.ANALYST)
+    log = workspace.store.root / "access.sqlite-wal"
+    log.write_bytes(b"left by a process that was killed")
+    restore(tmp_path / "backups", workspace.store.root, replace=True)
+    assert not log.exists()
+    assert not log.with_name("access.sqlite").exists()
