@@ -99,10 +99,14 @@ def password_file(store: Path) -> Path:
     """
     path = store / "prefect" / "password"
     path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists() and not path.stat().st_size:  # the power failed; no password lets all in
+        path.unlink()
     if not path.exists():
         number, draft = tempfile.mkstemp(dir=path.parent)  # for its owner only
         with os.fdopen(number, "w") as file:
             file.write(f"solmap:{secrets.token_urlsafe(32)}")
+            file.flush()
+            os.fsync(number)
         with contextlib.suppress(FileExistsError):  # another process was first: that one counts
             Path(path).hardlink_to(draft)
         Path(draft).unlink()
