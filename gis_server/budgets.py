@@ -97,8 +97,10 @@ def client_of(scope: Scope) -> str:
         address = ipaddress.ip_address(host)
     except ValueError:
         return str(host)
-    is_long = isinstance(address, ipaddress.IPv6Address)
-    return str(ipaddress.ip_network((host, 64), strict=False)) if is_long else host
+    if isinstance(address, ipaddress.IPv6Address):
+        of_four = address.ipv4_mapped  # a server that listens on both kinds is told these
+        return str(of_four or ipaddress.ip_network((host, 64), strict=False))
+    return host
 
 
 class RefusedError(Exception):

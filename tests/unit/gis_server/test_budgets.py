@@ -215,6 +215,8 @@ def test_whoever_reads_slowly_holds_a_place_of_his_own_and_no_turn():
     [
         ("192.0.2.7", "192.0.2.7"),
         ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::/64"),
+        ("::ffff:192.0.2.7", "192.0.2.7"),
+        ("fe80::1%eth0", "fe80::/64"),
         ("testclient", "testclient"),
         (None, ""),
     ],
