@@ -266,14 +266,14 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         ]
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise ProductError(f"{folder / MANIFEST} is damaged; restore another backup") from error
-    if strange:  # whoever made it wants to have another file overwritten
-        raise ProductError(
-            f"{folder / MANIFEST} names {strange[0][:60]!a}, which no backup holds; restore another"
-        )
     if is_newer:
         raise ProductError(
             f"{folder} has schema {manifest['schema']}, this solmap reads up to "
             f"{schema.latest_version()}: update solmap"
+        )
+    if strange:  # whoever made it wants to have another file overwritten
+        raise ProductError(
+            f"{folder / MANIFEST} names {strange[0][:60]!a}, which no backup holds; restore another"
         )
     for name, sha256 in manifest["own"].items():
         if not (folder / name).is_file() or _sha256(folder / name) != sha256:
