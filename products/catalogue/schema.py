@@ -105,6 +105,8 @@ def prepare(root: Path, engine: sa.Engine) -> None:
                 f"{root} has schema {version} and can only be read, this solmap reads from "
                 f"{OLDEST_READABLE} to {latest_version()}: migrate a copy of it"
             )
+    elif root.is_dir() and not ((root / FILE).exists() or is_read_only(root)):
+        write_version(root, version)  # the folder of another machine, new beside its catalogue
 
 
 def version_of(root: Path, engine: sa.Engine) -> int | None:

@@ -61,6 +61,17 @@ def test_a_new_store_has_the_latest_version_and_no_copies(tmp_path):
     assert not list((tmp_path / "store").glob("before-schema-*"))
 
 
+def test_the_folder_of_another_machine_has_the_version_of_its_catalogue(tmp_path):
+    engine = Workspace.open(tmp_path / "store").catalogue.engine
+    other = tmp_path / "other"
+    other.mkdir()
+    schema.prepare(other, engine)
+    Tokens.of(other).add("Ada", Role.ANALYST)  # as in a store of an earlier version
+    with shared_run_lock(other):
+        schema.prepare(other, engine)
+    assert schema.version_of(other, engine) == schema.latest_version()
+
+
 @pytest.mark.parametrize("where", ["folder", "catalogue"])
 def test_a_newer_store_is_refused(tmp_path, where):
     root = tmp_path / "store"
