@@ -250,6 +250,7 @@ def test_who_has_the_password_can_name_no_path_and_no_program(up, tmp_path):
         told = {"pull_steps": shell, "entrypoint": f"{module}:flow", "path": str(tmp_path)}
         told |= {"enforce_parameter_schema": False, "job_variables": {"command": f"touch {mark}"}}
         up.ask(f"/deployments/{found['id']}", told, "PATCH")
+        assert up.ask(f"/deployments/{found['id']}")["pull_steps"] == shell
         runs = [{}, {"downlink": "/etc"}, {"store": str(tmp_path / "other")}, {"pipeline": "/x"}]
         start = f"/deployments/{found['id']}/create_flow_run"
         state = {"state": {"type": "SCHEDULED"}}
@@ -260,7 +261,8 @@ def test_who_has_the_password_can_name_no_path_and_no_program(up, tmp_path):
             return kind if kind in {"COMPLETED", "FAILED", "CRASHED"} else None
 
         states = [until(lambda run=run: ended(run), "the run ends") for run in made]
-        assert states == ["COMPLETED", "FAILED", "FAILED", "FAILED"]
+        assert states[0] == "COMPLETED"
+        assert set(states[1:]) <= {"FAILED", "CRASHED"}  # it has no such parameter
         assert not mark.exists()
         assert not (tmp_path / "other").exists()
     finally:
