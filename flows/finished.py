@@ -108,9 +108,9 @@ def _common(mission: str, workspace: Workspace, pipeline: str) -> Iterator[str]:
     yield repr(landing_site(mission, Settings().landing_sites))
     for kind in (ProductKind.VECTORS, ProductKind.MANUAL_TIES, ProductKind.CONTROL):
         yield repr(workspace.catalogue.pointers(kind))
-    set_aside = read_mission(mission, workspace).set_aside
-    if set_aside:
-        yield repr(sorted(set_aside))
+    read = read_mission(mission, workspace)
+    if read.set_aside or read.strays:
+        yield repr((sorted(read.set_aside), sorted(entry.id for entry in read.strays)))
 
 
 def _images(mission: str, workspace: Workspace) -> dict[int, str]:

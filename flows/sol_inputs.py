@@ -17,7 +17,11 @@ from solmap.photogrammetry.archive.tables.vector_files import VectorFile
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import RoverImage, StopId
 from solmap.photogrammetry.matching.cross_site.gate import link_candidates
-from solmap.photogrammetry.traverse.plausibility import TelemetryStop, implausible_stops
+from solmap.photogrammetry.traverse.plausibility import (
+    TelemetryStop,
+    implausible_stops,
+    strays,
+)
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.images import image_record, image_records
 from solmap.products.catalogue.workspace import Workspace
@@ -46,7 +50,7 @@ class SolInputs:
     touched: tuple[StopId, ...]
     """Stops that images of this sol were taken at."""
     unplaced: tuple[str, ...]
-    """Why stops of this sol cannot be put on the map, a line each."""
+    """Why stops and images of this sol cannot be put on the map, a line each."""
     unread: Mapping[str, str]
     """What could not be read, images and files, and why."""
     unpaired: tuple[ImageEntry, ...]
@@ -80,7 +84,10 @@ def gather(
         known.telemetry,
         tuple(stop.stop for stop in touched if stop.sols[0] == sol),
         tuple(stop.stop for stop in touched),
-        tuple(why for stop, why in known.telemetry.unplaced.items() if str(stop) in seen),
+        (
+            *(why for stop, why in known.telemetry.unplaced.items() if str(stop) in seen),
+            *(_why_stray(entry) for entry in known.strays if entry.sol == sol),
+        ),
         known.unread,
         tuple(entry for entry in entries if entry.sol == sol and entry.partner is None),
         window,
@@ -119,6 +126,7 @@ class _Known:
     entries: tuple[ImageEntry, ...]
     telemetry: Telemetry
     unread: Mapping[str, str]
+    strays: Sequence[ImageEntry]
 
     @classmethod
     def of(cls, mission: str, sol: int, store: Path, pipeline: str) -> _Known:
@@ -129,7 +137,7 @@ class _Known:
         entries = tuple(entry for entry, _ in read.images if entry.sol <= sol)
         entry = MissionEntry(mission, site.title, site.landing, telemetry.note)
         config = load_pipeline(pipeline)
-        return cls(workspace, config, entry, entries, telemetry, read.unread)
+        return cls(workspace, config, entry, entries, telemetry, read.unread, read.strays)
 
     def images_at(self, stops: Iterable[StopPrior]) -> tuple[ImageEntry, ...]:
         """The images taken at some stops."""
@@ -147,6 +155,8 @@ class MissionLabels:
     """Images and files that cannot be read, and why."""
     set_aside: Mapping[StopId, str]
     """Stops whose telemetry is implausible, and why; judged by all that is known of the mission."""
+    strays: Sequence[ImageEntry] = ()
+    """Images that are left out, for most images of their stop place the rover elsewhere."""
 
     @classmethod
     def read(cls, mission: str, workspace: Workspace) -> MissionLabels:
@@ -158,7 +168,11 @@ class MissionLabels:
             with keep_going(unread, ref.scope.name):
                 vectors.append(read_vector_file(ref, workspace))
         of_mission = [file for file in vectors if file.mission.upper() == mission]
-        return cls(images, of_mission, unread, _implausible([one for _, one in images], of_mission))
+        left_out = _strays(images)
+        names = {entry.id for entry in left_out}
+        kept = [(entry, label) for entry, label in images if entry.id not in names]
+        implausible = _implausible([label for _, label in kept], of_mission)
+        return cls(kept, of_mission, unread, implausible, left_out)
 
     def telemetry(self, sol: int | None = None) -> Telemetry:
         """Where telemetry has the rover up to a sol, without the stops that are set aside."""
@@ -194,6 +208,27 @@ def _read_labels(
             with keep_going(unread, entry.id):
                 labels.append((entry, image_record(entry, workspace)))
         return labels
+
+
+def _strays(images: Sequence[tuple[ImageEntry, RoverImage]]) -> list[ImageEntry]:
+    at_stops: dict[StopId, list[tuple[ImageEntry, RoverImage]]] = {}
+    for entry, label in images:
+        at_stops.setdefault(label.stop, []).append((entry, label))
+    return [
+        entry
+        for of_stop in at_stops.values()
+        for (entry, _), is_stray in zip(
+            of_stop, strays([label.site_from_rover for _, label in of_stop]), strict=True
+        )
+        if is_stray
+    ]
+
+
+def _why_stray(entry: ImageEntry) -> str:
+    return (
+        f"{entry.id} is left out: it places the rover elsewhere than most images of {entry.stop} "
+        "do; deliver it with a label that is mended"
+    )
 
 
 def _implausible(labels: Sequence[RoverImage], files: Sequence[VectorFile]) -> dict[StopId, str]:

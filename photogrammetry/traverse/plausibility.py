@@ -9,7 +9,7 @@ wheels, gap in what was delivered or change of the site frame comes near them.
 
 Stops that contradict each other are told apart by number: the most stops that agree, each with
 the next, are kept. Where the numbers are equal, those nearest to the origin are, for an error of a
-coordinate nearly always makes it larger.
+coordinate nearly always makes it larger. Images of one stop are told apart in the same way first.
 """
 
 from __future__ import annotations
@@ -40,6 +40,9 @@ MOST_APART_M = 10.0
 """A rover stands still between the images of one stop; labels of before and after a localisation
 differ by what the wheels slipped since its site was declared, some metres."""
 
+MOST_TURN = 0.35
+"""Of an element of the rotation matrix: some 20 degrees, more than a new fix on the Sun changes."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TelemetryStop:
@@ -62,6 +65,17 @@ def implausible_stops(stops: Sequence[TelemetryStop]) -> dict[StopId, str]:
         neighbours = [left[i] for i in (*kept[kept < k][-1:], *kept[kept > k][:1])]
         reasons[left[k].stop] = _jump_reason(left[k], neighbours)
     return reasons
+
+
+def strays(poses: Sequence[Pose]) -> Flags:
+    """Which images of a stop place the rover elsewhere, or turned, than most of them do.
+
+    None, where those that differ are not fewer than the others: then nothing says which are right.
+    """
+    values = np.array([[*pose.translation_m, *pose.rotation.ravel()] for pose in poses])
+    limits = np.repeat([MOST_APART_M, MOST_TURN], [3, 9])
+    differ = (np.abs(values - np.median(values, axis=0)) > limits).any(axis=1)
+    return differ if 2 * differ.sum() < len(poses) else np.zeros(len(poses), dtype=bool)
 
 
 def _own_reason(one: TelemetryStop) -> str | None:

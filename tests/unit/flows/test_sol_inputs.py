@@ -9,6 +9,7 @@ import pytest
 
 from solmap.products.catalogue import images as labels
 from solmap.products.catalogue.workspace import Workspace
+from tests.support.hostile_files import label_with
 from tests.support.small_downlink import write_small_downlink
 
 OFFSET = re.compile(rb"(ROVER_COORDINATE_SYSTEM.*?ORIGIN_OFFSET_VECTOR\s*= )(\([^)]*\))", re.DOTALL)
@@ -73,6 +74,29 @@ def test_a_stop_five_kilometres_off_is_set_aside_until_its_labels_are_mended(
     take(later, tmp_path / "mended", workspace)
     assert not gather("MER2", 157, workspace.store.root, "default").unplaced
     assert ReusableSols.of("MER2", workspace, "default").common != keys.common
+
+
+@pytest.mark.parametrize("field", ["ORIGIN_OFFSET_VECTOR", "ORIGIN_ROTATION_QUATERNION"])
+def test_one_image_that_misplaces_the_rover_costs_its_stop_nothing(tmp_path, downlink, field):
+    from solmap.flows.sol_inputs import gather  # noqa: PLC0415 - imports Prefect
+
+    workspace = Workspace.open(tmp_path / "store")
+    true = files_of(downlink)
+    first = min(name for name in true if name.endswith("l0m1.img"))
+    wrong = {"ORIGIN_OFFSET_VECTOR": "(50,0,0)", "ORIGIN_ROTATION_QUATERNION": "(0,1,0,0)"}[field]
+    name = first.replace(first[2:11], "140100000")  # before all others of its stop
+    stray = label_with(
+        true[first],
+        (f"ROVER_COORDINATE_SYSTEM/{field}", wrong),
+        ("SPACECRAFT_CLOCK_START_COUNT", '"140100000.000"'),
+        ("PRODUCT_ID", f'"{name[:-4].upper()}"'),
+    )
+    take({**true, name: stray}, tmp_path / "in", workspace)
+    inputs = gather("MER2", 157, workspace.store.root, "default")
+    assert len(inputs.telemetry.stops) == 3
+    assert len(inputs.images) == 6
+    (line,) = gather("MER2", 155, workspace.store.root, "default").unplaced
+    assert line.startswith(f"{name[:-4].upper()} is left out: it places the rover elsewhere")
 
 
 def test_an_image_that_cannot_be_read_is_named_and_left_out(tmp_path, downlink, monkeypatch):

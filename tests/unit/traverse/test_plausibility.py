@@ -12,7 +12,11 @@ from solmap.photogrammetry.archive.tables.places import parse_locations
 from solmap.photogrammetry.frames import LSL, Pose, rotation_of_roll_pitch_yaw, site_frame
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.mars import MARS_RADIUS_M
-from solmap.photogrammetry.traverse.plausibility import TelemetryStop, implausible_stops
+from solmap.photogrammetry.traverse.plausibility import (
+    TelemetryStop,
+    implausible_stops,
+    strays,
+)
 from solmap.photogrammetry.traverse.records import Traverse
 from solmap.photogrammetry.traverse.sources import parse_mission_table, traverse_of_vectors
 
@@ -84,6 +88,23 @@ def test_images_of_a_stop_that_disagree_by_metres_set_it_aside():
         found = implausible_stops(stops)
         assert (stops[3].stop in found) == is_aside
         assert len(found) == is_aside
+
+
+def test_an_image_that_disagrees_with_most_of_its_stop_is_told_apart():
+    frame = StopId("MER2", 10, 0).frame
+
+    def label(east_m: float = 0.0, yaw_deg: float = 0.0, roll_deg: float = 0.0) -> Pose:
+        turn = rotation_of_roll_pitch_yaw(np.radians(roll_deg), 0.0, np.radians(yaw_deg))
+        return Pose(site_frame(10), frame, turn, np.array([0.0, east_m, 0.0]))
+
+    good = [label(0.1 * k, 2.0 * k) for k in range(4)]
+    for odd in (label(60.0), label(-1e5), label(yaw_deg=90.0), label(roll_deg=180.0)):
+        for place in range(5):
+            found = strays([*good[:place], odd, *good[place:]])
+            assert np.flatnonzero(found).tolist() == [place]
+    for poses in (good, good[:1], [label(), label(60.0)], [label(), label(60.0), label(-60.0)]):
+        assert not strays(poses)[0]
+    assert not strays([label(), label(60.0)] * 3).any()  # nothing says which are right
 
 
 def test_wheels_that_slip_entirely_and_long_waits_are_no_reason():
