@@ -245,7 +245,12 @@ def _faulty_rows(workspace: Workspace) -> Iterator[_Fault]:
         versions = [_Key(*row) for row in connection.execute(sa.select(*_columns(LAYERS)))]
         sols = connection.execute(sa.select(FINISHED.c.scope, FINISHED.c.document)).all()
         images = connection.execute(sa.select(IMAGES.c.id, IMAGES.c.document)).all()
-    for key in sorted({*pointers, *versions}):
+    named = sorted({*pointers, *versions})
+    if named and not any(True for _ in workspace.store.backend.names("products")):
+        what = f"the catalogue names {len(named)} products and the store holds no file"
+        yield _Fault(what, "mount its disk, or `solmap restore` a backup; no row was changed")
+        return
+    for key in named:
         if not presence.has(key):
             remedy = "withdrawn, the next run makes it anew"
             what = f"{'/'.join(key)} is in the catalogue and not in the store"

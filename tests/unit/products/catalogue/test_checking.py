@@ -98,6 +98,15 @@ def test_a_lost_product_is_withdrawn(workspace):
     assert len(workspace.catalogue.layers()) == 1
 
 
+def test_a_store_whose_disk_is_not_mounted_loses_no_row(workspace):
+    products = workspace.store.root / "products"
+    products.rename(away := products.with_name("away"))
+    found = texts(list(check(workspace, repair=True)))
+    assert "the catalogue names 2 products and the store holds no file; mount its disk" in found
+    away.rename(products)
+    assert list(check(workspace)) == []
+
+
 def test_a_lost_image_has_to_be_delivered_again(workspace):
     path_of(workspace, ProductKind.IMAGE).unlink()
     assert "image 2N1 is not in the store; `solmap run` a folder" in repaired(workspace)
