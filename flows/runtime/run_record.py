@@ -9,6 +9,7 @@ with recorded("downlink", downlink.name, workspace) as record:
 from __future__ import annotations
 
 import logging
+import sqlite3
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -24,7 +25,7 @@ from solmap.flows.runtime.progress import Step, listen
 from solmap.products.catalogue.history import trim_history
 from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.errors import StoreFullError
+from solmap.products.errors import ProductError, StoreFullError
 from solmap.products.store.process import log_context, log_to_store
 
 P = ParamSpec("P")
@@ -100,7 +101,7 @@ def beside_runs(work: Callable[P, T]) -> Callable[P, T]:
 def _trim_history(workspace: Workspace) -> None:
     try:
         trim_history(workspace, Settings().history_days)
-    except (SQLAlchemyError, StoreFullError) as error:
+    except (SQLAlchemyError, sqlite3.Error, ProductError) as error:
         log.warning("the history of %s could not be trimmed: %s", workspace.store.root, error)
 
 

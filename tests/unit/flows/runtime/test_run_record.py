@@ -1,5 +1,7 @@
 """A flow's record of itself: what it reports is written down, and how it ends."""
 
+import sqlite3
+
 import pytest
 from sqlalchemy.exc import OperationalError
 
@@ -8,7 +10,7 @@ from solmap.flows.runtime.run_record import record_run
 from solmap.products.catalogue.pruning import PruningParams, prune
 from solmap.products.catalogue.runs import RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.errors import ProductError
+from solmap.products.errors import ProductError, StoreReadOnlyError
 
 
 @pytest.fixture
@@ -77,3 +79,16 @@ def test_nothing_is_pruned_while_runs_go_on(workspace):
     ):
         prune(workspace, PruningParams())
     assert prune(workspace, PruningParams()) == []
+
+
+@pytest.mark.parametrize(
+    "error", [sqlite3.OperationalError("database is locked"), StoreReadOnlyError("of another user")]
+)
+def test_history_that_cannot_be_trimmed_stops_no_run(workspace, monkeypatch, error):
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr("solmap.flows.runtime.run_record.trim_history", fail)
+    with record_run("downlink", "sol156", workspace):
+        pass
+    assert kept(workspace).state is RunState.SUCCEEDED
