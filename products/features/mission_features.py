@@ -10,16 +10,19 @@ has the sols and moments (UTC) of the images behind it.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import logging
+import os
 import sqlite3
+import stat
 import threading
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from tempfile import gettempdir
+from tempfile import gettempdir, mkdtemp
 from typing import Any
 
 import shapely
@@ -106,6 +109,21 @@ class Part:
     """None: people wrote it."""
 
 
+def temporary_folder(root: Path) -> Path:
+    """A folder for what belongs to a store that may only be read; no other user may write in it.
+
+    It is the same each time, unless another user was first to make one of its name.
+    """
+    digest = hashlib.sha256(str(root).encode()).hexdigest()[:16]
+    folder = Path(gettempdir()) / f"solmap-{digest}"
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    facts = folder.lstat()
+    others = stat.S_IWGRP | stat.S_IWOTH
+    is_own = facts.st_uid == os.getuid() and not facts.st_mode & others
+    return folder if is_own and stat.S_ISDIR(facts.st_mode) else Path(mkdtemp(prefix="solmap-"))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionFeatures:
     """The index of a store and what fills it."""
@@ -124,8 +142,7 @@ class MissionFeatures:
         try:
             index = FeatureIndex.open(store.root / FOLDER / name)
         except (OSError, sqlite3.OperationalError):
-            digest = hashlib.sha256(str(store.root).encode()).hexdigest()[:16]
-            index = FeatureIndex.open(Path(gettempdir()) / f"solmap-{digest}" / name)
+            index = FeatureIndex.open(temporary_folder(store.root) / name)
         return cls(store, catalogue, index)
 
     def keys(self, collection: CollectionDefinition, mission: str) -> list[str]:
