@@ -14,6 +14,7 @@ images coded by it and nothing else, and where no table is given, recipes know o
 from __future__ import annotations
 
 import logging
+import os
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -295,6 +296,8 @@ def _take(path: Path, downlink: Path, intake: Intake) -> Taken:
 
 
 def _take_file(path: Path, name: str, downlink: Path, intake: Intake) -> Taken:
+    if path.is_dir() and not path.is_symlink():
+        os.scandir(path).close()  # says why a folder cannot be read
     if path.suffix.lower() in VECTOR_SUFFIXES:
         data = read_user_file(path, downlink, most_bytes=MAX_ROWS_BYTES)
         parse_vector_file(data.decode("utf-8", "replace"), name)  # refuses what is broken

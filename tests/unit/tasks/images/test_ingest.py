@@ -117,6 +117,19 @@ def test_whatever_a_reader_raises_is_the_outcome_of_its_file(downlink, store, mo
     assert line == f"broken.img: {fault.__name__}: with two lines"
 
 
+def test_a_folder_that_cannot_be_read_says_why(downlink, store, monkeypatch):
+    (downlink / "closed").mkdir()
+    look = os.scandir
+
+    def refuse(path):
+        if str(path).endswith("/closed"):  # as for any user but root
+            raise PermissionError(13, "Permission denied", str(path))
+        return look(path)
+
+    monkeypatch.setattr(os, "scandir", refuse)
+    assert take(downlink, store) == ["closed: Permission denied"]
+
+
 def test_a_store_that_is_away_is_no_fault_of_a_file(downlink, store, monkeypatch):
     def fail(*_arguments):
         raise StoreAwayError("the store does not answer")
