@@ -102,6 +102,8 @@ def _engine(url: str) -> sa.Engine:
         )
     except (ArgumentError, NoSuchModuleError, ModuleNotFoundError) as error:
         raise ProductError(f"the catalogue's URL cannot be used: {error}; {_URLS}") from error
+    except ValueError:  # its text may be a part of the password
+        raise ProductError(f"the port in the catalogue's URL is no number; {_URLS}") from None
 
 
 def _read_only_engine(path: Path) -> sa.Engine:
