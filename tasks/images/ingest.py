@@ -16,6 +16,7 @@ from __future__ import annotations
 import logging
 import os
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
@@ -259,8 +260,10 @@ def ingest_downlink(
     known = {entry.id: entry for entry in workspace.catalogue.images()}
     intake = Intake(workspace.store, radiometry or {}, known)
     taken: list[Taken] = []
+    subjects = _subjects(files, downlink)
     with ThreadPoolExecutor(2) as pool:
-        for done, one in enumerate(pool.map(lambda file: _take(file, downlink, intake), files), 1):
+        taking = pool.map(lambda file: _take(file, subjects[file], downlink, intake), files)
+        for done, one in enumerate(taking, 1):
             progress(done, len(files))
             taken.append(one)
     images, aside = newest_of_each([one for one in taken if isinstance(one, TakenImage)])
@@ -276,7 +279,16 @@ def ingest_downlink(
     return Delivery(records, (*faults, *refused.values()), len(files))
 
 
-def _take(path: Path, downlink: Path, intake: Intake) -> Taken:
+def _subjects(files: Sequence[Path], downlink: Path) -> dict[Path, str]:
+    """What outcomes call each file: its name, with its folder where several have the same name."""
+    times = Counter(file.name for file in files)
+    return {
+        file: plain_name(str(file.relative_to(downlink)) if times[file.name] > 1 else file.name)
+        for file in files
+    }
+
+
+def _take(path: Path, subject: str, downlink: Path, intake: Intake) -> Taken:
     """Take a file; whatever it raises becomes its outcome, but for faults of the store.
 
     Raises:
@@ -284,15 +296,16 @@ def _take(path: Path, downlink: Path, intake: Intake) -> Taken:
     """
     name = plain_name(path.name)
     try:
-        return retry_transient(lambda: _take_file(path, name, downlink, intake))
+        taken = retry_transient(lambda: _take_file(path, name, downlink, intake))
     except (StoreFullError, StoreAwayError):
         raise
     except Exception as error:
         if is_disk_full(intake.store.root, error):
             raise StoreFullError(
-                f"the disk is full while taking {name}; free some space and run again"
+                f"the disk is full while taking {subject}; free some space and run again"
             ) from error
-        return _fault(name, error)
+        return _fault(subject, error)
+    return replace(taken, file_name=subject) if isinstance(taken, TakenImage) else taken
 
 
 def _take_file(path: Path, name: str, downlink: Path, intake: Intake) -> Taken:

@@ -155,6 +155,17 @@ def test_an_image_that_the_catalogue_refuses_is_left_out(downlink, store, monkey
     assert line == "2n140188888eff1000p1500l0m1.img: ValueError: a number too large to store"
 
 
+def test_files_of_one_name_are_told_apart_by_their_folders(downlink, store):
+    good = min(downlink.rglob("*.img"))
+    for folder in ("a", "b"):
+        (downlink / folder).mkdir()
+        (downlink / folder / good.name).write_bytes(b"no image at all")
+    delivery = ingest_downlink.fn(downlink, store)
+    names = {f"{folder}/{good.name}" for folder in ("a", "b")}
+    assert {fault.subject for fault in delivery.faults} == names
+    assert {one.subject for one in store.catalogue.outcomes() if one.is_failure} == names
+
+
 def test_a_file_that_failed_is_tried_again(downlink, store):
     good = min(downlink.rglob("*r0m1.img"))
     data = good.read_bytes()
