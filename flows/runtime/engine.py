@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import errno
 import importlib
 import logging
 import os
@@ -44,6 +45,8 @@ _LOOK_S = 0.5
 _DAY_S = 86_400
 _EVENT_DAYS = 7
 """Events tell of every step of every task; nobody reads old ones."""
+_NO_HARD_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS}
+"""Error numbers of file systems without them, as CIFS and exFAT."""
 _RUN_ONLY = {"PREFECT_UI_ENABLED": "false"}
 """A run that nobody can look at longer than it lasts needs no pages."""
 
@@ -102,16 +105,34 @@ def password_file(store: Path) -> Path:
     if path.exists() and not path.stat().st_size:  # the power failed; no password lets all in
         path.unlink()
     if not path.exists():
+        secret = f"solmap:{secrets.token_urlsafe(32)}"
         number, draft = tempfile.mkstemp(dir=path.parent)  # for its owner only
-        with os.fdopen(number, "w") as file:
-            file.write(f"solmap:{secrets.token_urlsafe(32)}")
-            file.flush()
-            os.fsync(number)
-        with contextlib.suppress(FileExistsError):  # another process was first: that one counts
-            Path(path).hardlink_to(draft)
-        Path(draft).unlink()
+        try:
+            _write_flushed(number, secret)
+            with contextlib.suppress(FileExistsError):  # another process was first: that one counts
+                _name_once(draft, path, secret)
+        finally:
+            Path(draft).unlink()
     path.chmod(0o600)
     return path
+
+
+def _name_once(draft: str, path: Path, secret: str) -> None:
+    """Have a written file under a name that is free; FileExistsError where it is taken."""
+    try:
+        path.hardlink_to(draft)
+    except OSError as error:
+        if error.errno not in _NO_HARD_LINKS:
+            raise
+        _write_flushed(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), secret)
+
+
+def _write_flushed(number: int, text: str) -> None:
+    """Write to an open file, have it on the disk, and close it."""
+    with os.fdopen(number, "w") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(number)
 
 
 def address(port: int) -> str:

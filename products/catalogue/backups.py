@@ -225,6 +225,8 @@ def restore(
 
     Every file is held against its checksum. Killed in between, the store cannot be opened until it
     is restored again. Products that the backup does not have stay where they are, unreferenced.
+    The SQLite databases as they were are kept in `before-restore-TIME`, with edits and tokens that
+    are newer than the backup.
 
     Raises:
         ProductError: there is no such backup, it is newer than this solmap or its databases are
@@ -242,6 +244,9 @@ def restore(
     require_writable(root)
     engine = engine_of(root / schema.CATALOGUE, catalogue_url)
     with _explaining(root), maintenance_turn(root, engine, "restore"):
+        if not (root / schema.RESTORING).exists():
+            prefix = f"{schema.SAFETY_COPIES}restore-"
+            schema.keep_safety_copies(root, _dated(root, datetime.now(UTC), prefix).name)
         (root / schema.RESTORING).write_text(f"{folder}\n")
         store = ProductStore.open(root, object_storage)
         report = _restore_products(manifest["files"], folder, store, on_progress)
@@ -403,9 +408,9 @@ def _explaining(target: Path) -> Iterator[None]:
         raise
 
 
-def _dated(folder: Path, at: datetime) -> Path:
-    """The name of a backup; a second one within a second gets a number."""
-    name = at.strftime("%Y%m%dT%H%M%SZ")
+def _dated(folder: Path, at: datetime, prefix: str = "") -> Path:
+    """A name by time for a new folder; a second one within a second gets a number."""
+    name = f"{prefix}{at:%Y%m%dT%H%M%SZ}"
     names = (name, *(f"{name}-{number}" for number in range(2, 1000)))
     return next(folder / one for one in names if not (folder / one).exists())
 

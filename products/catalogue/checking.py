@@ -8,7 +8,8 @@ Found are
 - databases that SQLite finds damaged, documents that are no JSON.
 
 Repairing removes what is broken and withdraws what is lost, so that the next run makes it anew.
-Images cannot be made: their files have to be delivered again.
+Images cannot be made: their files have to be delivered again. Files that were delivered are moved
+to `broken` when only their provenance is lost.
 """
 
 from __future__ import annotations
@@ -43,12 +44,22 @@ from solmap.products.catalogue.events import LAYERS_PUBLISHED, append
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind
 from solmap.products.store.faults import is_read_only
-from solmap.products.store.product_store import provenance_name
+from solmap.products.store.product_store import provenance_name, write_chunks
 
 _PROVENANCE = ".provenance.json"
 _YOUNG_S = 3600.0
 """Provenance and drafts may wait so long for their product while runs go on."""
 _AGAIN = "removed, the next run makes it anew; what was delivered has to come again"
+_BROKEN = "broken"
+"""Folder of a store for delivered files that nothing is known of any more."""
+_DELIVERED = {
+    ProductKind.IMAGE,
+    ProductKind.VECTORS,
+    ProductKind.MANUAL_TIES,
+    ProductKind.CONTROL_FILE,
+    ProductKind.ORBITAL_IMAGE,
+}
+"""Kinds that solmap cannot make anew."""
 _PARTS = "standing", "layers", "pointers"
 """Lists of products in the document of a finished sol."""
 _REFERENCES = "ref", "browse", "radiometry"
@@ -156,11 +167,7 @@ def _faulty_files(
 
 def _file_fault(name: str, workspace: Workspace, names: set[str], oldest: float) -> _Fault | None:
     backend, short = workspace.store.backend, name.partition("/")[2]
-
-    def remove() -> None:
-        backend.remove(name)
-        backend.remove(provenance_name(name))
-
+    remove = partial(_remove, name, workspace)
     product = _product_name(name)
     if product is None and provenance_name(name) in names:
         return _Fault(f"{short} lies where no product does", "removed", remove)
@@ -171,7 +178,7 @@ def _file_fault(name: str, workspace: Workspace, names: set[str], oldest: float)
         made_at, sha256 = datetime.fromisoformat(notes["made_at"]), str(notes["sha256"])
     except (ValueError, LookupError, TypeError):
         is_gone = not backend.has(name)  # pruned, or removed with its product, since it was listed
-        return None if is_gone else _Fault(f"{short} has no readable provenance", _AGAIN, remove)
+        return None if is_gone else _fault_without_provenance(name, product, workspace)
     if name != product:
         is_lone = product not in names and made_at.timestamp() < oldest and not backend.has(product)
         return (
@@ -180,6 +187,29 @@ def _file_fault(name: str, workspace: Workspace, names: set[str], oldest: float)
     if _sha256(name, workspace) in (None, sha256):
         return None
     return _Fault(f"{short} is broken: its checksum is not that of its provenance", _AGAIN, remove)
+
+
+def _fault_without_provenance(name: str, product: str, workspace: Workspace) -> _Fault:
+    what = f"{name.partition('/')[2]} has no readable provenance"
+    if product.split("/")[1] not in _DELIVERED or not workspace.store.backend.has(product):
+        return _Fault(what, _AGAIN, partial(_remove, name, workspace))
+    kept = f"{_BROKEN}/{product.partition('/')[2]}"
+    remedy = f"its product was moved to {kept}; deliver its file again"
+    return _Fault(what, remedy, partial(_set_aside, product, kept, workspace))
+
+
+def _remove(name: str, workspace: Workspace) -> None:
+    """Remove a product with its provenance."""
+    workspace.store.backend.remove(name)
+    workspace.store.backend.remove(provenance_name(name))
+
+
+def _set_aside(product: str, kept: str, workspace: Workspace) -> None:
+    """Move a product out of the products, and remove what is left of its provenance."""
+    backend, target = workspace.store.backend, workspace.store.root / kept
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_chunks(target, backend.chunks(product, 0, backend.size(product) or 0))
+    _remove(product, workspace)
 
 
 def _product_name(name: str) -> str | None:

@@ -53,6 +53,8 @@ _TURN = 0x501_3A9
 _WAIT_S = 30
 """For another writer."""
 _CONNECT_S = 10
+_PRIMARY_CODE = 0xFF
+"""The rest of an error code of SQLite is detail."""
 _SPARE = 20
 """Connections beside the pool's five, while so many requests are answered at once."""
 
@@ -163,13 +165,20 @@ def tables_of(engine: sa.Engine) -> set[str]:
 
     Raises:
         StoreAwayError: the database does not answer.
+        ProductError: its file cannot be opened, or is damaged.
     """
     try:
         with explain_full_disk(_name_of(engine)):
             return set(sa.inspect(engine).get_table_names())
     except OperationalError as error:
         if engine.dialect.name == "sqlite":
-            raise
+            code = getattr(error.orig, "sqlite_errorcode", 0)
+            if code & _PRIMARY_CODE != sqlite3.SQLITE_CANTOPEN:
+                raise
+            raise ProductError(
+                f"the catalogue {_name_of(engine)} cannot be opened: is its folder there, and may "
+                "this user read and write it?"
+            ) from error
         where = engine.url.render_as_string(hide_password=True)
         raise StoreAwayError(
             f"the catalogue's database {where} does not answer: {str(error.orig).strip()}; "

@@ -34,6 +34,6 @@ def trim_history(workspace: Workspace, days: float) -> None:
 
 
 def _old_files(root: Path) -> Iterator[Path]:
-    """Logs that nothing is written to any more, and databases as they were before a migration."""
+    """Logs that nothing is written to any more, and copies of databases kept before a change."""
     yield from (root / "logs").glob("*.[0-9]")
     yield from root.glob(f"{schema.SAFETY_COPIES}*")

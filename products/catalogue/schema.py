@@ -48,7 +48,8 @@ CATALOGUE = "catalogue.sqlite"
 DATABASES = (CATALOGUE, edits.FILE, tokens.FILE)
 RESTORING = "restoring"
 """File in a store that is being restored: it is not whole yet."""
-SAFETY_COPIES = "before-schema-"
+SAFETY_COPIES = "before-"
+"""Folders with copies of the databases begin so; they go when they are old (`history`)."""
 STEPS = sa.Table(
     "schema_steps",
     TABLES,
@@ -169,7 +170,7 @@ def _migrate(root: Path, engine: sa.Engine) -> None:
     version = version_of(root, engine)
     if version is None or version >= latest_version():
         return  # another process has
-    _keep_safety_copies(root)
+    keep_safety_copies(root, f"{SAFETY_COPIES}schema-{latest_version()}")
     for number, migration in enumerate(MIGRATIONS[version:], version + 1):
         with explain_full_disk(root / CATALOGUE), write_transaction(engine) as connection:
             migration(root, connection)
@@ -191,27 +192,43 @@ def write_version(root: Path, number: int) -> None:
     draft.replace(root / FILE)
 
 
-def _keep_safety_copies(root: Path) -> None:
-    """Copy the databases as they are before the first migration, whole or not at all."""
-    kept = root / f"{SAFETY_COPIES}{latest_version()}"
-    if kept.exists():
+def keep_safety_copies(root: Path, folder: str) -> None:
+    """Copy the SQLite databases as they are into a new folder of the store, all or none.
+
+    Raises:
+        StoreFullError: there is no space for them.
+    """
+    kept, databases = root / folder, [name for name in DATABASES if (root / name).is_file()]
+    if kept.exists() or not databases:
         return
     draft = kept.with_name(f"{kept.name}.draft")
     shutil.rmtree(draft, ignore_errors=True)
     try:
         draft.mkdir()
-        for name in DATABASES:
-            if (root / name).is_file():
-                copy_database(root / name, draft / name)
+        for name in databases:
+            _copy_even_damaged(root / name, draft / name)
         draft.replace(kept)
     except (OSError, sqlite3.Error) as error:
         shutil.rmtree(draft, ignore_errors=True)
         if is_disk_full(root, error):
             raise StoreFullError(
                 f"the disk of {root} is full: there is no space to copy its databases before they "
-                "are migrated; free some and open it again, nothing was changed"
+                "are changed; free some and try again, nothing was changed"
             ) from error
         raise
+
+
+def _copy_even_damaged(source: Path, target: Path) -> None:
+    try:
+        copy_database(source, target)
+    except sqlite3.OperationalError:
+        raise
+    except sqlite3.DatabaseError:  # its bytes, for who can make something of them
+        for end in ("", "-wal"):
+            file, copy = Path(f"{source}{end}"), Path(f"{target}{end}")
+            if file.is_file():
+                copy.touch(mode=file.stat().st_mode & 0o777)
+                shutil.copyfile(file, copy)
 
 
 def copy_database(source: Path, target: Path) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from solmap.products.catalogue import backups, schema
 from solmap.products.catalogue.backups import back_up, newest_backup, restore
-from solmap.products.catalogue.edits import EditLog
+from solmap.products.catalogue.edits import EditLog, RequestKind, RunRequests
 from solmap.products.catalogue.events import RUN_CHANGED
 from solmap.products.catalogue.pruning import PruningParams, prune
 from solmap.products.catalogue.tokens import Role, Tokens
@@ -125,6 +125,25 @@ def test_a_store_that_holds_something_is_replaced_only_when_told(workspace, tmp_
     (workspace.store.root / schema.CATALOGUE).write_bytes(b"damaged" * 1000)
     restore(tmp_path / "backups", workspace.store.root, replace=True)
     assert faults(workspace.store.root) == []
+
+
+def test_what_a_restore_replaces_is_kept_even_when_it_is_damaged(workspace, tmp_path):
+    root = workspace.store.root
+    back_up(workspace, tmp_path / "backups")
+    RunRequests.of(root).add(RequestKind.OVERALL, "MER2", "ada")
+    _, token = Tokens.of(root).add("later", Role.ANALYST)
+    workspace.catalogue.engine.dispose()  # or its log would have the sound pages
+    (root / schema.CATALOGUE).write_bytes(b"damaged" * 1000)
+    restore(tmp_path / "backups", root, replace=True)
+    restore(tmp_path / "backups", root, replace=True)
+    first, second = sorted(root.glob("before-restore-*"))
+    assert (first / schema.CATALOGUE).read_bytes() == b"damaged" * 1000
+    assert len(RunRequests.of(first).requests()) == 1
+    assert Tokens.of(first).verify(token)
+    assert (first / "access.sqlite").stat().st_mode & 0o777 == 0o600
+    assert {one.name for one in second.iterdir()} == {schema.CATALOGUE}
+    restore(tmp_path / "backups", tmp_path / "new")
+    assert not list((tmp_path / "new").glob("before-*"))
 
 
 def test_a_store_that_was_not_restored_to_the_end_cannot_be_opened(

@@ -127,6 +127,20 @@ def test_a_product_of_unknown_origin_stops_neither_pruning_nor_checking(workspac
     assert not path.exists()
 
 
+@pytest.mark.parametrize("notes", [None, "{"])
+@pytest.mark.parametrize("kind", [ProductKind.IMAGE, ProductKind.VECTORS])
+def test_a_delivered_file_of_unknown_origin_is_moved_and_not_removed(workspace, kind, notes):
+    if kind is ProductKind.VECTORS:
+        made(workspace, kind)
+    path = path_of(workspace, kind)
+    notes_of(path).unlink() if notes is None else notes_of(path).write_text(notes)
+    said, name = repaired(workspace), path.relative_to(workspace.store.root / "products")
+    assert f"its product was moved to broken/{name}; deliver its file again" in said
+    assert (workspace.store.root / "broken" / name).read_text() == f"{kind} 0"
+    assert not path.exists()
+    assert not notes_of(path).exists()
+
+
 def test_lone_provenance_is_an_orphan_when_no_run_can_be_making_its_product(workspace):
     path = path_of(workspace, ProductKind.DTM)
     twin = notes_of(path).with_name("0123456789abcdef.provenance.json")

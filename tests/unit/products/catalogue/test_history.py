@@ -95,11 +95,12 @@ def test_old_runs_and_answered_requests_go_edits_and_outcomes_stay(workspace):
     assert len(workspace.catalogue.outcomes()) == 1
 
 
-def test_rotated_logs_and_safety_copies_go_when_they_are_old(workspace):
+@pytest.mark.parametrize("copies", ["before-schema-1", "before-restore-20261123T012000Z"])
+def test_rotated_logs_and_safety_copies_go_when_they_are_old(workspace, copies):
     root = workspace.store.root
     (root / "logs").mkdir()
-    (root / "before-schema-1").mkdir()
-    names = ("logs/flows.jsonl", "logs/flows.jsonl.1", "logs/flows.jsonl.2", "before-schema-1")
+    (root / copies).mkdir()
+    names = ("logs/flows.jsonl", "logs/flows.jsonl.1", "logs/flows.jsonl.2", copies)
     for name in names:
         if not (root / name).exists():
             (root / name).write_text("{}\n")

@@ -186,3 +186,10 @@ def test_a_url_without_a_port_is_refused_without_what_may_be_its_password(tmp_pa
         Workspace.open(tmp_path, "postgresql+psycopg://user@host:secret/database")
     assert "secret" not in str(caught.value)
     assert caught.value.__cause__ is None
+
+
+def test_a_catalogue_whose_file_cannot_be_opened_is_named_in_one_line(tmp_path):
+    file = tmp_path / "nowhere" / "catalogue.sqlite"
+    with pytest.raises(ProductError, match=f"the catalogue {file} cannot be opened") as caught:
+        Workspace.open(tmp_path / "store", f"sqlite:///{file}")
+    assert "\n" not in str(caught.value)
