@@ -20,7 +20,7 @@ from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, mkdtemp
 
 import anyio
 from anyio import CapacityLimiter, WouldBlock
@@ -28,7 +28,7 @@ from cachetools import TTLCache
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from solmap.gis_server.errors import problem
-from solmap.gis_server.workers import Answer, Worker, WorkerLostError, collect
+from solmap.gis_server.workers import LARGEST, Answer, UnkeptError, Worker, WorkerLostError, collect
 
 ROUTE = "solmap.route"
 """In the scope of a request that another process answered: the template of the route."""
@@ -38,6 +38,9 @@ WAIT_S, WORK_S = 90.0, 120.0
 SHARE_S = 120.0
 """A busy lane has clients come again that were answered within so many seconds."""
 _LONGEST_RETRY_S = 60
+MOST_SPOOLED = 2 * LARGEST
+"""Bytes of the files of answers that are being sent, of all clients; one may have half of it.
+With the answer that each of two workers writes, temporary files take twice as much at most."""
 _CLIENTS = 10_000
 """Whose share is remembered."""
 _LATEST = 10
@@ -80,7 +83,8 @@ KINDS: tuple[tuple[str, str, Lane], ...] = (
     ("picture", r"^/(images|panoramas)/.*\.png$|^/api/.*/legend\.png$", PICTURES),
     ("map", r"^/ogc/.*(/map/tiles/[^/]+/[^/]+/|/wmts$|/WMTSCapabilities\.xml$)", PICTURES),
 )
-"""Kind, what its addresses look like, and its lane."""
+"""Kind, what its addresses look like, and its lane. A tile of WMTS by its path
+(`/ogc/{mission}/wmts/1.0.0/.../{column}.png`) is light: it costs as much as one of `/tiles`."""
 _PATTERNS = [(re.compile(pattern), kind, lane) for kind, pattern, lane in KINDS]
 
 
@@ -106,9 +110,9 @@ def client_of(scope: Scope) -> str:
 class RefusedError(Exception):
     """A request is not answered; says why, and the status whether that is the client's doing."""
 
-    def __init__(self, status: HTTPStatus, what: str) -> None:
+    def __init__(self, status: HTTPStatus, what: str, retry_s: int = 0) -> None:
         super().__init__(what)
-        self.status = status
+        self.status, self.retry_s = status, retry_s
 
 
 @dataclass(slots=True, eq=False)
@@ -208,7 +212,7 @@ class LaneState:
         """What the lane's worker, or this process, answers.
 
         Raises:
-            RefusedError: the worker gave up.
+            RefusedError: the worker gave up, or the answer is too large.
         """
         if self.worker is None:
             return await collect(app, scope, body, None)
@@ -217,6 +221,8 @@ class LaneState:
         except TimeoutError:
             what = f"this took longer than {WORK_S:.0f} s; ask for less at once"
             raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, what) from None
+        except UnkeptError as error:
+            raise RefusedError(error.status, error.what) from None
         except WorkerLostError:
             what = "the process that worked on this has ended; ask for less at once, or again"
             raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, what) from None
@@ -232,6 +238,28 @@ class Budgets:
         """By kind."""
         self.refused: Counter[tuple[str, int]] = Counter()
         """By kind and status."""
+        self.spooled: Counter[str] = Counter()
+        """Bytes of the files of answers that are being sent, by client."""
+
+    @contextmanager
+    def file_of(self, client: str, answer: Answer) -> Iterator[None]:
+        """Room for the file of an answer, if it has one, while it is sent.
+
+        Raises:
+            RefusedError: there is none; the file is removed.
+        """
+        size = answer.file_bytes
+        has_share = self.spooled[client] + size <= MOST_SPOOLED // 2
+        if not has_share or self.spooled.total() + size > MOST_SPOOLED:
+            answer.remove()
+            status = HTTPStatus.SERVICE_UNAVAILABLE if has_share else HTTPStatus.TOO_MANY_REQUESTS
+            what = "large answers are being sent" if has_share else "yours are still being sent"
+            raise RefusedError(status, f"{what}, as many bytes as may be", _LONGEST_RETRY_S)
+        self.spooled[client] += size
+        try:
+            yield
+        finally:
+            self.spooled -= Counter({client: size})
 
     @contextmanager
     def running_workers(self) -> Iterator[None]:
@@ -240,7 +268,7 @@ class Budgets:
         with TemporaryDirectory(prefix="solmap-answers-") as folder:
             try:
                 for worker in workers:
-                    worker.start(Path(folder))
+                    worker.start(Path(mkdtemp(dir=folder)))
                 yield
             finally:
                 for worker in workers:
@@ -268,19 +296,23 @@ class HeavyRequests:
             self.budgets.answered[kind] += 1
         except RefusedError as error:
             self.budgets.refused[kind, error.status] += 1
-            again = {"Retry-After": str(state.retry_s)}
+            again = {"Retry-After": str(max(state.retry_s, error.retry_s))}
+            if error.status == HTTPStatus.UNPROCESSABLE_ENTITY:
+                again = {}  # the same would be refused for ever
             await problem(error.status, str(error), scope["path"], again)(scope, receive, send)
 
     async def _answer(self, state: LaneState, scope: Scope, receive: Receive, send: Send) -> None:
         body = await _whole_body(receive) if scope["method"] == "POST" else b""
         if body is None:
             return
-        with state.place_of(client_of(scope)):
+        client = client_of(scope)
+        with state.place_of(client):
             async with state.turn_of(receive) as is_on:
                 answer = await state.answer(self.app, scope, body) if is_on else None
             if answer is not None:
                 scope[ROUTE] = answer.route
-                await answer.send(send)
+                with self.budgets.file_of(client, answer):
+                    await answer.send(send)
 
 
 async def _whole_body(receive: Receive) -> bytes | None:

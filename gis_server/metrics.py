@@ -23,7 +23,7 @@ from prometheus_client.metrics_core import (
 from prometheus_client.process_collector import ProcessCollector
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from solmap.gis_server.budgets import KINDS, ROUTE, Budgets
+from solmap.gis_server.budgets import KINDS, MOST_SPOOLED, ROUTE, Budgets
 from solmap.gis_server.services import Services
 from solmap.products.catalogue.runs import Run, RunState
 
@@ -191,7 +191,12 @@ class BudgetCollector:
                 held.add_metric((name, what), count)
             if state.worker is not None:
                 memory.add_metric((name,), state.worker.memory_bytes)
-        yield from (limits, held, memory)
+        spooled = GaugeMetricFamily(
+            "solmap_heavy_spooled_bytes", "Files of answers that are being sent", labels=("what",)
+        )
+        spooled.add_metric(("now",), self._budgets.spooled.total())
+        spooled.add_metric(("limit",), MOST_SPOOLED)
+        yield from (limits, held, memory, spooled)
         answered = CounterMetricFamily(
             "solmap_heavy_answered", "Heavy requests that were worked on", labels=("kind",)
         )

@@ -16,7 +16,7 @@ from pathlib import Path
 from anyio import to_thread
 
 from solmap.gis_server.app import create_app
-from solmap.gis_server.workers import collect, resident_bytes
+from solmap.gis_server.workers import Answer, UnkeptError, collect, resident_bytes
 from solmap.products.store.process import collect_garbage_seldom, log_to_store
 
 _NICENESS = 5
@@ -54,7 +54,11 @@ async def _answer_all(connection: Connection) -> None:
             request, body = await to_thread.run_sync(connection.recv)
         except EOFError:
             return
-        answer = await collect(app, request, body, folder)
+        answer: Answer | UnkeptError
+        try:
+            answer = await collect(app, request, body, folder)
+        except UnkeptError as error:
+            answer = error
         _return_memory()
         is_full = resident_bytes(os.getpid()) > at_start + (memory_mb << 20) // 2
         await to_thread.run_sync(connection.send, (answer, is_full))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import errno
 import logging
 import os
 import resource
@@ -17,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass, field
+from http import HTTPStatus
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -34,6 +36,11 @@ _SENT_AS = (
 """What a worker is told of a request: the rest of a scope belongs to the server's process."""
 STALL_S = 60.0
 """Longest time that a client may take for the next megabyte of an answer."""
+LEAST_BYTES_S = 100_000
+"""A client that reads less a second on average is given up, so that it keeps no place for hours."""
+LARGEST = 256 << 20
+"""Bytes of an answer that lies in a file: the largest part of a raster, 50 million cells of 4
+bytes, has 200 MB. RLIMIT_FSIZE would also stop copies of larger products from an object store."""
 _SMALL = 1 << 20
 """Bytes of an answer that are handed over in memory; larger ones are handed over as a file."""
 _ENVIRONMENT = {
@@ -60,15 +67,31 @@ class Answer:
     route: str | None
     """The template of the route that answered."""
 
+    @property
+    def file_bytes(self) -> int:
+        """Size of its file, if it lies in one."""
+        return self.body.stat().st_size if isinstance(self.body, Path) else 0
+
+    def remove(self) -> None:
+        """Remove its file, if it lies in one."""
+        if isinstance(self.body, Path):
+            self.body.unlink()
+
     async def send(self, send: Send) -> None:
-        """Send it, and remove its file."""
+        """Send it as long as the client reads fast enough, and remove its file."""
+        with anyio.move_on_after(STALL_S + self.file_bytes / LEAST_BYTES_S):
+            await self._send(
+                send
+            )  # the server closes the connection of an answer that is not whole
+
+    async def _send(self, send: Send) -> None:
         start = {"type": "http.response.start", "status": self.status, "headers": self.headers}
         if isinstance(self.body, bytes):
             await send(start)
             await send({"type": "http.response.body", "body": self.body})
             return
         with self.body.open("rb") as file:
-            self.body.unlink()
+            self.remove()
             await send(start)
             while chunk := file.read(_SMALL):
                 with anyio.move_on_after(STALL_S) as reading:
@@ -78,10 +101,73 @@ class Answer:
             await send({"type": "http.response.body", "body": b""})
 
 
-async def collect(app: ASGIApp, scope: Scope, body: bytes, folder: Path | None) -> Answer:
-    """The whole answer of an application; a large body becomes a file of the folder, if any."""
-    has_come, starts, small = False, list[Message](), bytearray()
+class UnkeptError(Exception):
+    """The body of an answer could not be laid into a file: status of the refusal, and why."""
+
+    def __init__(self, status: HTTPStatus, what: str) -> None:
+        super().__init__(status, what)  # both are needed to hand it to another process
+        self.status, self.what = status, what
+
+
+@dataclass(slots=True, eq=False)
+class _Body:
+    """The body of an answer, part by part; a large one becomes a file of the folder, if any."""
+
+    folder: Path | None
+    small: bytearray = field(default_factory=bytearray)
     file: IO[bytes] | None = None
+    error: OSError | None = None
+
+    def add(self, part: bytes) -> None:
+        """Keep a part."""
+        try:
+            self._add(part)
+        except OSError as error:
+            self.error = error
+            raise
+
+    def _add(self, part: bytes) -> None:
+        if self.file is None and self.folder and len(self.small) + len(part) > _SMALL:
+            self.file = tempfile.NamedTemporaryFile(dir=self.folder, delete=False)  # noqa: SIM115 - it stays
+            self.file.write(self.small)
+        if self.file is None:
+            self.small += part
+            return
+        if self.file.tell() + len(part) > LARGEST:
+            raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
+        self.file.write(part)
+        self.file.flush()
+
+    def close(self) -> bytes | Path:
+        """What was kept.
+
+        Raises:
+            UnkeptError: some of it could not be; nothing is left.
+        """
+        file = None
+        if self.file is not None:
+            file = Path(self.file.name)
+            with contextlib.suppress(OSError):  # of what could not be written before
+                self.file.close()
+        if self.error is None:
+            return file or bytes(self.small)
+        if file is not None:
+            file.unlink()
+        status = HTTPStatus.SERVICE_UNAVAILABLE
+        what = f"the answer could not be kept in a temporary file: {self.error.strerror}"
+        if self.error.errno == errno.EFBIG:
+            status = HTTPStatus.UNPROCESSABLE_ENTITY
+            what = f"the answer has more than {LARGEST >> 20} MiB; ask for less at once"
+        raise UnkeptError(status, what)
+
+
+async def collect(app: ASGIApp, scope: Scope, body: bytes, folder: Path | None) -> Answer:
+    """The whole answer of an application; a large body becomes a file of the folder, if any.
+
+    Raises:
+        UnkeptError: the file would be larger than `LARGEST`, or the disk is full.
+    """
+    has_come, starts, kept = False, list[Message](), _Body(folder)
 
     async def receive() -> Message:
         nonlocal has_come
@@ -91,27 +177,18 @@ async def collect(app: ASGIApp, scope: Scope, body: bytes, folder: Path | None) 
         return {"type": "http.request", "body": body, "more_body": False}
 
     async def keep(message: Message) -> None:
-        nonlocal file
         if message["type"] == "http.response.start":
             starts.append(message)
-            return
-        part = message.get("body", b"")
-        if file is None and folder is not None and len(small) + len(part) > _SMALL:
-            file = tempfile.NamedTemporaryFile(dir=folder, delete=False)  # noqa: SIM115 - it stays
-            file.write(small)
-        (small.extend if file is None else file.write)(part)
+        else:
+            kept.add(message.get("body", b""))
 
     try:
         await app(scope, receive, keep)
     except Exception:
         if not starts:  # else the application has answered that it failed, and logged why
             raise
-    finally:
-        if file is not None:
-            file.close()
     route = getattr(scope.get("route"), "path", None)
-    found = bytes(small) if file is None else Path(file.name)
-    return Answer(starts[0]["status"], list(starts[0]["headers"]), found, route)
+    return Answer(starts[0]["status"], list(starts[0]["headers"]), kept.close(), route)
 
 
 @dataclass(slots=True, eq=False)
@@ -129,7 +206,7 @@ class Worker:
     _folder: Path | None = None
 
     def start(self, folder: Path | None) -> None:
-        """Start the process, which lays large answers into `folder`, and go on meanwhile."""
+        """Start the process, which lays large answers into `folder`, its own; go on meanwhile."""
         self.stop()
         self._folder = folder
         self._threads = CapacityLimiter(1)  # the thread of a request that was given up may be left
@@ -158,6 +235,7 @@ class Worker:
         Raises:
             TimeoutError: it took too long.
             WorkerLostError: the process ended, as one that takes too much memory does.
+            UnkeptError: the answer is too large.
         """
         if self._process is None or self._process.poll() is not None:
             self.start(self._folder)
@@ -169,11 +247,16 @@ class Worker:
                 )
         except BaseException as error:
             self.stop()
+            with contextlib.suppress(OSError):  # the server ends, and its folder with it
+                for half in self._folder.iterdir() if self._folder else ():
+                    half.unlink()  # what was answered before is open and has no name any more
             if isinstance(error, EOFError | OSError) and not isinstance(error, TimeoutError):
                 raise WorkerLostError from error
             raise
         if is_full:
             self.start(self._folder)
+        if isinstance(answer, UnkeptError):
+            raise answer
         return answer
 
     @property
@@ -185,11 +268,11 @@ class Worker:
             return resident_bytes(self._process.pid)
         return 0
 
-    def _exchange(self, request: dict[str, Any], body: bytes) -> tuple[Answer, bool]:
+    def _exchange(self, request: dict[str, Any], body: bytes) -> tuple[Answer | UnkeptError, bool]:
         assert self._connection is not None  # noqa: S101 - `ask` has started it
         connection = self._connection
         connection.send((request, body))
-        answer: tuple[Answer, bool] = connection.recv()
+        answer: tuple[Answer | UnkeptError, bool] = connection.recv()
         return answer
 
 

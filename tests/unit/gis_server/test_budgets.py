@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import copy
+import errno
 from collections import Counter
 from dataclasses import replace
+from http import HTTPStatus
 
 import httpx
 import pytest
@@ -13,16 +16,19 @@ from fastapi import Response
 from prometheus_client.parser import text_string_to_metric_families
 
 from solmap.gis_server import budgets as budgets_module
+from solmap.gis_server import workers as workers_module
 from solmap.gis_server.app import create_app
 from solmap.gis_server.budgets import (
     FILES,
+    MOST_SPOOLED,
     QUESTIONS,
     Budgets,
     HeavyRequests,
+    RefusedError,
     client_of,
     kind_of,
 )
-from solmap.gis_server.workers import Worker, WorkerLostError, collect
+from solmap.gis_server.workers import Answer, UnkeptError, Worker, WorkerLostError, collect
 from solmap.products.model import ProductKind
 from tests.unit.gis_server.conftest import ref_of
 
@@ -251,6 +257,8 @@ def test_metrics_tell_the_limits_and_how_far_they_are_used(client, world):
     }
     assert figures["solmap_heavy_limit", "files", "client"] == FILES.per_client
     assert figures["solmap_heavy_limit", "questions", "all"] == QUESTIONS.places
+    assert figures["solmap_heavy_spooled_bytes", "now"] == 0
+    assert figures["solmap_heavy_spooled_bytes", "limit"] == MOST_SPOOLED
     assert figures["solmap_heavy_requests_now", "files", "waiting"] == 0
     assert figures["solmap_heavy_answered_total", "solid"] >= 1
 
@@ -301,13 +309,108 @@ def test_a_worker_answers_as_the_server_does(world, worker):
     assert worker.memory_bytes > 50_000_000
 
 
+def large(app, folder):
+    return asyncio.run(collect(app, scope_of(STL), b"", folder))
+
+
+def test_an_answer_that_is_too_large_is_refused_and_leaves_no_file(tmp_path, monkeypatch):
+    whole = Response(bytes(3 << 20))
+    answer = large(whole, tmp_path)
+    assert answer.file_bytes == 3 << 20
+    answer.remove()
+    monkeypatch.setattr(workers_module, "LARGEST", 2 << 20)
+    with pytest.raises(UnkeptError, match="more than 2 MiB") as refused:
+        large(whole, tmp_path)
+    assert refused.value.status == 422
+    assert copy.copy(refused.value).what == refused.value.what  # as the pipe copies it
+    assert not list(tmp_path.iterdir())
+
+
+def test_whose_answer_is_too_large_is_told_to_ask_for_less():
+    class Refusing:
+        async def ask(self, *_request):
+            raise UnkeptError(HTTPStatus.UNPROCESSABLE_ENTITY, "ask for less at once")
+
+    app = HeavyRequests(Slow(), budgets := Budgets({FILES: Refusing()}))
+    refused = asyncio.run(asked(app))
+    assert refused.status_code == 422
+    assert "ask for less" in refused.json()["description"]
+    assert "retry-after" not in refused.headers
+    assert not budgets.lanes[FILES].places
+
+
+def test_an_answer_that_the_disk_has_no_room_for_is_not_sent_in_part(tmp_path, monkeypatch):
+    class Full:
+        name = str(tmp_path / "answer")
+
+        def write(self, _part):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        def close(self):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    def made(**_given):
+        (tmp_path / "answer").touch()
+        return Full()
+
+    monkeypatch.setattr(workers_module.tempfile, "NamedTemporaryFile", made)
+    with pytest.raises(UnkeptError, match="No space left") as refused:
+        large(Response(bytes(3 << 20)), tmp_path)
+    assert refused.value.status == 503
+    assert not list(tmp_path.iterdir())
+
+
+def test_files_of_answers_have_a_sum(tmp_path, monkeypatch):
+    monkeypatch.setattr(budgets_module, "MOST_SPOOLED", 200)
+    budgets = Budgets({})
+
+    def answer(size):
+        file = tmp_path / f"{size}"
+        file.write_bytes(bytes(size))
+        return Answer(200, [], file, None)
+
+    with budgets.file_of("a", answer(80)):
+        with pytest.raises(RefusedError) as of_one, budgets.file_of("a", answer(21)):
+            pass
+        with budgets.file_of("b", answer(81)):
+            with pytest.raises(RefusedError) as of_all, budgets.file_of("c", answer(40)):
+                pass
+            with budgets.file_of("c", Answer(200, [], b"small", None)):
+                assert budgets.spooled.total() == 161
+    assert (of_one.value.status, of_all.value.status) == (429, 503)
+    assert of_all.value.retry_s > 1
+    assert not budgets.spooled
+    assert {file.name for file in tmp_path.iterdir()} == {"80", "81"}  # refused ones are removed
+
+
+@pytest.mark.parametrize("is_file", [True, False])
+def test_who_reads_too_slowly_is_given_up(is_file, tmp_path, monkeypatch):
+    monkeypatch.setattr(workers_module, "STALL_S", 0.2)
+    monkeypatch.setattr(workers_module, "LEAST_BYTES_S", 1e8)
+    file = tmp_path / "answer"
+    file.write_bytes(bytes(20 << 20))
+    sent = []
+
+    async def send(message):
+        sent.append(message)
+        await asyncio.sleep(0.15 if is_file else 60.0)  # a megabyte in time, the whole not
+
+    answer = Answer(200, [], file if is_file else b"small", None)
+    asyncio.run(asyncio.wait_for(answer.send(send), 5.0))
+    assert sum(len(one.get("body", b"")) for one in sent) < 20 << 20
+    assert file.exists() != is_file
+
+
 @pytest.mark.slow
 def test_a_worker_that_was_killed_or_took_too_long_is_followed_by_a_new_one(worker):
+    half = worker._folder / "half"
+    half.touch()
     worker._process.kill()  # what a machine without memory does
     worker._process.wait()
     assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
     with pytest.raises(TimeoutError):
         asyncio.run(worker.ask(scope_of("/api/missions"), b"", 0.0))
+    assert not half.exists()
     assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
 
 
