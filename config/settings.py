@@ -57,7 +57,7 @@ class Settings(BaseSettings):
     """Copies of such products that this machine keeps at most."""
     host: str = "127.0.0.1"
     """Address the server listens on; the default serves this machine only."""
-    port: int = Field(default=8765, ge=0, le=65535)
+    port: int = Field(default=8765, ge=1, le=65535)
     cors_origins: str = ""
     """Other sites whose pages may ask this server, as `https://a.example https://b.example`;
     none by default."""

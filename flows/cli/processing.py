@@ -120,7 +120,7 @@ def ties(
 def serve(
     store: StoreOption = None,
     port: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="Port. [env: SOLMAP_PORT]")
+        int | None, typer.Option(min=1, max=65535, help="Port. [env: SOLMAP_PORT]")
     ] = None,
     host: Annotated[str | None, typer.Option(help="Address. [env: SOLMAP_HOST]")] = None,
 ) -> None:
@@ -149,7 +149,7 @@ def up(
         Path | None, typer.Option(help="Folder that downlinks arrive in. [env: SOLMAP_INBOX]")
     ] = None,
     port: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="Port of the map. [env: SOLMAP_PORT]")
+        int | None, typer.Option(min=1, max=65535, help="Port of the map. [env: SOLMAP_PORT]")
     ] = None,
 ) -> None:
     """Run everything: the map, the schedules, and whatever arrives in the inbox. Ctrl-C stops."""

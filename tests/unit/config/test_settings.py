@@ -11,6 +11,7 @@ from solmap.config.settings import Settings, unknown_variables
     [
         ("SOLMAP_PORT", "abc", "it should be a valid integer"),
         ("SOLMAP_PORT", "70000", "it should be less than or equal to 65535"),
+        ("SOLMAP_PORT", "0", "it should be greater than or equal to 1"),
         ("SOLMAP_ENGINE_PORT", "-1", "it should be greater than or equal to 1"),
         ("SOLMAP_STORE_CACHE_GB", "nan", "it should be a finite number"),
         ("SOLMAP_TASK_RUNNER", "ray", "it should be 'threads' or 'dask'"),

@@ -263,6 +263,13 @@ def test_other_ends(error, code, text, monkeypatch):
     assert (ended.exit_code, ended.stderr) == (code, text)
 
 
+@pytest.mark.parametrize("command", ["serve", "up"])
+def test_a_port_that_cannot_be_asked_for_is_refused(command):
+    ended = CLI.invoke(app, [command, "--port", "0"])
+    assert ended.exit_code == 2
+    assert "equal to 1 " in ended.stderr
+
+
 def test_a_wrong_setting_ends_a_command_with_a_line(monkeypatch):
     monkeypatch.setenv("SOLMAP_PORT", "abc")
     monkeypatch.setenv("SOLMAP_STOR", "x")
