@@ -55,6 +55,17 @@ def test_nothing_but_the_map_is_open_and_the_engine_asks_for_a_password():
     assert services["map"]["environment"]["PREFECT_API_AUTH_STRING"] == ""
 
 
+def test_the_map_reaches_catalogue_and_products_and_nothing_that_works():
+    document = compose()
+    networks = {name: set(one["networks"]) for name, one in document["services"].items()}
+    assert set().union(*networks.values()) == set(document["networks"])
+    reached = {name for name, those in networks.items() if those & networks["map"]}
+    assert reached == {"map", "postgres", "objects"}
+    for name, service in document["services"].items():
+        for needed in service.get("depends_on", []):
+            assert networks[name] & networks[needed], f"{name} does not reach {needed}"
+
+
 def test_containers_have_no_rights_and_secrets_come_from_the_environment():
     for name, service in compose()["services"].items():
         assert service["security_opt"] == ["no-new-privileges:true"], name
