@@ -51,8 +51,16 @@ def cause_of(error: BaseException, *, is_named: bool = False) -> str:
 
 def one_line(text: str) -> str:
     """A text as one bounded line of printable characters; others are escaped."""
-    joined = " ".join(text[: 4 * LONGEST_LINE].split())
-    plain = "".join(
-        one if one.isprintable() else one.encode("unicode_escape").decode() for one in joined
-    )
+    plain = printable(" ".join(text[: 4 * LONGEST_LINE].split()))
     return plain if len(plain) <= LONGEST_LINE else f"{plain[: LONGEST_LINE - 4]} ..."
+
+
+def printable(text: object) -> str:
+    """A text on one line that steers no terminal.
+
+    Control characters, line ends, changes of the writing direction and lone surrogates are shown as
+    escapes, as Python writes them.
+    """
+    return "".join(
+        one if one.isprintable() else one.encode("unicode_escape").decode() for one in str(text)
+    )

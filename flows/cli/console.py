@@ -22,6 +22,7 @@ from rich.text import Text
 
 from solmap.config.settings import Settings
 from solmap.flows.runtime.progress import Step, listen
+from solmap.products.errors import printable
 
 if TYPE_CHECKING:
     from solmap.products.catalogue.workspace import Workspace
@@ -40,17 +41,6 @@ MissionOption = Annotated[
     typer.Option("--mission", help="MER2 (Spirit), MER1 ...; the store's own if it holds one."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
-
-
-def printable(text: object) -> str:
-    """A text on one line that steers no terminal.
-
-    Control characters, line ends, changes of the writing direction and lone surrogates are shown as
-    escapes, as Python writes them.
-    """
-    return "".join(
-        one if one.isprintable() else one.encode("unicode_escape").decode() for one in str(text)
-    )
 
 
 def say(text: object) -> None:

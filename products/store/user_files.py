@@ -15,6 +15,8 @@ from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
 
+from solmap.products.errors import printable
+
 MAX_FILE_BYTES = 256 << 20
 """Three bands of floats of the largest rover camera have 236 MB."""
 MAX_ROWS_BYTES = 4 << 20
@@ -84,10 +86,7 @@ def plain_name(name: str) -> str:
     Bytes that are not UTF-8, control characters and marks that turn the direction of writing are
     escaped.
     """
-    text = os.fsencode(name).decode("utf-8", "backslashreplace")
-    return "".join(
-        one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in text
-    )
+    return printable(os.fsencode(name).decode("utf-8", "backslashreplace"))
 
 
 def _check_regular(path: Path, facts: os.stat_result) -> None:
