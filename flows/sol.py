@@ -104,7 +104,7 @@ def _map_layers(
         layers |= map_stops(inputs, orientations, matched, report)
     with keep_going(failed, "models"):
         for stop, models in model_stops(inputs, orientations, matched, layers, report).items():
-            layers[stop].extend(models)
+            layers.setdefault(stop, []).extend(models)
     with keep_going(failed, "panoramas"):
         drawn = draw_panoramas(inputs, orientations, matched, layers, report)
         for stop, (panorama, ground) in drawn.items():

@@ -147,18 +147,20 @@ def model_stops(
     mapped: Mapping[StopId, list[ProductRef]],
     report: SolReport,
 ) -> dict[StopId, list[ProductRef]]:
-    """Models of every stop that has been mapped, and of what its pairs see."""
+    """Models of every stop that has been mapped, and of what the pairs of every stop see."""
     wanted, store, landing = inputs.config.models, inputs.workspace.store, inputs.landing
-    poses = read_orientations(orientations, store, [str(stop) for stop in mapped])
+    poses = read_orientations(orientations, store, [str(stop) for stop in matched])
     futures: dict[tuple[StopId, str], PrefectFuture[Any]] = {}
-    for stop, layers in mapped.items():
-        of = {ref.kind: ref for ref in layers}
+    for stop in matched:
+        of = {ref.kind: ref for ref in mapped.get(stop, ())}
         ground = of.get(ProductKind.DTM), of.get(ProductKind.ORTHOPHOTO)
         if ground[0] and ground[1] and wanted.of_terrain:
             terrain = (ground[0], ground[1])
             futures[stop, "model"] = model_terrain.submit(*terrain, wanted.terrain, landing, store)
             futures[stop, "3D tiles"] = tile_terrain.submit(*terrain, wanted.tiles, landing, store)
         pairs = orient_pairs(matched[stop], poses.get(str(stop)))
+        if not pairs:
+            continue
         if wanted.of_views:
             futures[stop, "model of what pairs see"] = model_views.submit(
                 stop, pairs, wanted.views, landing, store

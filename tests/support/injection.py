@@ -278,7 +278,8 @@ class CleanRun:
 
         Maps depend on the poses of the network of their stop's first sol, too, which their recipes
         hold as numbers; far ground on that of the last sol, which says what is linked. A network
-        is adjusted from what the sol before left, its network and orientations together.
+        is adjusted from what the sol before left, its network and orientations together; the
+        layers of the mission are drawn of the last sol that has both.
         """
         networks = [name for name in self.needs if name.startswith(("network/", "orientations/"))]
         found = set(made)
@@ -288,6 +289,7 @@ class CleanRun:
                 sol = network.split("/")[1]
                 more |= {name for name in self.needs if self._is_drawn_with(name, sol)} - found
                 more |= {name for name in networks if name.split("/")[1] > sol} - found
+                more |= {name for name in self.needs if "-" not in name.split("/")[1]} - found
             if not more:
                 return found
             found |= more
