@@ -138,4 +138,4 @@ def test_images_of_elsewhere_and_no_images_end_with_one_line(hills, tmp_path, st
 def test_a_store_without_maps_asks_for_them(image, tmp_path):
     ran = added(image, Workspace.open(tmp_path / "empty"))
     assert ran.exit_code == 1
-    assert "no stop of MER2 is mapped" in ran.output
+    assert "holds no mission yet; name one by --mission" in ran.output

@@ -85,7 +85,7 @@ def test_missions_that_have_no_rig_to_state_are_refused_in_words(bent, tmp_path)
         assert ended.exit_code == 1
         return ended.stderr
 
-    assert "no mission 'MER1' is in the store" in refused(bent)
+    assert "holds MER2; MER1 is not one of them" in refused(bent)
     workspace = Workspace.open(tmp_path)
     workspace.catalogue.publish(missions=[MissionEntry("MER1", "Opportunity", LANDING, None)])
     assert "no network of MER1 has been adjusted yet" in refused(tmp_path)
