@@ -1,5 +1,6 @@
 """Fixtures shared by all tests: random numbers, and the real and rendered data where they are."""
 
+import contextlib
 import json
 import os
 import tarfile
@@ -65,7 +66,8 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     from solmap.flows.runtime.engine import password_file, prepare_engine  # noqa: PLC0415 - before Prefect is imported
 
     folder = tmp_path_factory.mktemp("engine")
-    prepare_engine(folder)
+    with contextlib.chdir(Path.cwd()):  # commands leave the user's folder, tests do not
+        prepare_engine(folder)
     password = password_file(folder).read_text()
     names = ("PREFECT_API_AUTH_STRING", "PREFECT_SERVER_API_AUTH_STRING")
     os.environ |= dict.fromkeys(names, password)

@@ -86,4 +86,4 @@ def test_a_store_without_the_mission_says_so(mapped, tmp_path):
     command = ["traverse", "export", str(tmp_path), "--mission", "MER1", "--store"]
     ran = CliRunner().invoke(app, [*command, str(mapped.store)])
     assert ran.exit_code == 1
-    assert "no adjusted traverse of MER1" in ran.output
+    assert "holds MER2; MER1 is not one of them" in ran.output

@@ -83,10 +83,10 @@ def test_a_scheduled_deployment_really_fires(tmp_path: Path, free_port: int):
         [sys.executable, "-m", "prefect", "server", "start", "--port", str(free_port)], **start
     )
     try:
-        wait_until(lambda: answers(f"{api}/health"), 90, "the server answers")
+        wait_until(lambda: answers(f"{api}/health"), 300, "the server answers")
         served = subprocess.Popen([sys.executable, str(script)], **start)
         try:
-            wait_until(marker.exists, 90, "the deployment fires")
+            wait_until(marker.exists, 300, "the deployment fires")
         finally:
             stop(served)
     finally:
