@@ -1,55 +1,6 @@
-"""The three rendered stops of `rendered_husband` with their pairs matched, kept on disk."""
+"""The stops of `rendered_husband`, see `rendered_stops`."""
 
-import json
-import pickle
-from pathlib import Path
+from tests.support.rendered_stops import HUSBAND, matched_pairs
+from tests.support.rendered_stops import rendered_stop as husband_stop
 
-import numpy as np
-
-from solmap.photogrammetry.archive.images.reading import read_image
-from solmap.photogrammetry.archive.partners import find_stereo_pairs
-from solmap.photogrammetry.frames import LSL, Pose, rotation_of_quaternion
-from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
-from solmap.photogrammetry.matching.stereo.dense import match_densely
-from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_sparsely
-from solmap.tasks.images.pairs import resample_pair
-from solmap.tasks.network.match import pair_geometry
-from tests.support.simulated_stops import CACHE, SimulatedStop, WorldOfStops, code_digest
-
-HUSBAND = WorldOfStops("husband", (0.0, 0.0), seed=0, stops=3)
-"""Stands for the rendered world in tables; it cannot be simulated."""
-
-
-def husband_stop(folder: Path, number: int) -> SimulatedStop:
-    """A stop with its Navcam and Pancam pairs, placed by its telemetry."""
-    path = CACHE / f"husband-{number}-{code_digest()}.pickle"
-    if path.exists():
-        return pickle.loads(path.read_bytes())  # noqa: S301 - written by this module
-    row = json.loads((folder / "truth" / "truth.json").read_text())["stops"][number]
-    stop = StopId("MER2", row["site"], row["drive"])
-    told, true = (
-        Pose(LSL, stop.frame, rotation_of_quaternion(np.array(row[turn])), np.array(row[place]))
-        for turn, place in (
-            ("telemetry_quaternion_wxyz", "telemetry_position"),
-            ("rover_to_lsl_quaternion_wxyz", "position"),
-        )
-    )
-    pairs = matched_pairs(sorted((folder / f"sol{row['sol']:04d}" / "edr").glob("*.img")))
-    made = SimulatedStop(HUSBAND, number, MatchedStop(stop, pairs, told, np.zeros((6, 6))), true)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(pickle.dumps(made, protocol=5))
-    return made
-
-
-def matched_pairs(files: list[Path]) -> tuple[MatchedPair, ...]:
-    """The stereo pairs among some files, matched sparsely and densely with the defaults."""
-    reads = {r.image.id: r for r in (read_image(f.read_bytes(), f.name) for f in files)}
-    pairs = []
-    for pair in find_stereo_pairs([r.image for r in reads.values()]).pairs:
-        left, right = reads[pair.left.id], reads[pair.right.id]
-        images = resample_pair(left, right, pair_geometry(left.image, right.image))
-        matches = match_sparsely(pair.id, images, SparseParams())
-        name = left.image.instrument
-        pairs.append(MatchedPair(pair.id, name, images, matches, match_densely(images).parallax_px))
-    return tuple(pairs)
+__all__ = ["HUSBAND", "husband_stop", "matched_pairs"]

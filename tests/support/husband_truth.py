@@ -94,7 +94,7 @@ def _bilinear(corners: np.ndarray, down: np.ndarray, across: np.ndarray) -> np.n
 
 def judged_pairs(folder: Path, sol: int, instrument: str) -> Iterator[JudgedPair]:
     """The pairs of one instrument ("NAVCAM", "PANCAM") at the stop of a sol."""
-    files = sorted((folder / f"sol{sol:04d}" / "edr").glob(f"2{instrument[0].lower()}*.img"))
+    files = sorted((folder / f"sol{sol:04d}" / "edr").glob(f"?{instrument[0].lower()}*.img"))
     reads = {r.image.id: r for r in (read_image(f.read_bytes(), f.name) for f in files)}
     for pair in find_stereo_pairs([r.image for r in reads.values()]).pairs:
         left, right = reads[pair.left.id], reads[pair.right.id]
