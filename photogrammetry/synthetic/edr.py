@@ -58,6 +58,8 @@ class Exposure:
     pma: int
     sequence: str
     averaging: int = 1
+    celsius: float = 0.0
+    """Temperature of the detectors."""
 
     @property
     def unit(self) -> CameraUnit:
@@ -160,6 +162,7 @@ def _values(exposure: Exposure) -> dict[str, object]:
         "detector_rotation": format_number(unit.detector_rotation),
         "filter_name": unit.filter_name,
         "filter_number": unit.filter_number,
+        "temperature": format_number(exposure.celsius),
     }
 
 

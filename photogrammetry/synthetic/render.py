@@ -39,7 +39,7 @@ from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.synthetic.lattice import Window, bilinear, stream_of
 from solmap.photogrammetry.synthetic.lighting import GRAIN_M, GRAINS, SKY_LIGHT, LitGround, Sun
-from solmap.photogrammetry.synthetic.rig import CAMERAS, FULL_FRAME, Instrument
+from solmap.photogrammetry.synthetic.rig import CAMERAS, FULL_FRAME, Instrument, RigErrors
 from solmap.photogrammetry.synthetic.scene import Shot, World
 
 CHUNK = 64
@@ -317,7 +317,8 @@ def _opposition(rays: Rays, sun: Sun) -> GreyImage:
 def view_of(world: World, shot: Shot, eye: Eye) -> tuple[View, Rays]:
     """Where the pixels of one image truly look."""
     pose = world.true_lsl_from_mast(shot)
-    in_mast = _rays_in_mast(shot.instrument, eye, world.params.averaging)
+    rig, celsius, averaging = world.params.rig, world.celsius(shot.stop), world.params.averaging
+    in_mast = _rays_in_mast(rig, celsius, shot.instrument, eye, averaging)
     rays = rotate_rays(pose, in_mast)
     centre = pose.apply(CAMERAS[shot.instrument, eye].in_mast.c[None])[0]
     return View.of_rays(centre, rays, _pixel_rad(shot.instrument, world.params.averaging)), rays
@@ -329,8 +330,10 @@ def _pixel_rad(instrument: Instrument, averaging: int) -> float:
 
 
 @lru_cache(maxsize=4)
-def _rays_in_mast(instrument: Instrument, eye: Eye, averaging: int) -> Rays:
-    camera = CAMERAS[instrument, eye].in_mast.average(averaging, averaging)
+def _rays_in_mast(
+    rig: RigErrors, celsius: float, instrument: Instrument, eye: Eye, averaging: int
+) -> Rays:
+    camera = rig.camera_in_mast(instrument, eye, celsius).average(averaging, averaging)
     side = FULL_FRAME // averaging
     line, sample = np.mgrid[:side, :side].reshape(2, -1)
     rays = camera.rays(np.column_stack([sample, line]).astype(np.float64))

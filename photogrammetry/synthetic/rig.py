@@ -9,6 +9,14 @@ from the labels of both eyes of sol 767. Of the Pancams only Opportunity's left 
 it stands here on Spirit's mast, and the right one is SYNTHETIC, its mirror image about the plane
 y = 0.0125 m: with S = diag(1, -1, 1), A, O, V go to S A, S O, S V, C to S C + (0, 0.025, 0), and
 H to 1023 S A - S H, so that samples still run to the right.
+
+Labels know the rig as it was calibrated. The one that takes the pictures may differ: the bar bends
+with temperature, so that the right cameras are turned about their centres, and the mast has zeros
+and an axis of its own,
+
+    R_true = R_axis Rz(az + zero_az) Ry(el + zero_el) R_noise,
+
+the noise a small turn of the mast head, drawn anew for every pair and shared by both eyes.
 """
 
 from __future__ import annotations
@@ -17,10 +25,18 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+from scipy.spatial.transform import Rotation as ScipyRotation
 
 from solmap.photogrammetry.arrays import Rotation, Vector3
 from solmap.photogrammetry.cameras.cahvor import Cahvor
-from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rotation_of_roll_pitch_yaw
+from solmap.photogrammetry.frames import (
+    LSL,
+    Frame,
+    FrameKind,
+    Pose,
+    roll_pitch_yaw_of_rotation,
+    rotation_of_roll_pitch_yaw,
+)
 from solmap.photogrammetry.imagery import Eye, StopId
 
 FULL_FRAME = 1024
@@ -29,6 +45,8 @@ T_PMA_M = (0.45781, 0.02779, -1.09668)
 """Where the mast head turns, in Spirit's rover frame."""
 D_AZ, D_EL = np.deg2rad(0.2133), np.deg2rad(3.080)
 """Mast axis minus motor angle, Spirit."""
+CALIBRATED_AT_C = 5.0
+"""Temperature at which labels have the stereo bar right, but for `RigErrors.bend`."""
 GROUND_M = 0.294
 """Level ground below the rover origin."""
 _NAVCAM_FILTER = "PANCAM_L8_440NM_SOL_ND5"
@@ -138,6 +156,49 @@ class Pointing:
         if turned_by is not None:
             rotation = rotation @ rotation_of_roll_pitch_yaw(*map(float, turned_by))
         return Pose(stop.frame, mast_frame(stop), rotation, np.array(T_PMA_M))
+
+
+@dataclass(frozen=True, slots=True)
+class RigErrors:
+    """How mast and stereo bar truly differ from what labels say, radians."""
+
+    pointing: float = float(np.deg2rad(0.12))
+    """Standard deviation of a pair's azimuth and elevation; its roll has half."""
+    mast_zero: tuple[float, float] = (0.0, 0.0)
+    """Of azimuth and elevation, the same for all pairs."""
+    mast_axis: tuple[float, float] = (0.0, 0.0)
+    """Roll and pitch of the mast's azimuth axis in the rover frame."""
+    bend: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Rotation vector of the right cameras about the mast axes at `CALIBRATED_AT_C`."""
+    bend_per_kelvin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def draw_miss(self, pointing: Pointing, rng: np.random.Generator) -> tuple[float, float, float]:
+        """Roll, pitch, yaw of the mast head beyond what the motors report, for one pair."""
+        roll, pitch, yaw = map(float, rng.normal(0.0, self.pointing, 3) * (0.5, 1.0, 1.0))
+        if not any(self.mast_zero + self.mast_axis):
+            return roll, pitch, yaw
+        azimuth, elevation = np.add((pointing.azimuth, pointing.elevation), self.mast_zero)
+        true = (
+            rotation_of_roll_pitch_yaw(*self.mast_axis, 0.0)
+            @ Pointing(float(azimuth), float(elevation)).rotation
+            @ rotation_of_roll_pitch_yaw(roll, pitch, yaw)
+        )
+        return roll_pitch_yaw_of_rotation(pointing.rotation.T @ true)
+
+    def camera_in_mast(self, instrument: Instrument, eye: Eye, celsius: float) -> Cahvor:
+        """The camera as it is at a temperature: the right ones turned about their centres."""
+        camera = CAMERAS[instrument, eye].in_mast
+        kelvin = celsius - CALIBRATED_AT_C
+        bend = np.add(self.bend, np.multiply(self.bend_per_kelvin, kelvin))
+        if eye is Eye.LEFT or not bend.any():
+            return camera
+        turn = ScipyRotation.from_rotvec(bend).as_matrix()
+        return camera.transform(Pose(LSL, LSL, turn, camera.c - turn @ camera.c))
+
+
+def rig_temperature(local_solar_hour: float) -> float:
+    """Of cameras and bar, degrees Celsius: coldest at two in the night, warmest twelve hours on."""
+    return -35.0 + 35.0 * float(np.cos((local_solar_hour - 14) * np.pi / 12))
 
 
 def mast_frame(stop: StopId) -> Frame:

@@ -1,8 +1,8 @@
 """A landscape, a traverse and the exposures of its panoramas, drawn from one seed.
 
-The mast points by its motors and misses by small turns of its head, which both eyes share and no
-label knows. Every kind of chance has a stream of its own, so that one more stop or pair changes
-nothing of the others.
+The mast points by its motors and misses by small turns of its head, and the stereo bar bends; no
+label knows (`rig.RigErrors`). Every kind of chance has a stream of its own, so that one more stop
+or pair changes nothing of the others.
 """
 
 from __future__ import annotations
@@ -19,7 +19,13 @@ from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.synthetic.edr import Exposure
 from solmap.photogrammetry.synthetic.lattice import stream_of
 from solmap.photogrammetry.synthetic.lighting import LitGround, light_ground
-from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
+from solmap.photogrammetry.synthetic.rig import (
+    CAMERAS,
+    Instrument,
+    Pointing,
+    RigErrors,
+    rig_temperature,
+)
 from solmap.photogrammetry.synthetic.terrain import TERRAINS, Terrain
 from solmap.photogrammetry.synthetic.traverse import (
     Stop,
@@ -39,8 +45,6 @@ PAIR_S = 53
 """Time from one pair to the next, seconds."""
 MAST_ELEVATION = float(np.deg2rad(-18.0))
 """Of the panorama's pairs."""
-POINTING_ERROR = float(np.deg2rad(0.12))
-"""Standard deviation of the mast head's azimuth and elevation, radians; roll has half."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +60,7 @@ class WorldParams:
     """Pancam pairs towards the neighbouring stops as well (right Pancam: synthetic model)."""
     averaging: int = 1
     """Pixels averaged to one, in both directions: 1, 2 or 4."""
+    rig: RigErrors = field(default_factory=RigErrors)
 
     def __post_init__(self) -> None:
         if self.terrain not in TERRAINS:
@@ -126,7 +131,12 @@ class World:
             pma=shot.pair + 1,
             sequence=shot.sequence,
             averaging=averaging,
+            celsius=self.celsius(shot.stop),
         )
+
+    def celsius(self, stop: int) -> float:
+        """Temperature of cameras and bar at a stop."""
+        return rig_temperature(self.stops[stop].local_solar_hour)
 
     def true_lsl_from_mast(self, shot: Shot) -> Pose:
         """Where the mast head truly is, and how it is turned."""
@@ -141,9 +151,9 @@ class World:
 
     def true_camera(self, shot: Shot, eye: Eye) -> Cahvor:
         """The camera that took the picture, in the LSL."""
+        camera = self.params.rig.camera_in_mast(shot.instrument, eye, self.celsius(shot.stop))
         averaging = self.params.averaging
-        in_mast = CAMERAS[shot.instrument, eye].in_mast.average(averaging, averaging)
-        return in_mast.transform(self.true_lsl_from_mast(shot))
+        return camera.average(averaging, averaging).transform(self.true_lsl_from_mast(shot))
 
     def true_elevation(self, grid: MapGrid) -> Raster:
         """Elevation of the ground, rocks included, at the cell centres of a map grid."""
@@ -203,12 +213,9 @@ def _shots(params: WorldParams, stops: tuple[Stop, ...], k: int, seed: int) -> l
     clock = CLOCK_OF_SOL_0 + round(day * SOL_S)
     shots = []
     for pair, (instrument, pointing) in enumerate(plan):
-        miss = rng.normal(0.0, POINTING_ERROR, 3) * (0.5, 1.0, 1.0)
-        roll, pitch, yaw = map(float, miss)
+        miss = params.rig.draw_miss(pointing, rng)
         sequence = f"P{1500 + k % 8000}"
-        shots.append(
-            Shot(k, pair, instrument, pointing, (roll, pitch, yaw), clock + pair * PAIR_S, sequence)
-        )
+        shots.append(Shot(k, pair, instrument, pointing, miss, clock + pair * PAIR_S, sequence))
     return shots
 
 

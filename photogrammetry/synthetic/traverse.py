@@ -56,6 +56,8 @@ class TraverseParams:
     """Standard deviation of what else moves the telemetry position, each axis and drive."""
     local_solar_hours: tuple[float, float] = (9.5, 15.5)
     """Pictures are taken between these hours."""
+    suns: tuple[Sun, ...] = ()
+    """Of the stops, in turn; none: where the hour puts the sun over Spirit's landing site."""
 
     def __post_init__(self) -> None:
         if self.stops < 1 or self.stops_per_site < 1 or self.first_site < 1:
@@ -152,12 +154,16 @@ def drive_traverse(
         origin = believed.translation_m if declared else stops[-1].lsl_from_site.translation_m
         sol = params.first_sol + k
         hour = rng.uniform(*params.local_solar_hours)
+        sun = sun_at(sol, hour)
+        if params.suns:
+            sun = params.suns[k % len(params.suns)]
+            hour = hour_of(sun)
         stops.append(
             Stop(
                 id=stop_id,
                 sol=sol,
                 local_solar_hour=hour,
-                sun=sun_at(sol, hour),
+                sun=sun,
                 slip=slip,
                 lsl_from_rover=truth,
                 telemetry_lsl_from_rover=believed,
@@ -191,3 +197,9 @@ def sun_at(sol: int, local_solar_hour: float) -> Sun:
         ]
     )
     return Sun(float(np.arctan2(sun[1], sun[0]) % (2 * np.pi)), float(np.arcsin(sun[2])))
+
+
+def hour_of(sun: Sun) -> float:
+    """Local solar hour of a sun that rises in the east and passes overhead at noon."""
+    hours = (np.pi / 2 - sun.elevation) * 12 / np.pi
+    return float(12 - hours if np.sin(sun.azimuth) > 0 else 12 + hours)

@@ -21,13 +21,13 @@ from solmap.photogrammetry.matching.stereo.dense import match_densely
 from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_sparsely
 from solmap.photogrammetry.synthetic.downlink import RenderJob
 from solmap.photogrammetry.synthetic.scene import Shot, World, WorldParams, make_world
-from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.truth import true_parallax
 from solmap.tasks.images.pairs import resample_pair
 from solmap.tasks.network.match import pair_geometry
 
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = ROOT / ".cache" / "cross_site"
+AS_LABELLED = WorldParams()
 MADE_BY = (
     "synthetic/**/*.py",
     "synthetic/**/edr.lbl",
@@ -48,11 +48,14 @@ class WorldOfStops:
     seed: int
     stops: int = 4
     pairs: int = 10
+    like: WorldParams = AS_LABELLED
+    """What else is true of rig, camera and telemetry, and the suns; the rest is as above."""
 
     @property
     def params(self) -> WorldParams:
         """The world's parameters; sites and sols differ from seed to seed, as their names do."""
-        traverse = TraverseParams(
+        traverse = replace(
+            self.like.traverse,
             stops=self.stops,
             stops_per_site=1,
             first_site=10 * self.seed,
@@ -60,7 +63,9 @@ class WorldOfStops:
             spacing_m=self.spacing_m,
         )
         step = 2 * np.pi / self.pairs
-        return WorldParams(self.terrain, traverse, pairs=self.pairs, pair_step=step)
+        return replace(
+            self.like, terrain=self.terrain, traverse=traverse, pairs=self.pairs, pair_step=step
+        )
 
     def world(self) -> World:
         """The world itself."""
@@ -96,7 +101,8 @@ def simulated_stop(which: WorldOfStops, number: int) -> SimulatedStop:
     """A stop of a world, from the disk if it was made before."""
     path = CACHE / f"{_digest(which, number)}.pickle"
     if path.exists():
-        return pickle.loads(path.read_bytes())  # noqa: S301 - written by this module
+        kept = pickle.loads(path.read_bytes())  # noqa: S301 - written by this module
+        return replace(kept, world=which)
     made = _made(which, number)
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_suffix(f".{os.getpid()}.part")
@@ -141,7 +147,9 @@ def true_pair(stop: SimulatedStop, pair: int) -> tuple[Pose, np.ndarray]:
 
 
 def _digest(which: WorldOfStops, number: int) -> str:
-    return f"{_short(repr((which, which.params, number)).encode())}-{code_digest()}"
+    short = (which.terrain, which.spacing_m, which.seed, which.stops, which.pairs, number)
+    key = short if which.like == AS_LABELLED else (*short, which.like)
+    return f"{_short(repr(key).encode())}-{code_digest()}"
 
 
 @cache

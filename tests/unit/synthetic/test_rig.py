@@ -2,9 +2,20 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from solmap.photogrammetry.frames import rotation_of_roll_pitch_yaw
 from solmap.photogrammetry.imagery import Eye, StopId
-from solmap.photogrammetry.synthetic.rig import CAMERAS, D_AZ, D_EL, Instrument, Pointing
+from solmap.photogrammetry.synthetic.rig import (
+    CALIBRATED_AT_C,
+    CAMERAS,
+    D_AZ,
+    D_EL,
+    Instrument,
+    Pointing,
+    RigErrors,
+    rig_temperature,
+)
 
 STOP = StopId("MER2", 137, 0)
 
@@ -56,3 +67,47 @@ def test_a_miss_of_the_mast_turns_both_eyes_about_the_mast_head():
     turn = pointing.rotation.T @ moved.rotation
     angle = np.arccos((np.trace(turn) - 1) / 2)
     assert angle == pytest.approx(np.linalg.norm(miss), rel=1e-3)
+
+
+@pytest.mark.parametrize("instrument", Instrument)
+def test_the_bar_turns_its_right_cameras_about_their_centres_by_temperature(instrument):
+    rig = RigErrors(bend=(1e-4, -2e-4, 3e-4), bend_per_kelvin=(1e-6, 0.0, -2e-5))
+    left, right = (CAMERAS[instrument, eye].in_mast for eye in (Eye.LEFT, Eye.RIGHT))
+    assert rig.camera_in_mast(instrument, Eye.LEFT, -20.0) is left
+    for kelvin, turn in ((0.0, [1e-4, -2e-4, 3e-4]), (-10.0, [0.9e-4, -2e-4, 5e-4])):
+        bent = rig.camera_in_mast(instrument, Eye.RIGHT, CALIBRATED_AT_C + kelvin)
+        rotation = Rotation.from_rotvec(turn).as_matrix()
+        np.testing.assert_allclose(bent.c, right.c, rtol=1e-12)
+        for axis in "ahvo":
+            np.testing.assert_allclose(
+                getattr(bent, axis), rotation @ getattr(right, axis), atol=1e-8
+            )
+
+
+def test_a_rig_without_errors_is_the_labels():
+    rig = RigErrors()
+    for (instrument, eye), unit in CAMERAS.items():
+        assert rig.camera_in_mast(instrument, eye, -50.0) is unit.in_mast
+    assert RigErrors(pointing=0.0).draw_miss(Pointing(1.0, -0.3), np.random.default_rng(0)) == (
+        0.0,
+        0.0,
+        0.0,
+    )
+
+
+def test_systematic_errors_of_the_mast_are_those_of_its_axis_and_zeros():
+    rig = RigErrors(pointing=0.0, mast_zero=(2e-3, -1e-3), mast_axis=(1e-3, 3e-3))
+    for azimuth in (0.2, 2.0, 4.0):
+        pointing = Pointing(azimuth, -0.3)
+        miss = rig.draw_miss(pointing, np.random.default_rng(0))
+        found = pointing.rotation @ rotation_of_roll_pitch_yaw(*miss)
+        true = (
+            rotation_of_roll_pitch_yaw(1e-3, 3e-3, 0.0)
+            @ Pointing(azimuth + 2e-3, -0.3 - 1e-3).rotation
+        )
+        np.testing.assert_allclose(found, true, atol=1e-12)
+
+
+def test_the_bar_is_warmer_after_noon_than_in_the_morning():
+    assert rig_temperature(14.0) == pytest.approx(0.0)
+    assert rig_temperature(9.5) < -15

@@ -19,10 +19,11 @@ from solmap.photogrammetry.cameras.epipolar import epipolar_pair
 from solmap.photogrammetry.errors import FrameError, PhotogrammetryError
 from solmap.photogrammetry.frames import Frame, FrameKind, site_frame
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.synthetic import lighting
+from solmap.photogrammetry.synthetic import edr, lighting
 from solmap.photogrammetry.synthetic.downlink import render_jobs, simulate_downlink, text_files
+from solmap.photogrammetry.synthetic.lighting import Sun
 from solmap.photogrammetry.synthetic.render import first_hits, photograph, view_of
-from solmap.photogrammetry.synthetic.rig import GROUND_M
+from solmap.photogrammetry.synthetic.rig import GROUND_M, RigErrors
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams, sun_at
 from solmap.photogrammetry.synthetic.truth import true_parallax, truth_document
@@ -269,7 +270,7 @@ def test_the_sun_stands_in_the_north_at_noon_and_in_the_west_after():
 
 
 def test_shadows_fall_away_from_the_sun():
-    from solmap.photogrammetry.synthetic.lighting import SKY_LIGHT, Sun, ground_radiance  # noqa: PLC0415
+    from solmap.photogrammetry.synthetic.lighting import SKY_LIGHT, ground_radiance  # noqa: PLC0415
 
     wall = np.zeros((60, 60), np.float32)
     wall[28:32, 28:32] = 0.2  # a post of 20 cm, nodes 2 cm apart
@@ -279,6 +280,31 @@ def test_shadows_fall_away_from_the_sun():
     assert picture[30, 22] == pytest.approx(SKY_LIGHT, abs=0.02)  # west of it: sky light only
     assert picture[30, 40] > 0.7
     assert picture[30, 12] > 0.7  # 32 cm west: the shadow of 20 cm has ended
+
+
+def test_stops_have_the_suns_that_are_asked_for_in_turn():
+    suns = tuple(Sun(*np.deg2rad(sun)) for sun in ((262.0, 30.0), (98.0, 32.0)))
+    world = make_world(WorldParams(traverse=TraverseParams(stops=3, suns=suns), pairs=1), 5)
+    assert [stop.sun for stop in world.stops] == [*suns, suns[0]]
+    west, east, _ = (stop.local_solar_hour for stop in world.stops)
+    assert (east, west) == pytest.approx((12 - 58 / 15, 12 + 60 / 15))
+
+
+def test_a_bent_bar_moves_the_right_image_and_not_its_label():
+    bend = (3e-4, -4e-4, 2e-4)
+    rigs = (RigErrors(bend=bend), RigErrors())
+    worlds = [make_world(replace(SMALL, rig=rig), 7) for rig in rigs]
+    shot = worlds[0].shots[0]
+    for eye in (Eye.LEFT, Eye.RIGHT):
+        labels = [edr.label_bytes(world.exposure(shot, eye)) for world in worlds]
+        assert labels[0] == labels[1]
+        bent, straight = (world.true_camera(shot, eye) for world in worlds)
+        pixels = np.array([[60.0, 60.0], [128.0, 190.0], [250.0, 128.0]])
+        seen = bent.project(straight.centre + 9.0 * straight.rays(pixels)) - pixels
+        turned_px = (np.array([-bend[2], bend[1]]) if eye is Eye.RIGHT else np.zeros(2)) * 306
+        np.testing.assert_allclose(seen, np.tile(turned_px, (3, 1)), atol=0.06)  # roll at edges
+    views = [view_of(world, shot, Eye.RIGHT)[1] for world in worlds]
+    assert np.abs(views[0] - views[1]).max() == pytest.approx(np.linalg.norm(bend), rel=0.2)
 
 
 def test_impossible_parameters_are_refused():
