@@ -54,6 +54,9 @@ def open_user_file(path: Path, folder: Path | None = None) -> Iterator[BufferedR
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_NOCTTY | os.O_CLOEXEC
     with os.fdopen(os.open(place, flags), "rb") as file:
         _check_regular(path, os.fstat(file.fileno()))  # another file may be there by now
+        opened = Path(f"/proc/self/fd/{file.fileno()}")
+        if opened.exists() and opened.readlink() != place:  # by a folder exchanged for a link
+            raise OSError(errno.EACCES, "it was exchanged while it was opened", str(path))
         yield file
 
 

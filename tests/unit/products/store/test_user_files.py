@@ -52,6 +52,22 @@ def test_links_stay_in_their_folder(tmp_path):
     assert refusal(inside / "round.img", inside) == "a link that leads to itself"
 
 
+def test_a_folder_exchanged_for_a_link_is_found_out(tmp_path, monkeypatch):
+    for name in ("inbox/sol1", "elsewhere"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "x.img").write_bytes(name.encode())
+    opening = os.open
+
+    def exchange(path, *args, **kwargs):
+        (tmp_path / "inbox/sol1").rename(tmp_path / "away")
+        (tmp_path / "inbox/sol1").symlink_to(tmp_path / "elsewhere")
+        return opening(path, *args, **kwargs)
+
+    monkeypatch.setattr(os, "open", exchange)
+    path = tmp_path / "inbox/sol1/x.img"
+    assert refusal(path, tmp_path / "inbox") == "it was exchanged while it was opened"
+
+
 def test_a_file_larger_than_the_limit_is_not_read(tmp_path):
     with (tmp_path / "sparse.img").open("wb") as file:
         file.truncate(1 << 40)
