@@ -60,6 +60,8 @@ class Exposure:
     averaging: int = 1
     celsius: float = 0.0
     """Temperature of the detectors."""
+    bits_per_pixel: float = 0.0
+    """Of lossy coding; 0: none."""
 
     @property
     def unit(self) -> CameraUnit:
@@ -163,7 +165,22 @@ def _values(exposure: Exposure) -> dict[str, object]:
         "filter_name": unit.filter_name,
         "filter_number": unit.filter_number,
         "temperature": format_number(exposure.celsius),
+        "compression": _compression(exposure.bits_per_pixel),
     }
+
+
+def _compression(bits_per_pixel: float) -> str:
+    """How the image was coded, as flight labels have it."""
+    rows = {"DESC": '"No compression"', "MODE": "0", "NAME": '"NONE"', "RATIO": "1.0"}
+    if bits_per_pixel:
+        rows = {
+            "DESC": '"Lossy compression algorithm developed at JPL"',
+            "MODE": "2",
+            "NAME": '"ICER ADAPTIVE VARIABLE-LENGTH CODING (ICER)"',
+            "RATE": format_number(bits_per_pixel),
+            "RATIO": format_number(12 / bits_per_pixel),
+        }
+    return "\n".join(f"  {'INST_CMPRS_' + key:<32}= {value}" for key, value in rows.items())
 
 
 def _times(exposure: Exposure) -> dict[str, str]:

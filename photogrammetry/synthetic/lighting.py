@@ -7,6 +7,7 @@ albedo w, the radiance of a node is
 
 For shadow the ground is turned so that light runs along its rows: with u the way from the sun, a
 node sees it unless an earlier one of its row has a larger z + u tan(elevation), a running maximum.
+The shadow of the rover, if it is there, is that of its boxes (`body`).
 What is finer than the nodes is a picture as well: a square of 8.19 m of grains and pebbles 4 mm
 and up, lit in the same way and laid everywhere; it has no height in the truth.
 """
@@ -21,8 +22,10 @@ import cv2
 import numpy as np
 
 from solmap.photogrammetry.arrays import Vector3
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.synthetic.body import entered
 from solmap.photogrammetry.synthetic.lattice import Nodes, Window, stream_of
-from solmap.photogrammetry.synthetic.terrain import Terrain, raise_rocks
+from solmap.photogrammetry.synthetic.terrain import Patch, Terrain, raise_rocks
 
 SKY_LIGHT = 0.22
 """Light of the dusty sky, as a share of the sun's at right angles."""
@@ -33,6 +36,8 @@ PENUMBRA_M = 0.01
 """Height over which the sun rises above an edge: its disc is 0.35 degrees wide."""
 LAYERS = ((0, 24.0, 27.0), (1, 42.0, 45.0), (3, 120.0, 130.0), (6, 1000.0, 1024.0))
 """Level, reach and half width in metres, from the camera outwards."""
+ROVER_SHADOW_M = 12.0
+"""Half the side of the square of ground that is searched for the shadow of the rover."""
 _baking = threading.Lock()
 
 
@@ -81,25 +86,54 @@ class LitGround:
         return level_ground * (0.25 + 0.65 * np.exp(-np.maximum(tangent, 0) / 0.8))
 
 
-def light_ground(terrain: Terrain, north: float, east: float, sun: Sun) -> LitGround:
-    """The lit ground around a stop; kept for as long as one of the last two is asked for again."""
+def light_ground(
+    terrain: Terrain, north: float, east: float, sun: Sun, rover: Pose | None = None
+) -> LitGround:
+    """The lit ground around a stop; kept for as long as one of the last two is asked for again.
+
+    Args:
+        terrain: the ground.
+        north: of the stop.
+        east: of the stop.
+        sun: where it stands.
+        rover: its true pose in the LSL, if its shadow is to be seen.
+    """
     with _baking:
-        return _light(terrain, north, east, sun)
+        return _light(terrain, north, east, sun, rover)
 
 
 @lru_cache(maxsize=2)
-def _light(terrain: Terrain, north: float, east: float, sun: Sun) -> LitGround:
+def _light(terrain: Terrain, north: float, east: float, sun: Sun, rover: Pose | None) -> LitGround:
     layers = []
     for level, reach_m, half_m in LAYERS:
         patch = terrain.patch(Window.around(level, north, east, half_m))
-        radiance = ground_radiance(patch.elevation, patch.window.cell_m, sun)
+        beside = None if rover is None or level else _beside_shadow(patch, sun, rover)
+        radiance = ground_radiance(patch.elevation, patch.window.cell_m, sun, beside)
         radiance *= patch.albedo
         layers.append(Layer(patch.window, patch.elevation, radiance, reach_m))
     return LitGround(sun, tuple(layers), _grains(terrain.seed, sun))
 
 
-def ground_radiance(elevation: Nodes, cell_m: float, sun: Sun) -> Nodes:
-    """Radiance of ground of albedo 1."""
+def _beside_shadow(patch: Patch, sun: Sun, rover: Pose) -> Nodes:
+    """1 where a node is beside the rover's shadow, 0 in it."""
+    window, beside = patch.window, np.ones_like(patch.elevation)
+    rows = np.flatnonzero(np.abs(window.north - rover.translation_m[0]) < ROVER_SHADOW_M)
+    cols = np.flatnonzero(np.abs(window.east - rover.translation_m[1]) < ROVER_SHADOW_M)
+    north, east = np.meshgrid(window.north[rows], window.east[cols], indexing="ij")
+    ground = np.column_stack(
+        [north.ravel(), east.ravel(), -patch.elevation[np.ix_(rows, cols)].ravel()]
+    )
+    origins = rover.inverse.apply(ground).astype(np.float32)
+    towards = (sun.direction * [1, 1, -1]) @ rover.rotation
+    distance, _ = entered(origins, np.tile(towards.astype(np.float32), (len(origins), 1)))
+    beside[np.ix_(rows, cols)] = np.isinf(distance).reshape(north.shape)
+    return beside
+
+
+def ground_radiance(
+    elevation: Nodes, cell_m: float, sun: Sun, sunlit: Nodes | None = None
+) -> Nodes:
+    """Radiance of ground of albedo 1; `sunlit` is what other things than the ground let through."""
     to_north, to_east, up = (float(part) for part in sun.direction)
     north: np.ndarray = cv2.Sobel(elevation, cv2.CV_32F, 0, 1, ksize=1, scale=-0.5 / cell_m)
     east: np.ndarray = cv2.Sobel(elevation, cv2.CV_32F, 1, 0, ksize=1, scale=-0.5 / cell_m)
@@ -111,6 +145,8 @@ def ground_radiance(elevation: Nodes, cell_m: float, sun: Sun) -> Nodes:
     north *= upright
     np.maximum(north, 0, out=north)
     north *= _sunlit_share(elevation, cell_m, sun)
+    if sunlit is not None:
+        north *= sunlit
     upright += 1
     upright *= np.float32(SKY_LIGHT / 2)
     north += upright

@@ -17,12 +17,13 @@ far away. Steps of r cover less than a panorama element near by and one cell of 
 The panorama (half a pixel an element) is smoothed to the width of a pixel and looked up along the
 camera's rays. Both eyes and all stops look at one surface, the bilinear one of the lattice.
 
-From the radiance of the ground the camera makes the numbers in the image. Pixels count electrons:
-with the radiance L and an exposure that brings level ground to some 1800 of 4095,
+The rover's own body, if it is there, covers what is behind it (`body`). The exposure brings level
+ground to some 1800 of 4095; with the radiance L the camera (`camera`) is given the signal g L B, of
+which
 
-    DN = g L B(phase) + noise,     variance = DN / 41.5 + 0.6^2     (full well 170,000 e-, 25 e-),
+    B = 1 + 0.35 / (1 + tan(phase / 2) / 0.12)
 
-B = 1 + 0.35 / (1 + tan(phase / 2) / 0.12) being the brightening opposite the sun (Hapke 1986).
+is the brightening opposite the sun (Hapke 1986).
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ from solmap.photogrammetry.arrays import Float32, Float64, GreyImage, Int32, Obj
 from solmap.photogrammetry.errors import CameraError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.synthetic.body import body_radiance, entered
+from solmap.photogrammetry.synthetic.camera import SHARPEST_PX, compress, expose, transmission
 from solmap.photogrammetry.synthetic.lattice import Window, bilinear, stream_of
 from solmap.photogrammetry.synthetic.lighting import GRAIN_M, GRAINS, SKY_LIGHT, LitGround, Sun
 from solmap.photogrammetry.synthetic.rig import CAMERAS, FULL_FRAME, Instrument, RigErrors
@@ -51,8 +54,6 @@ GRAIN_REACH_M = (6.0, 12.0, 24.0)
 Rays = Float32[np.ndarray, "3 lines samples"]
 """(north, east, down) of the unit direction of every pixel."""
 LEVEL_DN = 1800.0
-ELECTRONS_PER_DN = 41.5
-READ_DN = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,7 +119,7 @@ def rotate_rays(pose: Pose, rays: Rays) -> Rays:
     return np.stack([r[i, 0] * rays[0] + r[i, 1] * rays[1] + r[i, 2] * rays[2] for i in range(3)])
 
 
-def render_radiance(ground: LitGround, view: View) -> GreyImage:
+def render_radiance(ground: LitGround, view: View, psf_px: float = SHARPEST_PX) -> GreyImage:
     """Radiance of every pixel; the ground of albedo 1 under a vertical sun has about 1.2."""
     azimuths, edges = view.azimuths, view.edges
     tangents = np.tan(edges)
@@ -127,11 +128,26 @@ def render_radiance(ground: LitGround, view: View) -> GreyImage:
     for start in range(0, len(azimuths), CHUNK):
         profiles = _sweep(ground, view, azimuths[start : start + CHUNK], steps)
         panorama[start : start + CHUNK] = _collect_light(ground, profiles, tangents)
-    smooth = cv2.sepFilter2D(panorama, -1, *(np.array([0.25, 0.5, 0.25]),) * 2)
+    smooth = _spread(panorama, psf_px)
     scale = np.float32(1 / view.step)
     column = (view.azimuth - np.float32(azimuths[0])) * scale
     row = (view.elevation - np.float32(edges[0] + 0.5 * view.step)) * scale
     return cv2.remap(smooth, row, column, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def _spread(panorama: GreyImage, psf_px: float) -> GreyImage:
+    """The panorama smoothed so that a point's image is as wide as asked for.
+
+    Elements of half a pixel and the bilinear sampling between them add 1/12 + 1/6 of an element's
+    square to the variance, and the narrowest kernel 1/2: `SHARPEST_PX`.
+    """
+    kernel = np.array([0.25, 0.5, 0.25])
+    if psf_px > SHARPEST_PX:
+        sigma = np.sqrt(4 * psf_px**2 - 0.25)
+        reach = int(np.ceil(4 * sigma))
+        kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+        kernel /= kernel.sum()
+    return cv2.sepFilter2D(panorama, -1, kernel, kernel)
 
 
 def _steps(ground: LitGround, view: View) -> list[np.ndarray]:
@@ -293,18 +309,41 @@ def _elevation(
 
 def photograph(world: World, shot: Shot, eye: Eye) -> Int32[np.ndarray, "lines samples"]:
     """The pixels of one image."""
-    sun = world.stops[shot.stop].sun
+    sun, camera = world.stops[shot.stop].sun, world.params.camera
     view, rays = view_of(world, shot, eye)
     gain = LEVEL_DN / (np.sin(sun.elevation) + SKY_LIGHT)
-    signal = render_radiance(world.ground(shot.stop), view)
+    signal = render_radiance(world.ground(shot.stop), view, camera.psf_px)
     signal *= _opposition(rays, sun)
+    if world.params.rover_in_view:
+        _draw_rover(signal, view.centre, rays, world, shot)
     signal *= np.float32(gain)
-    rng = stream_of(world.seed, 106, shot.stop, shot.pair, 0 if eye is Eye.LEFT else 1)
-    noise = rng.standard_normal(signal.shape, dtype=np.float32)
-    share = np.float32(1 / (ELECTRONS_PER_DN * world.params.averaging**2))
-    noise *= np.sqrt(np.maximum(signal, 0) * share + np.float32(READ_DN**2))
-    signal += noise
-    return np.clip(np.rint(signal), 1, 4095).astype(np.int32)
+    number = 0 if eye is Eye.LEFT else 1
+    optics = (world.seed, 107, number, 0 if shot.instrument is Instrument.NAVCAM else 1)
+    passed = transmission(camera, len(signal), *optics)
+    rng = stream_of(world.seed, 106, shot.stop, shot.pair, number)
+    pixels = expose(signal, passed, world.params.averaging, rng)
+    return compress(pixels, camera.bits_per_pixel) if camera.bits_per_pixel else pixels
+
+
+def _draw_rover(signal: GreyImage, centre: Vector3, rays: Rays, world: World, shot: Shot) -> None:
+    """Cover what the rover hides by the rover itself, edges as wide as the image of a point."""
+    stop = world.stops[shot.stop]
+    rover_from_lsl = stop.lsl_from_rover.inverse
+    origin = rover_from_lsl.apply(centre[None])[0]
+    turned = rotate_rays(rover_from_lsl, rays).reshape(3, -1).T
+    distance, normals = entered(origin, turned)
+    hit = np.isfinite(distance)
+    if not hit.any():
+        return
+    points = origin.astype(np.float32) + distance[hit, None] * turned[hit]
+    towards = (stop.sun.direction * [1, 1, -1]) @ stop.lsl_from_rover.rotation
+    shown = np.zeros(signal.size, np.float32)
+    shown[hit] = body_radiance(points, normals[hit], towards, SKY_LIGHT)
+    layers = (hit.astype(np.float32).reshape(signal.shape), shown.reshape(signal.shape))
+    sigma = world.params.camera.psf_px
+    cover, shown = (cv2.GaussianBlur(layer, (0, 0), sigma) for layer in layers)
+    signal *= 1 - cover
+    signal += shown
 
 
 def _opposition(rays: Rays, sun: Sun) -> GreyImage:

@@ -16,6 +16,7 @@ from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.synthetic.camera import CameraParams
 from solmap.photogrammetry.synthetic.edr import Exposure
 from solmap.photogrammetry.synthetic.lattice import stream_of
 from solmap.photogrammetry.synthetic.lighting import LitGround, light_ground
@@ -61,6 +62,9 @@ class WorldParams:
     averaging: int = 1
     """Pixels averaged to one, in both directions: 1, 2 or 4."""
     rig: RigErrors = field(default_factory=RigErrors)
+    camera: CameraParams = field(default_factory=CameraParams)
+    rover_in_view: bool = False
+    """The rover stands in its own pictures, and its shadow on the ground."""
 
     def __post_init__(self) -> None:
         if self.terrain not in TERRAINS:
@@ -109,7 +113,8 @@ class World:
         """The ground around a stop under the sun of its sol."""
         here = self.stops[stop]
         north, east, _ = here.lsl_from_rover.translation_m
-        return light_ground(self.terrain, float(north), float(east), here.sun)
+        rover = here.lsl_from_rover if self.params.rover_in_view else None
+        return light_ground(self.terrain, float(north), float(east), here.sun, rover)
 
     def exposure(self, shot: Shot, eye: Eye) -> Exposure:
         """What the label of an image says."""
@@ -132,6 +137,7 @@ class World:
             sequence=shot.sequence,
             averaging=averaging,
             celsius=self.celsius(shot.stop),
+            bits_per_pixel=self.params.camera.bits_per_pixel,
         )
 
     def celsius(self, stop: int) -> float:

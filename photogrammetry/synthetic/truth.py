@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from solmap.photogrammetry.arrays import Float32, ParallaxMap
+from solmap.photogrammetry.arrays import Flags, Float32, ParallaxMap
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.synthetic.body import entered
 from solmap.photogrammetry.synthetic.lighting import LitGround
 from solmap.photogrammetry.synthetic.render import View, first_hits, rotate_rays
 from solmap.photogrammetry.synthetic.scene import Shot, World
@@ -23,7 +24,8 @@ MARS_RADIUS_M = 3_396_190
 def true_parallax(world: World, stop: int, pair: int, geometry: EpipolarPair) -> ParallaxMap:
     """Parallax of every pixel of the left epipolar image, from the landscape itself.
 
-    NaN for the sky, at outlines, and where the right camera does not see the point.
+    NaN for the sky, at outlines, where the right camera does not see the point, and where the rover
+    stands before it.
     """
     shot = world.shot(stop, pair)
     lsl_from_pair = world.true_lsl_from_label_rover(shot) @ geometry.rover_from_pair
@@ -33,6 +35,8 @@ def true_parallax(world: World, stop: int, pair: int, geometry: EpipolarPair) ->
     points = lsl_from_pair.inverse.apply(first_hits(ground, view))
     parallax_px = geometry.focal_px * geometry.base_m / points[:, 2]
     visible = _visible_to_right(geometry, lsl_from_pair, ground, points)
+    if world.params.rover_in_view:
+        visible &= _beside_rover(world.stops[stop].lsl_from_rover, lsl_from_pair, geometry, points)
     parallax_px[~visible] = np.nan
     return parallax_px.reshape(geometry.lines, geometry.samples).astype(np.float32)
 
@@ -57,6 +61,21 @@ def _visible_to_right(
     view = View.of_rays(centre, rotate_rays(lsl_from_pair, rays), 1 / geometry.focal_px)
     hit_m = np.linalg.norm(first_hits(ground, view) - centre, axis=1)
     return known & (np.abs(hit_m - distance_m) < 0.01 + 0.01 * distance_m)
+
+
+def _beside_rover(
+    lsl_from_rover: Pose, lsl_from_pair: Pose, geometry: EpipolarPair, points: np.ndarray
+) -> Flags:
+    """Whether the rays from both cameras to points miss the rover."""
+    rover_from_pair = lsl_from_rover.inverse @ lsl_from_pair
+    aims = rover_from_pair.apply(np.nan_to_num(points))
+    beside = np.ones(len(points), np.bool_)
+    for centre in np.array([[0.0, 0.0, 0.0], [geometry.base_m, 0.0, 0.0]]):
+        origin = rover_from_pair.apply(centre[None])[0]
+        distance_m = np.linalg.norm(aims - origin, axis=1)
+        rays = (aims - origin) / distance_m[:, None]
+        beside &= entered(origin, rays.astype(np.float32))[0] > distance_m
+    return beside
 
 
 def truth_document(world: World) -> dict[str, object]:
