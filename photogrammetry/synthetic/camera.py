@@ -102,5 +102,5 @@ def compress(
     """The image after wavelet coding and decoding."""
     share = [cv2.IMWRITE_JPEG2000_COMPRESSION_X1000, round(1000 * bits_per_pixel / CONTAINER_BITS)]
     _, coded = cv2.imencode(".jp2", pixels.astype(np.uint16), share)
-    decoded = cv2.imdecode(coded, cv2.IMREAD_UNCHANGED)
+    decoded = np.asarray(cv2.imdecode(coded, cv2.IMREAD_UNCHANGED))
     return np.clip(decoded, 1, BRIGHTEST_DN).astype(np.int32)

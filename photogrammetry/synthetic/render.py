@@ -341,9 +341,9 @@ def _draw_rover(signal: GreyImage, centre: Vector3, rays: Rays, world: World, sh
     shown[hit] = body_radiance(points, normals[hit], towards, SKY_LIGHT)
     layers = (hit.astype(np.float32).reshape(signal.shape), shown.reshape(signal.shape))
     sigma = world.params.camera.psf_px
-    cover, shown = (cv2.GaussianBlur(layer, (0, 0), sigma) for layer in layers)
+    cover, light = (cv2.GaussianBlur(layer, (0, 0), sigma) for layer in layers)
     signal *= 1 - cover
-    signal += shown
+    signal += light
 
 
 def _opposition(rays: Rays, sun: Sun) -> GreyImage:
