@@ -29,7 +29,6 @@ from solmap.photogrammetry.synthetic.downlink import (
 )
 from solmap.photogrammetry.synthetic.mission import MISSION, MissionPlan
 from solmap.photogrammetry.synthetic.scene import World, WorldParams, make_world
-from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.catalogue.catalogue import MissionEntry, Outcome
 from solmap.products.catalogue.workspace import Workspace
@@ -56,13 +55,12 @@ PIPELINE = "default"
 """What a simulated mission is adjusted and drawn with."""
 
 
-def write_downlink(out_dir: Path, stops: int, seed: int, terrain: str, *, pairs: int = 10) -> int:
+def write_downlink(out_dir: Path, params: WorldParams, seed: int) -> int:
     """Simulate a rover's downlink into a folder; the number of files.
 
     Raises:
-        PhotogrammetryError: the folder holds something else, or the terrain is unknown.
+        PhotogrammetryError: the folder holds something else.
     """
-    params = WorldParams(terrain, TraverseParams(stops=stops), pairs=pairs)
     world = make_world(params, seed)
     texts = text_files(world)
     _refuse_another_world(out_dir, texts)

@@ -24,12 +24,26 @@ def simulate(
     stops: Annotated[int, typer.Option(help="Number of stops", min=1, max=100)] = 2,
     seed: Annotated[int, typer.Option(help="Repeats a world bit for bit", min=0)] = 1,
     terrain: Annotated[str, typer.Option(help="plains, hills or crater")] = "hills",
+    *,
+    realistic: Annotated[
+        bool,
+        typer.Option(
+            "--realistic",
+            help="Images and telemetry as bad as real ones: bent stereo bar, mast errors, "
+            "vignetting, dust, lossy coding, the rover in view, opposite suns, slip to 100 %",
+        ),
+    ] = False,
 ) -> None:
     """Make a synthetic downlink with known truth: PDS3 images, vector files and the truth."""
     from solmap.flows.simulation import write_downlink  # noqa: PLC0415
+    from solmap.photogrammetry.synthetic.scene import WorldParams, realistic_params  # noqa: PLC0415
+    from solmap.photogrammetry.synthetic.traverse import TraverseParams  # noqa: PLC0415
 
+    params = WorldParams(terrain, TraverseParams(stops=stops))
+    if realistic:
+        params = realistic_params(params, seed)
     with progress_shown():
-        files = write_downlink(out_dir, stops=stops, seed=seed, terrain=terrain)
+        files = write_downlink(out_dir, params, seed)
     say(f"{files} files in {out_dir}; {out_dir / 'truth'} is for evaluation only")
 
 

@@ -19,7 +19,7 @@ from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.synthetic.camera import CameraParams
 from solmap.photogrammetry.synthetic.edr import Exposure
 from solmap.photogrammetry.synthetic.lattice import stream_of
-from solmap.photogrammetry.synthetic.lighting import LitGround, light_ground
+from solmap.photogrammetry.synthetic.lighting import LitGround, Sun, light_ground
 from solmap.photogrammetry.synthetic.rig import (
     CAMERAS,
     Instrument,
@@ -76,6 +76,51 @@ class WorldParams:
                 f"a panorama has at least one pair, averaged over 1, 2 or 4 pixels, not "
                 f"{self.pairs} pairs averaged over {self.averaging}"
             )
+
+
+def realistic_params(params: WorldParams, rng_seed: int) -> WorldParams:
+    """The same terrain, traverse and panoramas, with all that is wrong with real images and rovers.
+
+    Every seed has a rig, cameras and suns of its own: one stop's in the morning, the next one's in
+    the afternoon. Wheels slip by up to 100 %.
+    """
+    rng = stream_of(rng_seed, 108)
+    traverse = params.traverse
+    suns = [_morning_or_afternoon(rng, is_morning=stop % 2 == 0) for stop in range(traverse.stops)]
+    rig = RigErrors(
+        pointing=float(np.deg2rad(0.06)),
+        mast_zero=_two(rng, np.deg2rad(0.1)),
+        mast_axis=_two(rng, np.deg2rad(0.05)),
+        bend=_three(rng, 3e-4),
+        bend_per_kelvin=_three(rng, 5e-6),
+    )
+    return replace(
+        params,
+        traverse=replace(traverse, slip=(0.0, 1.0), suns=tuple(suns)),
+        rig=rig,
+        camera=CameraParams(
+            psf_px=float(rng.uniform(0.5, 0.9)),
+            vignetting=1.0,
+            dust_specks=20,
+            bits_per_pixel=float(np.exp(rng.uniform(*np.log([0.6, 3.0])))),
+        ),
+        rover_in_view=True,
+    )
+
+
+def _two(rng: np.random.Generator, sigma: float) -> tuple[float, float]:
+    one, other = rng.normal(0.0, sigma, 2).tolist()
+    return one, other
+
+
+def _three(rng: np.random.Generator, sigma: float) -> tuple[float, float, float]:
+    x, y, z = rng.normal(0.0, sigma, 3).tolist()
+    return x, y, z
+
+
+def _morning_or_afternoon(rng: np.random.Generator, *, is_morning: bool) -> Sun:
+    azimuth = rng.uniform(60.0, 120.0) + (0.0 if is_morning else 180.0)
+    return Sun(float(np.deg2rad(azimuth)), float(np.deg2rad(rng.uniform(25.0, 50.0))))
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,8 @@ models beside them, as R_cam_to_lsl with one focal length says less than a CAHVO
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import numpy as np
 
 from solmap.photogrammetry.arrays import Flags, Float32, ParallaxMap
@@ -88,6 +90,8 @@ def truth_document(world: World) -> dict[str, object]:
         f"+R={MARS_RADIUS_M} +units=m +no_defs",
         "seed": world.seed,
         "terrain": world.params.terrain,
+        "rig": asdict(world.params.rig),
+        "camera": asdict(world.params.camera),
         "stops": [_stop_truth(stop) for stop in world.stops],
         "images": [
             _image_truth(world, shot, eye) for shot in world.shots for eye in (Eye.LEFT, Eye.RIGHT)

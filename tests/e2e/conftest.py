@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from solmap.photogrammetry.synthetic.scene import WorldParams
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.workspace import Workspace
 from tests.support.bowl_store import fill
 from tests.support.browsing import Server, open_browser, open_page
@@ -38,7 +40,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from solmap.flows.simulation import write_downlink  # noqa: PLC0415 - slow to import
 
     folder = tmp_path_factory.mktemp("world")
-    write_downlink(folder, stops=2, seed=11, terrain="hills")
+    write_downlink(folder, WorldParams("hills", TraverseParams(stops=2)), seed=11)
     return folder
 
 

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
+from solmap.photogrammetry.synthetic.scene import WorldParams
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from tests.support.live_server import running
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
@@ -23,7 +25,7 @@ def downlink(tmp_path_factory) -> Path:
     from solmap.flows.simulation import write_downlink  # noqa: PLC0415 - slow to import
 
     folder = tmp_path_factory.mktemp("small")
-    write_downlink(folder, stops=2, seed=3, terrain="hills", pairs=2)
+    write_downlink(folder, WorldParams("hills", TraverseParams(stops=2), pairs=2), seed=3)
     return folder
 
 

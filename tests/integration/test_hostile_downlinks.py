@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 
 from solmap.flows.simulation import write_downlink
+from solmap.photogrammetry.synthetic.scene import WorldParams
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.workspace import Workspace
 from tests.support.hostile_files import compare, label_with
 from tests.support.small_downlink import FEW_LAYERS, write_coarse_pipeline, write_small_downlink
@@ -15,7 +17,7 @@ from tests.support.store_checks import Contents
 @pytest.fixture(scope="module")
 def small_world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("small")
-    write_downlink(folder, stops=1, seed=5, terrain="plains", pairs=1)
+    write_downlink(folder, WorldParams("plains", TraverseParams(stops=1), pairs=1), seed=5)
     return folder
 
 

@@ -24,7 +24,7 @@ from solmap.photogrammetry.synthetic.downlink import render_jobs, simulate_downl
 from solmap.photogrammetry.synthetic.lighting import Sun
 from solmap.photogrammetry.synthetic.render import first_hits, photograph, view_of
 from solmap.photogrammetry.synthetic.rig import GROUND_M, RigErrors
-from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
+from solmap.photogrammetry.synthetic.scene import WorldParams, make_world, realistic_params
 from solmap.photogrammetry.synthetic.traverse import TraverseParams, sun_at
 from solmap.photogrammetry.synthetic.truth import true_parallax, truth_document
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
@@ -305,6 +305,23 @@ def test_a_bent_bar_moves_the_right_image_and_not_its_label():
         np.testing.assert_allclose(seen, np.tile(turned_px, (3, 1)), atol=0.06)  # roll at edges
     views = [view_of(world, shot, Eye.RIGHT)[1] for world in worlds]
     assert np.abs(views[0] - views[1]).max() == pytest.approx(np.linalg.norm(bend), rel=0.2)
+
+
+def test_a_realistic_world_has_errors_of_its_own_and_says_them_in_its_truth():
+    params = [realistic_params(SMALL, seed) for seed in (1, 1, 2)]
+    assert params[0] == params[1] != params[2]
+    for one in params:
+        morning, afternoon, _ = one.traverse.suns
+        assert morning.azimuth < np.pi < afternoon.azimuth
+        assert 0.5 <= one.camera.psf_px <= 0.9
+        assert 0.6 <= one.camera.bits_per_pixel <= 3.0
+        assert 0 < np.linalg.norm(one.rig.bend) < 2e-3
+    world = make_world(params[0], 1)
+    truth = json.loads(json.dumps(truth_document(world)))
+    assert truth["rig"]["bend"] == list(params[0].rig.bend)
+    assert truth["camera"]["bits_per_pixel"] == params[0].camera.bits_per_pixel
+    label = edr.label_bytes(world.exposure(world.shots[0], Eye.LEFT)).decode()
+    assert f"INST_CMPRS_RATE                 = {params[0].camera.bits_per_pixel:.6g}" in label
 
 
 def test_impossible_parameters_are_refused():
