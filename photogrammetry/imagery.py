@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
 
-from solmap.photogrammetry.arrays import ImagePoints, Int32, PerPoint
+from solmap.photogrammetry.arrays import Flags, ImagePoints, Int32, PerPoint
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import FrameError, LabelError
 from solmap.photogrammetry.frames import Frame, Pose, rover_frame
@@ -226,6 +226,12 @@ class TiePoints:
     sigma_px: PerPoint
     sigma_parallax_px: PerPoint
     sigma_line_px: PerPoint
+    by_shape: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """Measured by the shape of the ground, not by image patches; nothing given: none is."""
+
+    def __post_init__(self) -> None:
+        if not len(self.by_shape):
+            object.__setattr__(self, "by_shape", np.zeros(len(self.point), dtype=bool))
 
     def __len__(self) -> int:
         return len(self.point)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -89,8 +89,12 @@ class Ties:
     second_sigma_parallax_px: PerPoint
     first_sigma_line_px: PerPoint
     second_sigma_line_px: PerPoint
+    by_shape: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """Found by the shape of the ground, not by image patches; nothing given: none is."""
 
     def __post_init__(self) -> None:
+        if not len(self.by_shape):
+            object.__setattr__(self, "by_shape", np.zeros(len(self.first), dtype=bool))
         lengths = {f.name: len(getattr(self, f.name)) for f in fields(self)[1:]}
         if len(set(lengths.values())) > 1:
             raise MatchingError(f"the columns of ties differ in length: {lengths}")

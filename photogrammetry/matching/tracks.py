@@ -21,7 +21,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from solmap.photogrammetry.arrays import ImagePoints, Int32, PerPoint
+from solmap.photogrammetry.arrays import Flags, ImagePoints, Int32, PerPoint
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.imagery import StereoMatches, TiePoints
 from solmap.photogrammetry.matching.records import Ties
@@ -51,6 +51,7 @@ class _Measurements:
 
     pair: Int32[np.ndarray, " n"]
     left: ImagePoints
+    by_shape: Flags
     parallax_px: PerPoint
     sigma_px: PerPoint
     sigma_parallax_px: PerPoint
@@ -86,6 +87,7 @@ def build_tie_points(
         np.concatenate([sigma, *(m.sigma_px for m in alone)]),
         np.concatenate([sigma_parallax, *(m.sigma_px for m in alone)]),
         np.concatenate([sigma_line, *(m.sigma_px for m in alone)]),
+        np.concatenate([measured.by_shape[keep], np.zeros(sum(counts), dtype=bool)]),
     )
 
 
@@ -102,19 +104,23 @@ def _measurements(ties: Sequence[Ties], pair_ids: tuple[str, ...]) -> _Measureme
     pairs: list[np.ndarray] = []
     lefts: list[np.ndarray] = []
     columns: dict[str, list[np.ndarray]] = {name: [] for name in MEASURED}
+    by_shape: list[np.ndarray] = []
     for some in ties:
         index = np.array([place.get(name, -1) for name in some.pair_ids] or [-1])
         pair = np.column_stack([index[some.first], index[some.second]])
         known = (pair >= 0).all(axis=1)
         pairs.append(pair[known].ravel())
         lefts.append(np.stack([some.first_left, some.second_left], axis=1)[known].reshape(-1, 2))
+        by_shape.append(np.repeat(some.by_shape[known], 2))
         for name, column in columns.items():
             both = [getattr(some, f"first_{name}"), getattr(some, f"second_{name}")]
             column.append(np.column_stack(both)[known].ravel())
+    measured = (np.concatenate(columns[name] or [np.zeros(0)]) for name in MEASURED)
     return _Measurements(
         np.concatenate(pairs or [np.zeros(0)]).astype(np.int32),
         np.concatenate(lefts or [np.zeros((0, 2))]),
-        *(np.concatenate(columns[name] or [np.zeros(0)]) for name in MEASURED),
+        np.concatenate(by_shape or [np.zeros(0, dtype=bool)]),
+        *measured,
     )
 
 

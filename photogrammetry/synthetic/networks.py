@@ -97,6 +97,7 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
     intra_ties: int = 20,
     spacing_m: float = 20.0,
     sigma_px: float = 0.3,
+    tie_noise: float = 1.0,
     errors: TelemetryErrors | None = None,
     blunders: float = 0.0,
     noise: float = 1.0,
@@ -118,7 +119,8 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
         inter_ties: ties between neighbouring pairs of a stop.
         intra_ties: ties inside single pairs, per stop.
         spacing_m: length of a drive.
-        sigma_px: of every image coordinate and parallax.
+        sigma_px: of every image coordinate and parallax, as matching states it.
+        tie_noise: how many times as large errors of image coordinates and parallaxes are.
         errors: of the telemetry; those that `AdjustmentParams` assumes by default.
         blunders: fraction of cross-site observations that are of something else.
         noise: multiplies all errors; 0 gives a network without contradiction.
@@ -148,7 +150,7 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
     )
     points, seen = _observe(views, wanted, pairs_per_stop)
     left, parallax = _measure(pairs, views, points, seen)
-    size = rng.normal(0, sigma_px * noise, (len(seen), 3))
+    size = rng.normal(0, sigma_px * tie_noise * noise, (len(seen), 3))
     wrong = _blunders(rng, seen, pairs_per_stop, blunders)
     wrong_px = np.column_stack([wrong, 0.5 * wrong, 0.2 * wrong * np.minimum(1.0, parallax / 10.0)])
     size += wrong_px

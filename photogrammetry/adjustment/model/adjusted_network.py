@@ -8,6 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from solmap.photogrammetry.adjustment.model.network import ControlFrame, StopControl
+from solmap.photogrammetry.adjustment.model.variance_components import VarianceComponents
 from solmap.photogrammetry.arrays import Covariances3, Float64, Int32, ObjectPoints, Vector3
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.frames import Pose
@@ -117,6 +118,7 @@ class AdjustedNetwork:
     """Of a sequential adjustment, once stops have left its window."""
     control: tuple[AdjustedControl, ...] = ()
     frames: tuple[AdjustedFrame, ...] = ()
+    components: VarianceComponents = field(default_factory=VarianceComponents)
 
     @property
     def window(self) -> tuple[StopId, ...]:

@@ -176,6 +176,7 @@ def _take_rows(
         column("sigma_px"),
         column("sigma_parallax_px"),
         column("sigma_line_px"),
+        column("by_shape"),
     )
     return AdjustedTies(
         seen,
@@ -247,6 +248,7 @@ def merge_networks(
         adjusted.memory,
         _merge_control(previous, adjusted),
         adjusted.frames or previous.frames,
+        adjusted.components,
     )
 
 

@@ -70,6 +70,8 @@ class Observations:
     centre_px: Float64[np.ndarray, "pairs 2"]
     points: int
     """How many point numbers there are."""
+    by_shape: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """Whether measured by the shape of the ground; nothing given: none is."""
     bodies: PairBodies = field(init=False)
     """The same geometry, component by component."""
     sights: Sights = field(init=False)
@@ -78,6 +80,8 @@ class Observations:
     """Stop of each observation."""
     is_stereo: Flags = field(init=False)
     """Whether the parallax was measured, and shows a point in front of the cameras."""
+    kind: Int32[np.ndarray, " n"] = field(init=False)
+    """0 within a stop, 1 between stops by image patches, 2 by the shape of the ground."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "bodies", PairBodies.of(self))
@@ -86,6 +90,9 @@ class Observations:
         object.__setattr__(self, "stop", self.pair_stop[self.pair])
         in_front = (self.weight[:, 2] > 0) & (self.measured[:, 2] > 0)
         object.__setattr__(self, "is_stereo", in_front)
+        joins = seen_from_several(self.point, self.stop, self.points)[self.point]
+        by_shape = self.by_shape if len(self.by_shape) else np.zeros(len(self), dtype=bool)
+        object.__setattr__(self, "kind", (joins * (1 + by_shape)).astype(np.int32))
 
     @classmethod
     def of(cls, network: Network) -> Observations:
@@ -121,6 +128,7 @@ class Observations:
                 per_pair, 2
             ),
             points=int(ties.point.max()) + 1 if len(ties) else 0,
+            by_shape=ties.by_shape,
         )
 
     def __len__(self) -> int:
@@ -134,6 +142,7 @@ class Observations:
             pair=self.pair[rows],
             measured=self.measured[rows],
             weight=self.weight[rows],
+            by_shape=self.by_shape[rows] if len(self.by_shape) else self.by_shape,
         )
 
     def stop_of(self, rows: np.ndarray) -> Int32[np.ndarray, " m"]:

@@ -11,6 +11,7 @@ from solmap.photogrammetry.ranges import (
     Factor,
     Few,
     FewOrZero,
+    Freedoms,
     Metres,
     Share,
     Tolerance,
@@ -22,7 +23,8 @@ class AdjustmentParams:
     """Weights of the telemetry and how the adjustment iterates.
 
     Standard deviations of the telemetry describe what a rover's attitude sensor and wheel odometry
-    can do; image coordinates carry their own, from matching.
+    can do; image coordinates carry their own, from matching. All of them are priors: what the
+    mission shows is estimated (`variance_components`).
     """
 
     pointing_deg: Degrees = 0.1
@@ -50,6 +52,10 @@ class AdjustmentParams:
     """Converged when the squared length of a step, in its own standard deviations, is below."""
     max_rounds: FewOrZero = 12
     """Rounds of data snooping per step."""
+    sigma_freedoms: Freedoms = 3.0
+    """The standard deviations stated above, and those of ties, count as if so many observations of
+    each kind had scattered so: 3 leave the truth a factor of 0.6 to 3.7 (95 %). Infinite: they are
+    taken as stated."""
     window_stops: Count = 4
     """Stops that the sequential adjustment estimates anew at every step. Ties that reach back
     further re-open the whole traverse; drives and turns seldom show ground of more than the third
@@ -64,6 +70,7 @@ class AdjustmentParams:
             "position_floor_m",
             "critical_value",
             "tolerance",
+            "sigma_freedoms",
         ):
             if not getattr(self, name) > 0:
                 raise AdjustmentError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import replace
 from enum import StrEnum
@@ -80,7 +81,8 @@ def _adjust_pointing(
     known = {stop.stop: stop for stop in start.stops}
     part = network.within(set(known))
     held = set(part.stop_ids)
-    adjusted, report = adjust(part, held, params, start, "pointing at known stops")
+    as_known = replace(params, sigma_freedoms=math.inf)
+    adjusted, report = adjust(part, held, as_known, start, "pointing at known stops")
     kept = replace(
         adjusted,
         stops=tuple(known[stop.stop] for stop in adjusted.stops),
@@ -91,5 +93,6 @@ def _adjust_pointing(
         memory=start.memory,
         control=start.control,
         frames=start.frames,
+        components=start.components,
     )
     return merge_networks(start, kept, network), report

@@ -52,12 +52,20 @@ from solmap.photogrammetry.adjustment.model.sightings import (
     consistency,
 )
 from solmap.photogrammetry.adjustment.model.telemetry import Telemetry
+from solmap.photogrammetry.adjustment.model.variance_components import (
+    Scatter,
+    VarianceComponents,
+)
 from solmap.photogrammetry.adjustment.solver.estimate import Outcome, Start, estimate
 from solmap.photogrammetry.adjustment.solver.marginal import Marginal
 from solmap.photogrammetry.adjustment.solver.results import adjusted_records
+from solmap.photogrammetry.adjustment.solver.scatter import scatter_of
 from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.imagery import StopId, TieKind, TiePoints
+
+ROUNDS = 8
+"""Times that variance components are estimated at most; three are usual."""
 
 
 def adjust(
@@ -71,7 +79,8 @@ def adjust(
     """Adjust a network with some stops held where `start`, or else telemetry, has them.
 
     Stops and pairs that `start` knows begin there; the others are aligned to them first. What
-    observations that are no longer in the network said of its stops may be `inherited`. Not
+    observations that are no longer in the network said of its stops may be `inherited`. Variance
+    components begin as `start` has them, and what it counts as past is not counted again. Not
     converging is returned and reported; look at `AdjustmentReport.is_usable`.
 
     Raises:
@@ -89,10 +98,14 @@ def adjust_with_outcome(
     inherited: Marginal | None = None,
 ) -> tuple[AdjustedNetwork, AdjustmentReport, Outcome]:
     """The same, with all that the iteration found."""
+    stated, components = params, start.components if start else VarianceComponents()
+    components = components.update(stated.sigma_freedoms)
+    params = components.apply(stated)
     is_held = _held_mask(
         network, held, has_datum=inherited is not None or network.datum_is_observed
     )
-    observations, telemetry = Observations.of(network), Telemetry.of(network, params)
+    observations = components.weigh(Observations.of(network))
+    telemetry = Telemetry.of(network, params)
     known, is_known = _known_state(network, telemetry, observations, start)
     root = is_held if is_held.any() or inherited else np.arange(len(is_held)) == 0
     before = propagate_telemetry(known, telemetry, root, is_known)
@@ -109,7 +122,7 @@ def adjust_with_outcome(
     findings, alone = diagnose(initial)
     if len(alone):
         rest = without_unchecked(network, observations, alone)
-        adjusted, report, outcome = adjust_with_outcome(rest, held, params, start, name, inherited)
+        adjusted, report, outcome = adjust_with_outcome(rest, held, stated, start, name, inherited)
         return *complete((adjusted, report), network, findings), outcome
     state = intersect_rays(state, observations, fits)
     views = views.at(state.points.T.copy())
@@ -118,11 +131,30 @@ def adjust_with_outcome(
     if control:
         state = replace(state, frames=_frame_places(control, state, network, start))
     beginning = Start(observations, telemetry, is_held, state, views, used, inherited, control)
-    outcome = estimate(beginning, params)
+    outcome, components = _with_components(beginning, components, network, stated)
     outcome = outcome.with_all_points(overview.seen)
     agreement = _agreement(outcome, before, overview.seen)
-    result = adjusted_records(network, is_held, outcome, agreement, name)
+    adjusted, report = adjusted_records(network, is_held, outcome, agreement, name)
+    result = replace(adjusted, components=components), report
     return *with_findings(result, findings), outcome
+
+
+def _with_components(
+    start: Start, components: VarianceComponents, network: Network, stated: AdjustmentParams
+) -> tuple[Outcome, VarianceComponents]:
+    """The estimate with the variance components that its own residuals show."""
+    outcome = estimate(start, components.apply(stated))
+    counted = np.logical_not(start.held & components.past.redundancy.any())
+    for _ in range(ROUNDS):
+        scatter = scatter_of(outcome, components, counted)
+        shown = components.update(stated.sigma_freedoms, scatter)
+        if not outcome.solution.converged or shown.is_near(components, stated.sigma_freedoms):
+            return outcome, replace(components, scatter=shown.scatter)
+        components, params = shown, shown.apply(stated)
+        observations = components.weigh(Observations.of(network))
+        again = outcome.start_with(observations, Telemetry.of(network, params))
+        outcome = estimate(again, params)
+    return outcome, components
 
 
 def _earlier_blunders(ties: TiePoints, before: AdjustedTies) -> np.ndarray:
@@ -157,7 +189,14 @@ def adjust_overall(
     """Adjust all stops at once, the first one held or, with control, its place alone: `datum`."""
     if not network.stops:
         raise AdjustmentError("there is no stop to adjust: the network is empty")
-    return adjust(network, held_stops(network), params, start, "overall adjustment")
+    return adjust(network, held_stops(network), params, without_past(start), "overall adjustment")
+
+
+def without_past(start: AdjustedNetwork | None) -> AdjustedNetwork | None:
+    """A start of an adjustment in which all observations take part again."""
+    if start is None:
+        return None
+    return replace(start, components=replace(start.components, past=Scatter()))
 
 
 def _control(network: Network, start: AdjustedNetwork | None) -> Control | None:

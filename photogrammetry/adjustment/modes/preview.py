@@ -8,8 +8,9 @@ the whole network moves less. Points that one pair alone sees say nothing of pos
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -95,7 +96,8 @@ def adjust_without_manual_ties(
         raise AdjustmentError(
             f"a preview is of two stops that the network holds, not of {len(network.stops)}"
         )
-    return adjust(network, {network.stop_ids[0]}, params, start, "without hand ties")
+    held, params = {network.stop_ids[0]}, replace(params, sigma_freedoms=math.inf)
+    return adjust(network, held, params, start, "without hand ties")
 
 
 def preview_manual_ties(
@@ -111,6 +113,7 @@ def preview_manual_ties(
     ties = with_ties(select(network.ties, kept), manual)
     with_manual = Network(network.stops, network.pairs, ties)
     before, report_before = standing
+    params = replace(params, sigma_freedoms=math.inf)
     after, report = adjust(with_manual, {held}, params, before, "with hand ties")
     n = 2 * len(manual)
     rows = slice(len(after.ties.status) - n, None)
@@ -133,9 +136,9 @@ def with_ties(points: TiePoints, manual: Ties) -> TiePoints:
     first = int(points.point.max(initial=-1)) + 1
     pair = np.column_stack([number[manual.first], number[manual.second]]).ravel()
 
-    def both(name: str) -> PerPoint:
+    def column(name: str) -> PerPoint:
         sides = [getattr(manual, f"{side}_{name}") for side in ("first", "second")]
-        return np.column_stack(sides).ravel()
+        return np.concatenate([getattr(points, name), np.column_stack(sides).ravel()])
 
     left = np.stack([manual.first_left, manual.second_left], axis=1).reshape(-1, 2)
     return TiePoints(
@@ -145,10 +148,11 @@ def with_ties(points: TiePoints, manual: Ties) -> TiePoints:
         ),
         np.concatenate([points.pair, pair]).astype(np.int32),
         np.concatenate([points.left, left]),
-        *(
-            np.concatenate([getattr(points, name), both(name)])
-            for name in ("parallax_px", "sigma_px", "sigma_parallax_px", "sigma_line_px")
-        ),
+        column("parallax_px"),
+        column("sigma_px"),
+        column("sigma_parallax_px"),
+        column("sigma_line_px"),
+        np.concatenate([points.by_shape, np.repeat(manual.by_shape, 2)]),
     )
 
 

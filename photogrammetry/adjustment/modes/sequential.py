@@ -30,7 +30,7 @@ from solmap.photogrammetry.adjustment.model.datum import (
 )
 from solmap.photogrammetry.adjustment.model.network import Network, select
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.modes.overall import adjust_with_outcome
+from solmap.photogrammetry.adjustment.modes.overall import adjust_with_outcome, without_past
 from solmap.photogrammetry.adjustment.solver.estimate import Outcome
 from solmap.photogrammetry.adjustment.solver.marginal import Marginal
 from solmap.photogrammetry.adjustment.solver.marginalisation import (
@@ -38,6 +38,7 @@ from solmap.photogrammetry.adjustment.solver.marginalisation import (
     coupling_of,
     marginalise,
 )
+from solmap.photogrammetry.adjustment.solver.scatter import scatter_of
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.imagery import StopId
 
@@ -84,7 +85,7 @@ def begin(
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
     """Adjust all stops so far together, the very first one held; then marginalise the oldest."""
     adjusted, report, outcome = adjust_with_outcome(
-        network, held_stops(network), params, start, "overall adjustment"
+        network, held_stops(network), params, without_past(start), "overall adjustment"
     )
     return _marginalise_oldest(adjusted, network, outcome, params), report
 
@@ -164,4 +165,10 @@ def _marginalise_oldest(
         number += 1
     if marginal is None:
         return adjusted
-    return replace(adjusted, memory=marginal.memory(network, network.stop_ids[number:]))
+    left, components = np.arange(len(network.stops)) < number, adjusted.components
+    past = components.past + scatter_of(outcome, components, left)
+    return replace(
+        adjusted,
+        memory=marginal.memory(network, network.stop_ids[number:]),
+        components=replace(components, past=past),
+    )

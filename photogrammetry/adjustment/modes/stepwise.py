@@ -65,15 +65,23 @@ def adjust_stepwise(
     new = [stop for stop in network.stop_ids if stop in set(new_stops)]
     if previous is None:
         wanted = network.within(set(new))
-        return adjust_overall(wanted, params)
+        adjusted, report = adjust_overall(wanted, params)
+        return _with_past(adjusted), report
     old = {stop.stop for stop in previous.stops}
     if not new or not old:
         raise AdjustmentError("a step along the traverse needs stops before it and new ones")
     held, window = _window(network, old, new)
     part = with_frames_as_left(network.within(window), previous, held)
     adjusted, report = adjust(part, held, params, previous, f"step to {new[-1]}")
+    adjusted = _with_past(adjusted)
     adjusted = _consider_held(adjusted, previous, part, held, params)
     return merge_networks(previous, adjusted, network), report
+
+
+def _with_past(adjusted: AdjustedNetwork) -> AdjustedNetwork:
+    """With all observations up to now as past: those of later steps count once, too."""
+    components = adjusted.components
+    return replace(adjusted, components=replace(components, past=components.scatter))
 
 
 def _window(

@@ -105,6 +105,20 @@ class Outcome:
     placed: ControlTests
     """Tests of control."""
 
+    def start_with(self, observations: Observations, telemetry: Telemetry) -> Start:
+        """A start where this ended, with other weights."""
+        problem = self.problem
+        return Start(
+            observations,
+            telemetry,
+            problem.held,
+            self.solution.state,
+            self.views,
+            self.used,
+            problem.inherited,
+            problem.control,
+        )
+
     def with_all_points(self, seen: Sightings) -> Outcome:
         """The same with the places of points that one pair alone sees."""
         points = all_points(self.problem, self.views, self.used, seen)

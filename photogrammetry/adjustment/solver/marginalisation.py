@@ -80,8 +80,8 @@ class SolvedNetwork:
             frame_places(adjusted.frames, network),
         )
         return cls(
-            Observations.of(network),
-            Telemetry.of(network, params),
+            adjusted.components.weigh(Observations.of(network)),
+            Telemetry.of(network, adjusted.components.apply(params)),
             np.array([stop.held for stop in poses], dtype=bool),
             state,
             adjusted.ties.status == USED,

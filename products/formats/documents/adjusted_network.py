@@ -21,6 +21,11 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustmentReport,
     Memory,
 )
+from solmap.photogrammetry.adjustment.model.variance_components import (
+    COMPONENTS,
+    Scatter,
+    VarianceComponents,
+)
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import StopId, TieKind, TiePoints
@@ -47,6 +52,7 @@ def network_document(
         "memory": memory_document(network.memory) if network.memory else None,
         "control": [adjusted_control_document(one) for one in network.control],
         "control_frames": [adjusted_frame_document(frame) for frame in network.frames],
+        "variance_components": components_document(network.components),
         "reports": [report_document(report) for report in reports],
     }
 
@@ -70,9 +76,33 @@ def network_of_document(document: Document) -> AdjustedNetwork:
             memory_of_document(document["memory"]) if document.get("memory") else None,
             tuple(adjusted_control_of_document(one) for one in document.get("control", ())),
             tuple(adjusted_frame_of_document(one) for one in document.get("control_frames", ())),
+            components_of_document(document.get("variance_components", {})),
         )
     except KeyError as error:
         raise AdjustmentError(f"the document of an adjusted network lacks {error}") from error
+
+
+def components_document(components: VarianceComponents) -> Document:
+    """Variance components for JSON, by name: factor, squares and redundancy, now and past."""
+    now, past = components.scatter, components.past
+    columns = (now.squares, now.redundancy, past.squares, past.redundancy)
+    return {
+        str(name): {
+            "factor": float(components.factors[k]),
+            "scatter": [column[k].tolist() for column in columns],
+        }
+        for k, name in enumerate(COMPONENTS)
+    }
+
+
+def components_of_document(document: Document) -> VarianceComponents:
+    """The twin of `components_document`; what it lacks is as stated."""
+    nothing = {"factor": 1.0, "scatter": np.zeros((4, 3)).tolist()}
+    rows = [document.get(str(name), nothing) for name in COMPONENTS]
+    columns = _array([row["scatter"] for row in rows], -1, 4, 3).swapaxes(0, 1).copy()
+    return VarianceComponents(
+        _array([row["factor"] for row in rows], -1), Scatter(*columns[:2]), Scatter(*columns[2:])
+    )
 
 
 def report_document(report: AdjustmentReport) -> Document:
@@ -224,6 +254,7 @@ def _ties_document(ties: AdjustedTies) -> Document:
         "sigma_px": _numbers(seen.sigma_px),
         "sigma_parallax_px": _numbers(seen.sigma_parallax_px),
         "sigma_line_px": _numbers(seen.sigma_line_px),
+        "by_shape": seen.by_shape.tolist(),
         "points": _numbers(ties.points),
         "covariances": _numbers(ties.covariances),
         "kinds": [str(kind) for kind in ties.kinds],
@@ -245,6 +276,7 @@ def _ties_of(document: Document) -> AdjustedTies:
             _array(document["sigma_px"], -1),
             _array(document["sigma_parallax_px"], -1),
             _array(document["sigma_line_px" if "sigma_line_px" in document else "sigma_px"], -1),
+            np.array(document.get("by_shape", []), dtype=bool),
         ),
         _array(document["points"], -1, 3),
         _array(document["covariances"], -1, 3, 3),

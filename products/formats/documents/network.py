@@ -17,6 +17,7 @@ import numpy as np
 
 from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedNetwork
 from solmap.photogrammetry.adjustment.model.assembly import assemble, part_at
+from solmap.photogrammetry.adjustment.model.variance_components import VarianceComponents
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.mars import map_from_lsl
@@ -69,8 +70,9 @@ class NetworkPart:
 
     @property
     def settled(self) -> NetworkPart:
-        """The same without what steps carry on from one to the next: memory and control."""
-        return replace(self, adjusted=replace(self.adjusted, memory=None, control=(), frames=()))
+        """The same without what steps carry on from one to the next: memory, control, sigmas."""
+        alone = replace(self.adjusted, memory=None, control=(), frames=())
+        return replace(self, adjusted=replace(alone, components=VarianceComponents()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,6 +14,12 @@ def params() -> AdjustmentParams:
 
 
 @pytest.fixture
+def stated() -> AdjustmentParams:
+    """All standard deviations taken as stated, so that two solutions can be one and the same."""
+    return AdjustmentParams(sigma_freedoms=np.inf)
+
+
+@pytest.fixture
 def bent():
     """A small network and a state near its truth in which nothing is zero or aligned."""
     rng = np.random.default_rng(5)

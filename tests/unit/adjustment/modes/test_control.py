@@ -40,6 +40,7 @@ from solmap.products.formats.documents.adjusted_network import (
 
 SMALL = {"pairs_per_stop": 5, "inter_ties": 8, "intra_ties": 0}
 PARAMS = AdjustmentParams(window_stops=2)
+STATED = replace(PARAMS, sigma_freedoms=np.inf)
 GAP = 3
 """The stop that no image ties to those before it."""
 
@@ -203,8 +204,8 @@ def test_stop_after_stop_is_the_simultaneous_solution_with_control_too():
     previous = None
     for k, stop in enumerate(network.stop_ids):
         part = network.within(set(network.stop_ids[: k + 1]))
-        previous, report = adjust_sequential(previous, part, [stop], PARAMS)
-    overall, together = adjust_overall(network, PARAMS)
+        previous, report = adjust_sequential(previous, part, [stop], STATED)
+    overall, together = adjust_overall(network, STATED)
     assert report.redundancy == together.redundancy
     assert previous.memory.frames == ("orbit",)
     for a, b in zip(previous.stops[-2:], overall.stops[-2:], strict=True):
@@ -224,11 +225,11 @@ def test_stop_after_stop_is_the_simultaneous_solution_with_control_too():
 
 def test_what_control_said_of_marginalised_stops_is_kept_exactly():
     network, _, _ = simulated(2, stops=7, shown=(0, 1, 3, 6), sigma_up_m=0.2)
-    overall, _ = adjust_overall(network, PARAMS)
-    window, _ = begin(network, PARAMS)
+    overall, _ = adjust_overall(network, STATED)
+    window, _ = begin(network, STATED)
     part = _part(network, window.window, ())
     inherited = Marginal.of(window.memory, part)
-    again, _ = adjust(part, frozenset(), PARAMS, window, inherited=inherited)
+    again, _ = adjust(part, frozenset(), STATED, window, inherited=inherited)
     assert len(again.stops) == 2
     for a, b in zip(again.stops, overall.stops[-2:], strict=True):
         sigma = np.sqrt(np.diagonal(b.covariance))

@@ -44,7 +44,7 @@ def test_a_sequential_traverse_ends_where_the_overall_adjustment_does(network, p
 
 
 def test_after_an_overall_adjustment_a_step_goes_on_exactly(network, params):
-    short = replace(params, window_stops=2)
+    short = replace(params, window_stops=2, sigma_freedoms=np.inf)
     earlier = network.within(set(network.stop_ids[:-1]))
     before, _ = advance(AdjustmentMode.OVERALL, None, earlier, (), short)
     assert before.memory is not None

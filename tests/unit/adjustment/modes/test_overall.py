@@ -169,16 +169,16 @@ def test_a_single_stop_has_its_mast_pointing_adjusted(params):
     assert np.sqrt((relative**2).mean()) < 0.5 * np.radians(params.pointing_deg)
 
 
-def test_a_pair_without_ties_keeps_its_label_and_its_prior(params):
+def test_a_pair_without_ties_keeps_its_label_and_its_prior(stated):
     network, _ = simulate_network(np.random.default_rng(4), stops=2)
     lonely = network.pairs[3].pair_id
     k = network.ties.pair_ids.index(lonely)
     network = replace(network, ties=select(network.ties, network.ties.pair != k))
-    pair = adjust_overall(network, params)[0].pair(lonely)
+    pair = adjust_overall(network, stated)[0].pair(lonely)
     assert pair.ties == 0
     np.testing.assert_array_equal(pair.pointing, 0.0)
     sigma = np.sqrt(np.diagonal(pair.pointing_covariance))
-    np.testing.assert_allclose(np.degrees(sigma), params.pointing_deg, rtol=1e-6)
+    np.testing.assert_allclose(np.degrees(sigma), stated.pointing_deg, rtol=1e-6)
 
 
 def test_a_stop_without_ties_follows_the_stop_before_it(params):

@@ -104,21 +104,21 @@ def test_a_common_motion_leaves_all_but_the_anchor_alone(state):
     np.testing.assert_allclose(chart.coordinates(moved)[:18], 0.0, atol=1e-12)
 
 
-def test_what_marginalised_stops_said_is_kept_exactly(network, params):
+def test_what_marginalised_stops_said_is_kept_exactly(network, stated):
     """Linearised where the overall adjustment ended, the window alone gives what that gave.
 
     Iterated to the end: covariances are those where the last step but one led.
     """
-    params = replace(params, tolerance=1e-12)
-    overall, report = adjust_overall(network, params)
-    window, _ = begin(network, params)
-    assert window.memory.window == network.stop_ids[-params.window_stops :]
+    stated = replace(stated, tolerance=1e-12)
+    overall, report = adjust_overall(network, stated)
+    window, _ = begin(network, stated)
+    assert window.memory.window == network.stop_ids[-stated.window_stops :]
     part = _part(network, window.window, ())
     inherited = Marginal.of(window.memory, part)
-    again, alone = adjust(part, frozenset(), params, window, inherited=inherited)
+    again, alone = adjust(part, frozenset(), stated, window, inherited=inherited)
     assert report.is_usable
     assert alone.redundancy == report.redundancy
-    off, wider = in_sigmas(again.stops, overall.stops[-params.window_stops :])
+    off, wider = in_sigmas(again.stops, overall.stops[-stated.window_stops :])
     assert off < 1e-4  # what is left of the last step: 1e-10 in squared standard deviations
     assert wider < 1e-7
     for pair in again.pairs:
@@ -131,9 +131,9 @@ def test_what_marginalised_stops_said_is_kept_exactly(network, params):
         )  # fmt: skip
 
 
-def test_stop_by_stop_the_last_stop_is_that_of_the_simultaneous_solution(network, params):
-    traverse, report = along(network, params)
-    overall, together = adjust_overall(network, params)
+def test_stop_by_stop_the_last_stop_is_that_of_the_simultaneous_solution(network, stated):
+    traverse, report = along(network, stated)
+    overall, together = adjust_overall(network, stated)
     assert report.redundancy == together.redundancy
     assert report.sigma0 == pytest.approx(together.sigma0, rel=1e-4)
     off, wider = in_sigmas(traverse.stops, overall.stops[-len(traverse.stops) :])
@@ -206,13 +206,13 @@ def test_a_traverse_keeps_its_window_only(network, params):
     assert len(traverse.stops) == params.window_stops + 1  # one left after the last step
 
 
-def test_a_gap_of_several_drives_without_ties_is_passed(params):
+def test_a_gap_of_several_drives_without_ties_is_passed(stated):
     """On both sides of it stops leave with nothing that others have seen."""
     network, _ = simulate_network(
         np.random.default_rng(3), stops=11, untied={4, 5, 6}, cross_ties=8, **SMALL
     )
-    traverse, report = along(network, params)
-    overall, _ = adjust_overall(network, params)
+    traverse, report = along(network, stated)
+    overall, _ = adjust_overall(network, stated)
     assert report.converged
     now = traverse.stop(network.stop_ids[-1])
     off, wider = in_sigmas([now], [overall.stop(network.stop_ids[-1])])

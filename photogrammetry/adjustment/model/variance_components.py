@@ -1,0 +1,132 @@
+"""Variance components: how large errors really are, kind by kind of observation.
+
+What telemetry and matching state of their errors are priors. The standard deviations of a kind of
+observation are multiplied by a common factor f, estimated over the mission with the adjustment
+itself (Helmert's estimate, simplified by Foerstner 1979): with the residuals v, weights p by the
+priors and redundancy numbers r of all observations of the kind,
+
+    f^2 = (nu + sum p v^2) / (nu + sum r) (1 + e),        e = 2 sum r / (nu + sum r)^2
+
+a residual's expected square being f^2 r / p. The prior counts like nu observations that scatter as
+stated (an inverse chi-square distribution of f^2), so that two or three stops leave f near 1. The
+sums are chance themselves, with the relative variance e: 1 + e makes 1/f^2, the weight, true in the
+mean. The adjustment is repeated until its factors are those that its residuals show.
+
+Ties also err in common: by the height that one stop sees above what another sees, by the parallaxes
+of a pair. What is common hides from residuals, and matching states it in the lines and parallaxes
+of ties. The factor of ties is therefore that of the coordinate that scatters most, of samples,
+lines and parallaxes, as far as that is no chance.
+
+Of observations that have left an adjustment (`marginal`) the sums are kept as they were left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.model.collinearity import Observations
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.arrays import Float64
+
+
+class Component(StrEnum):
+    """A kind of observation whose standard deviations are estimated."""
+
+    POSITION = "telemetry position"
+    HEADING_STEP = "heading step"
+    HEADING = "measured heading"
+    TILT = "tilt"
+    POINTING = "mast pointing"
+    INTER_STEREO = "inter-stereo ties"
+    IMAGE_MATCHED = "image-matched cross-site ties"
+    SURFACE_MATCHED = "surface-matched cross-site ties"
+
+
+COMPONENTS = tuple(Component)
+TIES = COMPONENTS.index(Component.INTER_STEREO)
+"""Ties are the components from here on, as `Observations.kind` numbers them."""
+SAME = 0.05
+"""Factors that change by less, or by half of their own standard deviation, leave estimates and
+covariances as they are."""
+
+
+def _sums() -> Float64[np.ndarray, "components 3"]:
+    return np.zeros((len(COMPONENTS), 3))
+
+
+def _share_by_chance(freedoms: np.ndarray) -> np.ndarray:
+    """Standard deviation of a factor that so many residuals show, as a share of itself."""
+    return 1.0 / np.sqrt(2 * freedoms)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scatter:
+    """Squared residuals in units of the prior's variances, and the redundancy numbers behind them.
+
+    By component and coordinate: sample, line and parallax of ties, the first alone of the others.
+    """
+
+    squares: Float64[np.ndarray, "components 3"] = field(default_factory=_sums)
+    redundancy: Float64[np.ndarray, "components 3"] = field(default_factory=_sums)
+
+    def __add__(self, other: Scatter) -> Scatter:
+        return Scatter(self.squares + other.squares, self.redundancy + other.redundancy)
+
+    def factors(self, freedoms: float) -> Float64[np.ndarray, " components"]:
+        """By what standard deviations are to be multiplied; `freedoms` is nu."""
+        squares, redundancy = self.squares.sum(axis=1), self.redundancy.sum(axis=1)
+        together = np.sqrt((freedoms + squares) / (freedoms + redundancy))
+        alone = np.sqrt((freedoms + self.squares) / (freedoms + self.redundancy))
+        sure = 1.0 - _share_by_chance(freedoms + self.redundancy)
+        largest = np.maximum(together, (np.where(self.redundancy > 0, sure, 0) * alone).max(axis=1))
+        return largest * np.sqrt(1.0 + 2.0 * redundancy / (freedoms + redundancy) ** 2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VarianceComponents:
+    """The factors of an adjustment, and what they were estimated from."""
+
+    factors: Float64[np.ndarray, " components"] = field(
+        default_factory=lambda: np.ones(len(COMPONENTS))
+    )
+    """Used in the adjustment."""
+    scatter: Scatter = field(default_factory=Scatter)
+    """Of all observations up to now."""
+    past: Scatter = field(default_factory=Scatter)
+    """Of those among them that have left."""
+
+    def update(self, freedoms: float, scatter: Scatter | None = None) -> VarianceComponents:
+        """With the factors that all observations show: those that have left, and others if given.
+
+        Where `freedoms` is infinite factors stay as they are.
+        """
+        total = self.past + scatter if scatter else self.scatter
+        factors = self.factors if np.isinf(freedoms) else total.factors(freedoms)
+        return replace(self, factors=factors, scatter=total)
+
+    def is_near(self, other: VarianceComponents, freedoms: float) -> bool:
+        """Whether the factors are the same, for all that follows and as far as they are known."""
+        known = 0.5 * _share_by_chance(freedoms + self.scatter.redundancy.sum(axis=1))
+        change = np.abs(np.log(self.factors / other.factors))
+        return bool((change < np.maximum(SAME, known)).all())
+
+    def apply(self, params: AdjustmentParams) -> AdjustmentParams:
+        """The parameters with the standard deviations of telemetry and pointing as estimated."""
+        f = dict(zip(COMPONENTS, self.factors.tolist(), strict=True))
+        return replace(
+            params,
+            slip=f[Component.POSITION] * params.slip,
+            position_floor_m=f[Component.POSITION] * params.position_floor_m,
+            azimuth_step_deg=f[Component.HEADING_STEP] * params.azimuth_step_deg,
+            azimuth_fine_deg=f[Component.HEADING] * params.azimuth_fine_deg,
+            tilt_deg=f[Component.TILT] * params.tilt_deg,
+            pointing_deg=f[Component.POINTING] * params.pointing_deg,
+        )
+
+    def weigh(self, observations: Observations) -> Observations:
+        """Observations with the standard deviations of ties as estimated."""
+        factor = self.factors[TIES + observations.kind]
+        return replace(observations, weight=observations.weight / factor[:, None])
