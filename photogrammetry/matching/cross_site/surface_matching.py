@@ -126,12 +126,13 @@ def tie_by_surface(
         np.repeat([pair_ids.index(names[k]) for names in seen], [rows.sum() for rows in mine])
         for k in (0, 1)
     )
-    return Ties(
+    ties = Ties(
         pair_ids,
         first.astype(np.int32),
         second.astype(np.int32),
         *(np.concatenate(column) for column in zip(*columns, strict=True)),
     )
+    return replace(ties, by_shape=np.ones(len(ties), dtype=bool))
 
 
 def _shared_ground(
