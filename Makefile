@@ -16,7 +16,7 @@ export DO_NOT_TRACK = 1
 
 PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-deps
 
-.PHONY: setup cluster develop viewer demo test test-all test-wheel check audit bench peers fuzz docs wheel clean
+.PHONY: setup cluster develop viewer demo test test-all test-wheel check audit bench accuracy peers fuzz docs wheel clean
 
 setup: $(VENV)/.installed  ## What a user needs.
 
@@ -86,6 +86,11 @@ audit: develop  ## Known weaknesses of what is pinned; AUDIT=required fails wher
 # Without the checks of array types that every test runs under: they would be timed too.
 bench: develop  ## Times and ratios against a peer in the same run.
 	$(BIN)/pytest -o addopts=--import-mode=importlib tests/benchmarks --benchmark-only --benchmark-disable-gc --benchmark-columns=min,median,rounds
+
+ACCURACY ?=
+
+accuracy: develop  ## Errors on rendered and simulated worlds, as .cache/accuracy/full/scorecard.md; ACCURACY="--level quick".
+	$(BIN)/python -m tests.support.accuracy $(ACCURACY)
 
 peers: develop  ## Rivals that `make bench` compares adjustment and tiles with; without them it skips.
 	$(PIP_INSTALL) gtsam==4.3.0 pyceres==2.6 pycolmap==4.2.1 titiler.core==2.4.0 geojson-pydantic==2.2.0 simplejson==4.3.0

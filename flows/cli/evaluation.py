@@ -23,7 +23,7 @@ from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind
 
-RANGE_BANDS_M = ((0, 5), (5, 10), (10, 20), (20, 40))
+RANGE_BANDS_M = ((0, 10), (10, 20), (20, 30), (30, 40))
 """As the stereo range error is usually tabled."""
 
 
@@ -52,7 +52,10 @@ def true_stops(truth_dir: Path) -> list[TrueStop]:
 
 
 def evaluate_positions(rows: list[dict[str, Any]], stops: list[TrueStop]) -> list[dict[str, Any]]:
-    """Errors of telemetry and adjustment, a row a stop; percent is of the way driven until there.
+    """Errors of telemetry and adjustment, a row a stop.
+
+    Percent is of the way driven until there. `nees` is the squared error of attitude and position
+    in units of the stated covariance over its six freedoms: 1 in the mean where that is true.
 
     Args:
         rows: as `position_rows` lists them.
@@ -68,7 +71,7 @@ def evaluate_positions(rows: list[dict[str, Any]], stops: list[TrueStop]) -> lis
         if row is None:
             continue
         adjusted = rotation_of_quaternion(np.array(row["adjusted_quaternion"]))
-        azimuth_deg, tilt_deg = _attitude_error_deg(adjusted, stop.rotation)
+        azimuth_deg, tilt_deg = attitude_error_deg(adjusted, stop.rotation)
         error = np.subtract(row["adjusted_ned_m"], stop.position)
         errors.append(
             {
@@ -81,6 +84,7 @@ def evaluate_positions(rows: list[dict[str, Any]], stops: list[TrueStop]) -> lis
                 "tilt_error_deg": tilt_deg,
                 "error_ned_m": [round(float(value), 4) for value in error],
                 "sigma_ned_m": [round(value, 4) for value in row["sigma_ned_m"]],
+                "nees": _nees(row, error, adjusted @ stop.rotation.T),
                 "held_by": row["held_by"],
             }
         )
@@ -139,7 +143,15 @@ def true_elevation(dtm: Dtm, truth: Path) -> Raster:
     return true
 
 
-def _attitude_error_deg(found: np.ndarray, true: np.ndarray) -> tuple[float, float]:
+def _nees(row: dict[str, Any], error_m: np.ndarray, turn: np.ndarray) -> float | None:
+    """None for a stop that is held."""
+    if row["held"]:
+        return None
+    error = np.concatenate([Rotation.from_matrix(turn).as_rotvec(), error_m])
+    return round(float(error @ np.linalg.solve(row["covariance"], error)) / len(error), 3)
+
+
+def attitude_error_deg(found: np.ndarray, true: np.ndarray) -> tuple[float, float]:
     """Errors of azimuth and of tilt: the turn about the vertical, and what is left of it."""
     turn = Rotation.from_matrix(found @ true.T).as_rotvec()
     azimuth, tilt = np.rad2deg([turn[2], np.hypot(turn[0], turn[1])])

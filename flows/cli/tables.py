@@ -21,7 +21,7 @@ def position_rows(workspace: Workspace) -> list[dict[str, Any]]:
     """One row a stop, of every mission, in the order of the traverse.
 
     Positions are (north, east, down) metres in the LSL; the quaternion turns the rover into the
-    LSL, scalar first.
+    LSL, scalar first; the covariance is of rotation vector (radians) and position in the LSL.
     """
     rows = []
     for ref in latest_networks(workspace):
@@ -39,6 +39,7 @@ def position_rows(workspace: Workspace) -> list[dict[str, Any]]:
                     "adjusted_ned_m": stop.lsl_from_rover.translation_m.tolist(),
                     "adjusted_quaternion": stop.lsl_from_rover.quaternion.tolist(),
                     "sigma_ned_m": stop.sigma_ned_m.tolist(),
+                    "covariance": stop.covariance.tolist(),
                     "held": stop.held,
                     "held_by": stop.held_by,
                 }
@@ -145,7 +146,7 @@ def rig_correction_rows(workspace: Workspace, mission: str | None = None) -> lis
         AdjustmentError: a network cannot be adjusted, or determines no correction.
     """
     from solmap.tasks.mission.control import control_of  # noqa: PLC0415 - brings the engine
-    from solmap.tasks.network.rig import rig_rows  # noqa: PLC0415
+    from solmap.tasks.network.rig_table import rig_rows  # noqa: PLC0415
 
     catalogue, params = workspace.catalogue, load_pipeline(Settings().pipeline).adjustment
     names = (

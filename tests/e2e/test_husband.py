@@ -1,8 +1,8 @@
-"""The path-traced three-stop traverse goes the whole way and is held against its truth.
+"""The path-traced three-stop traverse goes the whole way and is held against the goals.
 
-What the bounds are: an adjusted stop may be off by what three standard deviations of a panorama's
-mast pointing (0.1 degrees a pair) do over the way to it, 0.5 % of the distance, against 10 % that
-wheels slip; terrain by that and by stereo.
+They are those of `make accuracy`: 0.1 % of the way and 0.05 degrees in the median, 0.3 % at worst,
+stated covariances that are true, and ground of the held stop to half a centimetre in the median.
+All of it is slow: whether a goal is held is told by `make test-all`, not by `make test`.
 """
 
 from pathlib import Path
@@ -46,7 +46,7 @@ def test_every_stop_has_every_product(store):
         }  # fmt: skip
 
 
-def test_stops_are_tied_to_half_a_percent_of_the_way(judged):
+def test_stops_are_tied_to_a_tenth_of_a_percent_of_the_way(judged):
     assert [row["stop"] for row in judged] == [
         "mer2-site0010-drive0000",
         "mer2-site0010-drive0064",
@@ -54,20 +54,26 @@ def test_stops_are_tied_to_half_a_percent_of_the_way(judged):
     ]
     for row in judged[1:]:
         assert "cross-site ties" in row["held_by"]
-        assert row["percent"] < 0.5, row
-        assert row["adjusted_error_m"] < 0.5 * row["telemetry_error_m"], row
+        assert row["percent"] <= 0.3, row
+    assert np.median([row["percent"] for row in judged[1:]]) <= 0.1
+
+
+def test_attitudes_are_known_to_a_twentieth_of_a_degree(judged):
+    for name in ("azimuth_error_deg", "tilt_error_deg"):
+        assert np.median([abs(row[name]) for row in judged[1:]]) <= 0.05, judged
 
 
 def test_stops_err_by_what_they_state(judged):
-    for row in judged[1:]:
-        error, sigma = (np.array(row[name]) for name in ("error_ned_m", "sigma_ned_m"))
-        assert np.abs(error / sigma).max() < 3.5, row  # 99.95 % an axis; it was 2.5 in memory
+    # the mean of NEES/6 over worlds is to lie between 0.6 and 1.5; two stops of one scatter more:
+    # twelve freedoms, of which 99.9 % are below 2.8
+    nees = np.mean([row["nees"] for row in judged[1:]])
+    assert 0.1 < nees < 2.8, judged
 
 
-def test_terrain_of_the_held_stop_is_as_good_as_stereo_allows(store, husband):
+@pytest.mark.parametrize(
+    ("range_m", "limit_m"), [((0, 10), 0.005), ((10, 20), 0.005), ((20, 30), 0.01)]
+)
+def test_ground_of_the_held_stop_is_neither_too_high_nor_too_low(store, husband, range_m, limit_m):
     rows = evaluate_terrain(Workspace.open(store), husband / "truth")
     held = {tuple(row["range_m"]): row for row in rows if "site0010-drive0000" in row["stop"]}
-    for (_, far_m), row in held.items():
-        # a row of pixels that is 0.25 px off moves ground by range * 0.25 / 1222 px across the ray,
-        # and 0.1 degrees of pointing over ten pairs by range * 0.00055
-        assert row["median_m"] < far_m * (0.25 / 1222 + 0.0018), row
+    assert abs(held[range_m]["bias_m"]) <= limit_m, held[range_m]

@@ -69,6 +69,12 @@ def test_runtime_dependencies_are_what_production_code_imports():
     assert required - imported == set()
 
 
+def test_no_test_or_benchmark_has_a_figure_of_the_documentation_to_write_to():
+    path_into_docs = re.compile(r"[\"']docs[\"'] */ *[\"']figures[\"']")
+    tests = (ROOT / "tests").rglob("*.py")
+    assert [str(path) for path in tests if path_into_docs.search(path.read_text())] == []
+
+
 def test_the_version_is_written_once():
     assert "version" in PROJECT["dynamic"]
     assert "__version__" in Path(ROOT / "src" / "solmap" / "__init__.py").read_text()

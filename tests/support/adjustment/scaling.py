@@ -1,10 +1,10 @@
-"""How the overall adjustment grows with the traverse: `python -m tests.support.adjustment.scaling`.
+"""How the overall adjustment grows with the traverse.
 
+`python -m tests.support.adjustment.scaling docs/figures/adjustment_scaling.png` draws it.
 Networks of 10 to 2,000 stops, ten stereo pairs and about 306 ties each, with mast pointings and
 telemetry. The start is the truth, as far from the minimum as the noise is large; the time is
 processor time of layout and iteration, and of all covariances besides (linearised anew), the
 fastest of three runs, since other work shares the caches.
-Draws docs/figures/adjustment_scaling.png.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ from tests.support.adjustment.problems import PARAMS
 
 STOPS = (10, 50, 200, 500, 1000, 2000)
 REPEATS = 3
-FIGURE = Path(__file__).parents[3] / "docs" / "figures" / "adjustment_scaling.png"
 
 
 def measured(stops):
@@ -91,14 +90,14 @@ def drawn(rows, path):
     figure.savefig(path, dpi=120)
 
 
-def main():
+def main(figure):
     rows = []
     for stops in STOPS:
         rows.append(measured(stops))
         sys.stdout.write(json.dumps(rows[-1]) + "\n")
         sys.stdout.flush()
-        drawn(rows, FIGURE)
+        drawn(rows, figure)
 
 
 if __name__ == "__main__":
-    main()
+    main(Path(sys.argv[1]))

@@ -1,0 +1,165 @@
+"""The scorecard of `tests.support.accuracy`: figures of worlds against the goals, as a page."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+NEAR_M, FAR_M = 25.0, 40.0
+"""Up to where all links, and nine of ten, are to be found."""
+NEES_OF_WORLD = (0.6, 1.5)
+
+Result = dict[str, Any]
+"""Of one world, as `measured` gives it."""
+
+
+def scorecard(results: Iterable[Result]) -> list[dict[str, Any]]:
+    """One row a goal: what it is, what was reached over all worlds, and whether that holds it."""
+    evaluated = [result for result in results if not result["failure"]]
+    stops = [row for result in evaluated for row in result["stops"] if row["driven_m"]]
+    links = [link for result in evaluated for link in result["links"]]
+    if not stops:
+        return []
+    percent, azimuth, tilt, nees = (
+        np.abs([row[name] for row in stops])
+        for name in ("percent", "azimuth_error_deg", "tilt_error_deg", "nees")
+    )
+    floors = {
+        name: np.abs([row["floor"][name] for row in stops])
+        for name in ("percent", "azimuth_deg", "tilt_deg")
+    }
+    worlds = [mean_nees(result) for result in evaluated]
+    near = [link["linked"] for link in links if link["distance_m"] <= NEAR_M]
+    far = [link["linked"] for link in links if NEAR_M < link["distance_m"] <= FAR_M]
+    rows = [
+        _goal("position, median, % of the way", np.median(percent), 0.1, floors["percent"]),
+        _goal("position, worst stop, % of the way", percent.max(), 0.3, floors["percent"], np.max),
+        _goal("azimuth, median, degrees", np.median(azimuth), 0.05, floors["azimuth_deg"]),
+        _goal("tilt, median, degrees", np.median(tilt), 0.05, floors["tilt_deg"]),
+        _between("NEES/6, mean over all stops", float(nees.mean()), (0.85, 1.15)),
+        _between("NEES/6, lowest of a world", min(worlds), NEES_OF_WORLD),
+        _between("NEES/6, highest of a world", max(worlds), NEES_OF_WORLD),
+        _goal("false links", sum(link["false"] for link in links), 0),
+    ]
+    for name, some, least in ((f"to {NEAR_M:g} m", near, 1.0), (f"to {FAR_M:g} m", far, 0.9)):
+        if some:
+            rows.append(_between(f"links found {name}, share", float(np.mean(some)), (least, 1.0)))
+    for band, limit_m in (("0-10", 0.005), ("10-20", 0.005), ("20-30", 0.01)):
+        bias = [abs(result["bias_m"][band]) for result in evaluated if band in result["bias_m"]]
+        if bias:
+            rows.append(_goal(f"height bias at {band} m, median, m", np.median(bias), limit_m))
+    return rows
+
+
+def mean_nees(result: Result) -> float:
+    """Over the stops of a world that are not held."""
+    return float(np.mean([row["nees"] for row in result["stops"] if row["driven_m"]]))
+
+
+def _goal(
+    name: str, value: Any, limit: float, floor: np.ndarray | None = None, over: Any = np.median
+) -> dict[str, Any]:
+    return {
+        "goal": name,
+        "reached": round(float(value), 4),
+        "asked": f"<= {limit:g}",
+        "holds": bool(value <= limit),
+        "floor": None if floor is None else round(float(over(floor)), 4),
+    }
+
+
+def _between(name: str, value: float, bounds: tuple[float, float]) -> dict[str, Any]:
+    low, high = bounds
+    asked = f"{low:g} to {high:g}"
+    holds = low <= value <= high
+    return {
+        "goal": name,
+        "reached": round(value, 3),
+        "asked": asked,
+        "holds": holds,
+        "floor": None,
+    }
+
+
+def markdown(card: Iterable[dict[str, Any]], results: Iterable[Result]) -> str:
+    """The scorecard as a page: goals first, then every stop and world."""
+    results = list(results)
+    goals = [
+        (row["goal"], row["reached"], row["asked"], _or_dash(row["floor"]), _held(row["holds"]))
+        for row in card
+    ]
+    stops = [
+        (
+            result["world"],
+            row["stop"].partition("-")[2],
+            row["driven_m"],
+            row["telemetry_error_m"],
+            row["adjusted_error_m"],
+            row["percent"],
+            row["floor"]["percent"],
+            row["azimuth_error_deg"],
+            row["floor"]["azimuth_deg"],
+            row["tilt_error_deg"],
+            row["floor"]["tilt_deg"],
+            row["nees"],
+        )
+        for result in results
+        if not result["failure"]
+        for row in result["stops"]
+        if row["driven_m"]
+    ]
+    worlds = [_world_row(result) for result in results]
+    failures = [
+        f"{r['world']} failed:\n\n```\n{r['failure']}\n```" for r in results if r["failure"]
+    ]
+    return "\n\n".join(
+        [
+            "# Accuracy",
+            _table(("goal", "reached", "asked", "floor of mast pointing", ""), goals),
+            _table(
+                (
+                    "world", "stop", "way m", "telemetry off m", "error m", "%", "floor %",
+                    "azimuth °", "floor °", "tilt °", "floor °", "NEES/6",
+                ),
+                stops,
+            ),
+            _table(
+                (
+                    "world", "NEES/6", "links found", "refused", "false", "bias 0-10 m", "10-20 m",
+                    "20-30 m", "processor s a stop",
+                ),
+                worlds,
+            ),
+            *failures,
+        ]
+    ) + "\n"  # fmt: skip
+
+
+def _world_row(result: Result) -> tuple[Any, ...]:
+    if result["failure"]:
+        return (result["world"], "failed", *["-"] * 6, result["cpu_s_a_stop"])
+    linked = [link["linked"] for link in result["links"]]
+    bias = [_or_dash(result["bias_m"].get(band)) for band in ("0-10", "10-20", "20-30")]
+    return (
+        result["world"],
+        round(mean_nees(result), 2),
+        sum(linked),
+        len(linked) - sum(linked),
+        sum(link["false"] for link in result["links"]),
+        *bias,
+        result["cpu_s_a_stop"],
+    )
+
+
+def _or_dash(value: Any) -> Any:
+    return "-" if value is None else value
+
+
+def _held(holds: bool) -> str:  # noqa: FBT001 - a word for it
+    return "held" if holds else "**missed**"
+
+
+def _table(heading: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+    heading = list(heading)
+    lines = [heading, ["---"] * len(heading), *rows]
+    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)

@@ -1,0 +1,82 @@
+"""The scorecard of `make accuracy` states what was found, and against which goals."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tests.support.accuracy import floors_of
+from tests.support.scorecard import markdown, scorecard
+
+FLOOR = {"error_m": 0.01, "percent": 0.05, "azimuth_deg": -0.02, "tilt_deg": 0.03}
+
+
+def stop(driven_m, percent, nees, **others):
+    row = {
+        "stop": f"mer2-site{int(driven_m):04d}-drive0000",
+        "driven_m": driven_m,
+        "telemetry_error_m": 1.0,
+        "adjusted_error_m": driven_m * (percent or 0.0) / 100,
+        "percent": percent,
+        "azimuth_error_deg": -0.04,
+        "tilt_error_deg": 0.02,
+        "nees": nees,
+        "floor": FLOOR,
+    }
+    return row | others
+
+
+def world(*stops, links=(), **others):
+    told = {"world": "here", "failure": "", "cpu_s_a_stop": 55.0, "bias_m": {"0-10": -0.001}}
+    return told | {"stops": list(stops), "links": list(links)} | others
+
+
+def link(distance_m, *, linked=True, false=False):
+    return {"distance_m": distance_m, "linked": linked, "false": false}
+
+
+def reached(results):
+    return {row["goal"]: (row["reached"], row["holds"]) for row in scorecard(results)}
+
+
+def test_goals_are_held_against_medians_and_worst_stops():
+    first = world(stop(0.0, None, None), stop(15.0, 0.08, 1.0), stop(30.0, 0.2, 1.1))
+    card = reached([first, world(stop(20.0, 0.06, 0.9))])
+    assert card["position, median, % of the way"] == (0.08, True)
+    assert card["position, worst stop, % of the way"] == (0.2, True)
+    assert card["azimuth, median, degrees"] == (0.04, True)
+    assert card["NEES/6, mean over all stops"] == (1.0, True)
+    assert card["NEES/6, highest of a world"] == (1.05, True)
+    assert card["height bias at 0-10 m, median, m"] == (0.001, True)
+    card = reached([world(stop(15.0, 0.8, 27.0))])
+    assert not any(
+        card[goal][1] for goal in ("position, median, % of the way", "NEES/6, highest of a world")
+    )
+
+
+def test_links_count_by_distance_and_false_ones_are_named():
+    links = [link(12.0), link(24.0), link(30.0, linked=False), link(35.0, false=True), link(60.0)]
+    card = reached([world(stop(15.0, 0.1, 1.0), links=links)])
+    assert card["links found to 25 m, share"] == (1.0, True)
+    assert card["links found to 40 m, share"] == (0.5, False)
+    assert card["false links"] == (1.0, False)
+
+
+def test_a_world_that_failed_is_on_the_page_and_not_in_the_figures():
+    results = [world(stop(15.0, 0.08, 1.0)), world(failure="no images", world="there")]
+    page = markdown(scorecard(results), results)
+    assert "there failed" in page
+    assert "no images" in page
+    assert reached(results)["position, median, % of the way"] == (0.08, True)
+    assert scorecard([results[1]]) == []
+
+
+def test_the_floor_is_what_the_mean_pointing_of_both_panoramas_leaves():
+    def turned(azimuth_deg):
+        return Rotation.from_rotvec([0, 0, np.deg2rad(azimuth_deg)]).as_matrix()
+
+    heading, origin, there = turned(70.0), np.zeros(3), np.array([12.0, 16.0, -1.0])
+    held, other = floors_of([(heading, turned(0.1), origin), (np.eye(3), turned(0.03), there)])
+    assert (held["error_m"], held["azimuth_deg"]) == (0.0, 0.0)
+    assert other["error_m"] == pytest.approx(20.0 * np.deg2rad(0.1), abs=1e-4)
+    assert other["azimuth_deg"] == pytest.approx(-0.07, abs=1e-4)
+    assert other["tilt_deg"] == pytest.approx(0.0, abs=1e-4)
