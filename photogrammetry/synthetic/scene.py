@@ -88,9 +88,9 @@ def realistic_params(params: WorldParams, rng_seed: int) -> WorldParams:
     traverse = params.traverse
     suns = [_morning_or_afternoon(rng, is_morning=stop % 2 == 0) for stop in range(traverse.stops)]
     rig = RigErrors(
-        pointing=float(np.deg2rad(0.06)),
-        mast_zero=_two(rng, np.deg2rad(0.1)),
-        mast_axis=_two(rng, np.deg2rad(0.05)),
+        pointing=float(np.deg2rad(0.08)),
+        mast_zero=_two(rng, np.deg2rad(0.05)),
+        mast_axis=_two(rng, np.deg2rad(0.03)),
         bend=_three(rng, 3e-4),
         bend_per_kelvin=_three(rng, 5e-6),
     )
