@@ -30,6 +30,7 @@ from solmap.tasks.mission.control import (
     take_control,
 )
 from solmap.tasks.mission.orbital import (
+    RegisteredImage,
     RegistrationMethod,
     StopMap,
     draw_base,
@@ -49,7 +50,7 @@ class OrbitalOptions:
     registered: bool = True
     """Find its place, rather than trust its georeference."""
     reach_m: float = SearchParams().reach_m
-    """How far off its georeference, or a stop, may be."""
+    """How far off its georeference may be."""
     control: FrameParams | None = field(default_factory=FrameParams)
     """Find every stop in it on its own, as control for the adjustment; None: do not."""
     heights: bool = False
@@ -84,8 +85,8 @@ def add_orbital(
         said = [f"{file.name}: {_registration_line(read_registration(registration, store))}"]
         standing = latest_standing(mission, workspace)
         if standing is not None and options.control is not None:
-            how = (params, options.control)
-            control = control_by_image.fn(image, stops, standing, how, site.landing, store)
+            how, registered = (params, options.control), RegisteredImage(image, registration)
+            control = control_by_image.fn(registered, stops, standing, how, site.landing, store)
             pointers.append(control)
             said += _control_lines(control, stops, store)
     entry = MissionEntry(mission, site.title, site.landing, None)
@@ -135,12 +136,13 @@ def _registration_line(found: dict[str, Any]) -> str:
     if found["correction"] is None:
         return f"not registered, it lies where it claims to: {found['reason']}"
     correction = found["correction"]
-    variances = [correction["covariance"][k][k] for k in range(3)]
-    east, north, turn = (variance**0.5 for variance in variances)
+    variances = [correction["covariance"][k][k] for k in range(4)]
+    east, north, turn, scale = (variance**0.5 for variance in variances)
     return (
         f"moved by {correction['east_m']:+.2f} m east and {correction['north_m']:+.2f} m north "
         f"(1 sigma {east:.2f} and {north:.2f} m), turned by {correction['rotation_deg']:+.3f} "
-        f"degrees ({turn * 57.29578:.3f}){_height_change(correction)}; it explains "
+        f"degrees ({turn * 57.29578:.3f}) and scaled by {1 + correction['scale']:.4f} ({scale:.4f})"
+        f"{_height_change(correction)}, against the rover's map; it explains "
         f"{found['explained']:.0%} of the image, the best other place {found['runner_up']:.0%}"
     )
 

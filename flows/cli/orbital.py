@@ -30,8 +30,14 @@ ShiftSigma = Annotated[
     ),
 ]
 RotationSigma = Annotated[
-    float, typer.Option(min=0, max=180, help="The same of its rotation, degrees")
+    float,
+    typer.Option(
+        min=0,
+        max=180,
+        help="The same of its rotation, degrees; say less than 1 of a controlled image alone",
+    ),
 ]
+ScaleSigma = Annotated[float, typer.Option(min=0, max=1, help="The same of its scale")]
 control = typer.Typer(help="Places of stops in orbital images, as control.", no_args_is_help=True)
 
 
@@ -44,11 +50,12 @@ def add_image(  # noqa: PLR0913 - options
     store: StoreOption = None,
     reach: Annotated[
         float,
-        typer.Option(help="How far off it, or a stop, may be, metres", min=1.0, max=200.0),
-    ] = 12.0,
-    shift_sigma: ShiftSigma = 50.0,
-    rotation_sigma: RotationSigma = 0.1,
+        typer.Option(help="How far off it may be, metres", min=1.0, max=500.0),
+    ] = 300.0,
     *,
+    shift_sigma: ShiftSigma = 300.0,
+    rotation_sigma: RotationSigma = 3.0,
+    scale_sigma: ScaleSigma = 0.01,
     as_claimed: Annotated[
         bool, typer.Option("--as-claimed", help="Trust its georeference; register nothing.")
     ] = False,
@@ -63,7 +70,7 @@ def add_image(  # noqa: PLR0913 - options
     from solmap.flows.external_data import OrbitalOptions, add_orbital  # noqa: PLC0415 - slow to import
     from solmap.tasks.mission.control import FrameParams  # noqa: PLC0415
 
-    frame = None if no_control else FrameParams(shift_sigma, rotation_sigma)
+    frame = None if no_control else FrameParams(shift_sigma, rotation_sigma, scale_sigma)
     options = OrbitalOptions(
         registered=not as_claimed, reach_m=reach, control=frame, heights=heights
     )
@@ -84,9 +91,9 @@ def add_measured(
     ],
     mission: MissionOption = None,
     store: StoreOption = None,
-    shift_sigma: ShiftSigma = 50.0,
-    rotation_sigma: RotationSigma = 0.1,
-    scale_sigma: Annotated[float, typer.Option(min=0, max=1, help="The same of its scale")] = 1e-3,
+    shift_sigma: ShiftSigma = 300.0,
+    rotation_sigma: RotationSigma = 3.0,
+    scale_sigma: ScaleSigma = 0.01,
 ) -> None:
     """Take measured places of stops as control; a file of the same name before counts no more.
 

@@ -35,12 +35,15 @@ from solmap.photogrammetry.orbital.search import (
     CONVERGED,
     ITERATIONS,
     LEAST_SHOWN,
+    UNKNOWNS,
     Landscape,
     SearchParams,
     clustered_covariance,
     map_to_image,
     samples_of,
     search,
+    steps_in_cells,
+    with_likely_scale,
 )
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
@@ -147,7 +150,7 @@ def _leads(best: float, other: float) -> bool:
 
 def _refine_place(
     predicted: Predicted, contrast: Contrast, start: Place
-) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"]]:
+) -> tuple[Float64[np.ndarray, " 4"], Float64[np.ndarray, "4 4"]]:
     """The place to a fraction of a cell, by least squares on the slopes of the rover's heights.
 
     Those of the orbital model would not do: they are the steeper the noisier it is, and Gauss-
@@ -163,23 +166,26 @@ def _refine_place(
     west, south, right, top = grid.bounds
     arm_e, arm_n = east - (west + right) / 2, north - (south + top) / 2
     plane = [east - middle[0], north - middle[1], np.ones(len(own))]
-    found = np.array([start[0], start[1], np.radians(start[2])])
-    scale = np.array([1.0, 1.0, np.hypot(np.ptp(east), np.ptp(north)) / 2]) / grid.cell_m
+    found = np.array([start[0], start[1], np.radians(start[2]), 0.0])
+    steps = steps_in_cells(east, north, grid.cell_m)
     values = np.where(contrast.known, contrast.values, np.nan)
     for _ in range(ITERATIONS):
-        at = map_to_image(grid, float(np.degrees(found[2])), east + found[0], north + found[1])
-        off = interpolate(values, contrast.grid, np.column_stack(at)) - own
+        at = np.column_stack(map_to_image(grid, found, east, north))
+        off = interpolate(values, contrast.grid, at) - own
         seen = np.isfinite(off)
         if seen.mean() < LEAST_SHOWN:
             break
-        design = np.column_stack([g_e, g_n, g_e * arm_n - g_n * arm_e, *plane])[seen]
+        by_turn, by_scale = g_e * arm_n - g_n * arm_e, -(g_e * arm_e + g_n * arm_n)
+        design = np.column_stack([g_e, g_n, by_turn, by_scale, *plane])[seen]
         solved, *_ = np.linalg.lstsq(design, -off[seen], rcond=None)
-        found = found + solved[:3]
-        if np.abs(solved[:3] * scale).max() < CONVERGED:
-            residuals = off[seen] + design @ solved
-            wide_m = CLUSTER_CELLS * grid.cell_m
-            C = clustered_covariance(design, residuals, east[seen], north[seen], wide_m)
-            return found, C + np.diag((MODEL_CELLS / scale) ** 2)
+        residuals = off[seen] + design @ solved
+        wide_m = CLUSTER_CELLS * grid.cell_m
+        C = clustered_covariance(design, residuals, east[seen], north[seen], wide_m)
+        C += np.diag((MODEL_CELLS / steps) ** 2)
+        before = found
+        found, C = with_likely_scale(before + solved[:UNKNOWNS], C)
+        if np.abs((found - before) * steps).max() < CONVERGED:
+            return found, C
     raise OrbitalError("the map does not come to rest in the orbital model: no place for it")
 
 

@@ -52,16 +52,18 @@ class GroundMap:
 class Correction:
     """How an orbital image must be moved to lie on the rover's map.
 
-    A point that the georeference puts at p truly lies at c + R (p - c) + t, with the centre c, the
-    rotation R by `rotation_deg` counter-clockwise and t = (east, north).
+    A point that the georeference puts at p truly lies at c + (1 + `scale`) R (p - c) + t, with the
+    centre c, the rotation R by `rotation_deg` counter-clockwise and t = (east, north).
     """
 
     east_m: float
     north_m: float
     rotation_deg: float
     centre_m: tuple[float, float]
-    covariance: Float64[np.ndarray, "3 3"]
-    """Of (east m, north m, rotation rad)."""
+    covariance: Float64[np.ndarray, "4 4"]
+    """Of (east m, north m, rotation rad, scale)."""
+    scale: float = 0.0
+    """By how much it must be enlarged."""
     up_m: float | None = None
     """By which heights of an orbital terrain model must be raised; None for images."""
     sigma_up_m: float | None = None
@@ -78,18 +80,21 @@ class Correction:
 
     def apply(self, points_m: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
         """Where points of the orbital image truly lie, (east, north)."""
-        c, s = np.cos(np.radians(self.rotation_deg)), np.sin(np.radians(self.rotation_deg))
-        centre = np.asarray(self.centre_m)
-        turned = (points_m - centre) @ np.array([[c, -s], [s, c]]).T
-        return turned + centre + [self.east_m, self.north_m]
+        return (points_m - self.centre_m) @ self._enlarged.T + self.centre_m + self._shift
 
     def apply_inverse(self, points_m: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
         """Where the orbital image puts what truly lies at points: `apply` undone."""
+        back = np.linalg.inv(self._enlarged)
+        return (points_m - self.centre_m - self._shift) @ back.T + self.centre_m
+
+    @property
+    def _enlarged(self) -> Float64[np.ndarray, "2 2"]:
         c, s = np.cos(np.radians(self.rotation_deg)), np.sin(np.radians(self.rotation_deg))
-        centre = np.asarray(self.centre_m)
-        return (points_m - centre - [self.east_m, self.north_m]) @ np.array(
-            [[c, -s], [s, c]]
-        ) + centre
+        return (1 + self.scale) * np.array([[c, -s], [s, c]])
+
+    @property
+    def _shift(self) -> Float64[np.ndarray, " 2"]:
+        return np.array([self.east_m, self.north_m])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

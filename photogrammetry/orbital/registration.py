@@ -11,19 +11,23 @@ A fit is believed if
 On ground without features all places fit alike, and the answer is that it cannot be told. A wrong
 place is worse than none.
 
-A single stop whose own map is registered, as if it were the only one, becomes control for the
-adjustment. A correction (see
-`records.Correction`) carries what the image claims, p, to where the rover's map has it,
+What is claimed to be far off is looked for near its claimed place first, then everywhere in larger
+cells, and near the place found there again.
 
-    x = c + R (p - c) + t
+A single stop whose own map is registered, as if it were the only one, becomes control for the
+adjustment. A correction (see `records.Correction`) carries what the image claims, p, to where the
+rover's map has it,
+
+    x = c + m R (p - c) + t
 
 so the rover itself, at x with azimuth A, lies in the image at
 
-    p = c + R' (x - c - t)          azimuth A + rotation
+    p = c + R' (x - c - t) / m          azimuth A + rotation
 
-with the covariance of (t, rotation) carried over, and in an orbital terrain model its height too.
-The place depends on how the map lies about the rover, and no longer on where the adjustment had put
-both.
+with the covariance of (t, rotation, m) carried over, and in an orbital terrain model its height
+too. The place depends on how the map lies about the rover, and no longer on where the adjustment
+had put both. The map is turned against the rover by what its pairs' mast pointings are off in the
+mean, which the covariance holds.
 """
 
 from __future__ import annotations
@@ -50,6 +54,7 @@ from solmap.photogrammetry.orbital.search import (
     REACH_DEG,
     Landscape,
     SearchParams,
+    in_larger_cells,
     refine,
     samples_of,
     search,
@@ -114,12 +119,33 @@ def best_place(
     predicted: Predicted, contrast: Contrast, params: RegistrationParams, method: Method
 ) -> Registration:
     """Where what a map predicts lies in what an image shows, if it can be told."""
+    near = params.search.near()
+    found = _best_near(predicted, contrast, near, method)
+    if found.correction is not None or params.search.reach_m <= near.reach_m:
+        return found
     try:
-        landscape = method.search(predicted, contrast, params.search)
+        larger = in_larger_cells(predicted, contrast, params.search.reach_m)
+        landscape = method.search(*larger, params.search)
+        explained, east, north, _ = landscape.best()
+    except OrbitalError:
+        return found
+    runner_up = landscape.runner_up(max(method.other_place_m, 2 * landscape.cell_m))
+    if not method.leads(explained, runner_up):
+        doubt = _no_lead(explained, runner_up)
+        return Registration(None, doubt, explained, runner_up, float("nan"))
+    return _best_near(predicted, contrast, params.search.near((east, north)), method)
+
+
+def _best_near(
+    predicted: Predicted, contrast: Contrast, params: SearchParams, method: Method
+) -> Registration:
+    """The best place in the image's own cells."""
+    try:
+        landscape = method.search(predicted, contrast, params)
         explained, east, north, rotation_deg = landscape.best()
         found, covariance = method.refine(predicted, contrast, (east, north, rotation_deg))
         halves = [
-            method.search(predicted.within(half), contrast, params.search).best()
+            method.search(predicted.within(half), contrast, params).best()
             for half in _halves(predicted.grid, method.half_square_m)
         ]
     except OrbitalError as error:
@@ -138,19 +164,15 @@ class _Fit:
     runner_up: float
     apart_m: float
     found: np.ndarray
-    """(east m, north m, rotation rad) by which the map lies off in the image."""
+    """(east m, north m, rotation rad, scale) by which the map's centre lies off in the image."""
     covariance: np.ndarray
 
 
 def _correction(fit: _Fit, grid: MapGrid) -> Correction:
-    west, south, east, north = grid.bounds
-    return Correction(
-        east_m=-float(fit.found[0]),
-        north_m=-float(fit.found[1]),
-        rotation_deg=float(np.degrees(fit.found[2])),
-        centre_m=((west + east) / 2, (south + north) / 2),
-        covariance=fit.covariance,
-    )
+    west, south, right, top = grid.bounds
+    east, north, turn, scale = fit.found.tolist()
+    centre = (west + right) / 2 + east, (south + top) / 2 + north
+    return Correction(-east, -north, np.degrees(turn), centre, fit.covariance, scale)
 
 
 def _halves(grid: MapGrid, square_m: float) -> tuple[Mask, Mask]:
@@ -160,17 +182,21 @@ def _halves(grid: MapGrid, square_m: float) -> tuple[Mask, Mask]:
     return light, ~light
 
 
-def _doubt(fit: _Fit, cell_m: float, params: RegistrationParams, method: Method) -> str:
+def _no_lead(explained: float, runner_up: float) -> str:
+    return (
+        f"cannot tell: the best place explains {explained:.1%} of the image's contrast, "
+        f"another one {runner_up:.1%}"
+    )
+
+
+def _doubt(fit: _Fit, cell_m: float, params: SearchParams, method: Method) -> str:
     """Why the place is not believed; empty if it is."""
     if not method.leads(fit.explained, fit.runner_up):
-        return (
-            f"cannot tell: the best place explains {fit.explained:.1%} of the image's contrast, "
-            f"another one {fit.runner_up:.1%}"
-        )
+        return _no_lead(fit.explained, fit.runner_up)
     if fit.apart_m > HALVES_APART_CELLS * cell_m:
         return f"cannot tell: both halves of the ground find places {fit.apart_m:.1f} m apart"
-    if np.hypot(*fit.found[:2]) > params.search.reach_m:
-        return f"cannot tell: the best place lies beyond {params.search.reach_m} m"
+    if np.hypot(*(fit.found[:2] - params.around_m)) > params.reach_m:
+        return f"cannot tell: the best place lies beyond {params.reach_m} m"
     if abs(np.degrees(fit.found[2])) > REACH_DEG:
         return f"cannot tell: the best place is turned by more than {REACH_DEG} deg"
     sigma_m = float(np.sqrt(np.diagonal(fit.covariance)[:2].max()))
@@ -188,29 +214,22 @@ def draw_corrected(image: OrbitalImage, grid: MapGrid, correction: Correction | 
     for top in range(0, grid.rows, STRIP):
         for left in range(0, grid.cols, STRIP):
             part = np.s_[top : top + STRIP, left : left + STRIP]
-            true_east, true_north = np.meshgrid(east[part[1]], north[part[0]])
-            samples = samples_of(image.grid, *_claimed_place(true_east, true_north, correction))
+            places = np.stack(np.meshgrid(east[part[1]], north[part[0]]), axis=-1)
+            if correction is not None:
+                places = correction.apply_inverse(places)
+            samples = samples_of(image.grid, places[..., 0], places[..., 1])
             value, weight = (cv2.remap(layer, *samples, cv2.INTER_LINEAR) for layer in layers)
             with np.errstate(invalid="ignore", divide="ignore"):
                 out[part] = np.where(np.asarray(weight) > 0.5, value / weight, np.nan)  # noqa: PLR2004
     return out
 
 
-def _claimed_place(
-    east: np.ndarray, north: np.ndarray, correction: Correction | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Where the georeference puts what truly lies at places: `Correction.apply` undone."""
-    if correction is None:
-        return east, north
-    c, s = (f(np.radians(correction.rotation_deg)) for f in (np.cos, np.sin))
-    centre_e, centre_n = correction.centre_m
-    de = east - centre_e - correction.east_m
-    dn = north - centre_n - correction.north_m
-    return centre_e + c * de + s * dn, centre_n - s * de + c * dn
-
-
 def stop_in_image(
-    stop: StopId, lsl_from_rover: Pose, correction: Correction, frame: str
+    stop: StopId,
+    lsl_from_rover: Pose,
+    correction: Correction,
+    frame: str,
+    sigma_turn_deg: float = 0.0,
 ) -> StopControl:
     """Where an image shows a stop whose map it was registered to.
 
@@ -219,21 +238,24 @@ def stop_in_image(
         lsl_from_rover: the pose that its map was made with.
         correction: of the image, onto that map alone.
         frame: the name of the image.
+        sigma_turn_deg: by how much the map may be turned against the rover.
     """
     north, east, _ = lsl_from_rover.translation_m.tolist()
-    theta = np.radians(correction.rotation_deg)
+    theta, m = np.radians(correction.rotation_deg), 1 + correction.scale
     c, s = np.cos(theta), np.sin(theta)
-    back = np.array([[c, s], [-s, c]])
+    back = np.array([[c, s], [-s, c]]) / m
     arm = np.array([east - correction.east_m, north - correction.north_m])
     arm = arm - np.asarray(correction.centre_m)
     place = np.asarray(correction.centre_m) + back @ arm
     rotation = lsl_from_rover.rotation
     azimuth = np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0])) + correction.rotation_deg
-    J = np.zeros((3, 3))
+    J = np.zeros((3, 4))
     J[:2, :2] = -back
-    J[:2, 2] = np.array([[-s, c], [-c, -s]]) @ arm
+    J[:2, 2] = np.array([[-s, c], [-c, -s]]) @ arm / m
+    J[:2, 3] = -back @ arm / m
     J[2, 2] = 1.0
     C = J @ correction.covariance @ J.T
+    C[2, 2] += np.radians(sigma_turn_deg) ** 2
     up_m = None
     if correction.up_m is not None and correction.sigma_up_m is not None:
         up_m = float(-lsl_from_rover.translation_m[2] - correction.up_m)

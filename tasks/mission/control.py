@@ -12,9 +12,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedNetwork
 from solmap.photogrammetry.adjustment.model.network import ControlFrame, StopControl
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.errors import AdjustmentError, PhotogrammetryError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
@@ -28,9 +30,18 @@ from solmap.products.formats.documents.network import read_network, whole_networ
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.files import keep_file, write_bytes
-from solmap.tasks.mission.orbital import RegistrationMethod, StopMap, find_registration
+from solmap.tasks.mission.orbital import (
+    RegisteredImage,
+    RegistrationMethod,
+    StopMap,
+    find_registration,
+    read_correction,
+)
 from solmap.tasks.network.orientations import MappedStop, Standing, read_orientations
 from solmap.tasks.stage import stage
+
+MAST_DEG = AdjustmentParams().pointing_deg
+"""By how much a pair, and a map by the mean of its pairs, may be turned against the rover."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +51,13 @@ class FrameParams:
     Standard deviations; zero where it is certain.
     """
 
-    shift_m: float = 50.0
-    """An image that was laid on older maps by hand; one that was controlled is good to some 5 m."""
-    rotation_deg: float = 0.1
-    """Orthoimages of HiRISE and CTX are off by a few metres over kilometres. An uncontrolled mosaic
-    may be turned by more than a degree (Di et al. 2008, section 4): say so, for beyond that the map
-    is turned with it rather than the image."""
-    scale: float = 1e-3
+    shift_m: float = 300.0
+    """A mosaic that nobody controlled; one that was is good to some 5 m, on older maps to 50 m."""
+    rotation_deg: float = 3.0
+    """The same: an uncontrolled mosaic was turned by 1.3 degrees (Di et al. 2008, section 4), an
+    orthoimage of HiRISE or CTX is off by a few metres over kilometres, 0.1 degrees. An image said
+    to be better than the azimuth of the first stop turns the map (`adjustment.model.datum`)."""
+    scale: float = 0.01
 
     def __post_init__(self) -> None:
         for name in ("shift_m", "rotation_deg", "scale"):
@@ -72,18 +83,19 @@ class FrameParams:
         return replace(frame, place=level)
 
 
-@stage(task_run_name="control-{image.scope}")
+@stage(task_run_name="control-{registered.image.scope}")
 def control_by_image(
-    image: ProductRef,
+    registered: RegisteredImage,
     stops: dict[StopId, StopMap],
     standing: Standing,
     params: tuple[RegistrationMethod, FrameParams],
     landing: LandingPoint,
     store: ProductStore,
 ) -> ProductRef:
-    """Find every stop on its own in an orbital image."""
+    """Find every stop on its own in an orbital image, near where the map of all lies in it."""
+    image, registration = registered.image, registered.registration
     maps = tuple(ref for stop in stops.values() for ref in (stop.dtm, stop.orthophoto))
-    inputs = (image, standing.network, standing.orientations, *maps)
+    inputs = (image, registration, standing.network, standing.orientations, *maps)
     settings = (*params[0].settings, params[1], landing)
     recipe = Recipe(ProductKind.CONTROL, image.scope, inputs, settings)
 
@@ -91,17 +103,21 @@ def control_by_image(
         names = [str(stop) for stop in stops]
         adjusted = read_network(standing.network, store).with_stops(names, store).adjusted
         mapped = read_orientations(standing.orientations, store, names)
+        start = read_correction(registration, store)
         found: list[StopControl] = []
         up_m: list[float] = []
         refused: dict[str, str] = {}
         for stop, own in stops.items():
             try:
-                outcome, _ = find_registration(image, [own], params[0], landing, store)
+                outcome, _ = find_registration(image, [own], params[0], landing, store, start)
                 if outcome.correction is None:
                     refused[str(stop)] = outcome.reason
                     continue
                 pose = _mapped_pose(stop, adjusted, mapped)
-                found.append(stop_in_image(stop, pose, outcome.correction, image.scope.name))
+                turn_deg = MAST_DEG / np.sqrt(len(mapped[str(stop)].orientations))
+                found.append(
+                    stop_in_image(stop, pose, outcome.correction, image.scope.name, turn_deg)
+                )
             except (PhotogrammetryError, ProductError, ArithmeticError, ValueError) as error:
                 refused[str(stop)] = cause_of(error)  # of this stop
                 continue
@@ -115,11 +131,14 @@ def control_by_image(
 def _mapped_pose(stop: StopId, adjusted: AdjustedNetwork, mapped: dict[str, MappedStop]) -> Pose:
     """The pose of a rover that its maps were made with: up to the reissue limit off today's."""
     pose = adjusted.stop(stop).lsl_from_rover
-    today = {pair.pair_id: pair.lsl_from_pair.translation_m for pair in adjusted.pairs}
-    of_maps = mapped[str(stop)].orientations
-    off = [np.array(o.translation_m) - today[o.pair_id] for o in of_maps if o.pair_id in today]
-    shift = np.mean(off, axis=0) if off else np.zeros(3)
-    return Pose(pose.target, pose.source, pose.rotation, pose.translation_m + shift)
+    today = {pair.pair_id: pair.lsl_from_pair for pair in adjusted.pairs}
+    old = [o for o in mapped[str(stop)].orientations if o.pair_id in today]
+    if not old:
+        return pose
+    moves = [o.lsl_from(today[o.pair_id].source) @ today[o.pair_id].inverse for o in old]
+    turn = Rotation.from_matrix([move.rotation for move in moves]).mean().as_matrix()
+    place = np.mean([move.apply(pose.translation_m[None])[0] for move in moves], axis=0)
+    return Pose(pose.target, pose.source, turn @ pose.rotation, place)
 
 
 def take_control(

@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -47,6 +47,14 @@ class StopMap:
 
     dtm: ProductRef
     orthophoto: ProductRef
+
+
+@dataclass(frozen=True, slots=True)
+class RegisteredImage:
+    """An orbital image, and what came of registering it to all that is mapped."""
+
+    image: ProductRef
+    registration: ProductRef
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +120,12 @@ def find_registration(
     params: RegistrationMethod,
     landing: LandingPoint,
     store: ProductStore,
+    start: Correction | None = None,
 ) -> tuple[Registration, float]:
-    """What comes of registering an image to the map of some stops, and the side of its cells."""
+    """What comes of registering an image to the map of some stops, and the side of its cells.
+
+    With the correction of a larger map as `start` the place is looked for near there alone.
+    """
     crs = local_crs(landing)
     dtms = [store.path(stop.dtm) for stop in stops]
     bounds = union([bounds_on_map(dtm, crs)[0] for dtm in dtms])
@@ -124,13 +136,25 @@ def find_registration(
         (read_onto_grid(dtm, grid, crs) for dtm in dtms),
         (read_onto_grid(store.path(stop.orthophoto), grid, crs) for stop in stops),
     )
-    reach_m = params.registration.search.reach_m
-    shown = grid_around(_widen(bounds, 2 * reach_m, claimed), cell_m)
+    search, around = params.registration.search, bounds
+    if start is not None:
+        middle = np.array([[(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2]])
+        east, north = (start.apply_inverse(middle) - middle)[0].tolist()
+        search, around = search.near((east, north)), _carried(bounds, start.apply_inverse)
+    shown = grid_around(_widen(around, 2 * search.reach_m, claimed), cell_m)
     values = read_onto_grid(store.path(image), shown, crs)
+    registration = RegistrationParams(search)
     if params.heights:
-        model = OrbitalDtm(shown, values)
-        return register_elevations(ground, model, params.registration), cell_m
-    return register(ground, OrbitalImage(shown, values), params.registration), cell_m
+        return register_elevations(ground, OrbitalDtm(shown, values), registration), cell_m
+    return register(ground, OrbitalImage(shown, values), registration), cell_m
+
+
+def _carried(bounds: Bounds, carry: Callable[[np.ndarray], np.ndarray]) -> Bounds:
+    """Bounds around where the corners of others are carried to."""
+    west, south, east, north = bounds
+    corners = carry(np.array([[west, south], [west, north], [east, south], [east, north]]))
+    (left, low), (right, top) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    return left, low, right, top
 
 
 @stage(task_run_name="base-{image.scope}")
@@ -151,8 +175,11 @@ def draw_base(
         crs = local_crs(landing)
         correction = None if registration is None else read_correction(registration, store)
         claimed, cell_m = bounds_on_map(store.path(image), crs)
-        bounds = _widen(mapped, MARGIN_M, claimed)
-        shown = grid_around(bounds, cell_m)
+        bounds = _widen(
+            mapped, MARGIN_M, _carried(claimed, correction.apply) if correction else claimed
+        )
+        read = _carried(bounds, correction.apply_inverse) if correction else bounds
+        shown = grid_around(_widen(read, 0.0, claimed), cell_m)
         level = max(0, math.floor(math.log2(cell_m / FINEST_CELL_M)))
         grid = MapGrid.covering(bounds, FINEST_CELL_M * 2**level)
         source = OrbitalImage(shown, read_onto_grid(store.path(image), shown, crs))
@@ -179,8 +206,9 @@ def read_correction(ref: ProductRef, store: ProductStore) -> Correction | None:
         found["rotation_deg"],
         (found["centre_m"][0], found["centre_m"][1]),
         np.array(found["covariance"]),
-        found.get("up_m"),
-        found.get("sigma_up_m"),
+        found["scale"],
+        found["up_m"],
+        found["sigma_up_m"],
     )
 
 

@@ -1,11 +1,12 @@
 """Rover maps and orbital images of simulated ground whose true place is known.
 
-    python -m tests.support.orbital_scenes [--scenes 30] [--first-seed 100] [--dtm]
+    python -m tests.support.orbital_scenes [--scenes 30] [--first-seed 100] [--dtm | --uncontrolled]
 
 A scene is a landscape as `solmap simulate` draws it, seen from orbit under one sun (cells of 0.25
 m, noise, its georeference wrong by up to 8 m and 2 degrees) and by a rover under another: what
 stands in its line of sight within 30 m of one or two stops, with errors of the elevation that grow
-with the square of the range.
+with the square of the range. An uncontrolled image is off by up to 250 m east and north, 3 degrees
+and 1 %.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -34,7 +35,10 @@ LEVEL = 3
 
 @dataclass(frozen=True)
 class Scene:
-    """A rover's map, an orbital image, and how that must be moved (about the map's centre)."""
+    """A rover's map, an orbital image, and how that must be moved (about the map's centre).
+
+    A point that the image claims at p truly lies at (1 + scale) R p + (east, north).
+    """
 
     name: str
     ground: GroundMap
@@ -42,9 +46,10 @@ class Scene:
     east_m: float
     north_m: float
     rotation_deg: float
+    scale: float = 0.0
 
 
-def scene(seed: int) -> Scene:
+def scene(seed: int, *, uncontrolled: bool = False) -> Scene:
     """The scene of a seed."""
     rng = np.random.default_rng(seed)
     kind = sorted(TERRAINS)[seed % len(TERRAINS)]
@@ -55,6 +60,11 @@ def scene(seed: int) -> Scene:
     radiance = [ground_radiance(patch.elevation, cell_m, sun) * patch.albedo for sun in suns]
     shift = rng.uniform(-8, 8, 2)
     rotation_deg = float(rng.uniform(-2, 2))
+    far, scale = np.zeros(2), 0.0
+    if uncontrolled:
+        more = np.random.default_rng([seed, 1])
+        far, rotation_deg = more.uniform(-250, 250, 2), float(more.uniform(-3, 3))
+        scale = float(more.uniform(-0.01, 0.01))
     grid = MapGrid(-40.0, 40.0, CELL_M, 320, 320)
     wide = MapGrid(-60.0, 60.0, CELL_M, 480, 480)
     truth = _resampled(patch.elevation, patch.window, grid)
@@ -66,16 +76,35 @@ def scene(seed: int) -> Scene:
     own = _resampled(radiance[0], patch.window, grid)
     brightness = np.where(seen, own * (1 + 0.03 * rng.normal(size=grid.shape)), np.nan)
     # The image claims p for what truly lies at c + R (p - c) + t, with c the map's centre (0, 0).
-    picture = _resampled(radiance[1], patch.window, wide, rotation_deg, shift)
+    picture = _resampled(radiance[1], patch.window, wide, (rotation_deg, scale), shift)
     picture = 60 + 400 * picture + rng.normal(0, 3.0, wide.shape)
     return Scene(
         f"{kind}{seed}",
         GroundMap(grid, elevation.astype(np.float32), brightness.astype(np.float32)),
-        OrbitalImage(wide, picture.astype(np.float32)),
-        float(shift[0]),
-        float(shift[1]),
+        OrbitalImage(
+            replace(wide, west=wide.west + far[0], north=wide.north + far[1]),
+            picture.astype(np.float32),
+        ),
+        *(shift - enlarged(rotation_deg, scale) @ far).tolist(),
         rotation_deg,
+        scale,
     )
+
+
+def enlarged(rotation_deg: float, scale: float) -> np.ndarray:
+    """A rotation with a change of scale."""
+    c, s = np.cos(np.radians(rotation_deg)), np.sin(np.radians(rotation_deg))
+    return (1 + scale) * np.array([[c, -s], [s, c]])
+
+
+def place_error(found: Registration, one: Scene | DtmScene) -> np.ndarray:
+    """What is wrong of the place of the map's centre in the image: m, m, rad, and of the scale."""
+    correction = found.correction
+    scale = one.scale if isinstance(one, Scene) else 0.0
+    true = -np.linalg.solve(enlarged(one.rotation_deg, scale), [one.east_m, one.north_m])
+    off = correction.apply_inverse(np.zeros((1, 2)))[0] - true
+    turn = np.radians(correction.rotation_deg - one.rotation_deg)
+    return np.array([*off, turn, correction.scale - scale])
 
 
 @dataclass(frozen=True)
@@ -113,7 +142,7 @@ def dtm_scene(seed: int, cell_m: float = 1.0) -> DtmScene:
         mean = np.nansum(blocks, axis=(1, 3)) / np.isfinite(blocks).sum(axis=(1, 3))
     elevation = np.where(share > 0.5, mean, np.nan).astype(np.float32)
     wide = MapGrid(-60.0, 60.0, cell_m, int(120 / cell_m), int(120 / cell_m))
-    heights = _resampled(patch.elevation, patch.window, wide, rotation_deg, shift)
+    heights = _resampled(patch.elevation, patch.window, wide, (rotation_deg, 0.0), shift)
     heights = cv2.GaussianBlur(heights, (0, 0), 1.0)  # a stereo matcher's window
     heights += 0.1 * cv2.GaussianBlur(rng.normal(size=wide.shape), (0, 0), 1.5) * 5.3 - up_m
     return DtmScene(
@@ -135,14 +164,14 @@ def _resampled(
     nodes: np.ndarray,
     window: Window,
     grid: MapGrid,
-    rotation_deg: float = 0.0,
+    similarity: tuple[float, float] = (0.0, 0.0),
     shift: np.ndarray | tuple[float, float] = (0.0, 0.0),
 ) -> np.ndarray:
-    """Mean of the nodes over the cells of a grid that is turned and shifted."""
+    """Mean of the nodes over the cells of a grid that is turned, enlarged and shifted."""
     blurred = cv2.GaussianBlur(nodes.astype(np.float32), (0, 0), 0.5 * grid.cell_m / window.cell_m)
     east, north = grid.centres()
-    c, s = np.cos(np.radians(rotation_deg)), np.sin(np.radians(rotation_deg))
-    at_east = c * east[None, :] - s * north[:, None] + shift[0]
+    (c, minus_s), (s, _) = enlarged(*similarity)
+    at_east = c * east[None, :] + minus_s * north[:, None] + shift[0]
     at_north = s * east[None, :] + c * north[:, None] + shift[1]
     rows, cols = window.nodes_of(at_north, at_east)
     return cv2.remap(
@@ -173,9 +202,11 @@ def main() -> None:
     arguments.add_argument("--scenes", type=int, default=30)
     arguments.add_argument("--first-seed", type=int, default=100)
     arguments.add_argument("--dtm", action="store_true", help="terrain models rather than images")
+    arguments.add_argument("--uncontrolled", action="store_true", help="mosaics off by 250 m")
     given = arguments.parse_args()
+    in_sigmas = []
     for seed in range(given.first_seed, given.first_seed + given.scenes):
-        one = dtm_scene(seed) if given.dtm else scene(seed)
+        one = dtm_scene(seed) if given.dtm else scene(seed, uncontrolled=given.uncontrolled)
         start = time.process_time()
         if isinstance(one, DtmScene):
             found = register_elevations(one.ground, one.model)
@@ -184,18 +215,24 @@ def main() -> None:
         spent_s = time.process_time() - start
         fit = f"[{found.explained:.2f}, elsewhere {found.runner_up:.2f}] {spent_s:.1f} s\n"
         sys.stdout.write(f"{one.name:12} {_said(found, one)} {fit}")
+        if found.correction is not None:
+            sigmas = np.sqrt(np.diagonal(found.correction.covariance))
+            in_sigmas.append(place_error(found, one) / sigmas)
+    squares = np.mean(np.square(in_sigmas), axis=0)
+    sys.stdout.write(f"{len(in_sigmas)} found; errors in stated deviations {np.sqrt(squares)}\n")
 
 
 def _said(found: Registration, one: Scene | DtmScene) -> str:
     if found.correction is None:
         return f"no answer: {found.reason}"
-    east, north = found.correction.east_m - one.east_m, found.correction.north_m - one.north_m
-    turn = found.correction.rotation_deg - one.rotation_deg
+    east, north, turn, scale = place_error(found, one)
+    turn = np.degrees(turn)
     sigma_m, sigma_deg = found.correction.sigma_m[0], found.correction.sigma_rotation_deg
     up = ""
     if isinstance(one, DtmScene) and found.correction.up_m is not None:
         up = f", up {found.correction.up_m - one.up_m:+.3f} m ({found.correction.sigma_up_m:.3f})"
-    return f"off {east:+.3f} {north:+.3f} m ({sigma_m:.3f}), {turn:+.4f} deg ({sigma_deg:.4f}){up}"
+    place = f"off {east:+.3f} {north:+.3f} m ({sigma_m:.3f}), {turn:+.4f} deg ({sigma_deg:.4f})"
+    return f"{place}, scale {scale:+.4f}{up}"
 
 
 if __name__ == "__main__":

@@ -3,13 +3,16 @@
 Images and telemetry tell where stops lie to each other. The first stop is the datum: its place is
 where telemetry has it, by definition, for the map begins there.
 
-Without control its attitude is taken for true as well: the stop is held. With control that would
-be wrong, for then the direction of north is measured twice, by the rover and by the orbital image;
-an error of a degree in the first azimuth moves the end of a traverse of 7 km by 120 m, and a held
-stop would put it on the image, or on the ties. So with control no stop is held: the place of the
-first one is observed in the map itself, to `PLACE_SIGMA_M`, and its attitude is what telemetry
-measures with its standard deviation. A first azimuth that is not FINE counts as propagated over one
-drive.
+Its attitude is taken for true as well, and the stop is held, unless control knows north better.
+An image that was controlled does: then north is measured twice, by the rover and by the image; an
+error of a degree in the first azimuth moves the end of a traverse of 7 km by 120 m, and a held stop
+would put it on the image, or on the ties. So the place of the first stop is then observed in the
+map itself, to `PLACE_SIGMA_M`, and its attitude is what telemetry measures with its standard
+deviation. A first azimuth that is not FINE counts as propagated over one drive.
+
+An uncontrolled mosaic may be turned by degrees, more than any azimuth that telemetry reports. What
+it knows of north is worth nothing beside the first stop, which stays held: the mosaic is laid on
+the map, and tells how stops lie to each other.
 """
 
 from __future__ import annotations
@@ -25,6 +28,8 @@ from solmap.photogrammetry.adjustment.model.network import MAP, ControlFrame, Ne
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.imagery import StopId
 
+TURN = 3
+"""Of a frame's unknowns, its rotation."""
 PLACE_SIGMA_M = 1e-3
 """So closely the first stop keeps the place that defines the map."""
 
@@ -35,7 +40,7 @@ def with_control(
     control: Iterable[StopControl],
     params: AdjustmentParams,
 ) -> Network:
-    """A network with control; its first stop is then the datum by its place alone.
+    """A network with control; its first stop stays held unless a frame knows north better.
 
     `network` begins with the first stop of the traverse. Control of stops that it does not have is
     left out. Frames that are named again are replaced.
@@ -43,14 +48,19 @@ def with_control(
     inside = set(network.stop_ids)
     wanted = tuple(one for one in control if one.stop in inside)
     own = tuple(frames)
-    names = {frame.name for frame in own} | {MAP.name}
-    kept = tuple(frame for frame in network.frames if frame.name not in names)
+    names = {frame.name for frame in own}
+    every = (*(frame for frame in network.frames if frame.name not in names), *own)
+    joined = replace(network, frames=every, control=(*network.control, *wanted))
+    first_sigma = np.radians(_first_azimuth_sigma_deg(network, params))
+    if not any(np.sqrt(frame.covariance[TURN, TURN]) < first_sigma for frame in every):
+        return joined
     datum = () if network.datum_is_observed else (_datum(network, params),)
-    return replace(network, frames=(MAP, *kept, *own), control=(*datum, *network.control, *wanted))
+    others = tuple(frame for frame in every if frame.name != MAP.name)
+    return replace(joined, frames=(MAP, *others), control=(*datum, *joined.control))
 
 
 def held_stops(network: Network) -> frozenset[StopId]:
-    """The stops to hold as the datum: the first, or none if its place is observed."""
+    """The stops to hold as the datum: the first, or none if its place is observed instead."""
     if network.datum_is_observed:
         return frozenset()
     return frozenset(network.stop_ids[:1])
@@ -82,6 +92,11 @@ def with_remembered_frames(network: Network, adjusted: AdjustedNetwork) -> Netwo
     return replace(network, frames=(*network.frames, *lost)) if lost else network
 
 
+def _first_azimuth_sigma_deg(network: Network, params: AdjustmentParams) -> float:
+    fine = network.stops[0].is_fine
+    return params.azimuth_fine_deg if fine else params.azimuth_step_deg
+
+
 def _datum(network: Network, params: AdjustmentParams) -> StopControl:
     first = network.stops[0]
     pose = first.lsl_from_rover
@@ -89,6 +104,6 @@ def _datum(network: Network, params: AdjustmentParams) -> StopControl:
     azimuth_deg, sigma = None, [PLACE_SIGMA_M] * 3
     if not first.is_fine:
         azimuth_deg = float(np.degrees(np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0])))
-        sigma.append(float(np.radians(params.azimuth_step_deg)))
+        sigma.append(float(np.radians(_first_azimuth_sigma_deg(network, params))))
     C = np.diag(np.square(sigma))
     return StopControl(first.stop, MAP.name, east, north, C, -down, azimuth_deg)

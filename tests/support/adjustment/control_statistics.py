@@ -5,28 +5,99 @@ orbital image (10 m, 0.5 degrees, 0.1 % off) shows five stops to 0.1 m; the firs
 wrong as telemetry says. Printed are e' C^-1 e / 6 of all stops but the first and of the last (1
 where the stated covariances are true), and the plan error across the link without ties: by
 telemetry alone, and with control.
+
+With `--uncontrolled` traverses of three stops, whose first is the datum, and a mosaic of which
+nothing is said: turned by up to 3 degrees, scaled by up to 1 %, shifted by up to 300 m, in which
+stops are found as well as in rendered images. Printed are errors without and with it.
 """
 
 # ruff: noqa: T201 - a script that reports what it does
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
+from solmap.photogrammetry.adjustment.model.datum import with_control
 from solmap.photogrammetry.adjustment.model.network import MAP
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.adjustment.modes.sequential import adjust_sequential
+from solmap.photogrammetry.synthetic.mission import simulate_control
+from solmap.photogrammetry.synthetic.networks import simulate_network
+from solmap.tasks.mission.control import FrameParams
 from tests.unit.adjustment.modes.test_control import GAP, PARAMS, errors, simulated
+
+PLACE_M, AZIMUTH_DEG = 0.045, 0.06
+"""Of a stop in an orbital image with cells of 0.25 m, as registration states them."""
+
+
+@dataclass(frozen=True)
+class InMosaic:
+    """What a network's stops but the first are off, without and with a mosaic."""
+
+    plan_m: np.ndarray
+    """(2), RMS."""
+    azimuth_deg: np.ndarray
+    nees: np.ndarray
+    """e' C^-1 e / 6, mean."""
+    first_turned_deg: float
+
+
+def in_mosaic(seed: int, turn_deg: float | None = None, **network_options: int) -> InMosaic:
+    """A network without and with control in a mosaic that nobody controlled."""
+    rng = np.random.default_rng(seed)
+    options = {"stops": 3, "pairs_per_stop": 8, "cross_ties": 8, "far_cross_ties": 0,
+               "inter_ties": 8, "intra_ties": 0, **network_options}  # fmt: skip
+    network, truth = simulate_network(rng, **options)
+    turn_deg = float(rng.uniform(-3, 3)) if turn_deg is None else turn_deg
+    place = [*rng.uniform(-300, 300, 2), 0.0, np.radians(turn_deg), rng.uniform(-0.01, 0.01)]
+    drawn = replace(MAP, name="orbit", place=np.array(place))
+    stops = range(len(network.stops))
+    orbit = simulate_control(
+        rng, network, truth, stops, frame=drawn, sigma_m=PLACE_M, sigma_azimuth_deg=AZIMUTH_DEG
+    )
+    frame = FrameParams().frame("orbit", orbit.control)
+    both = network, with_control(network, [frame], orbit.control, PARAMS)
+    adjusted = [adjust_overall(one, PARAMS)[0] for one in both]
+    e = np.array([errors(one, truth) for one in adjusted])
+    nees = [
+        np.mean([e[m, k] @ np.linalg.solve(stop.covariance, e[m, k]) / 6
+                 for k, stop in enumerate(one.stops) if k])
+        for m, one in enumerate(adjusted)
+    ]  # fmt: skip
+    return InMosaic(
+        np.sqrt(np.square(e[:, 1:, 3:5]).sum(axis=2).mean(axis=1)),
+        np.degrees(np.sqrt(np.square(e[:, 1:, 2]).mean(axis=1))),
+        np.array(nees),
+        float(np.degrees(np.abs(e[1, 0, :3]).max())),
+    )
+
+
+def print_in_mosaics(count: int) -> None:
+    """Print what control in uncontrolled mosaics does to some networks."""
+    found = [in_mosaic(seed) for seed in range(count)]
+    for name in ("plan_m", "azimuth_deg"):
+        without, with_it = np.array([getattr(one, name) for one in found]).T
+        print(
+            f"{name}: median {np.median(without):.3f} without, {np.median(with_it):.3f} with; "
+            f"no larger with it in {(with_it <= without).mean():.0%}"
+        )
+    nees = np.mean([one.nees for one in found], axis=0)
+    print(f"e' C^-1 e / 6: {nees[0]:.2f} without, {nees[1]:.2f} with")
 
 
 def main() -> None:
     """Print the means over some networks."""
     arguments = argparse.ArgumentParser()
     arguments.add_argument("--networks", type=int, default=60)
-    count = arguments.parse_args().networks
+    arguments.add_argument("--uncontrolled", action="store_true")
+    asked = arguments.parse_args()
+    count = asked.networks
+    if asked.uncontrolled:
+        print_in_mosaics(count)
+        return
     everywhere, last, off = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros((count, 2))
     for seed in range(count):
         network, truth, _ = simulated(500 + seed, stops=6, shown=(0, 1, 3, 4, 5), gap=GAP)

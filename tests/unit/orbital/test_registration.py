@@ -7,9 +7,10 @@ import pytest
 
 from solmap.photogrammetry.errors import OrbitalError
 from solmap.photogrammetry.orbital.records import Correction, GroundMap, OrbitalImage
-from solmap.photogrammetry.orbital.registration import register
+from solmap.photogrammetry.orbital.registration import RegistrationParams, register
+from solmap.photogrammetry.orbital.search import SearchParams
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
-from tests.support.orbital_scenes import scene
+from tests.support.orbital_scenes import place_error, scene
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +19,7 @@ def hills():
 
 
 def off(found, one):
-    return np.hypot(found.correction.east_m - one.east_m, found.correction.north_m - one.north_m)
+    return np.hypot(*place_error(found, one)[:2])
 
 
 def test_a_turned_and_shifted_image_under_another_sun_is_laid_on_the_map(hills):
@@ -27,6 +28,21 @@ def test_a_turned_and_shifted_image_under_another_sun_is_laid_on_the_map(hills):
     assert off(found, hills) < 0.25
     assert found.correction.rotation_deg == pytest.approx(hills.rotation_deg, abs=0.1)
     assert found.explained > 3 * found.runner_up
+
+
+def test_an_uncontrolled_mosaic_is_found_hundreds_of_metres_off():
+    """Turned by up to three degrees and scaled by up to one percent as well."""
+    one = scene(103, uncontrolled=True)
+    found = register(one.ground, one.image)
+    assert found.reason == ""
+    assert np.hypot(one.east_m, one.north_m) > 100.0
+    error = place_error(found, one)
+    assert np.hypot(*error[:2]) < 0.25
+    assert np.abs(np.degrees(error[2])) < 0.1
+    assert np.abs(error[3]) < 0.003
+    assert (
+        register(one.ground, one.image, RegistrationParams(SearchParams(12.0))).correction is None
+    )
 
 
 def test_a_negative_of_the_image_lies_at_the_same_place(hills):
@@ -65,7 +81,7 @@ def test_cells_of_another_size_are_refused(hills):
 
 
 def test_a_correction_carries_points_as_it_says():
-    correction = Correction(3.0, -1.0, 90.0, (10.0, 0.0), np.eye(3))
+    correction = Correction(3.0, -1.0, 90.0, (10.0, 0.0), np.eye(4))
     np.testing.assert_allclose(correction.apply(np.array([[11.0, 0.0]])), [[13.0, 0.0]])
 
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from solmap.photogrammetry.frames import LSL, Pose, rotation_of_roll_pitch_yaw
 from solmap.photogrammetry.imagery import StopId
@@ -10,7 +11,14 @@ from solmap.photogrammetry.orbital.records import Correction
 from solmap.photogrammetry.orbital.registration import stop_in_image
 
 STOP = StopId("MER2", 10, 64)
-COVARIANCE = np.array([[4e-2, 1e-2, 1e-3], [1e-2, 9e-2, -2e-3], [1e-3, -2e-3, 1e-3]])
+COVARIANCE = np.array(
+    [
+        [4e-2, 1e-2, 1e-3, 0.0],
+        [1e-2, 9e-2, -2e-3, 1e-4],
+        [1e-3, -2e-3, 1e-3, 0.0],
+        [0.0, 1e-4, 0.0, 1e-5],
+    ]
+)
 
 
 def pose(east, north, up, azimuth_deg):
@@ -19,7 +27,7 @@ def pose(east, north, up, azimuth_deg):
 
 
 def test_the_correction_carries_the_place_in_the_image_back_to_the_stop():
-    correction = Correction(4.0, -3.0, 1.5, (10.0, 20.0), COVARIANCE)
+    correction = Correction(4.0, -3.0, 1.5, (10.0, 20.0), COVARIANCE, 0.01)
     control = stop_in_image(STOP, pose(33.0, 12.0, 1.0, 50.0), correction, "orbit")
     back = correction.apply(np.array([[control.east_m, control.north_m]]))
     np.testing.assert_allclose(back, [[33.0, 12.0]], atol=1e-9)
@@ -29,11 +37,11 @@ def test_the_correction_carries_the_place_in_the_image_back_to_the_stop():
 
 def test_its_covariance_is_that_of_differences():
     place = pose(33.0, 12.0, 1.0, 50.0)
-    correction = Correction(4.0, -3.0, 1.5, (10.0, 20.0), COVARIANCE)
+    correction = Correction(4.0, -3.0, 1.5, (10.0, 20.0), COVARIANCE, 0.01)
     control = stop_in_image(STOP, place, correction, "orbit")
     h = 1e-6
-    J = np.zeros((3, 3))
-    for k, name in enumerate(("east_m", "north_m", "rotation_deg")):
+    J = np.zeros((3, 4))
+    for k, name in enumerate(("east_m", "north_m", "rotation_deg", "scale")):
         step = np.degrees(h) if k == 2 else h
         moved = replace(correction, **{name: getattr(correction, name) + step})
         other = stop_in_image(STOP, place, moved, "orbit")
@@ -41,8 +49,15 @@ def test_its_covariance_is_that_of_differences():
     np.testing.assert_allclose(control.covariance, J @ COVARIANCE @ J.T, rtol=1e-4, atol=1e-9)
 
 
+def test_the_map_may_be_turned_against_the_rover():
+    correction = Correction(4.0, -3.0, 1.5, (10.0, 20.0), COVARIANCE, 0.01)
+    place = pose(33.0, 12.0, 1.0, 50.0)
+    sure, unsure = (stop_in_image(STOP, place, correction, "orbit", s).covariance for s in (0.0, 0.1))
+    assert unsure[2, 2] - sure[2, 2] == pytest.approx(np.radians(0.1) ** 2)
+
+
 def test_a_terrain_model_gives_its_height_too():
-    correction = Correction(4.0, -3.0, 1.5, (10.0, 20.0), COVARIANCE, -1900.0, 0.05)
+    correction = Correction(4.0, -3.0, 1.5, (10.0, 20.0), COVARIANCE, 0.01, -1900.0, 0.05)
     control = stop_in_image(STOP, pose(33.0, 12.0, 1.0, 50.0), correction, "orbit")
     assert control.up_m == 1901.0
     np.testing.assert_allclose(control.covariance[2], [0.0, 0.0, 0.05**2, 0.0])

@@ -23,6 +23,7 @@ from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
 from solmap.tasks.mission.control import FrameParams, control_of, take_control
 from solmap.tasks.mission.publish import publish
+from tests.support.adjustment.control_statistics import in_mosaic
 
 LANDING = LandingPoint("somewhere", 175.47, -14.57, 3_396_190.0, "chosen")
 EXACT = FrameParams(0.0, 0.0, 0.0)
@@ -112,6 +113,26 @@ def test_published_control_counts_for_its_mission_and_moves_the_next_network(net
         with_control(loose, [frame], control, AdjustmentParams()), AdjustmentParams()
     )
     assert moved.stops[2].lsl_from_rover.translation_m[1] == pytest.approx(east + 3.0, abs=0.05)
+
+
+def test_a_turned_mosaic_of_which_nothing_is_said_turns_no_stop():
+    """It was turned by 1.3 degrees, and took the network with it."""
+    for seed in (0, 1):
+        found = in_mosaic(seed, turn_deg=1.3)
+        assert found.first_turned_deg == 0.0
+        assert found.azimuth_deg[1] < 0.12
+        assert found.plan_m[1] < 1.2 * found.plan_m[0]
+
+
+@pytest.mark.slow
+def test_a_mosaic_of_which_nothing_is_said_helps_and_sigmas_stay_true():
+    found = [in_mosaic(seed) for seed in range(60)]
+    plan_m, azimuth_deg = (
+        np.array([getattr(one, name) for one in found]) for name in ("plan_m", "azimuth_deg")
+    )
+    assert np.median(plan_m[:, 1]) < 0.75 * np.median(plan_m[:, 0])
+    assert np.median(azimuth_deg[:, 1]) < 0.5 * np.median(azimuth_deg[:, 0])
+    assert 0.6 < np.mean([one.nees[1] for one in found]) < 1.5
 
 
 def without_ties(net):
