@@ -1,6 +1,5 @@
 """Fixtures shared by all tests: random numbers, and the real and rendered data where they are."""
 
-import contextlib
 import json
 import os
 import tarfile
@@ -60,14 +59,19 @@ def husband(shared_data: Path) -> Path:
     return folder
 
 
+@pytest.fixture(autouse=True)
+def _folder_of_the_tests() -> None:
+    """Commands that run in this process leave the folder that they were started in."""
+    os.chdir(ROOT)
+
+
 @pytest.fixture(scope="session")
 def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Prefect's embedded server with a database in a temporary folder, closed by a password."""
     from solmap.flows.runtime.engine import password_file, prepare_engine  # noqa: PLC0415 - before Prefect is imported
 
     folder = tmp_path_factory.mktemp("engine")
-    with contextlib.chdir(Path.cwd()):  # commands leave the user's folder, tests do not
-        prepare_engine(folder)
+    prepare_engine(folder)
     password = password_file(folder).read_text()
     names = ("PREFECT_API_AUTH_STRING", "PREFECT_SERVER_API_AUTH_STRING")
     os.environ |= dict.fromkeys(names, password)

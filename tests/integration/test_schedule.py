@@ -62,7 +62,7 @@ def stop(process: subprocess.Popen) -> None:
         process.wait()
 
 
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(700)
 def test_a_scheduled_deployment_really_fires(tmp_path: Path, free_port: int):
     marker = tmp_path / "marker"
     script = tmp_path / "deployment.py"
