@@ -90,9 +90,9 @@ class ReusableSols:
         if not is_finished(report):
             return
         left = report.standing
-        standing = (left.network, left.orientations) if left else ()
+        standing = (left.network, left.orientations, left.rig) if left else ()
         made = dict(zip(PARTS, (standing, report.published, report.pointed), strict=True))
-        document = {part: [ref.text for ref in refs] for part, refs in made.items()}
+        document = {part: [ref.text for ref in refs if ref] for part, refs in made.items()}
         told = {"notes": report.notes, "failures": report.failures}
         self.book.note(scope.name, key, document | told)
 

@@ -12,7 +12,8 @@ from solmap.flows.runtime.failures import keep_going, keep_outcome, wait_for
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol_inputs import SolInputs, gather
 from solmap.flows.sol_maps import draw_panoramas, map_far_ground, map_stops, model_stops
-from solmap.flows.sol_network import adjust_stops, match_pairs
+from solmap.flows.sol_matching import match_pairs
+from solmap.flows.sol_network import adjust_stops
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
 from solmap.photogrammetry.imagery import StopId
 from solmap.products.catalogue.catalogue import Outcome
@@ -52,14 +53,14 @@ def process_sol(
 def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolReport) -> None:
     """Match, adjust, map what is new or moved, and publish; the report is filled on the way."""
     report.add_failures("read", inputs.unread)
-    matched = match_pairs(inputs, report)
-    made: list[ProductRef] = []
+    matched, rig = match_pairs(inputs, previous, report)
+    made: list[ProductRef] = [rig] if rig else []
     layers: dict[StopId, list[ProductRef]] = {}
     network = adjust_stops(inputs, previous, matched, report)
     if network is not None:
         made.append(network)
         quality = _submit_quality(network, matched, inputs)
-        report.standing = _choose_orientations(network, previous, inputs, report)
+        report.standing = _choose_orientations(network, rig, previous, inputs, report)
         if report.standing is not None:
             made.append(report.standing.orientations)
             made += _map_layers(inputs, report.standing, matched, layers, report)
@@ -78,15 +79,19 @@ def _submit_quality(
 
 
 def _choose_orientations(
-    network: ProductRef, previous: Standing | None, inputs: SolInputs, report: SolReport
+    network: ProductRef,
+    rig: ProductRef | None,
+    previous: Standing | None,
+    inputs: SolInputs,
+    report: SolReport,
 ) -> Standing | None:
     """What the stops are mapped with; None if that failed."""
     before, store = previous.orientations if previous else None, inputs.workspace.store
-    chosen = choose_orientations.submit(network, before, inputs.config.reissue, store)
+    chosen = choose_orientations.submit(network, before, inputs.config.reissue, store, rig)
     stage = f"sol {inputs.sol}: choose the orientations"
     done, failed = wait_for(stage, {network.scope: chosen})
     report.add_failures("choose the orientations of", failed)
-    return Standing(network, done[network.scope]) if done else None
+    return Standing(network, done[network.scope], rig) if done else None
 
 
 def _map_layers(

@@ -1,25 +1,20 @@
-"""From a sol's stereo pairs to its adjusted network: match, tie, adjust."""
+"""From a sol's matched pairs to its adjusted network: tie and adjust."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-
-import numpy as np
 
 from solmap.flows.runtime.failures import keep_going, wait_for
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol_inputs import SolInputs, candidates
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.manual.editing import EditRequest
-from solmap.products.formats.documents.archives import read_right_turn
 from solmap.products.model import ProductKind, ProductRef
 from solmap.tasks.images.manual_ties import read_edit_requests, requests_within
-from solmap.tasks.images.pairs import PairProducts, pairs_of
+from solmap.tasks.images.pairs import PairProducts
 from solmap.tasks.mission.control import holds_control_of
 from solmap.tasks.network.adjust import NetworkParams, NetworkStep, adjust_network
-from solmap.tasks.network.match import MatchParams, match_stereo_pair
 from solmap.tasks.network.orientations import Standing
-from solmap.tasks.network.previews import preview_pair
 from solmap.tasks.network.singles import (
     SingleFile,
     drop_repeats,
@@ -29,35 +24,6 @@ from solmap.tasks.network.singles import (
     tie_singles,
 )
 from solmap.tasks.network.tie import StopProducts, link_stops, tie_stop
-
-
-def match_pairs(inputs: SolInputs, report: SolReport) -> dict[StopId, list[PairProducts]]:
-    """Match the pairs of all stops in the window; those of earlier sols are looked up."""
-    config, workspace, sol = inputs.config, inputs.workspace, inputs.sol
-    params = MatchParams(config.sparse, config.dense)
-    window = {stop.stop for stop in inputs.window}
-    pairs = pairs_of(inputs.images)
-    futures = {pair.id: match_stereo_pair.submit(pair, params, workspace.store) for pair in pairs}
-    done, failed = wait_for(f"sol {sol}: match stereo pairs", futures)
-    report.add_failures("match", failed)
-    previews = {
-        pair: preview_pair.submit(matched, config.sparse, workspace.store)
-        for pair, matched in done.items()
-    }
-    report.add_failures("preview", wait_for(f"sol {sol}: preview the matches", previews)[1])
-    matched: dict[StopId, list[PairProducts]] = {stop: [] for stop in sorted(window)}
-    unread: dict[str, str] = {}
-    for pair, products in done.items():
-        with keep_going(unread, pair):
-            turn = read_right_turn(workspace.store.path(products.matches))
-            matched[products.files.stop].append(products)
-            if turn is not None and products.files.sol == sol:
-                report.notes.append(
-                    f"{pair}: rows did not correspond; the right camera was turned by "
-                    f"{np.rad2deg(np.linalg.norm(turn)):.3f} degrees from its label's model"
-                )
-    report.add_failures("read the matches of", unread)
-    return matched
 
 
 def adjust_stops(

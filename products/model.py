@@ -52,6 +52,8 @@ class ProductKind(StrEnum):
     BROWSE = "browse", ".png", ScopeLevel.IMAGE
     VECTORS = "vectors", ".xml", ScopeLevel.REGION
     RADIOMETRY = "radiometry", ".npz", ScopeLevel.REGION
+    VERTICAL_PARALLAX = "vertical-parallax", ".json", ScopeLevel.PAIR
+    RIG = "rig", ".json", ScopeLevel.SOL
     MATCHES = "matches", ".npz", ScopeLevel.PAIR
     PARALLAX = "parallax", ".npz", ScopeLevel.PAIR
     TIES = "ties", ".npz", ScopeLevel.STOP

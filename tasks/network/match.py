@@ -6,19 +6,22 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from solmap.photogrammetry.archive.images.reading import ReadImage
+from solmap.photogrammetry.adjustment.modes.rig_pooling import CameraRows
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.stereo.dense import DenseParams, match_densely
 from solmap.photogrammetry.matching.stereo.orientation import (
     FEWEST_POINTS,
-    rig_rotation,
+    RowCells,
+    VerticalParallax,
+    straightened,
     vertical_parallax,
 )
 from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_sparsely
 from solmap.products.formats.documents.archives import write_dense, write_matches
-from solmap.products.model import ProductKind, Recipe
+from solmap.products.formats.documents.rig import PairRows, write_pair_rows
+from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import (
     PairFiles,
@@ -43,46 +46,70 @@ class MatchParams:
     dense: DenseParams = field(default_factory=DenseParams)
 
 
+@stage(task_run_name="rows-{pair.id}")
+def measure_rows(pair: PairFiles, store: ProductStore) -> ProductRef:
+    """Measure how the rows of a stereo pair correspond, with the rig as labelled."""
+
+    def write(path: Path) -> None:
+        left, right = read_pair(pair, store)
+        geometry = pair_geometry(left.image, right.image)
+        measured = vertical_parallax(resample_pair(left, right, geometry))
+        found = PairRows(
+            pair.id,
+            str(pair.stop),
+            pair.instrument,
+            str(measured),
+            geometry.rover_from_pair.rotation,
+            rows_of_pair(measured),
+        )
+        write_pair_rows(path, found)
+
+    recipe = Recipe(ProductKind.VERTICAL_PARALLAX, pair_scope(pair.id), pair.inputs)
+    return store.make(recipe, write)
+
+
+def rows_of_pair(measured: VerticalParallax) -> CameraRows | None:
+    """What the rows of a pair say of its rig; None where no rotation makes them correspond."""
+    if len(measured.left) < FEWEST_POINTS or not straightened(measured).fits_the_rig:
+        return None
+    geometry = measured.geometry
+    return CameraRows(RowCells.of(measured), 1, geometry.focal_px, geometry.samples)
+
+
 @stage(task_run_name="match-{pair.id}")
-def match_stereo_pair(pair: PairFiles, params: MatchParams, store: ProductStore) -> PairProducts:
-    """Match one stereo pair: interest points for the network, dense parallax for the terrain."""
+def match_stereo_pair(
+    pair: PairFiles, params: MatchParams, store: ProductStore, turn: Turn | None = None
+) -> PairProducts:
+    """Match one stereo pair: interest points for the network, dense parallax for the terrain.
+
+    Args:
+        pair: The images.
+        params: How they are matched.
+        store: Where the products lie.
+        turn: By which the right camera stands off its label.
+    """
 
     @cache
-    def align() -> tuple[RoverImage, EpipolarImages, Turn | None]:
-        left, right = read_pair(pair, store)
-        return left.image, *align_rows(left, right)
+    def read() -> tuple[RoverImage, EpipolarImages]:
+        left, labelled = read_pair(pair, store)
+        right = turn_right_camera(labelled, turn)
+        return left.image, resample_pair(left, right, pair_geometry(left.image, right.image))
 
     def write_sparse(path: Path) -> None:
-        left, images, turn = align()
+        left, images = read()
         matches = match_sparsely(pair.id, images, params.sparse)
         write_matches(path, images.geometry, matches, left.mast_in_rover, turn)
 
     def write_parallax(path: Path) -> None:
-        write_dense(path, match_densely(align()[1], params.dense))
+        write_dense(path, match_densely(read()[1], params.dense))
 
     inputs, scope = pair.inputs, pair_scope(pair.id)
-    matches = Recipe(ProductKind.MATCHES, scope, inputs, params.sparse)
-    parallax = Recipe(ProductKind.PARALLAX, scope, inputs, params.dense)
+    sparse, dense = ((one, turn) if turn else one for one in (params.sparse, params.dense))
+    matches = Recipe(ProductKind.MATCHES, scope, inputs, sparse)
+    parallax = Recipe(ProductKind.PARALLAX, scope, inputs, dense)
     return PairProducts(
         pair, store.make(matches, write_sparse), store.make(parallax, write_parallax)
     )
-
-
-def align_rows(left: ReadImage, right: ReadImage) -> tuple[EpipolarImages, Turn | None]:
-    """The epipolar images of a pair, and the turn of the right camera that this took.
-
-    Where vertical parallax shows that the stereo bar is not as the labels have it, the right camera
-    is turned to where it really points; where that does not help either, the labels stand.
-    """
-    images = resample_pair(left, right, pair_geometry(left.image, right.image))
-    measured = vertical_parallax(images)
-    if measured.fits_the_rig or len(measured.left) < FEWEST_POINTS:
-        return images, None
-    rover_from_pair = images.geometry.rover_from_pair
-    x, y, z = (rover_from_pair.rotation @ rig_rotation(measured)).tolist()
-    turned = turn_right_camera(right, (x, y, z))
-    straight = resample_pair(left, turned, pair_geometry(left.image, turned.image))
-    return (straight, (x, y, z)) if vertical_parallax(straight).fits_the_rig else (images, None)
 
 
 def pair_geometry(left: RoverImage, right: RoverImage) -> EpipolarPair:

@@ -11,8 +11,8 @@ product refers to those that hold them.
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from solmap.photogrammetry.adjustment.quality.movement import ReissueParams, gro
 from solmap.photogrammetry.frames import LSL, Frame, Pose
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.resampling import resample
+from solmap.photogrammetry.matching.stereo.dense import SharedSigma
 from solmap.photogrammetry.terrain.dtm.records import PoseCovariance, TerrainView
 from solmap.photogrammetry.terrain.dtm.rover_body import mask_rover
 from solmap.products.catalogue.images import read_product_image
@@ -34,7 +35,8 @@ from solmap.products.formats.documents.network import (
     references_document,
     references_of_document,
 )
-from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.formats.documents.rig import RigProduct, read_rig
+from solmap.products.model import ProductKind, ProductRef, Recipe, Scope
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts
 from solmap.tasks.stage import stage
@@ -55,6 +57,8 @@ class Orientation:
     covariance: tuple[float, ...] = ()
     """Of rotation vector (radians) and position (metres) in the LSL, row by row: stop and pointing
     together, against the held stop. Empty: the orientation is taken for true."""
+    toe_in_sigma: float = 0.0
+    """Standard deviation of the stereo rig's toe-in, radians, which all pairs of a camera share."""
 
     @classmethod
     def of(cls, pair: AdjustedPair) -> Orientation:
@@ -108,6 +112,7 @@ def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
     left = read_product_image(files.left, store)
     dense = read_dense(store.path(pair.products.parallax))
     image, mask = resample(left.pixels, left.mask, left.image.camera, geometry, Eye.LEFT)
+    toe_in = SharedSigma(geometry.focal_px * pair.orientation.toe_in_sigma)
     view = TerrainView(
         pair_id=files.id,
         instrument=files.instrument,
@@ -116,7 +121,8 @@ def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
         parallax=dense.parallax_px,
         image=image,
         mask=mask,
-        sigma_px=dense.sigma_px,
+        sigma_px=np.hypot(dense.sigma_px, np.float32(toe_in.offset_px)),
+        shared=toe_in,
         covariance=pair.orientation.covariance_6x6,
     )
     return mask_rover(view, files.stop.mission)
@@ -132,21 +138,28 @@ class MappedStop:
     """By how much the adjustment moved ground at most, against the maps there were; None: new."""
     is_new: bool
     """Whether it is mapped with other orientations than by the network before."""
+    toe_in_sigmas: Mapping[str, float] = field(default_factory=dict)
+    """Standard deviation of the toe-in of its stereo rigs, radians, by camera set."""
 
 
 @stage(task_run_name="orientations-{network.scope}")
 def choose_orientations(
-    network: ProductRef, previous: ProductRef | None, params: ReissueParams, store: ProductStore
+    network: ProductRef,
+    previous: ProductRef | None,
+    params: ReissueParams,
+    store: ProductStore,
+    rig: ProductRef | None = None,
 ) -> ProductRef:
     """Take the network's orientations of the stops that moved; those of the others stay."""
 
     def write(path: Path) -> None:
+        rigs = read_rig(store.path(rig)) if rig else RigProduct()
         by_stop: dict[str, list[AdjustedPair]] = {}
         for pair in read_network(network, store).adjusted.pairs:
             by_stop.setdefault(str(pair.stop), []).append(pair)
         before = read_orientations(previous, store, by_stop) if previous else {}
         chosen = [
-            choose_for_stop(stop, pairs, before.get(stop), params)
+            choose_for_stop(stop, pairs, before.get(stop), params, rigs.toe_in_sigmas(stop))
             for stop, pairs in by_stop.items()
         ]
         known = orientation_references(previous, store) if previous else {}
@@ -157,18 +170,22 @@ def choose_orientations(
         }
         path.write_text(json.dumps(document))
 
-    inputs = (network, *((previous,) if previous else ()))
+    inputs = tuple(ref for ref in (network, previous, rig) if ref)
     return store.make(Recipe(ProductKind.ORIENTATIONS, network.scope, inputs, params), write)
 
 
 def choose_for_stop(
-    stop: str, pairs: list[AdjustedPair], before: MappedStop | None, params: ReissueParams
+    stop: str,
+    pairs: list[AdjustedPair],
+    before: MappedStop | None,
+    params: ReissueParams,
+    toe_in_sigmas: Mapping[str, float] | None = None,
 ) -> MappedStop:
     """What a stop is to be mapped with: all of its adjusted pairs, or all as they were mapped."""
     adjusted = tuple(Orientation.of(pair) for pair in sorted(pairs, key=lambda p: p.pair_id))
     old = {o.pair_id: o for o in before.orientations} if before else {}
     if before is None or old.keys() != {o.pair_id for o in adjusted}:
-        return MappedStop(stop, adjusted, None, is_new=True)
+        return MappedStop(stop, adjusted, None, is_new=True, toe_in_sigmas=toe_in_sigmas or {})
     moved_m = max(
         ground_shift_m(
             old[pair.pair_id].lsl_from(pair.lsl_from_pair.source),
@@ -177,8 +194,9 @@ def choose_for_stop(
         )
         for pair in pairs
     )
-    moves = moved_m > params.shift_m
-    return MappedStop(stop, adjusted if moves else before.orientations, moved_m, is_new=moves)
+    if moved_m > params.shift_m:
+        return MappedStop(stop, adjusted, moved_m, is_new=True, toe_in_sigmas=toe_in_sigmas or {})
+    return replace(before, moved_m=moved_m, is_new=False)
 
 
 def read_orientations(
@@ -226,12 +244,13 @@ def _mapped_of(row: dict[str, Any]) -> MappedStop:
         )
         for o in row["orientations"]
     )
-    return MappedStop(row["stop"], orientations, row["moved_m"], row["is_new"])
+    sigmas = row.get("toe_in_sigmas", {})
+    return MappedStop(row["stop"], orientations, row["moved_m"], row["is_new"], sigmas)
 
 
 def _untouched_stop(before: MappedStop) -> MappedStop:
     """A stop that the network has not touched."""
-    return MappedStop(before.stop, before.orientations, 0.0, is_new=False)
+    return replace(before, moved_m=0.0, is_new=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,16 +259,30 @@ class Standing:
 
     network: ProductRef
     orientations: ProductRef
+    rig: ProductRef | None = None
+    """What is known of the stereo rigs."""
 
 
 def standing_of(network: ProductRef, workspace: Workspace) -> Standing | None:
     """A published network with the orientations that were chosen from it."""
-    kind = ProductKind.ORIENTATIONS
-    digest = workspace.catalogue.latest(network.scope.name, kind)
-    return Standing(network, ProductRef(kind, network.scope, digest)) if digest else None
+    orientations = _published(ProductKind.ORIENTATIONS, network.scope, workspace)
+    rig = _published(ProductKind.RIG, network.scope, workspace)
+    return Standing(network, orientations, rig) if orientations else None
+
+
+def _published(kind: ProductKind, scope: Scope, workspace: Workspace) -> ProductRef | None:
+    digest = workspace.catalogue.latest(scope.name, kind)
+    return ProductRef(kind, scope, digest) if digest else None
 
 
 def orient_pairs(pairs: list[PairProducts], mapped: MappedStop | None) -> tuple[OrientedPair, ...]:
     """The pairs of a stop that the network has, looking from where the stop is mapped with them."""
     known = {o.pair_id: o for o in mapped.orientations} if mapped else {}
-    return tuple(OrientedPair(p, known[p.files.id]) for p in pairs if p.files.id in known)
+    sigmas = mapped.toe_in_sigmas if mapped else {}
+    return tuple(
+        OrientedPair(
+            p, replace(known[p.files.id], toe_in_sigma=sigmas.get(p.files.instrument, 0.0))
+        )
+        for p in pairs
+        if p.files.id in known
+    )

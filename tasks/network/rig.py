@@ -1,170 +1,195 @@
-"""Rig: how the stereo rigs of a mission differ from their labels, from its latest network.
+"""Rig: the rotation of right cameras that matching applies, one a camera set, pooled over stops.
 
-The network is put together as an overall adjustment has it: all stops with their telemetry and
-control, and the ties that the latest network kept. Images without a stereo partner have no rig and
-are left out. Nothing is made or changed: the result are rows.
+First the rows of a sol's pairs are taken in, measured with the rigs of the labels, and the pairs
+are matched with what they ask for; then the ties within the sol's stops, which tell toe-in
+(`adjustment.modes.rig_pooling`). Each product holds what the last stops say and the rotations that
+stand; that of a sol is made from the one before, so that the same images end in the same rotations
+in whatever order they came.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedNetwork
-from solmap.photogrammetry.adjustment.model.datum import held_stops, with_control
-from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry, select
-from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.modes.rig_calibration import (
-    RigCorrection,
-    calibrate_rig,
-    parallax_partials,
+from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry, StopPrior
+from solmap.photogrammetry.adjustment.modes.rig_pooling import (
+    CameraRows,
+    NormalEquations,
+    StopRig,
+    correction_to_apply,
+    pooled_rotations,
+    stop_normal_equations,
+    weigh_by_cells,
 )
-from solmap.products.catalogue.catalogue import latest_network
-from solmap.products.catalogue.images import image_records
-from solmap.products.catalogue.workspace import Workspace
-from solmap.products.errors import ProductNotFoundError
-from solmap.products.formats.documents.archives import read_mast, read_matches, read_right_turn
-from solmap.products.formats.documents.control import read_control
-from solmap.products.formats.documents.network import whole_network
-from solmap.products.model import ProductKind, ProductRef
-from solmap.tasks.images.telemetry import read_telemetry, vector_files
-from solmap.tasks.scopes import pair_scope
+from solmap.photogrammetry.arrays import Vector3
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.errors import AdjustmentError
+from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.matching.stereo.orientation import WRONG_RIG_PX, RowCells
+from solmap.photogrammetry.matching.tracks import build_tie_points
+from solmap.products.formats.documents.archives import (
+    read_mast,
+    read_matches,
+    read_right_turn,
+    read_ties,
+)
+from solmap.products.formats.documents.rig import (
+    PairRows,
+    RigProduct,
+    read_pair_rows,
+    read_rig,
+    write_rig,
+)
+from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.store.product_store import ProductStore
+from solmap.tasks.network.adjust import NetworkParams
+from solmap.tasks.network.match import Turn
+from solmap.tasks.network.tie import StopProducts
+from solmap.tasks.scopes import sol_scope
+from solmap.tasks.stage import stage
 
-COMPONENTS = ("rotation about x", "toe-in, about y", "rotation about z", "baseline")
-"""Axes of the pair: x right along the baseline, y down, z forward."""
-UNITS = ("degree", "degree", "degree", "mm")
-SCALES = np.array([*3 * [np.degrees(1.0)], 1e3])
-"""From radians and metres to these."""
-STANDS_OUT = 3.0
-"""Standard deviations from zero that chance reaches once in 370 times."""
+log = logging.getLogger(__name__)
+
+MOST_STOPS = 30
+"""Stops that rotations are pooled over, the last ones: stereo bars change over the years."""
+
+
+@stage(task_run_name="rig-sol{sol}")
+def pool_rig(
+    mission: str,
+    sol: int,
+    rows: tuple[ProductRef, ...],
+    previous: ProductRef | None,
+    store: ProductStore,
+) -> ProductRef:
+    """Take in what the rows of a sol's stops say of the stereo rigs; all pairs of these stops."""
+
+    def write(path: Path) -> None:
+        before = read_rig(store.path(previous)) if previous else RigProduct()
+        read = [read_pair_rows(store.path(ref)) for ref in rows]
+        stops = dict(before.stops)
+        for name in dict.fromkeys(pair.stop for pair in read):
+            known = stops.pop(name, StopRig({}))
+            stops[name] = replace(known, rows=_rows_of_stop([p for p in read if p.stop == name]))
+        write_rig(path, _pooled(stops, before))
+
+    inputs = (*((previous,) if previous else ()), *rows)
+    return store.make(Recipe(ProductKind.RIG, sol_scope(mission, sol), inputs), write)
+
+
+@stage(task_run_name="rig-ties-{previous.scope}")
+def refine_rig(
+    stops: tuple[StopTies, ...],
+    previous: ProductRef,
+    params: NetworkParams,
+    store: ProductStore,
+) -> ProductRef:
+    """Take in what the ties within a sol's stops say of the stereo rigs."""
+
+    def write(path: Path) -> None:
+        before = read_rig(store.path(previous))
+        known = dict(before.stops)
+        for stop in stops:
+            name = str(stop.products.stop)
+            if name in known:
+                known[name] = replace(known[name], ties=_ties_of_stop(stop, before, params, store))
+        write_rig(path, _pooled(known, before))
+
+    inputs = (previous, *(ref for stop in stops for ref in (*stop.products.inputs, stop.ties)))
+    return store.make(Recipe(ProductKind.RIG, previous.scope, inputs, params), write)
 
 
 @dataclass(frozen=True, slots=True)
-class RigRow:
-    """One component of the correction of a mission's camera set."""
+class StopTies:
+    """A matched stop and what ties its pairs."""
 
-    mission: str
-    camera: str
-    pairs: int
-    """Stereo pairs of the camera set in the network."""
-    pairs_rotated_by_matching: int
-    """Of these, the pairs whose right camera matching had rotated by vertical parallax: the
-    correction is against that."""
-    component: str
-    unit: str
-    value: float
-    sigma: float
-    stands_out: bool
-    """Whether it differs from zero by more than `STANDS_OUT` standard deviations."""
-    parallax_px: float
-    """What it changes the parallaxes of the tie points by, root mean square."""
-    sigma0_labelled: float
-    """Of the network with the rigs of the labels."""
-    sigma0_corrected: float
+    products: StopProducts
+    ties: ProductRef
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _RigNetwork:
-    """A mission's network, and which camera sets measured it."""
+def turn_of_pair(pair: PairRows, rig: RigProduct) -> tuple[Turn | None, bool]:
+    """By how much the right camera of a pair is turned, and whether it is the pair's own rotation.
 
-    network: Network
-    adjusted: AdjustedNetwork
-    instruments: Mapping[str, str]
-    """Camera set by pair."""
-    rotated: frozenset[str]
-    """Pairs whose right camera was rotated by matching."""
-
-
-def rig_rows(
-    mission: str, control: Iterable[ProductRef], params: AdjustmentParams, workspace: Workspace
-) -> list[RigRow]:
-    """The correction of every camera set of a mission, a row a component; x, y, z of the rotation.
-
-    Args:
-        mission: As its labels have it: MER2.
-        control: What is published of control of its stops.
-        params: Of the adjustment.
-        workspace: Holds the mission.
-
-    Raises:
-        ProductNotFoundError: the mission, a network of it, or the matches of a pair are not there.
-        AdjustmentError: the network cannot be adjusted, or determines no correction.
+    A pair whose rows contradict the pooled rotation is turned as its own rows ask for, with the
+    toe-in of the camera set.
     """
-    read = _read_rig_network(mission, control, params, workspace)
-    network = read.network
-    found = calibrate_rig(network, held_stops(network), read.instruments, params, read.adjusted)
-    pairs = Counter(read.instruments.values())
-    rotated = Counter(read.instruments[pair] for pair in read.rotated)
-    return [
-        RigRow(
-            mission=mission,
-            camera=rig.instrument,
-            pairs=pairs[rig.instrument],
-            pairs_rotated_by_matching=rotated[rig.instrument],
-            component=COMPONENTS[k],
-            unit=UNITS[k],
-            value=float(value),
-            sigma=float(sigma),
-            stands_out=bool(abs(value) > STANDS_OUT * sigma),
-            parallax_px=float(parallax),
-            sigma0_labelled=found.as_labelled.sigma0,
-            sigma0_corrected=found.corrected.sigma0,
-        )
-        for rig in found.corrections
-        for k, (value, sigma, parallax) in enumerate(
-            zip(rig.values * SCALES, rig.sigmas * SCALES, _parallax_px(rig, read), strict=True)
-        )
-    ]
+    turn = rig.applied_at(pair.stop, pair.instrument)
+    is_own = pair.rows is not None and abs(pair.rows.cells.median_px(turn)) > WRONG_RIG_PX
+    if is_own and pair.rows:
+        turn = pair.rows.cells.rotation_with(float(turn[1]))
+    if not turn.any():
+        return None, False
+    x, y, z = (pair.rover_from_pair @ turn).tolist()
+    return (x, y, z), is_own
 
 
-def _read_rig_network(
-    mission: str, control: Iterable[ProductRef], params: AdjustmentParams, workspace: Workspace
-) -> _RigNetwork:
-    catalogue, store = workspace.catalogue, workspace.store
-    catalogue.mission(mission)
-    adjusted = whole_network(latest_network(mission, catalogue), store).adjusted
-    entries = {entry.id: entry for entry in catalogue.images(mission)}
-    ties = adjusted.ties.observations
-    measured = {ties.pair_ids[k] for k in np.unique(ties.pair[np.isfinite(ties.parallax_px)])}
-    stereo = [pair for pair in adjusted.pairs if pair.pair_id in measured]
-    paths = {pair.pair_id: store.path(_matches_of(pair.pair_id, workspace)) for pair in stereo}
-    pairs = tuple(
-        PairGeometry(pair.pair_id, pair.stop, read_matches(path)[0], read_mast(path))
-        for pair, path in zip(stereo, paths.values(), strict=True)
+def _rows_of_stop(pairs: list[PairRows]) -> dict[str, CameraRows]:
+    """The rows of a stop by camera set, without pairs that most of their set contradict."""
+    found: dict[str, CameraRows] = {}
+    for camera in sorted({pair.instrument for pair in pairs}):
+        rows = [pair.rows for pair in pairs if pair.instrument == camera and pair.rows]
+        angles = np.array([one.cells.median_px(np.zeros(3)) / one.focal_px for one in rows])
+        off = np.abs(angles - np.median(angles)) if rows else angles
+        agree = [one for one, by in zip(rows, off, strict=True) if by * one.focal_px < WRONG_RIG_PX]
+        if agree:
+            finest = max(agree, key=lambda one: one.focal_px)
+            cells = RowCells.together([one.cells for one in agree])
+            found[camera] = CameraRows(cells, len(agree), finest.focal_px, finest.samples)
+    return found
+
+
+def _ties_of_stop(
+    stop: StopTies, rig: RigProduct, params: NetworkParams, store: ProductStore
+) -> NormalEquations | None:
+    """What the ties within a stop say; None where they determine nothing."""
+    name, pairs = stop.products.stop, stop.products.pairs
+    read = [(pair, *read_matches(path := store.path(pair.matches)), path) for pair in pairs]
+    ties = weigh_by_cells(read_ties(store.path(stop.ties))[0])
+    network = Network(
+        (StopPrior(name, Pose(LSL, name.frame, np.eye(3), np.zeros(3))),),
+        tuple(
+            PairGeometry(pair.files.id, name, shape, read_mast(path))
+            for pair, shape, _, path in read
+        ),
+        build_tie_points([matches for _, _, matches, _ in read], [ties], params.tracks),
     )
-    is_stereo = np.array([name in paths for name in ties.pair_ids], dtype=bool)
-    rows = is_stereo[ties.pair] if len(ties) else np.zeros(0, dtype=bool)
-    images = image_records(entries.values(), workspace)
-    telemetry = read_telemetry(images, vector_files(mission, workspace))
-    there = {stop.stop for stop in adjusted.stops}
-    stops = tuple(stop for stop in telemetry.stops if stop.stop in there)
-    network = Network(stops, pairs, select(ties, rows))
-    for ref in control:
-        frame, places = read_control(ref, store)
-        if places:
-            network = with_control(network, [frame], places, params)
-    instruments = {pair: entries[pair].instrument for pair in paths}
-    rotated = frozenset(pair for pair, path in paths.items() if read_right_turn(path) is not None)
-    return _RigNetwork(network, adjusted, instruments, rotated)
+    instruments = {
+        pair.files.id: pair.files.instrument
+        for pair, shape, _, path in read
+        if _is_turned_by(rig.applied_at(str(name), pair.files.instrument), shape, path)
+    }
+    applied = {camera: rig.applied_at(str(name), camera) for camera in set(instruments.values())}
+    try:
+        return stop_normal_equations(network, instruments, applied, params.adjustment)
+    except AdjustmentError as error:
+        log.info("%s says nothing of the stereo rigs: %s", name, error)
+        return None
 
 
-def _matches_of(pair_id: str, workspace: Workspace) -> ProductRef:
-    scope = pair_scope(pair_id)
-    digest = workspace.catalogue.latest(scope.name, ProductKind.MATCHES)
-    if digest is None:
-        raise ProductNotFoundError(
-            f"no matches of pair {pair_id} are in the store, so the geometry of its rig is not "
-            "known; a mission that was simulated without images has none"
-        )
-    return ProductRef(ProductKind.MATCHES, scope, digest)
+def _is_turned_by(rotation: Vector3, shape: EpipolarPair, matches: Path) -> bool:
+    """Whether a pair was matched with this rotation, and not with one of its own."""
+    turn = np.array(read_right_turn(matches) or (0.0, 0.0, 0.0))
+    return bool(np.allclose(shape.rover_from_pair.rotation.T @ turn, rotation, rtol=0, atol=1e-5))
 
 
-def _parallax_px(rig: RigCorrection, read: _RigNetwork) -> np.ndarray:
-    """Root mean square change of the set's parallaxes by each component."""
-    names = read.network.ties.pair_ids
-    own = np.array([read.instruments[name] == rig.instrument for name in names], dtype=bool)
-    partials = parallax_partials(read.network)[own[read.network.ties.pair]]
-    return np.sqrt(np.mean(np.square(partials), axis=0)) * np.abs(rig.values)
+def _pooled(stops: Mapping[str, StopRig], before: RigProduct) -> RigProduct:
+    """What is known with these stops, and which corrections stand."""
+    last = dict(list(stops.items())[-MOST_STOPS:])
+    found = pooled_rotations(last)
+    applied = {stop: dict(turns) for stop, turns in before.applied.items()}
+    latest: dict[str, Vector3] = {}
+    for turns in before.applied.values():
+        latest |= turns
+    for stop, cameras in found.items():
+        is_new = stop not in before.stops
+        for camera, rotation in cameras.items():
+            start = latest.get(camera, np.zeros(3)) if is_new else before.applied_at(stop, camera)
+            turn = correction_to_apply(rotation, start, last[stop].rows[camera])
+            if turn.any():
+                applied.setdefault(stop, {})[camera] = turn
+    return RigProduct(last, found, applied)

@@ -74,6 +74,9 @@ KEEPS_STOPS = {
     "tie_singles",
     "link_stops",
     "match_stereo_pair",
+    "measure_rows",
+    "pool_rig",
+    "refine_rig",
     "report_quality",
     "match_wide_pair",
 }

@@ -86,24 +86,36 @@ class AtOnce:
         return self.made  # type: ignore[attr-defined]
 
 
-STAGES = ("match_stereo_pair", "preview_pair", "tie_stop", "link_stops", "adjust_network")
-"""Of the network of a sol."""
+STAGES = {
+    "sol_matching": (
+        "measure_rows",
+        "pool_rig",
+        "match_stereo_pair",
+        "tie_stop",
+        "refine_rig",
+        "preview_pair",
+    ),
+    "sol_network": ("tie_stop", "link_stops", "adjust_network"),
+}
+"""Of the network of a sol, by the module of the flow that calls them."""
 
 
 @contextmanager
 def without_engine() -> Iterator[None]:
     """Have stages run at once, where only what they leave is asked for."""
-    from solmap.flows import sol, sol_network  # noqa: PLC0415
+    from solmap.flows import sol, sol_matching, sol_network  # noqa: PLC0415
 
-    before = {name: getattr(sol_network, name) for name in STAGES}
+    modules = {"sol_matching": sol_matching, "sol_network": sol_network}
+    calls = [(modules[name], stage) for name, stages in STAGES.items() for stage in stages]
+    before = [getattr(module, name) for module, name in calls]
     publish = sol.publish
-    for name, stage in before.items():
-        setattr(sol_network, name, AtOnce(stage))
+    for (module, name), stage in zip(calls, before, strict=True):
+        setattr(module, name, AtOnce(stage))
     sol.publish = publish.fn
     yield
     sol.publish = publish
-    for name, stage in before.items():
-        setattr(sol_network, name, stage)
+    for (module, name), stage in zip(calls, before, strict=True):
+        setattr(module, name, stage)
 
 
 def network_of_sol(*, on_engine: bool) -> Callable[..., Any]:
@@ -114,7 +126,8 @@ def network_of_sol(*, on_engine: bool) -> Callable[..., Any]:
     from solmap.flows.runtime.runners import on_workers  # noqa: PLC0415
     from solmap.flows.runtime.sol_report import SolReport  # noqa: PLC0415
     from solmap.flows.sol_inputs import gather  # noqa: PLC0415
-    from solmap.flows.sol_network import adjust_stops, match_pairs  # noqa: PLC0415
+    from solmap.flows.sol_matching import match_pairs  # noqa: PLC0415
+    from solmap.flows.sol_network import adjust_stops  # noqa: PLC0415
     from solmap.tasks.network.orientations import Standing, choose_orientations  # noqa: PLC0415
     from solmap.tasks.network.report import report_quality  # noqa: PLC0415
 
@@ -126,20 +139,21 @@ def network_of_sol(*, on_engine: bool) -> Callable[..., Any]:
         with costs.of("gather"):
             inputs = gather("MER2", sol, store, "default", previous)
         with costs.of("match"):
-            matched = match_pairs(inputs, report)
+            matched, rig = match_pairs(inputs, previous, report)
         with costs.of("adjust"):
             network = adjust_stops(inputs, previous, matched, report)
         if network is None:
             raise RuntimeError(f"sol {sol}: {report.failures}")
         with costs.of("orient"):
             before, params = previous.orientations if previous else None, inputs.config.reissue
-            oriented = chosen(network, before, params, inputs.workspace.store)
-        report.standing = Standing(network, oriented)
+            oriented = chosen(network, before, params, inputs.workspace.store, rig)
+        report.standing = Standing(network, oriented, rig)
         pairs = tuple(pair for of_stop in matched.values() for pair in of_stop)
         with costs.of("report"):
             told = stated(network, pairs, inputs.config.quality, inputs.workspace.store)
         with costs.of("publish"):
-            sols._publish(inputs, [network, oriented, *told], {}, matched, report)
+            known = (rig,) if rig else ()
+            sols._publish(inputs, [network, oriented, *known, *told], {}, matched, report)
         if report.failures:
             raise RuntimeError(f"sol {sol}: {report.failures}")
         return report.standing

@@ -30,6 +30,7 @@ from solmap.products.formats.documents.archives import (
     write_matches,
     write_ties,
 )
+from solmap.products.formats.documents.rig import PairRows, write_pair_rows
 from solmap.products.model import ProductKind, ProductRef, Recipe
 
 FEWEST = 5
@@ -156,10 +157,11 @@ class _Maker:
         params = MatchParams(config.sparse, config.dense)
         (known,) = (p for p in _pairs_at(self.sols, pair.stop) if p.pair_id == pair.id)
         ties = self.sols.mission.network.ties
-        rows = self.sols.seen.alone.get(pair.id, np.zeros(0, dtype=int))
-        matches = StereoMatches(
-            pair.id, ties.left[rows], ties.parallax_px[rows], ties.sigma_px[rows]
-        )
+        at = self.sols.seen.alone.get(pair.id, np.zeros(0, dtype=int))
+        matches = StereoMatches(pair.id, ties.left[at], ties.parallax_px[at], ties.sigma_px[at])
+        rows = PairRows(pair.id, str(pair.stop), pair.instrument, "no images", np.eye(3), None)
+        unseen = Recipe(ProductKind.VERTICAL_PARALLAX, pair_scope(pair.id), pair.inputs)
+        store.make(unseen, lambda p: write_pair_rows(p, rows))
         sparse = Recipe(ProductKind.MATCHES, pair_scope(pair.id), pair.inputs, params.sparse)
         dense = Recipe(ProductKind.PARALLAX, pair_scope(pair.id), pair.inputs, params.dense)
         products = PairProducts(

@@ -61,9 +61,10 @@ NEGLIGIBLE = 1e-3
 PROBE = 0.02
 """Step of the differences, in standard deviations of the prior: a hundredth of a pixel or two. With
 rotations of a whole pixel other ties are placed, and it is another network."""
-LEAST_KNOWN = 0.5
-"""Least eigenvalue of N in units of the prior's weights: the prior alone makes it 1, and less comes
-of a network whose ties changed between two differences."""
+CURVED = 1e-3
+"""Share of the largest eigenvalue of N that curvature of the equations may take from another one.
+The prior alone makes all of them 1 in units of its weights; still less comes of a network whose
+ties changed between two differences."""
 SHARP = 1e-12
 """Tolerance of the adjustments whose differences are taken."""
 
@@ -92,12 +93,19 @@ class RigCorrection:
         return np.sqrt(np.diagonal(self.covariance))
 
 
+def prior_sigmas(sets: int) -> Float64[np.ndarray, " k"]:
+    """Standard deviations of the unknowns of so many camera sets before anything is measured."""
+    return np.tile([*3 * [np.radians(ROTATION_SIGMA_DEG)], BASELINE_SIGMA_M], sets)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RigCalibration:
     """The corrections of a network's camera sets, and how the network fits with and without."""
 
     corrections: tuple[RigCorrection, ...]
     """By name of the camera set."""
+    covariance: Float64[np.ndarray, "k k"]
+    """Of all their values together."""
     as_labelled: AdjustmentReport
     corrected: AdjustmentReport
 
@@ -130,7 +138,8 @@ def calibrate_rig(
             f"no stereo pair with tie points is in the network of {len(network.stops)} stops: "
             "there is no rig to correct"
         )
-    sigma = np.tile([*3 * [np.radians(ROTATION_SIGMA_DEG)], BASELINE_SIGMA_M], len(sets))
+    params = replace(params, sigma_freedoms=np.inf)  # a bent rig must not widen all sigmas instead
+    sigma = prior_sigmas(len(sets))
     theta, C, used = np.zeros(len(sigma)), np.diag(sigma**2), np.zeros(0, dtype=bool)
     reports: list[AdjustmentReport] = []
     for _ in range(PASSES):
@@ -151,7 +160,7 @@ def calibrate_rig(
         RigCorrection(name, theta[own][:3], float(theta[own][3]), C[own, own])
         for name, own in zip(sets, columns, strict=True)
     )
-    return RigCalibration(corrections, reports[0], reports[-1])
+    return RigCalibration(corrections, C, reports[0], reports[-1])
 
 
 def with_corrected_rigs(
@@ -214,7 +223,7 @@ class _Border:
         )
         number = _set_of_row(good, sets, instruments)
         of_set = tuple(np.flatnonzero(number == k) for k in range(len(sets)))
-        all_count = replace(params, critical_value=np.inf, tolerance=SHARP)
+        all_count = replace(params, critical_value=np.inf, tolerance=SHARP, sigma_freedoms=np.inf)
         return cls(good, held, sets, instruments, sigma, all_count, adjusted, of_set)
 
     def right_side(
@@ -242,13 +251,15 @@ class _Border:
         n, report = self.right_side(theta)
         steps = np.diag(PROBE * self.sigma)
         N = np.array([(n - self.right_side(theta + step)[0]) / step.sum() for step in steps])
-        N = (N + N.T) / 2
-        if np.linalg.eigvalsh(N * np.outer(self.sigma, self.sigma)).min() < LEAST_KNOWN:
+        scale = np.outer(self.sigma, self.sigma)
+        known, axes = np.linalg.eigh((N + N.T) / 2 * scale)
+        if known[0] < 1.0 - CURVED * known[-1]:
             raise AdjustmentError(
                 f"the rigs of {', '.join(self.sets)} cannot be corrected: other ties count at each "
                 "trial of a correction; match again with rows that correspond, or veto wrong ties "
                 "by hand"
             )
+        N = (axes * np.maximum(known, 1.0)) @ axes.T / scale
         for _ in range(ROUNDS):
             step = np.linalg.solve(N, n)
             theta = theta + step

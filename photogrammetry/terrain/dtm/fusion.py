@@ -11,7 +11,9 @@ camera by w x P + t. On ground with the normal n = (-g, 1) the elevation at a fi
 
 Views of one stop hang on one mast and one stop, and images hardly tell what their pointings have in
 common, so these errors do not average out: with the shares w_v of the views in a cell, the part of
-the poses in its standard deviation is sum(w_v sigma_pose,v), as if they were one.
+the poses in its standard deviation is sum(w_v sigma_pose,v), as if they were one. What all
+parallaxes of a view share, an error of its stereo rig, is counted with its pose: all views of the
+rig have it.
 """
 
 from __future__ import annotations
@@ -125,7 +127,7 @@ class Variances:
     own: PerEntry
     """By matching and by the roughness of the ground."""
     pose: PerEntry
-    """By the pose of the view."""
+    """By the pose of the view, and by what its parallaxes share."""
 
 
 def variances(
@@ -134,8 +136,8 @@ def variances(
     """How well every entry is known, on ground whose patches have this gradient."""
     own, pose = (np.empty(len(entries), dtype=np.float32) for _ in range(2))
     for (rows, ground), view in zip(_grounds(entries, views, gradient), views, strict=True):
-        own[rows] = _own_variance(entries, rows, ground, view, params)
-        pose[rows] = _pose_variance(ground, view.covariance)
+        own[rows], shared = _own_variance(entries, rows, ground, view, params)
+        pose[rows] = _pose_variance(ground, view.covariance) + shared
     return Variances(own, pose)
 
 
@@ -171,8 +173,8 @@ def _grounds(
 
 def _own_variance(
     entries: Entries, rows: slice, ground: _Ground, view: TerrainView, params: FusionParams
-) -> PerEntry:
-    """The variance that a view's entries have of their own (see `stop_dtm`)."""
+) -> tuple[PerEntry, PerEntry]:
+    """Variances that a view's entries have of their own, and that they share (see `stop_dtm`)."""
     focal, base = np.float32(view.geometry.focal_px), np.float32(view.geometry.base_m)
     cell_m, P = np.float32(entries.grid.cell_m), ground.P
     forward = map_from_pair_rotation(view.lsl_from_pair)[:, 2].astype(np.float32)
@@ -186,13 +188,13 @@ def _own_variance(
     matches = np.maximum(np.float32(1), points / np.float32(params.correlation_px**2))
     grazing = np.clip(1 + leaving / np.maximum(np.abs(P[2]), cell_m), 0, 1)
     unresolved = np.float32(params.correlation_px) / focal * Z * grazing
-    return (
+    alone = (
         (along * own + across) / matches
-        + along * shared
         + np.square(entries.scatter[rows]) / np.maximum(np.float32(1), points)
         + np.square(np.float32(params.roughness) * entries.sag[rows])
         + np.square(unresolved) / np.float32(12)
     )
+    return alone, along * shared
 
 
 def _shared_px(view: TerrainView, parallax_px: PerEntry) -> PerEntry:

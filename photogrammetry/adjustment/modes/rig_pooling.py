@@ -1,0 +1,276 @@
+"""One rotation of the right camera for every camera set, pooled over the stops of a mission.
+
+Unknowns are theta = (r_x, r_y, r_z, b) of every camera set, as in `rig_calibration`. What a stop s
+says of them are normal equations N_s theta = n_s, of two kinds of observations:
+
+- vertical parallaxes of its pairs (`matching.stereo.orientation.RowCells`), which give r_x and r_z
+  to a hundredth of a pixel and toe-in r_y only where the field of view is wide;
+- the ties between its pairs: near and far points, and those of another camera set, contradict each
+  other under a wrong toe-in. `stop_normal_equations` takes them from `calibrate_rig`. Ties to other
+  stops are left out: they may lie on shadows that have moved, and toe-in would take that up.
+
+A bar bends with temperature, so a stop has a rotation of its own, theta_s = theta + d_s, and T is
+the variance of d_s, the same about every axis and estimated from r_x and r_z of the stops. Pooled:
+
+    N = P + sum_s N_s (1 + T N_s)^-1          n = sum_s (1 + N_s T)^-1 n_s
+
+and of stop s, with N_-s and n_-s what all others say,
+
+    C_s = [N_s + (N_-s^-1 + T)^-1]^-1
+
+P holds the priors. That of toe-in is the spread that the bar shows about the other two axes, since
+nothing bends it about one axis alone, and what calibrations on ground leave.
+
+A correction is applied where it is significant, and kept until it is wrong by more than is known
+and than matters (`correction_to_apply`); what is left, C_s and the difference to what is applied,
+is a standard deviation that all parallaxes of the camera set share (`toe_in_sigma`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.model.network import Network
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.rig_calibration import (
+    UNKNOWNS,
+    calibrate_rig,
+    prior_sigmas,
+)
+from solmap.photogrammetry.arrays import Float64, Vector3
+from solmap.photogrammetry.matching.records import Ties
+from solmap.photogrammetry.matching.stereo.orientation import RowCells
+
+SHARED_CELL_PX = 40.0
+"""Side of a cell in which ties err alike: what is kept apart where the pairs of a stop are tied."""
+CALIBRATION_SIGMA_RAD = float(np.radians(0.005))
+"""Standard deviation of toe-in as calibrated on ground: a tenth of a Navcam's pixel."""
+STANDS_OUT = 3.0
+"""Standard deviations by which a rig must differ from its labels to be corrected."""
+NEGLIGIBLE_PX = 0.02
+"""Error of rows or parallaxes that is not worth a new matching."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraRows:
+    """What the rows of a stop's pairs say of one camera set."""
+
+    cells: RowCells
+    pairs: int
+    focal_px: float
+    """Of the finest pair."""
+    samples: int
+    """Width of its images."""
+
+    def effects_px(self, rotation: Vector3) -> Vector3:
+        """By how much a rotation about each axis moves points at most, along or across rows."""
+        return np.abs(rotation) * [self.focal_px, self.focal_px, self.samples / 2]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalEquations:
+    """What ties say of the corrections of some camera sets, four unknowns each in their order."""
+
+    cameras: tuple[str, ...]
+    N: Float64[np.ndarray, "k k"]
+    n: Float64[np.ndarray, " k"]
+
+    def placed_in(self, cameras: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+        """The same among more camera sets."""
+        at = np.concatenate(
+            [UNKNOWNS * cameras.index(name) + np.arange(UNKNOWNS) for name in self.cameras]
+        )
+        N, n = np.zeros((UNKNOWNS * len(cameras),) * 2), np.zeros(UNKNOWNS * len(cameras))
+        N[np.ix_(at, at)], n[at] = self.N, self.n
+        return N, n
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StopRig:
+    """All that a stop says of the stereo rigs."""
+
+    rows: Mapping[str, CameraRows]
+    """By camera set."""
+    ties: NormalEquations | None = None
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The camera sets that anything is known of."""
+        return (*self.rows, *(self.ties.cameras if self.ties else ()))
+
+    def among(self, cameras: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+        """What its ties say, with the unknowns of more camera sets."""
+        if self.ties:
+            return self.ties.placed_in(cameras)
+        size = UNKNOWNS * len(cameras)
+        return np.zeros((size, size)), np.zeros(size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigRotation:
+    """The rotation of a camera set's right camera at a stop, against its labels."""
+
+    rotation: Vector3
+    """Rotation vector in the pair's frame (right, down, forward), radians."""
+    covariance: Float64[np.ndarray, "3 3"]
+
+    @property
+    def sigmas(self) -> Vector3:
+        """Standard deviations."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+    def toe_in_sigma(self, applied: Vector3) -> float:
+        """Standard deviation of toe-in, radians, where another rotation is applied."""
+        return float(np.hypot(self.sigmas[1], self.rotation[1] - applied[1]))
+
+
+def stop_normal_equations(
+    network: Network,
+    instruments: Mapping[str, str],
+    applied: Mapping[str, Vector3],
+    params: AdjustmentParams,
+) -> NormalEquations:
+    """What the ties within a stop say of the camera sets that took it.
+
+    Args:
+        network: Of the stop alone.
+        instruments: Camera set by pair.
+        applied: By how much right cameras were turned before their pairs were matched.
+        params: Of the adjustment.
+
+    Raises:
+        AdjustmentError: the network cannot be adjusted, or determines no correction.
+    """
+    found = calibrate_rig(network, set(network.stop_ids), instruments, params)
+    cameras = tuple(one.instrument for one in found.corrections)
+    theta = np.concatenate([one.values for one in found.corrections])
+    weight = np.linalg.inv(found.covariance)
+    N = _positive(weight - np.diag(prior_sigmas(len(cameras)) ** -2.0), len(cameras))
+    before = np.concatenate([np.append(applied.get(name, np.zeros(3)), 0.0) for name in cameras])
+    return NormalEquations(cameras, N, weight @ theta + N @ before)
+
+
+def weigh_by_cells(ties: Ties) -> Ties:
+    """Ties of two pairs that share a cell of one image, with the weight of one tie together.
+
+    Their windows see the same ground, and err alike where it is uneven: hundreds of ties of a
+    Pancam pair lie on a few cells of a Navcam pair.
+    """
+    shares = np.ones(len(ties))
+    for left in (ties.first_left, ties.second_left):
+        cell = np.floor_divide(left, SHARED_CELL_PX)
+        names = np.column_stack([ties.first, ties.second, cell])
+        _, which, count = np.unique(names, axis=0, return_inverse=True, return_counts=True)
+        shares = np.maximum(shares, count[which.ravel()])
+    sigmas = [f.name for f in fields(ties) if "sigma" in f.name]
+    return replace(ties, **{name: getattr(ties, name) * np.sqrt(shares) for name in sigmas})
+
+
+def pooled_rotations(stops: Mapping[str, StopRig]) -> dict[str, dict[str, RigRotation]]:
+    """The rotation of every camera set at every stop, by stop and camera set."""
+    cameras = sorted({name for stop in stops.values() for name in stop.cameras})
+    size, turns = UNKNOWNS * len(cameras), np.tile([True, True, True, False], len(cameras))
+    own, variances = _rows_of_stops(stops, cameras)
+    parts: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for name, stop in stops.items():
+        N, n = stop.among(cameras)
+        for camera, (N_rows, n_rows) in own[name].items():
+            at = slice(start := UNKNOWNS * cameras.index(camera), start + 3)
+            N[at, at] += N_rows
+            n[at] += n_rows
+        parts[name] = N, n
+    T = np.diag(np.where(turns, np.repeat([variances[c] for c in cameras], UNKNOWNS), 0.0))
+    eye = np.eye(size)
+    shares = {
+        name: (N @ np.linalg.inv(eye + T @ N), np.linalg.solve(eye + N @ T, n))
+        for name, (N, n) in parts.items()
+    }
+    prior = _prior(own, cameras)
+    N_all = prior + sum(N for N, _ in shares.values())
+    n_all = sum(n for _, n in shares.values())
+    found: dict[str, dict[str, RigRotation]] = {}
+    for name, (N, n) in parts.items():
+        others = np.linalg.inv(N_all - shares[name][0])
+        mean = others @ (n_all - shares[name][1])
+        weight = np.linalg.inv(others + T)
+        C = np.linalg.inv(N + weight)
+        theta = C @ (n + weight @ mean)
+        found[name] = {
+            camera: RigRotation(theta[at], C[at, at])
+            for k, camera in enumerate(cameras)
+            if camera in stops[name].rows
+            for at in [slice(UNKNOWNS * k, UNKNOWNS * k + 3)]
+        }
+    return found
+
+
+def correction_to_apply(found: RigRotation, applied: Vector3, rows: CameraRows) -> Vector3:
+    """What to turn the right camera by: what is applied already, unless it is wrong.
+
+    Labels stand until they are wrong beyond doubt; a correction follows what is found.
+    """
+    off = found.rotation - applied
+    certain = 1.0 if applied.any() else STANDS_OUT
+    is_wrong = (np.abs(off) > certain * found.sigmas) & (rows.effects_px(off) > NEGLIGIBLE_PX)
+    return found.rotation if is_wrong.any() else applied
+
+
+def _rows_of_stops(
+    stops: Mapping[str, StopRig], cameras: Sequence[str]
+) -> tuple[dict[str, dict[str, tuple[np.ndarray, np.ndarray]]], dict[str, float]]:
+    """Normal equations of the rows of every stop and camera set; variances between the stops.
+
+    Cells of all stops together say how far the model of the lenses is wrong.
+    """
+    own: dict[str, dict[str, tuple[np.ndarray, np.ndarray]]] = {name: {} for name in stops}
+    variances: dict[str, float] = {}
+    for camera in cameras:
+        rows = {name: stop.rows[camera] for name, stop in stops.items() if camera in stop.rows}
+        if not rows:
+            variances[camera] = 0.0
+            continue
+        factor = RowCells.together([one.cells for one in rows.values()]).variance_factor
+        for name, one in rows.items():
+            N, n = one.cells.normal_equations()
+            own[name][camera] = N / factor, n / factor
+        variances[camera] = _variance_between([own[name][camera] for name in rows])
+    return own, variances
+
+
+def _variance_between(stops: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+    """Variance of the rotation from stop to stop, by r_x and r_z with toe-in left free."""
+    if len(stops) < 2:  # noqa: PLR2004 - of one value there is no spread
+        return 0.0
+    P = np.diag(prior_sigmas(1)[:3] ** -2.0)
+    C = np.array([np.linalg.inv(N + P) for N, _ in stops])
+    seen = np.array([one @ n for one, (_, n) in zip(C, stops, strict=True)])[:, ::2]
+    noise = np.diagonal(C, axis1=1, axis2=2)[:, ::2]
+    spread = seen.var(axis=0, ddof=1) - noise.mean(axis=0)
+    weight = 1.0 / noise.mean(axis=0) ** 2  # of a variance
+    return max(0.0, float(weight @ spread / weight.sum()))
+
+
+def _prior(
+    own: Mapping[str, Mapping[str, tuple[np.ndarray, np.ndarray]]], cameras: Sequence[str]
+) -> np.ndarray:
+    """Weights of what is known beforehand: toe-in is about as large as the other rotations."""
+    sigma = prior_sigmas(len(cameras))
+    for k, camera in enumerate(cameras):
+        rows = [stop[camera] for stop in own.values() if camera in stop]
+        P = np.diag(sigma[UNKNOWNS * k : UNKNOWNS * k + 3] ** -2.0)
+        N, n = P + sum(N for N, _ in rows), sum((n for _, n in rows), np.zeros(3))
+        seen = np.linalg.solve(N, n)
+        bend = np.sqrt(np.mean(seen[::2] ** 2))
+        sigma[UNKNOWNS * k + 1] = np.hypot(CALIBRATION_SIGMA_RAD, bend)
+    return np.diag(sigma**-2.0)
+
+
+def _positive(N: np.ndarray, cameras: int) -> np.ndarray:
+    """A matrix without what differences have made negative."""
+    scale = prior_sigmas(cameras)
+    values, vectors = np.linalg.eigh(N * np.outer(scale, scale))
+    unit = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return unit / np.outer(scale, scale)

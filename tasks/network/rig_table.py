@@ -1,0 +1,170 @@
+"""Rig: how the stereo rigs of a mission differ from their labels, from its latest network.
+
+The network is put together as an overall adjustment has it: all stops with their telemetry and
+control, and the ties that the latest network kept. Images without a stereo partner have no rig and
+are left out. Nothing is made or changed: the result are rows.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedNetwork
+from solmap.photogrammetry.adjustment.model.datum import held_stops, with_control
+from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry, select
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.rig_calibration import (
+    RigCorrection,
+    calibrate_rig,
+    parallax_partials,
+)
+from solmap.products.catalogue.catalogue import latest_network
+from solmap.products.catalogue.images import image_records
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.documents.archives import read_mast, read_matches, read_right_turn
+from solmap.products.formats.documents.control import read_control
+from solmap.products.formats.documents.network import whole_network
+from solmap.products.model import ProductKind, ProductRef
+from solmap.tasks.images.telemetry import read_telemetry, vector_files
+from solmap.tasks.scopes import pair_scope
+
+COMPONENTS = ("rotation about x", "toe-in, about y", "rotation about z", "baseline")
+"""Axes of the pair: x right along the baseline, y down, z forward."""
+UNITS = ("degree", "degree", "degree", "mm")
+SCALES = np.array([*3 * [np.degrees(1.0)], 1e3])
+"""From radians and metres to these."""
+STANDS_OUT = 3.0
+"""Standard deviations from zero that chance reaches once in 370 times."""
+
+
+@dataclass(frozen=True, slots=True)
+class RigRow:
+    """One component of the correction of a mission's camera set."""
+
+    mission: str
+    camera: str
+    pairs: int
+    """Stereo pairs of the camera set in the network."""
+    pairs_rotated_by_matching: int
+    """Of these, the pairs whose right camera matching had rotated by vertical parallax: the
+    correction is against that."""
+    component: str
+    unit: str
+    value: float
+    sigma: float
+    stands_out: bool
+    """Whether it differs from zero by more than `STANDS_OUT` standard deviations."""
+    parallax_px: float
+    """What it changes the parallaxes of the tie points by, root mean square."""
+    sigma0_labelled: float
+    """Of the network with the rigs of the labels."""
+    sigma0_corrected: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _RigNetwork:
+    """A mission's network, and which camera sets measured it."""
+
+    network: Network
+    adjusted: AdjustedNetwork
+    instruments: Mapping[str, str]
+    """Camera set by pair."""
+    rotated: frozenset[str]
+    """Pairs whose right camera was rotated by matching."""
+
+
+def rig_rows(
+    mission: str, control: Iterable[ProductRef], params: AdjustmentParams, workspace: Workspace
+) -> list[RigRow]:
+    """The correction of every camera set of a mission, a row a component; x, y, z of the rotation.
+
+    Args:
+        mission: As its labels have it: MER2.
+        control: What is published of control of its stops.
+        params: Of the adjustment.
+        workspace: Holds the mission.
+
+    Raises:
+        ProductNotFoundError: the mission, a network of it, or the matches of a pair are not there.
+        AdjustmentError: the network cannot be adjusted, or determines no correction.
+    """
+    read = _read_rig_network(mission, control, params, workspace)
+    network = read.network
+    found = calibrate_rig(network, held_stops(network), read.instruments, params, read.adjusted)
+    pairs = Counter(read.instruments.values())
+    rotated = Counter(read.instruments[pair] for pair in read.rotated)
+    return [
+        RigRow(
+            mission=mission,
+            camera=rig.instrument,
+            pairs=pairs[rig.instrument],
+            pairs_rotated_by_matching=rotated[rig.instrument],
+            component=COMPONENTS[k],
+            unit=UNITS[k],
+            value=float(value),
+            sigma=float(sigma),
+            stands_out=bool(abs(value) > STANDS_OUT * sigma),
+            parallax_px=float(parallax),
+            sigma0_labelled=found.as_labelled.sigma0,
+            sigma0_corrected=found.corrected.sigma0,
+        )
+        for rig in found.corrections
+        for k, (value, sigma, parallax) in enumerate(
+            zip(rig.values * SCALES, rig.sigmas * SCALES, _parallax_px(rig, read), strict=True)
+        )
+    ]
+
+
+def _read_rig_network(
+    mission: str, control: Iterable[ProductRef], params: AdjustmentParams, workspace: Workspace
+) -> _RigNetwork:
+    catalogue, store = workspace.catalogue, workspace.store
+    catalogue.mission(mission)
+    adjusted = whole_network(latest_network(mission, catalogue), store).adjusted
+    entries = {entry.id: entry for entry in catalogue.images(mission)}
+    ties = adjusted.ties.observations
+    measured = {ties.pair_ids[k] for k in np.unique(ties.pair[np.isfinite(ties.parallax_px)])}
+    stereo = [pair for pair in adjusted.pairs if pair.pair_id in measured]
+    paths = {pair.pair_id: store.path(_matches_of(pair.pair_id, workspace)) for pair in stereo}
+    pairs = tuple(
+        PairGeometry(pair.pair_id, pair.stop, read_matches(path)[0], read_mast(path))
+        for pair, path in zip(stereo, paths.values(), strict=True)
+    )
+    is_stereo = np.array([name in paths for name in ties.pair_ids], dtype=bool)
+    rows = is_stereo[ties.pair] if len(ties) else np.zeros(0, dtype=bool)
+    images = image_records(entries.values(), workspace)
+    telemetry = read_telemetry(images, vector_files(mission, workspace))
+    there = {stop.stop for stop in adjusted.stops}
+    stops = tuple(stop for stop in telemetry.stops if stop.stop in there)
+    network = Network(stops, pairs, select(ties, rows))
+    for ref in control:
+        frame, places = read_control(ref, store)
+        if places:
+            network = with_control(network, [frame], places, params)
+    instruments = {pair: entries[pair].instrument for pair in paths}
+    rotated = frozenset(pair for pair, path in paths.items() if read_right_turn(path) is not None)
+    return _RigNetwork(network, adjusted, instruments, rotated)
+
+
+def _matches_of(pair_id: str, workspace: Workspace) -> ProductRef:
+    scope = pair_scope(pair_id)
+    digest = workspace.catalogue.latest(scope.name, ProductKind.MATCHES)
+    if digest is None:
+        raise ProductNotFoundError(
+            f"no matches of pair {pair_id} are in the store, so the geometry of its rig is not "
+            "known; a mission that was simulated without images has none"
+        )
+    return ProductRef(ProductKind.MATCHES, scope, digest)
+
+
+def _parallax_px(rig: RigCorrection, read: _RigNetwork) -> np.ndarray:
+    """Root mean square change of the set's parallaxes by each component."""
+    names = read.network.ties.pair_ids
+    own = np.array([read.instruments[name] == rig.instrument for name in names], dtype=bool)
+    partials = parallax_partials(read.network)[own[read.network.ties.pair]]
+    return np.sqrt(np.mean(np.square(partials), axis=0)) * np.abs(rig.values)
