@@ -70,7 +70,7 @@ def _beside_rover(
 ) -> Flags:
     """Whether the rays from both cameras to points miss the rover."""
     rover_from_pair = lsl_from_rover.inverse @ lsl_from_pair
-    aims = rover_from_pair.apply(np.nan_to_num(points))
+    aims = rover_from_pair.apply(points)
     beside = np.ones(len(points), np.bool_)
     for centre in np.array([[0.0, 0.0, 0.0], [geometry.base_m, 0.0, 0.0]]):
         origin = rover_from_pair.apply(centre[None])[0]

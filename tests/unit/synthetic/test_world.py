@@ -26,7 +26,7 @@ from solmap.photogrammetry.synthetic.render import first_hits, photograph, view_
 from solmap.photogrammetry.synthetic.rig import GROUND_M, RigErrors
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world, realistic_params
 from solmap.photogrammetry.synthetic.traverse import TraverseParams, sun_at
-from solmap.photogrammetry.synthetic.truth import true_parallax, truth_document
+from solmap.photogrammetry.synthetic.truth import _beside_rover, true_parallax, truth_document
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 SMALL = WorldParams(
@@ -280,6 +280,16 @@ def test_shadows_fall_away_from_the_sun():
     assert picture[30, 22] == pytest.approx(SKY_LIGHT, abs=0.02)  # west of it: sky light only
     assert picture[30, 40] > 0.7
     assert picture[30, 12] > 0.7  # 32 cm west: the shadow of 20 cm has ended
+
+
+def test_there_is_no_truth_of_ground_that_the_rover_hides(small_world, pair):
+    geometry, rover = geometry_of(pair), small_world.stops[0].lsl_from_rover
+    behind_panel, far_behind, ahead = [-1.5, 0.0, 0.294], [-6.0, 0.0, 0.294], [3.0, 0.0, 0.294]
+    unknown = [np.nan, 0.0, 0.0]
+    in_rover = np.array([behind_panel, far_behind, ahead, unknown])
+    points = geometry.rover_from_pair.inverse.apply(in_rover)
+    beside = _beside_rover(rover, rover @ geometry.rover_from_pair, geometry, points)
+    assert beside.tolist() == [False, True, True, False]
 
 
 def test_stops_have_the_suns_that_are_asked_for_in_turn():
