@@ -58,8 +58,10 @@ def in_mosaic(seed: int, turn_deg: float | None = None, **network_options: int) 
     orbit = simulate_control(
         rng, network, truth, stops, frame=drawn, sigma_m=PLACE_M, sigma_azimuth_deg=AZIMUTH_DEG
     )
-    frame = FrameParams().frame("orbit", orbit.control)
-    both = network, with_control(network, [frame], orbit.control, PARAMS)
+    params = FrameParams()
+    frame = params.frame("orbit", orbit.control)
+    places = params.places_in(frame, orbit.control)
+    both = network, with_control(network, [frame], places, PARAMS)
     adjusted = [adjust_overall(one, PARAMS)[0] for one in both]
     e = np.array([errors(one, truth) for one in adjusted])
     nees = [

@@ -52,7 +52,8 @@ def test_its_covariance_is_that_of_differences():
 def test_the_map_may_be_turned_against_the_rover():
     correction = Correction(4.0, -3.0, 1.5, (10.0, 20.0), COVARIANCE, 0.01)
     place = pose(33.0, 12.0, 1.0, 50.0)
-    sure, unsure = (stop_in_image(STOP, place, correction, "orbit", s).covariance for s in (0.0, 0.1))
+    found = [stop_in_image(STOP, place, correction, "orbit", sigma) for sigma in (0.0, 0.1)]
+    sure, unsure = (one.covariance for one in found)
     assert unsure[2, 2] - sure[2, 2] == pytest.approx(np.radians(0.1) ** 2)
 
 

@@ -93,6 +93,14 @@ def test_a_stop_that_is_not_in_the_network_is_refused_with_those_that_are(stored
         taken(stored, "stop,east_m,north_m,sigma_m\n9/1,1,2,3\n")
 
 
+def test_places_in_a_mosaic_are_the_less_certain_the_farther_from_its_middle(stored):
+    text = "stop,east_m,north_m,sigma_m\n1/10,0,0,0.1\n1/20,2000,0,0.1\n"
+    for params, sigma_m in ((FrameParams(), 2.5), (EXACT, 0.0)):
+        _, control = read_control(taken(stored, text, params), stored[0].store)
+        for one in control:
+            np.testing.assert_allclose(np.diagonal(one.covariance), 0.1**2 + sigma_m**2)
+
+
 def test_a_negative_standard_deviation_of_the_frame_is_refused():
     with pytest.raises(ProductError, match="shift_m is a standard deviation: zero"):
         FrameParams(shift_m=-1.0)
