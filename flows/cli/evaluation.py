@@ -144,11 +144,12 @@ def true_elevation(dtm: Dtm, truth: Path) -> Raster:
 
 
 def _nees(row: dict[str, Any], error_m: np.ndarray, turn: np.ndarray) -> float | None:
-    """None for a stop that is held."""
-    if row["held"]:
+    """None for the datum, which has no covariance."""
+    covariance = np.array(row["covariance"])
+    if not covariance.any():
         return None
     error = np.concatenate([Rotation.from_matrix(turn).as_rotvec(), error_m])
-    return round(float(error @ np.linalg.solve(row["covariance"], error)) / len(error), 3)
+    return round(float(error @ np.linalg.solve(covariance, error)) / len(error), 3)
 
 
 def attitude_error_deg(found: np.ndarray, true: np.ndarray) -> tuple[float, float]:

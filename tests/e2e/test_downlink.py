@@ -140,7 +140,7 @@ def test_positions_keep_the_contract(mapped):
     row = position_rows(mapped.workspace)[0]
     assert {
         "mission", "site", "drive", "sols", "telemetry_ned_m", "adjusted_ned_m",
-        "adjusted_quaternion", "sigma_ned_m", "held",
+        "adjusted_quaternion", "sigma_ned_m", "covariance", "held",
     } <= set(row)  # fmt: skip
 
 
