@@ -20,6 +20,7 @@ import numpy as np
 from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry, StopPrior
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
+from solmap.photogrammetry.adjustment.model.telemetry import mast_partials
 from solmap.photogrammetry.arrays import Float64, ImagePoints, ObjectPoints, PerPoint
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose, rotation_of_roll_pitch_yaw
@@ -49,6 +50,8 @@ class TelemetryErrors:
     """Fraction of each drive by which the wheels turned too far."""
     drive_slips: tuple[float, ...] = ()
     """The same of every single drive, if not of all alike."""
+    mast_deg: float = 0.0
+    """Of elevation zero and tilts of the azimuth axis, the same for all pairs of all stops."""
 
     @classmethod
     def assumed_by(cls, params: AdjustmentParams) -> TelemetryErrors:
@@ -140,6 +143,9 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
         for pair in _panorama(stop_name(k), [pair_name(k, i) for i in range(pairs_per_stop)])
     )
     pointings = rng.normal(0, np.radians(errors.pointing_deg) * noise, (len(pairs), 3))
+    if errors.mast_deg:
+        mast = rng.normal(0, np.radians(errors.mast_deg) * noise, 3)
+        pointings += mast_partials(pairs) @ mast
     views = [_true_view(truth, pairs, pointings, k, pairs_per_stop) for k in range(len(pairs))]
     wanted = _tie_plan(
         rng,

@@ -105,6 +105,18 @@ class Memory:
     frames: tuple[str, ...] = ()
     """Control frames that are spoken of."""
     frame_places: Float64[np.ndarray, "frames 5"] = field(default_factory=lambda: np.zeros((0, 5)))
+    mast: Float64[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0))
+    """Systematic errors of the mast, if they are unknowns."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AdjustedMast:
+    """Systematic errors of the mast: elevation zero, tilt of the azimuth axis about x and y."""
+
+    values: Float64[np.ndarray, " 3"] = field(default_factory=lambda: np.zeros(3))
+    """Radians."""
+    covariance: Float64[np.ndarray, "3 3"] = field(default_factory=lambda: np.zeros((3, 3)))
+    """Zero where they were no unknowns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,6 +131,7 @@ class AdjustedNetwork:
     control: tuple[AdjustedControl, ...] = ()
     frames: tuple[AdjustedFrame, ...] = ()
     components: VarianceComponents = field(default_factory=VarianceComponents)
+    mast: AdjustedMast = field(default_factory=AdjustedMast)
 
     @property
     def window(self) -> tuple[StopId, ...]:

@@ -249,6 +249,7 @@ def merge_networks(
         _merge_control(previous, adjusted),
         adjusted.frames or previous.frames,
         adjusted.components,
+        adjusted.mast,
     )
 
 

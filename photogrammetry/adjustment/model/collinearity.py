@@ -239,6 +239,8 @@ class State:
     points: Float64[np.ndarray, "points 3"]
     frames: Float64[np.ndarray, "frames 5"] = field(default_factory=lambda: np.zeros((0, 5)))
     """Places of the control frames: shift east, north, up (m), turn (rad), change of scale."""
+    mast: Float64[np.ndarray, " 3"] = field(default_factory=lambda: np.zeros(3))
+    """Systematic errors of the mast, see `telemetry`."""
 
     def of_stops(self, stops: np.ndarray) -> State:
         """The poses of some stops alone."""

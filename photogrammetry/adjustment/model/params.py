@@ -30,6 +30,9 @@ class AdjustmentParams:
     pointing_deg: Degrees = 0.1
     """Mast pointing, per axis and pair: 0.077 deg assumed for the rovers' masts by the operations
     software, 0.1-0.2 deg found on archived panoramas."""
+    mast_deg: Degrees = 0.07
+    """Systematic errors of a mast, the same at all stops: elevation zero, and tilts of the axis of
+    azimuth about the rover's x and y. About what the operations software assumes."""
     tilt_deg: Degrees = 0.3
     """Roll and pitch from accelerometers, absolute because gravity is."""
     azimuth_fine_deg: Degrees = 1.0
@@ -64,6 +67,7 @@ class AdjustmentParams:
     def __post_init__(self) -> None:
         for name in (
             "pointing_deg",
+            "mast_deg",
             "tilt_deg",
             "azimuth_fine_deg",
             "azimuth_step_deg",

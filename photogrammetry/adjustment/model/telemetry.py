@@ -16,7 +16,15 @@ order:
     d(M' e_z) = M' (e_z x d)       d(R_'(c - c_)) = R_' (dc - dc_ + [c - c_] d_)
     da = ((-M_20 q + M_21 p) d_x + (-M_21 q - M_20 p) d_y) / (p^2 + q^2) + d_z
 
-with p = M_10 - M_01, q = M_00 + M_11. Mast pointing is observed to be zero: m_j = 0.
+with p = M_10 - M_01, q = M_00 + M_11. A part of the mast pointing m_j of a pair comes of errors of
+the mast that are the same at all stops, and the rest is small and independent,
+
+    m_j - B_j s = 0,     s = 0,     B_j s = s_1 e + s_2 x + s_3 y,     e = z x f / |z x f|
+
+with the elevation zero s_1 about the elevation axis e of a pair that looks along f, and the tilt of
+the azimuth axis about the rover's x and y. An azimuth zero is no unknown: it turns all that a stop
+sees about the vertical, as its heading does; headings are told by steps, which it leaves alone, and
+the first one's is the datum's.
 
 Tilt is taken in the rover's level and not as (M e_z)_x,y = 0, which is as small: that would turn
 with the azimuth, and Gauss-Newton would hold the turn for a misfit. After 2,000 stops this made the
@@ -25,12 +33,13 @@ softest bend seem a tenth stiffer than it is, and every step fall short by as mu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from solmap.photogrammetry.adjustment.model.collinearity import State
-from solmap.photogrammetry.adjustment.model.network import Network
+from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.small_matrices import cross_matrix
 from solmap.photogrammetry.arrays import Flags, Float64
@@ -50,6 +59,10 @@ class Telemetry:
     """1/sigma of each observation, zero where there is none."""
     pointing_weight: float
     """1/sigma; infinite where masts point as their labels say."""
+    mast: Float64[np.ndarray, "pairs 3 k"] = field(default_factory=lambda: np.zeros((0, 3, 0)))
+    """B; nothing given: masts have no systematic errors."""
+    mast_weight: float = 0.0
+    """1/sigma of systematic errors beforehand."""
     before: np.ndarray = field(init=False)
     """Number of the stop before each stop; the first is before itself, with no weight."""
     steps: Float64[np.ndarray, "stops 3"] = field(init=False)
@@ -77,12 +90,22 @@ class Telemetry:
         sigma_m = params.slip * driven + params.position_floor_m
         weight[:, 3:] = np.where(follows, 1.0 / sigma_m, 0.0)[:, None]
         pointing = 1.0 / float(np.radians(params.pointing_deg))
-        return cls(rotations, centres, fine, weight, pointing)
+        mast, sigma = mast_partials(network.pairs), float(np.radians(params.mast_deg))
+        return cls(rotations, centres, fine, weight, pointing, mast, 1.0 / sigma)
 
     @property
     def masts_turn(self) -> bool:
         """Whether mast pointings are unknown."""
         return bool(np.isfinite(self.pointing_weight))
+
+    @property
+    def mast_unknowns(self) -> int:
+        """How many systematic errors of the mast are unknown."""
+        return self.mast.shape[2] if self.masts_turn else 0
+
+    def misses(self, state: State) -> Float64[np.ndarray, "pairs 3"]:
+        """Pointings without what is systematic in them."""
+        return state.pointings - self.mast @ state.mast if self.mast_unknowns else state.pointings
 
     def of_stops(self, stops: np.ndarray) -> Telemetry:
         """The telemetry of some consecutive stops."""
@@ -93,6 +116,17 @@ class Telemetry:
             self.weight[stops],
             self.pointing_weight,
         )
+
+
+def mast_partials(pairs: Sequence[PairGeometry]) -> Float64[np.ndarray, "pairs 3 3"]:
+    """B: turns of every pair by elevation zero and tilts of the azimuth axis."""
+    B = np.zeros((len(pairs), 3, 3))
+    B[:, 0, 1] = B[:, 1, 2] = 1.0
+    for k, pair in enumerate(pairs):
+        x, y, _ = pair.geometry.rover_from_pair.rotation[:, 2]
+        level = float(np.hypot(x, y))
+        B[k, :2, 0] = (-y / level, x / level) if level else (0.0, 0.0)
+    return B
 
 
 def _azimuths(M: Float64[np.ndarray, "stops 3 3"]) -> Float64[np.ndarray, " stops"]:

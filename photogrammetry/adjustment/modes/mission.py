@@ -94,5 +94,6 @@ def _adjust_pointing(
         control=start.control,
         frames=start.frames,
         components=start.components,
+        mast=start.mast,
     )
     return merge_networks(start, kept, network), report

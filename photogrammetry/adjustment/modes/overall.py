@@ -252,4 +252,5 @@ def _known_state(
         if pair.pair_id in pairs:
             pointings[k] = pairs[pair.pair_id].pointing
     points = np.full((observations.points, 3), np.nan)
-    return State(rotations, centres, pointings, points), is_known
+    known = State(rotations, centres, pointings, points)
+    return (replace(known, mast=start.mast.values) if start else known), is_known

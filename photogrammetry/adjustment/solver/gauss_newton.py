@@ -182,6 +182,8 @@ class Correction:
     """(3, points in the adjustment), group by group."""
     frames: np.ndarray
     """(frames, 5)."""
+    mast: np.ndarray
+    """(3,)"""
 
     @classmethod
     def of(
@@ -197,12 +199,17 @@ class Correction:
         of_base = np.take(turn_shift.T, problem.bases, axis=1)
         points += of_base[3:]
         points += cross(of_base[:3], arm)
-        return cls(turn_shift, pointing, points, frames)
+        mast = x[len(x) - 3 :] if problem.unknowns.mast else np.zeros(3)
+        return cls(turn_shift, pointing, points, frames, mast)
 
     def scale(self, part: float) -> Correction:
         """A part of it."""
         return Correction(
-            part * self.turn_shift, part * self.pointing, part * self.points, part * self.frames
+            part * self.turn_shift,
+            part * self.pointing,
+            part * self.points,
+            part * self.frames,
+            part * self.mast,
         )
 
     @property
@@ -236,6 +243,7 @@ def move(problem: Problem, at: LinearisationPoint, correction: Correction) -> St
         state.pointings + correction.pointing,
         points.T.copy(),
         state.frames + correction.frames,
+        state.mast + correction.mast,
     )
 
 

@@ -71,6 +71,8 @@ class Unknowns:
     frame_columns: np.ndarray
     """(frames, 5) place inside the block of a control frame; -1 where certain. Blocks of frames
     follow those of stops."""
+    mast: int = 0
+    """Systematic errors of the mast: the last block."""
     count: int = field(init=False)
     """How many."""
     unpacked: tuple[np.ndarray, np.ndarray, np.ndarray] = field(init=False)
@@ -94,6 +96,7 @@ class Unknowns:
         *,
         turning: bool = True,
         frames: np.ndarray | None = None,
+        mast: int = 0,
     ) -> Unknowns:
         """Number the unknowns of a network whose stops are held or free, and masts turn or not.
 
@@ -103,7 +106,7 @@ class Unknowns:
         pose, per_pair = np.where(held, 0, STOP_UNKNOWNS), PAIR_UNKNOWNS if turning else 0
         per_stop = np.bincount(pair_stop, minlength=len(held)).astype(np.int64)
         of_stops = (pose + per_pair * per_stop).astype(np.int64)
-        sizes = np.concatenate([of_stops, free.sum(axis=1).astype(np.int64)])
+        sizes = np.concatenate([of_stops, free.sum(axis=1).astype(np.int64), [mast]])
         frame_columns = np.where(free, np.cumsum(free, axis=1) - 1, -1)
         stop_columns = np.where(held[:, None], -1, np.arange(STOP_UNKNOWNS))
         by_stop = np.argsort(pair_stop, kind="stable")
@@ -113,7 +116,8 @@ class Unknowns:
         first = pose[pair_stop] + PAIR_UNKNOWNS * slot
         pair_columns = np.where(turning, first[:, None] + np.arange(PAIR_UNKNOWNS), -1)
         offsets = np.concatenate([[0], np.cumsum(sizes)])[:-1]
-        return cls(sizes, offsets, stop_columns, pair_columns, pair_stop, per_pair, frame_columns)
+        columns = (stop_columns, pair_columns, pair_stop, per_pair, frame_columns)
+        return cls(sizes, offsets, *columns, mast)
 
     @property
     def frame_blocks(self) -> np.ndarray:

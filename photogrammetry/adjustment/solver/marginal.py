@@ -19,6 +19,7 @@ at that time marked by °,
     z_i = (Log(R_a'R_i (R_a°'R_i°)'), R_a'(c_i - c_a) - R_a°'(c_i° - c_a°))   others, seen from it
     z_j = m_j - m_j°                                                          pointings
     z_g = p_g - p_g°                                                          control frames
+    z_s = s - s°                                                systematic errors of the mast
 
 A common motion of all stops, which later observations may well bring, leaves z_i alone. First
 order, with J the left Jacobian of the rotation vector:
@@ -53,7 +54,7 @@ class Chart:
     """Coordinates z of some stops and pairs about the values they had at one time.
 
     The last stop is the anchor. Columns: 6 for each stop, 3 for each pair, 5 for each control
-    frame.
+    frame, and those of the mast.
     """
 
     stops: Int32[np.ndarray, " stops"]
@@ -64,6 +65,8 @@ class Chart:
     pointings: Float64[np.ndarray, "pairs 3"]
     frames: Int32[np.ndarray, " frames"] = field(default_factory=lambda: np.zeros(0, np.int32))
     frame_places: Float64[np.ndarray, "frames 5"] = field(default_factory=lambda: np.zeros((0, 5)))
+    mast: Float64[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0))
+    """Systematic errors of the mast; none where they are no unknowns."""
     reference: tuple[np.ndarray, np.ndarray] = field(init=False)
     """Rotations and places as the anchor saw them at that time: see `_from_anchor`."""
 
@@ -72,7 +75,12 @@ class Chart:
 
     @classmethod
     def at(
-        cls, state: State, stops: np.ndarray, pairs: np.ndarray, frames: np.ndarray | None = None
+        cls,
+        state: State,
+        stops: np.ndarray,
+        pairs: np.ndarray,
+        frames: np.ndarray | None = None,
+        mast: int = 0,
     ) -> Chart:
         """About a state."""
         frames = np.zeros(0, dtype=np.int32) if frames is None else frames.astype(np.int32)
@@ -84,13 +92,14 @@ class Chart:
             state.pointings[pairs],
             frames,
             state.frames[frames],
+            state.mast[:mast],
         )
 
     @property
     def size(self) -> int:
         """How many coordinates."""
         posed = STOP_UNKNOWNS * len(self.stops) + PAIR_UNKNOWNS * len(self.pairs)
-        return posed + FRAME_UNKNOWNS * len(self.frames)
+        return posed + FRAME_UNKNOWNS * len(self.frames) + len(self.mast)
 
     def coordinates(self, state: State) -> Float64[np.ndarray, " n"]:
         """Z of a state."""
@@ -101,14 +110,15 @@ class Chart:
         np.subtract(place, reference_place, out=z[:, 3:])
         turned = state.pointings[self.pairs] - self.pointings
         shifted = state.frames[self.frames] - self.frame_places
-        return np.concatenate([z.ravel(), turned.ravel(), shifted.ravel()])
+        missed = state.mast[: len(self.mast)] - self.mast
+        return np.concatenate([z.ravel(), turned.ravel(), shifted.ravel(), missed])
 
     def pose_partials(
         self, state: State, z: Float64[np.ndarray, " n"]
     ) -> Float64[np.ndarray, "p p"]:
         """Derivatives of z by (d, dc) of the stops, in the LSL, at a state whose coordinates are z.
 
-        Pointings and frames differ from their z by constants: their derivatives are one.
+        Pointings, frames and errors of the mast differ from their z by constants.
         """
         n, rotations = len(self.stops), state.rotations[self.stops]
         bend = inverse_left_jacobian(z[: 6 * n].reshape(n, 6)[:, :3])
@@ -226,6 +236,7 @@ class Marginal:
             memory.pointings,
             np.array([frame_number[name] for name in memory.frames], dtype=np.int32),
             memory.frame_places,
+            memory.mast,
         )
         grounded = np.array(memory.grounded, dtype=bool)
         return cls(chart, memory.root, memory.right, grounded, memory.spent, memory.surplus)
@@ -247,4 +258,5 @@ class Marginal:
             tuple(self.grounded.tolist()),
             tuple(network.frames[k].name for k in chart.frames.tolist()),
             chart.frame_places,
+            chart.mast,
         )

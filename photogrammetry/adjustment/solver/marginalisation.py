@@ -78,6 +78,7 @@ class SolvedNetwork:
             np.array([pairs[pair.pair_id].pointing for pair in network.pairs]).reshape(-1, 3),
             adjusted.ties.points,
             frame_places(adjusted.frames, network),
+            adjusted.mast.values,
         )
         return cls(
             adjusted.components.weigh(Observations.of(network)),
@@ -167,7 +168,8 @@ def marginalise(network: SolvedNetwork, coupling: Coupling) -> Marginal:
     own = np.zeros(0, dtype=np.int64) if network.held[k] else np.array([k])
     frames = _frames(network, k)
     state, of_chart = network.state, (np.append(own, stops), np.append(mine, pairs), frames)
-    chart = Chart.at(state, *of_chart)
+    mast = network.telemetry.mast_unknowns
+    chart = Chart.at(state, *of_chart, mast)
     columns = Columns.of(chart, len(network.held), len(state.pointings), len(state.frames))
     others = [
         telemetry_rows(network, k, columns),
@@ -181,7 +183,7 @@ def marginalise(network: SolvedNetwork, coupling: Coupling) -> Marginal:
     everything = np.concatenate([tie_rows(network, rows, columns), *others])
     gone = np.append(columns.of_stop[own], columns.of_pair[mine])
     root, right, rest = _marginal_root(chart, _in_coordinates(everything, chart), gone)
-    stays = Chart.at(state, stops, pairs, frames)
+    stays = Chart.at(state, stops, pairs, frames, mast)
     grounded = network.grounded[stops]
     return Marginal(stays, root, right, grounded, spent + rest, surplus - len(gone))
 
@@ -224,6 +226,7 @@ class Columns:
     of_stop: np.ndarray
     of_pair: np.ndarray
     of_frame: np.ndarray
+    of_mast: np.ndarray
     count: int
 
     @classmethod
@@ -233,10 +236,11 @@ class Columns:
         of_stop, of_pair = np.full((stops, 6), count), np.full((pairs, 3), count)
         of_stop[chart.stops] = np.arange(6 * n).reshape(n, 6)
         of_frame = np.full((frames, FRAME_UNKNOWNS), count)
-        end = count - FRAME_UNKNOWNS * m
+        own = count - len(chart.mast)
+        end = own - FRAME_UNKNOWNS * m
         of_pair[chart.pairs] = np.arange(6 * n, end).reshape(-1, 3)
-        of_frame[chart.frames] = np.arange(end, count).reshape(m, FRAME_UNKNOWNS)
-        return cls(of_stop, of_pair, of_frame, count)
+        of_frame[chart.frames] = np.arange(end, own).reshape(m, FRAME_UNKNOWNS)
+        return cls(of_stop, of_pair, of_frame, np.arange(own, count), count)
 
 
 def tie_rows(network: SolvedNetwork, rows: np.ndarray, columns: Columns) -> np.ndarray:
@@ -307,11 +311,14 @@ def telemetry_rows(network: SolvedNetwork, k: int, columns: Columns) -> np.ndarr
 
 
 def pointing_rows(network: SolvedNetwork, pairs: np.ndarray, columns: Columns) -> np.ndarray:
-    """The mast pointing of some pairs, observed to be zero."""
+    """The mast pointing of some pairs, observed to be what is systematic."""
+    telemetry = network.telemetry
     dense = np.zeros((3 * len(pairs), columns.count + 1))
     dense[np.arange(3 * len(pairs)), columns.of_pair[pairs].ravel()] = 1.0
-    dense[:, -1] = -network.state.pointings[pairs].ravel()
-    return dense * network.telemetry.pointing_weight
+    if telemetry.mast_unknowns:
+        dense[:, columns.of_mast] = -telemetry.mast[pairs].reshape(len(dense), -1)
+    dense[:, -1] = -telemetry.misses(network.state)[pairs].ravel()
+    return dense * telemetry.pointing_weight
 
 
 def control_rows(network: SolvedNetwork, k: int, columns: Columns) -> np.ndarray:
@@ -341,6 +348,7 @@ def inherited_rows(inherited: Marginal, state: State, columns: Columns) -> np.nd
         columns.of_stop[inherited.stops],
         columns.of_pair[inherited.pairs],
         columns.of_frame[inherited.frames],
+        columns.of_mast[: len(inherited.chart.mast)],
     )
     at = np.concatenate(parts, None)
     dense = np.zeros((len(A), columns.count + 1))

@@ -105,8 +105,11 @@ def cost_of(problem: Problem, at: LinearisationPoint, threshold: float | None) -
     if not np.isfinite(images):
         return np.inf
     telemetry = problem.telemetry
-    pointing = state.pointings * telemetry.pointing_weight if telemetry.masts_turn else np.zeros(0)
+    turning = telemetry.masts_turn
+    pointing = telemetry.misses(state) * telemetry.pointing_weight if turning else np.zeros(0)
     known = problem.inherited.cost_at(at.z) if problem.inherited else 0.0
+    if problem.unknowns.mast:
+        known += float(np.vdot(state.mast, state.mast)) * telemetry.mast_weight**2
     if problem.control:
         control = problem.control
         off, doubtful = control_lengths(control, state), control.used & ~control.is_datum
@@ -184,7 +187,14 @@ def _add_telemetry(
         return
     w2, (_, pointings, _) = problem.telemetry.pointing_weight**2, problem.unknowns.unpacked
     flat[problem.pointing_places] += w2
-    right[pointings] -= w2 * at.state.pointings
+    misses, B = problem.telemetry.misses(at.state), problem.telemetry.mast
+    right[pointings] -= w2 * misses
+    if k := problem.unknowns.mast:
+        flat[problem.mast_places] -= w2 * B
+        flat[problem.mast_own] += w2 * np.einsum("nij,nik->jk", B, B)
+        flat[problem.mast_own.diagonal()] += problem.telemetry.mast_weight**2
+        right[-1 - k : -1] += w2 * np.einsum("nij,ni->j", B, misses)
+        right[-1 - k : -1] -= problem.telemetry.mast_weight**2 * at.state.mast
 
 
 def _add_inherited(

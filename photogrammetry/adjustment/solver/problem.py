@@ -54,6 +54,10 @@ class Problem:
     """The pair that is nearest to each of them."""
     pointing_places: np.ndarray
     """(pairs, 3) places of mast pointings on the diagonal of the flat normal matrix."""
+    mast_places: np.ndarray
+    """(pairs, 3, k) places of pointings beside systematic errors of the mast."""
+    mast_own: np.ndarray
+    """(k, k) places of the latter."""
     inherited_places: tuple[np.ndarray, np.ndarray]
     """Where in the flat normal matrix, and in the vector of unknowns, what is inherited goes."""
     inherited: Marginal | None = None
@@ -78,8 +82,13 @@ class Problem:
         """Lay out a network: `held` by stop, `used` by observation."""
         free = control.is_free if control else None
         unknowns = Unknowns.of(
-            held, observations.pair_stop, turning=telemetry.masts_turn, frames=free
+            held,
+            observations.pair_stop,
+            turning=telemetry.masts_turn,
+            frames=free,
+            mast=telemetry.mast_unknowns,
         )
+        mast = len(unknowns.sizes) - 1
         groups = tie_groups(observations, used, unknowns)
         before = telemetry.before
         cliques: set[tuple[int, ...]] = {
@@ -90,10 +99,11 @@ class Problem:
                 cliques.update(map(tuple, group.stops.tolist()))
         if inherited:
             frames = unknowns.frame_blocks[inherited.frames]
-            cliques.add((*inherited.stops.tolist(), *frames.tolist()))
+            cliques.add((*inherited.stops.tolist(), *frames.tolist(), mast))
         if control:
             ends = np.column_stack([control.stop, unknowns.frame_blocks[control.frame]])
             cliques.update(map(tuple, ends.tolist()))
+        cliques.update((stop, mast) for stop in set(observations.pair_stop.tolist()))
         pattern = BlockPattern.of(unknowns.sizes, cliques)
         places = tuple(pattern.lower(g.stops, g.column_slots, g.local, g.triangle) for g in groups)
         right_places = tuple(
@@ -119,6 +129,7 @@ class Problem:
             link_places, link_right, weight, rows[counts], sights,
             observations.point[first], observations.stop[first], observations.pair[nearest],
             _pointing_places(unknowns, pattern),
+            *_mast_places(unknowns, pattern),
             _inherited_places(inherited, unknowns, pattern), inherited,
             control, *_control_places(control, unknowns, pattern),
         )  # fmt: skip
@@ -133,6 +144,7 @@ class Problem:
         known = self.inherited.surplus if self.inherited else 0
         known += self.control.surplus if self.control else 0
         frames = int((self.unknowns.frame_columns >= 0).sum())  # each known beforehand
+        known += self.unknowns.mast  # beforehand, as frames are
         return coordinates + telemetry + known + frames - points - self.unknowns.count
 
 
@@ -148,6 +160,15 @@ def _pointing_places(unknowns: Unknowns, pattern: BlockPattern) -> np.ndarray:
     return pattern.start(stop, stop)[:, None] + unknowns.pair_columns * per_row
 
 
+def _mast_places(unknowns: Unknowns, pattern: BlockPattern) -> tuple[np.ndarray, np.ndarray]:
+    """Lower triangle: rows are systematic errors, columns pointings."""
+    block, errors = np.array([len(unknowns.sizes) - 1]), np.arange(unknowns.mast)
+    stop = unknowns.pair_stop
+    row = pattern.start(block, stop)[:, None] + errors * unknowns.sizes[stop][:, None]
+    places = row[:, None, :] + unknowns.pair_columns[:, :, None]
+    return places, pattern.own(block, errors[None])[0]
+
+
 def _inherited_places(
     inherited: Marginal | None, unknowns: Unknowns, pattern: BlockPattern
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -155,11 +176,13 @@ def _inherited_places(
     if inherited is None:
         return np.zeros((0, 0), dtype=np.int64), np.zeros(0, dtype=np.int64)
     stops, pairs, frames = inherited.stops, inherited.pairs, inherited.frames
+    errors = np.arange(len(inherited.chart.mast))
     blocks = np.concatenate(
         [
             np.repeat(stops, STOP_UNKNOWNS),
             np.repeat(unknowns.pair_stop[pairs], 3),
             np.repeat(unknowns.frame_blocks[frames], FRAME_UNKNOWNS),
+            np.full(len(errors), len(unknowns.sizes) - 1),
         ]
     )
     local = np.concatenate(
@@ -167,6 +190,7 @@ def _inherited_places(
             unknowns.stop_columns[stops].ravel(),
             unknowns.pair_columns[pairs].ravel(),
             unknowns.frame_columns[frames].ravel(),
+            errors,
         ]
     )
     return pattern.indices(blocks[None], local[None])[0], unknowns.places(blocks, local)

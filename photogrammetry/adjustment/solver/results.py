@@ -7,7 +7,7 @@ or control that lead to the datum, or the telemetry increment from the stop befo
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -19,6 +19,7 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import (
     USED,
     AdjustedControl,
     AdjustedFrame,
+    AdjustedMast,
     AdjustedNetwork,
     AdjustedPair,
     AdjustedStop,
@@ -95,7 +96,11 @@ def adjusted_records(
         ),
     )
     frames = adjusted_frames(network, outcome.problem, outcome.solution.state, outcome.inverse)
-    return AdjustedNetwork(stops, pairs, ties, control=control, frames=frames), report
+    adjusted = AdjustedNetwork(stops, pairs, ties, control=control, frames=frames)
+    mast = AdjustedMast(outcome.solution.state.mast, np.zeros((3, 3)))
+    if outcome.problem.unknowns.mast:
+        mast = replace(mast, covariance=outcome.inverse[outcome.problem.mast_own] * factor)
+    return replace(adjusted, mast=mast), report
 
 
 def _pairs(

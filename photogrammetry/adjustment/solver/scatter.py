@@ -86,6 +86,10 @@ def _of_pointing(
     if not problem.telemetry.masts_turn:
         return []
     mine, w = counted[problem.unknowns.pair_stop], problem.telemetry.pointing_weight
-    v = outcome.solution.state.pointings[mine] * w
+    v = problem.telemetry.misses(outcome.solution.state)[mine] * w
     q = 1.0 - w**2 * outcome.inverse[problem.pointing_places[mine]]
+    if problem.unknowns.mast:
+        B, Z = problem.telemetry.mast[mine], outcome.inverse[problem.mast_own]
+        both = 2 * outcome.inverse[problem.mast_places[mine]] - B @ Z
+        q += w**2 * (B * both).sum(axis=2)
     return [(Component.POINTING, v.ravel(), q.ravel())]

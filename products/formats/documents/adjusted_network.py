@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from solmap.photogrammetry.adjustment.model.adjusted_network import (
+    AdjustedMast,
     AdjustedNetwork,
     AdjustedPair,
     AdjustedStop,
@@ -53,6 +54,10 @@ def network_document(
         "control": [adjusted_control_document(one) for one in network.control],
         "control_frames": [adjusted_frame_document(frame) for frame in network.frames],
         "variance_components": components_document(network.components),
+        "mast": {
+            "values": network.mast.values.tolist(),
+            "covariance": network.mast.covariance.tolist(),
+        },
         "reports": [report_document(report) for report in reports],
     }
 
@@ -77,9 +82,14 @@ def network_of_document(document: Document) -> AdjustedNetwork:
             tuple(adjusted_control_of_document(one) for one in document.get("control", ())),
             tuple(adjusted_frame_of_document(one) for one in document.get("control_frames", ())),
             components_of_document(document.get("variance_components", {})),
+            _mast_of(document["mast"]) if "mast" in document else AdjustedMast(),
         )
     except KeyError as error:
         raise AdjustmentError(f"the document of an adjusted network lacks {error}") from error
+
+
+def _mast_of(document: Document) -> AdjustedMast:
+    return AdjustedMast(_array(document["values"], 3), _array(document["covariance"], 3, 3))
 
 
 def components_document(components: VarianceComponents) -> Document:
@@ -301,6 +311,7 @@ def memory_document(memory: Memory) -> Document:
         "grounded": list(memory.grounded),
         "frames": list(memory.frames),
         "frame_places": memory.frame_places.tolist(),
+        "mast": memory.mast.tolist(),
     }
 
 
@@ -308,6 +319,8 @@ def memory_of_document(document: Document) -> Memory:
     """The memory that `memory_document` wrote."""
     stops, right = document["stops"], np.array(document["right"], dtype=np.float64)
     pairs, frames = document["pairs"], document.get("frames", [])
+    mast = np.array(document.get("mast", []), dtype=np.float64)
+    columns = 6 * len(stops) + 3 * len(pairs) + 5 * len(frames) + len(mast)
     return Memory(
         tuple(StopId(**stop) for stop in document["window"]),
         tuple(StopId(**stop) for stop in stops),
@@ -315,13 +328,14 @@ def memory_of_document(document: Document) -> Memory:
         _array(document["rotations"], -1, 3, 3),
         _array(document["centres"], -1, 3),
         _array(document["pointings"], -1, 3),
-        _array(document["root"], len(right), 6 * len(stops) + 3 * len(pairs) + 5 * len(frames)),
+        _array(document["root"], len(right), columns),
         right,
         document["spent"],
         document["surplus"],
         tuple(document["grounded"]),
         tuple(frames),
         _array(document["frame_places"], -1, 5) if frames else np.zeros((0, 5)),
+        mast,
     )
 
 

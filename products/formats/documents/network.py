@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedNetwork
+from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedMast, AdjustedNetwork
 from solmap.photogrammetry.adjustment.model.assembly import assemble, part_at
 from solmap.photogrammetry.adjustment.model.variance_components import VarianceComponents
 from solmap.photogrammetry.frames import Pose
@@ -72,7 +72,8 @@ class NetworkPart:
     def settled(self) -> NetworkPart:
         """The same without what steps carry on from one to the next: memory, control, sigmas."""
         alone = replace(self.adjusted, memory=None, control=(), frames=())
-        return replace(self, adjusted=replace(alone, components=VarianceComponents()))
+        alone = replace(alone, components=VarianceComponents(), mast=AdjustedMast())
+        return replace(self, adjusted=alone)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -87,6 +87,7 @@ def simulated(network):
 def aligned(network):
     """A simulated network with mast pointings and telemetry, from the alignment (cold)."""
     observations, telemetry = Observations.of(network), Telemetry.of(network, PARAMS)
+    telemetry = replace(telemetry, mast=np.zeros((0, 3, 0)))  # peers know no systematic errors
     held = np.arange(len(network.stops)) == 0
     known, is_known = _known_state(network, telemetry, observations, None)
     start, *_ = initialise(observations, telemetry, held, PARAMS, known, is_known)

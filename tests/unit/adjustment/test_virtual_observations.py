@@ -166,7 +166,7 @@ def dense_adjustment(network, params, start):
 def both():
     from solmap.photogrammetry.adjustment.model.params import AdjustmentParams  # noqa: PLC0415
 
-    params = AdjustmentParams(sigma_freedoms=np.inf)
+    params = AdjustmentParams(sigma_freedoms=np.inf, mast_deg=1e-7)
     network, truth = simulate_network(
         np.random.default_rng(7), stops=2, pairs_per_stop=10, spacing_m=8.0,
         cross_ties=6, far_cross_ties=0, inter_ties=8, intra_ties=0,

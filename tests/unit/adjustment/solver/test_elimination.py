@@ -132,7 +132,8 @@ def test_a_point_measured_twice_in_one_pair_is_named(bent):
 def test_masts_that_do_not_turn_are_masts_held_by_a_great_weight(bent):
     """1e-8 rad is a hundred-thousandth of what a pixel sees, and its square is lost in the cost."""
     network, observations, state = bent
-    telemetry = Telemetry.of(network, AdjustmentParams())
+    systematic = np.zeros((0, 3, 0))
+    telemetry = replace(Telemetry.of(network, AdjustmentParams()), mast=systematic)
     state = replace(state, pointings=np.zeros_like(state.pointings))
     fixed, free = (
         Problem.of(
