@@ -6,14 +6,26 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.archive.images.reading import read_image
-from solmap.photogrammetry.matching.stereo.orientation import (
-    turn_in_place,
-    vertical_parallax,
-)
+from solmap.photogrammetry.matching.stereo.orientation import vertical_parallax
 from solmap.photogrammetry.synthetic.downlink import render_jobs
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
-from solmap.tasks.network.match import align_rows
+from solmap.products.formats.documents.rig import (
+    PairRows,
+    RigProduct,
+    read_rig,
+    write_pair_rows,
+    write_rig,
+)
+from solmap.products.model import ProductKind, Recipe
+from solmap.products.store.product_store import ProductStore
+from solmap.tasks.images.pairs import resample_pair, turn_right_camera
+from solmap.tasks.network.match import pair_geometry, rows_of_pair
+from solmap.tasks.network.rig import pool_rig, turn_of_pair
+from solmap.tasks.scopes import pair_scope
+
+BEND = np.array([0.6e-3, 0.1e-3, -0.5e-3])
+"""Of the right camera in the frame of the pair, radians: 0.7 rows."""
 
 
 @pytest.fixture(scope="module")
@@ -23,23 +35,100 @@ def pair():
     return [read_image(file.data, file.path.rpartition("/")[2]) for file in files]
 
 
-def test_a_straight_bar_is_left_alone(pair):
-    _, turn = align_rows(*pair)
-    assert turn is None
+def measured(left, right, name="pair", stop="stop"):
+    geometry = pair_geometry(left.image, right.image)
+    rows = vertical_parallax(resample_pair(left, right, geometry))
+    turn = geometry.rover_from_pair.rotation
+    return PairRows(name, stop, "NAVCAM", str(rows), turn, rows_of_pair(rows))
 
 
-def test_a_bent_bar_is_found_to_a_twentieth_of_a_pixel(pair):
+@pytest.fixture(scope="module")
+def bent(pair):
     left, right = pair
-    bend = np.array([0.0006, -0.0007, 0.0005])  # radians: half a row and more
-    camera = turn_in_place(right.image.camera, right.image.stop.frame, bend)
-    bent = replace(right, image=replace(right.image, camera=camera))
-    images, turn = align_rows(left, bent)
-    np.testing.assert_allclose(turn, -bend, atol=8e-5)  # radians: 0.04 px at the edge
-    assert abs(vertical_parallax(images).median_px) < 0.05
+    turn = pair_geometry(left.image, right.image).rover_from_pair.rotation @ BEND
+    return left, turn_right_camera(right, tuple(turn.tolist()))
 
 
-def test_images_that_do_not_belong_together_keep_their_labels(pair, rng):
+@pytest.fixture
+def pooled(tmp_path):
+    """What is known after some pairs, each sol a call."""
+    store = ProductStore(tmp_path)
+    known = [None]
+
+    def pool(*pairs):
+        refs = tuple(
+            store.make(
+                Recipe(ProductKind.VERTICAL_PARALLAX, pair_scope(pair.pair_id)),
+                lambda path, pair=pair: write_pair_rows(path, pair),
+            )
+            for pair in pairs
+        )
+        known.append(pool_rig.fn("MER2", len(known), refs, known[-1], store))
+        return read_rig(store.path(known[-1]))
+
+    return pool
+
+
+def test_a_straight_bar_is_left_alone(pair, pooled):
+    rows = measured(*pair)
+    rig = pooled(rows)
+    assert not rig.applied
+    assert turn_of_pair(rows, rig) == (None, False)
+    assert rig.toe_in_sigmas("stop")["NAVCAM"] < 1e-4
+
+
+def test_a_bent_bar_is_found_to_a_hundredth_of_a_row(bent, pooled):
+    left, right = bent
+    rows = measured(left, right)
+    rig = pooled(rows)
+    x, toe_in, z = rig.applied_at("stop", "NAVCAM") + BEND
+    assert abs(x) < 1e-5
+    assert abs(z) < 4e-5  # 0.02 px at the edge of the image
+    assert abs(toe_in) < 4 * rig.toe_in_sigmas("stop")["NAVCAM"]
+    turn, is_own = turn_of_pair(rows, rig)
+    assert not is_own
+    straight = turn_right_camera(right, turn)
+    images = resample_pair(left, straight, pair_geometry(left.image, straight.image))
+    assert abs(vertical_parallax(images).median_px) < 0.01
+
+
+def test_images_that_do_not_belong_together_keep_their_labels(pair, pooled, rng):
     left, right = pair
     noise = rng.normal(1000.0, 50.0, right.pixels.shape).astype(np.float32)
-    _, turn = align_rows(left, replace(right, pixels=noise))
-    assert turn is None
+    rows = measured(left, replace(right, pixels=noise))
+    assert rows.rows is None
+    assert turn_of_pair(rows, pooled(rows)) == (None, False)
+
+
+def test_a_pair_that_contradicts_the_others_is_turned_as_its_own_rows_ask_for(pair, bent, pooled):
+    odd = replace(measured(*bent), pair_id="odd")
+    good = measured(*pair)
+    others = [replace(good, pair_id=name) for name in ("one", "two", "three")]
+    rig = pooled(*others, odd)
+    assert not rig.applied
+    assert turn_of_pair(others[0], rig) == (None, False)
+    turn, is_own = turn_of_pair(odd, rig)
+    assert is_own
+    np.testing.assert_allclose((odd.rover_from_pair.T @ turn)[::2], -BEND[::2], atol=5e-5)
+
+
+def test_later_stops_take_over_the_correction_and_do_not_change_it_for_nothing(bent, pooled):
+    rows = measured(*bent)
+    first = pooled(rows)
+    again = pooled(replace(rows, pair_id="later", stop="next"))
+    np.testing.assert_array_equal(
+        again.applied_at("next", "NAVCAM"), first.applied_at("stop", "NAVCAM")
+    )
+    np.testing.assert_array_equal(
+        again.applied_at("stop", "NAVCAM"), first.applied_at("stop", "NAVCAM")
+    )
+    assert again.toe_in_sigmas("next")["NAVCAM"] < first.toe_in_sigmas("stop")["NAVCAM"]
+
+
+def test_what_is_known_of_rigs_comes_back_from_its_file(bent, pooled, tmp_path):
+    rig = pooled(measured(*bent))
+    write_rig(tmp_path / "again.json", rig)
+    again = read_rig(tmp_path / "again.json")
+    assert again.toe_in_sigmas("stop") == rig.toe_in_sigmas("stop")
+    write_rig(tmp_path / "none.json", RigProduct())
+    assert read_rig(tmp_path / "none.json").toe_in_sigmas("stop") == {}
