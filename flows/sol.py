@@ -56,7 +56,7 @@ def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolRepo
     matched, rig = match_pairs(inputs, previous, report)
     made: list[ProductRef] = [rig] if rig else []
     layers: dict[StopId, list[ProductRef]] = {}
-    network = adjust_stops(inputs, previous, matched, report)
+    network = adjust_stops(inputs, previous, matched, report, rig)
     if network is not None:
         made.append(network)
         quality = _submit_quality(network, matched, inputs)

@@ -9,6 +9,7 @@ from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol_inputs import SolInputs, candidates
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.manual.editing import EditRequest
+from solmap.products.formats.documents.rig import RigProduct, read_rig
 from solmap.products.model import ProductKind, ProductRef
 from solmap.tasks.images.manual_ties import read_edit_requests, requests_within
 from solmap.tasks.images.pairs import PairProducts
@@ -31,11 +32,17 @@ def adjust_stops(
     previous: Standing | None,
     matched: dict[StopId, list[PairProducts]],
     report: SolReport,
+    rig: ProductRef | None = None,
 ) -> ProductRef | None:
     """Tie the stops of the window and adjust them; None if that failed."""
     config, store, sol = inputs.config, inputs.workspace.store, inputs.sol
     telemetry = {stop.stop: stop for stop in inputs.window}
-    stops = {name: StopProducts(name, tuple(pairs)) for name, pairs in matched.items() if pairs}
+    rigs = read_rig(store.path(rig)) if rig else RigProduct()
+    stops = {
+        name: StopProducts(name, tuple(pairs), rigs.toe_in_sigmas_of_ties(str(name)))
+        for name, pairs in matched.items()
+        if pairs
+    }
     ties, failed = wait_for(
         f"sol {sol}: tie pairs within stops",
         {

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from solmap.photogrammetry.adjustment.model.network import StopPrior
+from solmap.photogrammetry.adjustment.modes.rig_pooling import add_toe_in
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
 from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, tie_cross_site
@@ -36,6 +37,8 @@ class StopProducts:
 
     stop: StopId
     pairs: tuple[PairProducts, ...]
+    toe_in_sigmas: tuple[tuple[str, float], ...] = ()
+    """Standard deviation of toe-in, radians, by camera set, where it matters to links."""
 
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
@@ -100,13 +103,15 @@ def link_stops(
         return one, other, tie_cross_site(one, other, params)
 
     def write(path: Path) -> None:
-        link = tie_sites()[2]
-        write_ties(path, link.ties, _figures_of_link(link))
+        one, other, link = tie_sites()
+        sigmas_px = _toe_in_px(one.stop, earlier) | _toe_in_px(other.stop, later)
+        write_ties(path, add_toe_in(link.ties, sigmas_px), _figures_of_link(link))
 
     poses = (TelemetryPose.of(earlier_telemetry), TelemetryPose.of(later_telemetry))
     scope = link_scope(earlier.stop, later.stop)
     inputs = (*earlier.inputs, *later.inputs)
-    links = store.make(Recipe(ProductKind.LINKS, scope, inputs, (params, *poses)), write)
+    rigs = tuple(stop.toe_in_sigmas for stop in (earlier, later) if stop.toe_in_sigmas)
+    links = store.make(Recipe(ProductKind.LINKS, scope, inputs, (params, *poses, *rigs)), write)
     store.make(
         Recipe(ProductKind.QUICKLOOK, scope, (links,)),
         lambda path: write_link_preview(path, *tie_sites(), params),
@@ -121,6 +126,14 @@ def link_scope(earlier: StopId, later: StopId) -> Scope:
 
 def _read_stop(stop: StopProducts, telemetry: StopPrior, store: ProductStore) -> MatchedStop:
     return read_matched_stop(telemetry, np.zeros((6, 6)), stop.pairs, store)
+
+
+def _toe_in_px(matched: MatchedStop, stop: StopProducts) -> dict[str, float]:
+    sigmas = dict(stop.toe_in_sigmas)
+    return {
+        pair.pair_id: pair.images.geometry.focal_px * sigmas.get(pair.instrument, 0.0)
+        for pair in matched.pairs
+    }
 
 
 def _figures_of_stop(found: PairTies) -> dict[str, Any]:

@@ -141,7 +141,7 @@ def network_of_sol(*, on_engine: bool) -> Callable[..., Any]:
         with costs.of("match"):
             matched, rig = match_pairs(inputs, previous, report)
         with costs.of("adjust"):
-            network = adjust_stops(inputs, previous, matched, report)
+            network = adjust_stops(inputs, previous, matched, report, rig)
         if network is None:
             raise RuntimeError(f"sol {sol}: {report.failures}")
         with costs.of("orient"):

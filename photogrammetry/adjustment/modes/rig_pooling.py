@@ -169,6 +169,20 @@ def weigh_by_cells(ties: Ties) -> Ties:
     return replace(ties, **{name: getattr(ties, name) * np.sqrt(shares) for name in sigmas})
 
 
+def add_toe_in(ties: Ties, sigmas_px: Mapping[str, float]) -> Ties:
+    """Ties between stops with what is not known of toe-in, pixels by pair.
+
+    All parallaxes of a camera set share it: it is counted so that the mean of n ties is no better
+    known.
+    """
+    shared = np.array([sigmas_px.get(name, 0.0) for name in ties.pair_ids]) * len(ties) ** 0.5
+    return replace(
+        ties,
+        first_sigma_parallax_px=np.hypot(ties.first_sigma_parallax_px, shared[ties.first]),
+        second_sigma_parallax_px=np.hypot(ties.second_sigma_parallax_px, shared[ties.second]),
+    )
+
+
 def pooled_rotations(stops: Mapping[str, StopRig]) -> dict[str, dict[str, RigRotation]]:
     """The rotation of every camera set at every stop, by stop and camera set."""
     cameras = sorted({name for stop in stops.values() for name in stop.cameras})

@@ -19,6 +19,8 @@ from solmap.photogrammetry.adjustment.modes.rig_pooling import (
 from solmap.photogrammetry.arrays import Rotation, Vector3
 from solmap.photogrammetry.matching.stereo.orientation import RowCells
 
+LEAST_SHARED_PX = 0.015
+"""Error that all parallaxes of a pair share however well its rig is known."""
 SIGNIFICANT = 3
 """Digits of standard deviations that enter recipes."""
 
@@ -59,6 +61,22 @@ class RigProduct:
             )
             for camera, found in self.found.get(stop, {}).items()
         }
+
+    def toe_in_sigmas_of_ties(self, stop: str) -> tuple[tuple[str, float], ...]:
+        """The same for ties between stops, in powers of two, so that they seldom change.
+
+        Without those below what parallaxes share anyway.
+        """
+        sigmas = self.toe_in_sigmas(stop)
+        focal_px = {camera: rows.focal_px for camera, rows in self._rows(stop).items()}
+        return tuple(
+            (camera, 2.0 ** float(np.ceil(np.log2(sigma))))
+            for camera, sigma in sorted(sigmas.items())
+            if sigma * focal_px[camera] > LEAST_SHARED_PX
+        )
+
+    def _rows(self, stop: str) -> Mapping[str, CameraRows]:
+        return self.stops[stop].rows if stop in self.stops else {}
 
 
 def write_pair_rows(path: Path, pair: PairRows) -> None:

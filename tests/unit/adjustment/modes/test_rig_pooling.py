@@ -1,6 +1,6 @@
 """One rotation a camera set: found from the rows and ties of stops, applied where significant."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from solmap.photogrammetry.adjustment.modes.rig_pooling import (
     CameraRows,
     RigRotation,
     StopRig,
+    add_toe_in,
     correction_to_apply,
     pooled_rotations,
     stop_normal_equations,
@@ -148,27 +149,21 @@ def test_ties_within_a_stop_tell_toe_in_whatever_was_applied_before(rng, params)
     assert seen.sigmas[1] < alone["stop"]["NAVCAM"].sigmas[1]
 
 
+def ties_of_five():
+    """Four ties on one cell of the first pair, one elsewhere; all sigmas are 1."""
+    columns = {f.name: getattr(Ties.none(()), f.name) for f in fields(Ties) if f.name != "pair_ids"}
+    five = {name: np.ones((5, *old.shape[1:]), old.dtype) for name, old in columns.items()}
+    five["first"] = np.zeros(5, np.int32)
+    five["first_left"][4] = 200.0
+    five["second_left"] += 100.0 * np.arange(5)[:, None]
+    return Ties(("a", "b"), **five)
+
+
 def test_ties_on_one_cell_weigh_as_one():
-    ties = Ties.none(("a", "b"))
-    one = {
-        name: np.zeros((5, 2)) if "left" in name else np.ones(5)
-        for name in ("first_left", "second_left", "first_sigma_px", "second_sigma_px")
-    }
-    one["first_left"][4] = 200.0, 200.0  # of another cell of both
-    one["second_left"][4] = 900.0, 900.0
-    columns = {
-        name: one.get(name, np.ones(5))
-        for name in Ties.__dataclass_fields__
-        if name not in {"pair_ids", "first", "second", *one}
-    }
-    made = replace(
-        ties,
-        first=np.zeros(5, np.int32),
-        second=np.ones(5, np.int32),
-        **one,
-        **{
-            name: np.zeros(5, bool) if name == "by_shape" else values
-            for name, values in columns.items()
-        },
-    )
-    np.testing.assert_allclose(weigh_by_cells(made).first_sigma_px, [2, 2, 2, 2, 1])
+    np.testing.assert_allclose(weigh_by_cells(ties_of_five()).second_sigma_px, [2, 2, 2, 2, 1])
+
+
+def test_ties_between_stops_do_not_average_what_is_not_known_of_toe_in():
+    ties = add_toe_in(ties_of_five(), {"b": 0.1})
+    np.testing.assert_allclose(ties.first_sigma_parallax_px, 1.0)
+    np.testing.assert_allclose(ties.second_sigma_parallax_px**2, 1.0 + 5 * 0.1**2)
