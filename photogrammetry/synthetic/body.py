@@ -24,8 +24,6 @@ LINE_M = 0.004
 ANTENNA_ALBEDO, CELL_ALBEDO, LINE_ALBEDO = 0.9, 0.35, 0.8
 """As shares of the soil's: panels are dark and dusty."""
 PANEL_TOP_M = -0.306
-NEAREST_M = 0.05
-"""Boxes that a ray enters nearer than this do not count: the camera stands in them."""
 
 Vectors = Float32[np.ndarray, "n 3"]
 PerRay = Float32[np.ndarray, " n"]
@@ -39,7 +37,7 @@ class Box:
     high: tuple[float, float, float]
 
 
-BOXES = (
+BODY = (
     Box((-0.60, -0.45, PANEL_TOP_M), (0.55, 0.45, -0.05)),  # deck and body
     Box((-0.90, -0.35, PANEL_TOP_M), (-0.60, 0.35, PANEL_TOP_M + 0.03)),  # panel at the back
     Box((-0.60, -1.15, PANEL_TOP_M), (0.25, -0.45, PANEL_TOP_M + 0.03)),  # panels at the sides
@@ -47,26 +45,32 @@ BOXES = (
     Box((-0.28, 0.28, -0.80), (-0.24, 0.32, PANEL_TOP_M)),  # low-gain antenna
     Box((-0.42, -0.38, -0.78), (-0.38, -0.10, -0.50)),  # high-gain antenna and its mast
     Box((-0.41, -0.26, -0.50), (-0.37, -0.22, PANEL_TOP_M)),
-    Box((0.42, -0.01, -1.10), (0.50, 0.07, PANEL_TOP_M)),  # camera mast
+)
+"""What the cameras can see."""
+MAST = (
+    Box((0.42, -0.01, -1.10), (0.50, 0.07, PANEL_TOP_M)),
     Box((0.38, -0.15, -1.32), (0.54, 0.21, -1.20)),  # stereo bar
 )
+"""What carries the cameras and casts shadows only."""
 
 
-def entered(origin: Vector3 | Vectors, rays: Vectors) -> tuple[PerRay, Vectors]:
-    """(distance, normal): where rays of length 1 enter the rover first, and the side of entrance.
+def entered(
+    origin: Vector3 | Vectors, rays: Vectors, boxes: tuple[Box, ...] = BODY
+) -> tuple[PerRay, Vectors]:
+    """(distance, normal): where rays of length 1 enter boxes first, and the side of entrance.
 
-    The distance of a ray that misses the rover is infinite.
+    The distance of a ray that misses them is infinite.
     """
     nearest = np.full(len(rays), np.inf, np.float32)
     normals = np.zeros((len(rays), 3), np.float32)
     start = np.asarray(origin, np.float32)
     inverse = 1 / np.where(np.abs(rays) < 1e-9, np.float32(1e-9), rays)  # noqa: PLR2004
-    for box in BOXES:
+    for box in boxes:
         one = (np.array(box.low, np.float32) - start) * inverse
         other = (np.array(box.high, np.float32) - start) * inverse
         enters, leaves = np.minimum(one, other), np.maximum(one, other)
         first = enters.max(axis=1)
-        hit = (first < leaves.min(axis=1)) & (first > NEAREST_M) & (first < nearest)
+        hit = (first < leaves.min(axis=1)) & (first > 0) & (first < nearest)
         nearest[hit] = first[hit]
         axis = enters[hit].argmax(axis=1)
         normals[hit] = 0
@@ -77,7 +81,7 @@ def entered(origin: Vector3 | Vectors, rays: Vectors) -> tuple[PerRay, Vectors]:
 def body_radiance(points: Vectors, normals: Vectors, sun: Vector3, sky_light: float) -> PerRay:
     """Radiance of points on the rover, lit as the ground is; `sun` is a direction in its frame."""
     towards = np.tile(sun.astype(np.float32), (len(points), 1))
-    lit = np.isinf(entered(points + 1e-3 * normals, towards)[0])
+    lit = np.isinf(entered(points + 1e-3 * normals, towards, BODY + MAST)[0])
     light = np.maximum(normals @ sun.astype(np.float32), 0) * lit
     light += sky_light * (1 - normals[:, 2]) / 2
     on_line = (np.mod(points[:, :2], CELL_M) < LINE_M).any(axis=1)

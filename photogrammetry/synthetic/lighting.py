@@ -23,7 +23,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Vector3
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.synthetic.body import entered
+from solmap.photogrammetry.synthetic.body import BODY, MAST, entered
 from solmap.photogrammetry.synthetic.lattice import Nodes, Window, stream_of
 from solmap.photogrammetry.synthetic.terrain import Patch, Terrain, raise_rocks
 
@@ -125,7 +125,8 @@ def _beside_shadow(patch: Patch, sun: Sun, rover: Pose) -> Nodes:
     )
     origins = rover.inverse.apply(ground).astype(np.float32)
     towards = (sun.direction * [1, 1, -1]) @ rover.rotation
-    distance, _ = entered(origins, np.tile(towards.astype(np.float32), (len(origins), 1)))
+    rays = np.tile(towards.astype(np.float32), (len(origins), 1))
+    distance, _ = entered(origins, rays, BODY + MAST)
     beside[np.ix_(rows, cols)] = np.isinf(distance).reshape(north.shape)
     return beside
 

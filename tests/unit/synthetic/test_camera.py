@@ -89,8 +89,10 @@ def test_rays_enter_the_rover_by_the_side_that_they_meet_first():
     distance, normal = entered(MAST, down_on_panel / length)
     assert distance[0] == pytest.approx(length, rel=1e-5)
     np.testing.assert_array_equal(normal, [[0, 0, -1]])
-    ahead = np.array([[0.9, 0.1, 0.42], [0.5, 0.0, -0.87]], np.float32)
-    assert np.isinf(entered(MAST, ahead)[0]).all()  # the camera's own bar does not count
+    turned = np.deg2rad(np.arange(0, 360, 5))
+    level = np.column_stack([np.cos(turned), np.sin(turned), 0 * turned]).astype(np.float32)
+    for camera in MAST + 0.1 * level:  # wherever its bar turns it: the bar is never in view
+        assert np.isinf(entered(camera, level)[0]).all()
 
 
 def test_panels_in_the_shadow_of_the_mast_have_light_of_the_sky_only():
