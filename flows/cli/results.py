@@ -98,12 +98,12 @@ def rig(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """How the stereo rigs differ from their labels, by the latest network. Changes nothing.
+    """How the stereo rigs differ from their labels: what matching applies, and what is left.
 
     Of every camera set: the rotation of the right camera about three axes of the pair (x right, y
-    down, z forward; about y is toe-in) and the correction of the baseline, with standard
-    deviations. What exceeds three of them stands out. The correction is stated, not applied:
-    matches, network and maps stay as they are.
+    down, z forward; about y is toe-in) that matching applies, and what the latest network finds
+    beyond it and of the baseline, with standard deviations. What exceeds three of them stands out.
+    Nothing is changed.
     """
     from solmap.flows.cli.tables import rig_correction_rows  # noqa: PLC0415
 
@@ -114,16 +114,16 @@ def rig(
         return
     shown = [
         row
-        | {name: f"{row[name]:.4f}" for name in ("value", "sigma")}
+        | {name: f"{row[name]:.4f}" for name in ("applied", "value", "sigma")}
         | {"stands_out": "yes" if row["stands_out"] else ""}
         for row in rows
     ]
-    columns = ["mission", "camera", "pairs", "component", "value", "sigma", "unit", "stands_out"]
-    show_rows(shown, [*columns, "parallax_px"], as_json)
+    columns = ["mission", "camera", "pairs", "component", "applied", "value", "sigma", "unit"]
+    show_rows(shown, [*columns, "stands_out", "parallax_px"], as_json)
     for row in {row["mission"]: row for row in rows}.values():
         say(
-            f"{row['mission']}: sigma0 {row['sigma0_labelled']:.3f} with the rigs of the labels, "
-            f"{row['sigma0_corrected']:.3f} with rigs corrected; nothing was changed"
+            f"{row['mission']}: sigma0 {row['sigma0_labelled']:.3f} with rigs as matched, "
+            f"{row['sigma0_corrected']:.3f} with what the network finds; nothing was changed"
         )
 
 

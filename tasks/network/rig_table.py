@@ -1,8 +1,8 @@
-"""Rig: how the stereo rigs of a mission differ from their labels, from its latest network.
+"""The table of a mission's stereo rigs: what matching applies, and what its latest network adds.
 
 The network is put together as an overall adjustment has it: all stops with their telemetry and
-control, and the ties that the latest network kept. Images without a stereo partner have no rig and
-are left out. Nothing is made or changed: the result are rows.
+control, and the ties that the latest network kept, those between stops too. Images without a stereo
+partner have no rig and are left out. Nothing is made or changed: the result are rows.
 """
 
 from __future__ import annotations
@@ -29,9 +29,10 @@ from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.documents.archives import read_mast, read_matches, read_right_turn
 from solmap.products.formats.documents.control import read_control
 from solmap.products.formats.documents.network import whole_network
+from solmap.products.formats.documents.rig import RigProduct, read_rig
 from solmap.products.model import ProductKind, ProductRef
 from solmap.tasks.images.telemetry import read_telemetry, vector_files
-from solmap.tasks.scopes import pair_scope
+from solmap.tasks.scopes import is_of_mission, pair_scope, sol_of
 
 COMPONENTS = ("rotation about x", "toe-in, about y", "rotation about z", "baseline")
 """Axes of the pair: x right along the baseline, y down, z forward."""
@@ -51,11 +52,15 @@ class RigRow:
     pairs: int
     """Stereo pairs of the camera set in the network."""
     pairs_rotated_by_matching: int
-    """Of these, the pairs whose right camera matching had rotated by vertical parallax: the
-    correction is against that."""
+    """Of these, the pairs whose right camera matching had rotated."""
     component: str
     unit: str
+    applied: float
+    """By how much matching corrects the labels, at the mission's last stop with this camera set."""
+    applied_sigma: float | None
+    """Standard deviation of that; None where nothing is known, and of the baseline."""
     value: float
+    """What the network finds beyond it."""
     sigma: float
     stands_out: bool
     """Whether it differs from zero by more than `STANDS_OUT` standard deviations."""
@@ -97,15 +102,18 @@ def rig_rows(
     network = read.network
     found = calibrate_rig(network, held_stops(network), read.instruments, params, read.adjusted)
     pairs = Counter(read.instruments.values())
+    rig = _latest_rig(mission, workspace)
     rotated = Counter(read.instruments[pair] for pair in read.rotated)
     return [
         RigRow(
             mission=mission,
-            camera=rig.instrument,
-            pairs=pairs[rig.instrument],
-            pairs_rotated_by_matching=rotated[rig.instrument],
+            camera=one.instrument,
+            pairs=pairs[one.instrument],
+            pairs_rotated_by_matching=rotated[one.instrument],
             component=COMPONENTS[k],
             unit=UNITS[k],
+            applied=applied[k],
+            applied_sigma=applied_sigmas[k],
             value=float(value),
             sigma=float(sigma),
             stands_out=bool(abs(value) > STANDS_OUT * sigma),
@@ -113,11 +121,34 @@ def rig_rows(
             sigma0_labelled=found.as_labelled.sigma0,
             sigma0_corrected=found.corrected.sigma0,
         )
-        for rig in found.corrections
+        for one in found.corrections
+        for applied, applied_sigmas in [_applied(rig, one.instrument)]
         for k, (value, sigma, parallax) in enumerate(
-            zip(rig.values * SCALES, rig.sigmas * SCALES, _parallax_px(rig, read), strict=True)
+            zip(one.values * SCALES, one.sigmas * SCALES, _parallax_px(one, read), strict=True)
         )
     ]
+
+
+def _latest_rig(mission: str, workspace: Workspace) -> RigProduct:
+    """What matching applied last; nothing where the mission was simulated without images."""
+    refs = [
+        ref
+        for ref in workspace.catalogue.pointers(ProductKind.RIG)
+        if is_of_mission(ref.scope, mission)
+    ]
+    last = max(refs, key=lambda ref: sol_of(ref.scope), default=None)
+    return read_rig(workspace.store.path(last)) if last else RigProduct()
+
+
+def _applied(rig: RigProduct, camera: str) -> tuple[list[float], list[float | None]]:
+    """The four components that matching applies, and their standard deviations."""
+    stop = next((name for name in reversed(tuple(rig.found)) if camera in rig.found[name]), "")
+    known = rig.found.get(stop, {}).get(camera)
+    turn = np.append(rig.applied_at(stop, camera), 0.0) * SCALES
+    if known is None:
+        return turn.tolist(), [None] * len(COMPONENTS)
+    off = np.hypot(known.sigmas, known.rotation - turn[:3] / SCALES[:3])
+    return turn.tolist(), [*(off * SCALES[:3]).tolist(), None]
 
 
 def _read_rig_network(
