@@ -169,7 +169,7 @@ covariance matrix; they include that of the stops held before.</p>
 <table>
 <tr><th>camera</th><th>ties</th><th class="n">observations</th>
   <th class="n" colspan="3">mean: sample, line, parallax, px</th>
-  <th class="n" colspan="3">root mean square, px</th><th class="n">rms / stated</th></tr>
+  <th class="n" colspan="3">root mean square, px</th><th class="n">rms / estimated</th></tr>
 {% for camera in quality.cameras %}{% for kind, found in camera.figures.items() %}
 <tr><td>{{ camera.instrument }}</td><td>{{ kind }}</td>
   <td class="n">{{ found.observations }}</td>{{ three(found.mean_px, 3) }}
@@ -192,6 +192,27 @@ right that repeats from network to network is the camera's, not chance.</figcapt
   <td class="n">{{ n(found.mean, 2) }}</td><td class="n">{{ found.unchecked }}</td></tr>
 {% endfor %}
 </table>
+
+{% if quality.components %}
+<h2>Sizes of errors</h2>
+<table>
+<tr><th>observations</th><th class="n">standard deviation stated</th><th class="n">estimated</th>
+  <th>unit</th><th class="n">redundancy</th></tr>
+{% for one in quality.components %}
+<tr><td>{{ one.component }}</td><td class="n">{{ n(one.prior, 2) }}</td>
+  <td class="n">{{ n(one.estimate) }}</td><td>{{ one.unit }}</td>
+  <td class="n">{{ n(one.redundancy, 0) }}</td></tr>
+{% endfor %}
+{% for one in quality.mast %}
+<tr><td>mast, {{ one.what }}</td><td class="n"></td>
+  <td class="n">{{ n(one.value_deg) }} &plusmn; {{ n(one.sigma_deg) }}</td><td>degrees</td>
+  <td class="n"></td></tr>
+{% endfor %}
+</table>
+<p class="note">Estimated from all observations of the mission up to here; with little redundancy
+they stay near what is stated. The last rows are errors of the mast itself, the same at all
+stops.</p>
+{% endif %}
 
 {% if quality.links %}
 <h2>Links between stops</h2>

@@ -15,7 +15,7 @@ mean. The adjustment is repeated until its factors are those that its residuals 
 Ties also err in common: by the height that one stop sees above what another sees, by the parallaxes
 of a pair. What is common hides from residuals, and matching states it in the lines and parallaxes
 of ties. The factor of ties is therefore that of the coordinate that scatters most, of samples,
-lines and parallaxes, as far as that is no chance.
+lines and parallaxes; within a stop, as far as that is no chance.
 
 Of observations that have left an adjustment (`marginal`) the sums are kept as they were left.
 """
@@ -81,6 +81,7 @@ class Scatter:
         together = np.sqrt((freedoms + squares) / (freedoms + redundancy))
         alone = np.sqrt((freedoms + self.squares) / (freedoms + self.redundancy))
         sure = 1.0 - _share_by_chance(freedoms + self.redundancy)
+        sure[TIES + 1 :] = 1.0
         largest = np.maximum(together, (np.where(self.redundancy > 0, sure, 0) * alone).max(axis=1))
         return largest * np.sqrt(1.0 + 2.0 * redundancy / (freedoms + redundancy) ** 2)
 
@@ -97,6 +98,22 @@ class VarianceComponents:
     """Of all observations up to now."""
     past: Scatter = field(default_factory=Scatter)
     """Of those among them that have left."""
+    priors: Float64[np.ndarray, " components"] = field(
+        default_factory=lambda: np.ones(len(COMPONENTS))
+    )
+    """Standard deviations stated: a share of the drive, degrees, and 1 for what matching states."""
+
+    @property
+    def sigmas(self) -> dict[Component, float]:
+        """Standard deviations as used, in the units of the priors."""
+        return dict(zip(COMPONENTS, (self.factors * self.priors).tolist(), strict=True))
+
+    def begin(self, params: AdjustmentParams) -> VarianceComponents:
+        """Where an adjustment starts: the parameters' priors, and what is known up to now."""
+        degrees = (params.azimuth_step_deg, params.azimuth_fine_deg, params.tilt_deg)
+        priors = np.ones(len(COMPONENTS))
+        priors[:TIES] = (params.slip, *degrees, params.pointing_deg)
+        return replace(self, priors=priors).update(params.sigma_freedoms)
 
     def update(self, freedoms: float, scatter: Scatter | None = None) -> VarianceComponents:
         """With the factors that all observations show: those that have left, and others if given.

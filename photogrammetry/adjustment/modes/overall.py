@@ -99,7 +99,7 @@ def adjust_with_outcome(
 ) -> tuple[AdjustedNetwork, AdjustmentReport, Outcome]:
     """The same, with all that the iteration found."""
     stated, components = params, start.components if start else VarianceComponents()
-    components = components.update(stated.sigma_freedoms)
+    components = components.begin(stated)
     params = components.apply(stated)
     is_held = _held_mask(
         network, held, has_datum=inherited is not None or network.datum_is_observed

@@ -25,11 +25,18 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustedTies,
 )
 from solmap.photogrammetry.adjustment.model.network import MAP
+from solmap.photogrammetry.adjustment.model.variance_components import (
+    COMPONENTS,
+    TIES,
+    Component,
+)
 from solmap.photogrammetry.adjustment.quality.records import (
     Blunder,
     CameraResiduals,
+    ComponentQuality,
     ControlQuality,
     FrameQuality,
+    MastQuality,
     PairCamera,
     Precision,
     Quality,
@@ -77,6 +84,8 @@ def network_quality(
         weaknesses=weaknesses(network, links, residuals, params),
         control=control_quality(network),
         frames=frame_quality(network),
+        components=component_quality(network),
+        mast=mast_quality(network),
     )
 
 
@@ -299,3 +308,28 @@ def frame_quality(network: AdjustedNetwork) -> tuple[FrameQuality, ...]:
             )
         )
     return tuple(found)
+
+
+def component_quality(network: AdjustedNetwork) -> tuple[ComponentQuality, ...]:
+    """Prior and estimate of the standard deviations of every kind of observation there is."""
+    found, components = [], network.components
+    for k, (component, sigma) in enumerate(components.sigmas.items()):
+        redundancy = float(components.scatter.redundancy[k].sum())
+        if redundancy > 0:
+            unit = "of what matching states" if k >= TIES else "degrees"
+            unit = "of the drive" if component is Component.POSITION else unit
+            prior = float(components.priors[k])
+            found.append(ComponentQuality(COMPONENTS[k], unit, prior, sigma, redundancy))
+    return tuple(found)
+
+
+def mast_quality(network: AdjustedNetwork) -> tuple[MastQuality, ...]:
+    """Systematic errors of the mast."""
+    mast, names = network.mast, ("elevation zero", "axis about x", "axis about y")
+    sigmas = np.degrees(np.sqrt(np.clip(np.diagonal(mast.covariance), 0.0, None)))
+    values = np.degrees(mast.values)
+    return tuple(
+        MastQuality(name, float(value), float(sigma))
+        for name, value, sigma in zip(names, values, sigmas, strict=True)
+        if sigma > 0
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from solmap.photogrammetry.adjustment.model.variance_components import Component
 from solmap.photogrammetry.imagery import StopId, TieKind
 from solmap.photogrammetry.ranges import CountOrZero, Factor, Share
 
@@ -66,7 +67,7 @@ class ResidualFigures:
     mean_px: Triple
     rms_px: Triple
     rms_standardised: float
-    """1 when the standard deviations that matching states are true."""
+    """1 when the standard deviations, as estimated, are true."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +164,29 @@ class FrameQuality:
 
 
 @dataclass(frozen=True, slots=True)
+class ComponentQuality:
+    """How large errors of a kind of observation are."""
+
+    component: Component
+    unit: str
+    prior: float
+    """Standard deviation stated."""
+    estimate: float
+    """As the adjustment used it."""
+    redundancy: float
+    """Redundancy numbers of all observations of the kind that it was estimated from, summed."""
+
+
+@dataclass(frozen=True, slots=True)
+class MastQuality:
+    """A systematic error of the mast, the same at all stops."""
+
+    what: str
+    value_deg: float
+    sigma_deg: float
+
+
+@dataclass(frozen=True, slots=True)
 class Weakness:
     """A part of the network that deserves a look, with the reason."""
 
@@ -187,3 +211,5 @@ class Quality:
     control: tuple[ControlQuality, ...] = ()
     """Of every stop that lies in a control frame; the datum is not among them."""
     frames: tuple[FrameQuality, ...] = ()
+    components: tuple[ComponentQuality, ...] = ()
+    mast: tuple[MastQuality, ...] = ()

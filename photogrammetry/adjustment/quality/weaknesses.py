@@ -17,6 +17,7 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import (
     AdjustedNetwork,
 )
 from solmap.photogrammetry.adjustment.model.network import MAP
+from solmap.photogrammetry.adjustment.model.variance_components import COMPONENTS, TIES
 from solmap.photogrammetry.adjustment.quality.records import (
     CameraResiduals,
     QualityParams,
@@ -42,6 +43,7 @@ def weaknesses(
         *_doubtful_pairs(network, params),
         *_pairs_on_their_label(network),
         *_misfits(cameras, params),
+        *_wide_ties(network, params),
     )
 
 
@@ -128,7 +130,14 @@ def _misfits(cameras: tuple[CameraResiduals, ...], params: QualityParams) -> Ite
         for kind, figures in camera.figures.items():
             if figures.rms_standardised > params.large_misfit:
                 why = (
-                    f"residuals of its {kind} ties are {figures.rms_standardised:.2f} times what "
-                    "matching states: look at their map"
+                    f"residuals of its {kind} ties are {figures.rms_standardised:.2f} times those "
+                    "of all: look at their map"
                 )
                 yield Weakness(f"camera {camera.instrument}", why)
+
+
+def _wide_ties(network: AdjustedNetwork, params: QualityParams) -> Iterator[Weakness]:
+    for component, sigma in network.components.sigmas.items():
+        if COMPONENTS.index(component) >= TIES and sigma > params.large_misfit:
+            why = f"they scatter {sigma:.2f} times as matching states: look at residuals by camera"
+            yield Weakness(str(component), why)

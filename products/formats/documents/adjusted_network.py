@@ -93,11 +93,12 @@ def _mast_of(document: Document) -> AdjustedMast:
 
 
 def components_document(components: VarianceComponents) -> Document:
-    """Variance components for JSON, by name: factor, squares and redundancy, now and past."""
+    """Variance components for JSON: prior, factor, squares and redundancy, now and past."""
     now, past = components.scatter, components.past
     columns = (now.squares, now.redundancy, past.squares, past.redundancy)
     return {
         str(name): {
+            "prior": float(components.priors[k]),
             "factor": float(components.factors[k]),
             "scatter": [column[k].tolist() for column in columns],
         }
@@ -107,11 +108,14 @@ def components_document(components: VarianceComponents) -> Document:
 
 def components_of_document(document: Document) -> VarianceComponents:
     """The twin of `components_document`; what it lacks is as stated."""
-    nothing = {"factor": 1.0, "scatter": np.zeros((4, 3)).tolist()}
+    nothing = {"prior": 1.0, "factor": 1.0, "scatter": np.zeros((4, 3)).tolist()}
     rows = [document.get(str(name), nothing) for name in COMPONENTS]
     columns = _array([row["scatter"] for row in rows], -1, 4, 3).swapaxes(0, 1).copy()
     return VarianceComponents(
-        _array([row["factor"] for row in rows], -1), Scatter(*columns[:2]), Scatter(*columns[2:])
+        _array([row["factor"] for row in rows], -1),
+        Scatter(*columns[:2]),
+        Scatter(*columns[2:]),
+        _array([row["prior"] for row in rows], -1),
     )
 
 
