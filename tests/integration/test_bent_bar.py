@@ -5,8 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry, StopPrior
+from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.rig_pooling import (
+    correction_to_apply,
+    pooled_rotations,
+    stop_normal_equations,
+    weigh_by_cells,
+)
 from solmap.photogrammetry.archive.images.reading import read_image
+from solmap.photogrammetry.archive.partners import find_stereo_pairs
+from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
+from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
+from solmap.photogrammetry.matching.stereo.dense import match_densely
 from solmap.photogrammetry.matching.stereo.orientation import vertical_parallax
+from solmap.photogrammetry.matching.stereo.sparse import match_sparsely
+from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 from solmap.photogrammetry.synthetic.downlink import render_jobs
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
@@ -23,6 +38,7 @@ from solmap.tasks.images.pairs import resample_pair, turn_right_camera
 from solmap.tasks.network.match import pair_geometry, rows_of_pair
 from solmap.tasks.network.rig import pool_rig, turn_of_pair
 from solmap.tasks.scopes import pair_scope
+from tests.support.stop_networks import HUSBAND_MAST_M
 
 BEND = np.array([0.6e-3, 0.1e-3, -0.5e-3])
 """Of the right camera in the frame of the pair, radians: 0.7 rows."""
@@ -132,3 +148,75 @@ def test_what_is_known_of_rigs_comes_back_from_its_file(bent, pooled, tmp_path):
     assert again.toe_in_sigmas("stop") == rig.toe_in_sigmas("stop")
     write_rig(tmp_path / "none.json", RigProduct())
     assert read_rig(tmp_path / "none.json").toe_in_sigmas("stop") == {}
+
+
+class Stop:
+    """A stop of `rendered_husband` whose labels have the right cameras turned."""
+
+    def __init__(self, folder, bend):
+        reads = [read_image(path.read_bytes(), path.name) for path in sorted(folder.glob("*.img"))]
+        by_id = {read.image.id: read for read in reads}
+        self.pairs = {}
+        for pair in find_stereo_pairs([read.image for read in reads]).pairs:
+            left, right = by_id[pair.left.id], by_id[pair.right.id]
+            turn = pair_geometry(left.image, right.image).rover_from_pair.rotation @ bend
+            self.pairs[pair.id] = left, turn_right_camera(right, tuple(turn.tolist()))
+        self.id = left.image.stop
+        self.rows = [
+            replace(measured(*eyes, name, str(self.id)), instrument=eyes[0].image.instrument)
+            for name, eyes in self.pairs.items()
+        ]
+
+    def matched(self, rig):
+        """The pairs, matched with the rotations that stand."""
+        pairs = []
+        for one in self.rows:
+            left, right = self.pairs[one.pair_id]
+            turned = turn_right_camera(right, turn_of_pair(one, rig)[0])
+            images = resample_pair(left, turned, pair_geometry(left.image, turned.image))
+            matches = match_sparsely(one.pair_id, images)
+            parallax = match_densely(images).parallax_px
+            pairs.append(MatchedPair(one.pair_id, one.instrument, images, matches, parallax))
+        pose = Pose(LSL, self.id.frame, np.eye(3), np.zeros(3))
+        return MatchedStop(self.id, tuple(pairs), pose, np.zeros((6, 6)))
+
+
+def parallax_error_px(rows, rotation):
+    """RMS over the image of what a rotation of the right camera moves points along rows by."""
+    u = np.linspace(-0.5, 0.5, 21) * rows.samples / rows.focal_px
+    x, y = np.meshgrid(u, u)
+    off = rotation[1] * (1 + x * x) - rotation[2] * y - rotation[0] * x * y
+    return rows.focal_px * float(np.sqrt(np.mean(off**2)))
+
+
+@pytest.mark.slow
+def test_parallaxes_of_a_bent_bar_are_right_after_one_stop(husband, pooled):
+    bend = np.array([0.54e-3, 0.3e-3, -0.2e-3])  # 0.63 and 1.9 rows
+    stop = Stop(husband / "sol0155" / "edr", bend)
+    name = str(stop.id)
+    rig = pooled(*stop.rows)
+    matched = stop.matched(rig)
+    ties = weigh_by_cells(tie_inter_stereo(matched, InterStereoParams()).ties)
+    network = Network(
+        (StopPrior(stop.id, matched.lsl_from_rover),),
+        tuple(
+            PairGeometry(pair.pair_id, stop.id, pair.images.geometry, HUSBAND_MAST_M)
+            for pair in matched.pairs
+        ),
+        build_tie_points([pair.matches for pair in matched.pairs], [ties], TrackParams()),
+    )
+    said = stop_normal_equations(
+        network,
+        {pair.pair_id: pair.instrument for pair in matched.pairs},
+        {camera: rig.applied_at(name, camera) for camera in rig.applied[name]},
+        AdjustmentParams(),
+    )
+    known = replace(rig.stops[name], ties=said)
+    for camera, worst_px in (("NAVCAM", 0.02), ("PANCAM", 0.05)):
+        rows = known.rows[camera]
+        before = rig.applied_at(name, camera)
+        found = pooled_rotations({name: known})[name][camera]
+        applied = correction_to_apply(found, before, rows)
+        assert parallax_error_px(rows, bend) > 0.35
+        assert parallax_error_px(rows, bend + applied) < worst_px
+        assert abs(bend[1] + applied[1]) < 3 * found.toe_in_sigma(applied)

@@ -4,6 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.adjustment.modes.rig_pooling import (
+    CameraRows,
+    StopRig,
+    pooled_rotations,
+)
 from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.epipolar import epipolar_pair
@@ -13,6 +18,7 @@ from solmap.photogrammetry.matching.stereo.dense import DenseParams, match_dense
 from solmap.photogrammetry.matching.stereo.orientation import (
     MeasuredOffsets,
     OrientationParams,
+    RowCells,
     relative_orientation,
     rig_rotation,
     turn_in_place,
@@ -94,6 +100,20 @@ def test_camera_models_of_other_exposures_are_noticed_and_put_right(curiosity):
     assert (apart[np.isfinite(apart)] < 0.5).mean() > 0.99  # two ways to one parallax
     assert np.isfinite(parallax[:380]).mean() < 0.001  # sky
     assert np.isfinite(parallax[720:, 60:-20]).mean() > 0.75  # ground
+
+
+def test_errors_of_real_lenses_do_not_pass_for_toe_in(curiosity):
+    images = resampled(*curiosity)
+    measured = vertical_parallax(images)
+    free = rig_rotation(measured) * images.geometry.focal_px
+    assert abs(free[1]) > 0.5  # pixels: the pattern that the lenses leave in the rows
+    geometry = images.geometry
+    rows = CameraRows(RowCells.of(measured), 1, geometry.focal_px, geometry.samples)
+    assert rows.cells.variance_factor > 10
+    found = pooled_rotations({"stop": StopRig({"NAVCAM": rows})})["stop"]["NAVCAM"]
+    toe_in_px, sigma_px = found.rotation[1] * geometry.focal_px, found.sigmas[1]
+    assert abs(toe_in_px) < 0.4
+    assert sigma_px * geometry.focal_px > 0.8  # as the rest of the rotation, 2.7 pixels, suggests
 
 
 def test_two_frames_of_one_mast_swing_make_a_stereo_pair(shared_data):
