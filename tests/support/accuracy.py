@@ -51,7 +51,7 @@ from tests.support.husband_truth import true_pose
 from tests.support.scorecard import markdown, scorecard
 from tests.support.simulated_stops import ROOT
 from tests.support.site_pairs import FALSE_BEYOND
-from tests.support.small_downlink import COARSE
+from tests.support.small_downlink import FEW_LAYERS
 
 CACHE = ROOT / ".cache"
 CODE = ("photogrammetry", "products", "tasks", "flows", "config")
@@ -81,7 +81,7 @@ def _simulated(terrain: str, seed: int, *, realistic: bool = True) -> tuple[Worl
 SMALL = WorldParams("hills", TraverseParams(spacing_m=(2.0, 3.0)), pairs=4, averaging=4)
 SMALL = replace(SMALL, pair_step=float(np.pi / 2))
 LEVELS = {
-    "quick": Level({"thumbnails": (SMALL, 3)}, rendered=False, pipeline=COARSE),
+    "quick": Level({"thumbnails": (SMALL, 3)}, rendered=False, pipeline=FEW_LAYERS),
     "full": Level(
         {
             "simulated-plains": _simulated("plains", 61),
