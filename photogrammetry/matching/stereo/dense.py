@@ -16,10 +16,16 @@ summed over a window with weights that fall off to its edge (a box applied twice
 variance s0^2 coming from the same window. Each pixel being shifted by its own parallax, the window
 follows the slope of the ground, and a neighbour beyond a depth edge brings no parallax across.
 
+Ground seen at a grazing angle a is foreshortened by sin a from row to row, not along them: windows
+as high as wide reach over metres of it, and over crests that hide the ground behind them by less
+than a pixel of parallax, which then comes out too high. The rows of such ground have lower and
+wider windows, and smoothing that keeps smaller edges (`count_far_lines`).
+
 That is the sigma of the window's parallax; the ground in its middle differs by what the window does
 not resolve. It shows in the step that windows of half the width still ask for, whose mean square
 over the surroundings is added to sigma^2. It holds the noise of the half window too, and so errs on
-the safe side where relief is small.
+the safe side where relief is small. On far ground those windows are half as high and as wide: it is
+along the rays that a window reaches over relief.
 
 A pixel can be matched where slopes exceed what noise alone makes of them. White noise of variance
 n^2 gives the slope of a cubic spline 1.39 n^2, the mean of (3 sin w / (2 + cos w))^2 over all
@@ -30,6 +36,7 @@ The smaller of the two is compared with the slopes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -46,6 +53,7 @@ from solmap.photogrammetry.matching.resampling import (
 from solmap.photogrammetry.matching.stereo.semi_global import (
     NormalisedImage,
     SemiGlobalParams,
+    count_far_lines,
     match_both_ways,
     normalise_locally,
     remove_speckle,
@@ -63,6 +71,8 @@ from solmap.photogrammetry.ranges import (
     Share,
     WholeParallax,
 )
+
+Filter = Callable[[GreyImage], GreyImage]
 
 SLOPE_NOISE = 1.39
 """Variance of the spline's slope over that of white noise."""
@@ -85,6 +95,20 @@ FURTHEST_PX = 1.5
 """A pixel that moves further from its first parallax has slid to another surface."""
 
 
+SQUEEZE = 0.5
+"""By how much windows are lower and wider there: the root of `GRAZING`, so that they keep their
+area and are as foreshortened as the ground."""
+
+
+FAR_EDGE = 0.7
+"""Share of `edge_px` that is left there: crests are lower than a pixel, and below this share noise
+makes edges of its own (worlds with known truth)."""
+
+
+REACH_LINES = 8
+"""Rows that smoothing looks at to either side; OpenCV takes one and a half standard deviations."""
+
+
 TEXTURE_PX = 5
 """Window of that energy, odd: small, so that the horizon lends no texture to the sky."""
 
@@ -95,14 +119,15 @@ class RefinementParams:
 
     box_px: OddPixels = 5
     """Side of the box, odd, that is applied twice: the window is 9 pixels wide, and half of its
-    weight lies within 5, about the block of semi-global matching."""
+    weight lies within 5, about the block of semi-global matching. On far ground it is 9 by 3."""
     steps: Few = 3
     """Lucas-Kanade steps."""
     smoothing_px: PixelsOrZero = 2.0
     """Standard deviation in space of the smoothing that undoes pixel locking, which recurs with
     every pixel of parallax: level ground changes by one in some seven rows of a Navcam image."""
     edge_px: Pixels = 1.0
-    """Standard deviation in parallax of that smoothing: what differs by more is another surface."""
+    """Standard deviation in parallax of that smoothing: what differs by more is another surface.
+    Less on far ground (`FAR_EDGE`)."""
     texture: FactorOrZero = 2.0
     """Least energy of the slope, in units of what noise alone would give: as much texture as noise.
     Below that even the whole window leaves 0.2 px; the sky stays at 1."""
@@ -180,7 +205,8 @@ def match_densely(images: EpipolarImages, params: DenseParams | None = None) -> 
     largest = int(np.ceil(largest_parallax_px(images.geometry, params.nearest_range_m)))
     search = (params.least_parallax_px, largest)
     rough = rough_parallax(left, right, search, params.semi_global)
-    parallax, sigma = PixelwiseMatcher(left, right, params.refinement).refine(rough)
+    far_lines = count_far_lines(rough, images.geometry)
+    parallax, sigma = PixelwiseMatcher(left, right, params.refinement, far_lines).refine(rough)
     parallax = remove_speckle(parallax, params.semi_global)
     return DenseMatches(parallax, np.where(np.isfinite(parallax), sigma, np.float32(np.nan)))
 
@@ -221,13 +247,18 @@ class PixelwiseMatcher:
     """Fits of two locally normalised images under a parallax map."""
 
     def __init__(
-        self, left: NormalisedImage, right: NormalisedImage, params: RefinementParams
+        self,
+        left: NormalisedImage,
+        right: NormalisedImage,
+        params: RefinementParams,
+        far_lines: int = 0,
     ) -> None:
         self.left = left.grey
         self.noise = left.noise
         self.slope = row_slope(row_coefficients(left.grey))
         self.right_coefficients = row_coefficients(right.grey)
         self.params = params
+        self.far_lines = far_lines
         grid = np.indices(left.grey.shape, dtype=np.float32)
         self.lines, self.samples = grid[0], grid[1]
 
@@ -248,14 +279,22 @@ class PixelwiseMatcher:
         """Parallax smoothed within surfaces: a bilateral filter to which gaps are far away."""
         known = np.isfinite(parallax)
         filled = np.where(known, parallax, np.float32(-1e4))
-        out = cv2.bilateralFilter(filled, -1, self.params.edge_px, self.params.smoothing_px)
+        out = _far_and_near(filled, self.far_lines, REACH_LINES, *self._smoothing())
         return np.where(known, out, np.float32(np.nan))
+
+    def _smoothing(self) -> tuple[Filter, Filter]:
+        """The bilateral filters of far ground and of the rest."""
+
+        def keeping(edge_px: float) -> Filter:
+            return lambda rows: cv2.bilateralFilter(rows, -1, edge_px, self.params.smoothing_px)
+
+        return keeping(FAR_EDGE * self.params.edge_px), keeping(self.params.edge_px)
 
     def fit(self, parallax: ParallaxMap) -> Fit:
         """How well the images agree under a parallax, and what would improve it."""
         slope, residual = self._compare(parallax)
-        whole = self._sums(slope, residual, np.isfinite(parallax), self.params.box_px)
-        half = self._sums(slope, residual, np.isfinite(parallax), self.params.box_px // 2 | 1)
+        whole = self._sums(slope, residual, np.isfinite(parallax))
+        half = self._sums(slope, residual, np.isfinite(parallax), half=True)
         unresolved = np.clip(half.step_px - whole.step_px, -LARGEST_STEP_PX, LARGEST_STEP_PX)
         noise = np.float32(WINDOW_NOISE) * whole.variance / whole.energy
         return Fit(
@@ -268,7 +307,7 @@ class PixelwiseMatcher:
     def step(self, parallax: ParallaxMap) -> ParallaxMap:
         """The correction that least squares asks for."""
         slope, residual = self._compare(parallax)
-        return self._sums(slope, residual, np.isfinite(parallax), self.params.box_px).step_px
+        return self._sums(slope, residual, np.isfinite(parallax)).step_px
 
     def _compare(self, parallax: ParallaxMap) -> tuple[GreyImage, GreyImage]:
         """Slope of the left image and residual of the right one; 0 where there is no parallax."""
@@ -278,23 +317,38 @@ class PixelwiseMatcher:
         nothing = np.float32(0)
         return np.where(known, self.slope, nothing), np.where(known, right - self.left, nothing)
 
-    def _sums(self, g: GreyImage, r: GreyImage, known: Mask, box_px: int) -> WindowSums:
+    def _sums(self, g: GreyImage, r: GreyImage, known: Mask, *, half: bool = False) -> WindowSums:
         """The least squares of all windows; g and r are slope and residual."""
-        n = np.maximum(_window_sum(known.astype(np.float32), box_px), np.float32(1e-3))
-        sum_g, sum_r = _window_sum(g, box_px), _window_sum(r, box_px)
-        energy = np.maximum(_window_sum(g * g, box_px) - sum_g * sum_g / n, TINY)
-        step = (_window_sum(g * r, box_px) - sum_g * sum_r / n) / energy
-        variance = np.maximum(_window_sum(r * r, box_px) - sum_r * sum_r / n, 0) / n
+
+        def total(values: GreyImage) -> GreyImage:
+            return self._window_sum(values, half=half)
+
+        n = np.maximum(total(known.astype(np.float32)), np.float32(1e-3))
+        sum_g, sum_r = total(g), total(r)
+        energy = np.maximum(total(g * g) - sum_g * sum_g / n, TINY)
+        step = (total(g * r) - sum_g * sum_r / n) / energy
+        variance = np.maximum(total(r * r) - sum_r * sum_r / n, 0) / n
         return WindowSums(np.clip(step, -1, 1), energy, variance)
 
     def _contrast(self, parallax: ParallaxMap) -> GreyImage:
         """Variance of the left image in the window, where there is parallax."""
         known = np.isfinite(parallax)
-        n = np.maximum(_window_sum(known.astype(np.float32), self.params.box_px), np.float32(1e-3))
+        n = np.maximum(self._window_sum(known.astype(np.float32)), np.float32(1e-3))
         grey = np.where(known, self.left, np.float32(0))
-        total = _window_sum(grey, self.params.box_px)
-        squares = _window_sum(grey * grey, self.params.box_px)
+        total, squares = self._window_sum(grey), self._window_sum(grey * grey)
         return np.maximum(squares - total * total / n, 0) / n
+
+    def _window_sum(self, values: GreyImage, *, half: bool = False) -> GreyImage:
+        """Sums over the windows about all pixels, or over those of half the size."""
+        side = self.params.box_px
+        low, wide = int(side * SQUEEZE) | 1, int(side / SQUEEZE) - 1 | 1
+        near = side // 2 | 1 if half else side
+
+        def over(width: int, height: int) -> Filter:
+            return lambda rows: _sum_twice(rows, (width, height))
+
+        filters = over(wide, low // 2 | 1 if half else low), over(near, near)
+        return _far_and_near(values, self.far_lines, 2 * side, *filters)
 
     def _mean_square(self, values: GreyImage, parallax: ParallaxMap) -> GreyImage:
         """Mean square over the surroundings, of the pixels that have a parallax."""
@@ -309,8 +363,19 @@ class PixelwiseMatcher:
         return cv2.blur(gg, window) > np.float32(self.params.texture * SLOPE_NOISE) * noise
 
 
-def _window_sum(values: GreyImage, box_px: int) -> GreyImage:
+def _sum_twice(values: GreyImage, box: tuple[int, int]) -> GreyImage:
     """Sum over a box applied twice, the weight of the middle being 1."""
-    box = (box_px, box_px)
     once = cv2.blur(values, box, borderType=cv2.BORDER_CONSTANT)
-    return cv2.blur(once, box, borderType=cv2.BORDER_CONSTANT) * np.float32(box_px * box_px)
+    return cv2.blur(once, box, borderType=cv2.BORDER_CONSTANT) * np.float32(box[0] * box[1])
+
+
+def _far_and_near(
+    values: GreyImage, far_lines: int, reach: int, far: Filter, near: Filter
+) -> GreyImage:
+    """What one filter makes of far rows and another of the rest, neither reaching further."""
+    out = np.empty_like(values)
+    for start, stop, filtered in ((0, far_lines, far), (far_lines, len(values), near)):
+        if stop > start:
+            first = max(0, start - reach)
+            out[start:stop] = filtered(values[first : stop + reach])[start - first : stop - first]
+    return out

@@ -18,6 +18,9 @@ is a fraction of the whole. So the pair is first matched in a reduced image, ove
 plane is fitted to what was found by least absolute deviations; and the full image is matched
 against the right image shifted by the plane, over the range of the relief alone. On top of the time
 saved, the ground lies parallel to the image, which is what semi-global matching favours.
+
+The plane also tells the angle a at which the ground is seen. With p = p_0 + g_x x + g_y y about the
+principal point and the ray r = (x/f, y/f, 1), sin a = p / (|(f g_x, f g_y, p_0)| |r|).
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ import cv2
 import numpy as np
 
 from solmap.photogrammetry.arrays import GreyImage, Mask, ParallaxMap, Picture
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.matching.parallax_planes import ParallaxPlane, fit_robust_plane
 from solmap.photogrammetry.ranges import CountOrZero, OddPixels, Percent, Pixels, PixelsOrZero
 
@@ -51,6 +55,9 @@ WHOLLY = 0.99
 
 FIT_POINTS = 20_000
 """Points that the plane is fitted to; more do not change it."""
+
+GRAZING = 0.25
+"""Sine of the angle to the ground below which its rows are far ground: 6 m from a mast."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +102,23 @@ def rough_parallax(
     parallax = _match_about(plane, relief, left, right, params)
     within = (parallax >= search[0]) & (parallax <= search[1])
     return np.where(within, parallax, np.float32(np.nan))
+
+
+def count_far_lines(rough: ParallaxMap, geometry: EpipolarPair) -> int:
+    """Rows from the top of the image in which the ground is seen at a grazing angle."""
+    line, sample = np.nonzero(np.isfinite(rough))
+    if not len(line):
+        return 0
+    some = slice(None, None, max(1, len(line) // FIT_POINTS))
+    points = np.column_stack([sample[some], line[some]]).astype(np.float64)
+    plane = fit_robust_plane(points, rough[line[some], sample[some]].astype(np.float64))
+    f, (x, y) = geometry.focal_px, geometry.centre_px
+    lines = np.arange(geometry.lines)
+    at_lines = plane.parallax_px(np.full(len(lines), x), lines)
+    at_centre = plane.at + plane.per_sample * x + plane.per_line * y
+    normal = np.linalg.norm([f * plane.per_sample, f * plane.per_line, at_centre])
+    sine = at_lines / normal / np.hypot(1, (lines - y) / f)
+    return int((sine < GRAZING).sum()) if plane.per_line > 0 else 0
 
 
 def noise_level(image: GreyImage, mask: Mask) -> float:
