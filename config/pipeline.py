@@ -50,9 +50,8 @@ SHIPPED = Path(__file__).parent / "pipelines"
 class FarGround:
     """Whether two linked stops are used as one stereo instrument, and how."""
 
-    enabled: bool = False
-    """Off: every link of two panoramas takes as long again as matching a stop, and what a run is
-    waited for are the maps of the stops."""
+    enabled: bool = True
+    """A link of two panoramas takes some four seconds of processor."""
     matching: WideParams = field(default_factory=WideParams)
     dtm: FarDtmParams = field(default_factory=FarDtmParams)
     contour: FarContourParams = field(default_factory=FarContourParams)

@@ -9,7 +9,8 @@ of equal length in the frame of the rig,
     q = p_rig (f B / f_rig B_rig) Z
 
 predicts the parallax, B / B_rig times as uncertain as that of the rig. The right image is shifted
-by q, smoothed; what is left to find is small, whatever the base.
+by q, smoothed; what is left to find is small, whatever the base. Only the rows that show ground
+far enough for the base are resampled and matched.
 
 Where two views differ much, what is a point of interest in one is none in the other. So windows
 about the interest points of the left image are compared with every place within reach, by the
@@ -40,7 +41,12 @@ from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.least_squares import match_offsets
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.resampling import resample, shift_rows
-from solmap.photogrammetry.matching.stereo.dense import DenseMatches, DenseParams, match_about
+from solmap.photogrammetry.matching.stereo.dense import (
+    NORMALISATION_PX,
+    DenseMatches,
+    DenseParams,
+    match_about,
+)
 from solmap.photogrammetry.matching.stereo.interest_points import (
     FoerstnerParams,
     interest_points,
@@ -260,13 +266,16 @@ class _PredictedPair:
     ) -> _PredictedPair:
         frame = Frame(FrameKind.PAIR, (*left.lsl_from_rig.source.index, -1))
         geometry = epipolar_pair(left.camera, right.camera, left.size, right.size, LSL, frame)
+        predicted, known = predict_parallax(left, geometry, SMOOTHING_PX)
+        far = known & (predicted <= geometry.focal_px / params.nearest_bases)
+        rows = _rows_with(far)
+        geometry = _cut(geometry, rows)
         grey_l, mask_l = resample(left.image, left.mask, left.camera, geometry, Eye.LEFT)
         grey_r, mask_r = resample(right.image, right.mask, right.camera, geometry, Eye.RIGHT)
-        predicted, known = predict_parallax(left, geometry, SMOOTHING_PX)
-        mask_l &= known & (predicted <= geometry.focal_px / params.nearest_bases)
-        images = EpipolarImages(geometry, grey_l, mask_l, grey_r, mask_r)
+        images = EpipolarImages(geometry, grey_l, mask_l & far[rows], grey_r, mask_r)
         ratio = geometry.focal_px * geometry.base_m / (left.rig.focal_px * left.rig.base_m)
-        return cls(images, predicted, ratio, int(np.ceil(params.bar_error_px * ratio)))
+        search = int(np.ceil(params.bar_error_px * ratio))
+        return cls(images, predicted[rows], ratio, search)
 
     def measure(self) -> MeasuredOffsets:
         """Offsets between the left image and the right one shifted by the prediction."""
@@ -284,6 +293,21 @@ class _PredictedPair:
         partner = self.predicted[y, there.clip(0, self.images.geometry.samples - 1)]
         rows = replace(found, parallax_px=found.parallax_px + partner)
         return MeasuredOffsets(rows, self.predicted[y, x].astype(np.float64), self.bar_ratio)
+
+
+def _rows_with(far: Mask) -> slice:
+    """The rows that show far ground, and what windows about them reach."""
+    rows = np.flatnonzero(far.any(axis=1))
+    if not len(rows):
+        raise MatchingError("the wide pair shows no ground that is far enough for its base")
+    return slice(max(0, int(rows[0]) - NORMALISATION_PX), int(rows[-1]) + 1 + NORMALISATION_PX)
+
+
+def _cut(geometry: EpipolarPair, rows: slice) -> EpipolarPair:
+    """The geometry of some rows of its images."""
+    across, down = geometry.centre_px
+    lines = min(rows.stop, geometry.lines) - rows.start
+    return replace(geometry, centre_px=(across, down - rows.start), lines=lines)
 
 
 def predict_parallax(

@@ -124,8 +124,9 @@ class FarDtmParams(DtmParams):
     """Four Navcam pixels at 200 m; sixteen cells of a stop's model, so that both maps nest."""
     max_relative_sigma: ShareAboveZero = 0.1
     """A base of 10 m reaches ten percent beyond a kilometre: the radius ends the map before."""
-    radius_m: Metres = 400.0
-    """Where errors in range have grown to a twentieth with a base of 10 m (docs/benchmarks.md)."""
+    radius_m: Metres = 500.0
+    """As far as the paper looks with two stops (section 5): errors in range are a twentieth there
+    with a base of 10 m (docs/benchmarks.md)."""
     max_spike_px: Pixels = 5.0
     """Parallax changes by B / h a line, seven pixels with 10 m: by far more than with a bar."""
     max_gap_m: Metres = 8.0

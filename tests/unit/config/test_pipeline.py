@@ -14,8 +14,9 @@ def test_every_shipped_pipeline_can_be_loaded():
         assert isinstance(load_pipeline(name), PipelineConfig)
 
 
-def test_far_ground_is_mapped_where_a_pipeline_wants_it(tmp_path):
-    assert not load_pipeline("default").wide.enabled
+def test_far_ground_is_mapped_unless_a_pipeline_is_for_a_first_look(tmp_path):
+    assert load_pipeline("default").wide.enabled
+    assert not load_pipeline("quicklook").wide.enabled
     file = tmp_path / "far.toml"
     file.write_text(
         "[wide]\nenabled = true\n[wide.dtm]\ncell_m = 1.28\n"
