@@ -36,9 +36,6 @@ RECIPE_NAMES: dict[str, RecipeNames] = {
     ),
     "QualityParams": RecipeNames(constants={"fewest_in_cell": 5, "grid_cells": 8}),
     "AlignmentParams": RecipeNames(constants={"first_scale": 64.0, "rounds": 14}),
-    "BirdsEyeParams": RecipeNames(
-        constants={"azimuth_step": 0.0087, "relief_waves_m": [0.2, 1.0], "separation_m": 1.5}
-    ),
     "CandidateParams": RecipeNames(
         "Candidates",
         constants={
@@ -59,26 +56,12 @@ RECIPE_NAMES: dict[str, RecipeNames] = {
     "DenseParams": RecipeNames(constants={"normalisation_px": 31}),
     "EditPoint": RecipeNames("HandPoint"),
     "EditRequest": RecipeNames("HandTie"),
-    "FeatureParams": RecipeNames("WideBaselineParams", constants={"seen_share": 0.7}),
     "FoerstnerParams": RecipeNames(constants={"separation_px": 3}),
     "GroundMatchingParams": RecipeNames(constants={"blur_cells": 0.7, "first_sigma_px": 0.1}),
-    "HypothesisParams": RecipeNames(
-        constants={"clear": 1.5, "least_level": 3.0, "same_azimuth": 0.026, "same_m": 0.75}
-    ),
     "LeastSquaresParams": RecipeNames(constants={"furthest_px": 1.5, "settled_px": 0.005}),
     "MonoParams": RecipeNames(constants={"least_base_m": 0.01, "relief_px": 4}),
     "OrientationParams": RecipeNames(constants={"fewest_points": 30}),
     "RefinementParams": RecipeNames(constants={"furthest_px": 1.5, "texture_px": 5}),
-    "RockParams": RecipeNames(
-        constants={
-            "above_sigmas": 2.5,
-            "depth_share": 0.25,
-            "edge_px": 1.0,
-            "ground_wave_m": 1.2,
-            "least_pixels": 12,
-            "parallax_sigma_px": 0.3,
-        }
-    ),
     "SparseParams": RecipeNames(
         constants={"relief": {"": "ReliefParams", "neighbours": 25, "own_weight": 0.15}}
     ),
@@ -106,7 +89,6 @@ RECIPE_NAMES: dict[str, RecipeNames] = {
         }
     ),
     "VerificationParams": RecipeNames(constants={"curve_points": 31, "neighbours": 12}),
-    "VotingParams": RecipeNames(constants={"separation_m": 1.5}),
     "WideParams": RecipeNames(
         constants={
             "search": {

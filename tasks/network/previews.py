@@ -29,7 +29,6 @@ from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.reports.matching_figures import (
     FigureImage,
     caption,
-    draw_features,
     draw_overlay,
     draw_pair,
     draw_sheet,
@@ -46,8 +45,8 @@ MAX_WIDTH = 1536
 LEVEL = 3
 """Of compression: 6 takes more than twice as long for one percent of the size."""
 FROM_ABOVE = (
-    "from above, north up: earlier stop in red, later in cyan, grey where they agree; "
-    "then earlier and later beside each other, lines between features that agree"
+    "relief, then grey values, from above, north up: earlier stop in red, later in cyan, grey "
+    "where they agree"
 )
 
 
@@ -101,7 +100,7 @@ def write_link_preview(
     if link.fit is None:
         above = np.zeros((16, MAX_WIDTH, 3), np.uint8)  # no place was found to lay them over
     else:
-        above = _from_above(earlier, later, link.fit, params)
+        above = _from_above(earlier, later, link.fit)
     pairs = [pair for views in (earlier, later) for pair in views.stop.pairs]
     alignment = params.trials.alignment
     share = misfits(
@@ -112,16 +111,14 @@ def write_link_preview(
     write_preview(path, np.vstack([*heads, _stack(above, sheet)]))
 
 
-def _from_above(
-    earlier: StopViews, later: StopViews, fit: PlaneFit, params: CrossSiteParams
-) -> Picture:
-    """Two stops from above, laid over each other, and side by side with features that agree."""
-    views = (earlier.birds_eye, later.birds_eye)
-    over = draw_overlay(*views, fit)
-    beside = draw_features(*views, fit, params.birds_eye, params.hypotheses.wide_baseline)
-    size = (beside.shape[0], beside.shape[0])
-    over = cv2.resize(over, size, interpolation=cv2.INTER_NEAREST)
-    return np.hstack([over, beside])[:, :, ::-1]
+ENLARGED = 3
+"""Picture elements to a cell from above, along either axis."""
+
+
+def _from_above(earlier: StopViews, later: StopViews, fit: PlaneFit) -> Picture:
+    """Two stops from above, laid over each other."""
+    over = draw_overlay(earlier.birds_eye, later.birds_eye, fit)
+    return over.repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)[:, :, ::-1]
 
 
 def _geometries(pairs: Iterable[MatchedPair]) -> dict[str, EpipolarPair]:

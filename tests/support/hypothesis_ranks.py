@@ -1,31 +1,64 @@
-"""How often each way finds where a stop stands: `python -m tests.support.hypothesis_ranks`.
+"""How often the search finds where a stop stands: `python -m tests.support.hypothesis_ranks`.
 
-For every two stops of a simulated world up to 50 m apart and those of `rendered_husband`, each way
-of `find_hypotheses` is asked on its own. A hypothesis is right within 0.5 m and 1 degree of the
-truth.
+Every two stops of a simulated world up to 50 m apart and those of `rendered_husband` are searched
+with telemetry off by 10, 30 and 100 % of the way, under the suns of their worlds and with the later
+stop's grey values negated: worse than the opposite sun, for what is dark in itself turns as well. A
+hypothesis is right within 0.5 m and 1 degree of the truth. Then come pairs of stops of different
+worlds, with no ground in common: what peaks chance comes to.
 """
 
 import time
 from collections import defaultdict
-from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
-from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit
-from solmap.photogrammetry.matching.cross_site.gate import search_gate
-from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
-from solmap.photogrammetry.matching.cross_site.hypotheses.search import FINDERS, find_hypotheses
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.cross_site.birds_eye import (
+    BirdsEyeView,
+    PlaneFit,
+    draw_birds_eye,
+)
+from solmap.photogrammetry.matching.cross_site.gate import search_stages
+from solmap.photogrammetry.matching.cross_site.hypotheses.search import (
+    Hypotheses,
+    find_hypotheses,
+)
 from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams
+from solmap.photogrammetry.matching.records import MatchedStop
 from tests.support.husband_stops import HUSBAND, husband_stop
-from tests.support.simulated_stops import ROOT, SimulatedStop
-from tests.support.site_pairs import Views, positive_pairs, stops_of
+from tests.support.simulated_stops import ROOT, SimulatedStop, WorldOfStops, simulated_stop
+from tests.support.site_pairs import SitePair, matched_stops, negative_pairs, positive_pairs
 
 RIGHT_M, RIGHT = 0.5, np.deg2rad(1.0)
-CLASSES_M = (15.0, 25.0, 35.0, 50.0)
-ALL = "together"
+CLASSES_M = (15.0, 25.0, 35.0, 40.0, 50.0)
+SLIPS = (0.1, 0.3, 1.0)
+PARAMS = CrossSiteParams()
 
 
-def rank(fits: Sequence[PlaneFit], one: SimulatedStop, other: SimulatedStop) -> int | None:
+@cache
+def drawn(which: WorldOfStops, number: int) -> tuple[SimulatedStop, BirdsEyeView]:
+    """A stop without its pairs, and its view from above."""
+    if which == HUSBAND:
+        stop = husband_stop(ROOT / ".cache" / "rendered_husband", number)
+    else:
+        stop = simulated_stop(which, number)
+    (view,) = draw_birds_eye(stop.matched, PARAMS.birds_eye, (PARAMS.birds_eye.cell_m,))
+    return replace(stop, matched=replace(stop.matched, pairs=())), view
+
+
+def slipped(one: SimulatedStop, other: SimulatedStop, slip: float, way: float) -> MatchedStop:
+    """The later stop as told by telemetry that is off by a share of the way, to some side."""
+    told = other.matched.lsl_from_rover
+    here = one.matched.lsl_from_rover
+    true = here.translation_m + here.rotation @ (one.true.inverse @ other.true).translation_m
+    off_m = slip * float(np.hypot(*(true - here.translation_m)[:2]))
+    off = off_m * np.array([np.cos(way), np.sin(way), 0.0])
+    return other.told_at(Pose(told.target, told.source, told.rotation, true + off))
+
+
+def rank(fits: list[PlaneFit], one: SimulatedStop, other: SimulatedStop) -> int | None:
     """Which of some fits is the first that is right."""
     level, later = (s.matched.lsl_from_rover.rotation for s in (one, other))
     true = one.true.inverse @ other.true
@@ -38,45 +71,45 @@ def rank(fits: Sequence[PlaneFit], one: SimulatedStop, other: SimulatedStop) -> 
     return None
 
 
-def asked(
-    one: StopViews, other: StopViews, params: CrossSiteParams
-) -> dict[str, tuple[list[PlaneFit], float]]:
-    """What every way finds, and all together, each with its CPU seconds."""
-    gate, _ = search_gate(one.stop, other.stop, params.gate)
-    found = {}
-    for way, find in FINDERS.items():
-        started = time.process_time()
-        fits = find(one, other, gate, params.birds_eye, params.hypotheses)
-        found[way] = (fits, time.process_time() - started)
+def searched(
+    one: MatchedStop, other: MatchedStop, views: tuple[BirdsEyeView, BirdsEyeView]
+) -> tuple[Hypotheses, float]:
+    """What is found, and the CPU seconds it took."""
     started = time.process_time()
-    best = find_hypotheses(one, other, gate, params.birds_eye, params.hypotheses)
-    found[ALL] = ([h.fit for h in best], time.process_time() - started)
-    return found
+    stages = search_stages(one, other, PARAMS.gate, PARAMS.birds_eye.radius_m)
+    found = find_hypotheses(*views, stages, PARAMS.birds_eye, PARAMS.verdict.least_z)
+    return found, time.process_time() - started
 
 
 def main() -> None:
-    """Ask all ways about all pairs, and print how often they are right at once and among three."""
-    params = CrossSiteParams()
-    views = Views(params)
-    husband = [husband_stop(ROOT / ".cache" / "rendered_husband", k) for k in range(3)]
-    every = [(HUSBAND.terrain, husband[a], husband[b]) for a, b in ((0, 1), (1, 2), (0, 2))]
-    rows: dict[tuple[str, float, str], list[tuple[int | None, float]]] = defaultdict(list)
-    for name, one, other in every + [("simulated", *stops_of(p)) for p in positive_pairs()]:
-        apart_m = np.hypot(*(other.true.translation_m - one.true.translation_m)[:2])
+    """Search all pairs, and print how often the first and one of those tried are right."""
+    husband = [SitePair((HUSBAND, a), (HUSBAND, b)) for a, b in ((0, 1), (1, 2), (0, 2))]
+    rows: dict[tuple[str, float, float], list[tuple[int | None, float, float]]] = defaultdict(list)
+    for n, pair in enumerate([*husband, *positive_pairs()]):
+        (one, first), (other, second) = drawn(*pair.earlier), drawn(*pair.later)
+        apart_m = float(np.hypot(*(other.true.translation_m - one.true.translation_m)[:2]))
         limit_m = CLASSES_M[int(np.searchsorted(CLASSES_M, apart_m))]
-        first, second = views.of(one.matched), views.of(other.matched)
-        for way, (fits, seconds) in asked(first, second, params).items():
-            place = rank(fits, one, other)
-            rows[name, limit_m, way].append((place, seconds))
-            print(one.stop, other.stop, f"{apart_m:.0f} m", way, place, flush=True)  # noqa: T201
-    for (name, limit_m, way), ranks in sorted(rows.items()):
-        first_of = sum(place == 0 for place, _ in ranks)
-        third_of = sum(place is not None and place < 3 for place, _ in ranks)
-        seconds = np.mean([s for _, s in ranks])
+        for light, later in (("own", second), ("negated", replace(second, grey=-second.grey))):
+            for k, slip in enumerate(SLIPS):
+                told = slipped(one, other, slip, 2.4 * (3 * n + k))  # the golden angle
+                found, seconds = searched(one.matched, told, (first, later))
+                place = rank(found.fits, one, other)
+                rows[light, slip, limit_m].append((place, found.highest, seconds))
+                print(pair.name, f"{apart_m:.0f} m", light, slip, place, f"{found.highest:.1f}")  # noqa: T201
+    for (light, slip, limit_m), ranks in sorted(rows.items()):
+        first_of = sum(place == 0 for place, _, _ in ranks)
+        tried_of = sum(place is not None for place, _, _ in ranks)
         print(  # noqa: T201 - a table is what this makes
-            f"{name:9} to {limit_m:2.0f} m {way:11}: first {first_of}, among three {third_of} "
-            f"of {len(ranks)}, {seconds:.1f} s"
+            f"{light:7} slip {slip:4.0%} to {limit_m:2.0f} m: first {first_of}, tried {tried_of} of "
+            f"{len(ranks)}, z from {min(z for _, z, _ in ranks):.1f}, "
+            f"{np.mean([s for _, _, s in ranks]):.1f} s"
         )
+    chance = []
+    for pair in negative_pairs():
+        (one, first), (other, second) = drawn(*pair.earlier), drawn(*pair.later)
+        found, _ = searched(*matched_stops(pair, one, other), (first, second))
+        chance.append(found.highest)
+    print(f"foreign: {len(chance)} pairs, z at most {max(chance):.1f}")  # noqa: T201
 
 
 if __name__ == "__main__":

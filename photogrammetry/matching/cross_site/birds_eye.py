@@ -3,13 +3,15 @@
 Seen from above, the ground keeps its scale and its shape whatever the stop it was looked at from
 (the idea of Landform, arXiv 2509.18330, and of the orthophoto tool of Di et al. 2008, section 3.1).
 Every pixel of the dense parallax is triangulated and dropped into a cell of the level plane of the
-stop: axes of the LSL as telemetry has them, origin at the rover. Two channels are kept,
+stop: axes of the LSL as telemetry has them, origin at the rover. A view has three channels,
 
-    grey     mean grey value: albedo and shading, changes with the sun,
-    relief   mean elevation, band-passed: tilt of the surface, the same under every sun,
+    grey     mean grey value between neighbouring cells: albedo and shading, changes with the sun,
+    relief   mean elevation, of waves between two and twelve cells: rocks, ripples,
+    detail   the same between neighbouring cells: stones,
 
-each made free of brightness, contrast and long waves by subtracting and dividing by a Gaussian
-neighbourhood.
+each made free of brightness, contrast and slope by subtracting and dividing by a Gaussian
+neighbourhood. The elevation is the same under every sun, and the shorter its waves, the more
+independent places the common ground has and the narrower is the peak of its correlation.
 """
 
 from __future__ import annotations
@@ -29,12 +31,9 @@ CLIP = 3.0
 """Channels are clipped here, in local standard deviations: rocks and shadows must not rule."""
 
 
-RELIEF_WAVES_M = (0.2, 1.0)
-"""Relief between these wavelengths: rocks and ripples; slopes move with errors of the tilt."""
-
-
-AZIMUTH_STEP = 0.0087
-"""Radians (0.5 degrees): moves the ground by a cell at 18 m."""
+DETAIL, RELIEF = (0.3, 2.0), (1.25, 6.0)
+"""Standard deviations, in cells, of the two means whose difference a channel is. Longer waves move
+with errors of the tilt."""
 
 
 SEPARATION_M = 1.5
@@ -51,16 +50,15 @@ class BirdsEyeParams:
     """Of the elevations that patches of ground are drawn over."""
     radius_m: Metres = 30.0
     """Beyond it a Navcam's range is off by a metre and more."""
-    grey_wave_m: Metres = 1.0
     min_overlap_m2: SquareMetres = 40.0
-    peaks: Few = 5
-    """Handed on; the lower ones, which are wrong, show what chance can do."""
+    peaks: Few = 4
+    """Hypotheses of where the later stop stands, tried one by one."""
 
     def __post_init__(self) -> None:
-        if not (0 < self.cell_m < self.grey_wave_m and self.radius_m > self.grey_wave_m):
+        if not 0 < 2 * RELIEF[1] * self.cell_m < self.radius_m:
             raise MatchingError(
-                f"a bird's-eye view needs cell < wave < radius, not {self.cell_m}, "
-                f"{self.grey_wave_m} and {self.radius_m} m"
+                f"a bird's-eye view needs cells far smaller than its radius, not {self.cell_m} and "
+                f"{self.radius_m} m"
             )
         if 2 * self.radius_m > MOST_SIDE * min(self.cell_m, self.surface_cell_m):
             raise MatchingError(
@@ -77,6 +75,23 @@ class BirdsEyeView:
     grey: Raster
     elevation: Raster
     """Metres above the rover origin."""
+
+    @property
+    def halved(self) -> BirdsEyeView:
+        """The view with cells twice as wide."""
+        grey, elevation = (_mean_of_four(raster) for raster in (self.grey, self.elevation))
+        return BirdsEyeView(2 * self.cell_m, grey, elevation)
+
+
+def _mean_of_four(raster: Raster) -> Float32[np.ndarray, "half_rows half_cols"]:
+    """The mean of what was seen in every square of four cells; the rover stays central."""
+    half = raster.shape[0] // 4 * 2
+    middle = raster.shape[0] // 2
+    inner = raster[middle - half : middle + half, middle - half : middle + half]
+    quarters = inner.reshape(half, 2, half, 2)
+    seen = np.isfinite(quarters).sum(axis=(1, 3), dtype=np.float32)
+    with np.errstate(invalid="ignore"):
+        return (np.nansum(quarters, axis=(1, 3)) / seen).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,6 +117,14 @@ class SearchGate:
     reach_m: float
     """Largest horizontal distance from there."""
     azimuth_reach: float
+    azimuth: float = 0.0
+    """In the middle, radians."""
+
+    def holds(self, fit: PlaneFit) -> bool:
+        """Whether a fit lies in the gate."""
+        away_m = float(np.hypot(fit.north_m - self.north_m, fit.east_m - self.east_m))
+        turned = abs(fit.azimuth - self.azimuth)
+        return away_m <= self.reach_m and turned <= self.azimuth_reach
 
 
 def draw_birds_eye(
@@ -170,13 +193,16 @@ class Channel:
     weight: Float32[np.ndarray, "rows cols"]
 
 
-def channels(view: BirdsEyeView, params: BirdsEyeParams) -> tuple[Channel, Channel]:
-    """(grey, relief) of a view, over the same cells."""
-    fine, coarse = (wave / view.cell_m for wave in RELIEF_WAVES_M)
-    grey = band_pass(view.grey, 0.8, params.grey_wave_m / view.cell_m)
-    relief = band_pass(view.elevation, fine, coarse)
-    weight = grey.weight * relief.weight
-    return Channel(grey.value * weight, weight), Channel(relief.value * weight, weight)
+def channels(view: BirdsEyeView) -> tuple[Channel, Channel, Channel]:
+    """(grey, relief, detail) of a view, over the same cells."""
+    every = [
+        band_pass(view.grey, *DETAIL),
+        band_pass(view.elevation, *RELIEF),
+        band_pass(view.elevation, *DETAIL),
+    ]
+    weight = every[0].weight * every[1].weight * every[2].weight
+    grey, relief, detail = (Channel(c.value * weight, weight) for c in every)
+    return grey, relief, detail
 
 
 def band_pass(raster: Raster, fine: float, coarse: float) -> Channel:

@@ -65,8 +65,37 @@ class GateParams:
             )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchStage:
+    """A gate that is searched, and the prior covariance of the pose in it."""
+
+    gate: SearchGate
+    prior: PoseCovariance
+
+
+WIDENED = (1.0, 4.0, 16.0)
+"""Times its usual uncertainty that telemetry of the place is off: as a rule, where wheels spin
+(four times 24 % of the drive is all of it), and wherever there is common ground. The heading, which
+gravity and the sun keep, opens as the square root."""
+
+
+def search_stages(
+    earlier: MatchedStop, later: MatchedStop, params: GateParams, radius_m: float
+) -> list[SearchStage]:
+    """The gates to be searched one after the other; views show the ground to `radius_m`."""
+    stages = []
+    for widened in WIDENED:
+        gate, prior = search_gate(earlier, later, params, widened)
+        apart_m = float(np.hypot(gate.north_m, gate.east_m))
+        if gate.reach_m > 2 * radius_m:  # stops farther apart than that share no ground
+            gate = SearchGate(0.0, 0.0, 2 * radius_m, gate.azimuth_reach)
+        if apart_m - gate.reach_m < 2 * radius_m:
+            stages.append(SearchStage(gate, prior))
+    return stages
+
+
 def search_gate(
-    earlier: MatchedStop, later: MatchedStop, params: GateParams
+    earlier: MatchedStop, later: MatchedStop, params: GateParams, widened: float = 1.0
 ) -> tuple[SearchGate, PoseCovariance]:
     """Where the later rover can stand, and the prior covariance of the pose between both.
 
@@ -79,6 +108,8 @@ def search_gate(
     position = params.slip_sigma * distance_m + params.position_sigma_m
     least = np.array([params.tilt_sigma] * 2 + [params.azimuth_sigma] + [position] * 3) ** 2
     variance = np.maximum(growth, least)
+    variance[2] *= widened
+    variance[3:] *= widened**2
     gate = SearchGate(
         float(step[0]),
         float(step[1]),

@@ -50,11 +50,10 @@ from solmap.photogrammetry.matching.cross_site.gate import (
     PoseCovariance,
     level_pose,
     pose_from_fit,
-    search_gate,
+    search_stages,
 )
 from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
 from solmap.photogrammetry.matching.cross_site.hypotheses.search import (
-    HypothesisParams,
     find_hypotheses,
 )
 from solmap.photogrammetry.matching.cross_site.image_matching import (
@@ -113,7 +112,6 @@ class CrossSiteParams:
 
     gate: GateParams = field(default_factory=GateParams)
     birds_eye: BirdsEyeParams = field(default_factory=BirdsEyeParams)
-    hypotheses: HypothesisParams = field(default_factory=HypothesisParams)
     trials: TrialParams = field(default_factory=TrialParams)
     by_shape: SurfaceTieParams = field(default_factory=SurfaceTieParams)
     verdict: VerdictParams = field(default_factory=VerdictParams)
@@ -130,18 +128,18 @@ def tie_cross_site(
         s if isinstance(s, StopViews) else StopViews.of(s, params.birds_eye)
         for s in (earlier, later)
     )
-    gate, prior = search_gate(one.stop, other.stop, params.gate)
-    apart_m = distance_m(one, other)
-    if apart_m - gate.reach_m > 2 * params.birds_eye.radius_m:
+    stages = search_stages(one.stop, other.stop, params.gate, params.birds_eye.radius_m)
+    if not stages:
+        apart_m = distance_m(one, other)
         return refused_link(one, other, f"{apart_m:.0f} m apart, no common ground in reach")
-    found = find_hypotheses(one, other, gate, params.birds_eye, params.hypotheses)
-    fits = [hypothesis.fit for hypothesis in found]
+    views, least_z = (one.birds_eye, other.birds_eye), params.verdict.least_z
+    found = find_hypotheses(*views, stages, params.birds_eye, least_z)
+    fits, gate = found.fits, found.gate
     if not fits:
         return refused_link(one, other, "the bird's-eye views share too little ground")
-    highest = max(fit.z for fit in fits)
-    if highest < params.verdict.least_z:
-        return refused_link(one, other, f"no peak stands out (z = {highest:.1f})", fits[0])
-    trials = Trials(one, other, prior, params.trials)
+    if found.highest < least_z:
+        return refused_link(one, other, f"no peak stands out (z = {found.highest:.1f})", fits[0])
+    trials = Trials(one, other, found.prior, params.trials)
     tried = [trials.try_fit(fit) for fit in fits]
     best = trials.settle(_best(tried, params.trials.separation_m))
     if best.agreeing < params.verdict.least_ties:

@@ -1,14 +1,19 @@
 """The search of one bird's-eye view in another, over position and azimuth.
 
-The later view is turned through every azimuth and correlated with the earlier one at every shift by
-masked normalised cross-correlation in the frequency domain (Padfield 2012). Over the n cells that
-both views have seen,
+The later view is turned through every azimuth and correlated with the earlier one at every shift in
+the frequency domain. Channels have a mean of zero and a variance of one around every cell, so over
+the n cells that both views have seen
 
-    c = (sum(a b) - sum(a) sum(b) / n) / sqrt(variances of a and b over the same cells).
+    q = sum(a b) / sqrt(n)
 
-By chance c scatters as 1/sqrt(n); z = c sqrt(n), divided by its own robust scatter over all shifts,
-says how far a peak stands out, whatever the overlap. The z of the two channels are averaged as
-independent.
+scatters by chance as widely whatever the overlap; on ground that repeats itself, as ripples do, it
+scatters more. Hence z: q over the scatter that it has at all shifts nearby, so that a peak stands
+out from what is usual there. The z of relief and detail, which do not depend on the sun, are added
+as independent and brought to their own scatter, z_h; then
+
+    z = max(z_h, (z_h + z_grey) / sqrt(2)),
+
+grey values count where they agree with the heights and do no harm where they do not.
 """
 
 from __future__ import annotations
@@ -21,11 +26,9 @@ import cv2
 import numpy as np
 from scipy import fft
 
-from solmap.photogrammetry.arrays import Float, Float32, Raster
+from solmap.photogrammetry.arrays import Float, Float32, Mask, Raster
 from solmap.photogrammetry.matching.cross_site.birds_eye import (
-    AZIMUTH_STEP,
     SEPARATION_M,
-    BirdsEyeParams,
     BirdsEyeView,
     Channel,
     PlaneFit,
@@ -35,28 +38,25 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import (
 )
 from solmap.photogrammetry.robust import robust_sigma
 
+STEP_RADIUS_M = 18.0
+"""From one azimuth to the next the ground moves by a cell at this distance."""
+
 LEAST_REACH_M = 4.0
 """What correlates by chance is judged by shifts of this much at least, wherever the gate ends."""
 
+AROUND_M = 8.0
+"""Side of the square of shifts that tells how q scatters nearby."""
+
+CAP = 3.0
+"""In that scatter q counts as so many standard deviations at most: a peak must not hide itself."""
+
+LEAST_SCATTER = 0.5
+"""Of q nearby, as a share of that of all shifts."""
+
+Framed: TypeAlias = Float32[np.ndarray, "frame_rows frame_cols"]
+
 Spectrum: TypeAlias = np.ndarray
 """Half of a real picture's discrete Fourier transform, complex."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Spectra:
-    """Fourier transforms of a channel's value, its square and its weight."""
-
-    value: Spectrum
-    square: Spectrum
-    weight: Spectrum
-
-    @classmethod
-    def of(
-        cls, channel: Channel, shape: tuple[int, int], weight: Spectrum | None = None
-    ) -> Spectra:
-        """Transforms over `shape`; channels over the same cells share that of the weight."""
-        value, square = (fft.rfft2(k, shape) for k in (channel.value, channel.value**2))
-        return cls(value, square, fft.rfft2(channel.weight, shape) if weight is None else weight)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ class _Frame:
     def of(cls, size: int, cell_m: float, gate: SearchGate) -> _Frame:
         """The frame of a gate between views of size x size cells."""
         start = (-round(gate.north_m / cell_m), round(gate.east_m / cell_m))
-        reach = int(np.ceil(max(gate.reach_m, LEAST_REACH_M) / cell_m)) + 1
+        reach = int(np.ceil(max(gate.reach_m + SEPARATION_M, LEAST_REACH_M) / cell_m)) + 1
         first = [max(0, s - reach) - reach for s in start]
         end = [min(size, size + s + reach) + reach for s in start]
         rows, cols = (
@@ -86,101 +86,109 @@ class _Frame:
         )
         return cls(start, reach, (first[0], first[1]), (rows, cols))
 
-    def place_earlier(self, channel: Channel) -> Channel:
-        """The earlier view's channel in the frame, nothing in the margin."""
-        size, margin = channel.value.shape[0], self.reach
+    def place_earlier(self, raster: Raster) -> Framed:
+        """A raster of the earlier view in the frame, nothing in the margin."""
+        size, margin = raster.shape[0], self.reach
         lows = [max(0, f + margin) for f in self.first]
         highs = [min(size, f + n - margin) for f, n in zip(self.first, self.shape, strict=True)]
         there = tuple(slice(low, max(low, high)) for low, high in zip(lows, highs, strict=True))
         here = tuple(
             slice(part.start - f, part.stop - f) for part, f in zip(there, self.first, strict=True)
         )
-        parts = []
-        for part in (channel.value, channel.weight):
-            drawn = np.zeros(self.shape, np.float32)
-            drawn[here] = part[there]
-            parts.append(drawn)
-        return Channel(*parts)
+        drawn = np.zeros(self.shape, np.float32)
+        drawn[here] = raster[there]
+        return drawn
 
-    def place_later(self, channel: Channel, azimuth: float) -> Channel:
-        """The later view's channel turned clockwise about its rover and put at the start."""
-        size = channel.value.shape[0]
+    def place_later(self, raster: Raster, azimuth: float) -> Framed:
+        """A raster of the later view turned clockwise about its rover and put at the start."""
+        size = raster.shape[0]
         turn = cv2.getRotationMatrix2D(((size - 1) / 2,) * 2, -float(np.degrees(azimuth)), 1.0)
         turn[:, 2] += self.start[1] - self.first[1], self.start[0] - self.first[0]
-        shape = self.shape[::-1]
-        value, weight = (cv2.warpAffine(p, turn, shape) for p in (channel.value, channel.weight))
-        weight = (weight > 0.99).astype(np.float32)  # noqa: PLR2004 - whole cells only
-        return Channel((value * weight).astype(np.float32), weight)
+        return cv2.warpAffine(raster, turn, self.shape[::-1]).astype(np.float32)
+
+
+def azimuth_step(view: BirdsEyeView) -> float:
+    """Radians between the azimuths that are tried."""
+    return view.cell_m / STEP_RADIUS_M
 
 
 def correlate_views(
-    earlier: BirdsEyeView, later: BirdsEyeView, gate: SearchGate, params: BirdsEyeParams
+    earlier: BirdsEyeView,
+    later: BirdsEyeView,
+    gate: SearchGate,
+    most: int,
+    min_overlap_m2: float,
 ) -> list[PlaneFit]:
-    """The best places of the later view on the earlier one inside the gate, best first."""
-    cell_m = params.cell_m
+    """The best places of the later view on the earlier one, best first.
+
+    The rim of the gate is searched as well: what is highest there belongs to a peak outside.
+    """
+    cell_m = earlier.cell_m
     frame = _Frame.of(earlier.grey.shape[0], cell_m, gate)
-    fixed = _spectra([frame.place_earlier(c) for c in channels(earlier, params)], frame)
-    moving = channels(later, params)
-    steps = int(np.ceil(gate.azimuth_reach / AZIMUTH_STEP))
-    azimuths = np.arange(-steps, steps + 1) * AZIMUTH_STEP
-    surfaces = [
-        _surfaces(
-            fixed, _spectra([frame.place_later(c, float(a)) for c in moving], frame), frame, params
-        )
-        for a in azimuths
-    ]
-    z = _significance(np.stack([s[0] for s in surfaces], axis=1))
+    fixed = [fft.rfft2(frame.place_earlier(raster)) for raster in _rasters(channels(earlier))]
+    moving = _rasters(channels(later))
+    step = azimuth_step(earlier)
+    steps = int(np.ceil(gate.azimuth_reach / step)) + 1
+    azimuths = gate.azimuth + np.arange(-steps, steps + 1) * step
+    least_cells, around = min_overlap_m2 / cell_m**2, round(AROUND_M / cell_m)
+    maps = []
+    for azimuth in azimuths:
+        turned = [fft.rfft2(frame.place_later(raster, float(azimuth))) for raster in moving]
+        maps.append(_correlate(fixed, turned, frame, least_cells, around))
+    z, common = (np.stack(part) for part in zip(*maps, strict=True))
     lags = np.arange(-frame.reach, frame.reach + 1)
     norths, easts = -(frame.start[0] + lags) * cell_m, (frame.start[1] + lags) * cell_m
     distance = np.hypot(norths[:, None] - gate.north_m, easts[None, :] - gate.east_m)
-    z[:, distance > gate.reach_m] = -np.inf
-    fits = []
-    for _ in range(params.peaks):
-        k, i, j = np.unravel_index(int(np.argmax(z)), z.shape)
+    z[:, distance > gate.reach_m + SEPARATION_M] = -np.inf
+    fits: list[PlaneFit] = []
+    while len(fits) < most:
+        k, i, j = (int(at) for at in np.unravel_index(int(np.argmax(z)), z.shape))
         if not z[k, i, j] > 0:
             break
-        di, dj = _vertex(z[k], int(i), int(j))
+        di, dj = _vertex(z[k], i, j)
         north, east = float(norths[i] - di * cell_m), float(easts[j] + dj * cell_m)
-        azimuth = float(azimuths[k] + AZIMUTH_STEP * _vertex_1d(z[:, i, j], int(k)))
-        down = _drop(earlier, later, azimuth, north, east)
-        overlap = float(surfaces[k][1][i, j]) * cell_m**2
-        fits.append(PlaneFit(azimuth, north, east, down, float(z[k, i, j]), overlap))
+        turn = float(azimuths[k] + step * _vertex_1d(z[:, i, j], k))
+        down = _drop(earlier, later, turn, north, east)
+        overlap_m2 = float(common[k, i, j]) * cell_m**2
+        fits.append(PlaneFit(turn, north, east, down, float(z[k, i, j]), overlap_m2))
         near = np.hypot(norths[:, None] - north, easts[None, :] - east) < SEPARATION_M
         z[:, near] = -np.inf
     return fits
 
 
-def _spectra(both: Sequence[Channel], frame: _Frame) -> tuple[Spectra, ...]:
-    """The spectra of channels that share their cells."""
-    weight = fft.rfft2(both[0].weight, frame.shape)
-    return tuple(Spectra.of(channel, frame.shape, weight) for channel in both)
+def _rasters(every: Sequence[Channel]) -> list[Raster]:
+    """The weight that channels share, then their values."""
+    return [every[0].weight, *(channel.value for channel in every)]
 
 
-def _surfaces(
-    fixed: Sequence[Spectra], moving: Sequence[Spectra], frame: _Frame, params: BirdsEyeParams
-) -> tuple[Float32[np.ndarray, "channels lags lags"], Raster]:
-    """(c sqrt(n) of every channel, n) at every shift, at one azimuth; NaN with too few cells."""
-    cols = frame.shape[1]
-    common = np.maximum(lagged_products(fixed[0].weight, moving[0].weight, frame.reach, cols), 1.0)
-    scaled = [
-        correlation_coefficient(one, other, common, frame.reach, cols) * np.sqrt(common)
+def _correlate(
+    fixed: Sequence[Spectrum],
+    moving: Sequence[Spectrum],
+    frame: _Frame,
+    least_cells: float,
+    around: int,
+) -> tuple[Raster, Raster]:
+    """(z, cells that both views have seen) at every shift, at one azimuth."""
+    common, *sums = (
+        lagged_products(one, other, frame.reach, frame.shape[1])
         for one, other in zip(fixed, moving, strict=True)
-    ]
-    enough = common * params.cell_m**2 > params.min_overlap_m2
-    return np.where(enough, scaled, np.nan).astype(np.float32), common.astype(np.float32)
+    )
+    known = common > least_cells
+    root = np.sqrt(np.maximum(common, 1.0))
+    grey, relief, detail = (standing_out(total / root, known, around) for total in sums)
+    heights = standing_out(relief + detail, known, around)
+    return np.maximum(heights, (heights + grey) / np.float32(np.sqrt(2))), common
 
 
-def _significance(
-    scaled: Float32[np.ndarray, "channels azimuths lags lags"],
-) -> Float32[np.ndarray, "azimuths lags lags"]:
-    """z: all channels as independent, each over its robust scatter; 0 where there is none."""
-    total = np.zeros(scaled.shape[1:], np.float32)
-    for channel in scaled:
-        known = np.isfinite(channel)
-        if known.any():
-            scatter = robust_sigma(channel[known])
-            total += np.nan_to_num(channel) / np.float32(max(scatter, 1e-9) * len(scaled) ** 0.5)
-    return total
+def standing_out(q: Raster, known: Mask, around: int) -> Raster:
+    """The sums over their scatter in squares `around` cells wide; 0 where it is not known."""
+    if not known.any():
+        return np.zeros_like(q)
+    z = np.where(known, q / max(robust_sigma(q[known]), 1e-9), 0).astype(np.float32)
+    square = np.minimum(z * z, np.float32(CAP**2))
+    power, share = (cv2.blur(what, (around, around)) for what in (square, known.astype(np.float32)))
+    variance = np.maximum(power / np.maximum(share, 1e-6), LEAST_SCATTER**2)
+    return (z / np.sqrt(variance)).astype(np.float32)
 
 
 def _vertex_1d(values: Float[np.ndarray, " n"], at: int) -> float:
@@ -215,20 +223,3 @@ def lagged_products(
     every = fft.irfft2(a * np.conj(b), (a.shape[0], cols))
     lags = np.arange(-reach, reach + 1)
     return every[np.ix_(lags, lags)]
-
-
-def correlation_coefficient(
-    one: Spectra, other: Spectra, common: Float[np.ndarray, "lags lags"], reach: int, cols: int
-) -> Float[np.ndarray, "lags lags"]:
-    """Correlation coefficient over the common cells at every lag."""
-    pairs = (
-        (one.value, other.value),
-        (one.value, other.weight),
-        (one.weight, other.value),
-        (one.square, other.weight),
-        (one.weight, other.square),
-    )
-    ab, a, b, aa, bb = (lagged_products(*pair, reach, cols) for pair in pairs)
-    variance_a = np.maximum(aa - a**2 / common, 1e-3)
-    variance_b = np.maximum(bb - b**2 / common, 1e-3)
-    return (ab - a * b / common) / np.sqrt(variance_a * variance_b)

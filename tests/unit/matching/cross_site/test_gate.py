@@ -12,6 +12,7 @@ from solmap.photogrammetry.matching.cross_site.gate import (
     link_candidates,
     pose_from_fit,
     search_gate,
+    search_stages,
 )
 from solmap.photogrammetry.matching.records import MatchedStop
 
@@ -36,6 +37,24 @@ def test_a_covariance_that_grows_more_than_a_drive_explains_opens_the_gate():
     )
     assert gate.reach_m == pytest.approx(3 * np.sqrt(9.0 - 1.0))
     assert np.sqrt(prior[4, 4]) == pytest.approx(np.sqrt(8.0))
+
+
+def test_the_gate_widens_to_a_drive_that_went_nowhere_and_then_to_all_common_ground():
+    params = GateParams()
+    stages = search_stages(stop(0, (0, 0, 0)), stop(1, (0, 38, 0)), params, 30.0)
+    narrow, spinning, anywhere = (stage.gate for stage in stages)
+    assert narrow.reach_m == pytest.approx(3 * (0.08 * 38 + 0.3))
+    assert spinning.reach_m > 38.0
+    assert spinning.azimuth_reach == pytest.approx(2 * narrow.azimuth_reach)
+    assert (anywhere.north_m, anywhere.east_m, anywhere.reach_m) == (0.0, 0.0, 60.0)
+    sigmas = [np.sqrt(stage.prior[4, 4]) for stage in stages]
+    assert sigmas == pytest.approx([sigmas[0], 4 * sigmas[0], 16 * sigmas[0]])
+
+
+def test_stops_without_common_ground_in_the_narrow_gate_are_searched_in_wider_ones():
+    far = search_stages(stop(0, (0, 0, 0)), stop(1, (0, 90, 0)), GateParams(), 30.0)
+    assert len(far) == 2
+    assert np.hypot(far[0].gate.north_m, far[0].gate.east_m) < 60.0 + far[0].gate.reach_m
 
 
 def test_the_prior_is_turned_into_the_axes_of_the_earlier_rover():

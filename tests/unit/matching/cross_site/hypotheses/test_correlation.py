@@ -14,10 +14,9 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import (
     draw_birds_eye,
 )
 from solmap.photogrammetry.matching.cross_site.hypotheses.correlation import (
-    Spectra,
     correlate_views,
-    correlation_coefficient,
     lagged_products,
+    standing_out,
 )
 from solmap.products.reports.matching_figures import draw_overlay
 
@@ -29,8 +28,8 @@ def seen_from(rng_seed, north=0.0, east=0.0, azimuth=0.0, lift=0.0):
     """A round view of one endless ground from a place, its north turned by `azimuth`."""
     rng = np.random.default_rng(rng_seed)
     size = 400
-    grey = ndimage.gaussian_filter(rng.normal(size=(size, size)), 1.5)
-    relief = ndimage.gaussian_filter(rng.normal(size=(size, size)), 2.0)
+    grey = ndimage.gaussian_filter(rng.normal(size=(size, size)), 1.0)
+    relief = ndimage.gaussian_filter(rng.normal(size=(size, size)), 1.0)
     row, col = np.mgrid[:CELLS, :CELLS]
     n = ((CELLS - 1) / 2 - row) * PARAMS.cell_m
     e = (col - (CELLS - 1) / 2) * PARAMS.cell_m
@@ -44,59 +43,102 @@ def seen_from(rng_seed, north=0.0, east=0.0, azimuth=0.0, lift=0.0):
     return BirdsEyeView(PARAMS.cell_m, views[0], views[1] + np.float32(lift))
 
 
+def places(earlier, later, *gate, most=PARAMS.peaks):
+    return correlate_views(earlier, later, SearchGate(*gate), most, PARAMS.min_overlap_m2)
+
+
 def test_the_search_finds_shift_azimuth_and_drop():
     earlier = seen_from(1)
     later = seen_from(1, north=4.0, east=-3.1, azimuth=0.03, lift=0.5)
-    best = correlate_views(earlier, later, SearchGate(3.5, -2.5, 2.0, 0.06), PARAMS)[0]
+    best = places(earlier, later, 3.5, -2.5, 2.0, 0.06)[0]
     assert best.north_m == pytest.approx(4.0, abs=0.08)  # half a cell
     assert best.east_m == pytest.approx(-3.1, abs=0.08)
     assert best.azimuth == pytest.approx(0.03, abs=0.005)
     assert best.down_m == pytest.approx(0.5, abs=0.1)
-    assert best.z > 8
+    assert best.z > 20
 
 
-def test_the_search_does_not_need_the_grey_values_to_agree():
+def test_the_middle_of_the_gate_may_be_turned():
+    later = seen_from(1, north=4.0, east=-3.0, azimuth=0.30)
+    best = places(seen_from(1), later, 3.5, -2.5, 2.0, 0.03, 0.31)[0]
+    assert best.azimuth == pytest.approx(0.30, abs=0.005)
+
+
+@pytest.mark.parametrize("light", ["another", "opposite", "none"])
+def test_heights_find_the_place_whatever_the_light(light):
+    earlier, later = seen_from(1), seen_from(1, north=4.0, east=-3.0)
+    under = {
+        "another": seen_from(5, north=4.0, east=-3.0).grey,
+        "opposite": -later.grey,
+        "none": np.zeros_like(later.grey),
+    }
+    other_sun = replace(later, grey=under[light])
+    best, *wrong = places(earlier, other_sun, 3.5, -2.5, 2.0, 0.02)
+    assert np.hypot(best.north_m - 4.0, best.east_m + 3.0) < 0.2
+    assert best.z > 20
+    assert best.z > 3 * wrong[0].z
+
+
+def test_grey_values_that_agree_let_the_peak_stand_out_more():
     earlier, later = seen_from(1), seen_from(1, north=4.0, east=-3.0)
     other_sun = replace(later, grey=seen_from(5, north=4.0, east=-3.0).grey)
-    best = correlate_views(earlier, other_sun, SearchGate(3.5, -2.5, 2.0, 0.02), PARAMS)[0]
-    assert np.hypot(best.north_m - 4.0, best.east_m + 3.0) < 0.2
+    same, other = (places(earlier, k, 3.5, -2.5, 2.0, 0.02)[0].z for k in (later, other_sun))
+    assert same > 1.2 * other
 
 
 def test_no_peak_stands_out_where_the_ground_is_another():
     earlier, later = seen_from(1), seen_from(2, north=4.0, east=-3.0)
-    best = correlate_views(earlier, later, SearchGate(3.5, -2.5, 2.0, 0.03), PARAMS)[0]
-    assert best.z < 5
+    assert places(earlier, later, 3.5, -2.5, 2.0, 0.03)[0].z < 5
 
 
-def test_peaks_lie_inside_the_gate_and_apart():
-    fits = correlate_views(seen_from(1), seen_from(2), SearchGate(3.0, 1.0, 2.0, 0.02), PARAMS)
+def test_what_is_usual_on_ground_that_repeats_itself_does_not_stand_out():
+    rng = np.random.default_rng(3)
+    row, col = np.mgrid[:101, :101]
+    ripples = 5 * np.cos(2 * np.pi * row / 6) * (col < 50)
+    q = (ripples + rng.normal(size=row.shape)).astype(np.float32)
+    z = standing_out(q, np.ones_like(q, bool), 25)
+    assert np.abs(z[:, :40]).max() < 3
+    assert z[:, :40].std() == pytest.approx(z[:, 60:].std(), rel=0.2)
+
+
+def test_peaks_lie_inside_the_gate_or_on_its_rim_and_apart():
+    fits = places(seen_from(1), seen_from(2), 3.0, 1.0, 2.0, 0.02)
     assert len(fits) == PARAMS.peaks
     for k, fit in enumerate(fits):
-        assert np.hypot(fit.north_m - 3.0, fit.east_m - 1.0) < 2.0 + PARAMS.cell_m
+        away_m = np.hypot(fit.north_m - 3.0, fit.east_m - 1.0)
+        assert away_m < 2.0 + SEPARATION_M + PARAMS.cell_m
         for other in fits[:k]:
             apart = np.hypot(fit.north_m - other.north_m, fit.east_m - other.east_m)
             assert apart > SEPARATION_M - PARAMS.cell_m
 
 
 def test_views_that_hardly_overlap_have_no_peak():
-    assert (
-        correlate_views(seen_from(1), seen_from(1), SearchGate(21.5, 0.0, 0.3, 0.01), PARAMS) == []
-    )
+    assert places(seen_from(1), seen_from(1), 21.5, 0.0, 0.3, 0.01) == []
 
 
-def test_masked_correlation_is_the_coefficient_over_the_common_cells():
-    one, _ = channels(seen_from(3), PARAMS)
-    other, _ = channels(seen_from(4), PARAMS)
+def test_products_are_summed_over_the_common_cells():
+    one, other = channels(seen_from(3))[1], channels(seen_from(4))[1]
     rows, cols = (fft.next_fast_len(n + 6, real=True) for n in one.value.shape)
-    both_spectra = [Spectra.of(channel, (rows, cols)) for channel in (one, other)]
-    common = lagged_products(*(s.weight for s in both_spectra), 6, cols)
-    coefficient = correlation_coefficient(*both_spectra, np.maximum(common, 1.0), 6, cols)
+    weights, values = (
+        [fft.rfft2(raster, (rows, cols)) for raster in both]
+        for both in ((one.weight, other.weight), (one.value, other.value))
+    )
     i, j = 4, -3  # other moved four rows down and three columns left
     moved, weight = (np.roll(v, (i, j), (0, 1)) for v in (other.value, other.weight))
-    both = (one.weight > 0) & (weight > 0)
-    assert common[6 + i, 6 + j] == pytest.approx(both.sum())
-    expected = np.corrcoef(one.value[both], moved[both])[0, 1]
-    assert coefficient[6 + i, 6 + j] == pytest.approx(expected, abs=1e-4)  # float32 channels
+    common, total = (lagged_products(*both, 6, cols)[6 + i, 6 + j] for both in (weights, values))
+    assert common == pytest.approx((one.weight * weight).sum())
+    assert total == pytest.approx((one.value * moved).sum(), abs=0.5)  # float32
+
+
+def test_a_halved_view_shows_the_same_ground():
+    view = seen_from(1)
+    halved = view.halved
+    assert halved.cell_m == 2 * view.cell_m
+    row, col = 20, 50
+    half, middle = halved.grey.shape[0] / 2 - 0.5, (CELLS - 1) / 2
+    at_row, at_col = (int(middle + 2 * (k - half) - 0.5) for k in (row, col))
+    mean = view.elevation[at_row : at_row + 2, at_col : at_col + 2].mean()
+    assert halved.elevation[row, col] == pytest.approx(mean, abs=1e-6)
 
 
 def test_a_birds_eye_view_shows_the_ground_where_it_is(first_stop):
@@ -114,12 +156,12 @@ def test_a_birds_eye_view_shows_the_ground_where_it_is(first_stop):
 
 def test_the_overlay_is_grey_where_both_views_agree():
     view = seen_from(1)
-    fit = correlate_views(view, view, SearchGate(0.0, 0.0, 1.0, 0.01), PARAMS)[0]
+    fit = places(view, view, 0.0, 0.0, 1.0, 0.01)[0]
     picture = draw_overlay(view, view, fit).astype(int)
     shown = picture.any(axis=2)
     assert np.abs(picture[shown][:, 0] - picture[shown][:, 1]).mean() < 10
 
 
-def test_a_view_with_cells_wider_than_its_waves_is_refused():
-    with pytest.raises(MatchingError, match="cell < wave < radius"):
-        BirdsEyeParams(cell_m=2.0)
+def test_a_view_of_few_cells_is_refused():
+    with pytest.raises(MatchingError, match="cells far smaller than its radius"):
+        BirdsEyeParams(cell_m=3.0)
