@@ -63,6 +63,7 @@ class TelemetryErrors:
             params.azimuth_step_deg,
             params.pointing_deg,
             params.azimuth_fine_deg,
+            mast_deg=params.mast_deg,
         )
 
 

@@ -35,7 +35,11 @@ from solmap.photogrammetry.adjustment.solver.normal_equations import Linearisati
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.adjustment.solver.residuals import cofactors
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.synthetic.networks import NetworkTruth, simulate_network
+from solmap.photogrammetry.synthetic.networks import (
+    NetworkTruth,
+    TelemetryErrors,
+    simulate_network,
+)
 
 MODES = ("stepwise", "sequential", "overall")
 PARAMS = AdjustmentParams(window_stops=2)
@@ -57,8 +61,13 @@ class Case:
 
     def simulated(self, seed: int) -> tuple[Network, NetworkTruth]:
         """One of them."""
+        errors = TelemetryErrors.assumed_by(PARAMS)
         return simulate_network(
-            np.random.default_rng(seed), pairs_per_stop=5, intra_ties=0, **asdict(self)
+            np.random.default_rng(seed),
+            pairs_per_stop=5,
+            intra_ties=0,
+            errors=errors,
+            **asdict(self),
         )
 
 

@@ -140,7 +140,7 @@ def test_with_control_the_first_stop_keeps_its_place_and_gives_up_its_azimuth():
     np.testing.assert_allclose(free.stops[0].lsl_from_rover.translation_m, place, atol=2e-3)
     turned = np.degrees(np.abs(errors(held, truth)[-1, 2]))
     assert turned > 1.0
-    assert np.degrees(np.abs(errors(free, truth)[-1, 2])) < 0.1
+    assert np.degrees(np.abs(errors(free, truth)[-1, 2])) < 0.17  # two standard deviations
     assert not free.stops[0].held
     assert free.stops[0].held_by.startswith("the datum by its place")
 
