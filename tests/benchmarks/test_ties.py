@@ -13,7 +13,7 @@ from solmap.photogrammetry.matching.cross_site.linking import (
 )
 from solmap.photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
 from solmap.photogrammetry.matching.records import MatchedStop
-from tests.support.husband_stops import matched_pairs
+from tests.support.rendered_stops import matched_pairs
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, tie_cross_site
 from solmap.photogrammetry.matching.cross_site.links import VerdictParams
-from tests.support.husband_stops import HUSBAND, husband_stop
+from tests.support.rendered_stops import HUSBAND, rendered_stop
 from tests.support.simulated_stops import ROOT, SimulatedStop
 from tests.support.site_pairs import (
     FIRST_SEED,
@@ -75,7 +75,7 @@ def main() -> None:
 
 @lru_cache(maxsize=3)
 def _husband(number: int) -> SimulatedStop:
-    return husband_stop(ROOT / ".cache" / "rendered_husband", number)
+    return rendered_stop(ROOT / ".cache" / "rendered_husband", number)
 
 
 def _stops(pair: SitePair) -> tuple[SimulatedStop, SimulatedStop]:

@@ -27,7 +27,7 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.search import (
 )
 from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams
 from solmap.photogrammetry.matching.records import MatchedStop
-from tests.support.husband_stops import HUSBAND, husband_stop
+from tests.support.rendered_stops import HUSBAND, rendered_stop
 from tests.support.simulated_stops import ROOT, SimulatedStop, WorldOfStops, simulated_stop
 from tests.support.site_pairs import SitePair, matched_stops, negative_pairs, positive_pairs
 
@@ -41,7 +41,7 @@ PARAMS = CrossSiteParams()
 def drawn(which: WorldOfStops, number: int) -> tuple[SimulatedStop, BirdsEyeView]:
     """A stop without its pairs, and its view from above."""
     if which == HUSBAND:
-        stop = husband_stop(ROOT / ".cache" / "rendered_husband", number)
+        stop = rendered_stop(ROOT / ".cache" / "rendered_husband", number)
     else:
         stop = simulated_stop(which, number)
     (view,) = draw_birds_eye(stop.matched, PARAMS.birds_eye, (PARAMS.birds_eye.cell_m,))
@@ -100,8 +100,8 @@ def main() -> None:
         first_of = sum(place == 0 for place, _, _ in ranks)
         tried_of = sum(place is not None for place, _, _ in ranks)
         print(  # noqa: T201 - a table is what this makes
-            f"{light:7} slip {slip:4.0%} to {limit_m:2.0f} m: first {first_of}, tried {tried_of} of "
-            f"{len(ranks)}, z from {min(z for _, z, _ in ranks):.1f}, "
+            f"{light:7} slip {slip:4.0%} to {limit_m:2.0f} m: first {first_of}, tried {tried_of} "
+            f"of {len(ranks)}, z from {min(z for _, z, _ in ranks):.1f}, "
             f"{np.mean([s for _, _, s in ranks]):.1f} s"
         )
     chance = []

@@ -1,6 +1,6 @@
 """Networks of stops put together in memory, adjusted as a whole, and held against the truth.
 
-    python -m tests.support.stop_networks husband plains61 hills62
+    python -m tests.support.stop_networks husband plains61 .cache/worlds/opposite
 
 ties every stop and every two that follow each other, adjusts them together and prints for each stop
 its error, what is stated, and the squared error in units of the stated covariance over its 6
@@ -11,6 +11,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -32,12 +33,12 @@ from solmap.photogrammetry.matching.inter_stereo import InterStereoParams, tie_i
 from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 from solmap.photogrammetry.synthetic.rig import T_PMA_M
-from tests.support.husband_stops import husband_stop
+from tests.support.rendered_stops import rendered_stops
 from tests.support.simulated_stops import ROOT, SimulatedStop, WorldOfStops, simulated_stop
 from tests.support.site_pairs import FAR, NEAR, TERRAINS
 
-HUSBAND_MAST_M = (0.42, 0.0, -1.4)
-"""The mast head in the labels of `rendered_husband`."""
+RENDERED_MAST_M = (0.42, 0.0, -1.4)
+"""The mast head in the labels of rendered worlds."""
 STOPS = 3
 LAST_NEAR = 63
 
@@ -89,7 +90,7 @@ def network_of(stops: Sequence[SimulatedStop], *, by_shape: bool = True) -> Netw
     params = CrossSiteParams(by_shape=SurfaceTieParams(enabled=by_shape))
     views = [StopViews.of(stop.matched, params.birds_eye) for stop in stops]
     ties += [tie_cross_site(*two, params).ties for two in pairwise(views)]
-    mast = HUSBAND_MAST_M if stops[0].world.terrain == "husband" else T_PMA_M
+    mast = T_PMA_M if stops[0].world.terrain in TERRAINS else RENDERED_MAST_M
     return Network(
         tuple(
             StopPrior(stop.stop, stop.matched.lsl_from_rover if k else stop.true)
@@ -120,10 +121,10 @@ def judged(
 
 
 def stops_of_world(name: str) -> list[SimulatedStop]:
-    """The first stops of a world: `husband`, or a terrain with a seed."""
-    if name == "husband":
-        folder = ROOT / ".cache" / "rendered_husband"
-        return [husband_stop(folder, number) for number in range(STOPS)]
+    """The first stops of a world: `husband`, another rendered one's folder, or terrain and seed."""
+    folder = ROOT / ".cache" / "rendered_husband" if name == "husband" else Path(name)
+    if folder.is_dir():
+        return rendered_stops(folder)
     terrain = next(kind for kind in TERRAINS if name.startswith(kind))
     seed = int(name.removeprefix(terrain))
     world = WorldOfStops(terrain, NEAR if seed <= LAST_NEAR else FAR, seed)

@@ -17,7 +17,7 @@ from solmap.photogrammetry.synthetic.terrain import TERRAINS
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.truth import true_parallax
 from tests.support import simulated_stops
-from tests.support.husband_stops import husband_stop
+from tests.support.rendered_stops import rendered_stop
 
 pytestmark = pytest.mark.slow
 
@@ -115,7 +115,7 @@ def test_ties_are_where_the_truth_has_them(panorama, tied):
 
 @pytest.mark.parametrize(("number", "pancams"), [(0, 2), (1, 4), (2, 2)])
 def test_every_neighbour_in_the_rendered_panoramas_is_tied(husband, number, pancams):
-    stop = husband_stop(husband, number).matched
+    stop = rendered_stop(husband, number).matched
     counts = tie_inter_stereo(stop, InterStereoParams()).ties.counts()
     navcams = [pair for pair in stop.pairs if pair.instrument == "NAVCAM"]
     others = [pair for pair in stop.pairs if pair.instrument == "PANCAM"]
