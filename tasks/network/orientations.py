@@ -36,9 +36,10 @@ from solmap.products.formats.documents.network import (
     references_of_document,
 )
 from solmap.products.formats.documents.rig import RigProduct, read_rig
-from solmap.products.model import ProductKind, ProductRef, Recipe, Scope
+from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts
+from solmap.tasks.scopes import is_of_mission, sol_of
 from solmap.tasks.stage import stage
 
 
@@ -265,14 +266,20 @@ class Standing:
 
 def standing_of(network: ProductRef, workspace: Workspace) -> Standing | None:
     """A published network with the orientations that were chosen from it."""
-    orientations = _published(ProductKind.ORIENTATIONS, network.scope, workspace)
-    rig = _published(ProductKind.RIG, network.scope, workspace)
-    return Standing(network, orientations, rig) if orientations else None
+    kind = ProductKind.ORIENTATIONS
+    digest = workspace.catalogue.latest(network.scope.name, kind)
+    rig = latest_rig(network.scope.name.rpartition("-sol")[0], workspace, sol_of(network.scope))
+    return Standing(network, ProductRef(kind, network.scope, digest), rig) if digest else None
 
 
-def _published(kind: ProductKind, scope: Scope, workspace: Workspace) -> ProductRef | None:
-    digest = workspace.catalogue.latest(scope.name, kind)
-    return ProductRef(kind, scope, digest) if digest else None
+def latest_rig(mission: str, workspace: Workspace, sol: int | None = None) -> ProductRef | None:
+    """What was last known of a mission's stereo rigs, up to a sol if one is given."""
+    refs = [
+        ref
+        for ref in workspace.catalogue.pointers(ProductKind.RIG)
+        if is_of_mission(ref.scope, mission) and (sol is None or sol_of(ref.scope) <= sol)
+    ]
+    return max(refs, key=lambda ref: sol_of(ref.scope), default=None)
 
 
 def orient_pairs(pairs: list[PairProducts], mapped: MappedStop | None) -> tuple[OrientedPair, ...]:

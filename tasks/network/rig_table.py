@@ -32,7 +32,8 @@ from solmap.products.formats.documents.network import whole_network
 from solmap.products.formats.documents.rig import RigProduct, read_rig
 from solmap.products.model import ProductKind, ProductRef
 from solmap.tasks.images.telemetry import read_telemetry, vector_files
-from solmap.tasks.scopes import is_of_mission, pair_scope, sol_of
+from solmap.tasks.network.orientations import latest_rig
+from solmap.tasks.scopes import pair_scope
 
 COMPONENTS = ("rotation about x", "toe-in, about y", "rotation about z", "baseline")
 """Axes of the pair: x right along the baseline, y down, z forward."""
@@ -102,7 +103,8 @@ def rig_rows(
     network = read.network
     found = calibrate_rig(network, held_stops(network), read.instruments, params, read.adjusted)
     pairs = Counter(read.instruments.values())
-    rig = _latest_rig(mission, workspace)
+    ref = latest_rig(mission, workspace)
+    rig = read_rig(workspace.store.path(ref)) if ref else RigProduct()
     rotated = Counter(read.instruments[pair] for pair in read.rotated)
     return [
         RigRow(
@@ -127,17 +129,6 @@ def rig_rows(
             zip(one.values * SCALES, one.sigmas * SCALES, _parallax_px(one, read), strict=True)
         )
     ]
-
-
-def _latest_rig(mission: str, workspace: Workspace) -> RigProduct:
-    """What matching applied last; nothing where the mission was simulated without images."""
-    refs = [
-        ref
-        for ref in workspace.catalogue.pointers(ProductKind.RIG)
-        if is_of_mission(ref.scope, mission)
-    ]
-    last = max(refs, key=lambda ref: sol_of(ref.scope), default=None)
-    return read_rig(workspace.store.path(last)) if last else RigProduct()
 
 
 def _applied(rig: RigProduct, camera: str) -> tuple[list[float], list[float | None]]:

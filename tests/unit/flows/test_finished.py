@@ -30,7 +30,7 @@ def made(workspace, kind, scope=SCOPES[155], params=""):
 
 
 def a_report(workspace, **changes):
-    kinds = ProductKind.NETWORK, ProductKind.ORIENTATIONS
+    kinds = ProductKind.NETWORK, ProductKind.ORIENTATIONS, ProductKind.RIG
     standing = Standing(*(made(workspace, kind) for kind in kinds))
     report = SolReport("MER2", 155, standing, 1, ["converged"])
     report.published = (made(workspace, ProductKind.DTM, STOP),)
