@@ -78,11 +78,11 @@ class Correction:
         """Standard deviation of the rotation."""
         return float(np.degrees(np.sqrt(self.covariance[2, 2])))
 
-    def apply(self, points_m: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
+    def apply(self, points_m: Float64[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n 2"]:
         """Where points of the orbital image truly lie, (east, north)."""
         return (points_m - self.centre_m) @ self._enlarged.T + self.centre_m + self._shift
 
-    def apply_inverse(self, points_m: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
+    def apply_inverse(self, points_m: Float64[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n 2"]:
         """Where the orbital image puts what truly lies at points: `apply` undone."""
         back = np.linalg.inv(self._enlarged)
         return (points_m - self.centre_m - self._shift) @ back.T + self.centre_m

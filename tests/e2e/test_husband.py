@@ -5,11 +5,14 @@ stated covariances that are true, and ground of the held stop to half a centimet
 All of it is slow: whether a goal is held is told by `make test-all`, not by `make test`.
 """
 
+import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import rasterio
+from rasterio.transform import Affine
 
 from solmap.flows.cli.evaluation import evaluate_positions, evaluate_terrain, true_stops
 from solmap.flows.cli.tables import position_rows, product_rows
@@ -77,3 +80,31 @@ def test_ground_of_the_held_stop_is_neither_too_high_nor_too_low(store, husband,
     rows = evaluate_terrain(Workspace.open(store), husband / "truth")
     held = {tuple(row["range_m"]): row for row in rows if "site0010-drive0000" in row["stop"]}
     assert abs(held[range_m]["bias_m"]) <= limit_m, held[range_m]
+
+
+def test_a_mosaic_with_a_turned_georeference_makes_no_stop_worse(store, husband, judged, tmp_path):
+    """By 1.3 degrees and some metres; it turned every stop by a degree, the first one too."""
+    from solmap.flows.external_data import add_orbital  # noqa: PLC0415 - needs the engine's settings
+    from solmap.flows.overall import readjust  # noqa: PLC0415
+
+    with rasterio.open(husband / "orbital" / "orbital_image.tif") as dataset:
+        profile, values = dataset.profile, dataset.read()
+    off = Affine.translation(-5.5, 2.5) * Affine.rotation(1.3)
+    turned, controlled = tmp_path / "turned.tif", tmp_path / "store"
+    with rasterio.open(
+        turned, "w", **{**profile, "transform": off * profile["transform"]}
+    ) as image:
+        image.write(values)
+    shutil.copytree(store, controlled, ignore=shutil.ignore_patterns("prefect"))
+    said = add_orbital(turned, "MER2", controlled)
+    assert any("found on their own: 3 of 3 stops" in line for line in said), said
+    assert not readjust("MER2", controlled).failures
+    rows = evaluate_positions(
+        position_rows(Workspace.open(controlled)), true_stops(husband / "truth")
+    )
+    assert rows[0]["held_by"] == "held as the datum"
+    for row, without in zip(rows[1:], judged[1:], strict=True):
+        assert "control: its place in turned-tif" in row["held_by"]
+        assert row["percent"] < without["percent"] + 0.03
+        assert abs(row["azimuth_error_deg"]) < max(abs(without["azimuth_error_deg"]), 0.08)
+    assert 0.1 < np.mean([row["nees"] for row in rows[1:]]) < 2.8
