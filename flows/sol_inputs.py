@@ -279,4 +279,6 @@ def candidates(
     """The earlier stops that one is tried to be linked with."""
     earlier = {old.stop: old for old in stops[: stops.index(stop)]}
     poses = {name: old.lsl_from_rover for name, old in earlier.items()}
-    return [earlier[name] for name in link_candidates(stop.lsl_from_rover, poses, config.links)]
+    gate = config.cross_site.gate
+    near = link_candidates(stop.lsl_from_rover, poses, config.links, gate)
+    return [earlier[name] for name in near]

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -193,6 +194,7 @@ class Channel:
     weight: Float32[np.ndarray, "rows cols"]
 
 
+@lru_cache(maxsize=4)
 def channels(view: BirdsEyeView) -> tuple[Channel, Channel, Channel]:
     """(grey, relief, detail) of a view, over the same cells."""
     every = [

@@ -29,19 +29,6 @@ class LinkParams:
     """Nearest earlier stops tried for each new one: m-1, m-2 and revisits decide the drift."""
 
 
-def link_candidates(
-    lsl_from_rover: Pose, earlier: Mapping[StopId, Pose], params: LinkParams
-) -> list[StopId]:
-    """The earlier stops that one at `lsl_from_rover` may share ground with, nearest first."""
-    here = lsl_from_rover.translation_m[:2]
-    distances = sorted(
-        (float(np.linalg.norm(pose.translation_m[:2] - here)), stop)
-        for stop, pose in earlier.items()
-    )
-    near = [stop for distance_m, stop in distances if distance_m <= params.max_distance_m]
-    return near[: params.max_earlier]
-
-
 @dataclass(frozen=True, slots=True)
 class GateParams:
     """What telemetry leaves open between two stops, whatever it says of itself."""
@@ -63,6 +50,33 @@ class GateParams:
                 "a gate is as wide as telemetry is uncertain: its standard deviations are above "
                 "zero (`position_sigma_m`, `azimuth_sigma`, `tilt_sigma`, `sigmas`)"
             )
+
+    def usual_sigma_m(self, distance_m: float) -> float:
+        """Of the place of a stop so far from another by telemetry."""
+        return self.slip_sigma * distance_m + self.position_sigma_m
+
+
+def link_candidates(
+    lsl_from_rover: Pose,
+    earlier: Mapping[StopId, Pose],
+    params: LinkParams,
+    gate: GateParams,
+) -> list[StopId]:
+    """The earlier stops that one at `lsl_from_rover` may share ground with, nearest first.
+
+    A stop that telemetry may put too far away by its usual error is tried as well.
+    """
+    here = lsl_from_rover.translation_m[:2]
+    distances = sorted(
+        (float(np.linalg.norm(pose.translation_m[:2] - here)), stop)
+        for stop, pose in earlier.items()
+    )
+    near = [
+        stop
+        for distance_m, stop in distances
+        if distance_m - gate.sigmas * gate.usual_sigma_m(distance_m) <= params.max_distance_m
+    ]
+    return near[: params.max_earlier]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +119,7 @@ def search_gate(
     step = later.lsl_from_rover.translation_m - earlier.lsl_from_rover.translation_m
     distance_m = float(np.hypot(step[0], step[1]))
     growth = np.maximum(np.diag(later.covariance) - np.diag(earlier.covariance), 0.0)
-    position = params.slip_sigma * distance_m + params.position_sigma_m
+    position = params.usual_sigma_m(distance_m)
     least = np.array([params.tilt_sigma] * 2 + [params.azimuth_sigma] + [position] * 3) ** 2
     variance = np.maximum(growth, least)
     variance[2] *= widened

@@ -1,10 +1,10 @@
 """Link two stops: cross-site ties of the ground that both have seen, without manual input.
 
-1. Telemetry gives the position of the later rover in the frame of the earlier one, to some per cent
-   of the drive and a degree or two of azimuth (Di et al. 2008, section 1 and table 1). That is the
-   search gate (`gate`).
-2. Bird's-eye views of both stops are correlated over the gate, and landmarks on them vote for
-   places (`hypotheses`). The best are hypotheses of the horizontal pose; the drop follows from the
+1. Telemetry gives the position of the later rover in the frame of the earlier one, as a rule to
+   some per cent of the drive and a degree or two of azimuth (Di et al. 2008, section 1 and table
+   1). That is the search gate (`gate`), widened by stages where wheels spun.
+2. Bird's-eye views of both stops, heights first, are correlated over the gate until a peak stands
+   out (`hypotheses`). The best are hypotheses of the horizontal pose; the drop follows from the
    elevations of the common ground and the tilt from telemetry, which gravity holds to tenths of a
    degree.
 3. Under every hypothesis the sparse matches of each stop are predicted into the pairs of the other

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from solmap.photogrammetry.matching.cross_site.birds_eye import (
+    SEPARATION_M,
     BirdsEyeParams,
     BirdsEyeView,
     PlaneFit,
@@ -26,9 +27,6 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.correlation import (
     azimuth_step,
     correlate_views,
 )
-
-PLACES = 8
-"""Of a wide gate, searched again in the full views."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,14 +68,10 @@ def _search_wide(
 ) -> list[PlaneFit]:
     """The best places of a wide gate."""
     coarse = (earlier.halved, later.halved)
+    step = azimuth_step(coarse[0])
     fits: list[PlaneFit] = []
-    for place in correlate_views(*coarse, gate, PLACES, params.min_overlap_m2):
-        near = SearchGate(
-            place.north_m,
-            place.east_m,
-            coarse[0].cell_m,
-            azimuth_step(coarse[0]),
-            place.azimuth,
-        )
-        fits += correlate_views(earlier, later, near, 1, params.min_overlap_m2)
-    return sorted(fits, key=lambda fit: -fit.z)[: params.peaks]
+    for place in correlate_views(*coarse, gate, params.peaks, params.min_overlap_m2):
+        near = SearchGate(place.north_m, place.east_m, SEPARATION_M / 2, step, place.azimuth)
+        found = correlate_views(earlier, later, near, 1, params.min_overlap_m2)
+        fits += [fit for fit in found if near.holds(fit)]
+    return sorted(fits, key=lambda fit: -fit.z)
