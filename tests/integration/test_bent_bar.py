@@ -38,7 +38,7 @@ from solmap.tasks.images.pairs import resample_pair, turn_right_camera
 from solmap.tasks.network.match import pair_geometry, rows_of_pair
 from solmap.tasks.network.rig import pool_rig, turn_of_pair
 from solmap.tasks.scopes import pair_scope
-from tests.support.stop_networks import HUSBAND_MAST_M
+from tests.support.stop_networks import RENDERED_MAST_M
 
 BEND = np.array([0.6e-3, 0.1e-3, -0.5e-3])
 """Of the right camera in the frame of the pair, radians: 0.7 rows."""
@@ -200,7 +200,7 @@ def test_parallaxes_of_a_bent_bar_are_right_after_one_stop(husband, pooled):
     network = Network(
         (StopPrior(stop.id, matched.lsl_from_rover),),
         tuple(
-            PairGeometry(pair.pair_id, stop.id, pair.images.geometry, HUSBAND_MAST_M)
+            PairGeometry(pair.pair_id, stop.id, pair.images.geometry, RENDERED_MAST_M)
             for pair in matched.pairs
         ),
         build_tie_points([pair.matches for pair in matched.pairs], [ties], TrackParams()),
