@@ -66,8 +66,9 @@ class SemiGlobalParams:
 
     block_px: OddPixels = 5
     """Side of the block, odd: small, so that depth edges stay sharp; 3 to 11 by OpenCV."""
-    uniqueness_percent: Percent = 5
-    """By how much the best cost must win: 5 to 15 by OpenCV."""
+    uniqueness_percent: Percent = 25
+    """By how much the best cost must win. Of what OpenCV's 5 keeps beyond that, a tenth to two
+    fifths is wrong by more than 1 px: 6 to 70 times as much as of the rest (known truth)."""
     agreement_px: PixelsOrZero = 1.0
     """Largest difference between the parallax from left to right and from right to left."""
     smallest_surface_px: CountOrZero = 100
