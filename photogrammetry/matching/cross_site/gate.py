@@ -96,12 +96,16 @@ gravity and the sun keep, opens as the square root."""
 def search_stages(
     earlier: MatchedStop, later: MatchedStop, params: GateParams, radius_m: float
 ) -> list[SearchStage]:
-    """The gates to be searched one after the other; views show the ground to `radius_m`."""
+    """The gates to be searched one after the other; views show the ground to `radius_m`.
+
+    None where telemetry puts the stops so far apart that no error of it is believed to be as large:
+    farther than all ground that they could share and as much again.
+    """
     stages = []
     for widened in WIDENED:
         gate, prior = search_gate(earlier, later, params, widened)
         apart_m = float(np.hypot(gate.north_m, gate.east_m))
-        if gate.reach_m > 2 * radius_m:  # stops farther apart than that share no ground
+        if gate.reach_m > 2 * radius_m:  # farther apart they share no ground
             gate = SearchGate(0.0, 0.0, 2 * radius_m, gate.azimuth_reach)
         if apart_m - gate.reach_m < 2 * radius_m:
             stages.append(SearchStage(gate, prior))
