@@ -19,7 +19,8 @@ and of stop s, with N_-s and n_-s what all others say,
     C_s = [N_s + (N_-s^-1 + T)^-1]^-1
 
 P holds the priors. That of toe-in is the spread that the bar shows about the other two axes, since
-nothing bends it about one axis alone, and what calibrations on ground leave.
+nothing bends it about one axis alone, and what calibrations on ground leave. Camera sets on one bar
+share it, up to what they differ by about the other two.
 
 A correction is applied where it is significant, and kept until it is wrong by more than is known
 and than matters (`correction_to_apply`); what is left, C_s and the difference to what is applied,
@@ -48,6 +49,8 @@ SHARED_CELL_PX = 40.0
 """Side of a cell in which ties err alike: what is kept apart where the pairs of a stop are tied."""
 CALIBRATION_SIGMA_RAD = float(np.radians(0.005))
 """Standard deviation of toe-in as calibrated on ground: a tenth of a Navcam's pixel."""
+HAZARD_CAMERA = "HAZCAM"
+"""In the names of camera sets that are not on the mast's bar."""
 STANDS_OUT = 3.0
 """Standard deviations by which a rig must differ from its labels to be corrected."""
 NEGLIGIBLE_PX = 0.02
@@ -270,16 +273,33 @@ def _variance_between(stops: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
 def _prior(
     own: Mapping[str, Mapping[str, tuple[np.ndarray, np.ndarray]]], cameras: Sequence[str]
 ) -> np.ndarray:
-    """Weights of what is known beforehand: toe-in is about as large as the other rotations."""
-    sigma = prior_sigmas(len(cameras))
-    for k, camera in enumerate(cameras):
-        rows = [stop[camera] for stop in own.values() if camera in stop]
-        P = np.diag(sigma[UNKNOWNS * k : UNKNOWNS * k + 3] ** -2.0)
-        N, n = P + sum(N for N, _ in rows), sum((n for _, n in rows), np.zeros(3))
-        seen = np.linalg.solve(N, n)
-        bend = np.sqrt(np.mean(seen[::2] ** 2))
-        sigma[UNKNOWNS * k + 1] = np.hypot(CALIBRATION_SIGMA_RAD, bend)
-    return np.diag(sigma**-2.0)
+    """Weights of what is known beforehand.
+
+    Toe-in is about as large as the other rotations are, and what a bar does to one camera set of
+    the mast it does to the other, up to what the other rotations of the two differ by.
+    """
+    C = np.diag(prior_sigmas(len(cameras)) ** 2)
+    seen = np.array([_bend(one, own, C[:3, :3]) for one in cameras])
+    on_mast = np.array([HAZARD_CAMERA not in one for one in cameras])
+    for group in (on_mast, ~on_mast):
+        if not group.any():
+            continue
+        mean = seen[group].mean(axis=0)
+        at = UNKNOWNS * np.flatnonzero(group) + 1
+        alone = np.mean((seen[group] - mean) ** 2) + CALIBRATION_SIGMA_RAD**2
+        C[np.ix_(at, at)] = np.mean(mean**2) + alone * np.eye(len(at))
+    return np.linalg.inv(C)
+
+
+def _bend(
+    camera: str,
+    own: Mapping[str, Mapping[str, tuple[np.ndarray, np.ndarray]]],
+    C: np.ndarray,
+) -> np.ndarray:
+    """Rotation of a camera set about x and z by the rows of all stops, with toe-in left free."""
+    rows = [stop[camera] for stop in own.values() if camera in stop]
+    N, n = np.linalg.inv(C) + sum(N for N, _ in rows), sum((n for _, n in rows), np.zeros(3))
+    return np.linalg.solve(N, n)[::2]
 
 
 def _positive(N: np.ndarray, cameras: int) -> np.ndarray:
