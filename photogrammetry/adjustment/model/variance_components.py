@@ -27,9 +27,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.model.collinearity import Observations
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
-from solmap.photogrammetry.arrays import Float64
+from solmap.photogrammetry.arrays import Float64, Int32
 
 
 class Component(StrEnum):
@@ -143,7 +142,6 @@ class VarianceComponents:
             pointing_deg=f[Component.POINTING] * params.pointing_deg,
         )
 
-    def weigh(self, observations: Observations) -> Observations:
-        """Observations with the standard deviations of ties as estimated."""
-        factor = self.factors[TIES + observations.kind]
-        return replace(observations, weight=observations.weight / factor[:, None])
+    def of_ties(self, kind: Int32[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
+        """Factors of observations of ties by their kinds."""
+        return self.factors[TIES + kind]

@@ -59,7 +59,7 @@ from solmap.photogrammetry.adjustment.model.variance_components import (
 from solmap.photogrammetry.adjustment.solver.estimate import Outcome, Start, estimate
 from solmap.photogrammetry.adjustment.solver.marginal import Marginal
 from solmap.photogrammetry.adjustment.solver.results import adjusted_records
-from solmap.photogrammetry.adjustment.solver.scatter import scatter_of
+from solmap.photogrammetry.adjustment.solver.scatter import scatter_of, weigh
 from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.imagery import StopId, TieKind, TiePoints
@@ -104,7 +104,7 @@ def adjust_with_outcome(
     is_held = _held_mask(
         network, held, has_datum=inherited is not None or network.datum_is_observed
     )
-    observations = components.weigh(Observations.of(network))
+    observations = weigh(network, components)
     telemetry = Telemetry.of(network, params)
     known, is_known = _known_state(network, telemetry, observations, start)
     root = is_held if is_held.any() or inherited else np.arange(len(is_held)) == 0
@@ -151,7 +151,7 @@ def _with_components(
         if not outcome.solution.converged or shown.is_near(components, stated.sigma_freedoms):
             return outcome, replace(components, scatter=shown.scatter)
         components, params = shown, shown.apply(stated)
-        observations = components.weigh(Observations.of(network))
+        observations = weigh(network, components)
         again = outcome.start_with(observations, Telemetry.of(network, params))
         outcome = estimate(again, params)
     return outcome, components

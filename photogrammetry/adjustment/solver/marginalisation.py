@@ -41,6 +41,7 @@ from solmap.photogrammetry.adjustment.model.telemetry import (
 from solmap.photogrammetry.adjustment.solver.elimination import EliminatedTies
 from solmap.photogrammetry.adjustment.solver.estimate import Outcome
 from solmap.photogrammetry.adjustment.solver.marginal import Chart, Marginal
+from solmap.photogrammetry.adjustment.solver.scatter import weigh
 from solmap.photogrammetry.arrays import Bool, Float64
 
 _geqrf = get_lapack_funcs("geqrf", dtype=np.float64)
@@ -81,7 +82,7 @@ class SolvedNetwork:
             adjusted.mast.values,
         )
         return cls(
-            adjusted.components.weigh(Observations.of(network)),
+            weigh(network, adjusted.components),
             Telemetry.of(network, adjusted.components.apply(params)),
             np.array([stop.held for stop in poses], dtype=bool),
             state,

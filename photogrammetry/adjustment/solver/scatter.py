@@ -7,8 +7,12 @@ is far off is no sign that all are: a residual counts as one of `GROSS` standard
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from solmap.photogrammetry.adjustment.model.collinearity import Observations
+from solmap.photogrammetry.adjustment.model.network import Network
 from solmap.photogrammetry.adjustment.model.telemetry import (
     telemetry_misclosures,
     telemetry_partials,
@@ -27,6 +31,13 @@ from solmap.photogrammetry.arrays import Bool
 
 GROSS = 3.0
 """As far as this a single residual of telemetry tells of the others' size."""
+
+
+def weigh(network: Network, components: VarianceComponents) -> Observations:
+    """The observations of a network, with the standard deviations of ties as estimated."""
+    observations = Observations.of(network)
+    factors = components.of_ties(observations.kind)
+    return replace(observations, weight=observations.weight / factors[:, None])
 
 
 def scatter_of(
