@@ -189,6 +189,8 @@ def add_toe_in(ties: Ties, sigmas_px: Mapping[str, float]) -> Ties:
 def pooled_rotations(stops: Mapping[str, StopRig]) -> dict[str, dict[str, RigRotation]]:
     """The rotation of every camera set at every stop, by stop and camera set."""
     cameras = sorted({name for stop in stops.values() for name in stop.cameras})
+    if not cameras:
+        return {name: {} for name in stops}
     size, turns = UNKNOWNS * len(cameras), np.tile([True, True, True, False], len(cameras))
     own, variances = _rows_of_stops(stops, cameras)
     parts: dict[str, tuple[np.ndarray, np.ndarray]] = {}
