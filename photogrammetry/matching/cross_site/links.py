@@ -26,8 +26,9 @@ class VerdictParams:
 
     least_ties: Count = 20
     """The paper's example had 7, made by hand; 20 and more hold the drift (issue 4)."""
-    least_z: FactorOrZero = 6.0
-    """A gate holds some 10^5 independent places: chance comes to 4.8, and to 6 once in 5000."""
+    least_z: FactorOrZero = 6.5
+    """The widest gate holds some 10^6 independent places: chance comes to 5.2, and in one of 67
+    searches of stops without common ground to 6.2."""
     chance_factor: FactorFromOne = 2.0
     """A link needs so many times the ties that a wrong hypothesis found,"""
     chance_sigmas: FactorOrZero = 4.0

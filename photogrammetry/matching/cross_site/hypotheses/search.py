@@ -5,9 +5,9 @@ The gate is therefore searched first as narrow as telemetry usually deserves, an
 no peak stands out (`gate.search_stages`), until all places that share ground are exhausted.
 
 A gate holds 10^4 (first stage) to some 10^6 places (last) that know nothing of each other, so
-chance comes to a z of 4 to 5.2, and to 6 less than once in 500 even in the widest. Wide gates are
-searched in views with cells twice as wide, in an eighth of the time; the best places there are
-searched again in the full views, and it is these peaks that have to stand out.
+chance comes to a z of 4 to 5.2 (`links.VerdictParams.least_z`). Wide gates are searched in views
+with cells twice as wide, in an eighth of the time; the best places there are searched again in the
+full views, and it is these peaks that have to stand out.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from solmap.photogrammetry.matching.cross_site.gate import GateParams, search_st
 from solmap.photogrammetry.matching.cross_site.hypotheses.search import find_hypotheses
 
 BIRDS_EYE = BirdsEyeParams(radius_m=16.0)
-LEAST_Z = 6.0
+LEAST_Z = 6.5
 
 
 def found_between(one, other):
