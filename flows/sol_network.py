@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from solmap.flows.runtime.failures import keep_going, wait_for
 from solmap.flows.runtime.sol_report import SolReport
@@ -51,6 +52,7 @@ def adjust_stops(
         },
     )
     report.add_failures("tie", failed)
+    stops = {name: replace(stop, ties=ties.get(name)) for name, stop in stops.items()}
     links, links_failed = wait_for(
         f"sol {sol}: tie stops across sites",
         {

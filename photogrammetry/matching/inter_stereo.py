@@ -10,10 +10,11 @@ agree with all the other ties of its pair, and pointing agrees around the panora
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
+from scipy.spatial.transform import Rotation as ScipyRotation
 
 from solmap.photogrammetry.arrays import Flags, Float64, ImagePoints, Int32
 from solmap.photogrammetry.errors import MatchingError
@@ -33,7 +34,7 @@ from solmap.photogrammetry.matching.parallax_planes import (
     ParallaxPlanes,
     plane_homographies,
 )
-from solmap.photogrammetry.matching.records import MatchedStop, Ties, join_ties
+from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop, Ties, join_ties
 from solmap.photogrammetry.ranges import Count, Metres, WholePixels
 
 REACH_SIGMAS = 3.0
@@ -278,3 +279,29 @@ def _verify(
         for (first, second), n in looked.items()
     )
     return PairTies(stop.stop, kept, links, pointing, rms_px)
+
+
+def point_pairs(stop: MatchedStop, ties: Ties, params: AlignmentParams) -> MatchedStop:
+    """The stop with its pairs pointed as its inter-stereo ties tell: one rigid panorama.
+
+    What ties leave open, how all of them together are turned, stays as the labels have it.
+    """
+    if not len(ties):
+        return stop
+    geometries = {pair.pair_id: pair.images.geometry for pair in stop.pairs}
+    rest = Pose.identity(stop.stop.frame, stop.stop.frame)
+    pointing = align(ties, geometries, rest, None, params).pointing
+    return replace(
+        stop, pairs=tuple(_turned(pair, pointing.get(pair.pair_id)) for pair in stop.pairs)
+    )
+
+
+def _turned(pair: MatchedPair, pointing: Float64[np.ndarray, " 3"] | None) -> MatchedPair:
+    """A pair turned about its left camera by a rotation vector of its own frame."""
+    if pointing is None:
+        return pair
+    geometry, turn = pair.images.geometry, ScipyRotation.from_rotvec(pointing).as_matrix()
+    pose = geometry.rover_from_pair
+    pose = Pose(pose.target, pose.source, pose.rotation @ turn, pose.translation_m)
+    images = replace(pair.images, geometry=replace(geometry, rover_from_pair=pose))
+    return replace(pair, images=images)

@@ -19,10 +19,11 @@ from solmap.photogrammetry.matching.cross_site.links import SiteLink
 from solmap.photogrammetry.matching.inter_stereo import (
     InterStereoParams,
     PairTies,
+    point_pairs,
     tie_inter_stereo,
 )
 from solmap.photogrammetry.matching.records import MatchedStop
-from solmap.products.formats.documents.archives import finite, pose_document, write_ties
+from solmap.products.formats.documents.archives import finite, pose_document, read_ties, write_ties
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts, read_matched_stop
@@ -39,6 +40,8 @@ class StopProducts:
     pairs: tuple[PairProducts, ...]
     toe_in_sigmas: tuple[tuple[str, float], ...] = ()
     """Standard deviation of toe-in, radians, by camera set, where it matters to links."""
+    ties: ProductRef | None = None
+    """Inter-stereo ties, by which links point its pairs; None: as labelled."""
 
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
@@ -98,8 +101,10 @@ def link_stops(
 
     @cache
     def tie_sites() -> tuple[StopViews, StopViews, SiteLink]:
-        one = StopViews.of(_read_stop(earlier, earlier_telemetry, store), params.birds_eye)
-        other = StopViews.of(_read_stop(later, later_telemetry, store), params.birds_eye)
+        one, other = (
+            StopViews.of(_read_pointed(stop, telemetry, params, store), params.birds_eye)
+            for stop, telemetry in ((earlier, earlier_telemetry), (later, later_telemetry))
+        )
         return one, other, tie_cross_site(one, other, params)
 
     def write(path: Path) -> None:
@@ -110,6 +115,7 @@ def link_stops(
     poses = (TelemetryPose.of(earlier_telemetry), TelemetryPose.of(later_telemetry))
     scope = link_scope(earlier.stop, later.stop)
     inputs = (*earlier.inputs, *later.inputs)
+    inputs += tuple(stop.ties for stop in (earlier, later) if stop.ties)
     rigs = tuple(stop.toe_in_sigmas for stop in (earlier, later) if stop.toe_in_sigmas)
     links = store.make(Recipe(ProductKind.LINKS, scope, inputs, (params, *poses, *rigs)), write)
     store.make(
@@ -126,6 +132,16 @@ def link_scope(earlier: StopId, later: StopId) -> Scope:
 
 def _read_stop(stop: StopProducts, telemetry: StopPrior, store: ProductStore) -> MatchedStop:
     return read_matched_stop(telemetry, np.zeros((6, 6)), stop.pairs, store)
+
+
+def _read_pointed(
+    stop: StopProducts, telemetry: StopPrior, params: CrossSiteParams, store: ProductStore
+) -> MatchedStop:
+    """A stop with its pairs pointed as its inter-stereo ties tell."""
+    matched = _read_stop(stop, telemetry, store)
+    if stop.ties is None:
+        return matched
+    return point_pairs(matched, read_ties(store.path(stop.ties))[0], params.trials.alignment)
 
 
 def _toe_in_px(matched: MatchedStop, stop: StopProducts) -> dict[str, float]:

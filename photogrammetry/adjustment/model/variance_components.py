@@ -47,6 +47,8 @@ class Component(StrEnum):
 COMPONENTS = tuple(Component)
 TIES = COMPONENTS.index(Component.INTER_STEREO)
 """Ties are the components from here on, as `Observations.kind` numbers them."""
+BY_SHAPE = COMPONENTS.index(Component.SURFACE_MATCHED)
+"""What these share is stated in all of their coordinates: residuals cannot show that it is less."""
 SAME = 0.05
 """Factors that change by less, or by half of their own standard deviation, leave estimates and
 covariances as they are."""
@@ -82,7 +84,9 @@ class Scatter:
         sure = 1.0 - _share_by_chance(freedoms + self.redundancy)
         sure[TIES + 1 :] = 1.0
         largest = np.maximum(together, (np.where(self.redundancy > 0, sure, 0) * alone).max(axis=1))
-        return largest * np.sqrt(1.0 + 2.0 * redundancy / (freedoms + redundancy) ** 2)
+        factors = largest * np.sqrt(1.0 + 2.0 * redundancy / (freedoms + redundancy) ** 2)
+        factors[BY_SHAPE] = max(factors[BY_SHAPE], 1.0)
+        return np.asarray(factors)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,18 +7,21 @@
    out (`hypotheses`). The best are hypotheses of the horizontal pose; the drop follows from the
    elevations of the common ground and the tilt from telemetry, which gravity holds to tenths of a
    degree.
-3. Under every hypothesis the sparse matches of each stop are predicted into the pairs of the other
-   one (`candidates`) and matched there on the ground (`image_matching`), and a robust rigid
-   alignment counts how many agree in space (`alignment`).
-4. The best hypothesis is tried again from its own alignment, with a window of a few cells, and so
-   is its strongest rival: a wrong hypothesis, or a decoy, measures what chance can do. Decoys are
-   places inside the gate where no peak was, tried in exactly the same way.
+3. Under every hypothesis the ground of the later stop is laid onto that of the earlier one by its
+   shape (`surface_alignment`). Where relief correlates far better than anywhere else, the shape
+   decides: blocks of ground become surface-matched ties (`surface_matching`), which tell bearing,
+   range and height, and image-matched ties (5.) are handed on if the pose by them agrees. Under
+   opposite suns lit faces and shadows change places, and they may be decimetres off.
+4. Where relief is too low to tell, the sparse matches of each stop are predicted into the pairs of
+   the other one (`candidates`) and matched there on the ground (`image_matching`), and a robust
+   rigid alignment counts how many agree in space (`alignment`). The best hypothesis is tried again
+   from its own alignment, with a window of a few cells, and so is its strongest rival: a wrong
+   hypothesis, or a decoy, measures what chance can do. Decoys are places inside the gate where no
+   peak was, tried in exactly the same way.
 5. Ties are measured again in the original images (`image_matching`); those that hardly share their
    ground are handed on, with standard deviations that allow for what they share (`tie_weights`).
 6. The link stands if its ties are many, well spread and far more than chance found; if not, the
    verdict says why (`links`). A wrong link is worse than none.
-7. Where it stands, surface-matched ties are added (`surface_matching`): they fix the bearing
-   between stops better than image-matched ones.
 """
 
 from __future__ import annotations
@@ -28,10 +31,11 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
+from scipy.spatial.transform import Rotation as ScipyRotation
 
 from solmap.photogrammetry.arrays import PerPoint
 from solmap.photogrammetry.errors import MatchingError
-from solmap.photogrammetry.frames import LSL, Pose
+from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.alignment import Alignment, AlignmentParams, align
 from solmap.photogrammetry.matching.cross_site.birds_eye import (
     SEPARATION_M,
@@ -58,7 +62,6 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.search import (
 )
 from solmap.photogrammetry.matching.cross_site.image_matching import (
     GroundMatchingParams,
-    corrected_pose,
     match_ground,
     refine_ties,
 )
@@ -72,10 +75,11 @@ from solmap.photogrammetry.matching.cross_site.links import (
     refused_link,
     tie_places,
 )
-from solmap.photogrammetry.matching.cross_site.surface_alignment import SurfaceView
+from solmap.photogrammetry.matching.cross_site.surface_alignment import HeightGrid
 from solmap.photogrammetry.matching.cross_site.surface_matching import (
     SurfaceTieParams,
     tie_by_surface,
+    try_shapes,
 )
 from solmap.photogrammetry.matching.cross_site.tie_weights import (
     add_shared_errors,
@@ -85,6 +89,9 @@ from solmap.photogrammetry.matching.cross_site.tie_weights import (
 )
 from solmap.photogrammetry.matching.records import MatchedStop, Ties, join_ties
 from solmap.photogrammetry.ranges import FactorOrZero, FewOrZero, Metres
+
+AGREES = 16.8
+"""99 % point of chi-square with 6 degrees of freedom."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,15 +144,99 @@ def tie_cross_site(
     fits, gate = found.fits, found.gate
     if not fits:
         return refused_link(one, other, "the bird's-eye views share too little ground")
+    trials = Trials(one, other, found.prior, params.trials)
+    wrong = decoys(gate, fits, params.trials.decoys, 2 * SEPARATION_M)
+    if params.by_shape.enabled:
+        link = _link_by_shape(trials, fits, wrong, params)
+        if link is not None:
+            return link
     if found.highest < least_z:
         return refused_link(one, other, f"no peak stands out (z = {found.highest:.1f})", fits[0])
-    trials = Trials(one, other, found.prior, params.trials)
     tried = [trials.try_fit(fit) for fit in fits]
     best = trials.settle(_best(tried, params.trials.separation_m))
     if best.agreeing < params.verdict.least_ties:
         return _evaluate(trials, best, 0, params)
-    wrong = decoys(gate, fits, params.trials.decoys, 2 * SEPARATION_M)
     return _evaluate(trials, best, _count_by_chance(trials, best, tried, wrong), params)
+
+
+def _link_by_shape(
+    trials: Trials, fits: Sequence[PlaneFit], wrong: Sequence[PlaneFit], params: CrossSiteParams
+) -> SiteLink | None:
+    """The link of stops whose ground is one and the same beyond doubt; None of others."""
+    one, other, by_shape = trials.one, trials.other, params.by_shape
+    stops = (one.stop, other.stop)
+    first, second = (HeightGrid.of(stop, by_shape.surface) for stop in stops)
+    starts, elsewhere = (
+        [level_pose(*stops, pose_from_fit(*stops, fit)) for fit in some] for some in (fits, wrong)
+    )
+    shape = try_shapes((first, second), starts, elsewhere, SEPARATION_M, by_shape.surface)
+    if shape is None or not shape.is_certain:
+        return None
+    found = shape.found
+    ties = tie_by_surface(stops, (first, second), found, by_shape)
+    if not len(ties):
+        return None
+    turn = one.stop.lsl_from_rover.rotation.T
+    pose = Pose(
+        one.id.frame,
+        other.id.frame,
+        turn @ found.pose.rotation @ other.stop.lsl_from_rover.rotation,
+        turn @ found.pose.translation_m,
+    )
+    axes = np.kron(np.eye(2), turn)
+    covariance = axes @ (found.covariance + _pointing(stops, found.pose, params)) @ axes.T
+    apart = [np.linalg.norm(p.translation_m - found.pose.translation_m) for p in starts]
+    fit = fits[int(np.argmin(apart))]
+    trial = trials.settle_at(fit, pose)
+    fine = trials.refine(trial)
+    reason, images = f"{shape}, {len(ties)} blocks", Ties.none(ties.pair_ids)
+    if fine.agreeing >= LEAST_TO_ALIGN and fine.alignment is not None:
+        images, aligned = _thin(trials, fine, fine.alignment, params)
+        off, off_m = _differ(aligned, pose, covariance)
+        reason += f"; {len(images)} image-matched ties "
+        if off > AGREES:
+            reason += f"rejected: {off_m:.2f} m and {off**0.5:.1f} sigma away"
+            images = Ties.none(ties.pair_ids)
+        else:
+            reason += "agree"
+    used = join_ties([images, ties], ties.pair_ids)
+    every, off2 = np.ones(len(used), dtype=bool), np.zeros(len(used))
+    final = Alignment(
+        pose,
+        covariance,
+        {},
+        off2,
+        every,
+        sigma0=1.0,
+        rms_px=fine.alignment.rms_px if fine.alignment else 0.0,
+    )
+    figures = link_figures(one, other, fit, used, final)
+    figures = replace(
+        figures, measured=len(trial.ties) + len(ties), handed_on=len(images), by_shape=len(ties)
+    )
+    linked = True
+    return SiteLink(one.id, other.id, linked, reason, used, pose, covariance, figures, fit)
+
+
+def _pointing(
+    stops: tuple[MatchedStop, MatchedStop], pose: Pose, params: CrossSiteParams
+) -> PoseCovariance:
+    """What the mean pointing errors of both stops leave open of the pose between them."""
+    sigma = params.trials.alignment.pointing_sigma
+    t = pose.translation_m
+    cross = np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]])
+    earlier, later = np.vstack([np.eye(3), -cross]), np.vstack([np.eye(3), np.zeros((3, 3))])
+    parts = zip((earlier, later), stops, strict=True)
+    return np.sum([sigma**2 / len(stop.pairs) * by @ by.T for by, stop in parts], axis=0)
+
+
+def _differ(one: Alignment, pose: Pose, covariance: PoseCovariance) -> tuple[float, float]:
+    """(squared Mahalanobis length, metres) of what lies between an alignment and a pose."""
+    found = one.first_from_second
+    turn = ScipyRotation.from_matrix(found.rotation @ pose.rotation.T).as_rotvec()
+    off = np.concatenate([turn, found.translation_m - pose.translation_m])
+    length2 = float(off @ np.linalg.solve(one.covariance + covariance, off))
+    return length2, float(np.linalg.norm(off[3:]))
 
 
 def _best(tried: list[Trial], separation_m: float) -> Trial:
@@ -184,26 +275,14 @@ def _evaluate(trials: Trials, trial: Trial, by_chance: int, params: CrossSitePar
     linked, reason = evaluate_link(figures, params.verdict)
     if not linked:
         return refused_link(one, other, reason, trial.fit, figures)
-    agrees = fine.alignment.agrees
-    ties, width_m = fine.ties.select(agrees), fine.width_m[agrees]
-    places = (tie_places(one, ties) @ one.stop.lsl_from_rover.rotation.T)[:, :2]
-    weighed = inflate_sigmas(ties, overlap_counts(places, width_m))
-    final = trials.align(weighed, fine.alignment.first_from_second) or fine.alignment
-    some = select_spread(places, width_m, params.apart, params.verdict.least_ties)
-    image_matched = add_shared_errors(
-        inflate_sigmas(ties.select(some), overlap_counts(places[some], width_m[some])),
-        {v.view.pair.pair_id: v.view.geometry for v in (*one.views, *other.views)},
-    )
-    by_shape = _match_surfaces(one, other, final, params.by_shape)
-    figures = replace(figures, handed_on=int(some.sum()), by_shape=len(by_shape))
-    if len(by_shape):
-        reason += f", {len(by_shape)} more by the shape of the ground"
+    ties, final = _thin(trials, fine, fine.alignment, params)
+    figures = replace(figures, handed_on=len(ties))
     return SiteLink(
         one.id,
         other.id,
         linked,
         reason,
-        join_ties([image_matched, by_shape], image_matched.pair_ids),
+        ties,
         final.first_from_second,
         final.covariance,
         figures,
@@ -211,27 +290,21 @@ def _evaluate(trials: Trials, trial: Trial, by_chance: int, params: CrossSitePar
     )
 
 
-def _match_surfaces(
-    one: StopViews, other: StopViews, alignment: Alignment, params: SurfaceTieParams
-) -> Ties:
-    """Surface-matched ties, from where image-matched ties have placed the stops."""
-    if not params.enabled:
-        return Ties.none((*one.pair_ids, *other.pair_ids))
-    level = Pose(LSL, one.id.frame, one.stop.lsl_from_rover.rotation, np.zeros(3))
-    frames = (level, level @ alignment.first_from_second)
-    earlier, later = (
-        {
-            view.pair.pair_id: SurfaceView.of(
-                view.geometry,
-                view.pair.parallax,
-                frame @ corrected_pose(view, alignment),
-                params.surface.half_px,
-            )
-            for view in (ground.view for ground in stop.views)
-        }
-        for stop, frame in zip((one, other), frames, strict=True)
+def _thin(
+    trials: Trials, fine: Trial, alignment: Alignment, params: CrossSiteParams
+) -> tuple[Ties, Alignment]:
+    """(image-matched ties to be handed on, the alignment by all that agree)."""
+    one, other = trials.one, trials.other
+    ties, width_m = fine.ties.select(alignment.agrees), fine.width_m[alignment.agrees]
+    places = (tie_places(one, ties) @ one.stop.lsl_from_rover.rotation.T)[:, :2]
+    weighed = inflate_sigmas(ties, overlap_counts(places, width_m))
+    final = trials.align(weighed, alignment.first_from_second) or alignment
+    some = select_spread(places, width_m, params.apart, params.verdict.least_ties)
+    thin = add_shared_errors(
+        inflate_sigmas(ties.select(some), overlap_counts(places[some], width_m[some])),
+        {v.view.pair.pair_id: v.view.geometry for v in (*one.views, *other.views)},
     )
-    return tie_by_surface(earlier, later, params)
+    return thin, final
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -277,9 +350,12 @@ class Trials:
         """Match all there is from the trial's own alignment, in the window that leaves open."""
         if trial.alignment is None:
             return trial
+        return self.settle_at(trial.fit, trial.alignment.first_from_second)
+
+    def settle_at(self, fit: PlaneFit, pose: Pose) -> Trial:
+        """Match all there is from a pose, in the window that an alignment leaves open."""
         candidates = replace(self.params.candidates, most=self.params.candidates.most_at_last)
-        pose = trial.alignment.first_from_second
-        return self._trial(trial.fit, pose, LAST_GAP_M, candidates, None)
+        return self._trial(fit, pose, LAST_GAP_M, candidates, None)
 
     def refine(self, trial: Trial) -> Trial:
         """Measure the ties that agree again, in the original images, and align by them."""

@@ -1,384 +1,420 @@
-"""Alignment of the ground of one stop with that of another, pair by pair, by its shape.
+"""Least-squares matching of the surfaces that two stops have seen, as heights on a level grid.
 
-Where two stops have dense parallax of the same ground, a point Y of the one, carried into a pair of
-the other, has there
+Looks of the ground change with the sun, its shape does not. The dense parallax of a stop gives the
+heights of the ground around it on a grid; a point Y of the later stop's ground, carried by the
+rigid motion R Y + t into the level frame of the earlier one, lies above the ground there by
 
-    r = p(x, y) - f B / Z,       dr / dY = grad p . d(x, y)/dY + f B / Z^2 dZ/dY,
+    r = z(R Y + t) - h(n, e),        dr = (dz - grad h . (dn, de)),
 
-the parallax that was measured at its image less its own; grad p is that of the facet there, a plane
-of parallax (`parallax_planes`). The rigid motion of the later stop's ground that makes r vanish is
-found by least squares over the points of both, each compared with the other's ground: least-squares
-matching of surfaces (Gruen and Akca 2005, ISPRS J. 59, 151-174), points against planes (Chen and
-Medioni 1992), in pixels of parallax, whose noise is the same near and far.
+and the motion that makes r vanish is found by least squares (Gruen and Akca 2005, ISPRS J. 59,
+151-174; Chen and Medioni 1992), with Tukey's biweight, from coarse to fine: Gaussians of half a
+metre first, of 10 cm at last. Smoothing on the ground is the same for both stops. Windows in the
+images are not: at a grazing ray they are ten times longer along the ray than across, and laid stops
+on opposite sides 3 to 8 cm too far apart.
 
-A facet is seen under the angle whose sine is n . X / (|n| |X|). Rays that graze the ground meet
-crests, and what the window makes of the step behind a crest is no ground at all; such facets are
-left out, and so are points that only one of the stops can have seen: facets turned away, ranges
-that do not compare.
+The first rounds compare relief alone, heights less their mean over a metre, so that errors of tilt
+and pointing, which grow with range, cannot pull low relief away. How well relief correlates at the
+end tells a true place from a wrong one (`correlation`).
 
-What one side of a stone shows lies nearer to the camera than the stone, and windows at a grazing
-ray add to what stands up. Along the rays and up, the shapes that two stops see are therefore some
-centimetres apart, however many points agree: c and b below. Across the rays nothing prefers one
-side.
+Visibility: facets that a stop sees under a small angle are crests and the steps behind them, which
+matching draws too far out; they are left out, and so is ground that one stop sees from more than
+twice as far as the other.
+
+Neighbouring cells share stones, crests and windows, so residuals are far from independent. The
+covariance is therefore that of scores summed over blocks of ground (Liang and Zeger 1986,
+Biometrika 73, 13-22): (A + K)^-1 (B + K) (A + K)^-1 with the normal matrix A, the sum B of squared
+scores of blocks, and the prior K. What no number of blocks averages out is added: a parallax that
+is too small everywhere moves the ground of both stops away from them, and lines that are too high
+raise what is far.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation as ScipyRotation
 
-from solmap.photogrammetry.arrays import (
-    Directions,
-    Flags,
-    Float32,
-    Float64,
-    ImagePoints,
-    Int32,
-    ObjectPoints,
-    ParallaxMap,
-    PerPoint,
-    Rotation,
-    Vector3,
-)
-from solmap.photogrammetry.cameras.epipolar import EpipolarPair, projection_partials
+from solmap.photogrammetry.arrays import Float64, ObjectPoints, PerPoint, Raster
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.matching.parallax_planes import EVERY, ParallaxPlanes, parallax_facets
-from solmap.photogrammetry.ranges import (
-    Count,
-    FactorFromOne,
-    Few,
-    Metres,
-    MetresOrZero,
-    Pixels,
-    PixelsOrZero,
-    Radians,
-    WholePixels,
-)
+from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
+from solmap.photogrammetry.ranges import CellSize, Few, Metres, Pixels, PixelsOrZero
 from solmap.photogrammetry.robust import robust_sigma
 
 MOTION = 6
 """Unknowns of a rigid motion: rotation vector, shift."""
 
-Shifts = tuple[Float64[np.ndarray, "earlier 3"], Float64[np.ndarray, "later 3"]]
-"""Of the later stop's ground, at the points of the earlier stop's ground and at its own, metres."""
+RELIEF_WAVE_M = 1.2
+"""Relief is height less its Gaussian mean of this standard deviation."""
 
+RELIEF = ((True, 0.4), (True, 0.2))
+HEIGHTS = ((False, 0.2), (False, 0.1))
+"""(whether relief alone is compared, standard deviation of the Gaussian in metres)."""
 
-RANGE_RATIO = 2.0
+FOOTPRINT = 4 * np.pi
+"""So many cells, one Gaussian's standard deviation apart, say what one would."""
+
+LEAST_CELLS = 200
+"""Some square metres of common ground."""
+
+SETTLED_M = 5e-4
+"""A step that is shorter is the last."""
+
+LEAST_KNOWN = 0.15
+"""Share of a Gaussian that known cells must have."""
+
+LEAST_FACING = 0.1
+"""Sine of the angle under which a facet must be seen: level ground at 15 m; further away as much as
+level ground is seen under."""
+
+GRADIENT_PX = 3
+"""Parallax of a facet is differenced over so many pixels to each side."""
+
+RANGE_RATIO = 2.5
 """Ground that one stop sees from so many times as far as the other shows it other faces."""
 
+KERNEL = 2.0
+"""Standard deviations beyond which a cell counts nothing."""
 
-LEAST_FACING = 0.05
-"""Sine of the angle under which a facet must be seen by its own stop, 3 degrees: the ground at
-20 to 30 m. Below it lie crests, and the steps behind them."""
+CLUSTER_M = 4.0
+"""Side of a block of ground whose cells are not independent of each other."""
 
+DENSE_M = 8.0
+"""Nearer than this every second line will do; of columns everywhere."""
 
-LEAST_TURNED = 0.03
-"""And by the other stop: what is turned away from that one it cannot have seen."""
+ROW = 1000
+"""Points are looked up in rows of so many: OpenCV's rasters are at most 32767 wide."""
 
 
 @dataclass(frozen=True, slots=True)
 class SurfaceParams:
     """How ground is held against ground."""
 
-    step_px: WholePixels = 8
-    """Every so many pixels a point is taken: neighbours share but the rim of their windows."""
-    half_px: WholePixels = 5
-    """Half the window of a facet."""
-    farthest_m: Metres = 30.0
-    least_points: Count = 60
-    """Of the ground that two pairs share, both counted."""
+    cell_m: CellSize = 0.05
+    farthest_m: Metres = 25.0
+    """Beyond it Navcam lines lie more than 30 cm apart on level ground."""
     sigma_parallax_px: Pixels = 0.1
     """Of dense parallax."""
-    correlated: FactorFromOne = 8.0
-    """So many points say what one would: windows overlap, and so do the stones within them."""
-    pointing_sigma: Radians = 0.0026
-    """Radians an axis by which two pairs may be turned against each other before."""
-    shift_sigma_m: MetresOrZero = 0.1
-    """How far any ground may be from where it is said to be,"""
-    bias_parallax_px: PixelsOrZero = 0.05
-    """c: and how far what a stop sees lies from the middle of things, along its rays;"""
-    bias_line_px: PixelsOrZero = 1.5
-    """b: and above them. Standard deviations, as rendered and simulated ground has them."""
+    bias_parallax_px: PixelsOrZero = 0.03
+    """c: standard deviation of what all parallax of both stops is off by,"""
+    bias_line_px: PixelsOrZero = 0.3
+    """b: and of how much too high all ground is drawn."""
     rounds: Few = 12
+    """At each Gaussian, at most."""
 
     def __post_init__(self) -> None:
-        if not (self.step_px > 0 and self.half_px > 0 and self.correlated >= 1 and self.rounds > 0):
-            raise MatchingError(
-                "ground is held against ground in steps, windows and rounds of at least one"
-            )
+        if not (self.rounds > 0 and self.farthest_m > self.cell_m):
+            raise MatchingError("ground is held against ground in rounds, on cells below its size")
 
 
-@dataclass(frozen=True, eq=False)
-class SurfaceView:
-    """The facets of a pair, and where the pair stands in a common frame of two stops."""
+@dataclass(frozen=True, slots=True, eq=False)
+class HeightGrid:
+    """Heights around a stop in its level frame; row 0 is the northernmost, the rover central."""
 
-    geometry: EpipolarPair
-    rotation: Rotation
-    """Of the pair in the common frame."""
-    centre: Vector3
-    """The left camera in the common frame, metres."""
-    parallax: ParallaxMap
-    half_px: int
-    """Half the window of a facet."""
+    cell_m: float
+    up: Raster
+    """Metres above the rover origin; NaN where nothing was seen well."""
+    mast_m: float
+    """Height of the cameras above the rover origin."""
+    scale_px_m: float
+    """f B, and"""
+    focal_px: float
+    """f, of the pairs with the smallest f B."""
+    smoothed: dict[float, Raster] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, stop: MatchedStop, params: SurfaceParams) -> HeightGrid:
+        """Of all that the pairs of a stop saw well."""
+        size = 2 * round(params.farthest_m / params.cell_m)
+        total = np.zeros((2, size * size))
+        for pair in stop.pairs:
+            places, range_m = _seen_well(pair, stop.lsl_from_rover.rotation, params.farthest_m)
+            row = np.floor(size / 2 - places[:, 0] / params.cell_m).astype(np.int32)
+            col = np.floor(size / 2 + places[:, 1] / params.cell_m).astype(np.int32)
+            inside = (row >= 0) & (row < size) & (col >= 0) & (col < size)
+            index, weight = (row * size + col)[inside], range_m[inside] ** -2.0
+            for k, value in enumerate((1.0, -places[inside, 2])):
+                total[k] += np.bincount(index, weight * value, minlength=size * size)
+        weight, up = total.reshape(2, size, size)
+        with np.errstate(invalid="ignore"):
+            up = (up / weight).astype(np.float32)
+        shapes = [pair.images.geometry for pair in stop.pairs]
+        coarsest = min(shapes, key=lambda g: g.focal_px * g.base_m)
+        level = stop.lsl_from_rover.rotation @ coarsest.rover_from_pair.translation_m
+        scale_px_m = coarsest.focal_px * coarsest.base_m
+        return cls(params.cell_m, up, -float(level[2]), scale_px_m, coarsest.focal_px)
+
+    def noise_m(self, distance_m: PerPoint, parallax_px: float) -> PerPoint:
+        """Height of level ground so far away when its parallax is off by so much."""
+        return parallax_px * self.mast_m / self.scale_px_m * distance_m
+
+    def smooth(self, sigma_m: float) -> Raster:
+        """Heights through a Gaussian, NaN where it knows too little."""
+        if sigma_m in self.smoothed:
+            return self.smoothed[sigma_m]
+        known = np.isfinite(self.up).astype(np.float32)
+        sigma = sigma_m / self.cell_m
+        density = cv2.GaussianBlur(known, (0, 0), sigma)
+        mean = cv2.GaussianBlur(np.nan_to_num(self.up), (0, 0), sigma)
+        mean /= np.maximum(density, 1e-6)
+        mean[density < LEAST_KNOWN] = np.nan
+        self.smoothed[sigma_m] = mean.astype(np.float32)
+        return self.smoothed[sigma_m]
+
+    def at(self, raster: Raster, places: ObjectPoints) -> PerPoint:
+        """Values of a raster on this grid at places of the level frame, NaN where unknown."""
+        half, size = self.up.shape[0] / 2 - 0.5, -(-len(places) // ROW) * ROW
+        col = np.resize(places[:, 1] / self.cell_m + half, size).astype(np.float32)
+        row = np.resize(half - places[:, 0] / self.cell_m, size).astype(np.float32)
+        value = cv2.remap(
+            raster, col.reshape(-1, ROW), row.reshape(-1, ROW), cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_CONSTANT, borderValue=float("nan"),
+        )  # fmt: skip
+        return value.ravel()[: len(places)].astype(np.float64)
+
+    def points(self, heights: Raster, step: int) -> ObjectPoints:
+        """Places of known heights, of every so many rows and columns."""
+        row, col = np.nonzero(np.isfinite(heights[::step, ::step]))
+        row, col, half = step * row, step * col, heights.shape[0] / 2 - 0.5
+        north, east = (half - row) * self.cell_m, (col - half) * self.cell_m
+        return np.column_stack([north, east, -heights[row, col].astype(np.float64)])
+
+
+def _seen_well(
+    pair: MatchedPair, level_from_rover: np.ndarray, farthest_m: float
+) -> tuple[ObjectPoints, PerPoint]:
+    """(places in the level frame, ranges) of the dense points that are no crests."""
+    g, p = pair.images.geometry, pair.parallax.astype(np.float32)
+    slope = np.full((2, *p.shape), np.nan, np.float32)
+    k = GRADIENT_PX
+    slope[0, :, k:-k] = (p[:, 2 * k :] - p[:, : -2 * k]) / (2 * k)
+    slope[1, k:-k] = (p[2 * k :] - p[: -2 * k]) / (2 * k)
+    scale = g.focal_px * g.base_m
+    with np.errstate(invalid="ignore"):
+        wanted = (p > scale / farthest_m)[:, ::2]
+        wanted[1::2] &= p[1::2, ::2] < scale / DENSE_M
+    line, half_sample = np.nonzero(wanted)
+    sample = 2 * half_sample
+    points = np.column_stack([sample, line]).astype(np.float64)
+    parallax = p[line, sample].astype(np.float64)
+    gradient = slope[:, line, sample].T.astype(np.float64)
+    in_pair = g.triangulate(points, parallax)
+    rotation = level_from_rover @ g.rover_from_pair.rotation
+    ahead = in_pair @ rotation.T
+    range_m = np.linalg.norm(ahead, axis=1)
+    at_centre = parallax - (gradient * (points - np.asarray(g.centre_px))).sum(axis=1)
+    normal = np.hypot(np.linalg.norm(g.focal_px * gradient, axis=1), at_centre)
+    rays = range_m / in_pair[:, 2]
+    with np.errstate(invalid="ignore"):
+        facing = parallax / (normal * rays)
+        good = (facing > np.minimum(LEAST_FACING, ahead[:, 2] / range_m)) & (range_m < farthest_m)
+    places = ahead + level_from_rover @ g.rover_from_pair.translation_m
+    return places[good], range_m[good]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Cells of the later stop's ground held against the earlier one's, n of them."""
+
+    places: ObjectPoints
+    """In the level frame of the earlier stop, metres."""
+    arms: ObjectPoints
+    """From the later rover, in the same axes."""
+    residual_m: PerPoint
+    """r."""
+    by_shift: ObjectPoints
+    """Its derivative by a shift of the later stop's ground."""
+    weight: PerPoint
+    steepness: float
+    """Mean slope of the robust residual over its mean weight."""
+
+    @property
+    def design(self) -> Float64[np.ndarray, "n 6"]:
+        """Derivative of the residuals by a motion of the later stop about its origin."""
+        return np.hstack([np.cross(self.arms, self.by_shift), self.by_shift])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Registration:
+    """Where the later stop stands by the shape of the ground."""
+
+    pose: Pose
+    """Later level frame to earlier one."""
+    covariance: Float64[np.ndarray, "6 6"]
+    """Of rotation vector (radians), then translation (metres), in the earlier level frame."""
+    correlation: float
+    """Of the relief that both stops see."""
+    area_m2: float
+    """Of the ground that both see."""
+    cells: Cells
+    """Where the motion was found, with weights that allow for what cells share."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Surfaces:
+    """The ground of two stops through one Gaussian: heights, or relief alone."""
+
+    earlier: HeightGrid
+    later: HeightGrid
+    there: Raster
+    """Of the earlier stop."""
+    slopes: tuple[Raster, Raster]
+    """Its derivatives by north and east."""
+    points: ObjectPoints
+    """Of the later stop, in its level frame."""
+    relief: PerPoint | None
+    """There; None: heights are compared."""
+    params: SurfaceParams
 
     @classmethod
     def of(
-        cls, geometry: EpipolarPair, parallax: ParallaxMap, frame_from_pair: Pose, half_px: int
-    ) -> SurfaceView:
-        """A pair placed in the common frame."""
-        return cls(
-            geometry, frame_from_pair.rotation, frame_from_pair.translation_m, parallax, half_px
+        cls, earlier: HeightGrid, later: HeightGrid, sigma_m: float, relief: bool,  # noqa: FBT001
+        params: SurfaceParams,
+    ) -> _Surfaces:  # fmt: skip
+        """Smooth both."""
+        there, here = earlier.smooth(sigma_m), later.smooth(sigma_m)
+        cell_m, step = earlier.cell_m, max(1, round(sigma_m / later.cell_m))
+        points, rest = later.points(here, step), None
+        if relief:
+            there = there - earlier.smooth(RELIEF_WAVE_M)
+            rest = later.at(here - later.smooth(RELIEF_WAVE_M), points)
+        south, east = np.gradient(there)
+        return cls(earlier, later, there, (-south / cell_m, east / cell_m), points, rest, params)
+
+    def compare(self, pose: Pose) -> Cells:
+        """The later stop's ground, carried by a pose, held against the earlier one's."""
+        places = pose.apply(self.points)
+        height = self.earlier.at(self.there, places)
+        slopes = [self.earlier.at(raster, places) for raster in self.slopes]
+        flat = self.relief is not None
+        residual = height + places[:, 2] if self.relief is None else height - self.relief
+        far, near = np.hypot(*places[:, :2].T), np.hypot(*self.points[:, :2].T)
+        good = np.isfinite(residual + slopes[0] + slopes[1])
+        good &= (far < RANGE_RATIO * near + 1) & (near < RANGE_RATIO * far + 1)
+        places, residual, far, near = places[good], residual[good], far[good], near[good]
+        down = np.full(len(places), 0.0 if flat else 1.0)
+        by_shift = np.column_stack([slopes[0][good], slopes[1][good], down])
+        sigma_px = self.params.sigma_parallax_px
+        noise = (
+            np.hypot(self.earlier.noise_m(far, sigma_px), self.later.noise_m(near, sigma_px)) + 1e-3
         )
+        spread = max(robust_sigma(residual / noise), 0.1) * noise
+        off = np.minimum((residual / (KERNEL * spread)) ** 2, 1.0)
+        kept, bent = (1 - off) ** 2, (1 - off) * (1 - 5 * off)
+        weight = kept / (FOOTPRINT * spread**2)
+        steepness = float(bent.sum() / max(kept.sum(), 1e-9))
+        return Cells(places, places - pose.translation_m, residual, by_shift, weight, steepness)
 
-    @cached_property
-    def planes(self) -> Float32[np.ndarray, "4 rows cols"]:
-        """Parallax, its gradient along sample and line, and residual, every `EVERY` pixels."""
-        return parallax_facets(self.parallax, self.half_px)
-
-    def at(self, points: ImagePoints) -> ParallaxPlanes:
-        """The facets at image points; those outside the image have none."""
-        _, rows, cols = self.planes.shape
-        inside = self.geometry.shows(points)
-        node = np.rint(np.where(inside[:, None], points, 0.0) / EVERY)
-        node = np.minimum(node, (cols - 1, rows - 1))
-        col, row = node.astype(np.int64).T
-        parallax, along, down, residual = self.planes[:, row, col].astype(np.float64)
-        parallax[~inside] = np.nan
-        gradient = np.column_stack([along, down])
-        return ParallaxPlanes(
-            parallax + (gradient * (points - EVERY * node)).sum(axis=1), gradient, residual
-        )
-
-    def grid(self, step_px: int) -> ImagePoints:
-        """Image points `step_px` apart where there is parallax."""
-        line, sample = np.mgrid[
-            step_px // 2 : self.geometry.lines : step_px,
-            step_px // 2 : self.geometry.samples : step_px,
-        ]
-        known = self.parallax[line, sample] > 0
-        return np.column_stack([sample[known], line[known]]).astype(np.float64)
-
-    def place(self, points: ImagePoints, parallax_px: PerPoint) -> ObjectPoints:
-        """Where image points lie in the common frame, metres."""
-        in_pair = self.geometry.triangulate(points, parallax_px)
-        return in_pair @ self.rotation.T + self.centre
-
-    def by_place(self, in_pair: ObjectPoints) -> Float64[np.ndarray, "n 3 3"]:
-        """Derivative of (sample, line, parallax) by places of the common frame, pixels per metre.
-
-        `in_pair` are the places in the frame of the pair, metres.
-        """
-        g = self.geometry
-        return projection_partials(in_pair, g.focal_px, g.base_m) @ self.rotation.T
-
-    def normals(self, planes: ParallaxPlanes, points: ImagePoints) -> Directions:
-        """Unit normals of facets in the common frame, away from the camera."""
-        return unit_vectors(planes.normals(points, self.geometry)) @ self.rotation.T
-
-    def facing(self, normals: Directions, places: ObjectPoints) -> PerPoint:
-        """Sine of the angle under which facets are seen; below zero from behind."""
-        return (normals * unit_vectors(places - self.centre)).sum(axis=1)
+    def correlation(self, pose: Pose) -> float:
+        """Of the relief that both stops see."""
+        places = pose.apply(self.points)
+        both = np.column_stack([self.earlier.at(self.there, places), np.asarray(self.relief)])
+        both = both[np.isfinite(both).all(axis=1)]
+        told = len(both) > MOTION and bool((both.std(axis=0) > 0).all())
+        return float(np.corrcoef(both.T)[0, 1]) if told else 0.0
 
 
-def unit_vectors(vectors: ObjectPoints) -> Directions:
-    """Vectors of length one."""
-    with np.errstate(invalid="ignore"):
-        return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+def register(
+    earlier: HeightGrid,
+    later: HeightGrid,
+    start: Pose,
+    prior: Float64[np.ndarray, "6 6"],
+    params: SurfaceParams,
+    steps: tuple[tuple[bool, float], ...] = (*RELIEF, *HEIGHTS),
+) -> Registration | None:
+    """Lay the later stop's ground onto the earlier one's; None where they share next to none.
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Misfits:
-    """Points of one pair held against the ground of the other, n of them."""
-
-    row: Int32[np.ndarray, " n"]
-    """Of the point, among those of its pair."""
-    misfit_px: PerPoint
-    """r."""
-    by_shift: ObjectPoints
-    """Its derivative by a shift of the later stop's ground, pixels per metre."""
-    variance: PerPoint
-    """Square pixels, of both parallaxes and of what facets leave."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Ground:
-    """Points of the ground that a pair sees."""
-
-    view: SurfaceView
-    points: ImagePoints
-    parallax_px: PerPoint
-    places: ObjectPoints
-    """In the common frame, metres."""
-    normals: Directions
-    """Of the facets there, in the common frame, away from the pair."""
-    by_parallax: ObjectPoints
-    """Derivative of the places by the parallax, metres per pixel."""
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    @classmethod
-    def of(cls, view: SurfaceView, other: Vector3, params: SurfaceParams) -> Ground:
-        """The points of a pair that a stop whose cameras stand at `other` may see as well."""
-        points = view.grid(params.step_px)
-        column, line = points.astype(np.int64).T
-        parallax = view.parallax[line, column].astype(np.float64)
-        places = view.place(points, parallax)
-        near, far = (np.linalg.norm(places - at, axis=1) for at in (view.centre, other))
-        reached = (np.maximum(near, far) < params.farthest_m) & _ranges_compare(near, far)
-        points, parallax, places = points[reached], parallax[reached], places[reached]
-        if not len(points):
-            return cls(view, points, parallax, places, places, places)
-        normals = view.normals(view.at(points), points)
-        good = view.facing(normals, places) > LEAST_FACING
-        good &= (normals * unit_vectors(places - other)).sum(axis=1) > LEAST_TURNED
-        along = (view.centre - places) / parallax[:, None]
-        return cls(view, *(c[good] for c in (points, parallax, places, normals, along)))
-
-    def compare(self, target: SurfaceView, shift_m: ObjectPoints, params: SurfaceParams) -> Misfits:
-        """The points, shifted, held against the ground of another pair.
-
-        The derivative is by a shift of these points.
-        """
-        places = self.places + shift_m
-        in_target = (places - target.centre) @ target.rotation
-        points, parallax = target.geometry.project(in_target)
-        margin = params.half_px
-        row = np.flatnonzero(
-            target.geometry.shows(points - margin) & target.geometry.shows(points + margin)
-        )
-        facets = target.at(points[row])
-        places, in_target, points = places[row], in_target[row], points[row]
-        normals = target.normals(facets, points)
-        slope = np.column_stack([facets.gradient, -np.ones(len(row))])
-        by_shift = (slope[:, None] @ target.by_place(in_target))[:, 0]
-        own = (by_shift * self.by_parallax[row]).sum(axis=1)
-        noise = params.sigma_parallax_px**2 * (1 + own**2) + (facets.residual_px / 2) ** 2
-        good = target.facing(normals, places) > LEAST_FACING
-        good &= self.view.facing(normals, places) > LEAST_TURNED
-        misfit = facets.parallax_px - parallax[row]
-        return Misfits(*(c[good] for c in (row.astype(np.int32), misfit, by_shift, noise)))
-
-
-def _ranges_compare(near: PerPoint, far: PerPoint) -> Flags:
-    """Whether ground is seen from ranges that compare."""
-    return (near < RANGE_RATIO * far) & (far < RANGE_RATIO * near)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class GroundPair:
-    """A pair of the earlier stop and one of the later, and the ground that both see."""
-
-    earlier: Ground
-    later: Ground
-    middle: Vector3
-    """Of the ground, about which it turns."""
-
-    @classmethod
-    def of(cls, earlier: Ground, later: Ground, params: SurfaceParams) -> GroundPair | None:
-        """None where they see next to nothing in common."""
-        if not (len(earlier) and len(later)):
-            return None
-        couple = cls(earlier, later, np.zeros(3))
-        seen = couple.misfits(couple.no_shift, params)
-        if sum(len(m.row) for m in seen) < params.least_points:
-            return None
-        return replace(couple, middle=couple.places_of(seen).mean(axis=0))
-
-    @property
-    def grounds(self) -> tuple[Ground, Ground]:
-        """That of the earlier stop first."""
-        return self.earlier, self.later
-
-    @property
-    def across(self) -> Vector3:
-        """Level direction across the rays of both to the middle of their ground."""
-        one, other = (
-            unit_vectors(self.middle[None] - ground.view.centre)[0] for ground in self.grounds
-        )
-        along = one - other if one @ other < 0 else one + other
-        return np.array([-along[1], along[0], 0.0]) / np.hypot(along[0], along[1])
-
-    @property
-    def no_shift(self) -> Shifts:
-        """No shift for any point of either."""
-        return np.zeros((len(self.earlier), 3)), np.zeros((len(self.later), 3))
-
-    def misfits(self, shifts: Shifts, params: SurfaceParams) -> tuple[Misfits, Misfits]:
-        """Both grounds, each held against the other, the later one's shifted."""
-        of_earlier, of_later = shifts
-        back = self.earlier.compare(self.later.view, -of_earlier, params)
-        return (
-            replace(back, by_shift=-back.by_shift),
-            self.later.compare(self.earlier.view, of_later, params),
-        )
-
-    def places_of(self, seen: Sequence[Misfits]) -> ObjectPoints:
-        """Where the points lie that were held against each other."""
-        return np.concatenate([g.places[m.row] for g, m in zip(self.grounds, seen, strict=True)])
-
-    def shifts_by(self, motion: Float64[np.ndarray, " 6"]) -> Shifts:
-        """The shifts of all points under a small rigid motion of the later stop's ground."""
-        earlier, later = (
-            np.cross(motion[:3], ground.places - self.middle) + motion[3:]
-            for ground in self.grounds
-        )
-        return earlier, later
-
-    def shape_bias(
-        self, places: ObjectPoints, params: SurfaceParams
-    ) -> Float64[np.ndarray, "n 3 3"]:
-        """Covariance of how far apart the shapes are that both see at places, square metres."""
-        spread = np.zeros((len(places), 3, 3))
-        for view in (ground.view for ground in self.grounds):
-            ray = places - view.centre
-            depth = ray @ view.rotation[:, 2]
-            per_px = depth / (view.geometry.focal_px * view.geometry.base_m)
-            along = params.bias_parallax_px * per_px[:, None] * ray
-            spread += along[:, :, None] * along[:, None, :]
-            spread[:, 2, 2] += (params.bias_line_px * depth / view.geometry.focal_px) ** 2
-        return spread
-
-    def prior(self, places: ObjectPoints, params: SurfaceParams) -> Float64[np.ndarray, "n 3 3"]:
-        """Weights of a shift of the later stop's ground beforehand, per square metre."""
-        return np.linalg.inv(self.shape_bias(places, params) + params.shift_sigma_m**2 * np.eye(3))
-
-    def align(self, params: SurfaceParams) -> Float64[np.ndarray, " 6"]:
-        """The motion of the later stop's ground that lays it onto the earlier one's.
-
-        Rotation vector about `middle` (radians), then shift (metres), in the common frame.
-        """
-        prior = np.zeros((MOTION, MOTION))
-        prior[:3, :3] = np.eye(3) / params.pointing_sigma**2
-        prior[3:, 3:] = self.prior(self.middle[None], params)[0]
-        motion = np.zeros(MOTION)
+    `start` is later level frame to earlier one, `prior` its covariance, of rotation vector, then
+    translation.
+    """
+    known, moved, pose, correlation = np.linalg.inv(prior), np.zeros(MOTION), start, np.nan
+    for relief, sigma_m in steps:
+        surfaces = _Surfaces.of(earlier, later, sigma_m, relief, params)
+        if not relief and not moved[5]:
+            pose = _levelled(pose, surfaces)
         for _ in range(params.rounds):
-            seen = self.misfits(self.shifts_by(motion), params)
-            misfit, by_shift, weight = robust_weights(seen, params)
-            arm = self.places_of(seen) - self.middle
-            design = np.hstack([np.cross(arm, by_shift), by_shift])
-            weighted = (design * weight[:, None]).T
-            step = np.linalg.solve(weighted @ design + prior, -(weighted @ misfit) - prior @ motion)
-            motion = motion + step
-        return motion
+            cells = surfaces.compare(pose)
+            if len(cells.weight) < LEAST_CELLS:
+                return None
+            design = cells.design
+            weighted = (design * cells.weight[:, None]).T
+            normal = weighted @ design + known
+            step = -np.linalg.solve(normal, weighted @ cells.residual_m + known @ moved)
+            moved, pose = moved + step, _move(pose, step)
+            if np.abs(step[3:]).max() < SETTLED_M:
+                break
+        if relief:
+            correlation, moved[5] = surfaces.correlation(pose), 0.0
+    cells = surfaces.compare(pose)
+    if len(cells.weight) < LEAST_CELLS:
+        return None
+    covariance, cells = _covariance(cells, known, earlier, later, params)
+    area_m2 = len(cells.weight) * max(sigma_m, earlier.cell_m) ** 2
+    return Registration(pose, covariance, correlation, area_m2, cells)
 
 
-def robust_weights(
-    seen: Sequence[Misfits], params: SurfaceParams
-) -> tuple[PerPoint, ObjectPoints, PerPoint]:
-    """(misfits, derivatives, weights) of both grounds; what is far off counts next to nothing."""
-    misfit, by_shift, variance = (
-        np.concatenate([getattr(m, name) for m in seen])
-        for name in ("misfit_px", "by_shift", "variance")
-    )
-    spread = max(robust_sigma(misfit / np.sqrt(variance)), 1.0) ** 2
-    variance = variance * spread * params.correlated
-    return (
-        misfit,
-        by_shift,
-        1.0 / (variance * (1 + params.correlated * misfit**2 / (4 * variance)) ** 2),
-    )
+def _levelled(pose: Pose, surfaces: _Surfaces) -> Pose:
+    """Raised or lowered to the earlier stop's ground: relief alone does not tell the level."""
+    residual = surfaces.compare(pose).residual_m
+    down = float(np.median(residual)) if len(residual) else 0.0
+    return _move(pose, np.array([0, 0, 0, 0, 0, -down]))
+
+
+def _move(pose: Pose, change: Float64[np.ndarray, " 6"]) -> Pose:
+    """A pose turned by a rotation vector about the source's origin and then shifted."""
+    turn = ScipyRotation.from_rotvec(change[:3])
+    rotation = (turn * ScipyRotation.from_matrix(pose.rotation)).as_matrix()
+    return Pose(pose.target, pose.source, rotation, pose.translation_m + change[3:])
+
+
+def _covariance(
+    cells: Cells,
+    known: Float64[np.ndarray, "6 6"],
+    earlier: HeightGrid,
+    later: HeightGrid,
+    params: SurfaceParams,
+) -> tuple[Float64[np.ndarray, "6 6"], Cells]:
+    """(covariance of the motion, the cells with weights that allow for what they share)."""
+    design = cells.design
+    score = design * (cells.weight * cells.residual_m)[:, None]
+    square = np.floor(cells.places[:, :2] / CLUSTER_M).astype(np.int64) @ (10_000, 1)
+    block = np.unique(square, return_inverse=True)[1].ravel()
+    blocks = np.zeros((int(block.max()) + 1, MOTION))
+    np.add.at(blocks, block, score)
+    weighted = (design * cells.weight[:, None]).T
+    normal, squares = cells.steepness * weighted @ design, blocks.T @ blocks
+    inverse = np.linalg.inv(normal + known)
+    covariance = inverse @ (squares + known) @ inverse
+    for bias in shape_biases(cells.places, cells.arms, cells.by_shift, earlier, later, params):
+        off = inverse @ (weighted @ bias) * cells.steepness
+        covariance = covariance + np.outer(off, off)
+    shared = float(np.trace(inverse @ squares)) / MOTION / cells.steepness
+    return covariance, replace(cells, weight=cells.weight / max(shared, 1.0))
+
+
+def shape_biases(
+    places: ObjectPoints,
+    arms: ObjectPoints,
+    by_shift: ObjectPoints,
+    earlier: HeightGrid,
+    later: HeightGrid,
+    params: SurfaceParams,
+) -> tuple[PerPoint, PerPoint]:
+    """What residuals change by one standard deviation of what shapes share: along the rays, up."""
+    shifts = [shape_shift(rays, grid, params) for rays, grid in ((arms, later), (places, earlier))]
+    along, up = (one - other for one, other in zip(*shifts, strict=True))
+    return (along * by_shift).sum(axis=1), (up * by_shift).sum(axis=1)
+
+
+def shape_shift(
+    rays: ObjectPoints, grid: HeightGrid, params: SurfaceParams
+) -> tuple[ObjectPoints, ObjectPoints]:
+    """(along the rays from a rover, upwards): how far what it sees of places is displaced."""
+    from_mast = rays + np.array([0.0, 0.0, grid.mast_m])
+    distance_m = np.linalg.norm(from_mast, axis=1)
+    along = params.bias_parallax_px / grid.scale_px_m * distance_m[:, None] * from_mast
+    up = np.zeros_like(rays)
+    up[:, 2] = -params.bias_line_px / grid.focal_px * distance_m
+    return along, up

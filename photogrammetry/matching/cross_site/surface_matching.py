@@ -1,45 +1,67 @@
-"""Surface-matched cross-site ties, where image matching leaves the bearing weak.
+"""Surface-matched cross-site ties: what the shape of the ground says of two stops.
 
-Stops on opposite sides of the same ground see other faces of its stones, under another sun; patches
-that look alike are then not quite the same, and the few there are leave a tenth of a degree of
-azimuth open. The shape of the ground is one and the same. Once two stops are linked by
-image-matched ties, the ground that two of their pairs share is aligned (`surface_alignment`), first
-as a whole, then block by block; the blocks become ties.
+When the ground of two stops is laid onto each other (`surface_alignment`), every block of it says
+on its own by how much it would still move, and how well it knows that: along the normal of every
+cell, so height best, and place as well as relief tells it. A block becomes a tie: a point of the
+earlier stop's ground, which lies there by definition, and where the later stop sees it, with
+standard deviations of sample, line and parallax from the covariance of the block's shift. So ties
+by shape tell bearing, range and height of the stops to each other, each as well as it is known, and
+the pointing of pairs stays the adjustment's to find.
 
-What the stops see of a block differs along their rays and upwards, by an amount that no number of
-points averages out; a surface-matched tie states it in its covariance. So all of its weight is in
-the bearing, where blocks are true to millimetres, and ranges and heights are left to the
-image-matched ties.
+How much blocks know is scaled by how much they differ from each other. What they share no number
+of them averages out (`shape_shift`); it is counted into each of n ties n times, so that their mean
+is as uncertain as it is (`tie_weights`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from solmap.photogrammetry.arrays import Flags, Float64, Int32, ObjectPoints, PerPoint
+from solmap.photogrammetry.cameras.epipolar import projection_partials
 from solmap.photogrammetry.errors import MatchingError
+from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.surface_alignment import (
-    Ground,
-    GroundPair,
-    Misfits,
+    HEIGHTS,
+    RELIEF,
+    Cells,
+    HeightGrid,
+    Registration,
     SurfaceParams,
-    SurfaceView,
-    robust_weights,
+    register,
+    shape_shift,
 )
-from solmap.photogrammetry.matching.records import Ties
+from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop, Ties
 from solmap.photogrammetry.ranges import Count, Metres
 from solmap.photogrammetry.robust import robust_sigma
 
 DEFINED_PX = 0.02
 """A point of the earlier stop is where it is by definition."""
 
+LOOSE_M = 0.3
+"""Standard deviation of a block's shift before: what is not told stays about where it is."""
 
-BLOCK_SHARE = 0.06
-"""Least side of a block as a share of the distance of the stops: far away there are fewer pixels to
-a metre."""
+SAME = 2
+"""The coordinates of a tie err by the same, and each tells of it as if the others did not."""
+
+MARGIN_PX = 16
+"""Points nearer to the border of a pair are left to the pair beside it."""
+
+VISIBLE = 0.05
+"""Parallax at a point may differ from the predicted one by this share: else something hides it."""
+
+
+HYPOTHESIS_SIGMAS = (0.0052, 0.0052, 0.0175, 0.3, 0.3, 0.3)
+"""Standard deviations of a hypothesis: tilt by gravity (radians), azimuth, place (metres)."""
+
+RELIEF_M = 0.2
+"""Relief is the same over so much: ground of some area has area / (4 pi r^2) independent places."""
+
+CERTAIN = 4.0
+"""Standard deviations by which relief must correlate better than anywhere else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,221 +70,230 @@ class SurfaceTieParams:
 
     enabled: bool = True
     surface: SurfaceParams = field(default_factory=SurfaceParams)
-    block_m: Metres = 1.0
-    """Side of a block, and at least"""
-    least_points: Count = 30
-    largest_sigma_m: Metres = 0.06
-    """Across the rays: blocks without relief know no better and are left out."""
+    block_m: Metres = 1.5
+    """Side of a block."""
+    least_cells: Count = 30
     least: Count = 8
     """With fewer blocks there are no surface-matched ties."""
     most: Count = 80
     """Blocks that become ties, the most certain."""
 
     def __post_init__(self) -> None:
-        if not (self.block_m > 0 and self.least_points > 0 and self.most >= self.least > 0):
+        if not (self.block_m > 0 and self.least_cells > 0 and self.most >= self.least > 0):
             raise MatchingError(
-                "surface-matched ties need blocks above zero in size, points and number"
+                "surface-matched ties need blocks above zero in size, cells and number"
             )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ShapeTrial:
+    """The hypothesis that the shape of the ground speaks for, laid onto the ground."""
+
+    found: Registration
+    by_chance: float
+    """Greatest correlation of relief at other places, tried in the same way."""
+
+    @property
+    def clearness(self) -> float:
+        """Standard deviations by which relief correlates better than elsewhere."""
+        places = self.found.area_m2 / (4 * np.pi * RELIEF_M**2)
+        return (self.found.correlation - self.by_chance) * float(np.sqrt(places))
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether the shape alone tells the place."""
+        return self.clearness > CERTAIN
+
+    def __str__(self) -> str:
+        return (
+            f"relief correlates by {self.found.correlation:.2f}, elsewhere by {self.by_chance:.2f}"
+        )
+
+
+def try_shapes(
+    grids: tuple[HeightGrid, HeightGrid],
+    starts: Sequence[Pose],
+    elsewhere: Sequence[Pose],
+    apart_m: float,
+    params: SurfaceParams,
+) -> ShapeTrial | None:
+    """Lay the later stop's ground onto the earlier one's from hypotheses; the best of them.
+
+    Hypotheses that end further than `apart_m` from it, and places where no hypothesis is, show what
+    chance can do. None where the stops share next to no ground.
+    """
+    prior = np.diag(np.square(HYPOTHESIS_SIGMAS))
+    laid = [register(*grids, pose, prior, params, RELIEF) for pose in (*starts, *elsewhere)]
+    tried = [one for one in laid[: len(starts)] if one is not None]
+    if not tried:
+        return None
+    best = max(tried, key=lambda one: one.correlation)
+    place_m = best.pose.translation_m[:2]
+    others = [
+        one.correlation
+        for one in laid
+        if one is not None and np.linalg.norm(one.pose.translation_m[:2] - place_m) > apart_m
+    ]
+    found = register(*grids, best.pose, prior, params, HEIGHTS)
+    if found is None:
+        return None
+    found = replace(found, correlation=best.correlation, area_m2=best.area_m2)
+    return ShapeTrial(found, max(0.0, *others) if others else 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Blocks:
-    """Blocks of ground that a pair of either stop has seen, n of them, each laid on its own."""
+    """Blocks of ground, n of them."""
 
-    number: Int32[np.ndarray, " n"]
-    """By which a block is known among all pairs."""
-    point: Int32[np.ndarray, " n"]
-    """The point of the earlier stop's ground in its middle."""
+    places: ObjectPoints
+    """A point of the earlier stop's ground in the middle, in its level frame."""
+    arms: ObjectPoints
+    """From the later rover to it, in the same axes."""
     shift_m: ObjectPoints
-    """What lays the later stop's ground onto the earlier one's, common frame."""
+    """What lays the later stop's ground onto it."""
     covariance: Float64[np.ndarray, "n 3 3"]
-    """Of the shift."""
-    shape_bias: Float64[np.ndarray, "n 3 3"]
-    """Covariance of how far apart what the stops see of the block is, which blocks share."""
-    across_m: PerPoint
-    """Shift across the rays, from where all the ground of both pairs was laid."""
-    sigma_m: PerPoint
-    """Its standard deviation."""
-
-    def __len__(self) -> int:
-        return len(self.number)
 
     def select(self, rows: np.ndarray) -> Blocks:
         """Some of them."""
-        return Blocks(*(getattr(self, column.name)[rows] for column in fields(self)))
+        columns = (self.places, self.arms, self.shift_m, self.covariance)
+        return Blocks(*(column[rows] for column in columns))
 
-    def inflate(self, factor: float) -> Blocks:
-        """The same where blocks differ by so much more than they state."""
-        return replace(self, covariance=factor**2 * self.covariance, sigma_m=factor * self.sigma_m)
+
+def find_blocks(cells: Cells, params: SurfaceTieParams) -> Blocks:
+    """The blocks that know their place best, from the cells where the motion was found."""
+    square = np.floor(cells.places[:, :2] / params.block_m).astype(np.int64) @ (10_000, 1)
+    block = np.unique(square, return_inverse=True)[1].ravel()
+    blocks = int(block.max()) + 1
+    g, weighted = cells.by_shift, cells.by_shift * cells.weight[:, None]
+    normal, right = np.zeros((blocks, 3, 3)), np.zeros((blocks, 3))
+    np.add.at(normal, block, weighted[:, :, None] * g[:, None, :])
+    np.add.at(right, block, -weighted * cells.residual_m[:, None])
+    used = np.bincount(block[cells.weight > 0], minlength=blocks) >= params.least_cells
+    if not used.any():
+        return Blocks(*(np.zeros((0, 3)),) * 3, np.zeros((0, 3, 3)))
+    root = np.linalg.cholesky(normal[used] + 1e-6 * np.eye(3))
+    scatter = robust_sigma(np.linalg.solve(root, right[used][:, :, None])) ** 2
+    covariance = np.linalg.inv(normal / scatter + np.eye(3) / LOOSE_M**2)
+    shift = (covariance @ right[:, :, None])[:, :, 0] / scatter
+    middle = _middles(cells, block, blocks)
+    size = np.where(used, np.linalg.det(covariance), np.inf)
+    order = np.argsort(size, kind="stable")[: params.most]
+    best = order[np.isfinite(size[order])]
+    places = cells.places.copy()
+    places[:, 2] -= cells.residual_m
+    return Blocks(places[middle], cells.arms[middle], shift, covariance).select(best)
+
+
+def _middles(cells: Cells, block: np.ndarray, blocks: int) -> Int32[np.ndarray, " blocks"]:
+    """The cell nearest to the middle of those of each block."""
+    places = cells.places[:, :2]
+    count = np.bincount(block, minlength=blocks)
+    middle = np.column_stack([np.bincount(block, axis, blocks) / count for axis in places.T])
+    order = np.lexsort((np.linalg.norm(places - middle[block], axis=1), block))
+    return order[np.unique(block[order], return_index=True)[1]].astype(np.int32)
 
 
 def tie_by_surface(
-    earlier: Mapping[str, SurfaceView], later: Mapping[str, SurfaceView], params: SurfaceTieParams
+    stops: tuple[MatchedStop, MatchedStop],
+    grids: tuple[HeightGrid, HeightGrid],
+    found: Registration,
+    params: SurfaceTieParams,
 ) -> Ties:
-    """Surface-matched ties between the pairs of two stops.
-
-    All views stand in one frame, level, north first; image-matched ties have placed the stops to
-    some centimetres and tenths of a degree. None where there is little relief.
-    """
-    pair_ids = (*earlier, *later)
-    seen = list(_shared_ground(earlier, later, params))
-    blocks = [blocks for *_, blocks in seen]
-    if not blocks:
-        return Ties.none(pair_ids)
-    across, sigma, number = (
-        np.concatenate([getattr(some, name) for some in blocks])
-        for name in ("across_m", "sigma_m", "number")
-    )
-    kept = _most_certain(number, sigma, params)
-    if kept.sum() < params.least:
-        return Ties.none(pair_ids)
-    scatter = max(robust_sigma(across[kept] / sigma[kept]), 1.0)
-    mine = np.split(kept, np.cumsum([len(some) for some in blocks])[:-1])
-    columns = [
-        _tie_columns(couple, some.select(rows).inflate(scatter), int(kept.sum()), params.surface)
-        for (*_, couple, some), rows in zip(seen, mine, strict=True)
+    """Surface-matched ties between the pairs of two stops, laid onto each other."""
+    pair_ids = tuple(pair.pair_id for stop in stops for pair in stop.pairs)
+    blocks = find_blocks(found.cells, params)
+    there = found.pose.inverse.apply(blocks.places - blocks.shift_m)
+    rovers = [
+        places @ stop.lsl_from_rover.rotation
+        for stop, places in zip(stops, (blocks.places, there), strict=True)
     ]
-    first, second = (
-        np.repeat([pair_ids.index(names[k]) for names in seen], [rows.sum() for rows in mine])
-        for k in (0, 1)
-    )
-    ties = Ties(
-        pair_ids,
-        first.astype(np.int32),
-        second.astype(np.int32),
-        *(np.concatenate(column) for column in zip(*columns, strict=True)),
-    )
-    return replace(ties, by_shape=np.ones(len(ties), dtype=bool))
-
-
-def _shared_ground(
-    earlier: Mapping[str, SurfaceView], later: Mapping[str, SurfaceView], params: SurfaceTieParams
-) -> Iterator[tuple[str, str, GroundPair, Blocks]]:
-    """Every two pairs that share ground, with its blocks."""
-    here, there = (np.mean([v.centre for v in some.values()], axis=0) for some in (earlier, later))
-    ones = {name: Ground.of(view, there, params.surface) for name, view in earlier.items()}
-    others = {name: Ground.of(view, here, params.surface) for name, view in later.items()}
-    side_m = max(params.block_m, BLOCK_SHARE * float(np.linalg.norm(there - here)))
-    for one, ground in ones.items():
-        for other, its_ground in others.items():
-            couple = GroundPair.of(ground, its_ground, params.surface)
-            if couple is not None:
-                yield one, other, couple, align_blocks(couple, side_m, params)
-
-
-def align_blocks(couple: GroundPair, side_m: float, params: SurfaceTieParams) -> Blocks:
-    """The blocks of the ground that two pairs share: squares of some side, each laid on its own."""
-    laid = couple.shifts_by(couple.align(params.surface))
-    names = [
-        _squares(ground.places + shift, side_m)
-        for ground, shift in zip(couple.grounds, laid, strict=True)
-    ]
-    number, place = np.unique(np.concatenate(names), return_inverse=True)
-    place = place.ravel().astype(np.int32)
-    block = np.split(place, [len(names[0])])
-    middle = _middles(np.concatenate([g.places for g in couple.grounds]), place, len(number))
-    prior, shift = couple.prior(middle, params.surface), np.zeros((len(number), 3))
-    for _ in range(params.surface.rounds):
-        shifts = (laid[0] + shift[block[0]], laid[1] + shift[block[1]])
-        seen = couple.misfits(shifts, params.surface)
-        misfit, by_shift, weight = robust_weights(seen, params.surface)
-        of = np.concatenate([b[m.row] for b, m in zip(block, seen, strict=True)])
-        weighted = weight[:, None] * by_shift
-        normal = prior.copy()
-        np.add.at(normal, of, weighted[:, :, None] * by_shift[:, None, :])
-        right = -(prior @ shift[:, :, None])[:, :, 0]
-        np.add.at(right, of, -weighted * misfit[:, None])
-        shift = shift + np.linalg.solve(normal, right[:, :, None])[:, :, 0]
-    covariance, across = np.linalg.inv(normal), couple.across
-    sigma = np.sqrt(np.einsum("i,nij,j->n", across, covariance, across))
-    point = _middle_points(couple.earlier, seen[0], block[0], len(number))
-    good = np.bincount(of, minlength=len(number)) >= params.least_points
-    good &= (sigma < params.largest_sigma_m) & (point >= 0)
-    found = Blocks(
-        number.astype(np.int32),
-        point,
-        laid[0][point] + shift,
-        covariance,
-        couple.shape_bias(middle, params.surface),
-        shift @ across,
-        sigma,
-    )
-    return found.select(good)
-
-
-def _squares(places: ObjectPoints, side_m: float) -> Int32[np.ndarray, " n"]:
-    """A number for the square of level ground in which every place lies."""
-    row, col = np.floor(places[:, :2] / side_m).astype(np.int32).T
-    return row * 10_000 + col
-
-
-def _middles(
-    places: ObjectPoints, block: Int32[np.ndarray, " n"], blocks: int
-) -> Float64[np.ndarray, "blocks 3"]:
-    """The middle of the places in every block; the origin for blocks without any."""
-    count = np.maximum(np.bincount(block, minlength=blocks), 1)
-    return np.column_stack([np.bincount(block, axis, blocks) / count for axis in places.T])
-
-
-def _middle_points(
-    ground: Ground, seen: Misfits, block: Int32[np.ndarray, " points"], blocks: int
-) -> Int32[np.ndarray, " blocks"]:
-    """The point seen that is nearest to the middle of those of its block; -1 if there is none."""
-    of, places = block[seen.row], ground.places[seen.row]
-    middle = _middles(places, of, blocks)
-    order = np.lexsort((np.linalg.norm(places - middle[of], axis=1), of))
-    found, first = np.unique(of[order], return_index=True)
-    nearest = np.full(blocks, -1, dtype=np.int32)
-    nearest[found] = seen.row[order[first]]
-    return nearest
-
-
-def _most_certain(
-    number: Int32[np.ndarray, " n"], sigma: PerPoint, params: SurfaceTieParams
-) -> Flags:
-    """Every block once, by the pairs most certain of it; and the most certain of all blocks."""
-    order = np.argsort(sigma, kind="stable")
-    _, first = np.unique(number[order], return_index=True)
-    kept = np.zeros(len(number), dtype=bool)
-    kept[order[np.sort(first)[: params.most]]] = True
-    return kept
-
-
-def _tie_columns(
-    couple: GroundPair, blocks: Blocks, count: int, params: SurfaceParams
-) -> tuple[np.ndarray, ...]:
-    """Ties in the middle of blocks, column by column as `Ties` has them.
-
-    What all `count` ties of a link share is as uncertain in their mean as it is in each
-    (`tie_weights`): how far apart the shapes are, and with it range and height, which the
-    image-matched ties fix.
-    """
-    view, target = couple.earlier.view, couple.later.view
-    first = couple.earlier.points[blocks.point]
-    parallax = view.at(first).parallax_px
-    there = (view.place(first, parallax) - blocks.shift_m - target.centre) @ target.rotation
-    second, second_parallax = target.geometry.project(there)
-    by_place = target.by_place(there)
-    own, bias, told = (
-        np.diagonal(by_place @ covariance @ by_place.mT, axis1=1, axis2=2)
-        for covariance in (
-            blocks.covariance,
-            blocks.shape_bias,
-            params.shift_sigma_m**2 * np.eye(3),
+    seen = [_best_view(stop, places) for stop, places in zip(stops, rovers, strict=True)]
+    rows = np.flatnonzero((seen[0].pair >= 0) & (seen[1].pair >= 0))
+    if len(rows) < params.least:
+        return Ties.none(pair_ids)
+    first, second = (some.select(rows) for some in seen)
+    level_from_rover = stops[1].lsl_from_rover.rotation
+    turn = found.pose.rotation @ level_from_rover  # later rover to the earlier level frame
+    by_shift = second.by_place @ turn.T
+    own, common = blocks.covariance[rows], np.zeros((len(rows), 3, 3))
+    along, up = (
+        later - earlier
+        for later, earlier in zip(
+            shape_shift(blocks.arms[rows], grids[1], params.surface),
+            shape_shift(blocks.places[rows], grids[0], params.surface),
+            strict=True,
         )
     )
-    sample, line, along = np.sqrt(own + count * (bias + told * (0.0, 1.0, 1.0))).T
-    defined = np.full(len(blocks), DEFINED_PX)
-    of_parallax = np.full(len(blocks), params.sigma_parallax_px)
-    return (
-        first,
-        second,
-        parallax,
-        second_parallax,
-        defined,
-        sample,
-        of_parallax,
-        along,
-        defined,
-        line,
+    along[:, 2] = 0.0  # ground stays on ground
+    for shared in (along, up):
+        common += shared[:, :, None] * shared[:, None, :]
+    own, common = (
+        np.diagonal(by_shift @ some @ by_shift.mT, axis1=1, axis2=2) for some in (own, common)
     )
+    sigma = np.sqrt(own + SAME * len(rows) * common)
+    defined = np.full(len(rows), DEFINED_PX)
+    return Ties(
+        pair_ids,
+        first.pair,
+        second.pair + np.int32(len(stops[0].pairs)),
+        first.left,
+        second.left,
+        first.parallax_px,
+        second.parallax_px,
+        defined,
+        sigma[:, 0],
+        defined,
+        sigma[:, 2],
+        defined,
+        sigma[:, 1],
+        by_shape=np.ones(len(rows), dtype=bool),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """Where the pairs of a stop see n places."""
+
+    pair: Int32[np.ndarray, " n"]
+    """The pair that shows it nearest to its middle; -1 if none does."""
+    left: Float64[np.ndarray, "n 2"]
+    parallax_px: PerPoint
+    by_place: Float64[np.ndarray, "n 3 3"]
+    """Derivative of (sample, line, parallax) by the place in the rover frame."""
+
+    def select(self, rows: np.ndarray) -> _Seen:
+        """Some of them."""
+        columns = (self.pair, self.left, self.parallax_px, self.by_place)
+        return _Seen(*(column[rows] for column in columns))
+
+
+def _best_view(stop: MatchedStop, places: ObjectPoints) -> _Seen:
+    """The pairs of a stop that show places of the rover frame best."""
+    n = len(places)
+    best, off = (
+        _Seen(np.full(n, -1, np.int32), np.zeros((n, 2)), np.zeros(n), np.zeros((n, 3, 3))),
+        np.full(n, np.inf),
+    )
+    for k, pair in enumerate(stop.pairs):
+        g, pose = pair.images.geometry, pair.images.geometry.rover_from_pair
+        in_pair = (places - pose.translation_m) @ pose.rotation
+        left, parallax = g.project(in_pair)
+        aside = np.abs(in_pair[:, 0] / in_pair[:, 2])
+        better = _shows(pair, left, parallax) & (aside < off)
+        off[better] = aside[better]
+        best.pair[better], best.left[better] = k, left[better]
+        best.parallax_px[better] = parallax[better]
+        partials = projection_partials(in_pair[better], g.focal_px, g.base_m)
+        best.by_place[better] = partials @ pose.rotation.T
+    return best
+
+
+def _shows(pair: MatchedPair, left: Float64[np.ndarray, "n 2"], parallax_px: PerPoint) -> Flags:
+    """Whether dense parallax at image points is the predicted one."""
+    inside = pair.images.geometry.shows(left - MARGIN_PX) & pair.images.geometry.shows(
+        left + MARGIN_PX
+    )
+    col, row = np.rint(np.where(inside[:, None], left, 0.0)).astype(np.int64).T
+    with np.errstate(invalid="ignore"):
+        off = np.abs(pair.parallax[row, col] - parallax_px)
+        return inside & (off < np.maximum(VISIBLE * parallax_px, 1.0))
