@@ -18,8 +18,8 @@ def is_odd(value: int) -> bool:
     return value % 2 == 1
 
 
-Freedoms = Annotated[float, Interval(gt=0.0)]
-"""Degrees of freedom; may be infinite."""
+Freedoms = Annotated[float, Interval(gt=0.0, le=1e9)]
+"""Degrees of freedom."""
 Share = Annotated[float, Interval(ge=0.0, le=1.0)]
 ShareAboveZero = Annotated[float, Interval(gt=0.0, le=1.0)]
 Factor = Annotated[float, Interval(gt=0.0, le=1000.0)]

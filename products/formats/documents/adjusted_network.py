@@ -290,7 +290,7 @@ def _ties_of(document: Document) -> AdjustedTies:
             _array(document["sigma_px"], -1),
             _array(document["sigma_parallax_px"], -1),
             _array(document["sigma_line_px" if "sigma_line_px" in document else "sigma_px"], -1),
-            np.array(document.get("by_shape", []), dtype=bool),
+            np.array(document.get("by_shape", [False] * len(document["point"])), dtype=bool),
         ),
         _array(document["points"], -1, 3),
         _array(document["covariances"], -1, 3, 3),
