@@ -17,7 +17,7 @@ from typing import Any, Literal, Self
 
 from solmap.products.recipe_names import RECIPE_NAMES, RecipeNames
 
-SCIENCE_VERSION = 3
+SCIENCE_VERSION = 4
 """Raised when equal inputs and parameters give other products; CHANGELOG.md says what changed."""
 
 
