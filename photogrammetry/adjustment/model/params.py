@@ -57,8 +57,8 @@ class AdjustmentParams:
     """Rounds of data snooping per step."""
     sigma_freedoms: Freedoms = 3.0
     """The standard deviations stated above, and those of ties, count as if so many observations of
-    each kind had scattered so: 3 leave the truth a factor of 0.6 to 3.7 (95 %). From 1e9 on they are
-    taken as stated."""
+    each kind had scattered so: 3 leave the truth a factor of 0.6 to 3.7 (95 %). From 1e9 on
+    they are taken as stated."""
     window_stops: Count = 4
     """Stops that the sequential adjustment estimates anew at every step. Ties that reach back
     further re-open the whole traverse; drives and turns seldom show ground of more than the third
