@@ -6,7 +6,8 @@ made; what did not change is looked up.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from prefect.futures import PrefectFuture
@@ -253,9 +254,26 @@ def _match_wide_pairs(
             for eyes in chosen:
                 futures[later, wide_id(eyes)] = match_wide_pair.submit(*eyes, params, store)
     done, failed = wait_for(f"sol {report.sol}: match pairs across stops", futures)
-    causes = {name: cause for (_, name), cause in (failed | unasked).items()}
+    causes = _one_finding_a_stop(failed | unasked, futures)
     report.add_findings("map far ground", causes, LACKING, *FINDINGS)
     return group_by_first(done)
+
+
+def _one_finding_a_stop(
+    failed: Mapping[tuple[StopId, str], str], asked: Iterable[tuple[StopId, str]]
+) -> dict[str, str]:
+    """Causes by what they are of; of the findings of a stop the first stands for all."""
+    named = tuple(f"{error.__name__}: " for error in FINDINGS)
+    causes = {name: why for (_, name), why in failed.items() if not why.startswith(named)}
+    found: dict[StopId, list[str]] = {}
+    for (stop, _), why in failed.items():
+        if why.startswith(named):
+            found.setdefault(stop, []).append(why)
+    tried = Counter(stop for stop, _ in asked)
+    return causes | {
+        f"in {len(whys)} of {tried[stop]} wide-baseline pairs of {stop}, the first": whys[0]
+        for stop, whys in found.items()
+    }
 
 
 def _linked_stops(
