@@ -144,14 +144,14 @@ def tie_cross_site(
     fits, gate = found.fits, found.gate
     if not fits:
         return refused_link(one, other, "the bird's-eye views share too little ground")
+    if found.highest < least_z:
+        return refused_link(one, other, f"no peak stands out (z = {found.highest:.1f})", fits[0])
     trials = Trials(one, other, found.prior, params.trials)
     wrong = decoys(gate, fits, params.trials.decoys, 2 * SEPARATION_M)
     if params.by_shape.enabled:
         link = _link_by_shape(trials, fits, wrong, params)
         if link is not None:
             return link
-    if found.highest < least_z:
-        return refused_link(one, other, f"no peak stands out (z = {found.highest:.1f})", fits[0])
     tried = [trials.try_fit(fit) for fit in fits]
     best = trials.settle(_best(tried, params.trials.separation_m))
     if best.agreeing < params.verdict.least_ties:
@@ -214,8 +214,17 @@ def _link_by_shape(
     figures = replace(
         figures, measured=len(trial.ties) + len(ties), handed_on=len(images), by_shape=len(ties)
     )
-    linked = True
-    return SiteLink(one.id, other.id, linked, reason, used, pose, covariance, figures, fit)
+    return SiteLink(
+        one.id,
+        other.id,
+        linked=True,
+        reason=reason,
+        ties=used,
+        earlier_from_later=pose,
+        covariance=covariance,
+        figures=figures,
+        fit=fit,
+    )
 
 
 def _pointing(

@@ -52,7 +52,7 @@ def paths(tmp_path_factory):
     os.mkfifo(folder / "fifo.img")
     (folder / "folder").mkdir()
     there = sorted(map(str, folder.iterdir()))
-    return [*there, "/dev/null", "/nonexistent/x", str(folder / "new"), ""]
+    return [*there, "/dev/null", "/dev/null/x", str(folder / "new"), ""]
 
 
 @pytest.fixture(autouse=True)
