@@ -20,6 +20,7 @@ from tests.support.site_pairs import (
     judged,
     matched_stops,
     negative_pairs,
+    pointed,
     positive_pairs,
     stops_of,
     totals,
@@ -75,7 +76,7 @@ def main() -> None:
 
 @lru_cache(maxsize=3)
 def _husband(number: int) -> SimulatedStop:
-    return rendered_stop(ROOT / ".cache" / "rendered_husband", number)
+    return pointed(rendered_stop(ROOT / ".cache" / "rendered_husband", number))
 
 
 def _stops(pair: SitePair) -> tuple[SimulatedStop, SimulatedStop]:

@@ -22,6 +22,11 @@ from solmap.photogrammetry.matching.cross_site.linking import (
     CrossSiteParams,
 )
 from solmap.photogrammetry.matching.cross_site.links import SiteLink
+from solmap.photogrammetry.matching.inter_stereo import (
+    InterStereoParams,
+    point_pairs,
+    tie_inter_stereo,
+)
 from solmap.photogrammetry.matching.records import MatchedStop
 from tests.support.simulated_stops import SimulatedStop, WorldOfStops, simulated_stop
 
@@ -149,7 +154,14 @@ def stops_of(pair: SitePair) -> tuple[SimulatedStop, SimulatedStop]:
 
 @lru_cache(maxsize=3)
 def _stop(which: WorldOfStops, number: int) -> SimulatedStop:
-    return simulated_stop(which, number)
+    return pointed(simulated_stop(which, number))
+
+
+def pointed(stop: SimulatedStop) -> SimulatedStop:
+    """A stop with its pairs pointed by its inter-stereo ties, as `tasks.network.tie` links it."""
+    ties = tie_inter_stereo(stop.matched, InterStereoParams()).ties
+    alignment = CrossSiteParams().trials.alignment
+    return replace(stop, matched=point_pairs(stop.matched, ties, alignment))
 
 
 def matched_stops(
