@@ -112,17 +112,29 @@ def link_stops(
         sigmas_px = _toe_in_px(one.stop, earlier) | _toe_in_px(other.stop, later)
         write_ties(path, add_toe_in(link.ties, sigmas_px), _figures_of_link(link))
 
-    poses = (TelemetryPose.of(earlier_telemetry), TelemetryPose.of(later_telemetry))
-    scope = link_scope(earlier.stop, later.stop)
-    inputs = (*earlier.inputs, *later.inputs)
-    inputs += tuple(stop.ties for stop in (earlier, later) if stop.ties)
-    rigs = tuple(stop.toe_in_sigmas for stop in (earlier, later) if stop.toe_in_sigmas)
-    links = store.make(Recipe(ProductKind.LINKS, scope, inputs, (params, *poses, *rigs)), write)
+    recipe = links_recipe(earlier, later, earlier_telemetry, later_telemetry, params)
+    links = store.make(recipe, write)
     store.make(
-        Recipe(ProductKind.QUICKLOOK, scope, (links,)),
+        Recipe(ProductKind.QUICKLOOK, recipe.scope, (links,)),
         lambda path: write_link_preview(path, *tie_sites(), params),
     )
     return links
+
+
+def links_recipe(
+    earlier: StopProducts,
+    later: StopProducts,
+    earlier_telemetry: StopPrior,
+    later_telemetry: StopPrior,
+    params: CrossSiteParams,
+) -> Recipe:
+    """What the links of two stops are made of."""
+    poses = (TelemetryPose.of(earlier_telemetry), TelemetryPose.of(later_telemetry))
+    inputs = (*earlier.inputs, *later.inputs)
+    inputs += tuple(stop.ties for stop in (earlier, later) if stop.ties)
+    rigs = tuple(stop.toe_in_sigmas for stop in (earlier, later) if stop.toe_in_sigmas)
+    scope = link_scope(earlier.stop, later.stop)
+    return Recipe(ProductKind.LINKS, scope, inputs, (params, *poses, *rigs))
 
 
 def link_scope(earlier: StopId, later: StopId) -> Scope:

@@ -7,7 +7,7 @@ these find them made and go on to adjust.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -137,13 +137,15 @@ class _Maker:
         window, stops = {stop.stop: stop for stop in inputs.window}, self.sols.made
         for name in [stop for stop in window if stop not in stops]:
             pairs = pairs_of(inputs.workspace.catalogue.images(stop=str(name)))
-            stop = stops[name] = StopProducts(name, tuple(map(self._matched, pairs)))
+            stop = StopProducts(name, tuple(map(self._matched, pairs)))
             rows = self.sols.seen.within.get(name, np.zeros((0, 2), dtype=int))
             header = {"stop": str(name), "links": [], "rms_px": 0.3}
             recipe = Recipe(
                 ProductKind.TIES, _stop_scope(name), stop.inputs, inputs.config.inter_stereo
             )
-            self._look(store.make(recipe, lambda p, r=rows, h=header: self._write(p, r, h)))
+            ties = store.make(recipe, lambda p, r=rows, h=header: self._write(p, r, h))
+            self._look(ties)
+            stops[name] = replace(stop, ties=ties)
         for old, new in _link_candidates(inputs):
             if new in inputs.new_stops:
                 self._linked(stops[old], stops[new], window[old], window[new])
@@ -176,7 +178,7 @@ class _Maker:
         return products
 
     def _linked(self, earlier: Any, later: Any, *telemetry: Any) -> None:
-        from solmap.tasks.network.tie import TelemetryPose, link_scope  # noqa: PLC0415 - brings the engine
+        from solmap.tasks.network.tie import links_recipe  # noqa: PLC0415 - brings the engine
 
         rows = self.sols.seen.across.get((earlier.stop, later.stop), np.zeros((0, 2), dtype=int))
         is_linked = len(rows) >= FEWEST
@@ -188,13 +190,7 @@ class _Maker:
             "earlier_from_later": pose_document(Pose.identity(*(_frames(earlier, later)))),
             "figures": {},
         }
-        params = (self.inputs.config.cross_site, *(TelemetryPose.of(one) for one in telemetry))
-        recipe = Recipe(
-            ProductKind.LINKS,
-            link_scope(earlier.stop, later.stop),
-            (*earlier.inputs, *later.inputs),
-            params,
-        )
+        recipe = links_recipe(earlier, later, *telemetry, self.inputs.config.cross_site)
         kept = rows if is_linked else rows[:0]
         self._look(self.inputs.workspace.store.make(recipe, lambda p: self._write(p, kept, header)))
 
