@@ -112,10 +112,12 @@ def without_engine() -> Iterator[None]:
     for (module, name), stage in zip(calls, before, strict=True):
         setattr(module, name, AtOnce(stage))
     sol.publish = publish.fn
-    yield
-    sol.publish = publish
-    for (module, name), stage in zip(calls, before, strict=True):
-        setattr(module, name, stage)
+    try:
+        yield
+    finally:
+        sol.publish = publish
+        for (module, name), stage in zip(calls, before, strict=True):
+            setattr(module, name, stage)
 
 
 def network_of_sol(*, on_engine: bool) -> Callable[..., Any]:
