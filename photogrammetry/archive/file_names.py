@@ -145,6 +145,12 @@ def parse_file_name(name: str) -> FileName:
     )
 
 
+def camera_string(product_id: str) -> str:
+    """Which of two sets of a camera took an image: A or B of Curiosity; empty where it has one."""
+    match = re.match(r"[NFR][LR]([AB])_\d{9}", _stem(product_id), re.ASCII)
+    return match[1] if match else ""
+
+
 def decode_counter(code: str) -> int | None:
     """Site or drive of its two-character code; None for 1296 and more (## or __)."""
     code = code.upper()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solmap.photogrammetry.adjustment.model.network import StopPrior
+from solmap.photogrammetry.archive.file_names import camera_string
 from solmap.photogrammetry.archive.images.reading import ReadImage
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind
@@ -38,6 +39,7 @@ class PairFiles:
     stop: StopId
     sol: int
     instrument: str
+    """The camera set, as of `camera_set`: each has a stereo rig of its own."""
     left: ImageFile
     right: ImageFile
 
@@ -69,8 +71,14 @@ def pairs_of(entries: Iterable[ImageEntry]) -> list[PairFiles]:
         if entry.eye != Eye.LEFT or entry.partner not in by_id:
             continue
         left, right = image_file(entry), image_file(by_id[entry.partner])
-        pairs.append(PairFiles(entry.id, entry.stop_id, entry.sol, entry.instrument, left, right))
+        cameras = camera_set(entry)
+        pairs.append(PairFiles(entry.id, entry.stop_id, entry.sol, cameras, left, right))
     return sorted(pairs, key=lambda pair: pair.id)
+
+
+def camera_set(entry: ImageEntry) -> str:
+    """The cameras that took an image: NAVCAM, or NAVCAM B where a rover has two sets of them."""
+    return f"{entry.instrument} {camera_string(entry.id)}".strip()
 
 
 def read_pair(pair: PairFiles, store: ProductStore) -> tuple[ReadImage, ReadImage]:

@@ -31,6 +31,7 @@ from solmap.products.formats.documents.control import read_control
 from solmap.products.formats.documents.network import whole_network
 from solmap.products.formats.documents.rig import RigProduct, read_rig
 from solmap.products.model import ProductKind, ProductRef
+from solmap.tasks.images.pairs import camera_set
 from solmap.tasks.images.telemetry import read_telemetry, vector_files
 from solmap.tasks.network.orientations import latest_rig
 from solmap.tasks.scopes import pair_scope
@@ -168,7 +169,7 @@ def _read_rig_network(
         frame, places = read_control(ref, store)
         if places:
             network = with_control(network, [frame], places, params)
-    instruments = {pair: entries[pair].instrument for pair in paths}
+    instruments = {pair: camera_set(entries[pair]) for pair in paths}
     rotated = frozenset(pair for pair, path in paths.items() if read_right_turn(path) is not None)
     return _RigNetwork(network, adjusted, instruments, rotated)
 

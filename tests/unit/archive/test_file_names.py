@@ -3,6 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from solmap.photogrammetry.archive.file_names import (
+    camera_string,
     decode_counter,
     encode_counter,
     parse_file_name,
@@ -47,6 +48,12 @@ def test_names_of_curiosity_are_read():
     assert (found.mission, found.instrument, found.eye) == ("MSL", "NAVCAM", "L")
     assert (found.clock, found.product_type) == (517261274, "EDR")
     assert (found.site, found.drive, found.sequence) == (54, 1610, "ccam15900")
+
+
+def test_names_tell_the_two_camera_sets_of_curiosity_apart():
+    names = ("NLA_399620372ARMLD0030266TRAV00004M1", "NLB_517261274EDR_F0541610CCAM15900M1")
+    assert [camera_string(name) for name in names] == ["A", "B"]
+    assert not camera_string("2N292280938EFFB100P0703L0M1")
 
 
 @pytest.mark.parametrize("name", ["", "notes.img", "5N292280938EFFB100P0703L0M1.IMG", "a" * 500])
