@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import re
 from dataclasses import dataclass
 from enum import Enum, StrEnum
 from functools import cached_property
@@ -120,6 +121,30 @@ class ProductKind(StrEnum):
     POINTING = "pointing", ".geojson"
     TIE_POINTS = "tie-points", ".geojson"
     QUICKLOOK = "quicklook", ".png"
+
+
+_UNTIED = re.compile(r"(.+)-ORIGIN(\d+)(?:-(\d+))?")
+
+
+def untied_map(mission: str, site: int, drive: int | None = None) -> str:
+    """Name of the map of stops that nothing ties to the lander: `MER2-ORIGIN137`.
+
+    Its origin is a site, or the rover at one stop: `MER2-ORIGIN10-64`. The map of what is tied to
+    the lander bears the name of the mission.
+    """
+    return f"{mission}-ORIGIN{site}" + ("" if drive is None else f"-{drive}")
+
+
+def mission_of(map_name: str) -> str:
+    """The mission that a map is of."""
+    found = _UNTIED.fullmatch(map_name)
+    return found[1] if found else map_name
+
+
+def origin_of(map_name: str) -> tuple[int, ...]:
+    """(site,) or (site, drive) where the origin of an untied map is; empty for a mission's map."""
+    found = _UNTIED.fullmatch(map_name)
+    return tuple(int(number) for number in found.groups()[1:] if number) if found else ()
 
 
 def _variants(prefix: str) -> dict[ProductKind, ProductKind]:
@@ -257,3 +282,53 @@ class Layer:
     def id(self) -> str:
         """Stable name of the layer, without the digest: scope and kind."""
         return f"{self.ref.scope.name}/{self.ref.kind}"
+
+    @property
+    def readable_name(self) -> str:
+        """Name for files, without suffix: `MER2_sol0156_site010_drive0100_dtm_4cm`."""
+        sols = "-".join(f"{sol:04d}" for sol in dict.fromkeys((*self.sols[:1], *self.sols[-1:])))
+        place = _PLACE.sub(_short_place, self._place).replace("-", "_")
+        kind = str(self.ref.kind)
+        if "region" in place:
+            kind = kind.removeprefix("region-")
+        parts = (self.mission, f"sol{sols}" if sols else "", place, kind, self._cell)
+        return "_".join(part for part in parts if part)
+
+    @property
+    def full_title(self) -> str:
+        """Title that stands alone: `Elevation, sol 156, site 10 drive 100, 4 cm`."""
+        sols = "-".join(str(sol) for sol in dict.fromkeys((*self.sols[:1], *self.sols[-1:])))
+        place = _PLACE.sub(_spoken_place, self._place).replace("-", " ").strip()
+        cell = re.sub(r"(\d)([a-z])", r"\1 \2", self._cell)
+        parts = (self.title, f"sol {sols}" if sols else "", place, cell)
+        return ", ".join(part for part in parts if part)
+
+    @property
+    def _place(self) -> str:
+        """The name of the scope without the mission's."""
+        name = self.ref.scope.name
+        return "" if name == self.mission.lower() else name.removeprefix(f"{self.mission.lower()}-")
+
+    @property
+    def _cell(self) -> str:
+        """Size of the cells in words; nothing where there are none."""
+        if not self.cell_m:
+            return ""
+        for unit, metres in (("m", 1.0), ("cm", 0.01)):
+            if abs(self.cell_m / metres - round(self.cell_m / metres)) < _WHOLE:
+                return f"{round(self.cell_m / metres)}{unit}"
+        return f"{self.cell_m * 1000:.3g}mm"
+
+
+_PLACE = re.compile(r"\b(site|drive)(\d+)")
+_DIGITS = {"site": 3, "drive": 4}
+_WHOLE = 1e-6
+"""Part of a unit that a size may be off and still be a whole number of it."""
+
+
+def _short_place(found: re.Match[str]) -> str:
+    return f"{found[1]}{int(found[2]):0{_DIGITS[found[1]]}d}"
+
+
+def _spoken_place(found: re.Match[str]) -> str:
+    return f"{found[1]} {int(found[2])}"

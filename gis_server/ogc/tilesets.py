@@ -60,14 +60,14 @@ def collection_document(layer: Layer, mission: MissionEntry, base: str) -> dict[
     box = list(degrees(layer.bounds, mission.landing))
     return {
         "id": collection_id(layer),
-        "title": layer.title,
+        "title": layer.full_title,
         "extent": {"spatial": {"bbox": [box], "crs": uri_of(Crs.LON_LAT, base)}},
         "crs": [uri_of(Crs.LOCAL, base)],
         "storageCrs": uri_of(Crs.LOCAL, base),
         "dataType": "map",
         "links": [
             link("self", here, JSON, "This collection"),
-            link(TILESETS_MAP, f"{here}/map/tiles", JSON, f"Tiles of {layer.title}"),
+            link(TILESETS_MAP, f"{here}/map/tiles", JSON, f"Tiles of {layer.full_title}"),
             link(STYLES, f"{here}/styles", JSON, "Styles of its tiles"),
             link("enclosure", f"{root}/download/{place}", _CONTENT, "The GeoTIFF"),
         ],

@@ -107,7 +107,7 @@ def _operations(root: ET.Element, address: str) -> None:
 
 def _layer(contents: ET.Element, layer: Layer, mission: MissionEntry, base: str) -> None:
     found = ET.SubElement(contents, f"{{{_WMTS}}}Layer")
-    _ows(found, "Title", layer.title)
+    _ows(found, "Title", layer.full_title)
     _box(found, "BoundingBox", layer.bounds, local_proj4(mission.landing))
     _box(found, "WGS84BoundingBox", degrees(layer.bounds, mission.landing))  # degrees of Mars
     _ows(found, "Identifier", collection_id(layer))

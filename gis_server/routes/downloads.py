@@ -25,6 +25,7 @@ from solmap.gis_server.parameters import (
     FOREVER,
     BBox,
     Digest,
+    ImageName,
     LayerPath,
     MissionName,
     base_of,
@@ -163,7 +164,7 @@ def clip(
 def _clip_layer(layer: Layer, store: ProductStore, bounds: BBox, where: tuple[Path, str]) -> Path:
     assert bounds is not None  # noqa: S101 - the caller has looked
     folder, form = where
-    name = f"{layer.ref.scope.name}_{layer.ref.kind}_{layer.ref.digest}_part"
+    name = f"{layer.readable_name}_part"
     if layer.type == "raster":
         path = folder / f"{name}.tif"
         crop_raster(store.address(layer.ref), path, bounds)
@@ -226,9 +227,10 @@ def _services(root: str, base: str, title: str) -> Iterator[Address]:
 def _files(root: str, layers: list[Layer]) -> Iterator[Address]:
     for layer in layers:
         ref = layer.ref
-        address = f"{root}/download/{ref.scope.name}/{ref.kind}/{ref.digest}"
+        file = f"{layer.readable_name}{ref.kind.suffix}"
+        address = f"{root}/download/{ref.scope.name}/{ref.kind}/{ref.digest}/{file}"
         yield Address(
-            title=f"{layer.title}, {ref.scope.name}",
+            title=layer.full_title,
             service="Cloud Optimised GeoTIFF",
             url=f"/vsicurl/{address}",
             program="gdal",
@@ -244,12 +246,12 @@ def geopackage(layer: LayerPath, services: ServicesOf) -> Response:
     collection = read_features(services.store.path(layer.ref))
     if not collection.features:
         raise ProductNotFoundError(f"{layer.id} has no feature that a GeoPackage could hold")
-    name = f"{layer.ref.scope.name}_{layer.ref.kind}"
+    name = f"{layer.readable_name}.gpkg"
     with TemporaryDirectory() as folder:
-        path = Path(folder) / f"{name}.gpkg"
+        path = Path(folder) / name
         write_geopackage(path, collection, str(layer.ref.kind))
         body = path.read_bytes()
-    disposition = {"content-disposition": f'attachment; filename="{name}_{layer.ref.digest}.gpkg"'}
+    disposition = {"content-disposition": f'attachment; filename="{name}"'}
     return Response(
         body, headers={**FOREVER, **disposition}, media_type="application/geopackage+sqlite3"
     )
@@ -260,8 +262,24 @@ def download(layer: LayerPath, services: ServicesOf, request: Request) -> Respon
     """The layer's file, whole or by ranges: GeoTIFF in the local CRS, GeoJSON in Mars degrees."""
     suffix = layer.ref.kind.suffix
     media_type = MEDIA_TYPES.get(suffix, "application/octet-stream")
-    name = f"{layer.ref.scope.name}_{layer.ref.kind}_{layer.ref.digest}{suffix}"
+    name = f"{layer.readable_name}{suffix}"
     return product_response(layer.ref, services.store, request, media_type, name)
+
+
+@router.get(
+    "/download/{scope}/{kind}/{digest}/{file}", tags=["layers"], response_class=FileResponse
+)
+def named_download(
+    layer: LayerPath, file: ImageName, services: ServicesOf, request: Request
+) -> Response:
+    """The layer's file under its readable name, which QGIS and GDAL show as the layer's.
+
+    The name is that of the download, `MER2_sol0156_site010_drive0100_dtm_4cm.tif`.
+    """
+    name = f"{layer.readable_name}{layer.ref.kind.suffix}"
+    if file != name:
+        raise ProductNotFoundError(f"{layer.id} has no file {file}; it has {name}")
+    return download(layer, services, request)
 
 
 @router.get("/stac/catalog.json", tags=["stac"])

@@ -103,7 +103,7 @@ def stl(
         raise UnanswerableError(f"{layer.id} is larger than a stop's: cut a part of it out instead")
     model = read_dtm(services.store.path(layer.ref))
     body = stl_bytes(build_solid(model, SolidParams(tolerance_m, base_m)))
-    name = f'attachment; filename="{scope}_terrain_{digest}.stl"'
+    name = f'attachment; filename="{layer.readable_name}.stl"'
     return Response(body, media_type="model/stl", headers={**FOREVER, "content-disposition": name})
 
 

@@ -70,7 +70,6 @@ def item_of(
 ) -> pystac.Item:
     """A layer as a STAC item; links and places of files are relative to its own."""
     provenance = store.provenance(layer.ref)
-    name = str(layer.ref.scope)
     item = pystac.Item(
         id=item_id(layer),
         geometry=outline(layer.bounds, mission.landing) if any(layer.bounds) else None,
@@ -79,7 +78,7 @@ def item_of(
         start_datetime=taken.first,
         end_datetime=taken.last,
         properties={
-            "title": f"{layer.title}, {name}",
+            "title": layer.full_title,
             "created": layer.made_at.replace("+00:00", "Z"),
             "mission": layer.mission,
             **({"gsd": layer.cell_m} if layer.cell_m else {}),
@@ -250,7 +249,7 @@ def _collection(
     collection.add_link(_link("parent", "../catalog.json"))
     for layer in layers:
         href = f"{item_id(layer)}.json"
-        collection.add_link(pystac.Link("item", href, pystac.MediaType.GEOJSON, layer.title))
+        collection.add_link(pystac.Link("item", href, pystac.MediaType.GEOJSON, layer.full_title))
     return collection
 
 

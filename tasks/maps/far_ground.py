@@ -36,7 +36,7 @@ from solmap.products.formats.documents.archives import (
 from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.products.store.provenance import provenance_tags
+from solmap.tasks.maps.tags import raster_tags
 from solmap.tasks.network.orientations import OrientedPair, inputs_of
 from solmap.tasks.scopes import pair_scope, stop_scope
 from solmap.tasks.stage import stage
@@ -78,7 +78,7 @@ def choose_wide_pairs(
     for side, pairs in zip(sides, (ones, others), strict=True):
         for pair in pairs:
             instrument = pair.products.files.instrument
-            if not instrument.endswith("HAZCAM"):  # they look at the ground before the wheels
+            if "HAZCAM" not in instrument:  # they look at the ground before the wheels
                 side.setdefault(instrument, []).append(_Outlook.of(pair, store))
     return [
         (one.pair, other.pair)
@@ -181,6 +181,6 @@ def build_far_dtm(
 
     def write(path: Path) -> None:
         made = model_terrain([read_wide_view(pair, store) for pair in pairs], params)
-        write_dtm(path, made, local_crs(landing), tags=provenance_tags(recipe))
+        write_dtm(path, made, local_crs(landing), tags=raster_tags(recipe, store))
 
     return store.make(recipe, write)

@@ -40,7 +40,7 @@ from solmap.products.formats.raster.orthophoto import (
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.products.store.provenance import provenance_tags
+from solmap.tasks.maps.tags import raster_tags
 from solmap.tasks.network.orientations import OrientedPair, inputs_of, read_views
 from solmap.tasks.stage import stage
 
@@ -68,13 +68,13 @@ def render_orthophoto(
         return made, np.zeros(made.source_grid.shape, np.uint8)
 
     def write_picture(path: Path) -> None:
-        write_rendering(path, *prepare(), landing, provenance_tags(picture))
+        write_rendering(path, *prepare(), landing, raster_tags(picture, store))
 
     def write_codes(path: Path) -> None:
         made, codes = prepare()
         if not codes.any():  # the picture was there already
             deque(_pieces(made, codes), maxlen=0)
-        tags = provenance_tags(sources)
+        tags = raster_tags(sources, store)
         write_sources(path, made.source_grid, codes, made.pair_ids, local_crs(landing), tags=tags)
 
     return store.make(picture, write_picture), store.make(sources, write_codes)
@@ -173,7 +173,7 @@ def render_colour(
         coloured = [_read(frame, store) for frame in frames]
         views, bands = [view for view, _ in coloured], [images for _, images in coloured]
         made = prepare_orthophoto(read_dtm(store.path(dtm)), views, params, bands)
-        tags = {"FILTERS": filters, **provenance_tags(recipe)}
+        tags = {"FILTERS": filters, **raster_tags(recipe, store)}
         write_rendering(path, made, np.zeros(made.source_grid.shape, np.uint8), landing, tags)
 
     return store.make(recipe, write)

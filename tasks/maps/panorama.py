@@ -39,8 +39,8 @@ from solmap.products.formats.raster.panorama import (
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.products.store.provenance import provenance_tags
 from solmap.tasks.images.pairs import pair_frame, turn_right_camera
+from solmap.tasks.maps.tags import raster_tags
 from solmap.tasks.network.orientations import Orientation
 from solmap.tasks.network.singles import ON_THE_MAST
 from solmap.tasks.scopes import stop_scope
@@ -121,14 +121,14 @@ def draw_panorama(
 
     def write_picture(path: Path) -> None:
         made, distances = prepare()
-        pieces, tags = brightness_blocks(made.blocks(), distances), provenance_tags(picture)
+        pieces, tags = brightness_blocks(made.blocks(), distances), raster_tags(picture, store)
         write_panorama(path, made, pieces, registration(made), ground.ref.digest, tags)
 
     def write_ground(path: Path) -> None:
         made, distances = prepare()
         if not np.isfinite(distances[1]).any():  # the picture was there already
             deque(brightness_blocks(made.blocks(), distances), maxlen=0)
-        write_panorama_ground(path, made, distances, provenance_tags(ground))
+        write_panorama_ground(path, made, distances, raster_tags(ground, store))
 
     return store.make(picture, write_picture), store.make(ground, write_ground)
 

@@ -22,7 +22,7 @@ from solmap.products.formats.raster.region import (
 )
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.products.store.provenance import provenance_tags
+from solmap.tasks.maps.tags import raster_tags
 from solmap.tasks.scopes import part_scope
 from solmap.tasks.stage import stage
 
@@ -50,7 +50,7 @@ def fuse_region(
         @cache
         def fuse() -> RegionFiles:
             files = RegionFiles(Path(scratch) / "dtm.tif", Path(scratch) / "seams.tif")
-            tags = (provenance_tags(model), provenance_tags(seams))
+            tags = (raster_tags(model, store), raster_tags(seams, store))
             write_region(files, _sources(inputs, store), params, local_crs(landing), tags)
             return files
 

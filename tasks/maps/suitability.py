@@ -31,7 +31,7 @@ from solmap.products.formats.raster.raster import (
 from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.products.store.provenance import provenance_tags
+from solmap.tasks.maps.tags import raster_tags
 from solmap.tasks.network.orientations import OrientedPair
 from solmap.tasks.stage import stage
 
@@ -58,7 +58,7 @@ def map_insolation(
     )
 
     def write_map(path: Path) -> None:
-        tags = {**_season_tags(insolation(), params), **provenance_tags(map_recipe)}
+        tags = {**_season_tags(insolation(), params), **raster_tags(map_recipe, store)}
         bands = _bands(insolation())
         units = dict.fromkeys(bands, "Wh/m2/sol") | {"sky_view": ""}
         write_raster(path, insolation().grid, bands, local_crs(landing), unit=units, tags=tags)
@@ -112,7 +112,7 @@ def map_hazards(
 
     def write(path: Path) -> None:
         codes, grid = hazards(read_dtm(store.path(dtm)), params)
-        tags = provenance_tags(recipe)
+        tags = raster_tags(recipe, store)
         write_classes(
             path, grid, codes, local_crs(landing), name="hazard", classes=HAZARD_CLASSES, tags=tags
         )
@@ -148,7 +148,7 @@ def map_viewshed(
         place = np.array([eye.east, eye.north, eye.up])
         seen, grid = viewshed_of_stop(read_dtm(store.path(dtm)), place, params)
         tags = {"EYE_EAST_NORTH_UP_M": f"{eye.east} {eye.north} {eye.up}"}
-        tags |= {"TARGET_HEIGHT_M": f"{params.target_height_m:g}", **provenance_tags(recipe)}
+        tags |= {"TARGET_HEIGHT_M": f"{params.target_height_m:g}", **raster_tags(recipe, store)}
         crs = local_crs(landing)
         write_classes(path, grid, seen, crs, name="sight", classes=VISIBILITY_CLASSES, tags=tags)
 

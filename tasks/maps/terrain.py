@@ -28,7 +28,7 @@ from solmap.products.formats.raster.raster import read_dtm, write_dtm, write_ras
 from solmap.products.formats.vector.geojson import contour_feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.products.store.provenance import provenance_tags
+from solmap.tasks.maps.tags import raster_tags
 from solmap.tasks.network.orientations import OrientedPair, inputs_of, read_views
 from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
@@ -65,7 +65,7 @@ def build_dtm(
 
     def write(path: Path) -> None:
         made = model_terrain(read_views(pairs, store), params)
-        write_dtm(path, made, local_crs(landing), tags=provenance_tags(recipe))
+        write_dtm(path, made, local_crs(landing), tags=raster_tags(recipe, store))
 
     return store.make(recipe, write)
 
@@ -101,7 +101,7 @@ def map_relief(
 
         def write(path: Path) -> None:
             planes, grid = fit_relief()
-            tags = {"BASELINE_M": f"{params.baseline_m:g}", **provenance_tags(recipe)}
+            tags = {"BASELINE_M": f"{params.baseline_m:g}", **raster_tags(recipe, store)}
             crs = local_crs(landing)
             write_raster(path, grid, bands_of(planes), crs, unit=unit, tags=tags)
 
@@ -120,6 +120,6 @@ def shade_relief(
     def write(path: Path) -> None:
         terrain = read_dtm(store.path(dtm))
         bands = {"hillshade": hillshade(terrain, params)}
-        write_raster(path, terrain.grid, bands, local_crs(landing), tags=provenance_tags(recipe))
+        write_raster(path, terrain.grid, bands, local_crs(landing), tags=raster_tags(recipe, store))
 
     return store.make(recipe, write)

@@ -31,9 +31,9 @@ from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.formats.raster.raster import bounds_on_map, read_onto_grid
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.products.store.provenance import provenance_tags
 from solmap.products.store.user_files import open_user_file
 from solmap.tasks.images.files import ContentDigest
+from solmap.tasks.maps.tags import raster_tags
 from solmap.tasks.scopes import file_scope, region_scope
 from solmap.tasks.stage import stage
 
@@ -184,7 +184,7 @@ def draw_base(
         grid = MapGrid.covering(bounds, FINEST_CELL_M * 2**level)
         source = OrbitalImage(shown, read_onto_grid(store.path(image), shown, crs))
         drawn = draw_corrected(source, grid, correction)
-        write_orthophoto(path, grid, drawn, crs, tags=provenance_tags(recipe))
+        write_orthophoto(path, grid, drawn, crs, tags=raster_tags(recipe, store))
 
     return store.make(recipe, write)
 

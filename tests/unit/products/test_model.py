@@ -6,7 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from solmap.products.model import FAR_KINDS, REGION_KINDS, ProductKind, plain
+from solmap.products.model import (
+    FAR_KINDS,
+    REGION_KINDS,
+    Layer,
+    ProductKind,
+    ProductRef,
+    Scope,
+    ScopeLevel,
+    plain,
+)
 from solmap.products.recipe_names import RECIPE_NAMES, RecipeNames
 
 PACKAGES = ("config", "photogrammetry", "products", "tasks")
@@ -65,3 +74,35 @@ def test_kinds_are_their_names():
     assert {str(kind) for kind in ProductKind} == {kind.value for kind in ProductKind}
     assert all(kind.suffix.startswith(".") for kind in ProductKind)
     assert ProductKind("dtm") is ProductKind.DTM
+
+
+@pytest.mark.parametrize(
+    ("scope", "kind", "sols", "cell_m", "name", "title"),
+    [
+        (
+            "mer2-site0010-drive0100",
+            "dtm",
+            (156,),
+            0.04,
+            "MER2_sol0156_site010_drive0100_dtm_4cm",
+            "A map, sol 156, site 10 drive 100, 4 cm",
+        ),
+        (
+            "mer2-region-site0010-drive0000",
+            "region-slope",
+            (155, 156, 160),
+            0.005,
+            "MER2_sol0155-0160_region_site010_drive0000_slope_5mm",
+            "A map, sol 155-160, region site 10 drive 0, 5 mm",
+        ),
+        ("mer2", "traverse", (155, 156), None, "MER2_sol0155-0156_traverse", "A map, sol 155-156"),
+        ("mer2", "orbital", (), 2.0, "MER2_orbital_2m", "A map, 2 m"),
+        ("mer2-site0138-drive12345", "far-dtm", (9,), 1.28, None, None),
+    ],
+)
+def test_layers_have_names_that_people_can_read(scope, kind, sols, cell_m, name, title):
+    ref = ProductRef(ProductKind(kind), Scope(ScopeLevel.STOP, scope), "0" * 16)
+    box = (0.0, 0.0, 1.0, 1.0)
+    layer = Layer(ref, "MER2", "A map", "raster", box, cell_m, None, None, sols, "2026-01-01")
+    assert layer.readable_name == (name or "MER2_sol0009_site138_drive12345_far-dtm_128cm")
+    assert layer.full_title == (title or "A map, sol 9, site 138 drive 12345, 128 cm")
