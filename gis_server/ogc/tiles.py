@@ -28,7 +28,6 @@ from solmap.gis_server.ogc.tilesets import (
 from solmap.gis_server.parameters import AGAIN, BaseOf, MissionName
 from solmap.gis_server.rendering.styles import (
     DEFAULT,
-    STYLES,
     StyleQuery,
     UnknownStyleError,
     styles_of,
@@ -37,6 +36,9 @@ from solmap.gis_server.rendering.tiles import render_tile
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.raster.styles import (
+    STYLES,
+)
 from solmap.products.formats.raster.tiling import MAX_ZOOM, TileAddress
 from solmap.products.model import Layer, ProductKind
 

@@ -14,10 +14,16 @@ from typing import Any
 
 from solmap.gis_server.ogc.crs import Crs, uri_of
 from solmap.gis_server.ogc.documents import JSON, Link, link
-from solmap.gis_server.rendering.styles import DEFAULT, TileStyle, styles_of
+from solmap.gis_server.rendering.styles import (
+    DEFAULT,
+    styles_of,
+)
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, Bounds
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import LandingPoint, local_proj4
+from solmap.products.formats.raster.styles import (
+    TileStyle,
+)
 from solmap.products.formats.raster.tiling import CELL_SIZES, tile_matrix_set, zoom_of
 from solmap.products.model import Layer
 from solmap.products.reports.stac import degrees

@@ -23,19 +23,21 @@ from solmap.gis_server.rendering.reading import Patch, read_patch, read_tile
 from solmap.gis_server.rendering.styles import (
     ELEVATIONS,
     PICTURES,
-    STYLES,
     StyleQuery,
-    TileStyle,
     UnknownStyleError,
     indices_of,
     palette_of,
-    range_of,
     stretch_palette,
 )
 from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.planes import Gradients, nine_cell_gradients, window_gradients
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.raster.raster import band_names
+from solmap.products.formats.raster.styles import (
+    STYLES,
+    TileStyle,
+    range_of,
+)
 from solmap.products.formats.raster.tiling import TileAddress
 from solmap.products.model import Layer, ProductKind
 

@@ -1,17 +1,15 @@
-"""How rasters are coloured: colour ramps, the styles of every kind of raster, and their legends.
+"""How tiles are coloured: palettes, the styles that may be asked for, and their legends.
 
-The range of a style is fixed where the quantity has one of its own (slope, aspect, hillshade), so
-that a colour means the same on every sol, and the layer's otherwise. What is drawn of a terrain
-model beside its elevation is computed for every tile (`rendering.painting`).
+The styles of every kind of raster are those of `products.formats.raster.styles`. What is drawn of a
+terrain model beside its elevation is computed for every tile (`rendering.painting`).
 
 Index 0 of a palette is transparent (not measured), 1 to 255 run from the low to the high end of
-a range. viridis and inferno rise in lightness and read well without colour vision; twilight is
-cyclic, so that directions of 359 and 1 degrees look alike; red-blue is light in the middle.
+a range.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Annotated
 
@@ -20,33 +18,22 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.formats.raster.cog import RasterClass
-from solmap.products.formats.raster.raster import HAZARD_CLASSES, VISIBILITY_CLASSES
+from solmap.products.formats.raster.styles import (
+    GREY,
+    INFERNO,
+    RAMPS,
+    RED_BLUE,
+    STYLES,
+    TWILIGHT,
+    VIRIDIS,
+    Ramp,
+    TileStyle,
+    range_of,
+)
 from solmap.products.model import Layer, ProductKind
 
 LEVELS = 254
 """Steps between index 1 and index 255."""
-Ramp = tuple[str, ...]
-"""Colours, `#rrggbb`, evenly spaced over a range."""
-
-
-def _ramp(colours: str) -> Ramp:
-    return tuple(colours.split())
-
-
-GREY = ("#000000", "#ffffff")
-VIRIDIS = _ramp("#440154 #472d7b #3b528b #2c728e #21918c #28ae80 #5ec962 #addc30 #fde725")
-INFERNO = _ramp("#000004 #210c4a #57106e #8a226a #bc3754 #e45a31 #f98e09 #f9cb35 #fcffa4")
-RED_BLUE = _ramp("#67001f #b2182b #d6604d #f4a582 #f7f7f7 #92c5de #4393c3 #2166ac #053061")
-TWILIGHT = _ramp("#e2d9e2 #95b5c7 #6276ba #592a8f #2f1436 #741e4f #b25652 #cca389 #e2d9e2")
-RAMPS: dict[str, Ramp] = {
-    "grey": GREY,
-    "viridis": VIRIDIS,
-    "inferno": INFERNO,
-    "red-blue": RED_BLUE,
-    "twilight": TWILIGHT,
-}
-"""By the name that tiles are asked for with."""
 
 
 @lru_cache(maxsize=64)
@@ -82,55 +69,6 @@ def indices_of(values: np.ndarray, low: float, high: float) -> np.ndarray:
 DEFAULT = "default"
 """The style of a kind that is drawn unless another is asked for."""
 
-
-@dataclass(frozen=True, slots=True)
-class TileStyle:
-    """Colours of a quantity."""
-
-    colours: Ramp
-    range: tuple[float, float] | None = None
-    """Values at the first and last colour; None for the layer's own."""
-    unit: str = ""
-    has_legend: bool = True
-    band: str = ""
-    """Name of the band that is drawn; the first by default."""
-    is_classes: bool = False
-    """Values are classes, whose colours and names the file itself has; nothing is averaged."""
-    classes: tuple[RasterClass, ...] = ()
-    """The classes of a kind that always has the same, for the legend."""
-    is_colour: bool = False
-    """Three bands are shown as red, green and blue, as they are."""
-    title: str = ""
-    """What it shows, where that is not what the layer is called."""
-
-
-STYLES = {
-    ProductKind.DTM: TileStyle(VIRIDIS, unit="m"),
-    ProductKind.ORTHOPHOTO: TileStyle(GREY, has_legend=False),
-    ProductKind.ORBITAL: TileStyle(GREY, has_legend=False),
-    ProductKind.SOURCES: TileStyle(GREY, has_legend=False, is_classes=True),
-    ProductKind.COLOUR: TileStyle(GREY, has_legend=False, is_colour=True),
-    ProductKind.SLOPE: TileStyle(INFERNO, (0.0, 40.0), "degree"),
-    ProductKind.ASPECT: TileStyle(TWILIGHT, (0.0, 360.0), "degree"),
-    ProductKind.NORTHERLY_TILT: TileStyle(RED_BLUE, (-20.0, 20.0), "degree"),
-    ProductKind.ROUGHNESS: TileStyle(VIRIDIS, (0.0, 0.1), "m"),
-    ProductKind.INSOLATION: TileStyle(INFERNO, unit="Wh/m2/sol"),
-    ProductKind.VIEWSHED: TileStyle(GREY, is_classes=True, classes=VISIBILITY_CLASSES),
-    ProductKind.HAZARD: TileStyle(GREY, is_classes=True, classes=HAZARD_CLASSES),
-    ProductKind.HILLSHADE: TileStyle(GREY, (0.0, 1.0), has_legend=False),
-    ProductKind.FAR_DTM: TileStyle(VIRIDIS, unit="m"),
-    ProductKind.FAR_HILLSHADE: TileStyle(GREY, (0.0, 1.0), has_legend=False),
-    ProductKind.REGION_DTM: TileStyle(VIRIDIS, unit="m"),
-    ProductKind.REGION_SEAMS: TileStyle(INFERNO, (0.0, 0.3), "m"),
-    ProductKind.REGION_HILLSHADE: TileStyle(GREY, (0.0, 1.0), has_legend=False),
-    ProductKind.REGION_SLOPE: TileStyle(INFERNO, (0.0, 40.0), "degree"),
-    ProductKind.REGION_ASPECT: TileStyle(TWILIGHT, (0.0, 360.0), "degree"),
-    ProductKind.REGION_NORTHERLY_TILT: TileStyle(RED_BLUE, (-20.0, 20.0), "degree"),
-    ProductKind.REGION_ROUGHNESS: TileStyle(VIRIDIS, (0.0, 0.1), "m"),
-    ProductKind.REGION_INSOLATION: TileStyle(INFERNO, unit="Wh/m2/sol"),
-    ProductKind.REGION_HAZARD: TileStyle(GREY, is_classes=True, classes=HAZARD_CLASSES),
-}
-"""Slopes end at 40 degrees: loose ground is no steeper, and no rover climbs it."""
 
 ELEVATIONS = (ProductKind.DTM, ProductKind.FAR_DTM, ProductKind.REGION_DTM)
 PICTURES = {ProductKind.ORTHOPHOTO, ProductKind.ORBITAL, ProductKind.COLOUR} | {
@@ -180,12 +118,6 @@ def styles_of(kind: ProductKind) -> dict[str, TileStyle]:
     except KeyError:
         drawn = ", ".join(STYLES)
         raise ProductNotFoundError(f"{kind} has no tiles; {drawn} have") from None
-
-
-def range_of(style: TileStyle, layer: Layer) -> tuple[float, float]:
-    """Values at the two ends of the colours."""
-    low, high = style.range or layer.range or (0.0, 1.0)
-    return (low, high) if high > low else (low - 0.5, low + 0.5)
 
 
 class UnknownStyleError(Exception):

@@ -39,12 +39,14 @@ from solmap.gis_server.rendering.styles import (
     ELEVATIONS,
     PICTURES,
     StyleQuery,
-    TileStyle,
-    range_of,
     resolve_style,
 )
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK
 from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.raster.styles import (
+    TileStyle,
+    range_of,
+)
 from solmap.products.formats.raster.tiling import TileAddress
 from solmap.products.model import Layer
 from solmap.products.store.product_store import ProductStore

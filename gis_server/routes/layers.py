@@ -16,14 +16,10 @@ from solmap.gis_server.rendering.contours import contours_in, interval_of
 from solmap.gis_server.rendering.styles import (
     ELEVATIONS,
     PICTURES,
-    RAMPS,
-    STYLES,
     Legend,
     StyleQuery,
-    TileStyle,
     draw_legend,
     legend_of,
-    range_of,
     resolve_style,
     styles_of,
 )
@@ -36,6 +32,12 @@ from solmap.products.catalogue.layer_versions import (
 from solmap.products.catalogue.runs import Run
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.features.texts import FeatureTexts, feature_texts
+from solmap.products.formats.raster.styles import (
+    RAMPS,
+    STYLES,
+    TileStyle,
+    range_of,
+)
 from solmap.products.formats.raster.tiling import CELL_SIZES, whole_zoom_of, zoom_of
 from solmap.products.formats.vector.geojson import FeatureCollection, local_geojson
 from solmap.products.model import Layer, ProductKind

@@ -13,7 +13,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from solmap.gis_server.rendering.styles import STYLES, indices_of, palette_of
+from solmap.gis_server.rendering.styles import (
+    indices_of,
+    palette_of,
+)
 from solmap.photogrammetry.arrays import Classes, Picture, Raster
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
@@ -40,6 +43,9 @@ from solmap.photogrammetry.terrain.visibility.viewshed import (
     viewshed,
 )
 from solmap.products.formats.raster.cog import RasterClass
+from solmap.products.formats.raster.styles import (
+    STYLES,
+)
 from solmap.products.model import ProductKind
 
 GRID = MapGrid(-40.96, 40.96, 0.04, 2048, 2048)

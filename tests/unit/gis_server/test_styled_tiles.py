@@ -9,9 +9,6 @@ import pytest
 from solmap.gis_server.rendering.painting import OF_TERRAIN
 from solmap.gis_server.rendering.reading import RasterPool
 from solmap.gis_server.rendering.styles import (
-    RED_BLUE,
-    STYLES,
-    VIRIDIS,
     StyleQuery,
     indices_of,
     palette_of,
@@ -29,6 +26,11 @@ from solmap.photogrammetry.terrain.relief.slope import (
     slope_of,
 )
 from solmap.products.formats.raster.raster import write_dtm
+from solmap.products.formats.raster.styles import (
+    RED_BLUE,
+    STYLES,
+    VIRIDIS,
+)
 from solmap.products.formats.raster.tiling import TileAddress, zoom_of
 from solmap.products.model import ProductKind
 from tests.support.pictures import unpacked

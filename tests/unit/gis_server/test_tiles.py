@@ -8,12 +8,18 @@ from fastapi.testclient import TestClient
 from solmap.gis_server.app import create_app
 from solmap.gis_server.rendering.png import indexed_png
 from solmap.gis_server.rendering.reading import RasterPool, read_tile
-from solmap.gis_server.rendering.styles import TWILIGHT, indices_of, palette_of
+from solmap.gis_server.rendering.styles import (
+    indices_of,
+    palette_of,
+)
 from solmap.gis_server.rendering.tiles import empty_tile, render_tile
 from solmap.products.formats.raster.orthophoto import (
     source_colour,
     write_brightness_blocks,
     write_sources,
+)
+from solmap.products.formats.raster.styles import (
+    TWILIGHT,
 )
 from solmap.products.formats.raster.tiling import CELL_SIZES, MAX_ZOOM, TileAddress, zoom_of
 from solmap.products.model import ProductKind
