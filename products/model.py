@@ -202,6 +202,22 @@ class ProductRef:
         kind, level, scope, digest = text.split("/")
         return cls(ProductKind(kind), Scope(ScopeLevel(level), scope), digest)
 
+    def readable_name(
+        self, map_name: str, sols: tuple[int, ...] = (), cell_m: float | None = None
+    ) -> str:
+        """Name for a file outside of the store, without suffix.
+
+        Args:
+            map_name: The mission, or the untied map, that the product belongs to.
+            sols: Sols that it shows, ascending; of several the first and last are named.
+            cell_m: Size of its cells.
+        """
+        place = _PLACE.sub(_short_place, _place_of(self.scope, map_name)).replace("-", "_")
+        kind = self.kind.removeprefix("region-") if "region" in place else str(self.kind)
+        when = "-".join(f"{sol:04d}" for sol in _ends(sols))
+        parts = (map_name, f"sol{when}" if when else "", place, kind, _size(cell_m))
+        return "_".join(part for part in parts if part)
+
     @property
     def file_name(self) -> str:
         """The file's place below the folder of products."""
@@ -286,38 +302,39 @@ class Layer:
     @property
     def readable_name(self) -> str:
         """Name for files, without suffix: `MER2_sol0156_site010_drive0100_dtm_4cm`."""
-        sols = "-".join(f"{sol:04d}" for sol in dict.fromkeys((*self.sols[:1], *self.sols[-1:])))
-        place = _PLACE.sub(_short_place, self._place).replace("-", "_")
-        kind = str(self.ref.kind)
-        if "region" in place:
-            kind = kind.removeprefix("region-")
-        parts = (self.mission, f"sol{sols}" if sols else "", place, kind, self._cell)
-        return "_".join(part for part in parts if part)
+        return self.ref.readable_name(self.mission, self.sols, self.cell_m)
 
     @property
     def full_title(self) -> str:
         """Title that stands alone: `Elevation, sol 156, site 10 drive 100, 4 cm`."""
-        sols = "-".join(str(sol) for sol in dict.fromkeys((*self.sols[:1], *self.sols[-1:])))
-        place = _PLACE.sub(_spoken_place, self._place).replace("-", " ").strip()
-        cell = re.sub(r"(\d)([a-z])", r"\1 \2", self._cell)
-        parts = (self.title, f"sol {sols}" if sols else "", place, cell)
+        place = _PLACE.sub(_spoken_place, _place_of(self.ref.scope, self.mission))
+        cell = re.sub(r"(\d)([a-z])", r"\1 \2", _size(self.cell_m))
+        sols = "-".join(str(sol) for sol in _ends(self.sols))
+        parts = (self.title, f"sol {sols}" if sols else "", place.replace("-", " "), cell)
         return ", ".join(part for part in parts if part)
 
-    @property
-    def _place(self) -> str:
-        """The name of the scope without the mission's."""
-        name = self.ref.scope.name
-        return "" if name == self.mission.lower() else name.removeprefix(f"{self.mission.lower()}-")
 
-    @property
-    def _cell(self) -> str:
-        """Size of the cells in words; nothing where there are none."""
-        if not self.cell_m:
-            return ""
-        for unit, metres in (("m", 1.0), ("cm", 0.01)):
-            if abs(self.cell_m / metres - round(self.cell_m / metres)) < _WHOLE:
-                return f"{round(self.cell_m / metres)}{unit}"
-        return f"{self.cell_m * 1000:.3g}mm"
+def _ends(sols: tuple[int, ...]) -> tuple[int, ...]:
+    """The first and the last of some sols; the only one, once."""
+    return tuple(dict.fromkeys((*sols[:1], *sols[-1:])))
+
+
+def _place_of(scope: Scope, map_name: str) -> str:
+    """The name of a scope without that of its map or mission."""
+    for prefix in (map_name.lower(), mission_of(map_name).lower()):
+        if scope.name == prefix or scope.name.startswith(f"{prefix}-"):
+            return scope.name.removeprefix(prefix).removeprefix("-")
+    return scope.name
+
+
+def _size(cell_m: float | None) -> str:
+    """Size of a cell in whole metres, centimetres or, rounded, millimetres; empty if none."""
+    if not cell_m:
+        return ""
+    for unit, metres in (("m", 1.0), ("cm", 0.01)):
+        if abs(cell_m / metres - round(cell_m / metres)) < _WHOLE:
+            return f"{round(cell_m / metres)}{unit}"
+    return f"{cell_m * 1000:.3g}mm"
 
 
 _PLACE = re.compile(r"\b(site|drive)(\d+)")
