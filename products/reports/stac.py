@@ -31,10 +31,10 @@ from pystac.extensions.raster import DataType, NoDataStrings, RasterBand, Raster
 from solmap.photogrammetry.archive.times import utc_of
 from solmap.photogrammetry.arrays import PerPoint
 from solmap.photogrammetry.terrain.dtm.grid import Bounds, union
-from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.crs import MARS, LandingPoint, local_crs, lon_lat
 from solmap.products.formats.raster.raster import band_names, class_names, open_raster
-from solmap.products.model import Layer
+from solmap.products.model import Layer, ScopeLevel
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.provenance import adjustment_id
 
@@ -64,16 +64,30 @@ class AcquisitionTimes:
         made = datetime.fromisoformat(layer.made_at).replace(tzinfo=UTC)
         return cls(known[0], known[-1]) if known else cls(made, made)
 
+    @classmethod
+    def of_images(cls, layer: Layer, images: Iterable[ImageEntry]) -> AcquisitionTimes:
+        """From the images behind a layer: those of its sols and, where it shows one, its stop."""
+        of_stop = layer.ref.scope.level is ScopeLevel.STOP
+        return cls.of(
+            layer,
+            (
+                image.start_time
+                for image in images
+                if image.sol in layer.sols and (not of_stop or image.stop == layer.ref.scope.name)
+            ),
+        )
+
 
 def item_of(
     layer: Layer, mission: MissionEntry, taken: AcquisitionTimes, store: ProductStore
 ) -> pystac.Item:
     """A layer as a STAC item; links and places of files are relative to its own."""
     provenance = store.provenance(layer.ref)
+    is_on_mars = any(layer.bounds) and not mission.landing.origin
     item = pystac.Item(
         id=item_id(layer),
-        geometry=outline(layer.bounds, mission.landing) if any(layer.bounds) else None,
-        bbox=list(degrees(layer.bounds, mission.landing)) if any(layer.bounds) else None,
+        geometry=outline(layer.bounds, mission.landing) if is_on_mars else None,
+        bbox=list(degrees(layer.bounds, mission.landing)) if is_on_mars else None,
         datetime=taken.first,
         start_datetime=taken.first,
         end_datetime=taken.last,
@@ -82,6 +96,7 @@ def item_of(
             "created": layer.made_at.replace("+00:00", "Z"),
             "mission": layer.mission,
             **({"gsd": layer.cell_m} if layer.cell_m else {}),
+            **({"description": mission.landing.name} if mission.landing.origin else {}),
             **ON_MARS,
             **_processing(provenance, store, layer),
         },
@@ -92,7 +107,11 @@ def item_of(
     if layer.type == "raster":
         _describe_raster(item, store.path(layer.ref), mission.landing)
     elif layer.type == "vector":
-        ProjectionExtension.ext(item, add_if_missing=True).apply(code=MARS)
+        projection = ProjectionExtension.ext(item, add_if_missing=True)
+        if mission.landing.origin:
+            projection.apply(wkt2=local_crs(mission.landing).to_wkt(), bbox=list(layer.bounds))
+        else:
+            projection.apply(code=MARS)
     for rel, href in (
         ("root", "../catalog.json"),
         ("parent", "collection.json"),
@@ -193,6 +212,8 @@ def _corners(bounds: Bounds) -> tuple[PerPoint, PerPoint]:
 
 
 FOLDER = "stac"
+_SOMEWHERE: Bounds = (-180.0, -90.0, 180.0, 90.0)
+"""Extent of a map that is not tied to the lander: the format asks for one."""
 
 
 def write_items(
@@ -212,17 +233,34 @@ def write_catalogue(
     store: ProductStore,
 ) -> None:
     """Write the catalogue of all missions and the collection of the one whose layers these are."""
+    _write("catalog.json", catalogue_document(missions), store)
+    name = layers[0].mission
+    entry = next(mission for mission in missions if mission.mission == name)
+    _write(f"{name}/collection.json", collection_document(entry, layers, taken), store)
+
+
+def catalogue_document(missions: Sequence[MissionEntry]) -> dict[str, Any]:
+    """The catalogue of all missions, `catalog.json`, as plain JSON."""
     catalogue = pystac.Catalog("solmap", "Maps made from the stereo images of Mars rovers")
     catalogue.clear_links()
     catalogue.add_link(_link("root", "catalog.json"))
     for mission in missions:
         catalogue.add_link(_link("child", f"{mission.mission}/collection.json", mission.title))
-    _write("catalog.json", catalogue.to_dict(include_self_link=False, transform_hrefs=False), store)
-    name = layers[0].mission
-    entry = next(mission for mission in missions if mission.mission == name)
-    collection = _collection(entry, layers, taken)
-    document = collection.to_dict(include_self_link=False, transform_hrefs=False)
-    _write(f"{name}/collection.json", document, store)
+    return catalogue.to_dict(include_self_link=False, transform_hrefs=False)
+
+
+def collection_document(
+    mission: MissionEntry, layers: Sequence[Layer], taken: AcquisitionTimes
+) -> dict[str, Any]:
+    """The collection of a mission, `collection.json`, as plain JSON.
+
+    Args:
+        mission: The mission.
+        layers: The layers whose items lie beside it; none: it is empty.
+        taken: When the first and the last of all images were taken.
+    """
+    collection = _collection(mission, layers, taken)
+    return collection.to_dict(include_self_link=False, transform_hrefs=False)
 
 
 def _collection(
@@ -230,6 +268,8 @@ def _collection(
 ) -> pystac.Collection:
     filled = [layer.bounds for layer in layers if any(layer.bounds)] or [(0.0, 0.0, 0.0, 0.0)]
     extent = union(degrees(bounds, mission.landing) for bounds in filled)
+    if mission.landing.origin:
+        extent = _SOMEWHERE
     collection = pystac.Collection(
         id=mission.mission,
         title=mission.title,

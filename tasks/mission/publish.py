@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
-from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry, Outcome
+from solmap.products.catalogue.catalogue import MissionEntry, Outcome
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, StoreFullError, cause_of
 from solmap.products.features.mission_features import MissionFeatures
@@ -20,7 +20,7 @@ from solmap.products.formats.mesh.models import extent_of_model
 from solmap.products.formats.raster.panorama import panorama_bounds
 from solmap.products.formats.raster.raster import summarise
 from solmap.products.formats.vector.geojson import read_features
-from solmap.products.model import Layer, ProductKind, ProductRef, ScopeLevel
+from solmap.products.model import Layer, ProductKind, ProductRef
 from solmap.products.reports.stac import AcquisitionTimes, write_catalogue, write_items
 from solmap.products.store.faults import is_disk_full, retry_transient
 from solmap.tasks.stage import stage
@@ -234,23 +234,12 @@ def update_stac(mission: MissionEntry, fresh: Sequence[Layer], workspace: Worksp
         return
     images, catalogue = workspace.catalogue.images(mission.mission), workspace.catalogue
     write_items(
-        ((layer, _acquisition_times(layer, images)) for layer in fresh), mission, workspace.store
+        ((layer, AcquisitionTimes.of_images(layer, images)) for layer in fresh),
+        mission,
+        workspace.store,
     )
     times = [image.start_time for image in images]
     layers = catalogue.layers(mission.mission)
     write_catalogue(
         catalogue.missions(), layers, AcquisitionTimes.of(fresh[0], times), workspace.store
-    )
-
-
-def _acquisition_times(layer: Layer, images: Iterable[ImageEntry]) -> AcquisitionTimes:
-    """When the images behind a layer were taken: those of its stop and sols."""
-    of_stop = layer.ref.scope.level is ScopeLevel.STOP
-    return AcquisitionTimes.of(
-        layer,
-        (
-            image.start_time
-            for image in images
-            if image.sol in layer.sols and (not of_stop or image.stop == layer.ref.scope.name)
-        ),
     )
