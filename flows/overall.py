@@ -29,7 +29,7 @@ def process_overall(
 ) -> SolReport:
     """Adjust all stops up to a sol in one adjustment, from where `previous` left them."""
     report = SolReport(mission, sol)
-    inputs = gather_all(mission, sol, store, pipeline)
+    inputs = gather_all(mission, sol, store, pipeline, previous)
     if inputs.touched:
         map_what_moved(inputs, previous, report)
     return report

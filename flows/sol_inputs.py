@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from solmap.config.landing import landing_site
@@ -12,6 +12,7 @@ from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.flows.runtime.failures import keep_going
 from solmap.photogrammetry.adjustment.model.network import StopPrior
+from solmap.photogrammetry.adjustment.model.variance_components import COMPONENTS, Component
 from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
 from solmap.photogrammetry.archive.tables.vector_files import VectorFile
 from solmap.photogrammetry.frames import Pose
@@ -70,7 +71,7 @@ def gather(
     mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
 ) -> SolInputs:
     """Read settings, labels and vector files, for the adjustment of a sol after `previous`."""
-    known = _Known.of(mission, sol, store, pipeline)
+    known = _Known.of(mission, sol, store, pipeline, previous)
     stops, entries = known.telemetry.stops, known.entries
     touched = [stop for stop in stops if sol in stop.sols]
     window = _window(touched, stops, known, previous)
@@ -95,9 +96,11 @@ def gather(
     )
 
 
-def gather_all(mission: str, sol: int, store: Path, pipeline: str) -> SolInputs:
+def gather_all(
+    mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
+) -> SolInputs:
     """The same for the overall adjustment of all stops up to a sol."""
-    known = _Known.of(mission, sol, store, pipeline)
+    known = _Known.of(mission, sol, store, pipeline, previous)
     stops = known.telemetry.stops
     return SolInputs(
         known.workspace,
@@ -129,14 +132,16 @@ class _Known:
     strays: Sequence[ImageEntry]
 
     @classmethod
-    def of(cls, mission: str, sol: int, store: Path, pipeline: str) -> _Known:
+    def of(
+        cls, mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None
+    ) -> _Known:
         workspace = open_workspace(store)
         site = landing_site(mission, Settings().landing_sites)
         read = read_mission(mission, workspace)
         telemetry = read.telemetry(sol)
         entries = tuple(entry for entry, _ in read.images if entry.sol <= sol)
         entry = MissionEntry(mission, site.title, site.landing, telemetry.note)
-        config = load_pipeline(pipeline)
+        config = _open_gate(load_pipeline(pipeline), previous, workspace)
         return cls(workspace, config, entry, entries, telemetry, read.unread, read.strays)
 
     def images_at(self, stops: Iterable[StopPrior]) -> tuple[ImageEntry, ...]:
@@ -247,6 +252,20 @@ def _mode(config: PipelineConfig) -> AdjustmentMode:
     """How a single sol is adjusted; overall adjustments follow it."""
     mode = config.adjustment_mode
     return AdjustmentMode.SEQUENTIAL if mode is AdjustmentMode.OVERALL else mode
+
+
+def _open_gate(
+    config: PipelineConfig, previous: Standing | None, workspace: Workspace
+) -> PipelineConfig:
+    """With the gate of links as wide as the mission has shown telemetry to be off."""
+    if previous is None:
+        return config
+    components = read_network(previous.network, workspace.store).adjusted.components
+    shown = (Component.POSITION, Component.HEADING_STEP, Component.TILT)
+    gate = config.cross_site.gate.opened(
+        *(components.factors[COMPONENTS.index(kind)] for kind in shown)
+    )
+    return replace(config, cross_site=replace(config.cross_site, gate=gate))
 
 
 def _window(

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeAlias
 
 from solmap.flows.runtime.failures import keep_going, wait_for
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol_inputs import SolInputs, candidates
+from solmap.photogrammetry.adjustment.model.network import StopPrior
 from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.cross_site.parts import LinkPoses, Part, parts_to_link
 from solmap.photogrammetry.matching.manual.editing import EditRequest
 from solmap.products.formats.documents.rig import RigProduct, read_rig
 from solmap.products.model import ProductKind, ProductRef
@@ -25,7 +28,15 @@ from solmap.tasks.network.singles import (
     singles_of,
     tie_singles,
 )
-from solmap.tasks.network.tie import StopProducts, link_stops, tie_stop
+from solmap.tasks.network.tie import (
+    PlainPose,
+    StopProducts,
+    link_poses,
+    link_stops,
+    tie_stop,
+)
+
+Links: TypeAlias = dict[tuple[StopId, StopId], ProductRef]
 
 
 def adjust_stops(
@@ -53,17 +64,7 @@ def adjust_stops(
     )
     report.add_failures("tie", failed)
     stops = {name: replace(stop, ties=ties.get(name)) for name, stop in stops.items()}
-    links, links_failed = wait_for(
-        f"sol {sol}: tie stops across sites",
-        {
-            f"{old} - {new}": link_stops.submit(
-                stops[old], stops[new], telemetry[old], telemetry[new], config.cross_site, store
-            )
-            for old, new in _link_candidates(inputs)
-            if old in stops and new in stops
-        },
-    )
-    report.add_failures("link", links_failed)
+    links = _link(inputs, stops, report)
     singles = _tie_singles(inputs, stops, report)
     step = NetworkStep(
         mission=inputs.mission.mission,
@@ -86,6 +87,61 @@ def adjust_stops(
     )
     report.add_failures("adjust sol", undone)
     return done.get(sol)
+
+
+def _link(inputs: SolInputs, stops: Mapping[StopId, StopProducts], report: SolReport) -> Links:
+    """Link the stops of the window; where that leaves them in parts, by the ground of the parts."""
+    telemetry = {stop.stop: stop for stop in inputs.window}
+    params, store = inputs.config.cross_site, inputs.workspace.store
+
+    def tie(every: Iterable[tuple[StopProducts, StopProducts]]) -> Links:
+        done, failed = wait_for(
+            f"sol {inputs.sol}: tie stops across sites",
+            {
+                (one.stop, other.stop): link_stops.submit(
+                    one, other, telemetry[one.stop], telemetry[other.stop], params, store
+                )
+                for one, other in every
+            },
+        )
+        why = {f"{one} - {other}": cause for (one, other), cause in failed.items()}
+        report.add_failures("link", why)
+        return done
+
+    every = [(old, new) for old, new in _link_candidates(inputs) if {old, new} <= set(stops)]
+    links = tie((stops[old], stops[new]) for old, new in every)
+    poses = link_poses(links, store)
+    for new in inputs.window:
+        merged = tie(parts_at(new, inputs, stops, poses))
+        links, poses = links | merged, poses | link_poses(merged, store)
+    return links
+
+
+def parts_at(
+    new: StopPrior,
+    inputs: SolInputs,
+    stops: Mapping[StopId, StopProducts],
+    poses: LinkPoses,
+) -> list[tuple[StopProducts, StopProducts]]:
+    """What links of single stops leave apart of a stop and those it was tried with, merged.
+
+    Whether all that it was tried with are in the window decides, so that no later sol tries less.
+    """
+    tried = {old.stop for old in candidates(new, inputs.telemetry.stops, inputs.config)}
+    telemetry = {stop.stop: stop.lsl_from_rover for stop in inputs.window}
+    if new.stop not in stops or not tried <= telemetry.keys():
+        return []
+    among = [stop for stop in telemetry if stop in tried and stop in stops]
+    return [
+        (_merged(one, stops), _merged(other, stops))
+        for one, other in parts_to_link([*among, new.stop], telemetry, poses)
+    ]
+
+
+def _merged(part: Part, stops: Mapping[StopId, StopProducts]) -> StopProducts:
+    """The stop that a part is seen from, with the others beside it."""
+    others = [(stops[name], PlainPose.of(pose)) for name, pose in part.beside.items()]
+    return replace(stops[part.stop], beside=tuple(others))
 
 
 def _tie_singles(

@@ -41,7 +41,7 @@ from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.manual_ties import edit_ties, named_in, without_rows
 from solmap.tasks.images.pairs import PairProducts
 from solmap.tasks.network.singles import read_singles
-from solmap.tasks.network.tie import TelemetryPose
+from solmap.tasks.network.tie import PlainPose
 from solmap.tasks.scopes import is_overall, network_scope, stop_scope
 from solmap.tasks.stage import stage
 
@@ -125,7 +125,9 @@ def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore
         holders = {name: ref for name, ref in held.items() if name not in step.names}
         path.write_text(json.dumps(_document(step, adjusted, report, joining, holders)))
 
-    telemetry = tuple((str(stop.stop), stop.sols, TelemetryPose.of(stop)) for stop in step.touched)
+    telemetry = tuple(
+        (str(stop.stop), stop.sols, PlainPose.of(stop.lsl_from_rover)) for stop in step.touched
+    )
     scope = network_scope(step.mission, step.sol, step.mode)
     settings = (params, telemetry, step.mode, *without_rows(step.edit_requests))
     inputs = (*step.inputs, *(ref for ref in settled.values() if ref != step.previous))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -12,10 +13,12 @@ import numpy as np
 
 from solmap.photogrammetry.adjustment.model.network import StopPrior
 from solmap.photogrammetry.adjustment.modes.rig_pooling import add_toe_in
+from solmap.photogrammetry.frames import Frame, Pose
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
 from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, tie_cross_site
 from solmap.photogrammetry.matching.cross_site.links import SiteLink
+from solmap.photogrammetry.matching.cross_site.parts import merge_ground
 from solmap.photogrammetry.matching.inter_stereo import (
     InterStereoParams,
     PairTies,
@@ -23,13 +26,37 @@ from solmap.photogrammetry.matching.inter_stereo import (
     tie_inter_stereo,
 )
 from solmap.photogrammetry.matching.records import MatchedStop
-from solmap.products.formats.documents.archives import finite, pose_document, read_ties, write_ties
+from solmap.products.formats.documents.archives import (
+    finite,
+    pose_document,
+    pose_of_document,
+    read_ties,
+    write_ties,
+)
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts, read_matched_stop
 from solmap.tasks.network.previews import write_link_preview, write_ties_preview
 from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
+
+
+@dataclass(frozen=True, slots=True)
+class PlainPose:
+    """A pose as plain numbers, so that it is part of a recipe."""
+
+    rotation: tuple[float, ...]
+    translation_m: tuple[float, ...]
+
+    @classmethod
+    def of(cls, pose: Pose) -> PlainPose:
+        """A pose without its frames."""
+        return cls(tuple(pose.rotation.ravel().tolist()), tuple(pose.translation_m.tolist()))
+
+    def between(self, target: Frame, source: Frame) -> Pose:
+        """The pose, of these frames."""
+        rotation = np.array(self.rotation).reshape(3, 3)
+        return Pose(target, source, rotation, np.array(self.translation_m))
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,25 +69,13 @@ class StopProducts:
     """Standard deviation of toe-in, radians, by camera set, where it matters to links."""
     ties: ProductRef | None = None
     """Inter-stereo ties, by which links point its pairs; None: as labelled."""
+    beside: tuple[tuple[StopProducts, PlainPose], ...] = ()
+    """Stops whose ground is merged with its own in links, and where its rover frame has theirs."""
 
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
         """The products that tying reads."""
         return tuple(ref for pair in self.pairs for ref in pair.made)
-
-
-@dataclass(frozen=True, slots=True)
-class TelemetryPose:
-    """A telemetry pose as plain numbers, so that it is part of a recipe."""
-
-    rotation: tuple[float, ...]
-    translation_m: tuple[float, ...]
-
-    @classmethod
-    def of(cls, telemetry: StopPrior) -> TelemetryPose:
-        """The pose of a stop in the LSL."""
-        pose = telemetry.lsl_from_rover
-        return cls(tuple(pose.rotation.ravel().tolist()), tuple(pose.translation_m.tolist()))
 
 
 @stage(task_run_name="tie-{stop.stop}")
@@ -110,7 +125,8 @@ def link_stops(
     def write(path: Path) -> None:
         one, other, link = tie_sites()
         sigmas_px = _toe_in_px(one.stop, earlier) | _toe_in_px(other.stop, later)
-        write_ties(path, add_toe_in(link.ties, sigmas_px), _figures_of_link(link))
+        ties = add_toe_in(link.ties, sigmas_px)
+        write_ties(path, ties, _figures_of_link(link, (earlier, later)))
 
     recipe = links_recipe(earlier, later, earlier_telemetry, later_telemetry, params)
     links = store.make(recipe, write)
@@ -129,17 +145,37 @@ def links_recipe(
     params: CrossSiteParams,
 ) -> Recipe:
     """What the links of two stops are made of."""
-    poses = (TelemetryPose.of(earlier_telemetry), TelemetryPose.of(later_telemetry))
-    inputs = (*earlier.inputs, *later.inputs)
-    inputs += tuple(stop.ties for stop in (earlier, later) if stop.ties)
-    rigs = tuple(stop.toe_in_sigmas for stop in (earlier, later) if stop.toe_in_sigmas)
+    telemetry = (earlier_telemetry, later_telemetry)
+    poses = [PlainPose.of(prior.lsl_from_rover) for prior in telemetry]
+    poses += [place for stop in (earlier, later) for _, place in stop.beside]
+    stops = [*_merged(earlier), *_merged(later)]
+    inputs = [ref for stop in stops for ref in stop.inputs]
+    inputs += [stop.ties for stop in stops if stop.ties]
+    rigs = [stop.toe_in_sigmas for stop in stops if stop.toe_in_sigmas]
     scope = link_scope(earlier.stop, later.stop)
-    return Recipe(ProductKind.LINKS, scope, inputs, (params, *poses, *rigs))
+    return Recipe(ProductKind.LINKS, scope, tuple(inputs), (params, *poses, *rigs))
 
 
 def link_scope(earlier: StopId, later: StopId) -> Scope:
     """A stop and the earlier one it is linked to."""
     return Scope(ScopeLevel.STOP, f"{later}-to-site{earlier.site:04d}-drive{earlier.drive:04d}")
+
+
+def link_poses(
+    links: Mapping[tuple[StopId, StopId], ProductRef], store: ProductStore
+) -> dict[tuple[StopId, StopId], Pose]:
+    """Earlier rover from later one, of the links that stand."""
+    read = {stops: read_ties(store.path(ref))[1] for stops, ref in links.items()}
+    return {
+        stops: pose_of_document(link["earlier_from_later"])
+        for stops, link in read.items()
+        if link["linked"]
+    }
+
+
+def _merged(stop: StopProducts) -> tuple[StopProducts, ...]:
+    """A stop and those whose ground is merged with its own."""
+    return (stop, *(other for other, _ in stop.beside))
 
 
 def _read_stop(stop: StopProducts, telemetry: StopPrior, store: ProductStore) -> MatchedStop:
@@ -149,15 +185,21 @@ def _read_stop(stop: StopProducts, telemetry: StopPrior, store: ProductStore) ->
 def _read_pointed(
     stop: StopProducts, telemetry: StopPrior, params: CrossSiteParams, store: ProductStore
 ) -> MatchedStop:
-    """A stop with its pairs pointed as its inter-stereo ties tell."""
+    """A stop with its pairs pointed as its inter-stereo ties tell, and the ground beside it."""
     matched = _read_stop(stop, telemetry, store)
-    if stop.ties is None:
-        return matched
-    return point_pairs(matched, read_ties(store.path(stop.ties))[0], params.trials.alignment)
+    if stop.ties is not None:
+        ties = read_ties(store.path(stop.ties))[0]
+        matched = point_pairs(matched, ties, params.trials.alignment)
+    others = []
+    for other, place in stop.beside:
+        pose = place.between(stop.stop.frame, other.stop.frame)
+        prior = StopPrior(other.stop, telemetry.lsl_from_rover @ pose)
+        others.append((_read_pointed(other, prior, params, store), pose))
+    return merge_ground(matched, others)
 
 
 def _toe_in_px(matched: MatchedStop, stop: StopProducts) -> dict[str, float]:
-    sigmas = dict(stop.toe_in_sigmas)
+    sigmas = dict(pair for one in _merged(stop) for pair in one.toe_in_sigmas)
     return {
         pair.pair_id: pair.images.geometry.focal_px * sigmas.get(pair.instrument, 0.0)
         for pair in matched.pairs
@@ -172,13 +214,15 @@ def _figures_of_stop(found: PairTies) -> dict[str, Any]:
     }
 
 
-def _figures_of_link(link: SiteLink) -> dict[str, Any]:
+def _figures_of_link(link: SiteLink, stops: tuple[StopProducts, StopProducts]) -> dict[str, Any]:
     figures = dataclasses.asdict(link.figures)
+    beside = [str(other.stop) for stop in stops for other, _ in stop.beside]
+    merged = f", with the ground of {', '.join(beside)}" if beside else ""
     return {
         "earlier": str(link.earlier),
         "later": str(link.later),
         "linked": link.linked,
-        "reason": link.reason,
+        "reason": link.reason + merged,
         "earlier_from_later": pose_document(link.earlier_from_later),
         "figures": {name: finite(value) for name, value in figures.items()},
     }

@@ -129,9 +129,9 @@ class _Maker:
 
     def make(self) -> None:
         """Matches of the new pairs, ties of their stops, links to those before."""
-        from solmap.flows.sol_network import _link_candidates  # noqa: PLC0415 - brings the engine
+        from solmap.flows.sol_network import _link_candidates, parts_at  # noqa: PLC0415 - brings the engine
         from solmap.tasks.images.pairs import pairs_of  # noqa: PLC0415
-        from solmap.tasks.network.tie import StopProducts  # noqa: PLC0415
+        from solmap.tasks.network.tie import StopProducts, link_poses  # noqa: PLC0415
 
         inputs, store = self.inputs, self.inputs.workspace.store
         window, stops = {stop.stop: stop for stop in inputs.window}, self.sols.made
@@ -146,9 +146,13 @@ class _Maker:
             ties = store.make(recipe, lambda p, r=rows, h=header: self._write(p, r, h))
             self._look(ties)
             stops[name] = replace(stop, ties=ties)
-        for old, new in _link_candidates(inputs):
-            if new in inputs.new_stops:
-                self._linked(stops[old], stops[new], window[old], window[new])
+        links = {
+            (old, new): self._linked(stops[old], stops[new], window[old], window[new])
+            for old, new in _link_candidates(inputs)
+        }
+        for new in inputs.new_stops:
+            for one, other in parts_at(window[new], inputs, stops, link_poses(links, store)):
+                self._linked(one, other, window[one.stop], window[other.stop])
 
     def _matched(self, pair: Any) -> Any:
         from solmap.tasks.images.pairs import PairProducts  # noqa: PLC0415
@@ -177,7 +181,7 @@ class _Maker:
         store.make(look, lambda p: p.write_bytes(b"none"))
         return products
 
-    def _linked(self, earlier: Any, later: Any, *telemetry: Any) -> None:
+    def _linked(self, earlier: Any, later: Any, *telemetry: Any) -> ProductRef:
         from solmap.tasks.network.tie import links_recipe  # noqa: PLC0415 - brings the engine
 
         rows = self.sols.seen.across.get((earlier.stop, later.stop), np.zeros((0, 2), dtype=int))
@@ -192,7 +196,9 @@ class _Maker:
         }
         recipe = links_recipe(earlier, later, *telemetry, self.inputs.config.cross_site)
         kept = rows if is_linked else rows[:0]
-        self._look(self.inputs.workspace.store.make(recipe, lambda p: self._write(p, kept, header)))
+        links = self.inputs.workspace.store.make(recipe, lambda p: self._write(p, kept, header))
+        self._look(links)
+        return links
 
     def _look(self, ref: ProductRef) -> None:
         recipe = Recipe(ProductKind.QUICKLOOK, ref.scope, (ref,))

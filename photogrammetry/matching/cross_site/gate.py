@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,6 +50,23 @@ class GateParams:
                 "a gate is as wide as telemetry is uncertain: its standard deviations are above "
                 "zero (`position_sigma_m`, `azimuth_sigma`, `tilt_sigma`, `sigmas`)"
             )
+
+    def opened(self, position: float, azimuth: float, tilt: float) -> GateParams:
+        """With standard deviations so many times as large, by what a mission has shown.
+
+        To the nearest power of two, so that a mission's links seldom have to be searched again, and
+        never narrower: that would find nothing more.
+        """
+        place, heading, level = (
+            2.0 ** max(0, round(float(np.log2(factor)))) for factor in (position, azimuth, tilt)
+        )
+        return replace(
+            self,
+            slip_sigma=place * self.slip_sigma,
+            position_sigma_m=place * self.position_sigma_m,
+            azimuth_sigma=heading * self.azimuth_sigma,
+            tilt_sigma=level * self.tilt_sigma,
+        )
 
     def usual_sigma_m(self, distance_m: float) -> float:
         """Of the place of a stop so far from another by telemetry."""

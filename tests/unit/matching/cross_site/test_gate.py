@@ -103,3 +103,13 @@ def test_a_stop_far_from_all_others_is_tried_with_none():
 def test_a_stop_that_is_near_by_the_usual_error_of_telemetry_is_tried():
     tried = link_candidates(at(2, 60.0)[1], dict([at(1, 0.0)]), LinkParams(), GateParams())
     assert [stop.drive for stop in tried] == [1]
+
+
+def test_the_gate_opens_to_what_the_mission_has_shown_and_never_closes():
+    params = GateParams()
+    assert params.opened(1.3, 0.4, 1.0) == params
+    wide = params.opened(3.1, 1.6, 1.0)
+    assert wide.slip_sigma == 4 * params.slip_sigma
+    assert wide.position_sigma_m == 4 * params.position_sigma_m
+    assert wide.azimuth_sigma == 2 * params.azimuth_sigma
+    assert wide.tilt_sigma == params.tilt_sigma

@@ -1,0 +1,86 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solmap.photogrammetry.frames import LSL, Pose, rotation_of_roll_pitch_yaw
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeParams, draw_birds_eye
+from solmap.photogrammetry.matching.cross_site.parts import Part, merge_ground, parts_to_link
+from tests.support.rolling_stops import elevation, photographed, stand
+
+A, B, C, D = (StopId("MER2", 1, drive) for drive in (0, 2, 4, 6))
+PLACES = {
+    stop: Pose(LSL, stop.frame, rotation_of_roll_pitch_yaw(0.0, 0.0, turn), np.array([*at, 0.0]))
+    for stop, at, turn in (
+        (A, (0, 0), 0.1),
+        (B, (9, 1), 0.7),
+        (C, (20, -3), 1.5),
+        (D, (50, 5), 3.0),
+    )
+}
+
+
+def linked(*ends):
+    return {(one, other): PLACES[one].inverse @ PLACES[other] for one, other in ends}
+
+
+def sets(parts):
+    return [(one.stop, set(one.stops), other.stop, set(other.stops)) for one, other in parts]
+
+
+def test_a_part_has_its_stops_where_links_place_them():
+    part = Part.of(B, linked((A, B), (A, C)))
+    assert part.stops == [B, A, C]
+    for stop, pose in part.beside.items():
+        true = PLACES[B].inverse @ PLACES[stop]
+        np.testing.assert_allclose(pose.translation_m, true.translation_m, atol=1e-9)
+        np.testing.assert_allclose(pose.rotation, true.rotation, atol=1e-9)
+
+
+def test_a_stop_without_links_is_tried_with_the_merged_ground_of_those_that_are_linked():
+    found = parts_to_link([A, B, C, D], PLACES, linked((A, B), (B, C)))
+    assert sets(found) == [(C, {A, B, C}, D, {D})]  # C is the nearest to D
+
+
+def test_the_part_of_a_new_stop_is_tried_with_each_other_part():
+    found = parts_to_link([A, B, C, D], PLACES, linked((C, D)))
+    assert sets(found) == [(A, {A}, C, {C, D}), (B, {B}, C, {C, D})]
+
+
+@pytest.mark.parametrize("ends", [[(A, B), (B, D)], [(A, D), (B, D)]])
+def test_what_is_joined_needs_no_merged_ground(ends):
+    assert list(parts_to_link([A, B, D], PLACES, linked(*ends))) == []
+
+
+def test_two_single_stops_have_been_tried():
+    assert list(parts_to_link([A, D], PLACES, {})) == []
+
+
+def test_links_to_other_stops_do_not_join():
+    found = parts_to_link([A, B, D], PLACES, linked((A, B), (A, C), (C, D)))
+    assert sets(found) == [(B, {A, B}, D, {D})]
+
+
+def test_merged_ground_lies_where_it_is():
+    one, other = stand(0, 0.0, 0.0, 0.3), stand(2, 3.0, -4.0, 2.0)
+    looks = np.radians([20.0, 140.0])
+    first, second = (photographed(there, looks) for there in (one, other))
+    merged = merge_ground(first, [(second, one.true.inverse @ other.true)])
+    assert [pair.pair_id for pair in merged.pairs] == ["P000", "P001", "P020", "P021"]
+    alone, both = (
+        draw_birds_eye(stop, BirdsEyeParams(radius_m=12.0, cell_m=0.16), [0.16])[0].elevation
+        for stop in (first, merged)
+    )
+    row, col = np.nonzero(np.isfinite(both) & ~np.isfinite(alone))
+    half = (both.shape[0] - 1) / 2
+    north, east = (half - row) * 0.16, (col - half) * 0.16
+    near = np.hypot(north - 3.0, east + 4.0) < 5.0
+    assert near.sum() > 200
+    error = both[row, col][near] - elevation(north[near], east[near])
+    assert np.median(np.abs(error)) < 0.02  # cells of 0.16 m on slopes of 10 %
+
+
+def test_a_stop_alone_is_its_own_part():
+    stop = replace(photographed(stand(0, 0.0, 0.0, 0.3), [0.0]))
+    assert merge_ground(stop, []).pairs == stop.pairs
