@@ -97,6 +97,8 @@ class RoverImage:
     """Where the site lies in the one it was declared in, where the label says so (after MER)."""
     created: str | None = None
     """PRODUCT_CREATION_TIME: when the file was made on Earth, for one may be made anew."""
+    camera_celsius: float | None = None
+    """Mean temperature of the detectors on the mast; None on the body, or where none is told."""
 
     def __post_init__(self) -> None:
         if self.site_from_rover.source != self.stop.frame:
