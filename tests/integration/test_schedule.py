@@ -69,7 +69,8 @@ def test_a_scheduled_deployment_really_fires(tmp_path: Path, free_port: int):
     script.write_text(SCRIPT.replace("MARKER", str(marker)))
     api = f"http://127.0.0.1:{free_port}/api"
     environment = {
-        **os.environ,
+        # not the engine, nor its password, of tests that ran before in this process
+        **{name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")},
         "PREFECT_HOME": str(tmp_path / "prefect"),
         "PREFECT_API_URL": api,
         "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
