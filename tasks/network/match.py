@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
@@ -54,13 +54,14 @@ def measure_rows(pair: PairFiles, store: ProductStore) -> ProductRef:
         left, right = read_pair(pair, store)
         geometry = pair_geometry(left.image, right.image)
         measured = vertical_parallax(resample_pair(left, right, geometry))
+        rows = rows_of_pair(measured)
         found = PairRows(
             pair.id,
             str(pair.stop),
             pair.instrument,
             str(measured),
             geometry.rover_from_pair.rotation,
-            rows_of_pair(measured),
+            replace(rows, celsius=left.image.camera_celsius) if rows else None,
         )
         write_pair_rows(path, found)
 

@@ -9,14 +9,19 @@ says of them are normal equations N_s theta = n_s, of two kinds of observations:
   other under a wrong toe-in. `stop_normal_equations` takes them from `calibrate_rig`. Ties to other
   stops are left out: they may lie on shadows that have moved, and toe-in would take that up.
 
-A bar bends with temperature, so a stop has a rotation of its own, theta_s = theta + d_s, and T is
-the variance of d_s, the same about every axis and estimated from r_x and r_z of the stops. Pooled:
+A bar bends with temperature, and as it likes. So a stop has a rotation of its own, linear in the
+temperature t_s of its cameras where labels tell it,
 
-    N = P + sum_s N_s (1 + T N_s)^-1          n = sum_s (1 + N_s T)^-1 n_s
+    theta_s = theta + k (t_s - t) + d_s = D_s phi + d_s
+
+T is the variance of d_s and K that of k, the same about every axis and estimated from r_x and r_z
+of the stops; K is zero, and k no unknown, where they do not go with temperature. Pooled:
+
+    N = P + sum_s D_s' N_s (1 + T N_s)^-1 D_s          n = sum_s D_s' (1 + N_s T)^-1 n_s
 
 and of stop s, with N_-s and n_-s what all others say,
 
-    C_s = [N_s + (N_-s^-1 + T)^-1]^-1
+    C_s = [N_s + (D_s N_-s^-1 D_s' + T)^-1]^-1
 
 P holds the priors. That of toe-in is the spread that the bar shows about the other two axes, since
 nothing bends it about one axis alone, and what calibrations on ground leave. Camera sets on one bar
@@ -30,9 +35,10 @@ is a standard deviation that all parallaxes of the camera set share (`toe_in_sig
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from solmap.photogrammetry.adjustment.model.network import Network
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
@@ -52,7 +58,8 @@ CALIBRATION_SIGMA_RAD = float(np.radians(0.005))
 HAZARD_CAMERA = "HAZCAM"
 """In the names of camera sets that are not on the mast's bar."""
 STANDS_OUT = 3.0
-"""Standard deviations by which a rig must differ from its labels to be corrected."""
+"""Standard deviations by which a rig must differ from its labels to be corrected, and by which its
+rows must go with temperature to be taken for doing so."""
 NEGLIGIBLE_PX = 0.02
 """Error of rows or parallaxes that is not worth a new matching."""
 
@@ -67,6 +74,8 @@ class CameraRows:
     """Of the finest pair."""
     samples: int
     """Width of its images."""
+    celsius: float | None = None
+    """Temperature of the cameras, mean of the pairs; None where labels tell none."""
 
     def effects_px(self, rotation: Vector3) -> Vector3:
         """By how much a rotation about each axis moves points at most, along or across rows."""
@@ -192,7 +201,11 @@ def pooled_rotations(stops: Mapping[str, StopRig]) -> dict[str, dict[str, RigRot
     if not cameras:
         return {name: {} for name in stops}
     size, turns = UNKNOWNS * len(cameras), np.tile([True, True, True, False], len(cameras))
-    own, variances = _rows_of_stops(stops, cameras)
+    own, spreads = _rows_of_stops(stops, cameras)
+    variances, slopes = (
+        np.where(turns, np.repeat([getattr(one, name) for one in spreads], UNKNOWNS), 0.0)
+        for name in ("alone", "per_kelvin")
+    )
     parts: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for name, stop in stops.items():
         N, n = stop.among(cameras)
@@ -201,20 +214,27 @@ def pooled_rotations(stops: Mapping[str, StopRig]) -> dict[str, dict[str, RigRot
             N[at, at] += N_rows
             n[at] += n_rows
         parts[name] = N, n
-    T = np.diag(np.where(turns, np.repeat([variances[c] for c in cameras], UNKNOWNS), 0.0))
-    eye = np.eye(size)
+    T, eye, bends = np.diag(variances), np.eye(size), np.flatnonzero(slopes)
+    kelvin = {name: [one.kelvin.get(name, 0.0) for one in spreads] for name in stops}
+    D = {
+        name: np.hstack([eye, np.diag(np.repeat(warmer, UNKNOWNS))[:, bends]])
+        for name, warmer in kelvin.items()
+    }
     shares = {
-        name: (N @ np.linalg.inv(eye + T @ N), np.linalg.solve(eye + N @ T, n))
+        name: (
+            D[name].T @ N @ np.linalg.inv(eye + T @ N) @ D[name],
+            D[name].T @ np.linalg.solve(eye + N @ T, n),
+        )
         for name, (N, n) in parts.items()
     }
-    prior = _prior(own, cameras)
+    prior = block_diag(_prior(own, cameras), np.diag(1.0 / slopes[bends]))
     N_all = prior + sum(N for N, _ in shares.values())
     n_all = sum(n for _, n in shares.values())
     found: dict[str, dict[str, RigRotation]] = {}
     for name, (N, n) in parts.items():
         others = np.linalg.inv(N_all - shares[name][0])
-        mean = others @ (n_all - shares[name][1])
-        weight = np.linalg.inv(others + T)
+        mean = D[name] @ others @ (n_all - shares[name][1])
+        weight = np.linalg.inv(D[name] @ others @ D[name].T + T)
         C = np.linalg.inv(N + weight)
         theta = C @ (n + weight @ mean)
         found[name] = {
@@ -237,39 +257,71 @@ def correction_to_apply(found: RigRotation, applied: Vector3, rows: CameraRows) 
     return found.rotation if is_wrong.any() else applied
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Spread:
+    """How the rotation of a camera set differs from stop to stop."""
+
+    alone: float = 0.0
+    """T: variance of what nothing explains, squared radians."""
+    per_kelvin: float = 0.0
+    """K: variance of the change with temperature; zero where there is none to be seen."""
+    kelvin: Mapping[str, float] = field(default_factory=dict)
+    """By how much a stop was warmer than the mean of all that labels tell of."""
+
+
 def _rows_of_stops(
     stops: Mapping[str, StopRig], cameras: Sequence[str]
-) -> tuple[dict[str, dict[str, tuple[np.ndarray, np.ndarray]]], dict[str, float]]:
-    """Normal equations of the rows of every stop and camera set; variances between the stops.
+) -> tuple[dict[str, dict[str, tuple[np.ndarray, np.ndarray]]], list[_Spread]]:
+    """Normal equations of the rows of every stop and camera set; spreads of the camera sets.
 
     Cells of all stops together say how far the model of the lenses is wrong.
     """
     own: dict[str, dict[str, tuple[np.ndarray, np.ndarray]]] = {name: {} for name in stops}
-    variances: dict[str, float] = {}
+    spreads: list[_Spread] = []
     for camera in cameras:
         rows = {name: stop.rows[camera] for name, stop in stops.items() if camera in stop.rows}
         if not rows:
-            variances[camera] = 0.0
+            spreads.append(_Spread())
             continue
         factor = RowCells.together([one.cells for one in rows.values()]).variance_factor
         for name, one in rows.items():
             N, n = one.cells.normal_equations()
             own[name][camera] = N / factor, n / factor
-        variances[camera] = _variance_between([own[name][camera] for name in rows])
-    return own, variances
+        told = {name: one.celsius for name, one in rows.items() if one.celsius is not None}
+        mean = float(np.mean([*told.values()])) if told else 0.0
+        kelvin = {name: celsius - mean for name, celsius in told.items()}
+        warmer = np.array([kelvin.get(name, 0.0) for name in rows])
+        spreads.append(
+            _Spread(*_variances_between([own[name][camera] for name in rows], warmer), kelvin)
+        )
+    return own, spreads
 
 
-def _variance_between(stops: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
-    """Variance of the rotation from stop to stop, by r_x and r_z with toe-in left free."""
+def _variances_between(
+    stops: Sequence[tuple[np.ndarray, np.ndarray]], kelvin: Float64[np.ndarray, " stops"]
+) -> tuple[float, float]:
+    """T and K, by r_x and r_z with toe-in left free."""
     if len(stops) < 2:  # noqa: PLR2004 - of one value there is no spread
-        return 0.0
+        return 0.0, 0.0
     P = np.diag(prior_sigmas(1)[:3] ** -2.0)
     C = np.array([np.linalg.inv(N + P) for N, _ in stops])
     seen = np.array([one @ n for one, (_, n) in zip(C, stops, strict=True)])[:, ::2]
-    noise = np.diagonal(C, axis1=1, axis2=2)[:, ::2]
-    spread = seen.var(axis=0, ddof=1) - noise.mean(axis=0)
-    weight = 1.0 / noise.mean(axis=0) ** 2  # of a variance
-    return max(0.0, float(weight @ spread / weight.sum()))
+    noise = np.diagonal(C, axis1=1, axis2=2)[:, ::2].mean(axis=0)
+    weight = noise**-2.0 / (noise**-2.0).sum()  # of a variance
+
+    def alone(variance: np.ndarray) -> float:
+        return max(0.0, float(weight @ (variance - noise)))
+
+    seen = seen - seen.mean(axis=0)
+    free, square = len(stops) - 2, float(kelvin @ kelvin)
+    if free > 0 and square > 0:
+        slope = kelvin @ seen / square
+        left = (seen - np.outer(kelvin, slope)).var(axis=0, ddof=0) * len(stops) / free
+        by_chance = np.maximum(left, noise) / square
+        K = float(weight @ (slope**2 - STANDS_OUT**2 * by_chance))
+        if K > 0:
+            return alone(left), K
+    return alone(seen.var(axis=0, ddof=1)), 0.0
 
 
 def _prior(

@@ -36,10 +36,15 @@ ROVER = "ROVER_COORDINATE_SYSTEM"
 SITE = "SITE_COORDINATE_SYSTEM"
 SITE_GEOMETRY = "SITE_DERIVED_GEOMETRY_PARMS"
 ROVER_GEOMETRY = "ROVER_DERIVED_GEOMETRY_PARMS"
+STATE = "INSTRUMENT_STATE_PARMS"
 ROVER_FRAMES = frozenset({"ROVER_FRAME", "ROVER_NAV_FRAME"})
 MODELS = {"CAHV": "CAHV", "CAHVOR": "CAHVOR", "CAHVORE": "CAHVORETP"}
 TELLING_ELEVATION = math.radians(1.0)
 """Mast elevations nearer to the horizon do not tell the sign: six digits and 0.1 degree of lag."""
+DETECTOR_ON_MAST = re.compile(r"(?:NAV|PAN)[ _]CCD\Z", re.ASCII)
+"""In the names of temperatures: LEFT PAN CCD of MER, B_LEFT_NAV_CCD of MSL."""
+MAX_CELSIUS = 150.0
+"""Labels give 1e30 where nothing was measured, or zero."""
 DAY_HOURS = (6.5, 17.5)
 """Local true solar time at which the Sun is up at any rover's latitude, in every season."""
 
@@ -102,6 +107,7 @@ def rover_image(label: Label, file_name: str, missions: Sequence[Mission] = MISS
         mast_in_rover=_mast_in_rover(label, mission, instrument),
         parent_from_site=parent_from_site(label, stop.site),
         created=time_text(label.optional("", "PRODUCT_CREATION_TIME", str)),
+        camera_celsius=_camera_celsius(label, instrument),
     )
 
 
@@ -201,7 +207,7 @@ def pixel_averaging(label: Label) -> tuple[int, int]:
     """How many columns and lines of the detector were averaged into one pixel."""
     counts = []
     for keyword in ("PIXEL_AVERAGING_WIDTH", "PIXEL_AVERAGING_HEIGHT"):
-        count = label.optional("INSTRUMENT_STATE_PARMS", keyword, int)
+        count = label.optional(STATE, keyword, int)
         if count is None:
             count = 1
         if count < 1:
@@ -333,7 +339,7 @@ def _filter_number(
         return None
     if name is not None and name.filter_number > 0:
         return name.filter_number
-    return label.optional("INSTRUMENT_STATE_PARMS", "FILTER_NUMBER", int)
+    return label.optional(STATE, "FILTER_NUMBER", int)
 
 
 def _sun_azimuth(label: Label) -> float | None:
@@ -363,6 +369,20 @@ def _mast_in_rover(
         return None
     x, y, z = label.require_numbers(mission.mast_group, "ORIGIN_OFFSET_VECTOR", 3).tolist()
     return x, y, z
+
+
+def _camera_celsius(label: Label, instrument: str) -> float | None:
+    """Mean temperature of the detectors on the mast, of those that were measured."""
+    names = label.get(STATE, "INSTRUMENT_TEMPERATURE_NAME")
+    if instrument.endswith("HAZCAM") or not isinstance(names, tuple):
+        return None
+    try:
+        values = label.require_numbers(STATE, "INSTRUMENT_TEMPERATURE", len(names))
+    except LabelError:
+        return None  # nothing else depends on it
+    on_mast = np.array([bool(DETECTOR_ON_MAST.search(str(name))) for name in names], dtype=bool)
+    measured = values[on_mast & (values != 0) & (np.abs(values) < MAX_CELSIUS)]
+    return float(measured.mean()) if len(measured) else None
 
 
 def _mast_elevation(label: Label, mission: Mission) -> float | None:

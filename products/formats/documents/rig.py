@@ -153,6 +153,7 @@ def _rows_document(rows: CameraRows) -> dict[str, Any]:
         "pairs": rows.pairs,
         "focal_px": rows.focal_px,
         "samples": rows.samples,
+        "celsius": rows.celsius,
     }
 
 
@@ -163,6 +164,7 @@ def _rows_of(document: dict[str, Any]) -> CameraRows:
         document["pairs"],
         document["focal_px"],
         document["samples"],
+        document.get("celsius"),
     )
 
 

@@ -109,6 +109,36 @@ def test_a_bar_that_bends_with_temperature_has_a_rotation_a_stop(rng):
     assert steady["s3"]["NAVCAM"].sigmas[1] < 0.7 * found["s3"]["NAVCAM"].sigmas[1]
 
 
+def at_celsius(stop, celsius):
+    return StopRig({name: replace(rows, celsius=celsius) for name, rows in stop.rows.items()})
+
+
+def test_a_bar_that_goes_with_temperature_is_known_at_one_that_was_not_met_before(rng):
+    """Toe-in too, which the rows of a cold stop show worse than the law that warm ones tell."""
+    per_kelvin = np.array([8e-6, 5e-6, -6e-6])
+    celsius = [-60.0, -45.0, -30.0, -20.0, -5.0, 5.0]
+    stops = {
+        f"s{k}": stop_of(rng, {"NAVCAM": BENT + per_kelvin * t}, pairs=4 if k else 1)
+        for k, t in enumerate(celsius)
+    }
+    told = {name: at_celsius(stops[name], t) for name, t in zip(stops, celsius, strict=True)}
+    without, found = (pooled_rotations(some)["s0"]["NAVCAM"] for some in (stops, told))
+    off = found.rotation - (BENT + per_kelvin * celsius[0])
+    assert np.abs(off[::2]).max() * FOCAL["NAVCAM"] < 0.02
+    assert abs(off[1]) < 3 * found.sigmas[1]
+    assert found.sigmas[1] < 0.8 * without.sigmas[1]
+
+
+def test_temperature_explains_nothing_where_rows_do_not_go_with_it(rng):
+    stops = {f"s{k}": stop_of(rng, {"NAVCAM": BENT}, pairs=2) for k in range(5)}
+    celsius = rng.permutation([-60.0, -40.0, -20.0, 0.0, 20.0])
+    told = {name: at_celsius(one, t) for (name, one), t in zip(stops.items(), celsius, strict=True)}
+    for name, cameras in pooled_rotations(told).items():
+        np.testing.assert_array_equal(
+            cameras["NAVCAM"].rotation, pooled_rotations(stops)[name]["NAVCAM"].rotation
+        )
+
+
 def test_a_correction_stands_until_it_is_wrong_by_more_than_is_known_and_matters(rng):
     rows = stop_of(rng, {"NAVCAM": LABELS}, pairs=1).rows["NAVCAM"]
     px = 1.0 / FOCAL["NAVCAM"]

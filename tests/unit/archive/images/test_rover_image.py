@@ -62,6 +62,27 @@ def test_without_a_mast_the_sun_is_up_by_day_and_as_stated_at_night(small):
     assert record(hazcam.but("-20 <deg>", '"NULL"')).sun_elevation is None
 
 
+@pytest.mark.parametrize(
+    ("values", "names", "celsius"),
+    [
+        ("(3.6 <degC>,-15.0 <degC>,0.0 <degC>,-14.0 <degC>)",
+         '("LEFT PAN ELECTRONICS","LEFT PAN CCD","RIGHT PAN CCD","LEFT NAV CCD")', -14.5),
+        ("(-8.2 <degC>,1E30 <degC>)", '("B_LEFT_NAV_CCD","B_RIGHT_NAV_CCD")', -8.2),
+        ("(0.0 <degC>,-8.2 <degC>)", '("LEFT NAV CCD","MI CCD")', None),
+        ("(-8.2 <degC>,N/A)", '("LEFT NAV CCD","MI CCD")', None),
+        ("-8.2 <degC>", '("LEFT NAV CCD","MI CCD")', None),
+    ],
+)  # fmt: skip
+def test_the_temperature_of_the_mast_is_that_of_detectors_which_were_measured(
+    small, values, names, celsius
+):
+    assert record(small).camera_celsius is None
+    told = f"  INSTRUMENT_TEMPERATURE = {values}\n  INSTRUMENT_TEMPERATURE_NAME = {names}\n"
+    group = "GROUP                            = INSTRUMENT_STATE_PARMS\n"
+    image = record(small.but(group, group + told))
+    assert image.camera_celsius == (None if celsius is None else pytest.approx(celsius))
+
+
 def test_a_renamed_file_is_known_by_its_product_id(small):
     assert record(small, "copy of it.img").id == "2N292280938EFFB100P0703L0M1"
     nameless = small.but('"2N292280938EFFB100P0703L0M1"', '"SLLARC_1"')
