@@ -236,9 +236,8 @@ class Network:
 
     @property
     def datum_is_observed(self) -> bool:
-        """Whether the place of a stop is observed in a frame whose own place is certain."""
-        certain = {frame.name for frame in self.frames if frame.is_certain}
-        return any(one.frame in certain for one in self.control)
+        """Whether the place of a stop is observed in the frame of the datum."""
+        return any(one.frame == MAP.name for one in self.control)
 
     def within(
         self, stops: frozenset[StopId] | set[StopId], ties: TiePoints | None = None
