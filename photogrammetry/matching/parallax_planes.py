@@ -14,9 +14,9 @@ A second camera at X' = R X + t sees that plane through the homography
 
 For a pure turn (t = 0, another pair of the same panorama) the plane drops out, as it should.
 
-`parallax_planes` fits windows around image points, without outliers; `parallax_facets` fits windows
-with gaps all over the image at once, from running sums, and `whole_window_planes` those without
-gaps; `fit_robust_plane` fits one plane of least absolute deviations to the ground of a whole image.
+`parallax_planes` fits windows around image points, without outliers; `whole_window_planes` fits
+those without gaps all over the image at once, from running sums; `fit_robust_plane` fits one plane
+of least absolute deviations to the ground of a whole image.
 """
 
 from __future__ import annotations
@@ -40,15 +40,6 @@ from solmap.photogrammetry.planes import least_deviations_plane
 
 LEAST_SHARE = 0.5
 """A plane needs parallax at half of the pixels around the point."""
-
-TAKEN = 2
-"""Every second sample and line of the parallax is taken,"""
-
-KEPT = 2
-"""and of the planes about them every second one is kept."""
-
-EVERY = TAKEN * KEPT
-"""Pixels between planes; their windows are wider."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,42 +132,6 @@ def _fit_windows(
     right = np.swapaxes(weighted, 1, 2) @ value[:, :, None]
     coefficients = np.linalg.solve(normal, right)[:, :, 0]
     return coefficients, value - (design @ coefficients[:, :, None])[:, :, 0]
-
-
-def parallax_facets(parallax: ParallaxMap, half_px: int) -> Float32[np.ndarray, "4 rows cols"]:
-    """Planes fitted to windows of the parallax: value, gradient along sample and line, residual.
-
-    A window takes every second pixel of 2 `half_px` + 1: parallax is smooth over more than that.
-    """
-    p = parallax[::TAKEN, ::TAKEN].astype(np.float64)
-    known = p > 0  # NaN is not
-    one, p = known.astype(np.float64), np.where(known, p, 0.0)
-    col, row = np.meshgrid(*(float(TAKEN) * np.arange(n) for n in p.shape[::-1]))
-    side = 2 * (half_px // TAKEN) + 1
-
-    def window_sum(values: np.ndarray) -> np.ndarray:
-        of_all = cv2.boxFilter(
-            values, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT
-        )
-        return of_all[::KEPT, ::KEPT]
-
-    x, y = col[::KEPT, ::KEPT], row[::KEPT, ::KEPT]
-    n, sx, sy = window_sum(one), window_sum(one * col), window_sum(one * row)
-    sxx, sxy, syy = (window_sum(one * square) for square in (col * col, col * row, row * row))
-    sp, sxp, syp, spp = window_sum(p), window_sum(col * p), window_sum(row * p), window_sum(p * p)
-    u, v = sx - x * n, sy - y * n  # about the window's middle
-    uu = sxx - 2 * x * sx + x * x * n
-    uv = sxy - x * sy - y * sx + x * y * n
-    vv = syy - 2 * y * sy + y * y * n
-    normal = np.stack([n, u, v, u, uu, uv, v, uv, vv], axis=-1).reshape(*n.shape, 3, 3)
-    right = np.stack([sp, sxp - x * sp, syp - y * sp], axis=-1)
-    enough = n >= LEAST_SHARE * side**2
-    normal[~enough] = np.eye(3)
-    plane = np.linalg.solve(normal, right[..., None])[..., 0]
-    left_over = spp - (plane * right).sum(axis=-1)
-    residual = np.sqrt(np.maximum(left_over, 0.0) / np.maximum(n - 3, 1.0))
-    found = np.stack([*np.moveaxis(plane, -1, 0), residual])
-    return np.where(enough, found, np.nan).astype(np.float32)
 
 
 def fit_robust_plane(
