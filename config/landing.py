@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from solmap.config.records import ConfigError, read_toml, record_of
+from solmap.photogrammetry.archive.missions import mission_id
 from solmap.products.crs import LandingPoint
+from solmap.products.model import mission_of, origin_of
 
 SHIPPED = Path(__file__).parent / "landing_sites.toml"
 
@@ -20,7 +22,7 @@ class LandingSite:
 
 
 def landing_sites(path: Path = SHIPPED) -> dict[str, LandingSite]:
-    """Landing sites by mission, from a TOML file.
+    """Landing sites by the identifier of their mission, from a TOML file.
 
     Raises:
         ConfigError: the file cannot be read or a table is not a landing site.
@@ -32,17 +34,25 @@ def landing_sites(path: Path = SHIPPED) -> dict[str, LandingSite]:
                 f"{path} should have a table [MISSION] for each mission, not {mission}"
             )
         title = str(table.pop("title", mission))
-        sites[mission] = LandingSite(title, record_of(LandingPoint, table, f"{path}: {mission}"))
+        sites[mission_id(mission)] = LandingSite(
+            title, record_of(LandingPoint, table, f"{path}: {mission}")
+        )
     return sites
 
 
 def landing_site(mission: str, path: Path = SHIPPED) -> LandingSite:
-    """The landing site of one mission.
+    """The landing site of one mission, or where a map of it lies that is not tied to the lander.
 
     Raises:
         ConfigError: the file has no table for it.
     """
-    sites = landing_sites(path)
+    origin = origin_of(mission)
+    if origin:
+        site = landing_site(mission_of(mission), path)
+        numbers = zip(("site", "drive"), origin, strict=False)
+        landing = site.landing.untied(" ".join(f"{what} {number}" for what, number in numbers))
+        return LandingSite(f"{site.title} ({landing.name})", landing)
+    sites, mission = landing_sites(path), mission_id(mission)
     if mission not in sites:
         raise ConfigError(
             f"{path} has no landing point for mission {mission}; add a table [{mission}] with "

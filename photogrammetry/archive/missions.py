@@ -5,6 +5,7 @@ A new mission is one more record here: readers of labels have no mission's name 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -98,6 +99,28 @@ M2020 = Mission(
 """Perseverance; Mastcam-Z zooms both eyes together, and its narrow bands differ beyond filter 1."""
 
 MISSIONS: tuple[Mission, ...] = (MER, MSL, M2020)
+
+
+_OTHER_NAMES = {
+    "SPIRIT": "MER2",
+    "MERA": "MER2",
+    "OPPORTUNITY": "MER1",
+    "MERB": "MER1",
+    "CURIOSITY": "MSL",
+    "PERSEVERANCE": "M20",
+    "M2020": "M20",
+    "MARS2020": "M20",
+}
+"""What people and labels call a spacecraft, capital letters and digits alone -> its identifier."""
+
+
+def mission_id(name: str) -> str:
+    """The identifier of a mission by any of its names: MER2 of `mer2`, `Spirit` and `MER-A`.
+
+    Another name is taken as an identifier: its capital letters.
+    """
+    letters = re.sub(r"[^A-Z0-9]", "", name.upper())
+    return _OTHER_NAMES.get(letters, name.strip().upper())
 
 
 def mission_of_host(host: str, missions: Sequence[Mission] = MISSIONS) -> Mission | None:

@@ -22,7 +22,7 @@ import numpy as np
 
 from solmap.photogrammetry.archive.file_names import FileName, parse_file_name
 from solmap.photogrammetry.archive.labels.label import Label
-from solmap.photogrammetry.archive.missions import MISSIONS, Mission, mission_of_host
+from solmap.photogrammetry.archive.missions import MISSIONS, Mission, mission_id, mission_of_host
 from solmap.photogrammetry.archive.times import time_text
 from solmap.photogrammetry.cameras.cahv import Cahv, interior_orientation
 from solmap.photogrammetry.cameras.cahvor import Cahvor
@@ -74,7 +74,8 @@ def rover_image(label: Label, file_name: str, missions: Sequence[Mission] = MISS
     _check_mapping_image(label, mission, product_type)
     instrument, eye = _instrument(label, mission)
     counter = _motion_counter(label)
-    stop = StopId(label.require("", "INSTRUMENT_HOST_ID", str), counter[0], counter[1])
+    host = label.require("", "INSTRUMENT_HOST_ID", str)
+    stop = StopId(mission_id(host), counter[0], counter[1])
     site_from_rover = _site_from_rover(label, stop)
     lines, samples = (label.require("IMAGE", size, int) for size in ("LINES", "LINE_SAMPLES"))
     check_field(camera_model(label), samples, lines, label.source)

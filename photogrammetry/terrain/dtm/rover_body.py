@@ -50,7 +50,6 @@ BODIES = {
     "MER2": RoverBody(0.9, 0.8, 1.15, 0.6, ground_m=0.294),
     "MSL": RoverBody(1.6, 1.4, 1.4, 1.1),
     "M20": RoverBody(1.6, 1.4, 1.35, 1.1),
-    "M2020": RoverBody(1.6, 1.4, 1.35, 1.1),
 }
 """Of the fact sheets: Spirit and Opportunity 1.6 m long and 2.3 m wide over their panels; Curiosity
 and Perseverance 3 m long and 2.7 to 2.8 m wide. The origin of the first two lies between the axles

@@ -243,6 +243,13 @@ def test_a_new_mission_is_a_new_record(small):
     assert rover_image(label, "x.img", (other,)).stop.mission == "VIPER"
 
 
+def test_a_mission_is_the_same_by_either_name_of_its_spacecraft(small):
+    of_mars_2020 = replace(MER, hosts=("M20", "M2020"), mapping_products=None)
+    for host in ("M20", "M2020"):
+        label = parse_label(small.but('"MER2"', f'"{host}"').label, "x.img")
+        assert rover_image(label, "x.img", (of_mars_2020,)).stop.mission == "M20"
+
+
 def averaged(small):
     """The image averaged over 2 x 4 pixels."""
     return small.but("AVERAGING_HEIGHT         = 1", "AVERAGING_HEIGHT         = 4").but(

@@ -1,0 +1,28 @@
+"""A mission has one identifier, whatever people and labels call it."""
+
+import pytest
+
+from solmap.config.landing import landing_site, landing_sites
+from solmap.photogrammetry.archive.missions import MISSIONS, mission_id
+from solmap.photogrammetry.terrain.dtm.rover_body import BODIES
+
+
+@pytest.mark.parametrize(
+    ("identifier", "names"),
+    {
+        "MER2": ("MER2", "mer2", "Spirit", "MER-A", " mer a "),
+        "MER1": ("MER1", "opportunity", "MER-B"),
+        "MSL": ("msl", "Curiosity"),
+        "M20": ("M20", "m2020", "Mars 2020", "MARS-2020", "Perseverance"),
+        "LRO": ("lro",),
+    }.items(),
+)
+def test_names_of_a_mission(identifier, names):
+    assert {mission_id(name) for name in names} == {identifier}
+
+
+def test_every_host_has_a_landing_site_under_its_identifier():
+    identifiers = {mission_id(host) for mission in MISSIONS for host in mission.hosts}
+    assert identifiers <= set(landing_sites())
+    assert identifiers == set(BODIES)
+    assert landing_site("M2020") == landing_site("Perseverance") == landing_site("M20")
