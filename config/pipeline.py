@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from solmap.config.records import ConfigError, faults_of, read_toml, record_of
-from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
+from solmap.photogrammetry.adjustment.model.params import AdjustmentMode, AdjustmentParams
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
 from solmap.photogrammetry.adjustment.quality.records import QualityParams
 from solmap.photogrammetry.matching.cross_site.gate import LinkParams

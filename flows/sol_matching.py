@@ -9,7 +9,7 @@ import numpy as np
 from solmap.flows.runtime.failures import keep_going, wait_for
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol_inputs import SolInputs
-from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
+from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
 from solmap.photogrammetry.imagery import StopId
 from solmap.products.formats.documents.rig import PairRows, RigProduct, read_pair_rows, read_rig
 from solmap.products.model import ProductRef

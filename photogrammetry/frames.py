@@ -24,10 +24,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cache
 from math import isfinite
+from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation as ScipyRotation
 
 from solmap.photogrammetry.arrays import (
     Directions,
@@ -84,27 +85,35 @@ UNIT_TOLERANCE = 0.01
 """Labels with two decimals still give a quaternion of unit length within it."""
 
 
+@cache
+def _scipy_rotation() -> type[Any]:
+    """SciPy's rotations, imported when first used: a command that lists files needs none."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - takes 0.3 s
+
+    return Rotation
+
+
 def rotation_of_quaternion(quaternion: Quaternion) -> Rotation:
     """Rotation matrix of a quaternion, scalar first; labels round, so it is normalised here."""
     norm = float(np.linalg.norm(quaternion))
     if not abs(norm - 1.0) <= UNIT_TOLERANCE:
         raise FrameError(f"{quaternion} is not a unit quaternion: its length is {norm:.3g}")
-    return ScipyRotation.from_quat(quaternion / norm, scalar_first=True).as_matrix()
+    return _scipy_rotation().from_quat(quaternion / norm, scalar_first=True).as_matrix()
 
 
 def quaternion_of_rotation(rotation: Rotation) -> Quaternion:
     """Unit quaternion of a rotation matrix, scalar first and not negative."""
-    return ScipyRotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True)
+    return _scipy_rotation().from_matrix(rotation).as_quat(canonical=True, scalar_first=True)
 
 
 def rotation_of_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Rotation:
     """R = Rz(yaw) Ry(pitch) Rx(roll), in radians: the rover's attitude in its site."""
-    return ScipyRotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix()
+    return _scipy_rotation().from_euler("ZYX", [yaw, pitch, roll]).as_matrix()
 
 
 def roll_pitch_yaw_of_rotation(rotation: Rotation) -> tuple[float, float, float]:
     """(roll, pitch, yaw) in radians; yaw is the azimuth of the x axis, clockwise from north."""
-    yaw, pitch, roll = ScipyRotation.from_matrix(rotation).as_euler("ZYX")
+    yaw, pitch, roll = _scipy_rotation().from_matrix(rotation).as_euler("ZYX")
     return float(roll), float(pitch), float(yaw)
 
 

@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 
 from solmap.photogrammetry.adjustment.model.datum import with_control
-from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
+from solmap.photogrammetry.adjustment.model.params import AdjustmentMode, AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.synthetic.edr import Exposure, label_bytes
 from solmap.photogrammetry.synthetic.mission import (

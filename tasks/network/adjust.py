@@ -19,8 +19,8 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import (
 )
 from solmap.photogrammetry.adjustment.model.datum import with_control
 from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry, StopPrior
-from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
-from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode, advance
+from solmap.photogrammetry.adjustment.model.params import AdjustmentMode, AdjustmentParams
+from solmap.photogrammetry.adjustment.modes.mission import advance
 from solmap.photogrammetry.imagery import StereoMatches, StopId
 from solmap.photogrammetry.matching.manual.editing import EditRequest
 from solmap.photogrammetry.matching.records import Ties

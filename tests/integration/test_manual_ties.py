@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 from solmap.flows.cli import app
 from solmap.photogrammetry.adjustment.model.adjusted_network import USED
-from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
+from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
 from solmap.photogrammetry.imagery import TieKind
 from solmap.photogrammetry.matching.inter_stereo import InterStereoParams
 from solmap.photogrammetry.synthetic.downlink import render_jobs

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
+from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
 from solmap.photogrammetry.terrain.measure.oriented_image import apply_pointing
 from solmap.products.catalogue.images import image_record, image_records
 from solmap.products.catalogue.workspace import Workspace

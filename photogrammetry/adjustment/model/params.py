@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.ranges import (
@@ -16,6 +17,17 @@ from solmap.photogrammetry.ranges import (
     Share,
     Tolerance,
 )
+
+
+class AdjustmentMode(StrEnum):
+    """How the stops of a mission are adjusted as its sols come in."""
+
+    STEPWISE = "stepwise"
+    """Earlier stops are held, new ones estimated: the paper's mode during the mission."""
+    SEQUENTIAL = "sequential"
+    """The last stops move with every new one, what came before enters exactly."""
+    OVERALL = "overall"
+    """Sequential, and after the last sol of a downlink all stops and ties in one adjustment."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import replace
-from enum import StrEnum
 
 import numpy as np
 
@@ -15,23 +14,12 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import (
 )
 from solmap.photogrammetry.adjustment.model.assembly import merge_networks
 from solmap.photogrammetry.adjustment.model.network import Network, select
-from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.params import AdjustmentMode, AdjustmentParams
 from solmap.photogrammetry.adjustment.modes.overall import adjust
 from solmap.photogrammetry.adjustment.modes.sequential import adjust_sequential, begin
 from solmap.photogrammetry.adjustment.modes.stepwise import add_stop_covariance, adjust_stepwise
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.imagery import StopId
-
-
-class AdjustmentMode(StrEnum):
-    """How the stops of a mission are adjusted as its sols come in."""
-
-    STEPWISE = "stepwise"
-    """Earlier stops are held, new ones estimated: the paper's mode during the mission."""
-    SEQUENTIAL = "sequential"
-    """The last stops move with every new one, what came before enters exactly."""
-    OVERALL = "overall"
-    """Sequential, and after the last sol of a downlink all stops and ties in one adjustment."""
 
 
 def advance(

@@ -15,7 +15,7 @@ from solmap.config.description import (
     toml_value,
 )
 from solmap.config.pipeline import PipelineConfig, load_pipeline
-from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
+from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
 from solmap.photogrammetry.terrain.dtm.stop_dtm import FarDtmParams
 
 DOCS = Path(__file__).parents[3] / "docs" / "configuration.md"

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.adjustment.model.assembly import assemble, part_at
-from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode, advance
+from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
+from solmap.photogrammetry.adjustment.modes.mission import advance
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.adjustment.quality.weaknesses import shared_ties
 from solmap.photogrammetry.synthetic.networks import simulate_network

@@ -19,9 +19,9 @@ from solmap.photogrammetry.adjustment.model.network import (
     StopControl,
     select,
 )
-from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
+from solmap.photogrammetry.adjustment.model.params import AdjustmentMode, AdjustmentParams
 from solmap.photogrammetry.adjustment.model.small_matrices import rotation_of_vector
-from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode, advance
+from solmap.photogrammetry.adjustment.modes.mission import advance
 from solmap.photogrammetry.adjustment.modes.overall import adjust, adjust_overall
 from solmap.photogrammetry.adjustment.modes.sequential import _part, adjust_sequential, begin
 from solmap.photogrammetry.adjustment.solver.marginal import Marginal

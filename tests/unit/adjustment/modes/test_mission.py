@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.adjustment.model.network import select
-from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode, advance
+from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
+from solmap.photogrammetry.adjustment.modes.mission import advance
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.synthetic.networks import simulate_network
