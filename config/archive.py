@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +12,7 @@ from urllib.parse import urlsplit
 from solmap.config.records import ConfigError, read_toml, record_of
 
 SHIPPED = Path(__file__).parent / "archive.toml"
+_SOLS = re.compile(r"\s*(\d{1,5})\s*(?:-\s*(\d{1,5})\s*)?\Z", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,23 @@ class Archive:
                 "add a table to the archive's file"
             )
         return found
+
+
+def sols_of(text: str) -> frozenset[int]:
+    """The sols that a text like 155-157,160 names.
+
+    Raises:
+        ConfigError: it names none.
+    """
+    sols: set[int] = set()
+    for part in text.split(","):
+        match = _SOLS.match(part)
+        first = int(match[1]) if match else 1
+        last = int(match[2] or match[1]) if match else 0
+        if first > last:
+            raise ConfigError(f"sols should be like 155, 155-157 or 155,160-162, but are {text!r}")
+        sols.update(range(first, last + 1))
+    return frozenset(sols)
 
 
 def load_archive(path: Path = SHIPPED) -> Archive:

@@ -112,7 +112,7 @@ def _control_lines(
     """What came of finding every stop on its own."""
     _, found = read_control(control, store)
     lines = [
-        f"found on their own: {len(found)} of {len(stops)} stops; `solmap adjust --overall` weighs "
+        f"found on their own: {len(found)} of {len(stops)} stops; `solmap adjust` weighs "
         "their places in"
     ]
     refused = refused_stops(control, store)
@@ -175,7 +175,7 @@ def add_control(file: Path, mission: str, root: Path, params: FrameParams) -> st
     frame, found = read_control(ref, store)
     if not found:
         return f"{file.name} is empty: what it held before counts no more"
-    return f"{frame.name}: {len(found)} places; `solmap adjust --overall` weighs them in"
+    return f"{frame.name}: {len(found)} places; `solmap adjust` weighs them in"
 
 
 def control_rows(mission: str, root: Path) -> list[dict[str, Any]]:

@@ -7,7 +7,6 @@ call fetches nothing twice, one after a crash goes on where the first broke off.
 from __future__ import annotations
 
 import fcntl
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -15,8 +14,8 @@ from pathlib import Path
 
 from prefect import flow
 
-from solmap.config.archive import Archive, load_archive
-from solmap.config.records import ConfigError, record_of
+from solmap.config.archive import Archive, load_archive, sols_of
+from solmap.config.records import record_of
 from solmap.config.settings import Settings
 from solmap.flows.runtime.progress import report as report_progress
 from solmap.photogrammetry.archive.tables.volume_index import (
@@ -31,7 +30,6 @@ from solmap.tasks.fetch.transfer import Transfer, TransferParams
 
 STATE = ".fetch"
 """Folder of the indices inside of the folder of images."""
-_SOLS = re.compile(r"\s*(\d{1,5})\s*(?:-\s*(\d{1,5})\s*)?\Z", re.ASCII)
 
 
 @dataclass(slots=True)
@@ -104,23 +102,6 @@ def fetch_archive(
         for volume, selection in wanted:
             _fetch_volume(volume, selection, out_dir, transfer, report)
     return report
-
-
-def sols_of(text: str) -> frozenset[int]:
-    """The sols that a text like 155-157,160 names.
-
-    Raises:
-        ConfigError: it names none.
-    """
-    sols: set[int] = set()
-    for part in text.split(","):
-        match = _SOLS.match(part)
-        first = int(match[1]) if match else 1
-        last = int(match[2] or match[1]) if match else 0
-        if first > last:
-            raise ConfigError(f"sols should be like 155, 155-157 or 155,160-162, but are {text!r}")
-        sols.update(range(first, last + 1))
-    return frozenset(sols)
 
 
 def _volume(archive: Archive, mission: str, instrument: str) -> Volume:

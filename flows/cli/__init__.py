@@ -11,35 +11,59 @@ after Ctrl-C.
 
 from __future__ import annotations
 
-import contextlib
 import io
 import logging
 import sys
+from collections.abc import Callable
 from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
-from solmap.config.records import ConfigError
-from solmap.config.settings import Settings, unknown_variables
 from solmap.flows.cli import (
     configuration,
+    export,
     maintenance,
+    orbital,
     processing,
     results,
     safekeeping,
     simulation,
     terrain,
+    traverse,
 )
 from solmap.flows.cli.console import fail, note
-from solmap.flows.cli.orbital import control, orbital
-from solmap.flows.cli.traverse import app as traverse
-from solmap.flows.runtime.engine import import_prefect
 
 _UNEXPECTED, _INTERRUPTED = 70, 130
 _WITH_FLOWS = {"ties", "traverse", "orbital", "control", "dip", "simulate", "stl"}
 """Commands that import flows without an engine."""
+_PANELS: dict[str, tuple[Callable[..., None] | typer.Typer, ...]] = {
+    "Process": (processing.run, processing.adjust, processing.fetch),
+    "Inspect": (
+        results.status,
+        results.report,
+        results.positions,
+        results.products,
+        results.inspect,
+        results.rig,
+        terrain.dip,
+    ),
+    "Export": (export.export, terrain.stl, traverse.app),
+    "Correct": (processing.ties, orbital.control, orbital.orbital),
+    "Simulate": (simulation.simulate, simulation.simulate_mission, simulation.evaluate),
+    "Operate": (
+        processing.serve,
+        processing.up,
+        safekeeping.backup,
+        safekeeping.restore,
+        safekeeping.check,
+        maintenance.prune,
+        maintenance.tokens,
+        configuration.config,
+    ),
+}
+"""The commands as `solmap --help` shows them; groups come last in their panel."""
 
 
 class Commands(TyperGroup):
@@ -49,8 +73,11 @@ class Commands(TyperGroup):
         """Run the command that is named."""
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")
-        for line in unknown_variables():
-            note("warning", line)
+        if "--help" not in sys.argv:
+            from solmap.config.settings import unknown_variables  # noqa: PLC0415 - slow to import
+
+            for line in unknown_variables():
+                note("warning", line)
         try:
             return super().invoke(ctx)
         except (TyperException, typer.Exit, typer.Abort, BrokenPipeError):
@@ -71,9 +98,8 @@ def _end_command(error: Exception) -> NoReturn:
         fail(f"{error.object!a:.100} is no text that can be written as UTF-8")
     if isinstance(error, MemoryError):
         fail("there is not enough memory")
-    with contextlib.suppress(ConfigError):
-        if Settings().debug:
-            raise error
+    if _is_debugging():
+        raise error
     log = logging.getLogger("solmap")
     files = [one.baseFilename for one in log.handlers if isinstance(one, logging.FileHandler)]
     if files:
@@ -86,6 +112,16 @@ def _end_command(error: Exception) -> NoReturn:
     raise typer.Exit(_UNEXPECTED) from error
 
 
+def _is_debugging() -> bool:
+    from solmap.config.records import ConfigError  # noqa: PLC0415 - slow to import
+    from solmap.config.settings import Settings  # noqa: PLC0415
+
+    try:
+        return Settings().debug
+    except ConfigError:
+        return False
+
+
 app = typer.Typer(
     cls=Commands,
     help="From a Mars rover's stereo images to maps in the browser.",
@@ -93,24 +129,12 @@ app = typer.Typer(
     pretty_exceptions_show_locals=False,
 )
 
-for _name, _group in (
-    ("traverse", traverse),
-    ("orbital", orbital),
-    ("control", control),
-    ("dip", terrain.dip),
-    ("token", maintenance.tokens),
-    ("config", configuration.config),
-):
-    app.add_typer(_group, name=_name)
-for _command in (
-    *processing.COMMANDS,
-    *results.COMMANDS,
-    *simulation.COMMANDS,
-    terrain.stl,
-    maintenance.prune,
-    *safekeeping.COMMANDS,
-):
-    app.command()(_command)
+for _panel, _commands in _PANELS.items():
+    for _command in _commands:
+        if isinstance(_command, typer.Typer):
+            app.add_typer(_command, rich_help_panel=_panel)
+        else:
+            app.command(rich_help_panel=_panel)(_command)
 app.command("judge", hidden=True)(simulation.evaluate)  # its name until 0.1
 
 
@@ -135,4 +159,6 @@ def main(
 ) -> None:
     """From a Mars rover's stereo images to maps in the browser."""
     if context.invoked_subcommand in _WITH_FLOWS and "--help" not in sys.argv:
+        from solmap.flows.runtime.engine import import_prefect  # noqa: PLC0415 - slow to import
+
         import_prefect()

@@ -7,24 +7,22 @@ from typing import Annotated
 
 import typer
 
-from solmap.config.settings import Settings
-from solmap.flows.cli.console import note, say
+from solmap.flows.cli.console import PipelineOption, note, say
 
-config = typer.Typer(help="Parameters of the pipeline.", no_args_is_help=True)
+config = typer.Typer(name="config", help="Parameters of the pipeline.", no_args_is_help=True)
 
 OutOption = Annotated[Path | None, typer.Option("--out", help="File to write; else it is printed")]
 
 
 @config.command()
 def show(
-    pipeline: Annotated[
-        str | None, typer.Option(help="Shipped pipeline or a TOML file. [env: SOLMAP_PIPELINE]")
-    ] = None,
+    pipeline: PipelineOption = None,
     file: OutOption = None,
 ) -> None:
     """Print every parameter with its effective value, unit and reason, as a pipeline file."""
     from solmap.config.description import pipeline_toml  # noqa: PLC0415 - slow to import
     from solmap.config.pipeline import load_pipeline  # noqa: PLC0415
+    from solmap.config.settings import Settings  # noqa: PLC0415
 
     _put(pipeline_toml(load_pipeline(pipeline or Settings().pipeline)), file)
 

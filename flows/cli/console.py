@@ -2,7 +2,10 @@
 
 Everything that reaches the terminal goes through `say`, `note`, `fail`, `show_rows` or a bar. None
 of them reads markup in a text, and `printable` shows what would steer a terminal as an escape, so
-that file names, labels and messages may be passed as they are.
+that file names, labels and messages may be passed as they are. A table fits the terminal; to a pipe
+or file it goes as lines of cells with tabs between, its header first.
+
+Options that several commands have stand here, so that they mean the same everywhere.
 """
 
 from __future__ import annotations
@@ -16,29 +19,77 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
-from solmap.config.settings import Settings
 from solmap.flows.runtime.progress import Step, listen
 from solmap.products.errors import printable
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from solmap.products.catalogue.workspace import Workspace
 
-WIDE = 200
-"""Columns of a table that goes to a file or a pipe: nothing is cut off."""
-
-_out = Console(soft_wrap=True, width=None if sys.stdout.isatty() else WIDE)
+_out = Console(soft_wrap=True)
 _errors = Console(stderr=True, soft_wrap=True)
 _STYLES = {"error": "red", "failed": "red", "warning": "yellow", "note": "yellow"}
+
+
+def mission_name(text: str) -> str:
+    """The identifier of a mission that an argument names: MER2 of `Spirit`, `MER-A` or `mer2`."""
+    from solmap.photogrammetry.archive.missions import mission_id  # noqa: PLC0415 - slow to import
+
+    return mission_id(text)
+
+
+def sols_named(text: str) -> frozenset[int]:
+    """The sols that an option names: `156`, `155-157`, or several with commas between."""
+    from solmap.config.archive import sols_of  # noqa: PLC0415 - `solmap --help` answers at once
+    from solmap.config.records import ConfigError  # noqa: PLC0415
+
+    try:
+        return sols_of(text)
+    except ConfigError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
 StoreOption = Annotated[
-    Path | None, typer.Option("--store", help="Folder of products. [env: SOLMAP_STORE]")
+    Path | None,
+    typer.Option(
+        "--store", help="Folder of products", envvar="SOLMAP_STORE", show_default="solmap-store"
+    ),
 ]
+PipelineOption = Annotated[
+    str | None,
+    typer.Option(
+        "--pipeline",
+        help="Shipped pipeline or a TOML file",
+        envvar="SOLMAP_PIPELINE",
+        show_default="default",
+    ),
+]
+MISSION_HELP = "MER2, Spirit or MER-A; MER1; MSL; M20 ..."
 MissionOption = Annotated[
     str | None,
-    typer.Option("--mission", help="MER2 (Spirit), MER1 ...; the store's own if it holds one."),
+    typer.Option(
+        "--mission",
+        help=MISSION_HELP,
+        parser=mission_name,
+        metavar="MISSION",
+        show_default="the only one in the store",
+    ),
+]
+MissionFilter = Annotated[
+    str | None,
+    typer.Option("--mission", help=MISSION_HELP, parser=mission_name, metavar="MISSION"),
+]
+SolFilter = Annotated[
+    frozenset[int] | None,
+    typer.Option("--sol", help="156, 155-157 or 150,155-157", parser=sols_named, metavar="SOLS"),
+]
+KindFilter = Annotated[
+    list[str] | None,
+    typer.Option("--kind", help="dtm, orthophoto, slope ...; may be given again"),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
@@ -65,6 +116,14 @@ def progress_shown() -> Iterator[None]:
 
 
 def _bars() -> Progress:
+    from rich.progress import (  # noqa: PLC0415 - `solmap --help` answers at once
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+    )
+
     return Progress(
         TextColumn("{task.description:<44}", markup=False),
         BarColumn(),
@@ -130,10 +189,41 @@ def mission_of(given: str | None, store: Path | None) -> str:
     held = [entry.mission for entry in open_catalogue(root).missions()]
     if given is None and len(held) == 1:
         return held[0]
-    if given is None or given.upper() not in held:
-        wrong = "name one by --mission" if given is None else f"{given} is not one of them"
-        fail(f"{root} holds {', '.join(held) or 'no mission yet'}; {wrong}")
-    return given.upper()
+    for mission in held:
+        if given is not None and mission_name(mission) == mission_name(given):
+            return mission
+    wrong = "name one by --mission" if given is None else f"{given} is not one of them"
+    fail(f"{root} holds {', '.join(held) or 'no mission yet'}; {wrong}")
+
+
+def select_rows(
+    rows: list[dict[str, Any]],
+    mission: str | None = None,
+    sols: frozenset[int] | None = None,
+    kinds: list[str] | None = None,
+) -> list[dict[str, Any]]:
+    """The rows of a mission or one of its maps, of some sols and of some kinds; None: of all.
+
+    Rows have `mission`, `sols` and, to be selected by it, `kind`.
+    """
+    from solmap.products.model import mission_of as mission_of_map  # noqa: PLC0415 - slow to import
+
+    maps = {row["mission"] for row in rows} - {None}
+    if mission is not None:
+        wanted = {name for name in maps if mission in {name, mission_name(mission_of_map(name))}}
+        if maps and not wanted:
+            fail(f"nothing is of {mission}; there are {', '.join(sorted(maps))}")
+        rows = [row for row in rows if row["mission"] in wanted]
+    known = {row["kind"] for row in rows} if kinds else set()
+    for kind in kinds or []:
+        if known and kind not in known:
+            fail(f"nothing is of kind {kind}; there are {', '.join(sorted(known))}")
+    return [
+        row
+        for row in rows
+        if (sols is None or not sols.isdisjoint(row["sols"]))
+        and (not kinds or row["kind"] in kinds)
+    ]
 
 
 def show_rows(rows: list[dict[str, Any]], columns: list[str], as_json: bool) -> None:  # noqa: FBT001
@@ -142,12 +232,17 @@ def show_rows(rows: list[dict[str, Any]], columns: list[str], as_json: bool) -> 
         typer.echo(json.dumps(rows, indent=2))
         return
     if not rows:
-        say("nothing yet: `solmap run DOWNLINK_DIR --store STORE` makes it")
+        note("note", "nothing to show: `solmap run DOWNLINK_DIR --store STORE` makes products")
         return
-    table = Table(*columns)
-    for row in rows:
-        table.add_row(*(Text(printable(_cell(row.get(column)))) for column in columns))
-    _out.print(table)
+    cells = [[printable(_cell(row.get(column))) for column in columns] for row in rows]
+    if not _out.is_terminal:
+        for line in (columns, *cells):
+            typer.echo("\t".join(line))
+        return
+    table = Table(*(Column(name, overflow="fold") for name in columns))
+    for line in cells:
+        table.add_row(*map(Text, line))
+    _out.print(table, soft_wrap=False)
 
 
 def _cell(value: Any) -> str:  # noqa: ANN401 - anything JSON holds
@@ -160,4 +255,6 @@ def _cell(value: Any) -> str:  # noqa: ANN401 - anything JSON holds
 
 def store_of(given: Path | None) -> Path:
     """The store that is named, or else the one of the settings."""
+    from solmap.config.settings import Settings  # noqa: PLC0415 - `solmap --help` answers at once
+
     return given or Settings().store

@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from datetime import timedelta
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -19,17 +19,14 @@ from solmap.flows.cli.console import (
     show_rows,
     workspace_of,
 )
-from solmap.products.catalogue.pruning import (
-    PruningParams,
-    UnreferencedProduct,
-    unreferenced_products,
-)
-from solmap.products.catalogue.pruning import prune as remove
-from solmap.products.catalogue.tokens import Role, Tokens
+
+if TYPE_CHECKING:
+    from solmap.products.catalogue.pruning import UnreferencedProduct
+    from solmap.products.catalogue.tokens import Tokens
 
 _MB = 1e6
 tokens = typer.Typer(
-    help="Tokens: who may edit ties, annotate and start runs.", no_args_is_help=True
+    name="token", help="Tokens: who may edit ties, annotate and start runs.", no_args_is_help=True
 )
 
 
@@ -38,18 +35,21 @@ def prune(
     older_than: Annotated[
         float,
         typer.Option(help="Days; what is younger stays", min=0.0, max=36_500),
-    ] = PruningParams().youngest / timedelta(days=1),
+    ] = 7.0,
     versions: Annotated[
         int, typer.Option(help="Kept of each product, the published one counted", min=1)
-    ] = PruningParams().versions,
+    ] = 2,
     *,
     yes: Annotated[bool, typer.Option("--yes", help="Delete them; else they are listed.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """List unreferenced products, and with --yes delete them; published maps stay."""
+    from solmap.products.catalogue import pruning  # noqa: PLC0415 - `solmap --help` answers at once
+
     workspace = workspace_of(store)
-    params = PruningParams(versions, timedelta(days=older_than))
-    found = remove(workspace, params) if yes else unreferenced_products(workspace, params)
+    params = pruning.PruningParams(versions, timedelta(days=older_than))
+    find = pruning.prune if yes else pruning.unreferenced_products
+    found = find(workspace, params)
     rows = _rows(found)
     if as_json:
         typer.echo(json.dumps({"removed": yes, "products": rows}, indent=2))
@@ -72,6 +72,8 @@ def _rows(found: Sequence[UnreferencedProduct]) -> list[dict[str, Any]]:
 
 
 def _book(store: Path | None) -> Tokens:
+    from solmap.products.catalogue.tokens import Tokens  # noqa: PLC0415 - as above
+
     return Tokens.of(existing_store(store))
 
 
@@ -87,6 +89,8 @@ def add(
     store: StoreOption = None,
 ) -> None:
     """Make a token and print it; it is shown only now."""
+    from solmap.products.catalogue.tokens import Role  # noqa: PLC0415 - as above
+
     if role.upper() not in Role.__members__:
         fail(f"--role {role} is none of {', '.join(str(one) for one in Role)}")
     if not name.strip():
@@ -99,7 +103,7 @@ def add(
 def list_tokens(
     store: StoreOption = None,
     *,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Every token without its secret, revoked ones too."""
     rows = [

@@ -18,7 +18,9 @@ from solmap.flows.cli.console import (
     store_of,
 )
 
-orbital = typer.Typer(help="Orbital images under the rover's map.", no_args_is_help=True)
+orbital = typer.Typer(
+    name="orbital", help="Orbital images under the rover's map.", no_args_is_help=True
+)
 
 
 ShiftSigma = Annotated[
@@ -38,7 +40,9 @@ RotationSigma = Annotated[
     ),
 ]
 ScaleSigma = Annotated[float, typer.Option(min=0, max=1, help="The same of its scale")]
-control = typer.Typer(help="Places of stops in orbital images, as control.", no_args_is_help=True)
+control = typer.Typer(
+    name="control", help="Places of stops in orbital images, as control.", no_args_is_help=True
+)
 
 
 @orbital.command("add")

@@ -1,28 +1,49 @@
-"""Commands that process: a downlink, a mission anew, an archive's images, manual ties; servers."""
+"""Commands that process: a downlink, a mission anew, an archive's images, manual ties; servers.
+
+What a command is called with is checked before the engine starts, which takes seconds.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from solmap.config.settings import Settings
-from solmap.flows.cli.console import StoreOption, fail, note, progress_shown, say, store_of
-from solmap.flows.runtime.engine import password_file, start_engine
-from solmap.flows.runtime.stopping import end_on_signals
-from solmap.products.store.locks import try_lock
+from solmap.flows.cli.console import (
+    MISSION_HELP,
+    JsonOption,
+    MissionOption,
+    PipelineOption,
+    StoreOption,
+    existing_store,
+    fail,
+    input_file,
+    mission_name,
+    mission_of,
+    note,
+    progress_shown,
+    say,
+    sols_named,
+    store_of,
+)
 
-if TYPE_CHECKING:
-    from solmap.flows.fetch import FetchReport
-
-PipelineOption = Annotated[
-    str | None,
-    typer.Option("--pipeline", help="Shipped pipeline or a TOML file. [env: SOLMAP_PIPELINE]"),
+PortOption = Annotated[
+    int | None,
+    typer.Option(
+        "--port",
+        min=1,
+        max=65535,
+        help="Port of the map",
+        envvar="SOLMAP_PORT",
+        show_default="8765",
+    ),
 ]
 
 
@@ -32,64 +53,65 @@ def run(
     pipeline: PipelineOption = None,
 ) -> None:
     """Take a downlink from raw images to published layers; a second run does nothing twice."""
+    from solmap.tasks.images.files import NO_FILES, files_of  # noqa: PLC0415 - slow to import
+
     if not downlink.is_dir():
         fail(f"{downlink} is no folder; name the folder that the downlink's files lie in")
+    if not files_of(downlink):
+        fail(f"nothing to process in {downlink}: {NO_FILES}")
     folder, root, recipe = downlink.resolve(), store_of(store).absolute(), _pipeline_of(pipeline)
     with _engine_of(root):
         from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - Prefect is ready now
 
         report = process_downlink(folder, root, recipe)
-    for line in report.warnings:
-        note("warning", line)
-    for line in report.failures:
-        note("failed", line)
-    for line in report.lines:
-        say(line)
-    if not report.succeeded:
-        raise typer.Exit(1)
+    _print_report(report.warnings, report.failures, [*report.lines, f"the store is {root}"])
 
 
 def adjust(
-    mission: Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity), ...")],
+    mission: MissionOption = None,
     store: StoreOption = None,
     pipeline: PipelineOption = None,
     *,
-    overall: Annotated[
-        bool, typer.Option("--overall", help="All stops and all ties in one adjustment.")
-    ] = False,
+    overall: Annotated[  # noqa: ARG001 - the only adjustment of a whole mission
+        bool, typer.Option("--overall", hidden=True)
+    ] = True,
 ) -> None:
-    """Adjust a mission again, and map again the stops that move; later sols go on from there."""
-    if not overall:
-        fail("say --overall: sol by sol a mission is adjusted by `solmap run`")
-    root, recipe = store_of(store).absolute(), _pipeline_of(pipeline)
+    """Adjust all stops of a mission in one adjustment, and map again the stops that move."""
+    root, name = existing_store(store).absolute(), mission_of(mission, store)
+    recipe = _pipeline_of(pipeline)
     with _engine_of(root):
         from solmap.flows.overall import readjust  # noqa: PLC0415 - Prefect is ready now
 
-        report = readjust(mission.upper(), root, recipe)
-    for line in report.failures:
-        note("failed", line)
-    for line in report.notes:
-        say(line)
-    if report.failures:
-        raise typer.Exit(1)
+        report = readjust(name, root, recipe)
+    _print_report([], report.failures, report.notes)
 
 
-def fetch(
-    mission: Annotated[str, typer.Option(help="MER2 (Spirit) or MER1 (Opportunity)")],
+def fetch(  # noqa: PLR0913 - options
+    mission: Annotated[
+        str, typer.Option(help=MISSION_HELP, parser=mission_name, metavar="MISSION")
+    ],
     sols: Annotated[str, typer.Option(help="155, 155-157, or several with commas between")],
     out_dir: Annotated[Path, typer.Option("--out", help="Folder to bring the images to")],
     instrument: Annotated[
         list[str] | None, typer.Option(help="navcam, pancam, hazcam; may be given again")
     ] = None,
     archive: Annotated[
-        Path | None, typer.Option(help="TOML file of addresses. [env: SOLMAP_ARCHIVE]")
+        Path | None, typer.Option(help="TOML file of addresses", envvar="SOLMAP_ARCHIVE")
     ] = None,
     *,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what there is.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Bring the stereo pairs of some sols here from the archive; a second call goes on."""
+    from solmap.config.archive import load_archive  # noqa: PLC0415 - `solmap --help` answers at once
+    from solmap.config.settings import Settings  # noqa: PLC0415
+
     folder = out_dir.absolute()
     addresses = (archive or Settings().archive).absolute()
+    sols_named(sols)
+    of_mission = load_archive(addresses).mission(mission)
+    for name in instrument or []:
+        of_mission.volume(name)
     with _engine_of(folder / ".fetch"):
         from solmap.flows.fetch import fetch_archive  # noqa: PLC0415 - Prefect is ready now
 
@@ -101,17 +123,22 @@ def fetch(
             dry_run=dry_run,
             archive_file=addresses,
         )
-    _print_fetch_report(report)
+    if as_json:
+        typer.echo(json.dumps(asdict(report), indent=2))
+    _print_report(report.warnings, report.failures, [] if as_json else report.lines)
 
 
 def ties(
-    file: Annotated[Path, typer.Argument(help="Manual ties, CSV or GeoJSON")],
+    file: Annotated[
+        Path, typer.Argument(help="Manual ties, CSV or GeoJSON", parser=input_file, metavar="FILE")
+    ],
     store: StoreOption = None,
 ) -> None:
     """Take a file of manual ties into the store; the next run adds, vetoes and moves them."""
-    from solmap.flows.external_data import take_ties_file  # noqa: PLC0415
+    root = existing_store(store)
+    from solmap.flows.external_data import take_ties_file  # noqa: PLC0415 - slow to import
 
-    taken = take_ties_file(file, store_of(store))
+    taken = take_ties_file(file, root)
     for name in taken.strangers:
         note("warning", f"{name} is not in the store (yet)")
     say(taken)
@@ -119,17 +146,20 @@ def ties(
 
 def serve(
     store: StoreOption = None,
-    port: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="Port. [env: SOLMAP_PORT]")
+    port: PortOption = None,
+    host: Annotated[
+        str | None, typer.Option(help="Address", envvar="SOLMAP_HOST", show_default="127.0.0.1")
     ] = None,
-    host: Annotated[str | None, typer.Option(help="Address. [env: SOLMAP_HOST]")] = None,
 ) -> None:
     """Serve the map, its tiles and features; the API is described at /docs."""
-    import uvicorn  # noqa: PLC0415
+    root = existing_store(store).resolve()
+    import uvicorn  # noqa: PLC0415 - `solmap --help` answers at once
+
+    from solmap.config.settings import Settings  # noqa: PLC0415
 
     settings = Settings()
     address, listening_port = host or settings.host, port or settings.port
-    os.environ["SOLMAP_STORE"] = str(store_of(store).resolve())
+    os.environ["SOLMAP_STORE"] = str(root)
     say(f"map at http://{address}:{listening_port}/  (Ctrl-C stops)")
     uvicorn.run(
         "solmap.gis_server.app:create_app_from_settings",
@@ -146,14 +176,16 @@ def serve(
 def up(
     store: StoreOption = None,
     inbox: Annotated[
-        Path | None, typer.Option(help="Folder that downlinks arrive in. [env: SOLMAP_INBOX]")
+        Path | None, typer.Option(help="Folder that downlinks arrive in", envvar="SOLMAP_INBOX")
     ] = None,
-    port: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="Port of the map. [env: SOLMAP_PORT]")
-    ] = None,
+    port: PortOption = None,
 ) -> None:
     """Run everything: the map, the schedules, and whatever arrives in the inbox. Ctrl-C stops."""
-    from solmap.flows.service.machine import LOOK_EVERY_S, Machine  # noqa: PLC0415 - `solmap --help` answers at once
+    from solmap.config.settings import Settings  # noqa: PLC0415 - `solmap --help` answers at once
+    from solmap.flows.runtime.engine import password_file  # noqa: PLC0415
+    from solmap.flows.runtime.stopping import end_on_signals  # noqa: PLC0415
+    from solmap.flows.service.machine import LOOK_EVERY_S, Machine  # noqa: PLC0415
+    from solmap.products.store.locks import try_lock  # noqa: PLC0415
 
     settings = Settings()
     root, folder = (store or settings.store).resolve(), inbox or settings.inbox
@@ -186,6 +218,9 @@ def up(
 @contextmanager
 def _engine_of(store: Path) -> Iterator[None]:
     """An engine for the block, and its progress shown."""
+    from solmap.flows.runtime.engine import start_engine  # noqa: PLC0415 - slow to import
+    from solmap.flows.runtime.stopping import end_on_signals  # noqa: PLC0415
+
     with end_on_signals():
         start_engine(store)
         with progress_shown():
@@ -193,24 +228,22 @@ def _engine_of(store: Path) -> Iterator[None]:
 
 
 def _pipeline_of(given: str | None) -> str:
-    """The name of a shipped pipeline, or the whole path of a file."""
-    name = given or Settings().pipeline
-    from solmap.config.pipeline import SHIPPED  # noqa: PLC0415 - `solmap --help` answers at once
+    """The name of a shipped pipeline, or the whole path of a file; there is nothing wrong in it."""
+    from solmap.config.pipeline import SHIPPED, load_pipeline  # noqa: PLC0415 - slow to import
+    from solmap.config.settings import Settings  # noqa: PLC0415
 
+    name = given or Settings().pipeline
+    load_pipeline(name)
     return name if (SHIPPED / f"{name}.toml").is_file() else str(Path(name).absolute())
 
 
-def _print_fetch_report(report: FetchReport) -> None:
-    """Print how a fetch ended, and exit with 1 where something failed."""
-    for line in report.warnings:
+def _print_report(warnings: Sequence[str], failures: Sequence[str], lines: Sequence[str]) -> None:
+    """Print how a flow ended, and exit with 1 where something failed."""
+    for line in warnings:
         note("warning", line)
-    for line in report.failures:
+    for line in failures:
         note("failed", line)
-    for line in report.lines:
+    for line in lines:
         say(line)
-    if not report.succeeded:
+    if failures:
         raise typer.Exit(1)
-
-
-COMMANDS = (run, adjust, fetch, ties, serve, up)
-"""As the command line has them."""

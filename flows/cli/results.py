@@ -9,37 +9,58 @@ from typing import Annotated
 import typer
 
 from solmap.flows.cli.console import (
+    MISSION_HELP,
     JsonOption,
+    KindFilter,
+    MissionFilter,
+    SolFilter,
     StoreOption,
     fail,
+    mission_name,
     mission_of,
     note,
     say,
+    select_rows,
     show_rows,
     workspace_of,
 )
 
 
-def positions(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
+def positions(
+    store: StoreOption = None,
+    mission: MissionFilter = None,
+    sol: SolFilter = None,
+    *,
+    as_json: JsonOption = False,
+) -> None:
     """Where the rover stood: telemetry and adjusted position of every stop, in the LSL."""
-    from solmap.flows.cli.tables import position_rows  # noqa: PLC0415
+    from solmap.flows.cli.tables import position_rows  # noqa: PLC0415 - slow to import
 
-    rows = position_rows(workspace_of(store))
+    rows = select_rows(position_rows(workspace_of(store)), mission, sol)
     show_rows(
         rows, ["stop", "telemetry_ned_m", "adjusted_ned_m", "sigma_ned_m", "held_by"], as_json
     )
 
 
-def products(store: StoreOption = None, *, as_json: JsonOption = False) -> None:
+def products(
+    store: StoreOption = None,
+    mission: MissionFilter = None,
+    sol: SolFilter = None,
+    kind: KindFilter = None,
+    *,
+    as_json: JsonOption = False,
+) -> None:
     """Every published product and the file it lies in."""
-    from solmap.flows.cli.tables import product_rows  # noqa: PLC0415
+    from solmap.flows.cli.tables import product_rows  # noqa: PLC0415 - slow to import
 
-    rows = product_rows(workspace_of(store))
-    show_rows(rows, ["kind", "scope", "cell_m", "path"], as_json)
+    rows = select_rows(product_rows(workspace_of(store)), mission, sol, kind)
+    show_rows(rows, ["kind", "scope", "sols", "cell_m", "path"], as_json)
 
 
 def status(
     store: StoreOption = None,
+    mission: MissionFilter = None,
+    sol: SolFilter = None,
     *,
     timings: Annotated[
         bool, typer.Option("--timings", help="What the latest products took, by kind.")
@@ -47,32 +68,34 @@ def status(
     as_json: JsonOption = False,
 ) -> None:
     """How the last processing of every file and sol ended."""
-    from solmap.flows.cli.tables import outcome_rows  # noqa: PLC0415
+    from solmap.flows.cli.tables import outcome_rows, timing_rows  # noqa: PLC0415 - slow to import
 
     if timings:
-        from solmap.flows.cli.tables import timing_rows  # noqa: PLC0415
-
         columns = ["kind", "count", "seconds", "cpu_s", "peak_rss_mb"]
         show_rows(timing_rows(workspace_of(store)), columns, as_json)
         return
-    rows = outcome_rows(workspace_of(store))
+    rows = select_rows(outcome_rows(workspace_of(store)), mission, sol)
     show_rows(rows, ["subject", "ended", "notes"], as_json)
 
 
 def report(  # noqa: PLR0913 - the words of the command
     mission_of_sol: Annotated[
-        str | None, typer.Argument(metavar="MISSION", help="with a sol: the report of that sol")
+        str | None,
+        typer.Argument(
+            metavar="MISSION", parser=mission_name, help=f"{MISSION_HELP}; with a sol: its report"
+        ),
     ] = None,
-    sol: Annotated[int | None, typer.Argument(min=0, max=999_999)] = None,
+    sol: Annotated[int | None, typer.Argument(metavar="SOL", min=0, max=999_999)] = None,
     store: StoreOption = None,
     out: Annotated[Path | None, typer.Option(help="File of the sol's report.")] = None,
-    mission: Annotated[str | None, typer.Option(help="MER2 (Spirit), MER1 ...; or all")] = None,
+    mission: MissionFilter = None,
+    sols: SolFilter = None,
     *,
     as_json: JsonOption = False,
     show: Annotated[bool, typer.Option("--open", help="Open the last one in the browser.")] = False,
 ) -> None:
     """A sol as one page (`report MER2 156`), or how good every adjustment is, in rows."""
-    from solmap.flows.cli.tables import report_rows, write_sol_report  # noqa: PLC0415
+    from solmap.flows.cli.tables import report_rows, write_sol_report  # noqa: PLC0415 - as above
 
     if mission_of_sol is not None:
         if sol is None:
@@ -84,7 +107,9 @@ def report(  # noqa: PLR0913 - the words of the command
         if show:
             typer.launch(str(target.resolve()))
         return
-    rows = report_rows(workspace_of(store), mission and mission_of(mission, store))
+    workspace = workspace_of(store)
+    name = mission and mission_of(mission, store)
+    rows = select_rows(report_rows(workspace), name, sols)
     show_rows(rows, ["adjustment", "made_at", "page"], as_json)
     if show and rows:
         typer.launch(rows[-1]["page"])
@@ -92,9 +117,7 @@ def report(  # noqa: PLR0913 - the words of the command
 
 def rig(
     store: StoreOption = None,
-    mission: Annotated[
-        str | None, typer.Option(help="MER2 (Spirit), MER1 ...; all if none is named.")
-    ] = None,
+    mission: MissionFilter = None,
     *,
     as_json: JsonOption = False,
 ) -> None:
@@ -174,7 +197,3 @@ def inspect(
         note("error", fault)
     if faults:
         raise typer.Exit(1)
-
-
-COMMANDS = (positions, products, status, report, rig, inspect)
-"""As the command line has them."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from solmap.config.settings import Settings
 from solmap.flows.cli.console import (
+    JsonOption,
     StoreOption,
     note,
     progress_shown,
@@ -50,7 +51,8 @@ def restore(
     ] = False,
 ) -> None:
     """Restore a backup, or the newest of several; every file is held against its checksum."""
-    from solmap.products.catalogue import backups  # noqa: PLC0415 - as above
+    from solmap.config.settings import Settings  # noqa: PLC0415 - as above
+    from solmap.products.catalogue import backups  # noqa: PLC0415
 
     settings = Settings()
     with progress_shown():
@@ -71,17 +73,24 @@ def check(
     repair: Annotated[
         bool, typer.Option("--repair", help="Remove what is broken, withdraw what is lost.")
     ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Look through the store: checksums, catalogue, left-overs, databases; a line a finding."""
     from solmap.products.catalogue.checking import check as look_through  # noqa: PLC0415 - as above
 
-    mended = left = 0
+    findings = []
     with progress_shown():
         progress = partial(report, "check files")
         for finding in look_through(workspace_of(store), repair=repair, on_progress=progress):
-            say(finding)
-            mended, left = mended + finding.is_mended, left + (not finding.is_mended)
-    say(f"{mended} mended, {left} left" if mended or left else "nothing is wrong")
+            findings.append(finding)
+            if not as_json:
+                say(finding)
+    left = sum(not finding.is_mended for finding in findings)
+    if as_json:
+        rows = [{"finding": str(one), "is_mended": one.is_mended} for one in findings]
+        typer.echo(json.dumps(rows, indent=2))
+    else:
+        say(f"{len(findings) - left} mended, {left} left" if findings else "nothing is wrong")
     if left:
         raise typer.Exit(1)
 
@@ -92,7 +101,3 @@ def _print_report(done: BackupReport, verb: str, remedy: str) -> None:
     say(f"{done.folder}: {done.files} files {verb}, {done.copied} of them copied")
     if done.broken:
         raise typer.Exit(1)
-
-
-COMMANDS = (backup, restore, check)
-"""As the command line has them."""

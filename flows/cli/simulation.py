@@ -16,7 +16,6 @@ from solmap.flows.cli.console import (
     store_of,
     workspace_of,
 )
-from solmap.flows.runtime.engine import start_engine
 
 
 def simulate(
@@ -35,13 +34,14 @@ def simulate(
     ] = False,
 ) -> None:
     """Make a synthetic downlink with known truth: PDS3 images, vector files and the truth."""
-    from solmap.flows.simulation import write_downlink  # noqa: PLC0415
     from solmap.photogrammetry.synthetic.scene import WorldParams, realistic_params  # noqa: PLC0415
     from solmap.photogrammetry.synthetic.traverse import TraverseParams  # noqa: PLC0415
 
     params = WorldParams(terrain, TraverseParams(stops=stops))
     if realistic:
         params = realistic_params(params, seed)
+    from solmap.flows.simulation import write_downlink  # noqa: PLC0415 - after a look at the words
+
     with progress_shown():
         files = write_downlink(out_dir, params, seed)
     say(f"{files} files in {out_dir}; {out_dir / 'truth'} is for evaluation only")
@@ -62,6 +62,8 @@ def simulate_mission(
     from solmap.photogrammetry.synthetic.mission import MissionPlan  # noqa: PLC0415
 
     plan = MissionPlan(stops=stops, distance_m=distance, gaps=gaps, control_every=control)
+    from solmap.flows.runtime.engine import start_engine  # noqa: PLC0415 - slow to import
+
     start_engine(root)
     with progress_shown():
         from solmap.flows.simulation import simulate_into  # noqa: PLC0415 - Prefect is ready now
@@ -88,7 +90,3 @@ def evaluate(
         return
     show_rows(positions, list(positions[0]) if positions else [], as_json)
     show_rows(terrain, list(terrain[0]) if terrain else [], as_json)
-
-
-COMMANDS = (simulate, simulate_mission, evaluate)
-"""As the command line has them."""

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import json
+import math
+import re
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
-from solmap.config.pipeline import load_pipeline
 from solmap.config.settings import Settings
 from solmap.products.catalogue.catalogue import ImageEntry, published_networks
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.crs import MARS, local_proj4
-from solmap.products.formats.documents.network import whole_network
+from solmap.products.crs import MARS, crs_text
 from solmap.products.model import Layer, ProductKind, ProductRef
-from solmap.products.reports.sol_report import sol_report, timings
-from solmap.tasks.scopes import is_of_mission
+
+_Stops = dict[tuple[int, int], tuple[dict[str, Any], dict[str, Any]]]
+"""(site, drive) -> a stop as telemetry has it, and as adjusted."""
 
 
 def position_rows(workspace: Workspace) -> list[dict[str, Any]]:
@@ -25,26 +29,60 @@ def position_rows(workspace: Workspace) -> list[dict[str, Any]]:
     """
     rows = []
     for ref in latest_networks(workspace):
-        network = whole_network(ref, workspace.store)
-        for stop in network.adjusted.stops:
-            name = stop.stop
-            rows.append(
-                {
-                    "mission": name.mission,
-                    "site": name.site,
-                    "drive": name.drive,
-                    "stop": str(name),
-                    "sols": list(network.sols[name]),
-                    "telemetry_ned_m": network.telemetry[name].translation_m.tolist(),
-                    "adjusted_ned_m": stop.lsl_from_rover.translation_m.tolist(),
-                    "adjusted_quaternion": stop.lsl_from_rover.quaternion.tolist(),
-                    "sigma_ned_m": stop.sigma_ned_m.tolist(),
-                    "covariance": stop.covariance.tolist(),
-                    "held": stop.held,
-                    "held_by": stop.held_by,
-                }
-            )
+        stops = _stops_of(ref, workspace)
+        rows += [_position_row(*stops[name]) for name in sorted(stops)]
     return rows
+
+
+def _stops_of(ref: ProductRef, workspace: Workspace) -> _Stops:
+    """The stops of a network, from its documents.
+
+    They are read as JSON (`products.formats.documents.network` says what is in them): ties of a
+    mission take seconds to read, and a table of positions needs none.
+    """
+    document = json.loads(workspace.store.path(ref).read_text())
+    stops = _stops_in(document)
+    names = document.get("holders", {})
+    for text in sorted(set(names.values())):
+        holder = workspace.store.path(ProductRef.of_text(text)).read_text()
+        held = _stops_in(json.loads(holder))
+        stops |= {
+            place: stop
+            for place, stop in held.items()
+            if place not in stops and names.get(_name_of(stop[0])) == text
+        }
+    return stops
+
+
+def _stops_in(document: dict[str, Any]) -> _Stops:
+    adjusted = {(stop["site"], stop["drive"]): stop for stop in document["network"]["stops"]}
+    return {
+        (row["site"], row["drive"]): (row, adjusted[row["site"], row["drive"]])
+        for row in document["stops"]
+    }
+
+
+def _name_of(stop: dict[str, Any]) -> str:
+    """As `StopId` has it."""
+    return f"{stop['mission'].lower()}-site{stop['site']:04d}-drive{stop['drive']:04d}"
+
+
+def _position_row(stop: dict[str, Any], adjusted: dict[str, Any]) -> dict[str, Any]:
+    pose, covariance = adjusted["lsl_from_rover"], adjusted["covariance"]
+    return {
+        "mission": stop["mission"],
+        "site": stop["site"],
+        "drive": stop["drive"],
+        "stop": _name_of(stop),
+        "sols": stop["sols"],
+        "telemetry_ned_m": stop["telemetry"]["translation_m"],
+        "adjusted_ned_m": pose["translation_m"],
+        "adjusted_quaternion": pose["quaternion"],
+        "sigma_ned_m": [math.sqrt(max(covariance[k][k], 0.0)) for k in (3, 4, 5)],
+        "covariance": covariance,
+        "held": adjusted["held"],
+        "held_by": adjusted["held_by"],
+    }
 
 
 def latest_networks(workspace: Workspace) -> list[ProductRef]:
@@ -59,7 +97,7 @@ def latest_networks(workspace: Workspace) -> list[ProductRef]:
 
 def product_rows(workspace: Workspace) -> list[dict[str, Any]]:
     """One row a published product: layers, then the browse images."""
-    proj4 = {entry.mission: local_proj4(entry.landing) for entry in workspace.catalogue.missions()}
+    proj4 = {entry.mission: crs_text(entry.landing) for entry in workspace.catalogue.missions()}
     layers = [_layer_row(layer, proj4, workspace) for layer in workspace.catalogue.layers()]
     return layers + [_browse_row(entry, workspace) for entry in workspace.catalogue.images()]
 
@@ -69,6 +107,8 @@ def _layer_row(layer: Layer, proj4: dict[str, str], workspace: Workspace) -> dic
         "kind": str(layer.ref.kind),
         "scope": layer.ref.scope.name,
         "level": str(layer.ref.scope.level),
+        "mission": layer.mission,
+        "sols": list(layer.sols),
         "path": str(workspace.store.address(layer.ref)),
         "crs": _crs(layer, proj4[layer.mission]),
         "cell_m": layer.cell_m,
@@ -88,6 +128,8 @@ def _browse_row(entry: ImageEntry, workspace: Workspace) -> dict[str, Any]:
         "kind": str(entry.browse.kind),
         "scope": entry.browse.scope.name,
         "level": str(entry.browse.scope.level),
+        "mission": entry.mission,
+        "sols": [entry.sol],
         "path": str(workspace.store.address(entry.browse)),
         "crs": None,
         "cell_m": None,
@@ -96,10 +138,15 @@ def _browse_row(entry: ImageEntry, workspace: Workspace) -> dict[str, Any]:
 
 
 def outcome_rows(workspace: Workspace) -> list[dict[str, Any]]:
-    """One row a file or sol: how its last processing ended."""
+    """One row a file or sol: how its last processing ended.
+
+    Mission and sols are None and empty for what is of none, such as a file that is no image.
+    """
+    images = {image.id: image for image in workspace.catalogue.images()}
     return [
         {
             "subject": outcome.subject,
+            **_mission_and_sols(outcome.subject, images),
             "ended": "failed" if outcome.is_failure else "done",
             "notes": list(outcome.notes),
             "at": outcome.at,
@@ -108,18 +155,18 @@ def outcome_rows(workspace: Workspace) -> list[dict[str, Any]]:
     ]
 
 
-def report_rows(workspace: Workspace, mission: str | None = None) -> list[dict[str, Any]]:
+def report_rows(workspace: Workspace) -> list[dict[str, Any]]:
     """One row an adjustment, in the order of the sols: its page, its figures, and when."""
     figures = {ref.scope: ref for ref in workspace.catalogue.pointers(ProductKind.QUALITY)}
     return [
         {
             "adjustment": page.scope.name,
+            **_mission_and_sols(page.scope.name),
             "page": str(workspace.store.path(page)),
             "figures": _path(figures.get(page.scope), workspace),
             "made_at": workspace.store.made_at(page),
         }
         for page in workspace.catalogue.pointers(ProductKind.REPORT)
-        if mission is None or is_of_mission(page.scope, mission)
     ]
 
 
@@ -129,11 +176,15 @@ def write_sol_report(mission: str, sol: int, workspace: Workspace, path: Path) -
     Raises:
         ProductNotFoundError: the store has no image of that sol.
     """
+    from solmap.products.reports.sol_report import sol_report  # noqa: PLC0415 - slow to import
+
     path.write_text(sol_report(mission, sol, workspace, Settings().map_url), encoding="utf-8")
 
 
 def timing_rows(workspace: Workspace) -> list[dict[str, Any]]:
     """What all products of the store took, one row a kind, the longest first."""
+    from solmap.products.reports.sol_report import timings  # noqa: PLC0415 - slow to import
+
     return [asdict(row) for row in timings(list(workspace.store.refs()), workspace)]
 
 
@@ -145,6 +196,7 @@ def rig_correction_rows(workspace: Workspace, mission: str | None = None) -> lis
         ProductNotFoundError: there is no such mission, or no network of it.
         AdjustmentError: a network cannot be adjusted, or determines no correction.
     """
+    from solmap.config.pipeline import load_pipeline  # noqa: PLC0415 - slow to import
     from solmap.tasks.mission.control import control_of  # noqa: PLC0415 - brings the engine
     from solmap.tasks.network.rig_table import rig_rows  # noqa: PLC0415
 
@@ -163,6 +215,21 @@ def rig_correction_rows(workspace: Workspace, mission: str | None = None) -> lis
         for name in names
         for row in rig_rows(name, control_of(name, workspace), params, workspace)
     ]
+
+
+def _mission_and_sols(
+    subject: str, images: Mapping[str, ImageEntry] = MappingProxyType({})
+) -> dict[str, Any]:
+    """Of a file of an image, or of a scope as `mer2-sol0156`; None and none for anything else."""
+    image = images.get(subject.partition(".")[0].upper())
+    if image is not None:
+        return {"mission": image.mission, "sols": [image.sol]}
+    sol = re.match(r"(.+)-sol(\d+)", subject)
+    mission = sol[1] if sol else subject.rpartition("-")[0]
+    return {
+        "mission": mission.upper() if mission and subject.islower() else None,
+        "sols": [int(sol[2])] if sol else [],
+    }
 
 
 def _path(ref: ProductRef | None, workspace: Workspace) -> str | None:

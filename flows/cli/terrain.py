@@ -9,6 +9,7 @@ import typer
 
 from solmap.flows.cli.console import (
     JsonOption,
+    PipelineOption,
     StoreOption,
     fail,
     say,
@@ -16,7 +17,7 @@ from solmap.flows.cli.console import (
     workspace_of,
 )
 
-dip = typer.Typer(help="Strike and dip of planes.", no_args_is_help=True)
+dip = typer.Typer(name="dip", help="Strike and dip of planes.", no_args_is_help=True)
 
 Stop = Annotated[str, typer.Argument(help="As `solmap positions` names it")]
 ANGLES = ["strike_deg", "sigma_strike_deg", "dip_deg", "sigma_dip_deg"]
@@ -43,16 +44,19 @@ def ground(
 @dip.command()
 def rocks(
     stop: Stop,
-    pipeline: Annotated[str, typer.Option(help="Shipped pipeline or TOML file")] = "default",
+    pipeline: PipelineOption = None,
     store: StoreOption = None,
     *,
     as_json: JsonOption = False,
 ) -> None:
     """Strike and dip of the planar facets of rocks that a stop's pairs see, put on the map."""
-    from solmap.config.pipeline import load_pipeline  # noqa: PLC0415
+    from solmap.config.pipeline import load_pipeline  # noqa: PLC0415 - slow to import
+    from solmap.config.settings import Settings  # noqa: PLC0415
     from solmap.flows.dips import dips_of_rocks  # noqa: PLC0415 - slow to import
 
-    rows = dips_of_rocks(stop, load_pipeline(pipeline).models.facets, workspace_of(store))
+    rows = dips_of_rocks(
+        stop, load_pipeline(pipeline or Settings().pipeline).models.facets, workspace_of(store)
+    )
     columns = [*ANGLES, "length_m", "width_m", "distance_m", "east", "north", "pair"]
     if not rows and not as_json:
         fail(f"the pairs of {stop} show no facet that is steep, flat and large enough")

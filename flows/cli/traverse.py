@@ -8,11 +8,14 @@ from typing import Annotated
 import typer
 
 from solmap.flows.cli.console import (
+    MISSION_HELP,
     JsonOption,
     MissionOption,
     StoreOption,
+    existing_store,
     fail,
     input_file,
+    mission_name,
     mission_of,
     note,
     say,
@@ -20,7 +23,7 @@ from solmap.flows.cli.console import (
     store_of,
 )
 
-app = typer.Typer(help="Where the rover really was.", no_args_is_help=True)
+app = typer.Typer(name="traverse", help="Where the rover really was.", no_args_is_help=True)
 
 Files = Annotated[
     list[Path],
@@ -29,7 +32,7 @@ Files = Annotated[
         parser=input_file,
     ),
 ]
-Mission = Annotated[str, typer.Option(help="MER2 (Spirit), MER1 (Opportunity), MSL ...")]
+Mission = Annotated[str, typer.Option(help=MISSION_HELP, parser=mission_name, metavar="MISSION")]
 COLUMNS = ["where", "stop", "sol", "distance_m", "horizontal_m", "percent", "elevation_m"]
 
 
@@ -47,7 +50,7 @@ def compare(  # noqa: PLR0913 - options
     """How far telemetry strays from the localised traverse, as the paper reports it."""
     from solmap.flows.traverse import compare_files  # noqa: PLC0415 - slow to import
 
-    found = compare_files(files, mission.upper(), (first_sol, last_sol), figure)
+    found = compare_files(files, mission, (first_sol, last_sol), figure)
     for line in found.notes:
         note("note", line)
     show_rows(found.rows(every_sol=every_sol), COLUMNS, as_json)
@@ -58,9 +61,10 @@ def compare(  # noqa: PLR0913 - options
 @app.command("import")
 def take(files: Files, mission: Mission = "MER2", store: StoreOption = None) -> None:
     """Put a mission's traverse on the map: lines and stops of every solution in the files."""
+    root = existing_store(store)
     from solmap.flows.traverse import import_files  # noqa: PLC0415 - slow to import
 
-    say(import_files(files, mission.upper(), store_of(store)))
+    say(import_files(files, mission, root))
 
 
 @app.command()

@@ -29,6 +29,10 @@ LABEL_ENDINGS = (".lbl", ".LBL", ".xml", ".XML", "-metadata.json", ".json")
 """What follows the stem of an image in the name of its label, where that is a file of its own."""
 
 
+NO_FILES = "it holds no image (.img, .png, .jpg) and no vector file (.svf, .rvf)"
+"""What is said of a folder without any of them."""
+
+
 def files_of(downlink: Path) -> list[Path]:
     """Every image, picture, vector file and file of manual ties below a folder, by name.
 

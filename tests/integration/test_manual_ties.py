@@ -203,6 +203,8 @@ def test_the_command_takes_a_file_and_says_what_it_holds(stop, tmp_path):
     assert "0 to add, 1 to veto, 0 to move" in done.output
     assert "2N1 is not in the store (yet)" in done.output
     (tmp_path / "b.csv").write_text("no ties")
-    done = CliRunner().invoke(app, ["ties", str(tmp_path / "b.csv"), "--store", str(tmp_path)])
+    done = CliRunner().invoke(
+        app, ["ties", str(tmp_path / "b.csv"), "--store", str(stop.store.root)]
+    )
     assert done.exit_code == 1
     assert "b.csv: the first line should name the columns" in done.output.replace("\n", " ")

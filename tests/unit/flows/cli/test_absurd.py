@@ -10,7 +10,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from solmap.flows.cli import app, processing, simulation
+from solmap.flows.cli import app
+from solmap.flows.runtime import engine
 from solmap.products.store.process import log_to_store
 from tests.support.old_store import unpack_old_store
 
@@ -62,8 +63,7 @@ def no_engine(monkeypatch, tmp_path):
     def refuse(*_):
         raise TimeoutError("no engine")
 
-    monkeypatch.setattr(processing, "start_engine", refuse)
-    monkeypatch.setattr(simulation, "start_engine", refuse)
+    monkeypatch.setattr(engine, "start_engine", refuse)
     monkeypatch.setattr(typer, "launch", lambda *_: 0)
     monkeypatch.chdir(tmp_path)
 
@@ -137,9 +137,14 @@ def test_many_absurd_arguments(path, stores, paths):
 
 SLIPS = [
     (["token", "add", "me", "--days", "99999999999"], 2, "36500"),
-    (["report", "MER2", "9999999"], 2, "sol"),
+    (["report", "MER2", "9999999"], 2, "SOL"),
     (["report", "MER2", "999999"], 1, "MER2 has no image of sol 999999"),
-    (["report", "spirit", "156"], 1, "holds MER2; spirit is not one of them"),
+    (["report", "MER2", "999"], 1, "MER2 has no image of sol 999"),
+    (["report", "spirit", "999"], 1, "MER2 has no image of sol 999"),
+    (["report", "opportunity", "156"], 1, "holds MER2; MER1 is not one of them"),
+    (["positions", "--mission", "MER-B"], 1, "nothing is of MER1; there are MER2"),
+    (["products", "--kind", "dem"], 1, "nothing is of kind dem; there are"),
+    (["products", "--sol", "x"], 2, "sols should be like 155, 155-157"),
     (["report", "MER2"], 1, "name the sol too"),
     (["report", "MER2", "155", "--out", "/nodir/x"], 1, "/nodir/x: No such file or directory"),
     (["report", "--mission", "XX"], 1, "XX is not one of them"),
@@ -156,6 +161,13 @@ SLIPS = [
     (["stl", "XX", "x.stl", "--base-m", "nan"], 2, "less than or equal to 1000"),
     (["prune", "--older-than", "nan"], 2, "less than or equal to 36500"),
     (["run", "/nonexistent"], 1, "/nonexistent is no folder"),
+    (["run", "/dev/null"], 1, "/dev/null is no folder"),
+    (["adjust", "--mission", "opportunity"], 1, "holds MER2; MER1 is not one of them"),
+    (["adjust"], 1, "no engine"),
+    (["adjust", "--overall"], 1, "no engine"),
+    (["fetch", "--mission", "moon", "--sols", "1", "--out", "x"], 1, "no mission 'MOON'"),
+    (["fetch", "--mission", "spirit", "--sols", "x", "--out", "x"], 2, "155, 155-157"),
+    (["ties", "/nonexistent"], 1, "/nonexistent is not there"),
     (["inspect", "/dev/zero", "."], 1, "/dev/zero"),
 ]
 
@@ -187,6 +199,10 @@ def _path(words):
         ["dip", "rocks", "XX"],
         ["traverse", "export", "out"],
         ["control", "list"],
+        ["adjust"],
+        ["serve"],
+        ["ties", __file__],
+        ["traverse", "import", __file__],
         ["prune"],
         ["token", "list"],
     ],

@@ -1,4 +1,10 @@
-"""`solmap config` and `solmap --version`."""
+"""What the command line is like: its panels, filters and speed; `solmap config`, `--version`."""
+
+import json
+import re
+import resource
+import subprocess
+import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -6,9 +12,15 @@ from typer.testing import CliRunner
 import solmap
 from solmap.config.description import configuration_page
 from solmap.config.pipeline import load_pipeline
+from solmap.config.settings import Settings
 from solmap.flows.cli import app
+from solmap.products.catalogue.pruning import PruningParams
+from tests.support.old_store import unpack_old_store
 
 CLI = CliRunner()
+HELP_S = 0.5
+"""Processor time that `--help` may take; 0.2 to 0.3 s were measured, on busy cores."""
+REFUSAL_S = 1.0
 
 
 def test_the_version_is_that_of_the_package():
@@ -59,3 +71,127 @@ def test_judge_is_another_name_of_evaluate():
     assert "evaluate" in commands
     assert "judge" not in commands
     assert CLI.invoke(app, ["judge", "--help"]).exit_code == 0
+
+
+def panels(text):
+    """Commands by panel, in their order."""
+    found, panel = {}, None
+    for line in text.splitlines():
+        if title := re.match(r"╭─ (\w+) ─", line):
+            panel = found.setdefault(title[1], [])
+        elif command := re.match(r"│ ([a-z-]+) ", line):
+            panel.append(command[1])
+    return found
+
+
+def test_commands_are_shown_in_panels_and_run_comes_first():
+    shown = panels(CLI.invoke(app, ["--help"]).stdout)
+    shown.pop("Options")
+    assert list(shown) == ["Process", "Inspect", "Export", "Correct", "Simulate", "Operate"]
+    assert shown["Process"][0] == "run"
+    assert sum(map(len, shown.values())) == len(set().union(*shown.values()))
+
+
+@pytest.mark.parametrize("command", ["positions", "run", "serve", "prune"])
+def test_defaults_are_shown(command):
+    text = CLI.invoke(app, [command, "--help"]).stdout
+    settings = Settings()
+    assert f"({settings.store})" in text
+    assert "SOLMAP_STORE" in text
+    if command == "serve":
+        assert str(settings.port) in text
+        assert settings.host in text
+    if command == "prune":
+        params = PruningParams()
+        assert f"[default: {params.youngest.days}.0]" in text
+        assert f"[default: {params.versions}]" in text
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    return unpack_old_store(tmp_path_factory.mktemp("store"))
+
+
+def rows(store, *words):
+    ended = CLI.invoke(app, [*words, "--json", "--store", str(store)])
+    assert ended.exit_code == 0, ended.output
+    return json.loads(ended.stdout)
+
+
+def test_rows_are_selected_by_mission_sol_and_kind(store):
+    for command in ("positions", "products", "status", "report"):
+        every = rows(store, command)
+        sols = {sol for row in every for sol in row["sols"]}
+        assert len(every) > 0
+        of_mission = [row for row in every if row["mission"] == "MER2"]
+        for alias in ("MER2", "mer2", "Spirit", "MER-A"):
+            assert rows(store, command, "--mission", alias) == of_mission
+        first = min(sols)
+        of_sol = rows(store, command, "--sol", str(first))
+        assert of_sol == [row for row in every if first in row["sols"]]
+        assert rows(store, command, "--sol", f"{first}-{max(sols)}") == [
+            row for row in every if row["sols"]
+        ]
+        assert rows(store, command, "--sol", "99999") == []
+    kinds = rows(store, "products", "--kind", "dtm", "--kind", "slope")
+    assert {row["kind"] for row in kinds} == {"dtm", "slope"}
+
+
+def test_the_store_of_the_environment_is_used(store, monkeypatch):
+    monkeypatch.setenv("SOLMAP_STORE", str(store))
+    assert len(json.loads(CLI.invoke(app, ["positions", "--json"]).stdout)) > 0
+    monkeypatch.setenv("SOLMAP_STORE", "")
+    assert "solmap-store is no store" in CLI.invoke(app, ["positions"]).stderr
+
+
+def processor_s(*words):
+    """Least processor time of three calls, and how the last one ended."""
+    command, times = [sys.executable, "-m", "solmap.flows.cli", *words], []
+    for _ in range(3):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        ended = subprocess.run(command, capture_output=True, text=True, check=False)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        times.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return min(times), ended
+
+
+@pytest.mark.parametrize("words", [["--help"], ["run", "--help"], ["traverse", "export", "--help"]])
+def test_help_comes_at_once(words):
+    seconds, ended = processor_s(*words)
+    assert ended.returncode == 0
+    assert seconds < HELP_S
+
+
+def test_a_folder_without_images_is_refused_before_the_engine_starts(tmp_path):
+    (tmp_path / "empty" / "below").mkdir(parents=True)
+    (tmp_path / "empty" / "notes.txt").touch()
+    seconds, ended = processor_s("run", str(tmp_path / "empty"), "--store", str(tmp_path / "store"))
+    assert ended.returncode == 1
+    assert "it holds no image (.img, .png, .jpg) and no vector file" in ended.stderr
+    assert not (tmp_path / "store").exists()
+    assert seconds < REFUSAL_S
+
+
+MODULES = """
+import sys
+from typer.testing import CliRunner
+from solmap.flows.cli import app
+assert CliRunner().invoke(app, sys.argv[1:]).exit_code == 0
+print(*sorted({name.partition(".")[0] for name in sys.modules}))
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "unwanted"),
+    [
+        (["--help"], {"numpy", "sqlalchemy", "pydantic", "scipy", "prefect"}),
+        (["positions"], {"scipy", "cv2", "rasterio", "matplotlib", "prefect"}),
+        (["products"], {"scipy", "cv2", "rasterio", "matplotlib", "prefect"}),
+    ],
+    ids=lambda one: one[0] if isinstance(one, list) else "",
+)
+def test_a_command_imports_what_it_needs(words, unwanted, store):
+    words = words if "--help" in words else [*words, "--store", str(store)]
+    command = [sys.executable, "-c", MODULES, *words]
+    ended = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert set(ended.stdout.split()) & unwanted == set()

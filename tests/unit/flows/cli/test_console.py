@@ -1,17 +1,21 @@
 """What files, labels and messages hold reaches a terminal as text, whatever it is."""
 
+import io
 import json
 import logging
+import re
 
 import pytest
 import typer
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.console import Console
 
 from solmap.flows.cli import console
 from solmap.flows.runtime.progress import Step
 from solmap.products.store.process import JsonLineFormatter
 
+ANSI = re.compile(r"\x1b\[[0-9;]*m")
 HOSTILE = "[/red][bold]:smile: \x1b[31m\x9b2J\r\n\u202etxt\u2028\x00 \udcff {0} %s"
 
 
@@ -60,12 +64,26 @@ def test_a_line_is_printed_as_it_is(put, capsys):
     assert_harmless(text)
 
 
-def test_cells_of_a_table_are_printed_as_they_are(capsys):
-    console.show_rows(
-        [{"subject": HOSTILE, "notes": [HOSTILE]}], ["subject", "notes"], as_json=False
-    )
+def test_a_table_goes_to_a_pipe_as_cells_with_tabs_between(capsys):
+    rows = [{"subject": HOSTILE, "notes": [HOSTILE], "at": 1.23456}, {"subject": "b"}]
+    console.show_rows(rows, ["subject", "notes", "at"], as_json=False)
     text = shown(capsys)
-    assert text.count(r"[/red][bold]:smile: \x1b[31m") == 2
+    lines = [line.split("\t") for line in text.splitlines()]
+    harmless = console.printable(HOSTILE)
+    assert lines == [["subject", "notes", "at"], [harmless, harmless, "1.235"], ["b", "", ""]]
+    assert_harmless(text.replace("\t", ""), 3)
+
+
+@pytest.mark.parametrize("width", [40, 80])
+def test_a_table_fits_the_terminal(width, monkeypatch):
+    terminal = Console(force_terminal=True, width=width, soft_wrap=True, file=io.StringIO())
+    monkeypatch.setattr(console, "_out", terminal)
+    path = "/a/long/path/of/a/product/" + 8 * "0123456789" + ".tif"
+    console.show_rows([{"kind": HOSTILE, "path": path}], ["kind", "path"], as_json=False)
+    text = ANSI.sub("", terminal.file.getvalue())
+    assert max(map(len, text.splitlines())) <= width
+    cells = [line.split("│") for line in text.splitlines() if "│" in line]
+    assert "".join(cell[2].strip() for cell in cells) == path  # folded, nothing is cut off
     assert_harmless(text, text.count("\n"))
 
 
