@@ -32,19 +32,21 @@ AT = (10.04, 4.04)
 @pytest.fixture(scope="module")
 def qgis_answers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     folder = tmp_path_factory.mktemp("qgis")
-    has_qgis = PYTHON.is_file() and not _run(["-c", "import qgis.core"], folder).returncode
+    has_qgis = PYTHON.is_file() and not run_with_qgis(["-c", "import qgis.core"], folder).returncode
     if not has_qgis:
         pytest.skip(f"{PYTHON} has no qgis.core: install python3-qgis")
     root = build(folder / "store").root
     with serving(root) as url:
         asked = _asked(url, folder)
         (folder / "asked.json").write_text(json.dumps(asked))
-        ended = _run([str(SESSION), str(folder / "asked.json"), str(folder / "said.json")], folder)
+        ended = run_with_qgis(
+            [str(SESSION), str(folder / "asked.json"), str(folder / "said.json")], folder
+        )
         assert ended.returncode == 0, ended.stderr[-2000:]
     return json.loads((folder / "said.json").read_text()) | {"folder": str(folder)}
 
 
-def _run(arguments: list[str], home: Path) -> subprocess.CompletedProcess[str]:
+def run_with_qgis(arguments: list[str], home: Path) -> subprocess.CompletedProcess[str]:
     home.chmod(0o700)
     clean = {
         "PATH": "/usr/bin:/bin",

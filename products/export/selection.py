@@ -1,0 +1,110 @@
+"""What of a store is exported: missions, sols, stops and kinds, and what was made since a time."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from solmap.products.catalogue.catalogue import ImageEntry
+from solmap.products.errors import ProductError
+from solmap.products.model import Layer, ProductKind, ProductRef, mission_of
+
+MAPS, TRAVERSE, REPORTS = "maps", "traverse", "reports"
+BY_DEFAULT = frozenset({MAPS, TRAVERSE, REPORTS})
+EXCHANGE: Mapping[str, str] = {
+    "colmap": "cameras, images and tie points for COLMAP",
+    "asp": "pinhole cameras (.tsai) of the epipolar images, for the Ames Stereo Pipeline",
+    "isis": "tie points as an ISIS control network",
+    "pds": "XYZ, range, slope and normals of every stereo pair, with VICAR labels",
+}
+"""What is made for other programs only where it is asked for."""
+_STOP = re.compile(r"(?:.*site)?0*(\d{1,6})(?:/|-drive|-)0*(\d{1,6})", re.ASCII)
+
+
+def stop_named(text: str) -> tuple[int, int]:
+    """Site and drive of a stop, as `10/100` or `mer2-site0010-drive0100` name it.
+
+    Raises:
+        ProductError: it names none.
+    """
+    found = _STOP.fullmatch(text.strip().lower())
+    if found is None:
+        raise ProductError(f"{text!r} names no stop; SITE/DRIVE is expected, such as 10/100")
+    return int(found[1]), int(found[2])
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What is asked for; nothing given means everything."""
+
+    mission: str | None = None
+    """A mission with all of its maps, or one of its maps."""
+    sols: frozenset[int] | None = None
+    stops: frozenset[tuple[int, int]] = frozenset()
+    """Site and drive; with any given, maps of regions and of whole missions are left out."""
+    kinds: frozenset[str] = frozenset()
+    """Kinds of layers, and words for several: `maps`, `traverse`, `reports` and `EXCHANGE`."""
+    since: datetime | None = None
+    """Only products made at this time or later."""
+
+    def __post_init__(self) -> None:
+        known = {*BY_DEFAULT, *EXCHANGE, *map(str, ProductKind)}
+        for kind in sorted(self.kinds - known):
+            words = ", ".join((*sorted(BY_DEFAULT), *EXCHANGE))
+            raise ProductError(
+                f"there is no kind {kind}; there are {words}, and kinds of layers such as dtm, "
+                "orthophoto, slope, contours"
+            )
+
+    def has_map(self, name: str) -> bool:
+        """Whether a map is asked for."""
+        return self.mission is None or self.mission.upper() in {name, mission_of(name)}
+
+    def has(self, word: str) -> bool:
+        """Whether `maps`, `traverse`, `reports` or one of `EXCHANGE` is asked for."""
+        return word in (self.kinds or BY_DEFAULT)
+
+    def has_layer(self, layer: Layer) -> bool:
+        """Whether a layer is asked for."""
+        of_kind = self.has(MAPS) or str(layer.ref.kind) in self.kinds
+        return (
+            of_kind
+            and self.has_map(layer.mission)
+            and (self.sols is None or not self.sols.isdisjoint(layer.sols))
+            and (not self.stops or self._has_stop(layer.ref))
+            and self._is_recent(layer.made_at)
+        )
+
+    def has_file(self, ref: ProductRef, sols: frozenset[int], made_at: str) -> bool:
+        """Whether a product that is no layer is asked for; without sols it is of the mission."""
+        return (
+            (self.sols is None or not sols or not self.sols.isdisjoint(sols))
+            and (not self.stops or not sols)
+            and self._is_recent(made_at)
+            and (ref.kind in self.kinds or self.has(REPORTS if sols else TRAVERSE))
+        )
+
+    def has_image(self, image: ImageEntry) -> bool:
+        """Whether an image is asked for."""
+        return (self.sols is None or image.sol in self.sols) and (
+            not self.stops or (image.site, image.drive) in self.stops
+        )
+
+    def _has_stop(self, ref: ProductRef) -> bool:
+        found = _STOP.fullmatch(ref.scope.name)
+        return (
+            found is not None
+            and "region" not in ref.scope.name
+            and (int(found[1]), int(found[2])) in self.stops
+        )
+
+    def _is_recent(self, made_at: str) -> bool:
+        made = datetime.fromisoformat(made_at)
+        return self.since is None or _aware(made) >= _aware(self.since)
+
+
+def _aware(moment: datetime) -> datetime:
+    """A time without a zone is UTC."""
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
