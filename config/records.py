@@ -47,8 +47,14 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: {error}") from error
 
 
-def record_of(kind: type[T], table: Any, where: str) -> T:  # noqa: ANN401 - as a file has it
+def record_of(kind: type[T], table: Any, where: str, default: T | None = None) -> T:  # noqa: ANN401 - as a file has it
     """The record of class `kind` that a TOML table describes; absent keys keep their defaults.
+
+    Args:
+        kind: A dataclass.
+        table: As a file has it.
+        where: File and table, for messages.
+        default: The record whose values absent keys keep; none: those of the class.
 
     Raises:
         ConfigError: an unknown key, a value of another type, or one that the record refuses.
@@ -58,9 +64,14 @@ def record_of(kind: type[T], table: Any, where: str) -> T:  # noqa: ANN401 - as 
     hints = _hints(kind)  # type: ignore[arg-type]
     for key in sorted(set(table) - set(_names(kind))):
         raise ConfigError(_describe_unknown_setting(kind, key, where))
-    values = {key: _value(hints[key], value, f"{where}.{key}") for key, value in table.items()}
+    values = {
+        key: record_of(hints[key], value, f"{where}.{key}", _default_of(kind, key, default))
+        if dataclasses.is_dataclass(hints[key]) and isinstance(value, dict)
+        else _value(hints[key], value, f"{where}.{key}")
+        for key, value in table.items()
+    }
     try:
-        return kind(**values)
+        return kind(**values) if default is None else dataclasses.replace(default, **values)  # type: ignore[type-var]
     except (TypeError, ValueError, PhotogrammetryError, ProductError) as error:
         raise ConfigError(f"{where}: {error}") from error
 
@@ -87,6 +98,16 @@ def faults_of(kind: type, table: dict[str, Any], where: str) -> list[str]:
     except ConfigError as error:
         faults.append(str(error))
     return faults
+
+
+def _default_of(kind: type, key: str, default: Any) -> Any:  # noqa: ANN401 - any record
+    """What a field holds where nothing is set: that of `default`, else that of the class."""
+    if default is not None:
+        return getattr(default, key)
+    (field,) = (field for field in dataclasses.fields(kind) if field.name == key)
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    return None if field.default is dataclasses.MISSING else field.default
 
 
 @lru_cache

@@ -1,9 +1,12 @@
 """Pipelines as they are shipped, and what a file of one's own may say."""
 
+from dataclasses import replace
+
 import pytest
 
 from solmap.config.pipeline import SHIPPED, PipelineConfig, load_pipeline
 from solmap.config.records import ConfigError
+from solmap.photogrammetry.matching.conjugates import ConjugateParams
 from solmap.photogrammetry.terrain.dtm.stop_dtm import FarDtmParams
 
 
@@ -48,3 +51,11 @@ def test_a_setting_that_far_ground_does_not_have_is_named(tmp_path):
     file.write_text("[wide]\nradius_m = 500.0\n")
     with pytest.raises(ConfigError, match=r"far\.toml\.wide has no setting 'radius_m'"):
         load_pipeline(str(file))
+
+
+def test_a_nested_table_keeps_what_it_does_not_name(tmp_path):
+    path = tmp_path / "few.toml"
+    path.write_text("[mono.conjugates]\nthreshold = 0.8\n")
+    default = load_pipeline("default").mono.conjugates
+    assert default != ConjugateParams()
+    assert load_pipeline(str(path)).mono.conjugates == replace(default, threshold=0.8)
