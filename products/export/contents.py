@@ -7,7 +7,9 @@
     stac/                 STAC catalogue of the same files, with how each was made
     traverse/             PLACES table, site and rover vector files, GeoPackage, figures
     reports/              pages of adjustments, reports of sols
-    colmap/ asp/ isis/ pds/   for other programs, where asked for
+    colmap/ asp/ isis/    cameras and tie points for other programs, where asked for
+    epipolar/             the pictures that these belong to
+    pds/                  XYZ, range, normals and slope of stereo pairs, where asked for
 
 Sites that nothing ties to the lander have maps of their own, with projects and names of their own.
 """
@@ -24,6 +26,7 @@ from tempfile import TemporaryDirectory
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError
+from solmap.products.export.exchange import exchange_files
 from solmap.products.export.qgis_project import MapFile, project_bytes
 from solmap.products.export.readme import readme_text
 from solmap.products.export.selection import REPORTS, TRAVERSE, Selection
@@ -117,6 +120,8 @@ def _gather(out: _Export) -> None:
         _add_maps(entry, layers, out)
         for ref, folder in _documents(entry, out):
             out.add(f"{folder}/{ref.readable_name(entry.mission)}{ref.kind.suffix}", ref)
+        for name, content in exchange_files(entry, out.selection, out.workspace):
+            out.add(name, content)
     if not out.files:
         known = ", ".join(entry.mission for entry in catalogue.missions()) or "no mission"
         raise ProductError(f"nothing is selected; {out.workspace.store.root} holds {known}")

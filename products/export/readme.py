@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import local_crs
-from solmap.products.export.selection import EXCHANGE
+from solmap.products.export.selection import EXCHANGE, PICTURES
 from solmap.products.model import Layer
 from solmap.products.store.provenance import SOFTWARE
 
@@ -30,6 +30,7 @@ _FOLDERS = {
     "error ellipses (GeoPackage), and how far telemetry strays from it",
     "reports": "how good every adjustment is, and the report of each sol",
     **EXCHANGE,
+    PICTURES: "pictures of the stereo pairs resampled so that rows correspond, without distortion",
 }
 
 

@@ -14,12 +14,15 @@ from solmap.products.model import Layer, ProductKind, ProductRef, mission_of
 MAPS, TRAVERSE, REPORTS = "maps", "traverse", "reports"
 BY_DEFAULT = frozenset({MAPS, TRAVERSE, REPORTS})
 EXCHANGE: Mapping[str, str] = {
-    "colmap": "cameras, images and tie points for COLMAP",
-    "asp": "pinhole cameras (.tsai) of the epipolar images, for the Ames Stereo Pipeline",
-    "isis": "tie points as an ISIS control network",
-    "pds": "XYZ, range, slope and normals of every stereo pair, with VICAR labels",
+    "colmap": "cameras, images and tie points as a COLMAP model in text; its pictures lie in "
+    "`epipolar/`, its world is the map in metres east, north, up",
+    "asp": "pinhole cameras (.tsai) of the pictures in `epipolar/`, for the Ames Stereo Pipeline",
+    "isis": "tie points as an ISIS control network (PVL), body-fixed",
+    "pds": "XYZ, range, normals and slope of every stereo pair (VICAR)",
 }
-"""What is made for other programs only where it is asked for."""
+"""What is made for other programs only where it is asked for, and what it is."""
+PICTURES = "epipolar"
+"""Folder of the epipolar images that cameras and tie points belong to."""
 _STOP = re.compile(r"(?:.*site)?0*(\d{1,6})(?:/|-drive|-)0*(\d{1,6})", re.ASCII)
 
 

@@ -1,0 +1,59 @@
+"""What is made for other programs: cameras, epipolar images, ties, and rasters of pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
+from solmap.products.catalogue.oriented_images import OrientedMission
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.export.asp import tsai_text
+from solmap.products.export.camera_network import camera_network, view_picture
+from solmap.products.export.colmap import colmap_texts
+from solmap.products.export.isis import control_network_text
+from solmap.products.export.pair_rasters import pair_rasters
+from solmap.products.export.selection import EXCHANGE, PICTURES, Selection
+
+
+def exchange_files(
+    entry: MissionEntry, selection: Selection, workspace: Workspace
+) -> Iterator[tuple[str, bytes | str]]:
+    """Names and contents of the files of a map that `EXCHANGE` names and are selected.
+
+    An ISIS control network is body-fixed: there is none of a map that is not tied to the lander.
+
+    Raises:
+        ProductNotFoundError: the map has not been adjusted yet.
+    """
+    if not any(selection.has(word) for word in EXCHANGE):
+        return
+    name, mission = entry.mission, OrientedMission.latest(entry.mission, workspace)
+    images = [image for image in workspace.catalogue.images(name) if selection.has_image(image)]
+    if any(selection.has(word) for word in ("colmap", "asp", "isis")):
+        network = camera_network(mission, {image.id for image in images})
+        for view in network.views:
+            yield f"{PICTURES}/{name}/{view.name}.png", view_picture(view, mission)
+            if selection.has("asp"):
+                yield f"asp/{name}/{view.name}.tsai", tsai_text(view)
+        if selection.has("colmap"):
+            for file, text in colmap_texts(network).items():
+                yield f"colmap/{name}/{file}", text
+        if selection.has("isis") and not entry.landing.origin:
+            made_at = workspace.store.made_at(mission.ref)
+            text = "".join(control_network_text(network, name, entry.landing, made_at))
+            yield f"isis/{name}_control.pvl", text
+    if selection.has("pds"):
+        for image in images:
+            yield from _rasters(image, name, mission)
+
+
+def _rasters(image: ImageEntry, name: str, mission: OrientedMission) -> Iterator[tuple[str, bytes]]:
+    """The rasters of the pair whose left image this is; nothing where it is none."""
+    pair = mission.pairs.get(image.id)
+    partners = mission.stereo_partners(image) if pair and image.partner else None
+    if pair is None or partners is None:
+        return
+    record = mission.record(image)
+    made = pair_rasters(record, partners.geometry, partners.dense, pair.rover_from_pair)
+    for file, content in made:
+        yield f"pds/{name}/{file}", content

@@ -1,0 +1,235 @@
+"""Rasters of a stereo pair as JPL's pipeline makes them: XYZ, range, normals and slope, in VICAR.
+
+    XYL   x north, y east, z down in the frame of the site, metres
+    RNL   distance from the projection centre of the left camera, metres
+    UVL   unit normal of the ground in the frame of the site, away from the ground
+    SLL   slope, degrees from the level
+
+in the left epipolar image of the pair ("linearised", hence the L), whose camera model the label
+gives. XYZ are triangulated from the dense parallax, with the pointing of the mast as adjusted and
+the pose of the rover as the label of the image has it, so that they compare with archived products
+of the same image. Normals are of planes z = a x + b y + c fitted to all points in a window of
+`WINDOW_PX` pixels around a pixel; a window that is less than half filled has none.
+
+A pixel whose parallax is less than `FEWEST_SIGMAS` of its standard deviations counts as not
+measured: nobody knows how far away it is.
+
+Files are VICAR with an attached label; values are little-endian 32-bit floats, band after band, and
+0 in all bands stands for nothing measured. `solmap inspect`, GDAL and VICAR read them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from solmap.photogrammetry.arrays import Float32, Mask, ObjectPoints
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import RoverImage
+from solmap.photogrammetry.matching.stereo.dense import DenseMatches
+from solmap.products.store.provenance import SOFTWARE
+
+WINDOW_PX = 15
+"""0.7 degrees of a Navcam: a decimetre at 8 m, the size of a wheel."""
+FEWEST_SIGMAS = 3.0
+"""Of the parallax: the range is known to a third."""
+_FILLED = 0.5
+"""Share of a window that has to be measured."""
+_FLATTEST = 1e-6
+"""Least determinant of a fit, relative to its diagonal: below it points lie on a line."""
+Bands = Float32[np.ndarray, "bands lines samples"]
+
+
+@dataclass(frozen=True, slots=True)
+class RasterType:
+    """A raster of the archive: its letters, and what its label calls it."""
+
+    letters: str
+    """In place of the product type in the name of an image."""
+    derived: str
+    """DERIVED_IMAGE_TYPE."""
+    unit: str
+
+
+XYZ = RasterType("XYL", "XYZ_MAP", "METER")
+RANGE = RasterType("RNL", "RANGE_MAP", "METER")
+NORMAL = RasterType("UVL", "UVW_MAP", "N/A")
+SLOPE = RasterType("SLL", "SLOPE_MAP", "DEGREE")
+
+
+def pair_rasters(
+    image: RoverImage, geometry: EpipolarPair, dense: DenseMatches, rover_from_pair: Pose
+) -> Iterator[tuple[str, bytes]]:
+    """File name and content of each raster of a pair.
+
+    Args:
+        image: Label of the left image.
+        geometry: The epipolar images that the parallax was measured in.
+        dense: Parallax of every pixel of the left one.
+        rover_from_pair: The adjusted pose of the pair on the rover.
+    """
+    site_from_pair = image.site_from_rover @ rover_from_pair
+    shape = (geometry.lines, geometry.samples)
+    rows, cols = np.indices(shape, dtype=np.float64)
+    pixels = np.column_stack([cols.ravel(), rows.ravel()])
+    known_px = dense.parallax_px > FEWEST_SIGMAS * dense.sigma_px
+    parallax = np.where(known_px, dense.parallax_px, np.nan).astype(np.float64)
+    in_pair = geometry.triangulate(pixels, parallax.ravel())
+    measured = np.isfinite(in_pair).all(axis=1).reshape(shape)
+    in_site = site_from_pair.apply(in_pair)
+    normals = surface_normals(in_site, measured)
+    known = np.isfinite(normals).all(axis=0)
+    slope = np.degrees(np.arccos(np.clip(-normals[2:], 0.0, 1.0)))
+    distance = np.linalg.norm(in_pair, axis=1).reshape(1, *shape)
+    camera = _camera_group(image, geometry, rover_from_pair)
+    for raster, bands, mask in (
+        (XYZ, in_site.T.reshape(3, *shape), measured),
+        (RANGE, distance, measured),
+        (NORMAL, normals, known),
+        (SLOPE, slope, known),
+    ):
+        values = np.where(mask, bands, 0.0).astype(np.float32)
+        name = _name(image, raster)
+        groups = {**_groups(image, raster, name), "GEOMETRIC_CAMERA_MODEL": camera}
+        yield f"{name}.img", vicar_bytes(values, groups)
+
+
+def surface_normals(points: ObjectPoints, measured: Mask) -> np.ndarray:
+    """Unit normals (3, lines, samples), upward in a frame whose z is down; NaN where unknown."""
+    lines, samples = measured.shape
+    middle = points[measured.ravel()].mean(axis=0) if measured.any() else np.zeros(3)
+    x, y, z = np.where(measured.ravel()[:, None], points - middle, 0.0).T.reshape(3, lines, samples)
+    one = measured.astype(np.float64)
+    size = (WINDOW_PX, WINDOW_PX)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return cv2.boxFilter(values, cv2.CV_64F, size, borderType=cv2.BORDER_CONSTANT)
+
+    filled = mean(one)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mx, my, mz = (mean(values) / filled for values in (x, y, z))
+        xx, yy, xy = (
+            mean(x * x) / filled - mx**2,
+            mean(y * y) / filled - my**2,
+            mean(x * y) / filled,
+        )
+        xz, yz = mean(x * z) / filled - mx * mz, mean(y * z) / filled - my * mz
+        xy = xy - mx * my
+        determinant = xx * yy - xy**2
+        a = (xz * yy - yz * xy) / determinant
+        b = (yz * xx - xz * xy) / determinant
+        good = measured & (filled >= _FILLED) & (determinant > _FLATTEST * xx * yy)
+        normals = np.stack([a, b, -np.ones_like(a)]) / np.sqrt(1.0 + a * a + b * b)
+    return np.where(good, normals, np.nan)
+
+
+def _name(image: RoverImage, raster: RasterType) -> str:
+    """The name of an image with another product type."""
+    head, found, tail = image.id.rpartition(image.product_type or "\0")
+    return f"{head}{raster.letters}{tail}" if found else f"{image.id}_{raster.letters}"
+
+
+Value = str | int | float | Iterable[int | float]
+
+
+def _groups(image: RoverImage, raster: RasterType, name: str) -> dict[str, dict[str, Value]]:
+    """The label's groups but for the camera's."""
+    stop, pose = image.stop, image.site_from_rover
+    return {
+        "IDENTIFICATION": {
+            "PRODUCT_ID": name,
+            "SOURCE_PRODUCT_ID": image.id,
+            "INSTRUMENT_HOST_ID": stop.mission,
+            "PLANET_DAY_NUMBER": image.sol,
+            "ROVER_MOTION_COUNTER": image.motion_counter,
+            "SPACECRAFT_CLOCK_START_COUNT": f"{image.clock:.3f}",
+        },
+        "DERIVED_IMAGE_PARMS": {
+            "DERIVED_IMAGE_TYPE": raster.derived,
+            "REFERENCE_COORD_SYSTEM_NAME": "SITE_FRAME",
+            "REFERENCE_COORD_SYSTEM_INDEX": stop.site,
+            "UNIT": raster.unit,
+        },
+        "ROVER_COORDINATE_SYSTEM": {
+            "COORDINATE_SYSTEM_NAME": "ROVER_FRAME",
+            "COORDINATE_SYSTEM_INDEX": (stop.site, stop.drive),
+            "ORIGIN_OFFSET_VECTOR": pose.translation_m.tolist(),
+            "ORIGIN_ROTATION_QUATERNION": pose.quaternion.tolist(),
+            "REFERENCE_COORD_SYSTEM_NAME": "SITE_FRAME",
+            "REFERENCE_COORD_SYSTEM_INDEX": stop.site,
+        },
+        "IMAGE_DATA": {"MISSING_CONSTANT": 0.0},
+    }
+
+
+def _camera_group(
+    image: RoverImage, geometry: EpipolarPair, rover_from_pair: Pose
+) -> dict[str, Value]:
+    """The camera of the left epipolar image, as CAHV in the rover frame."""
+    right, down, forward = rover_from_pair.rotation.T
+    focal, (x, y) = geometry.focal_px, geometry.centre_px
+    vectors = (
+        rover_from_pair.translation_m,
+        forward,
+        focal * right + x * forward,
+        focal * down + y * forward,
+    )
+    return {
+        "MODEL_TYPE": "CAHV",
+        "REFERENCE_COORD_SYSTEM_NAME": "ROVER_FRAME",
+        "REFERENCE_COORD_SYSTEM_INDEX": (image.stop.site, image.stop.drive),
+        **{f"MODEL_COMPONENT_{k}": v.tolist() for k, v in enumerate(vectors, start=1)},
+    }
+
+
+def vicar_bytes(bands: Bands, groups: Mapping[str, Mapping[str, Value]]) -> bytes:
+    """A VICAR file: its label, and bands of little-endian floats one after the other."""
+    count, lines, samples = bands.shape
+    record = 4 * samples
+    items: list[tuple[str, Value]] = [
+        ("FORMAT", "REAL"),
+        ("TYPE", "IMAGE"),
+        ("BUFSIZ", record),
+        ("DIM", 3),
+        ("EOL", 0),
+        ("RECSIZE", record),
+        ("ORG", "BSQ"),
+        ("NL", lines),
+        ("NS", samples),
+        ("NB", count),
+        ("N1", samples),
+        ("N2", lines),
+        ("N3", count),
+        ("N4", 0),
+        ("NBB", 0),
+        ("NLB", 0),
+        ("HOST", "X86-LINUX"),
+        ("INTFMT", "LOW"),
+        ("REALFMT", "RIEEE"),
+        ("BHOST", "X86-LINUX"),
+        ("BINTFMT", "LOW"),
+        ("BREALFMT", "RIEEE"),
+        ("BLTYPE", ""),
+    ]
+    text = " ".join(f"{key}={_item(value)}" for key, value in items)
+    for group, values in groups.items():
+        text += f"  PROPERTY={_item(group)}"
+        text += "".join(f" {key}={_item(value)}" for key, value in values.items())
+    text += f"  TASK='SOLMAP' USER='SOLMAP' PROGRAM={_item(SOFTWARE)}"
+    size_item = len("LBLSIZE=00000000 ")
+    size = -(-(size_item + len(text) + 1) // record) * record  # whole records
+    label = f"LBLSIZE={size:<8d} {text}".encode("ascii").ljust(size, b"\0")
+    return label + bands.astype("<f4").tobytes()
+
+
+def _item(value: Value) -> str:
+    """A value as VICAR writes it."""
+    if isinstance(value, str):
+        return "'" + value.replace("'", "''") + "'"
+    if isinstance(value, int | float):
+        return repr(value)
+    return "(" + ",".join(repr(one) for one in value) + ")"
