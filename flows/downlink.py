@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -24,11 +24,13 @@ from solmap.flows.runtime.run_record import record_run
 from solmap.flows.runtime.runners import on_workers
 from solmap.flows.runtime.sol_report import DownlinkReport, SolReport
 from solmap.flows.sol import process_sol
-from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
+from solmap.flows.sol_inputs import assign_maps
+from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
 from solmap.photogrammetry.archive.images.radiometry import Radiometry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, cause_of
 from solmap.products.model import Scope
+from solmap.tasks.images.files import NO_FILES
 from solmap.tasks.images.ingest import Delivery, ingest_downlink
 from solmap.tasks.images.manual_ties import EDITS_FILE, take_edits
 from solmap.tasks.network.orientations import Standing
@@ -107,11 +109,9 @@ def _log_waiting(mission: str) -> None:
 def _note_delivery(delivery: Delivery, downlink: Path, report: DownlinkReport) -> None:
     report.images = len(delivery.images)
     report.warnings += [note for fault in delivery.faults for note in fault.notes]
-    if not delivery.images:
+    if not delivery.missions:
         found = (
-            f"none of its {delivery.files} files is a mapping image"
-            if delivery.files
-            else ("it holds no image (.img, .png, .jpg) and no vector file (.svf, .rvf)")
+            f"none of its {delivery.files} files is a mapping image" if delivery.files else NO_FILES
         )
         report.failures.append(f"nothing to process in {downlink}: {found}")
 
@@ -119,46 +119,66 @@ def _note_delivery(delivery: Delivery, downlink: Path, report: DownlinkReport) -
 def _process_mission(
     mission: str, workspace: Workspace, pipeline: str, report: DownlinkReport
 ) -> None:
-    """All sols of a mission, oldest first: each adjustment starts from the one before.
-
-    Where the mission was adjusted overall, it is again: later sols have stepped on from there.
-    """
+    """All maps of a mission: that of what is tied to the lander, and one for each other group."""
     try:
         landing_site(mission, Settings().landing_sites)
     except ConfigError as error:
         report.failures.append(str(error))
         return
-    sols = sorted({entry.sol for entry in workspace.catalogue.images(mission)})
-    overall = overall_sols(mission, workspace)
+    maps = assign_maps(mission, workspace)
+    if not maps:
+        report.warnings.append(f"{mission}: vector files are kept until images of it come")
+    standings: dict[str, Standing] = {}
+    finished = [_process_map(name, workspace, pipeline, report, standings) for name in maps]
+    if all(finished):
+        _withdraw_leftovers(mission, maps, workspace, report)
+    for name, standing in standings.items():
+        _draw(name, standing, workspace, pipeline, report)
+        _map_regions(name, workspace, pipeline, report)
+
+
+def _process_map(
+    name: str,
+    workspace: Workspace,
+    pipeline: str,
+    report: DownlinkReport,
+    standings: dict[str, Standing],
+) -> bool:
+    """All sols on a map, oldest first: each adjustment starts from the one before.
+
+    Where the map was adjusted overall, it is again: later sols have stepped on from there.
+    `standings` gains what the last sol left; whether every sol came to its end.
+    """
+    sols = sorted({entry.sol for entry in workspace.catalogue.images(name)})
+    overall = overall_sols(name, workspace)
     if load_pipeline(pipeline).adjustment_mode is AdjustmentMode.OVERALL:
         overall |= set(sols[-1:])
-    standing: Standing | None = None
+    steps = [
+        (flow_of_sol, sol, _scope_of(flow_of_sol, name, sol))
+        for sol in sols
+        for flow_of_sol in ((process_sol, process_overall) if sol in overall else (process_sol,))
+    ]
+    reusable, walks = ReusableSols.of(name, workspace, pipeline), False
+    reusable.forget_others([scope for _, _, scope in steps])
     reports: list[SolReport] = []
-    finished, walks = ReusableSols.of(mission, workspace, pipeline), False
-    for sol in sols:
-        for flow_of_sol in (process_sol, process_overall) if sol in overall else (process_sol,):
-            scope = _scope_of(flow_of_sol, mission, sol)
-            line = f"{mission} sol {sol}: {{}}"
-            with isolate(scope.name, workspace, report.failures, line):
-                key = finished.key(sol, standing)
-                done = None if walks else finished.report(scope, sol, key)
-                if done is None:
-                    if not walks:
-                        finished.forget(scope)
-                    walks = True  # later sols publish maps of the same stops after this one
-                    done = on_workers(flow_of_sol)(
-                        mission, sol, workspace.store.root, pipeline, standing
-                    )
-                    finished.note(scope, key, done)
-                reports.append(done)
-                report.failures += [f"{mission} sol {sol}: {line}" for line in done.failures]
-                standing = done.standing or standing
+    for flow_of_sol, sol, scope in steps:
+        line = f"{name} sol {sol}: {{}}"
+        with isolate(scope.name, workspace, report.failures, line):
+            key = reusable.key(sol, standings.get(name))
+            done = None if walks else reusable.report(scope, sol, key)
+            if done is None:
+                if not walks:
+                    reusable.forget(scope)
+                walks = True  # later sols publish maps of the same stops after this one
+                before = standings.get(name)
+                done = on_workers(flow_of_sol)(name, sol, workspace.store.root, pipeline, before)
+                reusable.note(scope, key, done)
+            reports.append(done)
+            report.failures += [f"{name} sol {sol}: {line}" for line in done.failures]
+            if done.standing is not None:
+                standings[name] = done.standing
     report.sols += reports
-    if len(reports) == len(sols) + len(overall.intersection(sols)):
-        _withdraw_leftovers(mission, reports, workspace, report)
-    if standing is not None:
-        _draw(mission, standing, workspace, pipeline, report)
-        _map_regions(mission, workspace, pipeline, report)
+    return len(reports) == len(steps)
 
 
 def _scope_of(flow_of_sol: object, mission: str, sol: int) -> Scope:
@@ -168,12 +188,13 @@ def _scope_of(flow_of_sol: object, mission: str, sol: int) -> Scope:
 
 
 def _withdraw_leftovers(
-    mission: str, reports: list[SolReport], workspace: Workspace, report: DownlinkReport
+    mission: str, maps: Sequence[str], workspace: Workspace, report: DownlinkReport
 ) -> None:
     subject = f"{mission.lower()}-leftovers"
     line = f"{mission}: what no sol gives any more could not be withdrawn: {{}}"
+    of_mission = [sol for sol in report.sols if sol.mission in maps]
     with isolate(subject, workspace, report.failures, line):
-        withdraw_leftovers(mission, reports, workspace)
+        report.failures += withdraw_leftovers(mission, maps, of_mission, workspace)
         clear_failure(subject, workspace)
 
 

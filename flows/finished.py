@@ -4,10 +4,12 @@ A sol depends on the images up to it, on the vector files, manual ties and contr
 on the settings, and on the adjustment before it. A late image changes the key of its sol and, by
 the adjustments, of those after it; what these need in turn is looked up or made anew as ever.
 
-Late images also change which stops are linked and which images make pairs: then a stop may have no
-far ground any more, and an image no partner. The sols of a run, those that needed no processing
-included, are all there is to be shown of stops; what else is published would depend on the order in
-which files came, and is withdrawn.
+Late images and vector files also change which stops are linked, which images make pairs, and which
+map a stop is on: then a stop may have no far ground any more, and a map no image. The sols of a
+run, those that needed no processing included, are all there is to be shown of stops; what else is
+published would depend on the order in which files came, and is withdrawn where the run has
+published its stop again, or newer files have taken the place of its images. Otherwise it stays, and
+the run fails with a line that says so.
 """
 
 from __future__ import annotations
@@ -21,11 +23,19 @@ from solmap.config.landing import landing_site
 from solmap.config.pipeline import load_pipeline
 from solmap.config.settings import Settings
 from solmap.flows.runtime.sol_report import SolReport
-from solmap.flows.sol_inputs import read_mission
+from solmap.flows.sol_inputs import read_map
 from solmap.photogrammetry.errors import PhotogrammetryError
+from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.runs import FinishedSolRecords
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.model import SCIENCE_VERSION, ProductKind, ProductRef, Scope, ScopeLevel
+from solmap.products.model import (
+    SCIENCE_VERSION,
+    ProductKind,
+    ProductRef,
+    Scope,
+    ScopeLevel,
+    mission_of,
+)
 from solmap.tasks.mission.publish import withdraw
 from solmap.tasks.network.orientations import Standing
 from solmap.tasks.scopes import is_of_mission, pair_scope
@@ -85,6 +95,11 @@ class ReusableSols:
         """
         self.book.forget(first.name, f"{self.mission.lower()}-sol")
 
+    def forget_others(self, kept: Sequence[Scope]) -> None:
+        """Forget sols that are on the map no longer: when they are again, they are published."""
+        names = [scope.name for scope in kept]
+        self.book.forget_others(names, f"{self.mission.lower()}-sol")
+
     def note(self, scope: Scope, key: str, report: SolReport) -> None:
         """Note that the sol is finished, unless anything of it failed that may not fail again."""
         if not is_finished(report):
@@ -108,9 +123,9 @@ def _common(mission: str, workspace: Workspace, pipeline: str) -> Iterator[str]:
     yield repr(landing_site(mission, Settings().landing_sites))
     for kind in (ProductKind.VECTORS, ProductKind.MANUAL_TIES, ProductKind.CONTROL):
         yield repr(workspace.catalogue.pointers(kind))
-    read = read_mission(mission, workspace)
-    if read.set_aside or read.strays:
-        yield repr((sorted(read.set_aside), sorted(entry.id for entry in read.strays)))
+    left_out = read_map(mission, workspace).left_out
+    if left_out:
+        yield repr(sorted(entry.id for entry, _ in left_out))
 
 
 def _images(mission: str, workspace: Workspace) -> dict[int, str]:
@@ -139,30 +154,50 @@ def _digest(*parts: str) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def withdraw_leftovers(mission: str, sols: Sequence[SolReport], workspace: Workspace) -> None:
-    """Withdraw what none of the sols published; `sols` are all of the mission.
+def withdraw_leftovers(
+    mission: str, maps: Sequence[str], sols: Sequence[SolReport], workspace: Workspace
+) -> list[str]:
+    """Withdraw what none of the sols published; `sols` are all on the `maps` of a mission.
 
     Where one failed in a way that may pass, everything stays: what it published was good, and the
     next run will tell.
+
+    Returns:
+        A line for each stop whose maps stay although no sol gives them any more.
     """
     if not sols or not all(map(is_finished, sols)):
-        return
+        return []
     given = {(ref.kind, ref.scope) for sol in sols for ref in (*sol.published, *sol.pointed)}
-    layers = [
-        layer
-        for layer in workspace.catalogue.layers(mission)
-        if layer.ref.scope.level is ScopeLevel.STOP
-        and layer.ref.kind not in BY_COMMAND
-        and (layer.ref.kind, layer.ref.scope) not in given
-    ]
-    pointers = _pointers(mission, given, workspace)
-    if layers or pointers:
-        withdraw(workspace.catalogue.mission(mission), layers, pointers, workspace)
+    catalogue, book = workspace.catalogue, FinishedSolRecords(workspace.catalogue.engine)
+    known = [entry for entry in catalogue.missions() if mission_of(entry.mission) == mission]
+    gone = [entry for entry in known if entry.mission not in maps]
+    images = [image for name in maps for image in catalogue.images(name)]
+    superseded = {ref.scope.name for sol in sols for ref in sol.published}
+    has_pairs = {image.stop for image in images if image.partner is not None}
+    kept: set[str] = set()
+    for entry in known:
+        layers = []
+        for layer in catalogue.layers(entry.mission):
+            scope = layer.ref.scope
+            if scope.level is not ScopeLevel.STOP:
+                layers += [layer] if entry in gone else []
+            elif layer.ref.kind not in BY_COMMAND and (layer.ref.kind, scope) not in given:
+                if scope.name in superseded or scope.name not in has_pairs:
+                    layers.append(layer)
+                else:
+                    kept.add(scope.name)
+        withdraw(entry, layers, _pointers(entry.mission, images, given, workspace), workspace)
+    for entry in gone:
+        if not catalogue.layers(entry.mission):
+            book.forget_others((), f"{entry.mission.lower()}-sol")
+            catalogue.forget_map(entry.mission)
+    return [f"{stop}: its maps stay as they are, for this run made none" for stop in sorted(kept)]
 
 
-def _pointers(mission: str, given: Latest, workspace: Workspace) -> list[ProductRef]:
-    """Of pairs, stops and sols, what the catalogue points at and no sol gave."""
-    images = workspace.catalogue.images(mission)
+def _pointers(
+    name: str, images: Sequence[ImageEntry], given: Latest, workspace: Workspace
+) -> list[ProductRef]:
+    """Of a map's pairs, stops and sols, what the catalogue points at and no sol gave."""
     pairs = {pair_scope(image.id) for image in images}
     stops = {image.stop for image in images}
     levels = {ScopeLevel.PAIR, ScopeLevel.STOP, ScopeLevel.SOL}
@@ -172,5 +207,5 @@ def _pointers(mission: str, given: Latest, workspace: Workspace) -> list[Product
         if kind.level in levels
         for ref in workspace.catalogue.pointers(kind)
         if (ref.kind, ref.scope) not in given
-        and (ref.scope in pairs or ref.scope.name in stops or is_of_mission(ref.scope, mission))
+        and (ref.scope in pairs or ref.scope.name in stops or is_of_mission(ref.scope, name))
     ]

@@ -11,13 +11,13 @@ from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.flows.runtime.failures import clear_failure, isolate, keep_going
 from solmap.flows.runtime.run_record import record_run
-from solmap.flows.sol_inputs import read_mission
+from solmap.flows.sol_inputs import read_map
+from solmap.photogrammetry.archive.missions import mission_id
 from solmap.photogrammetry.terrain.dtm.region_dtm import regions_of
-from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from solmap.products.errors import ProductError
-from solmap.products.model import REGION_KINDS, Layer, ProductKind, ProductRef, Scope
+from solmap.products.model import REGION_KINDS, Layer, ProductKind, ProductRef, Scope, mission_of
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.maps.region import fuse_region, seam_notes
 from solmap.tasks.maps.suitability import map_hazards, map_insolation
@@ -41,21 +41,20 @@ def draw_mission(
 
     `failed` gains what could not be made, and why.
     """
-    site = landing_site(mission, Settings().landing_sites)
+    read = read_map(mission, workspace)
+    landing, telemetry = read.entry.landing, read.telemetry
     entries = workspace.catalogue.images(mission)
-    telemetry = read_mission(mission, workspace).telemetry()
     params = load_pipeline(pipeline).footprints
     layers: list[ProductRef] = []
     traverse: list[ProductRef] = []
     with keep_going(failed, "vector layers"):
-        layers = draw_vectors(mission, network, entries, params, site.landing, workspace)
+        layers = draw_vectors(mission, network, entries, params, landing, workspace)
     with keep_going(failed, "traverse"):
-        traverse = localise(network, telemetry, site.landing, workspace.store)
+        traverse = localise(network, telemetry, landing, workspace.store)
     sols = tuple(sorted({entry.sol for entry in entries}))
-    entry = MissionEntry(mission, site.title, site.landing, telemetry.note)
-    published = publish(entry, [(ref, sols) for ref in layers], traverse, (), workspace)
+    published = publish(read.entry, [(ref, sols) for ref in layers], traverse, (), workspace)
     failed |= published.failures
-    return telemetry.note
+    return read.entry.lsl_note
 
 
 def map_regions(
@@ -183,7 +182,9 @@ def all_notes(notes: list[str], failures: list[str]) -> list[str]:
 
 
 def missions_of(store: Path, mission: str | None) -> list[str]:
-    """The named mission, or all that a store has images of."""
-    if mission is not None:
-        return [mission.upper()]
-    return [entry.mission for entry in open_workspace(store).catalogue.missions()]
+    """The maps of the named mission, or all maps of a store."""
+    known = [entry.mission for entry in open_workspace(store).catalogue.missions()]
+    if mission is None:
+        return known
+    wanted = mission_id(mission)
+    return [name for name in known if wanted in {name, mission_of(name)}] or [wanted]

@@ -39,7 +39,10 @@ def process_sol(
     report = SolReport(mission, sol)
     inputs = gather(mission, sol, store, pipeline, previous)
     report.notes += inputs.unplaced
-    report.notes += [f"{e.id} is unpaired: {e.unpaired_because}" for e in inputs.unpaired]
+    report.notes += [
+        f"{e.id} {'is unpaired' if e.repeats is None else 'is not used'}: {e.unpaired_because}"
+        for e in inputs.unpaired
+    ]
     of_sol = inputs.workspace.catalogue.images(mission, sol=sol)
     report.notes += [f"{image.id}: {note}" for image in of_sol for note in image.notes]
     if inputs.touched:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import logging
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,10 +13,10 @@ from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.flows.runtime.failures import keep_going
 from solmap.photogrammetry.adjustment.model.network import StopPrior
+from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
 from solmap.photogrammetry.adjustment.model.variance_components import COMPONENTS, Component
-from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
+from solmap.photogrammetry.archive.missions import mission_id
 from solmap.photogrammetry.archive.tables.vector_files import VectorFile
-from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import RoverImage, StopId
 from solmap.photogrammetry.matching.cross_site.gate import link_candidates
 from solmap.photogrammetry.traverse.plausibility import (
@@ -27,10 +28,13 @@ from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.images import image_record, image_records
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
+from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.documents.network import read_network
-from solmap.products.model import ProductKind
+from solmap.products.model import ProductKind, mission_of, origin_of, untied_map
 from solmap.tasks.images.telemetry import Telemetry, read_telemetry, read_vector_file
 from solmap.tasks.network.orientations import Standing
+
+log = logging.getLogger(__name__)
 
 WINDOW = 3
 """Earlier stops that a sol may change: as far back as `adjust_stepwise` reaches."""
@@ -87,7 +91,7 @@ def gather(
         tuple(stop.stop for stop in touched),
         (
             *(why for stop, why in known.telemetry.unplaced.items() if str(stop) in seen),
-            *(_why_stray(entry) for entry in known.strays if entry.sol == sol),
+            *(why for entry, why in known.left_out if entry.sol == sol),
         ),
         known.unread,
         tuple(entry for entry in entries if entry.sol == sol and entry.partner is None),
@@ -129,20 +133,18 @@ class _Known:
     entries: tuple[ImageEntry, ...]
     telemetry: Telemetry
     unread: Mapping[str, str]
-    strays: Sequence[ImageEntry]
+    left_out: Sequence[tuple[ImageEntry, str]]
 
     @classmethod
     def of(
         cls, mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None
     ) -> _Known:
         workspace = open_workspace(store)
-        site = landing_site(mission, Settings().landing_sites)
-        read = read_mission(mission, workspace)
-        telemetry = read.telemetry(sol)
+        read = read_map(mission, workspace)
         entries = tuple(entry for entry, _ in read.images if entry.sol <= sol)
-        entry = MissionEntry(mission, site.title, site.landing, telemetry.note)
         config = _open_gate(load_pipeline(pipeline), previous, workspace)
-        return cls(workspace, config, entry, entries, telemetry, read.unread, read.strays)
+        telemetry = read.telemetry.until(sol)
+        return cls(workspace, config, read.entry, entries, telemetry, read.unread, read.left_out)
 
     def images_at(self, stops: Iterable[StopPrior]) -> tuple[ImageEntry, ...]:
         """The images taken at some stops."""
@@ -151,55 +153,131 @@ class _Known:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MissionLabels:
-    """The labels of all images of a mission and its vector files, as far as they can be read."""
+class MapLabels:
+    """The labels of all images on one map, and where telemetry has their stops."""
 
+    entry: MissionEntry
     images: Sequence[tuple[ImageEntry, RoverImage]]
-    vector_files: Sequence[VectorFile]
+    telemetry: Telemetry
     unread: Mapping[str, str]
-    """Images and files that cannot be read, and why."""
-    set_aside: Mapping[StopId, str]
-    """Stops whose telemetry is implausible, and why; judged by all that is known of the mission."""
-    strays: Sequence[ImageEntry] = ()
-    """Images that are left out, for most images of their stop place the rover elsewhere."""
-
-    @classmethod
-    def read(cls, mission: str, workspace: Workspace) -> MissionLabels:
-        """Read what there is in the store."""
-        unread: dict[str, str] = {}
-        images = _read_labels(workspace.catalogue.images(mission), workspace, unread)
-        vectors: list[VectorFile] = []
-        for ref in workspace.catalogue.pointers(ProductKind.VECTORS):
-            with keep_going(unread, ref.scope.name):
-                vectors.append(read_vector_file(ref, workspace))
-        of_mission = [file for file in vectors if file.mission.upper() == mission]
-        left_out = _strays(images)
-        names = {entry.id for entry in left_out}
-        kept = [(entry, label) for entry, label in images if entry.id not in names]
-        implausible = _implausible([label for _, label in kept], of_mission)
-        return cls(kept, of_mission, unread, implausible, left_out)
-
-    def telemetry(self, sol: int | None = None) -> Telemetry:
-        """Where telemetry has the rover up to a sol, without the stops that are set aside."""
-        labels = [label for entry, label in self.images if sol is None or entry.sol <= sol]
-        telemetry = read_telemetry(labels, self.vector_files)
-        known = telemetry.first_clocks
-        return telemetry.without({s: why for s, why in self.set_aside.items() if s in known})
+    """Images and vector files of the mission that cannot be read, and why."""
+    left_out: Sequence[tuple[ImageEntry, str]]
+    """Images with labels that cannot be true, and why."""
 
 
-_read: dict[tuple[Path, str], tuple[str, MissionLabels]] = {}
-"""What was read of a mission last, and its version, by store and mission."""
+_read: dict[tuple[Path, str], tuple[str, Mapping[str, MapLabels]]] = {}
+"""The maps of a mission as they were read last, and their version, by store and mission."""
 
 
-def read_mission(mission: str, workspace: Workspace) -> MissionLabels:
-    """The labels of a mission; sol after sol asks for them, and reading thousands takes a while."""
-    catalogue = workspace.catalogue
-    vectors = catalogue.pointers(ProductKind.VECTORS)
-    name, version = (workspace.store.root, mission), catalogue.images_version(mission)
-    version += repr(vectors)
-    if name not in _read or _read[name][0] != version or _read[name][1].unread:
-        _read[name] = version, MissionLabels.read(mission, workspace)
-    return _read[name][1]
+def read_map(name: str, workspace: Workspace) -> MapLabels:
+    """The labels on a map of a mission, to which `assign_maps` has assigned them.
+
+    Raises:
+        ProductNotFoundError: there is no such map.
+    """
+    maps = read_maps(mission_of(name), workspace)
+    if name not in maps:
+        raise ProductNotFoundError(f"no image is on the map {name}; there are {', '.join(maps)}")
+    return maps[name]
+
+
+def read_maps(mission: str, workspace: Workspace) -> Mapping[str, MapLabels]:
+    """All images of a mission, map by map, the one that is tied to the lander first.
+
+    Sol after sol asks for them, and reading thousands takes a while.
+    """
+    catalogue, key = workspace.catalogue, (workspace.store.root, mission)
+    names = catalogue.maps_of(mission)
+    version = repr([catalogue.images_version(name) for name in names])
+    version += repr((catalogue.pointers(ProductKind.VECTORS), Settings().landing_sites))
+    if (
+        key not in _read
+        or _read[key][0] != version
+        or any(m.unread for m in _read[key][1].values())
+    ):
+        _read[key] = version, _read_maps(mission, names, workspace)
+    return _read[key][1]
+
+
+def assign_maps(mission: str, workspace: Workspace) -> list[str]:
+    """Put every image on the map of the sites that its own is connected with; the maps' names."""
+    maps = read_maps(mission, workspace)
+    moved = [
+        replace(entry, mission=name)
+        for name, one in maps.items()
+        for entry in (*(e for e, _ in one.images), *(e for e, _ in one.left_out))
+        if entry.mission != name
+    ]
+    if moved:
+        workspace.catalogue.publish(images=moved)
+    return list(maps)
+
+
+def _read_maps(mission: str, names: Sequence[str], workspace: Workspace) -> dict[str, MapLabels]:
+    unread: dict[str, str] = {}
+    entries = [entry for name in names for entry in workspace.catalogue.images(name)]
+    images = _read_labels(sorted(entries, key=lambda entry: entry.id), workspace, unread)
+    files: list[VectorFile] = []
+    for ref in workspace.catalogue.pointers(ProductKind.VECTORS):
+        with keep_going(unread, ref.scope.name):
+            files.append(read_vector_file(ref, workspace))
+    files = [file for file in files if mission_id(file.mission) == mission]
+    left_out = {entry.id: why for entry, why in _left_out(images)}
+    labels = [label for entry, label in images if entry.id not in left_out]
+    name_of = _maps_of_stops(mission, labels, files)
+    for entry, label in images:  # of a stop that has no label that can be true
+        name_of.setdefault(label.stop, entry.mission)
+    found: dict[str, MapLabels] = {}
+    for name in sorted(set(name_of.values()), key=origin_of):
+        here = [(entry, label) for entry, label in images if name_of[label.stop] == name]
+        kept = [(entry, label) for entry, label in here if entry.id not in left_out]
+        site = landing_site(name, Settings().landing_sites)
+        found[name] = MapLabels(
+            MissionEntry(name, site.title, site.landing, _note_of(name)),
+            kept,
+            read_telemetry([label for _, label in kept], files, origin_of(name)),
+            unread,
+            [(entry, left_out[entry.id]) for entry, _ in here if entry.id in left_out],
+        )
+    return found
+
+
+def _maps_of_stops(
+    mission: str, labels: Sequence[RoverImage], files: Sequence[VectorFile]
+) -> dict[StopId, str]:
+    """The map of every stop: of its group of sites, or its own where it cannot be where it is."""
+    origins = read_telemetry(labels, files).origins
+    groups: dict[int, list[RoverImage]] = {}
+    for label in labels:
+        groups.setdefault(origins[label.stop.site], []).append(label)
+    names: dict[StopId, str] = {}
+    for origin, of_group in groups.items():
+        name = untied_map(mission, origin) if origin else mission
+        stops = read_telemetry(of_group, files, (origin,)).stops
+        known = [TelemetryStop(one.stop, one.lsl_from_rover, one.sols) for one in stops]
+        alone = implausible_stops(known)
+        for one in stops:
+            names[one.stop] = name
+        for stop, reason in alone.items():
+            names[stop] = untied_map(mission, stop.site, stop.drive)
+            log.warning("%s has a map of its own, %s: %s", stop, names[stop], reason)
+    return names
+
+
+def _note_of(name: str) -> str | None:
+    """What is to be done about a map that is not tied to the lander."""
+    match origin_of(name):
+        case (site,):
+            return (
+                f"site {site} is not tied to the lander; deliver a site vector file (.svf) or a "
+                "PLACES table that reaches it, and its maps move to their place on Mars"
+            )
+        case (site, drive):
+            return (
+                f"site {site} drive {drive} cannot be where telemetry has it beside other stops; "
+                "deliver labels or a site vector file that mend it"
+            )
+    return None
 
 
 def _read_labels(
@@ -215,37 +293,19 @@ def _read_labels(
         return labels
 
 
-def _strays(images: Sequence[tuple[ImageEntry, RoverImage]]) -> list[ImageEntry]:
+def _left_out(images: Sequence[tuple[ImageEntry, RoverImage]]) -> Iterator[tuple[ImageEntry, str]]:
+    """Images with labels that cannot be true, and why."""
     at_stops: dict[StopId, list[tuple[ImageEntry, RoverImage]]] = {}
-    for entry, label in images:
+    for entry, label in sorted(images, key=lambda both: (both[1].clock, both[0].id)):
         at_stops.setdefault(label.stop, []).append((entry, label))
-    return [
-        entry
-        for of_stop in at_stops.values()
-        for (entry, _), is_stray in zip(
-            of_stop, strays([label.site_from_rover for _, label in of_stop]), strict=True
-        )
-        if is_stray
-    ]
-
-
-def _why_stray(entry: ImageEntry) -> str:
-    return (
-        f"{entry.id} is left out: it places the rover elsewhere than most images of {entry.stop} "
-        "do; deliver it with a label that is mended"
-    )
-
-
-def _implausible(labels: Sequence[RoverImage], files: Sequence[VectorFile]) -> dict[StopId, str]:
-    poses: dict[StopId, list[Pose]] = {}
-    for label in labels:
-        poses.setdefault(label.stop, []).append(label.site_from_rover)
-    return implausible_stops(
-        [
-            TelemetryStop(one.stop, one.lsl_from_rover, one.sols, tuple(poses[one.stop]))
-            for one in read_telemetry(labels, files).stops
-        ]
-    )
+    for of_stop in at_stops.values():
+        reasons = strays([label.site_from_rover for _, label in of_stop])
+        for (entry, _), why in zip(of_stop, reasons, strict=True):
+            if why:
+                yield (
+                    entry,
+                    f"{entry.id} is left out: {why}; deliver it with a label that is mended",
+                )
 
 
 def _mode(config: PipelineConfig) -> AdjustmentMode:

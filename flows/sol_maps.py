@@ -204,8 +204,9 @@ def draw_panoramas(
             )
             dtm = {ref.kind: ref for ref in mapped.get(stop, ())}.get(ProductKind.DTM)
             if frames:
-                drawn = draw_panorama.submit(stop, frames, dtm, wanted.drawing, workspace.store)
-                futures[stop] = drawn
+                futures[stop] = draw_panorama.submit(
+                    stop, frames, dtm, wanted.drawing, inputs.landing, workspace.store
+                )
     done, failed = wait_for(f"sol {report.sol}: draw the panoramas", futures)
     causes = {f"panorama of {stop}": cause for stop, cause in (failed | unasked).items()}
     report.add_findings("draw", causes, "no", TerrainError)

@@ -188,7 +188,9 @@ def _edit_requests(
 
 
 def _control(inputs: SolInputs, report: SolReport) -> tuple[ProductRef, ...]:
-    """All control that is published for the mission."""
+    """All control that is published for the mission; on its map, for it lies on Mars."""
+    if inputs.landing.origin:
+        return ()
     unread: dict[str, str] = {}
     control: list[ProductRef] = []
     for ref in inputs.workspace.catalogue.pointers(ProductKind.CONTROL):

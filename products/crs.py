@@ -21,11 +21,15 @@ are directions from the centre of Mars and the same numbers on either sphere.
 Height is no part of this CRS: it is metres above the tangent plane at the landing point, which
 leaves the sphere by d²/2R (0.15 m at 1 km, 3.7 m at 5 km). A point 100 m above the plane is seen
 15 cm away at 7 km; rasters and vectors share that shift, so they stay aligned.
+
+The map of sites that nothing ties to the lander lies nowhere on Mars: its CRS is an engineering CRS
+in metres east and north of its origin, with a name that says so, and its places have no longitude
+and latitude (NaN).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -41,6 +45,9 @@ MARS_URN = "urn:ogc:def:crs:IAU:2015:49900"
 _POLAR_RADIUS_M, _HIGHEST_RADIUS_M = 3_366_000.0, 3_418_000.0  # floor of the north cap, Olympus
 
 
+_ORIGIN = "origin: "
+
+
 @dataclass(frozen=True, slots=True)
 class LandingPoint:
     """The origin of a mission's map: where on Mars it is, and who says so."""
@@ -53,6 +60,9 @@ class LandingPoint:
     radius_m: float
     """Distance of the ground from the centre of Mars, metres."""
     source: str
+    origin: str = ""
+    """What the origin of a map is that is not tied to the lander: `site 137`. Longitude, latitude
+    and radius then tell only about where the mission is, for the height of the Sun."""
 
     def __post_init__(self) -> None:
         if not (-180.0 <= self.longitude <= 360.0 and -90.0 <= self.latitude <= 90.0):  # noqa: PLR2004
@@ -68,6 +78,11 @@ class LandingPoint:
         if not self.name.strip() or '"' in self.name:
             raise ProductError(f"{self.name!r} cannot name a coordinate system")
 
+    def untied(self, origin: str) -> LandingPoint:
+        """The origin of a map of the same mission that is not tied to the lander."""
+        name = f"{_ORIGIN}{origin}, not tied to the lander"
+        return replace(self, name=name, source=f"{self.name} is not reached", origin=origin)
+
 
 class MarsCrs(CRS):
     """A CRS on Mars. EPSG numbers are the Earth's; geopandas would have PROJ search for one."""
@@ -79,7 +94,14 @@ class MarsCrs(CRS):
 
 @lru_cache(maxsize=64)
 def local_crs(landing: LandingPoint) -> CRS:
-    """The map's projected CRS: orthographic, east and north in metres."""
+    """The map's CRS, east and north in metres: orthographic, or of engineering where untied."""
+    axes = (
+        f'CS[Cartesian,2],AXIS["(E)",east,ORDER[1],{_METRE}],AXIS["(N)",north,ORDER[2],{_METRE}]]'
+    )
+    if landing.origin:
+        return MarsCrs.from_wkt(
+            f'ENGCRS["{landing.name} (east, north)",EDATUM["{landing.name}"],{axes}'
+        )
     return MarsCrs.from_wkt(
         f'PROJCRS["{landing.name}: landing site local (east, north)",'
         f"BASEGEOGCRS[{_base(landing)}],"
@@ -87,8 +109,7 @@ def local_crs(landing: LandingPoint) -> CRS:
         f'PARAMETER["Latitude of natural origin",{landing.latitude!r},{_DEGREE},ID["EPSG",8801]],'
         f'PARAMETER["Longitude of natural origin",{landing.longitude!r},{_DEGREE},ID["EPSG",8802]],'
         f'PARAMETER["False easting",0,{_METRE},ID["EPSG",8806]],'
-        f'PARAMETER["False northing",0,{_METRE},ID["EPSG",8807]]],'
-        f'CS[Cartesian,2],AXIS["(E)",east,ORDER[1],{_METRE}],AXIS["(N)",north,ORDER[2],{_METRE}]]'
+        f'PARAMETER["False northing",0,{_METRE},ID["EPSG",8807]]],{axes}'
     )
 
 
@@ -108,12 +129,33 @@ def _base(landing: LandingPoint) -> str:
     return f'"{name}",DATUM["{sphere}",{ellipsoid}],{meridian}{identity}'
 
 
-def local_proj4(landing: LandingPoint) -> str:
-    """The same CRS as a PROJ string, for proj4js and WMTS clients."""
+def local_proj4(landing: LandingPoint) -> str | None:
+    """The same CRS as a PROJ string, for proj4js and WMTS clients; there is none of an untied map.
+
+    `crs_text` is what clients are told in either case.
+    """
+    if landing.origin:
+        return None
     return (
         f"+proj=ortho +lat_0={landing.latitude!r} +lon_0={landing.longitude!r} "
         f"+R={landing.radius_m!r} +units=m +no_defs"
     )
+
+
+def untied_origin(crs: CRS) -> str | None:
+    """The origin of a map that is not tied to the lander, as its CRS names it; None of others."""
+    name = crs.datum.name if crs.is_engineering and crs.datum else ""
+    return name if name.startswith(_ORIGIN) else None
+
+
+def height_reference(crs: CRS) -> str:
+    """What elevations on a map count from, in words."""
+    return f"metres above the {untied_origin(crs) or 'tangent plane at the landing point'}"
+
+
+def crs_text(landing: LandingPoint) -> str:
+    """The CRS in one string: as PROJ string, or as WKT where the map is not tied to Mars."""
+    return local_proj4(landing) or local_crs(landing).to_wkt()
 
 
 @lru_cache(maxsize=64)
@@ -125,7 +167,12 @@ def _to_degrees(landing: LandingPoint) -> Transformer:
 def lon_lat(
     landing: LandingPoint, east: PerPoint | float, north: PerPoint | float
 ) -> tuple[PerPoint, PerPoint]:
-    """Planetocentric longitude (east) and latitude of places on the map, degrees."""
+    """Planetocentric longitude (east) and latitude of places on the map, degrees.
+
+    NaN on a map that is not tied to the lander.
+    """
+    if landing.origin:
+        return _nowhere(east, north)
     longitude, latitude = _to_degrees(landing).transform(np.atleast_1d(east), np.atleast_1d(north))
     return longitude, latitude
 
@@ -133,8 +180,19 @@ def lon_lat(
 def east_north(
     landing: LandingPoint, longitude: PerPoint | float, latitude: PerPoint | float
 ) -> tuple[PerPoint, PerPoint]:
-    """Places on the map, metres, of planetocentric longitude (east) and latitude in degrees."""
+    """Places on the map, metres, of planetocentric longitude (east) and latitude in degrees.
+
+    NaN on a map that is not tied to the lander.
+    """
+    if landing.origin:
+        return _nowhere(longitude, latitude)
     east, north = _to_degrees(landing).transform(
         np.atleast_1d(longitude), np.atleast_1d(latitude), direction="INVERSE"
     )
     return east, north
+
+
+def _nowhere(*places: PerPoint | float) -> tuple[PerPoint, PerPoint]:
+    """As many places that are not known."""
+    shape = np.broadcast_shapes(*(np.shape(np.atleast_1d(one)) for one in places))
+    return np.full(shape, np.nan), np.full(shape, np.nan)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
+from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
 from solmap.photogrammetry.imagery import StopId
 from solmap.products.errors import ProductError, one_line
-from solmap.products.model import Scope, ScopeLevel
+from solmap.products.model import Scope, ScopeLevel, mission_of
 
 _MAX_NAME_BYTES = 200
 OVERALL = f"-{AdjustmentMode.OVERALL}"
@@ -28,13 +28,13 @@ def stop_scope(stop: StopId) -> Scope:
 
 
 def stop_of(scope: Scope, mission: str) -> StopId:
-    """The stop that `stop_scope` named."""
+    """The stop of a mission, or on one of its maps, that `stop_scope` named."""
     site, drive = scope.name.rpartition("-site")[2].split("-drive")
-    return StopId(mission, int(site), int(drive))
+    return StopId(mission_of(mission), int(site), int(drive))
 
 
 def sol_scope(mission: str, sol: int) -> Scope:
-    """One sol: `mer2-sol0156`."""
+    """One sol on a map: `mer2-sol0156`, `mer2-origin137-sol1902`."""
     return Scope(ScopeLevel.SOL, f"{mission.lower()}-sol{sol:04d}")
 
 
@@ -85,5 +85,5 @@ def region_scope(mission: str) -> Scope:
 
 def part_scope(mission: str, first: Scope) -> Scope:
     """A region that begins with a stop: `mer2-region-site0010-drive0064`."""
-    mission = mission.lower()
-    return Scope(ScopeLevel.REGION, f"{mission}-region-{first.name.removeprefix(f'{mission}-')}")
+    first_stop = first.name.removeprefix(f"{mission_of(mission).lower()}-")
+    return Scope(ScopeLevel.REGION, f"{mission.lower()}-region-{first_stop}")

@@ -75,8 +75,9 @@ class Place(BaseModel):
 
     east: float
     north: float
-    lon: float
-    lat: float
+    lon: float | None
+    """None on a map that is not tied to the lander."""
+    lat: float | None
     elevation_m: float | None
     elevation_sigma_m: float | None
     layers: list[ValueHere]
@@ -114,8 +115,8 @@ def identify(
     return Place(
         east=east,
         north=north,
-        lon=round(longitude, 9),
-        lat=round(latitude, 9),
+        lon=None if landing.origin else round(longitude, 9),
+        lat=None if landing.origin else round(latitude, 9),
         elevation_m=elevation.value if elevation else None,
         elevation_sigma_m=elevation.sigma if elevation else None,
         layers=values,

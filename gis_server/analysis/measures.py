@@ -181,8 +181,13 @@ def _rise_body(places: MapPoints, read: GroundSamples, landing: LandingPoint) ->
 
 
 def true_azimuth(places: MapPoints, landing: LandingPoint) -> float:
-    """Degrees from the meridian of the first place to the direction of the second."""
+    """Degrees from the meridian of the first place to the direction of the second.
+
+    On a map that is not tied to the lander: from the north of its site.
+    """
     step = places[1] - places[0]
+    if landing.origin:
+        return math.degrees(math.atan2(*step)) % 360.0
     ahead = places[0] + step * (_STRETCH_M / np.hypot(*step))
     (lon, lon_on), (lat, lat_on) = lon_lat(landing, *np.stack([places[0], ahead], axis=1))
     across = (lon_on - lon) * math.cos(math.radians((lat + lat_on) / 2))

@@ -4,6 +4,7 @@
     http://www.opengis.net/def/crs/IAU/2015/49900    latitude, longitude: the order of that CRS
     {landing page}/crs/local                         metres east and north on the mission's map
 
+A map that is not tied to the lander has no longitude and latitude: all of it is in metres, `local`.
 All degrees are planetocentric on Mars. CRS84, which OGC API Features means by "no crs", is on the
 Earth and never claimed: the default has an address of its own, `{landing page}/crs/lon-lat`.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import math
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 import shapely
@@ -54,6 +56,24 @@ def crs_named(text: str | None, parameter: str, base: str) -> Crs:
     if text not in known:
         raise HTTPException(400, f"{parameter}={text} is none of {', '.join(known)}")
     return known[text]
+
+
+def spatial_extent(bounds: Bounds, landing: LandingPoint, base: str) -> dict[str, Any]:
+    """Where a collection is: in degrees, or in metres of a map that is not tied to the lander."""
+    if landing.origin:
+        return {"bbox": [list(bounds)], "crs": uri_of(Crs.LOCAL, base)}
+    return {"bbox": [list(degrees(bounds, landing))], "crs": uri_of(Crs.LON_LAT, base)}
+
+
+def crs_on(landing: LandingPoint, asked: Crs) -> Crs:
+    """The coordinate system to answer in, where the default is longitude and latitude.
+
+    Raises:
+        HTTPException: 400, degrees of a map that is not tied to the lander.
+    """
+    if landing.origin and asked is Crs.MARS:
+        raise HTTPException(400, f"this map has no degrees; {landing.name}: ask for crs/local")
+    return Crs.LOCAL if landing.origin else asked
 
 
 def transform_shapes(shapes: np.ndarray, crs: Crs, landing: LandingPoint) -> np.ndarray:

@@ -9,14 +9,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response
 from fastapi.responses import JSONResponse
 
-from solmap.gis_server.ogc.crs import Crs, area_of, bbox_of, crs_named, uri_of
+from solmap.gis_server.ogc.crs import (
+    Crs,
+    area_of,
+    bbox_of,
+    crs_named,
+    crs_on,
+    spatial_extent,
+    uri_of,
+)
 from solmap.gis_server.ogc.documents import (
     GEOJSON,
     HTML,
@@ -45,7 +53,6 @@ from solmap.products.errors import ProductNotFoundError
 from solmap.products.features.collections import BY_ID, COLLECTIONS, CollectionDefinition
 from solmap.products.features.index import Extent, IndexedFeature, Selection
 from solmap.products.features.mission_features import moment
-from solmap.products.reports.stac import degrees
 
 DEFAULT_LIMIT, MOST = 100, 10_000
 """Features of a page."""
@@ -80,6 +87,15 @@ class FeatureRequest:
     limit: int
     offset: int
     equal: Mapping[str, str]
+
+    def on(self, landing: LandingPoint) -> FeatureRequest:
+        """The same of a map: in its metres where it is not tied to the lander.
+
+        Raises:
+            HTTPException: 400, such a map is asked for in degrees.
+        """
+        crs, box_crs = crs_on(landing, self.crs), crs_on(landing, self.box_crs)
+        return replace(self, crs=crs, box_crs=box_crs)
 
     def selection(
         self, keys: list[str], landing: LandingPoint, extent: Extent, *, all_placed: bool
@@ -244,8 +260,7 @@ def collection(
     extent = services.features.index.extent(services.features.keys(known, mission.mission))
     parts: dict[str, Any] = {}
     if extent.bounds:
-        box = list(degrees(extent.bounds, mission.landing))
-        parts["spatial"] = {"bbox": [box], "crs": uri_of(Crs.LON_LAT, base)}
+        parts["spatial"] = spatial_extent(extent.bounds, mission.landing, base)
     if extent.times:
         parts["temporal"] = {"interval": [list(extent.times)]}
     files = (link("items", f"{here}/items?f={f}", MEDIA_TYPES[f], f"All as {f}") for f in FILES)
@@ -255,8 +270,8 @@ def collection(
         "description": known.description,
         "itemType": "feature",
         **({"extent": parts} if parts else {}),
-        "crs": [uri_of(crs, base) for crs in Crs],
-        "storageCrs": uri_of(Crs.MARS, base),
+        "crs": [uri_of(crs, base) for crs in ([Crs.LOCAL] if mission.landing.origin else Crs)],
+        "storageCrs": uri_of(Crs.LOCAL if mission.landing.origin else Crs.MARS, base),
         "solmap:geometry": known.geometry,
         "solmap:count": extent.count,
         "links": [
@@ -295,7 +310,7 @@ def items(
 ) -> Response:
     """The features of a collection: a page of them, or as a file all that meet the conditions."""
     entry = services.catalogue.mission(mission)
-    wanted = query.read(base, lambda: _fields(known, mission, services))
+    wanted = query.read(base, lambda: _fields(known, mission, services)).on(entry.landing)
     found, matched = _select(known, entry, services, wanted)
     page = _page(found, known, entry, wanted.crs, query.request)
     headers = {**AGAIN, "Content-Crs": f"<{uri_of(wanted.crs, base)}>"}
@@ -326,7 +341,7 @@ def item(
 ) -> Response:
     """One feature."""
     entry = services.catalogue.mission(mission)
-    wanted = query.read(base, dict)
+    wanted = query.read(base, dict).on(entry.landing)
     keys = services.features.keys(known, mission)
     one = services.features.index.find(keys, feature)
     if one is None:

@@ -90,10 +90,12 @@ def geojson(page: FeaturePage, members: dict[str, Any]) -> str:
     """A feature collection with further members, such as its links.
 
     Where the order is that of GeoJSON, a reader of plain files is told that these are degrees of
-    Mars, as in the files of the store.
+    Mars, or metres of a map that is not tied to the lander, as in the files of the store.
     """
-    named = {"crs": {"type": "name", "properties": {"name": MARS_URN}}}
-    head = {"type": "FeatureCollection", **(named if page.crs is Crs.LON_LAT else {}), **members}
+    name = local_crs(page.landing).to_wkt() if page.landing.origin else MARS_URN
+    is_named = page.crs is Crs.LON_LAT or bool(page.landing.origin)
+    named = {"crs": {"type": "name", "properties": {"name": name}}} if is_named else {}
+    head = {"type": "FeatureCollection", **named, **members}
     features = ",\n".join(feature_text(page))
     return f'{json.dumps(head)[:-1]},"features":[\n{features}]}}'
 

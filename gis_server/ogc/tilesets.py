@@ -12,7 +12,7 @@ import json
 import math
 from typing import Any
 
-from solmap.gis_server.ogc.crs import Crs, uri_of
+from solmap.gis_server.ogc.crs import Crs, spatial_extent, uri_of
 from solmap.gis_server.ogc.documents import JSON, Link, link
 from solmap.gis_server.rendering.styles import (
     DEFAULT,
@@ -26,7 +26,6 @@ from solmap.products.formats.raster.styles import (
 )
 from solmap.products.formats.raster.tiling import CELL_SIZES, tile_matrix_set, zoom_of
 from solmap.products.model import Layer
-from solmap.products.reports.stac import degrees
 
 _REL = "http://www.opengis.net/def/rel/ogc/1.0"
 TILING_SCHEME, TILESETS_MAP = f"{_REL}/tiling-scheme", f"{_REL}/tilesets-map"
@@ -63,11 +62,10 @@ def collection_document(layer: Layer, mission: MissionEntry, base: str) -> dict[
     here = f"{base}/collections/{collection_id(layer)}"
     place = f"{layer.ref.scope.name}/{layer.ref.kind}/{layer.ref.digest}"
     root = base.rsplit("/ogc/", 1)[0]
-    box = list(degrees(layer.bounds, mission.landing))
     return {
         "id": collection_id(layer),
         "title": layer.full_title,
-        "extent": {"spatial": {"bbox": [box], "crs": uri_of(Crs.LON_LAT, base)}},
+        "extent": {"spatial": spatial_extent(layer.bounds, mission.landing, base)},
         "crs": [uri_of(Crs.LOCAL, base)],
         "storageCrs": uri_of(Crs.LOCAL, base),
         "dataType": "map",

@@ -44,7 +44,7 @@ from solmap.gis_server.rendering.styles import DEFAULT, StyleQuery, UnknownStyle
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, Bounds
 from solmap.products.catalogue.catalogue import MissionEntry
-from solmap.products.crs import local_proj4
+from solmap.products.crs import crs_text
 from solmap.products.errors import OutsideCoverageError, ProductNotFoundError
 from solmap.products.formats.raster.tiling import (
     CELL_SIZES,
@@ -108,8 +108,9 @@ def _operations(root: ET.Element, address: str) -> None:
 def _layer(contents: ET.Element, layer: Layer, mission: MissionEntry, base: str) -> None:
     found = ET.SubElement(contents, f"{{{_WMTS}}}Layer")
     _ows(found, "Title", layer.full_title)
-    _box(found, "BoundingBox", layer.bounds, local_proj4(mission.landing))
-    _box(found, "WGS84BoundingBox", degrees(layer.bounds, mission.landing))  # degrees of Mars
+    _box(found, "BoundingBox", layer.bounds, crs_text(mission.landing))
+    if not mission.landing.origin:
+        _box(found, "WGS84BoundingBox", degrees(layer.bounds, mission.landing))  # degrees of Mars
     _ows(found, "Identifier", collection_id(layer))
     for name, style in styles_of(layer.ref.kind).items():
         one = ET.SubElement(
@@ -143,7 +144,7 @@ def _layer(contents: ET.Element, layer: Layer, mission: MissionEntry, base: str)
 def _tile_matrix_set(contents: ET.Element, mission: MissionEntry) -> None:
     found = ET.SubElement(contents, f"{{{_WMTS}}}TileMatrixSet")
     _ows(found, "Identifier", tms_id(mission.landing))
-    crs = local_proj4(mission.landing)
+    crs = crs_text(mission.landing)
     _box(found, "BoundingBox", EXTENT, crs)
     _ows(found, "SupportedCRS", crs)
     for zoom, cell_m in enumerate(CELL_SIZES):

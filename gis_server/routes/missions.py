@@ -47,9 +47,11 @@ _CACHED_STARTS = 2
 
 
 class Landing(BaseModel):
-    """Where the map is tied to Mars."""
+    """Where the map is tied to Mars; about where, of one that has another origin."""
 
     name: str
+    origin: str
+    """What the origin of a map is that is not tied to the lander; else empty."""
     longitude: float
     latitude: float
     radius_m: float
@@ -60,7 +62,8 @@ class LocalCrs(BaseModel):
     """The map's coordinate system, as WKT2 and for proj4js."""
 
     wkt: str
-    proj4: str
+    proj4: str | None
+    """None of a map that is not tied to the lander."""
 
 
 class TileMatrixSet(BaseModel):

@@ -2,12 +2,17 @@
 
 Left and right shutter fire together, so the frames of a pair have the same mission, instrument,
 motion counter, kind of product and geometry, and clocks within a second. Either eye may be a
-sub-frame: its camera model knows. One exposure often comes as several products; it is used once:
+sub-frame: its camera model knows. One exposure often comes as several products. It is one
+observation, so one of each eye and filter is used, also where there is no pair:
 
   - raw before linearised: the archive's linearisation has rows that correspond only nearly;
-  - then EDR (EFF, ESF, EDN), inverse-LUT (ILF, ISF, INN), radiometric, anything else;
-  - of these the first kind that both eyes have, the larger frames before sub-frames and averaged
-    ones, and of these the highest version of each.
+  - the larger frames before sub-frames and averaged ones;
+  - radiometrically corrected ones (RAD) first, then inverse-LUT (ILF, ISF, INN), EDR (EFF, ESF,
+    EDN), anything else, of a pair the first kind that both eyes have;
+  - of these the highest version of each.
+
+Images of one exposure that do not show each other's middle, such as tiles, are observations of
+their own.
 
 Filters of a pair must see one band (Pancam L2 with R2, L7 with R1). Whatever is left over is named
 with its reason.
@@ -20,14 +25,19 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+import numpy as np
+
 from solmap.photogrammetry.archive.missions import mission_of_host
 from solmap.photogrammetry.imagery import Eye, RoverImage, StereoPair
 
 MAX_CLOCK_DIFFERENCE = 1.0
 """Seconds; the shutters of flight pairs open within the same millisecond."""
 
-PRODUCT_ORDER = ("EFF", "EDR", "ILF", "ILT", "RAD", "MRD", "RSD")
-"""From the least to the most processed."""
+PRODUCT_ORDER = (
+    *("RAD", "MRD", "RSD", "RFD", "IOF", "IFF", "CCD", "CFD"),  # radiometrically corrected
+    *("ILF", "ILT", "EFF", "EDR"),
+)
+"""From the first to the last that is taken for matching."""
 
 FULL_FRAME = {"ESF": "EFF", "EDN": "EFF", "ISF": "ILF", "INN": "ILF", "SFL": "FFL", "DNL": "FFL"}
 """Sub-framed and down-sampled products, and the full-frame product of the same kind."""
@@ -43,29 +53,40 @@ class StereoPairing:
     pairs: tuple[StereoPair, ...]
     unpaired: dict[str, str]
     """Image id -> reason."""
+    repeats: dict[str, str]
+    """Image id -> id of the image of the same exposure that is used instead."""
 
 
 def find_stereo_pairs(images: Sequence[RoverImage]) -> StereoPairing:
     """Put the frames of an exposure together."""
     pairs: list[StereoPair] = []
     unpaired: dict[str, str] = {}
+    repeats: dict[str, str] = {}
     by_clock: dict[int, list[RoverImage]] = defaultdict(list)
     for image in images:
         by_clock[int(image.clock // MAX_CLOCK_DIFFERENCE)].append(image)
     for exposure in _exposures(images):
         pair = _best_pair(exposure)
-        if pair is not None:
-            pairs.append(pair)
-        for image in exposure:
-            if pair is None:
-                unpaired[image.id] = _why_alone(image, _around(image, by_clock))
-            elif image.id not in {pair.left.id, pair.right.id}:
-                unpaired[image.id] = _why_not_used(image, pair)
+        used = [] if pair is None else [pair.left, pair.right]
+        pairs += [] if pair is None else [pair]
+        for image in sorted(exposure, key=_rank):
+            if any(image is one for one in used):
+                continue
+            better = next((one for one in used if _is_same_observation(image, one)), None)
+            if better is not None:
+                repeats[image.id] = better.id
+                unpaired[image.id] = (
+                    f"{better.product_type} {better.id} of the same exposure is used instead"
+                )
+            else:
+                used.append(image)
+                near = _around(image, by_clock) if pair is None else (pair.left, pair.right)
+                unpaired[image.id] = _why_alone(image, near)
     pairs.sort(key=lambda pair: (pair.left.clock, pair.left.id))
     paired = {image.id for pair in pairs for image in (pair.left, pair.right)}
-    return StereoPairing(
-        tuple(pairs), {key: why for key, why in unpaired.items() if key not in paired}
-    )
+    unpaired = {key: why for key, why in unpaired.items() if key not in paired}
+    repeats = {key: better for key, better in repeats.items() if key in unpaired}
+    return StereoPairing(tuple(pairs), unpaired, repeats)
 
 
 def _around(image: RoverImage, by_clock: Mapping[int, list[RoverImage]]) -> list[RoverImage]:
@@ -119,12 +140,21 @@ def _best_pair(exposure: Sequence[RoverImage]) -> StereoPair | None:
 
 
 def _preference(left: RoverImage, right: RoverImage) -> tuple[object, ...]:
-    kind = _kind(left)
-    order = PRODUCT_ORDER.index(kind) if kind in PRODUCT_ORDER else len(PRODUCT_ORDER)
     size = left.lines * left.samples + right.lines * right.samples
     newest = (-_version(left), -_version(right))
     apart = abs(left.clock - right.clock)
-    return left.is_linearised, order, kind, -size, apart, newest, left.id, right.id
+    return left.is_linearised, -size, *_order(left), apart, newest, left.id, right.id
+
+
+def _rank(image: RoverImage) -> tuple[object, ...]:
+    """The same of an image alone."""
+    size = image.lines * image.samples
+    return image.is_linearised, -size, *_order(image), -_version(image), image.id
+
+
+def _order(image: RoverImage) -> tuple[int, str]:
+    kind = _kind(image)
+    return PRODUCT_ORDER.index(kind) if kind in PRODUCT_ORDER else len(PRODUCT_ORDER), kind
 
 
 def _kind(image: RoverImage) -> str:
@@ -153,16 +183,17 @@ def _allowed_filters(
     return mission.stereo_filters if mission else {}
 
 
-def _why_not_used(image: RoverImage, pair: StereoPair) -> str:
-    """Why a frame of an exposure that makes a pair is not in it."""
-    used = pair.left if image.eye is Eye.LEFT else pair.right
-    if image.eye is not Eye.MONO and _same_band(image, used):
-        return f"{used.product_type} {used.id} of the same exposure is used instead"
-    return _why_alone(image, (image, pair.left, pair.right))
+def _is_same_observation(image: RoverImage, other: RoverImage) -> bool:
+    """Whether images of one exposure show the same scene, one the middle of the other at least."""
+    if (image.eye, image.filter_number) != (other.eye, other.filter_number):
+        return False
+    return _shows_middle(image, other) or _shows_middle(other, image)
 
 
-def _same_band(first: RoverImage, second: RoverImage) -> bool:
-    return first.eye is second.eye and first.filter_number == second.filter_number
+def _shows_middle(image: RoverImage, other: RoverImage) -> bool:
+    middle = np.array([[(other.samples - 1) / 2, (other.lines - 1) / 2]])
+    sample, line = image.camera.project(other.camera.centre + other.camera.rays(middle))[0]
+    return bool(0 <= sample < image.samples and 0 <= line < image.lines)
 
 
 def _why_alone(image: RoverImage, images: Sequence[RoverImage]) -> str:

@@ -1,15 +1,16 @@
-"""Stops whose telemetry cannot be true: beside their neighbours, on their own, or by their images.
+"""Stops and images whose telemetry cannot be true.
 
 A label can be well-formed and still place its rover kilometres from where it stood, by a damaged
 field or a frame that was mixed up. One such stop in a network stretches the map, the links and
-every figure of the mission, so it is set aside with its reason until its files are corrected.
+every figure of the mission, so it gets a map of its own until its files are corrected.
 
 The limits are physical and wide: whatever a rover can do stays far inside, so no slip of the
 wheels, gap in what was delivered or change of the site frame comes near them.
 
 Stops that contradict each other are told apart by number: the most stops that agree, each with
 the next, are kept. Where the numbers are equal, those nearest to the origin are, for an error of a
-coordinate nearly always makes it larger. Images of one stop are told apart in the same way first.
+coordinate nearly always makes it larger. Images of one stop are told apart first: most of them
+count, or, where none are most, those that agree with the first that was taken.
 """
 
 from __future__ import annotations
@@ -52,12 +53,10 @@ class TelemetryStop:
     lsl_from_rover: Pose
     sols: tuple[int, ...]
     """On which images were taken there, ascending."""
-    site_from_rover: tuple[Pose, ...] = ()
-    """What the label of each image says."""
 
 
 def implausible_stops(stops: Sequence[TelemetryStop]) -> dict[StopId, str]:
-    """The stops that are to be set aside, and why; `stops` are in the order of the traverse."""
+    """The stops that cannot be where they are, and why; `stops` in the order of the traverse."""
     reasons = {one.stop: reason for one in stops if (reason := _own_reason(one))}
     left = [one for one in stops if one.stop not in reasons]
     kept = np.flatnonzero(_largest_agreeing(left))
@@ -67,45 +66,41 @@ def implausible_stops(stops: Sequence[TelemetryStop]) -> dict[StopId, str]:
     return reasons
 
 
-def strays(poses: Sequence[Pose]) -> Flags:
-    """Which images of a stop place the rover elsewhere, or turned, than most of them do.
+def strays(poses: Sequence[Pose]) -> list[str | None]:
+    """Why the label of each image of a stop cannot be true; None of those that can.
 
-    None, where those that differ are not fewer than the others: then nothing says which are right.
+    Args:
+        poses: Of the rover in its site, by the images in the order in which they were taken.
     """
+    tilts_deg = [np.degrees(np.arccos(np.clip(pose.rotation[2, 2], -1.0, 1.0))) for pose in poses]
     values = np.array([[*pose.translation_m, *pose.rotation.ravel()] for pose in poses])
     limits = np.repeat([MOST_APART_M, MOST_TURN], [3, 9])
-    differ = (np.abs(values - np.median(values, axis=0)) > limits).any(axis=1)
-    return differ if 2 * differ.sum() < len(poses) else np.zeros(len(poses), dtype=bool)
+    upright = np.array(tilts_deg) <= MOST_TILT_DEG
+    differ = np.zeros(len(poses), dtype=bool)
+    if upright.any():
+        differ = (np.abs(values - np.median(values[upright], axis=0)) > limits).any(axis=1)
+        if 2 * differ[upright].sum() >= upright.sum():
+            differ = (np.abs(values - values[upright][0]) > limits).any(axis=1)
+    return [
+        f"it has the rover tilted by {tilt_deg:.0f} degrees, which lies on its side beyond "
+        f"{MOST_TILT_DEG:.0f}"
+        if not tilt_deg <= MOST_TILT_DEG
+        else "it places the rover elsewhere than most images of the stop, or the first, do"
+        if is_elsewhere
+        else None
+        for tilt_deg, is_elsewhere in zip(tilts_deg, differ, strict=True)
+    ]
 
 
 def _own_reason(one: TelemetryStop) -> str | None:
     """Why a stop cannot be true whatever its neighbours are."""
     away_m = float(np.abs(one.lsl_from_rover.translation_m).max())
-    if not away_m <= MOST_FROM_ORIGIN_M:
-        return (
-            f"telemetry has it {away_m:.4g} m from the origin of the map; no rover has driven "
-            f"{MOST_FROM_ORIGIN_M / 1000:.0f} km"
-        )
-    tilt_deg = float(np.degrees(np.arccos(np.clip(one.lsl_from_rover.rotation[2, 2], -1.0, 1.0))))
-    if not tilt_deg <= MOST_TILT_DEG:
-        return (
-            f"telemetry has the rover tilted by {tilt_deg:.0f} degrees; beyond "
-            f"{MOST_TILT_DEG:.0f} it would lie on its side"
-        )
-    apart_m = _spread_m(one.site_from_rover)
-    if not apart_m <= MOST_APART_M:
-        return (
-            f"the labels of its images place the rover up to {apart_m:.4g} m apart; within "
-            f"{MOST_APART_M:.0f} m they would be of one stop"
-        )
-    return None
-
-
-def _spread_m(poses: Sequence[Pose]) -> float:
-    """How far apart poses of one frame lie, along the axis where it is most."""
-    if not poses:
-        return 0.0
-    return float(np.ptp([pose.translation_m for pose in poses], axis=0).max())
+    if away_m <= MOST_FROM_ORIGIN_M:
+        return None
+    return (
+        f"telemetry has it {away_m:.4g} m from the origin of the map; no rover has driven "
+        f"{MOST_FROM_ORIGIN_M / 1000:.0f} km"
+    )
 
 
 def _largest_agreeing(stops: Sequence[TelemetryStop]) -> Flags:

@@ -44,18 +44,23 @@ from solmap.products.catalogue.events import (
 )
 from solmap.products.crs import LandingPoint
 from solmap.products.errors import ProductError, ProductNotFoundError
-from solmap.products.model import Layer, ProductKind, ProductRef, Scope, ScopeLevel
+from solmap.products.model import Layer, ProductKind, ProductRef, Scope, ScopeLevel, mission_of
 
 
 @dataclass(frozen=True, slots=True)
 class MissionEntry:
-    """A rover whose images are in the store, and where its map lies on Mars."""
+    """A map of a rover whose images are in the store, and where it lies on Mars.
+
+    What is tied to the lander is on the map that bears the name of the mission; every other group
+    of sites has a map of its own (`products.model.untied_map`).
+    """
 
     mission: str
+    """Name of the map."""
     title: str
     landing: LandingPoint
     lsl_note: str | None
-    """Set when the chain of sites does not reach the lander and the LSL starts elsewhere."""
+    """What ties the map to the lander, where nothing does yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +69,7 @@ class ImageEntry:
 
     id: str
     mission: str
+    """Name of the map that its stop is on: as `MissionEntry` has it."""
     stop: str
     site: int
     drive: int
@@ -87,11 +93,14 @@ class ImageEntry:
     """What is peculiar about its pixels, a line each."""
     created: str | None = None
     """When its file was made on Earth, as its label says."""
+    repeats: str | None = None
+    """The image of the same exposure that is used instead of this one: they differ in processing,
+    version or size, and are one observation."""
 
     @property
     def stop_id(self) -> StopId:
         """The stop that it was taken at; `stop` is its name."""
-        return StopId(self.mission, self.site, self.drive)
+        return StopId(mission_of(self.mission), self.site, self.drive)
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,8 +214,15 @@ class Catalogue:
             return image_entry(row)
         raise ProductNotFoundError(f"no image {image_id!r} has been ingested")
 
+    def maps_of(self, mission: str) -> list[str]:
+        """The names of all maps of a mission that have images, by name."""
+        query = sa.select(IMAGES.c.mission).distinct().order_by(IMAGES.c.mission)
+        with self.engine.connect() as connection:
+            names = connection.execute(query).scalars()
+            return [name for name in names if mission_of(name) == mission]
+
     def images_version(self, mission: str) -> str:
-        """Changes whenever an image of a mission is ingested, anew or for the first time."""
+        """Changes whenever an image on a map is ingested, anew or for the first time."""
         query = sa.select(sa.func.count()).select_from(IMAGES).where(IMAGES.c.mission == mission)
         with self.engine.connect() as connection:
             count = connection.execute(query).scalar_one()
@@ -332,6 +348,12 @@ class Catalogue:
             _withdraw(connection, layers)
             for ref in pointers:
                 connection.execute(LATEST.delete().where(_is_latest(ref)))
+
+    def forget_map(self, name: str) -> None:
+        """Forget a map on which no image is any more."""
+        with write_transaction(self.engine) as connection:
+            if connection.execute(MISSIONS.delete().where(MISSIONS.c.mission == name)).rowcount:
+                append(connection, MISSION_CHANGED, {"mission": name})
 
     def _documents(self, query: sa.Select[Any]) -> list[dict[str, Any]]:
         with self.engine.connect() as connection:

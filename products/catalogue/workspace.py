@@ -9,6 +9,7 @@ from pathlib import Path
 
 from solmap.products.catalogue import turns
 from solmap.products.catalogue.catalogue import Catalogue
+from solmap.products.model import mission_of
 from solmap.products.store.backends import ObjectStorage
 from solmap.products.store.product_store import ProductStore
 
@@ -38,8 +39,9 @@ class Workspace:
     def mission_turn(
         self, mission: str, on_wait: Callable[[], None] = lambda: None
     ) -> AbstractContextManager[None]:
-        """Change a mission alone; `on_wait` is called once where another run does."""
-        return turns.mission_turn(self.store.root, self.catalogue.engine, mission, on_wait)
+        """Change a mission, all of its maps, alone; `on_wait` is called where another run does."""
+        name = mission_of(mission)
+        return turns.mission_turn(self.store.root, self.catalogue.engine, name, on_wait)
 
     def maintenance_turn(self, what: str) -> AbstractContextManager[None]:
         """Work on it alone; `what` is asked for again later where others work on it.

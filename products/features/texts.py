@@ -19,7 +19,7 @@ import numpy as np
 from cachetools import LRUCache, cached
 
 from solmap.photogrammetry.terrain.dtm.grid import Bounds
-from solmap.products.crs import local_proj4
+from solmap.products.crs import crs_text
 from solmap.products.formats.vector.geojson import PlacedFeatures, read_placed
 
 _KEPT, _LEAST = 150_000_000, 1_000_000
@@ -54,7 +54,7 @@ class FeatureTexts:
         """GeoJSON in local metres of some features, or of all."""
         if numbers is None:
             numbers = range(len(self.texts))
-        crs = json.dumps(local_proj4(self.placed.landing))
+        crs = json.dumps(crs_text(self.placed.landing))
         head = f'{{"type":"FeatureCollection","solmap:crs":{crs},"features":['
         return head.encode() + b",".join(self._text(number) for number in numbers) + b"]}"
 

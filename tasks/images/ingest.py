@@ -27,6 +27,7 @@ import cv2
 
 from solmap.photogrammetry.archive.images.radiometry import PixelState, Radiometry
 from solmap.photogrammetry.archive.images.reading import ReadImage, describe_image, read_image
+from solmap.photogrammetry.archive.missions import mission_id
 from solmap.photogrammetry.archive.partners import find_stereo_pairs
 from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file
 from solmap.photogrammetry.errors import PhotogrammetryError, PixelError
@@ -59,6 +60,7 @@ from solmap.tasks.images.files import (
     write_bytes,
 )
 from solmap.tasks.images.manual_ties import take_manual_ties
+from solmap.tasks.images.telemetry import read_vector_file
 from solmap.tasks.scopes import image_scope, region_scope
 from solmap.tasks.stage import stage
 
@@ -130,7 +132,10 @@ class Intake:
             self.store.make(recipe, lambda draft: write_bytes(draft, data))
             self.store.make(browse, lambda draft: _write_browse(draft, image))
             notes = image.notes
-        return TakenImage(name, record, _entry(record, described.state, file, browse.ref, notes))
+        entry = _entry(record, described.state, file, browse.ref, notes)
+        if before is not None and before.stop == entry.stop:
+            entry = replace(entry, mission=before.mission)  # on the map that it is on
+        return TakenImage(name, record, entry)
 
     def tables_for(self, mission: str, state: PixelState) -> ProductRef | None:
         """The product of what pixels in a state are read with; None where that is nothing."""
@@ -144,7 +149,7 @@ class Intake:
     def is_read_otherwise(self, entry: ImageEntry) -> bool:
         """Whether a known image is read with other tables now than when it was taken."""
         state = PixelState(entry.code, entry.darkened_by)
-        return self.tables_for(entry.mission, state) != entry.radiometry
+        return self.tables_for(entry.stop_id.mission, state) != entry.radiometry
 
     def _read(self, name: str, data: bytes, mission: str) -> ReadImage:
         image = read_image(data, name, radiometry=self._of(mission))
@@ -236,11 +241,8 @@ class Delivery:
     faults: tuple[Outcome, ...]
     """Files that could not be taken or do not count, and why."""
     files: int
-
-    @property
-    def missions(self) -> tuple[str, ...]:
-        """The missions of its images, in the order they came."""
-        return tuple(dict.fromkeys(image.stop.mission for image in self.images))
+    missions: tuple[str, ...]
+    """Those of its images, in the order they came, and those of its vector files."""
 
 
 @stage(task_run_name="ingest-{downlink}")
@@ -272,11 +274,18 @@ def ingest_downlink(
     delivered = list(images)
     images += [one for one in anew if isinstance(one, TakenImage)]
     faults += [one for one in anew if isinstance(one, Outcome)]
-    refused = _publish(
-        images, [one for one in taken if isinstance(one, ProductRef)], faults, workspace
-    )
+    kept = [one for one in taken if isinstance(one, ProductRef)]
+    refused = _publish(images, kept, faults, workspace)
     records = tuple(one.record for one in delivered if one.file_name not in refused)
-    return Delivery(records, (*faults, *refused.values()), len(files))
+    missions = [record.stop.mission for record in records]
+    missions += [
+        mission_id(read_vector_file(ref, workspace).mission)
+        for ref in kept
+        if ref.kind is ProductKind.VECTORS
+    ]
+    return Delivery(
+        records, (*faults, *refused.values()), len(files), tuple(dict.fromkeys(missions))
+    )
 
 
 def _subjects(files: Sequence[Path], downlink: Path) -> dict[Path, str]:
@@ -314,7 +323,8 @@ def _take_file(path: Path, name: str, downlink: Path, intake: Intake) -> Taken:
     if path.suffix.lower() in VECTOR_SUFFIXES:
         data = read_user_file(path, downlink, most_bytes=MAX_ROWS_BYTES)
         parse_vector_file(data.decode("utf-8", "replace"), name)  # refuses what is broken
-        return keep_file(ProductKind.VECTORS, name, data, intake.store)
+        digest = ContentDigest.of(data).sha256[:8]  # files of one name add to each other
+        return keep_file(ProductKind.VECTORS, f"{name}-{digest}", data, intake.store)
     if is_manual_tie_file(path.name):
         data = read_user_file(path, downlink, most_bytes=MAX_ROWS_BYTES)
         return take_manual_ties(name, data, intake.store)
@@ -411,6 +421,7 @@ def _pair_entries(images: Sequence[TakenImage], workspace: Workspace) -> list[Im
             entry,
             partner=partners.get(entry.id),
             unpaired_because=pairing.unpaired.get(entry.id),
+            repeats=pairing.repeats.get(entry.id),
         )
         for entry in by_id.values()
     ]

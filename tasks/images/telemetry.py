@@ -7,18 +7,22 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from solmap.photogrammetry.adjustment.model.network import StopPrior
+from solmap.photogrammetry.archive.missions import mission_id
 from solmap.photogrammetry.archive.tables.vector_files import (
+    LslTree,
     VectorFile,
-    best_poses,
     lsl_tree,
     parse_vector_file,
+    ranked,
 )
 from solmap.photogrammetry.errors import FrameError, VectorFileError
-from solmap.photogrammetry.frames import LSL, FrameKind, FrameTree, Pose, site_frame
+from solmap.photogrammetry.frames import LSL, FrameKind, FrameTree, Pose, rover_frame, site_frame
 from solmap.photogrammetry.imagery import RoverImage, StopId
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.model import ProductKind, ProductRef
+from solmap.products.model import ProductKind, ProductRef, mission_of
 
 log = logging.getLogger(__name__)
 
@@ -31,10 +35,10 @@ class Telemetry:
     first_clocks: Mapping[StopId, float]
     """Spacecraft clock of the first image of each of them, seconds."""
     tree: FrameTree
-    note: str | None
-    """Says so when the LSL is not the lander's."""
+    origins: Mapping[int, int]
+    """The lowest site of its group, by site: 0 of all that are tied to the lander."""
     unplaced: Mapping[StopId, str]
-    """Stops that cannot be put on the map, and why: no chain joins their sites to the LSL."""
+    """Stops that are not on this map, and why: no chain joins their sites to the LSL."""
 
     def stop(self, stop: StopId) -> StopPrior:
         """The telemetry of one stop.
@@ -47,45 +51,37 @@ class Telemetry:
                 return known
         raise FrameError(self.unplaced.get(stop, f"{stop} is not known"))
 
-    def without(self, stops: Mapping[StopId, str]) -> Telemetry:
-        """The same with some stops set aside, by name and reason."""
-        return replace(
-            self,
-            stops=tuple(known for known in self.stops if known.stop not in stops),
-            first_clocks={k: at for k, at in self.first_clocks.items() if k not in stops},
-            unplaced={
-                **self.unplaced,
-                **{stop: _why_aside(stop, reason) for stop, reason in stops.items()},
-            },
+    def until(self, sol: int) -> Telemetry:
+        """The same without the stops and sols after one."""
+        stops = tuple(
+            replace(known, sols=tuple(day for day in known.sols if day <= sol))
+            for known in self.stops
+            if known.sols[0] <= sol
         )
+        clocks = {known.stop: self.first_clocks[known.stop] for known in stops}
+        return replace(self, stops=stops, first_clocks=clocks)
 
 
-def _why_unplaced(stop: StopId) -> str:
-    return (
-        f"{stop} is not on the map: no chain of sites joins site {stop.site} to the LSL; "
-        "deliver the site vector file (.svf) that does"
-    )
-
-
-def _why_aside(stop: StopId, reason: str) -> str:
-    return f"{stop} is not on the map: {reason}; deliver labels or a site vector file that mend it"
-
-
-def read_telemetry(images: Sequence[RoverImage], vector_files: Sequence[VectorFile]) -> Telemetry:
-    """Chain the labels' rover poses through the site vector files into the LSL.
+def read_telemetry(
+    images: Sequence[RoverImage], vector_files: Sequence[VectorFile], origin: tuple[int, ...] = ()
+) -> Telemetry:
+    """Chain the labels' rover poses through the vector files into the LSL of one group of sites.
 
     The rover's pose in its site comes from the label of the first image of the stop; chains between
     sites come from the vector files and, for sites they leave out, from labels that say where their
-    site lies in another one of the traverse (those of MER do not).
+    site lies in another one of the traverse (those of MER do not). Where vector files place the
+    rover in another site (a PLACES table in site 0), that ties its site where nothing else does.
+
+    Args:
+        images: Of one mission.
+        vector_files: Of the same.
+        origin: (site,) whose frame the LSL is, as `origin_of` a map gives it; the lander's, or
+            that of the lowest site, by default. (site, drive): the LSL is level at that stop.
     """
     by_stop: dict[StopId, list[RoverImage]] = defaultdict(list)
-    for image in sorted(images, key=lambda image: image.clock):
+    for image in sorted(images, key=lambda image: (image.clock, image.id)):
         by_stop[image.stop].append(image)
-    rovers = [taken[0].site_from_rover for taken in by_stop.values()]
-    chain = [pose for pose in best_poses(vector_files) if pose.source.kind is not FrameKind.ROVER]
-    sites = {stop.site for stop in by_stop}
-    declared = _declared_sites(images, chain, sites)
-    lsl = lsl_tree([*declared, *chain, *rovers], sites=sites)
+    lsl = _tree(by_stop, vector_files, origin)
     placed, loose = [], []
     for stop, taken in by_stop.items():
         try:
@@ -103,8 +99,35 @@ def read_telemetry(images: Sequence[RoverImage], vector_files: Sequence[VectorFi
         )
     placed.sort(key=lambda known: (known.stop.site, known.stop.drive))
     clocks = {known.stop: by_stop[known.stop][0].clock for known in placed}
-    unplaced = {stop: _why_unplaced(stop) for stop in sorted(loose)}
-    return Telemetry(tuple(placed), clocks, lsl.tree, lsl.note, unplaced)
+    unplaced = {
+        stop: f"{stop} is not on this map: no chain of sites joins site {stop.site} to its origin"
+        for stop in sorted(loose)
+    }
+    return Telemetry(tuple(placed), clocks, lsl.tree, lsl.origins, unplaced)
+
+
+def _tree(
+    by_stop: Mapping[StopId, Sequence[RoverImage]],
+    vector_files: Sequence[VectorFile],
+    origin: tuple[int, ...],
+) -> LslTree:
+    rovers = [taken[0].site_from_rover for taken in by_stop.values()]
+    sites = {stop.site for stop in by_stop}
+    if len(origin) > 1:
+        site, rover = site_frame(origin[0]), rover_frame(*origin)
+        of_stop = [pose for pose in rovers if pose.source == rover]
+        level = Pose(LSL, site, np.eye(3), -of_stop[0].translation_m)
+        return LslTree(FrameTree().with_poses([*of_stop, level]), origin[0], {})
+    stated, known = ranked(vector_files), {pose.source for pose in rovers}
+    of_sites = [one.pose for one in stated if one.kind is FrameKind.SITE]
+    elsewhere = [
+        one.pose for one in stated if one.frame in known and one.reference_site != one.counter[0]
+    ]
+    chain = {pose.source: pose for pose in reversed(of_sites)}.values()
+    images = [image for taken in by_stop.values() for image in taken]
+    declared = _declared_sites(images, [*chain], sites)
+    given = [*chain, *declared, *rovers, *of_sites, *elsewhere]
+    return lsl_tree(given, sites, *origin)
 
 
 def _declared_sites(
@@ -112,7 +135,7 @@ def _declared_sites(
 ) -> list[Pose]:
     """Sites placed by labels in another site that is known, where no vector file places them."""
     placed = {pose.source for pose in chain}
-    known = {site_frame(site) for site in sites} | placed | {pose.target for pose in chain}
+    known = {site_frame(site) for site in {0, *sites}} | placed | {pose.target for pose in chain}
     by_site = {
         image.parent_from_site.source: image.parent_from_site
         for image in sorted(images, key=lambda image: image.clock, reverse=True)
@@ -122,14 +145,14 @@ def _declared_sites(
 
 
 def vector_files(mission: str, workspace: Workspace) -> list[VectorFile]:
-    """The vector files of a mission that were delivered, the latest of each name."""
+    """The vector files of a mission that were delivered."""
     files: list[VectorFile] = []
     for ref in workspace.catalogue.pointers(ProductKind.VECTORS):
         try:
             files.append(read_vector_file(ref, workspace))
         except VectorFileError as error:  # an earlier version took it
             log.warning("%s is left out: %s", ref.scope, error)
-    return [file for file in files if file.mission.upper() == mission]
+    return [file for file in files if mission_id(file.mission) == mission_of(mission)]
 
 
 def read_vector_file(ref: ProductRef, workspace: Workspace) -> VectorFile:

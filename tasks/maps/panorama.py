@@ -28,6 +28,7 @@ from solmap.photogrammetry.terrain.orthophoto.panorama_seams import registration
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.images import ImageFile, image_file, image_record, read_product_image
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.crs import LandingPoint
 from solmap.products.formats.documents.archives import read_matches, read_right_turn
 from solmap.products.formats.raster.panorama import (
     Ground,
@@ -85,7 +86,8 @@ def oriented_frames(
     known = {orientation.pair_id: orientation for orientation in orientations}
     kept: list[RoverImage] = []
     frames = []
-    for entry in sorted(entries, key=lambda entry: (entry.partner is None, entry.id)):
+    once = (entry for entry in entries if entry.repeats is None)
+    for entry in sorted(once, key=lambda entry: (entry.partner is None, entry.id)):
         pair = entry.id if entry.partner is None or entry.eye == Eye.LEFT else entry.partner
         if entry.instrument not in ON_THE_MAST or entry.eye != eye or pair not in known:
             continue
@@ -104,11 +106,13 @@ def draw_panorama(
     frames: tuple[OrientedFrame, ...],
     dtm: ProductRef | None,
     params: PanoramaParams,
+    landing: LandingPoint,
     store: ProductStore,
 ) -> tuple[ProductRef, ProductRef]:
     """Draw the panorama of a stop; beside it, how far the ground is in every direction."""
     inputs = (*((dtm,) if dtm else ()), *(ref for frame in frames for ref in frame.inputs))
-    known = (params, tuple(frame.orientation for frame in frames))
+    known = (params, landing, tuple(frame.orientation for frame in frames))
+    origin = {"ORIGIN": landing.name} if landing.origin else {}
     picture, ground = (
         Recipe(kind, stop_scope(stop), inputs, known)
         for kind in (ProductKind.PANORAMA, ProductKind.PANORAMA_GROUND)
@@ -121,14 +125,17 @@ def draw_panorama(
 
     def write_picture(path: Path) -> None:
         made, distances = prepare()
-        pieces, tags = brightness_blocks(made.blocks(), distances), raster_tags(picture, store)
+        pieces, tags = (
+            brightness_blocks(made.blocks(), distances),
+            raster_tags(picture, store) | origin,
+        )
         write_panorama(path, made, pieces, registration(made), ground.ref.digest, tags)
 
     def write_ground(path: Path) -> None:
         made, distances = prepare()
         if not np.isfinite(distances[1]).any():  # the picture was there already
             deque(brightness_blocks(made.blocks(), distances), maxlen=0)
-        write_panorama_ground(path, made, distances, raster_tags(ground, store))
+        write_panorama_ground(path, made, distances, raster_tags(ground, store) | origin)
 
     return store.make(picture, write_picture), store.make(ground, write_ground)
 

@@ -27,7 +27,7 @@ from solmap.products.errors import ProductError, cause_of
 from solmap.products.formats.documents.control import control_product, read_control
 from solmap.products.formats.documents.control_files import ControlRow, parse_control
 from solmap.products.formats.documents.network import read_network, whole_network
-from solmap.products.model import ProductKind, ProductRef, Recipe
+from solmap.products.model import ProductKind, ProductRef, Recipe, mission_of
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.files import keep_file, write_bytes
 from solmap.tasks.mission.orbital import (
@@ -171,7 +171,7 @@ def take_control(
     standing = whole_network(network, store)
     mission, adjusted = standing.mission, standing.adjusted
     try:
-        rows = parse_control(data.decode("utf-8"), mission, name)
+        rows = parse_control(data.decode("utf-8"), mission_of(mission), name)
     except UnicodeDecodeError as error:
         raise AdjustmentError(f"{name}: control is text in UTF-8, but {error}") from error
     found = [_control_of_row(row, adjusted, params, landing, name) for row in rows]
@@ -229,4 +229,4 @@ def control_of(mission: str, workspace: Workspace) -> tuple[ProductRef, ...]:
 def holds_control_of(ref: ProductRef, mission: str, store: ProductStore) -> bool:
     """Whether the stops that control is of are of a mission, or there are none any more."""
     _, control = read_control(ref, store)
-    return not control or control[0].stop.mission == mission
+    return not control or control[0].stop.mission == mission_of(mission)

@@ -35,7 +35,14 @@ from solmap.products.formats.documents.network import (
 )
 from solmap.products.formats.vector.geojson import Feature, FeatureCollection
 from solmap.products.formats.vector.geopackage import write_geopackage
-from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
+from solmap.products.model import (
+    ProductKind,
+    ProductRef,
+    Recipe,
+    Scope,
+    ScopeLevel,
+    mission_of,
+)
 from solmap.products.reports.network_figures import SIGMAS, png, svg, traverse_figure
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.telemetry import Telemetry
@@ -209,7 +216,8 @@ def site_vectors(mission: str, frames: SiteFrames) -> str:
         for site, pose in frames.lsl_from_site.items()
         if site != frames.origin
     ]
-    return vector_text(VectorFile("", mission, "svf", ("telemetry",), tuple(solutions)))
+    name = mission_of(mission)
+    return vector_text(VectorFile("", name, "svf", ("telemetry",), tuple(solutions)))
 
 
 def rover_vectors(product: NetworkProduct, site: int, lsl_from_site: Pose) -> str:
@@ -226,7 +234,8 @@ def rover_vectors(product: NetworkProduct, site: int, lsl_from_site: Pose) -> st
         if stop.stop.site == site
     ]
     priority = ("adjusted", "telemetry")
-    return vector_text(VectorFile("", product.mission, "rvf", priority, tuple(solutions)))
+    mission = mission_of(product.mission)
+    return vector_text(VectorFile("", mission, "rvf", priority, tuple(solutions)))
 
 
 def _solution(

@@ -51,7 +51,7 @@ def draw_vectors(
     """Draw the vector layers of a mission from its network and images."""
     read = _Reading(network, entries, workspace)
     images = tuple(entry.ref for entry in entries)
-    pairing = tuple((entry.partner, entry.unpaired_because) for entry in entries)
+    pairing = tuple((entry.partner, entry.unpaired_because, entry.repeats) for entry in entries)
     made = []
     for kind, inputs, extra, features in (
         (ProductKind.TRAVERSE, (), None, lambda: traverse_features(read.network)),
@@ -88,6 +88,8 @@ class _Reading:
         poses = {stop.stop: stop.lsl_from_rover for stop in self.network.adjusted.stops}
         pointings = {pair.pair_id: pair.pointing for pair in self.network.adjusted.pairs}
         for entry in self._entries:
+            if entry.repeats is not None:  # drawn with the image that is used
+                continue
             try:
                 image = image_record(entry, self._workspace)
                 if image.stop not in poses:

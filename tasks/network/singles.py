@@ -72,13 +72,14 @@ def singles_of(entries: Iterable[ImageEntry]) -> dict[StopId, tuple[SingleFile, 
 
 
 def drop_repeats(entries: Iterable[ImageEntry], workspace: Workspace) -> list[ImageEntry]:
-    """The images without those unpaired ones that only repeat a view, through another filter.
+    """The images without those unpaired ones that repeat an exposure, or a view by another filter.
 
     Frames of one pointing share the mast's error, which the pair among them tells, and have no
     base between them: their ties would be many and say nothing. Of unpaired ones alone one stays.
     """
     kept: list[ImageEntry] = []
-    for entry in sorted(entries, key=lambda entry: (entry.partner is None, entry.id)):
+    once = (entry for entry in entries if entry.repeats is None)
+    for entry in sorted(once, key=lambda entry: (entry.partner is None, entry.id)):
         image = image_record(entry, workspace)
         of_stop = (image_record(e, workspace) for e in kept if e.stop == entry.stop)
         if entry.partner is None and any(has_same_view(image, other) for other in of_stop):

@@ -34,7 +34,8 @@ def publish_panoramas(workspace: Workspace, eye: Eye = Eye.LEFT) -> None:
             if (layer.ref.kind, layer.ref.scope.name) == (ProductKind.DTM, str(stop))
         )
         params = PanoramaParams(eye=eye)
-        picture, ground = draw_panorama.fn(stop, frames, dtm, params, workspace.store)
+        landing = workspace.catalogue.mission("MER2").landing
+        picture, ground = draw_panorama.fn(stop, frames, dtm, params, landing, workspace.store)
         layers.append(layer_of("MER2", picture, (SOL,), workspace))
         grounds.append(ground)
     workspace.catalogue.publish(layers=layers, pointers=grounds)

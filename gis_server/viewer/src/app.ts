@@ -51,11 +51,11 @@ class App {
   }
 
   private heading(mission: Mission, missions: readonly Mission[]): Node[] {
-    const { name, longitude, latitude } = mission.landing;
+    const { name, origin, longitude, latitude } = mission.landing;
     const where = h(
       "small",
       { title: mission.landing.source },
-      `${name}  ${northOf(latitude)}, ${eastOf(longitude)}`,
+      origin ? name : `${name}  ${northOf(latitude)}, ${eastOf(longitude)}`,
     );
     const note = h("small", { class: "note", title: mission.lsl_note }, mission.lsl_note);
     if (missions.length < 2) return [h("b", {}, mission.title), where, note];

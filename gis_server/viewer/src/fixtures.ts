@@ -9,6 +9,7 @@ export const MISSION: Mission = {
   mission: "MER2",
   title: "Spirit, Gusev crater",
   landing: {
+    origin: "",
     name: "Columbia Memorial Station",
     longitude: 175.4729,
     latitude: -14.5692,

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -103,13 +103,13 @@ class VectorFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LslTree:
-    """Every site and stop under the LSL, and what there is to say about it."""
+    """The sites and stops of one group under the LSL."""
 
     tree: FrameTree
     origin_site: int | None
-    """The site whose frame the LSL is: 0 where the chain reaches the lander."""
-    note: str | None
-    """Says where the LSL starts if not at the lander, and which sites hang in the air."""
+    """The site whose frame the LSL is: 0, the lander, where the group reaches it."""
+    origins: Mapping[int, int]
+    """The lowest site of its group, by site: of every site that is known."""
 
 
 def parse_vector_file(text: str, source: str) -> VectorFile:
@@ -143,14 +143,20 @@ def best_poses(files: Sequence[VectorFile]) -> tuple[Pose, ...]:
     Files of one mission only: frames carry no mission. The orders of priority of several files are
     joined; at the same rank the later file wins.
     """
+    best = {one.frame: one for one in reversed(ranked(files))}
+    return tuple(one.pose for one in best.values())
+
+
+def ranked(files: Sequence[VectorFile]) -> list[Solution]:
+    """All that vector files of one mission state, the most trusted first."""
     order = join_priorities(files)
     trust = {name: len(order) - place for place, name in enumerate(order)}
-    best: dict[Frame, tuple[Rank, Solution]] = {}
-    for solution in (solution for file in files for solution in file.solutions):
-        rank = trust.get(solution.solution_id, 0), solution.counter, solution.added
-        if solution.frame not in best or rank >= best[solution.frame][0]:
-            best[solution.frame] = (rank, solution)
-    return tuple(solution.pose for _, solution in best.values())
+
+    def rank(one: Solution) -> Rank:
+        return trust.get(one.solution_id, 0), one.counter, one.added
+
+    stated = [solution for file in reversed(files) for solution in reversed(file.solutions)]
+    return sorted(stated, key=rank, reverse=True)
 
 
 def join_priorities(files: Sequence[VectorFile]) -> list[str]:
@@ -166,55 +172,57 @@ def join_priorities(files: Sequence[VectorFile]) -> list[str]:
     return order
 
 
-def lsl_tree(given: Iterable[Pose], sites: Iterable[int] = ()) -> LslTree:
-    """Join poses to the LSL, which is site 0 or the lowest site that the chain reaches.
+def lsl_tree(
+    given: Iterable[Pose], sites: Iterable[int] = (), origin: int | None = None
+) -> LslTree:
+    """Join poses to the LSL of one group of sites: the lander's, or that of the lowest site.
+
+    Poses tie frames in the order in which they are given, so the most trusted come first; one that
+    would close a loop is left out. Frames that they connect, in whichever direction, are a group.
+    Its LSL is the frame of its lowest site: that of the lander, site 0, where the group reaches it.
 
     Args:
         given: sites in sites and stops in sites, from vector files or labels.
         sites: sites that are wanted besides those the poses name; with them named, only they
-            decide where the LSL starts.
+            decide which group it is.
+        origin: the lowest site of the group that is wanted.
     """
-    tree = FrameTree().with_poses(given)
-    wanted = sorted(set(sites)) or sorted(
-        {
-            pose.target.index[0]
-            for pose in tree.parent_from.values()
-            if pose.target.kind is FrameKind.SITE
-        }
-    )
-    roots = _root_sites(tree, wanted)
-    reached = sorted(root for root in roots.values() if root is not None)
-    if not reached:
-        return LslTree(tree, None, "no site is known, so there is no LSL")
-    origin = reached[0]
-    tree = tree.with_poses([Pose.identity(LSL, site_frame(origin))])
-    loose = [str(site) for site, root in roots.items() if root != origin]
-    notes = []
-    if origin != 0:
-        notes.append(
-            f"the site chain does not reach the lander (site 0): the LSL starts at site {origin}"
-        )
-    if loose:
-        notes.append(f"no chain of sites joins site {', '.join(loose)} to site {origin}")
-    return LslTree(tree, origin, "; ".join(notes) or None)
+    neighbours, groups = _join(given)
+    origins: dict[int, int] = {site: site for site in sites}
+    for group in groups:
+        members = [frame.index[0] for frame in group if frame.kind is FrameKind.SITE]
+        origins |= dict.fromkeys(members, min(members))
+    reached = {origins[site] for site in sites} or set(origins.values())
+    root = min(reached, default=None) if origin is None else origin
+    if root is None:
+        return LslTree(FrameTree(), None, origins)
+    waiting = [Pose.identity(LSL, site_frame(root))]
+    placed: dict[Frame, Pose] = {}
+    while waiting:
+        pose = waiting.pop()
+        placed[pose.source] = pose
+        waiting += [
+            next_pose if next_pose.target == pose.source else next_pose.inverse
+            for next_pose in neighbours.get(pose.source, ())
+            if pose.target not in {next_pose.target, next_pose.source}
+        ]
+    return LslTree(FrameTree(placed), root, origins)
 
 
-def _root_sites(tree: FrameTree, sites: Iterable[int]) -> dict[int, int | None]:
-    """The last site that the chain from each site reaches; None where it runs in a circle.
-
-    Every frame is passed once: a chain of 60,000 sites fits into a file.
-    """
-    known: dict[Frame, Frame | None] = {}
-    roots: dict[int, int | None] = {}
-    for site in sites:
-        here, path = site_frame(site), dict[Frame, None]()
-        while here in tree.parent_from and here not in known and here not in path:
-            path[here] = None
-            here = tree.parent_from[here].target
-        root = None if here in path else known.get(here, here)
-        known |= dict.fromkeys(path, root)
-        roots[site] = root.index[0] if root is not None and root.kind is FrameKind.SITE else None
-    return roots
+def _join(given: Iterable[Pose]) -> tuple[dict[Frame, list[Pose]], list[list[Frame]]]:
+    """The poses that tie every frame to others, without loops; and the groups of frames."""
+    tied: dict[Frame, list[Pose]] = {}
+    group_of: dict[Frame, list[Frame]] = {}
+    for pose in given:
+        one, other = (group_of.setdefault(f, [f]) for f in (pose.target, pose.source))
+        if one is other:
+            continue
+        for frame in (pose.target, pose.source):
+            tied.setdefault(frame, []).append(pose)
+        small, large = sorted((one, other), key=len)
+        large += small
+        group_of |= dict.fromkeys(small, large)
+    return tied, list({id(group): group for group in group_of.values()}.values())
 
 
 def _solution(element: ET.Element, source: str) -> Solution:

@@ -6,7 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from solmap.products.crs import LandingPoint, local_crs, local_proj4
+from solmap.products.crs import LandingPoint, height_reference, local_crs, local_proj4
 from solmap.products.formats.mesh.gltf import box_of_glb
 from solmap.products.formats.mesh.ply import read_ply
 from solmap.products.formats.mesh.tiles3d import box_of, read_tileset
@@ -23,7 +23,7 @@ def notes_of(recipe: Recipe, landing: LandingPoint) -> dict[str, Any]:
         "frame": f"local map of {landing.name}",
         "crs": local_crs(landing).to_wkt(),
         "proj4": local_proj4(landing),
-        "vertical": "metres above the tangent plane at the landing point",
+        "vertical": height_reference(local_crs(landing)),
         "product": f"{ref.kind}/{ref.scope}/{ref.digest}",
         "inputs": recipe.document["inputs"],
         "science": recipe.science,

@@ -33,6 +33,7 @@ from rasterio.shutil import copy as copy_raster
 from rasterio.transform import Affine
 
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
+from solmap.products.crs import untied_origin
 from solmap.products.store.faults import is_disk_full
 
 Kind = Literal["float32", "uint8"]
@@ -96,7 +97,7 @@ def create_cog(
     try:
         with rasterio.open(draft, "w", **_profile(grid, crs, description)) as dataset:
             yield dataset
-            _describe(dataset, description)
+            _describe(dataset, description, untied_origin(crs))
         copy_raster(
             draft,
             path,
@@ -132,13 +133,15 @@ def _profile(grid: MapGrid, crs: CRS, description: RasterDescription) -> dict[st
     }
 
 
-def _describe(dataset: rasterio.io.DatasetWriter, description: RasterDescription) -> None:
+def _describe(
+    dataset: rasterio.io.DatasetWriter, description: RasterDescription, origin: str | None
+) -> None:
     bands: Sequence[Band] = description.bands
     dataset.descriptions = tuple(band.name for band in bands)
     dataset.units = tuple(band.unit for band in bands)
     dataset.scales = tuple(band.scale for band in bands)
     dataset.offsets = tuple(band.offset for band in bands)
-    named = {}
+    named = {"ORIGIN": origin} if origin else {}
     if description.classes:
         dataset.write_colormap(1, {one.value: (*one.rgb, 255) for one in description.classes})
         named["CLASSES"] = json.dumps({one.value: one.name for one in description.classes})

@@ -32,6 +32,7 @@ from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.traversability.hazard import Hazard
 from solmap.photogrammetry.terrain.visibility.viewshed import Sight
+from solmap.products.crs import height_reference
 from solmap.products.errors import ProductError, ProductNotFoundError, StoreAwayError
 from solmap.products.formats.raster.cog import (
     Band,
@@ -244,7 +245,7 @@ def write_dtm(path: Path, dtm: Dtm, crs: CRS, *, tags: Mapping[str, str] | None 
         **({} if dtm.pose_sigma_m is None else {_POSE_DEVIATION: dtm.pose_sigma_m}),
     }
     units = {**_DTM_UNITS, _POSE_DEVIATION: "m"}
-    notes = {"VERTICAL": "metres above the tangent plane at the landing point", **(tags or {})}
+    notes = {"VERTICAL": height_reference(crs), **(tags or {})}
     write_raster(path, dtm.grid, bands, crs, unit=units, tags=notes)
 
 

@@ -29,6 +29,7 @@ from solmap.photogrammetry.terrain.dtm.region_dtm import (
     fuse_block,
 )
 from solmap.photogrammetry.terrain.dtm.resampling import coarser_dtm, finer_dtm
+from solmap.products.crs import height_reference
 from solmap.products.errors import ProductError
 from solmap.products.formats.raster.cog import Band, RasterDescription, create_cog
 from solmap.products.formats.raster.raster import band_names, grid_of, open_raster
@@ -82,7 +83,7 @@ def write_region(
         ProductError: the cells of a model are no power of two of the region's.
     """
     names = {"STOPS": json.dumps([source.name for source in sources])}
-    height = {"VERTICAL": "metres above the tangent plane at the landing point"}
+    height = {"VERTICAL": height_reference(crs)}
     of_model, of_seams = ({**names, **own} for own in tags)
     counter = SeamCounter()
     with contextlib.ExitStack() as held:

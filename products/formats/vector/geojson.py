@@ -1,4 +1,4 @@
-"""Features on disk: GeoJSON in degrees of Mars.
+"""Features on disk: GeoJSON in degrees of Mars, or in metres of a map that is not tied to Mars.
 
 GeoJSON has no CRS of its own (RFC 7946 means WGS 84), and a reader without other information draws
 a rover's traverse in the Pacific. The files therefore
@@ -11,7 +11,9 @@ a rover's traverse in the Pacific. The files therefore
   metres of the local map that `write_features` was given.
 
 Longitude and latitude are those of the local CRS (see `products.crs`), so that vectors and rasters
-of a site fall on each other in any program.
+of a site fall on each other in any program. On a map that is not tied to the lander there are none:
+coordinates are metres east and north of its origin, and `crs` has the WKT of its engineering CRS,
+which GDAL reads.
 """
 
 from __future__ import annotations
@@ -30,13 +32,20 @@ import orjson
 import shapely
 
 from solmap.photogrammetry.terrain.relief.contours import Contour
-from solmap.products.crs import MARS_URN, LandingPoint, east_north, local_proj4, lon_lat
+from solmap.products.crs import (
+    MARS_URN,
+    LandingPoint,
+    crs_text,
+    east_north,
+    height_reference,
+    local_crs,
+    lon_lat,
+)
 from solmap.products.errors import ProductError, ProductNotFoundError
 
 Geometry = Literal["Point", "LineString", "Polygon"]
 _FEWEST = {"Point": 1, "LineString": 2, "Polygon": 3}
 _DECIMALS_DEGREES, _DECIMALS_M = 9, 4
-_VERTICAL = "metres above the tangent plane at the landing point"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,17 +146,20 @@ def write_features(
     *,
     tags: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write features of the local map in Mars degrees; equal input gives equal bytes."""
+    """Write features of the local map in Mars degrees, or in its metres where it is untied.
+
+    Equal input gives equal bytes.
+    """
     document = {
         "type": "FeatureCollection",
-        "crs": {"type": "name", "properties": {"name": MARS_URN}},
+        "crs": {"type": "name", "properties": {"name": _crs_name(landing)}},
         "solmap": {
             "landing": dataclasses.asdict(landing),
-            "local_crs": local_proj4(landing),
-            "elevation": _VERTICAL,
+            "local_crs": crs_text(landing),
+            "elevation": height_reference(local_crs(landing)),
             "tags": dict(tags or {}),
         },
-        "features": _in_degrees(tuple(features), landing),
+        "features": _as_written(tuple(features), landing),
     }
     try:
         text = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
@@ -156,14 +168,22 @@ def write_features(
     path.write_text(text, encoding="utf-8")
 
 
-def _in_degrees(features: Sequence[Feature], landing: LandingPoint) -> list[dict[str, Any]]:
+def _crs_name(landing: LandingPoint) -> str:
+    """What GDAL takes for the CRS of the coordinates."""
+    return local_crs(landing).to_wkt() if landing.origin else MARS_URN
+
+
+def _as_written(features: Sequence[Feature], landing: LandingPoint) -> list[dict[str, Any]]:
     rings = [ring for feature in features for ring in feature.rings]
     plane = [ring[:, :2] for ring in rings]
     points = np.concatenate(plane) if plane else np.empty((0, 2))
-    degrees = np.round(np.column_stack(lon_lat(landing, *points.T)), _DECIMALS_DEGREES)
+    if landing.origin:
+        written = np.round(points, _DECIMALS_M) + 0.0
+    else:
+        written = np.round(np.column_stack(lon_lat(landing, *points.T)), _DECIMALS_DEGREES)
     placed = iter(
         np.hstack([rows, np.round(ring[:, 2:], _DECIMALS_M)])
-        for ring, rows in zip(rings, _split_like(plane, degrees), strict=True)
+        for ring, rows in zip(rings, _split_like(plane, written), strict=True)
     )
     return [as_geojson(feature, [next(placed) for _ in feature.rings]) for feature in features]
 
@@ -193,7 +213,7 @@ def local_geojson(collection: FeatureCollection) -> dict[str, Any]:
     """The features in metres of the local map (east, north, up), for the viewer and scripts."""
     return {
         "type": "FeatureCollection",
-        "solmap:crs": local_proj4(collection.landing),
+        "solmap:crs": crs_text(collection.landing),
         "features": [
             as_geojson(feature, [np.round(ring, _DECIMALS_M) + 0.0 for ring in feature.rings])
             for feature in collection.features
@@ -226,7 +246,7 @@ class PlacedFeatures:
 
     landing: LandingPoint
     items: Sequence[Mapping[str, Any]]
-    """GeoJSON, in degrees."""
+    """GeoJSON, as the file has them."""
     tags: Mapping[str, Any]
     metres: np.ndarray
     """(n, 2): east and north of all points of all rings."""
@@ -280,8 +300,8 @@ def _place_features(
     nested = [_rings_of(item["geometry"]) for item in items]
     rings = list(chain.from_iterable(nested))
     points = list(chain.from_iterable(rings))
-    degrees = (np.fromiter(map(itemgetter(axis), points), float, len(points)) for axis in (0, 1))
-    plane = np.column_stack(east_north(landing, *degrees))
+    written = [np.fromiter(map(itemgetter(axis), points), float, len(points)) for axis in (0, 1)]
+    plane = np.column_stack(written if landing.origin else east_north(landing, *written))
     return PlacedFeatures(
         landing=landing,
         items=items,

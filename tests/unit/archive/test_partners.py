@@ -1,5 +1,6 @@
 import itertools
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -96,14 +97,34 @@ def test_eyes_of_different_focal_lengths_make_no_pair():
     assert find_stereo_pairs([frame(n, stop=StopId("MSL", 3, 0)) for n in names]).pairs == ()
 
 
-def test_of_several_products_the_least_processed_that_both_eyes_have_is_used():
+def test_of_several_products_the_radiometrically_corrected_that_both_eyes_have_are_used():
     eff, ilf, rad = ([nav(eye, kind) for eye in "LR"] for kind in ("EFF", "ILF", "RAD"))
-    pairing = find_stereo_pairs([*rad, *ilf, *eff])
-    assert ids(pairing) == [(eff[0].id, eff[1].id)]
-    assert pairing.unpaired[ilf[0].id] == f"EFF {eff[0].id} of the same exposure is used instead"
-    assert len(pairing.unpaired) == 4
-    pairing = find_stereo_pairs([*rad, *ilf, eff[0]])
+    pairing = find_stereo_pairs([*eff, *ilf, *rad])
+    assert ids(pairing) == [(rad[0].id, rad[1].id)]
+    assert pairing.unpaired[ilf[0].id] == f"RAD {rad[0].id} of the same exposure is used instead"
+    assert len(pairing.unpaired) == len(pairing.repeats) == 4
+    pairing = find_stereo_pairs([*eff, *ilf, rad[0]])
     assert ids(pairing) == [(ilf[0].id, ilf[1].id)]
+
+
+def test_of_one_exposure_without_partner_one_product_is_used():
+    levels = [nav("L", kind) for kind in ("EFF", "RAD", "RSL", "FFL")]
+    later = [nav("L", kind, clock=200.0) for kind in ("RSL", "EFF")]
+    for images in (levels, levels[::-1]):
+        pairing = find_stereo_pairs(images)
+        assert pairing.repeats == {levels[k].id: levels[1].id for k in (0, 2, 3)}
+        assert pairing.unpaired[levels[1].id].startswith("no right-eye partner")
+    both = [replace(image, id=f"{image.id}{image.clock:.0f}") for image in (*levels, *later)]
+    assert set(find_stereo_pairs(both).repeats.values()) == {both[1].id, both[5].id}
+
+
+def test_a_filter_of_its_own_and_a_tile_beside_are_observations_of_their_own():
+    assert find_stereo_pairs([pan("L", 2), pan("L", 5)]).repeats == {}
+    right_of_it = replace(CAMERA, h=CAMERA.h - 1100 * CAMERA.a)
+    tile = nav("L", version="2", camera=right_of_it)
+    assert find_stereo_pairs([nav("L"), tile]).repeats == {}
+    part = nav("L", "ESF", lines=384, samples=640)
+    assert find_stereo_pairs([nav("L"), part]).repeats == {part.id: nav("L").id}
 
 
 def test_raw_frames_come_before_linearised_ones_and_these_before_nothing():

@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from solmap.products.catalogue import images as labels
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.model import untied_map
 from tests.support.hostile_files import label_with
 from tests.support.small_downlink import write_small_downlink
 
@@ -45,35 +47,41 @@ def take(files: dict[str, bytes], folder: Path, workspace: Workspace) -> None:
 
 
 @pytest.mark.parametrize("sol", [155, 156, 157])
-def test_a_stop_five_kilometres_off_is_set_aside_until_its_labels_are_mended(
+def test_a_stop_five_kilometres_off_has_its_own_map_until_its_labels_are_mended(
     tmp_path, downlink, sol
 ):
     from solmap.flows.finished import ReusableSols  # noqa: PLC0415 - imports Prefect
-    from solmap.flows.sol_inputs import gather  # noqa: PLC0415
+    from solmap.flows.sol_inputs import assign_maps, gather  # noqa: PLC0415
 
     workspace = Workspace.open(tmp_path / "store")
     true = files_of(downlink)
     wrong = {file.name: misplace(file, 5000.0) for file in downlink.rglob(f"sol0{sol}/*/2n*m1.img")}
     assert len(wrong) == 2
     take({**true, **wrong}, tmp_path / "wrong", workspace)
-    keys, aside = ReusableSols.of("MER2", workspace, "default"), []
-    for one in (155, 156, 157):
+    drives = {155: (10, 0), 156: (10, 96), 157: (11, 0)}
+    alone = untied_map("MER2", *drives[sol])
+    assert assign_maps("MER2", workspace) == ["MER2", alone]
+    of_wrong = gather(alone, sol, workspace.store.root, "default")
+    (stop,) = of_wrong.telemetry.stops
+    np.testing.assert_allclose(stop.lsl_from_rover.translation_m, 0.0, atol=1e-9)
+    assert of_wrong.landing.name == (
+        "origin: site {} drive {}, not tied to the lander".format(*drives[sol])
+    )
+    keys = ReusableSols.of("MER2", workspace, "default")
+    for one in {155, 156, 157} - {sol}:
         inputs = gather("MER2", one, workspace.store.root, "default")
-        aside += inputs.unplaced
-        assert bool(inputs.touched) == (one != sol)
         assert len(inputs.telemetry.stops) == len(
             {155, 156, 157} - {sol} - set(range(one + 1, 158))
         )
-    assert len(aside) == 1
-    assert "is not on the map: telemetry has it " in aside[0]
 
     later = {
         name: true[name].replace(b"TIME            = 2004", b"TIME            = 2005")
         for name in wrong
     }
     take(later, tmp_path / "mended", workspace)
-    assert not gather("MER2", 157, workspace.store.root, "default").unplaced
-    assert ReusableSols.of("MER2", workspace, "default").common != keys.common
+    assert assign_maps("MER2", workspace) == ["MER2"]
+    assert len(gather("MER2", 157, workspace.store.root, "default").telemetry.stops) == 3
+    assert ReusableSols.of("MER2", workspace, "default").images != keys.images
 
 
 @pytest.mark.parametrize("field", ["ORIGIN_OFFSET_VECTOR", "ORIGIN_ROTATION_QUATERNION"])
@@ -96,7 +104,7 @@ def test_one_image_that_misplaces_the_rover_costs_its_stop_nothing(tmp_path, dow
     assert len(inputs.telemetry.stops) == 3
     assert len(inputs.images) == 6
     (line,) = gather("MER2", 155, workspace.store.root, "default").unplaced
-    assert line.startswith(f"{name[:-4].upper()} is left out: it places the rover elsewhere")
+    assert line.startswith(f"{name[:-4].upper()} is left out: it ")
 
 
 def test_an_image_that_cannot_be_read_is_named_and_left_out(tmp_path, downlink, monkeypatch):

@@ -43,6 +43,12 @@ test("longitudes run from 0 to 360 degrees", () => {
   expect(lon).toBeCloseTo(354.4734, 9);
 });
 
+test("a map that is not tied to the lander has no longitude and latitude", () => {
+  const untied = localMap({ ...MISSION, crs: { wkt: "", proj4: null } });
+  expect(untied.toLonLat([5, 6])).toEqual([Number.NaN, Number.NaN]);
+  expect(untied.projection.getUnits()).toBe("m");
+});
+
 test("a scale factor, which proj4js would ignore, is refused", () => {
   expect(() => radiusOf(`${PROJ4} +k_0=0.999`)).toThrow(ProjectionError);
   expect(() => radiusOf("+proj=ortho +ellps=WGS84")).toThrow(/needs \+R=/);

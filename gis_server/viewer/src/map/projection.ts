@@ -24,6 +24,7 @@ export class ProjectionError extends Error {
 
 export interface LocalMap {
   readonly projection: Projection;
+  /** Not a number on a map that is not tied to the lander. */
   toLonLat(point: MapPoint): LonLat;
   fromLonLat(lonLat: LonLat): MapPoint;
 }
@@ -44,8 +45,10 @@ export function radiusOf(definition: string): number {
 
 export function localMap(mission: Pick<Mission, "mission" | "crs" | "tile_matrix_set">): LocalMap {
   const { proj4: definition } = mission.crs;
-  const radius = radiusOf(definition);
-  const pair = proj4(`+proj=longlat +R=${radius} +no_defs`, definition);
+  const pair =
+    definition === null
+      ? null
+      : proj4(`+proj=longlat +R=${radiusOf(definition)} +no_defs`, definition);
   return {
     projection: new Projection({
       code: `solmap:${mission.mission}`,
@@ -54,11 +57,11 @@ export function localMap(mission: Pick<Mission, "mission" | "crs" | "tile_matrix
       getPointResolution: (resolution) => resolution,
     }),
     toLonLat([east, north]) {
-      const [lon = Number.NaN, lat = Number.NaN] = pair.inverse([east, north]);
+      const [lon = Number.NaN, lat = Number.NaN] = pair?.inverse([east, north]) ?? [];
       return [((lon % 360) + 360) % 360, lat];
     },
     fromLonLat([lon, lat]) {
-      const [east = Number.NaN, north = Number.NaN] = pair.forward([lon, lat]);
+      const [east = Number.NaN, north = Number.NaN] = pair?.forward([lon, lat]) ?? [];
       return [east, north];
     },
   };

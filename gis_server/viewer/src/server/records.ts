@@ -19,12 +19,15 @@ export interface Mission {
   readonly title: string;
   readonly landing: {
     readonly name: string;
+    /** What the origin of a map is that is not tied to the lander; else empty. */
+    readonly origin: string;
     readonly longitude: number;
     readonly latitude: number;
     readonly radius_m: number;
     readonly source: string;
   };
-  readonly crs: { readonly wkt: string; readonly proj4: string };
+  /** No PROJ string of a map that is not tied to the lander: it has no longitude and latitude. */
+  readonly crs: { readonly wkt: string; readonly proj4: string | null };
   readonly lsl_note: string | null;
   readonly tile_matrix_set: TileMatrixSet;
   readonly bounds: Bounds;
@@ -118,8 +121,9 @@ export interface IdentifiedLayer {
 export interface Identified {
   readonly east: number;
   readonly north: number;
-  readonly lon: number;
-  readonly lat: number;
+  /** None on a map that is not tied to the lander. */
+  readonly lon: number | null;
+  readonly lat: number | null;
   readonly elevation_m: number | null;
   readonly elevation_sigma_m: number | null;
   readonly layers: readonly IdentifiedLayer[];

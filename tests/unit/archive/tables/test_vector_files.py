@@ -10,7 +10,7 @@ from solmap.photogrammetry.archive.tables.vector_files import (
     lsl_tree,
     parse_vector_file,
 )
-from solmap.photogrammetry.errors import VectorFileError
+from solmap.photogrammetry.errors import FrameError, VectorFileError
 from solmap.photogrammetry.frames import LSL, FrameKind, Pose, rover_frame, site_frame
 
 
@@ -109,33 +109,42 @@ def test_at_one_stop_the_highest_motion_counter_counts_then_the_last_added():
 
 def test_the_lsl_is_site_zero():
     tree = lsl_tree(best_poses([vector_file(solution(counter=(10,), reference=0), solution())]))
-    assert (tree.origin_site, tree.note) == (0, None)
+    assert tree.origin_site == 0
     np.testing.assert_array_equal(tree.tree.pose(LSL, site_frame(11)).translation_m, [2, 4, 6])
 
 
-def test_without_the_lander_the_lsl_starts_at_the_first_site_and_says_so():
+def test_without_the_lander_the_lsl_starts_at_the_lowest_site_of_a_group():
     tree = lsl_tree(best_poses([vector_file(solution(), solution(counter=(12,), reference=11))]))
     assert tree.origin_site == 10
-    assert tree.note == (
-        "the site chain does not reach the lander (site 0): the LSL starts at site 10"
-    )
     np.testing.assert_array_equal(tree.tree.pose(LSL, site_frame(12)).translation_m, [2, 4, 6])
 
 
-def test_sites_that_hang_in_the_air_are_named():
+def test_sites_that_nothing_joins_are_groups_of_their_own():
     chain = best_poses([vector_file(solution(), solution(counter=(30,), reference=29))])
     tree = lsl_tree(chain, sites=[10, 11, 30, 77])
-    assert tree.note is not None
-    assert "no chain of sites joins site 30, 77 to site 10" in tree.note
+    assert tree.origin_site == 10
+    assert tree.origins == {10: 10, 11: 10, 29: 29, 30: 29, 77: 77}
+    assert lsl_tree(chain, [10, 30], origin=29).tree.pose(LSL, site_frame(30)).source.index == (30,)
+    with pytest.raises(FrameError, match="not connected"):
+        tree.tree.pose(LSL, site_frame(30))
 
 
-def test_a_chain_that_runs_in_a_circle_leaves_the_others_standing():
+def test_poses_join_sites_in_either_direction_the_most_trusted_first():
+    def pose(target: int, source: int, north_m: float) -> Pose:
+        return Pose(
+            site_frame(target), site_frame(source), np.eye(3), np.array([north_m, 0.0, 0.0])
+        )
+
+    tree = lsl_tree([pose(0, 12, 50), pose(11, 12, 7), pose(10, 11, 5), pose(10, 12, 99)])
+    assert (tree.origin_site, set(tree.origins.values())) == (0, {0})
+    for site, north_m in ((12, 50), (11, 43), (10, 38)):
+        assert tree.tree.pose(LSL, site_frame(site)).translation_m[0] == north_m
+
+
+def test_a_chain_that_runs_in_a_circle_is_cut_and_leaves_the_others_standing():
     circle = [solution(counter=(31,), reference=30), solution(counter=(30,), reference=31)]
     tree = lsl_tree(best_poses([vector_file(solution(), *circle)]), sites=[11, 30])
-    assert tree.origin_site == 10
-    assert tree.note is not None
-    assert "no chain of sites joins site 30 to site 10" in tree.note
-    assert lsl_tree(best_poses([vector_file(*circle)])).origin_site is None
+    assert tree.origins == {10: 10, 11: 10, 30: 30, 31: 30}
 
 
 def test_a_chain_of_twenty_thousand_sites_is_hung_up_in_seconds():
@@ -144,11 +153,11 @@ def test_a_chain_of_twenty_thousand_sites_is_hung_up_in_seconds():
     began = time.perf_counter()
     lsl = lsl_tree(links)
     assert time.perf_counter() - began < 10  # 0.1 s on an idle machine
-    assert (lsl.origin_site, lsl.note) == (0, None)
+    assert lsl.origin_site == 0
 
 
 def test_nothing_given_is_no_lsl():
-    assert lsl_tree([]).note == "no site is known, so there is no LSL"
+    assert lsl_tree([]).origin_site is None
     assert lsl_tree([], sites=[5]).origin_site == 5
 
 
@@ -194,7 +203,7 @@ def spirit(shared_data):
 def test_all_138_sites_of_spirit_compose_to_the_offsets_of_the_facts(spirit, test_vectors):
     assert len(spirit[0].solutions) == 138
     lsl = lsl_tree(best_poses(spirit))
-    assert lsl.note is None
+    assert lsl.origin_site == 0
     chain = test_vectors["site_chain"]
     for site, expected in chain["cumulative_site_origin_in_lsl_north_east_down"].items():
         found = lsl.tree.pose(LSL, site_frame(int(site))).translation_m
@@ -241,7 +250,7 @@ def test_the_rendered_chain_reaches_the_lander(husband):
         for path in sorted((husband / "masters").glob("*.?vf"))
     ]
     lsl = lsl_tree(best_poses(files))
-    assert lsl.note is None
+    assert lsl.origin_site == 0
     assert lsl.tree.pose(LSL, rover_frame(11, 0)).translation_m == pytest.approx(
         [33.8124, 27.4237, -3.82462]
     )

@@ -115,12 +115,13 @@ async function takePicture(context: Context, wish: PictureWish): Promise<void> {
 function textsOf({ view, layers, mission, drawing }: Context, wish: PictureWish): SheetTexts {
   const { east, north, rotationDeg } = view.place;
   const [lon, lat] = view.local.toLonLat([east, north]);
+  const degrees = mission.landing.origin ? "" : ` (${fixed(lat, 6)}°, ${fixed(lon, 6)}° E)`;
   const drawn = layers.shown.filter((layer) => layers.isDrawn(layer, drawing.sol));
   const names = [...new Set(drawn.map(({ kind }) => kindTitle(kind)))].join(", ");
   return {
     title: wish.title,
     lines: [
-      `centre: north ${fixed(north, 2)} m, east ${fixed(east, 2)} m of ${mission.landing.name} (${fixed(lat, 6)}°, ${fixed(lon, 6)}° E)`,
+      `centre: north ${fixed(north, 2)} m, east ${fixed(east, 2)} m of ${mission.landing.name}${degrees}`,
       names,
       `${wish.credit}, ${new Date().toISOString().slice(0, 10)}`,
     ],

@@ -84,12 +84,17 @@ export function measurementsGeojson(
   mission: Pick<Mission, "mission" | "crs">,
   local: Pick<LocalMap, "toLonLat">,
 ): string {
+  const { proj4, wkt } = mission.crs;
   const features = all.map(({ number, mode, corners, found }) => ({
     type: "Feature",
     id: number,
     geometry: geometry(
       mode,
-      corners.map((corner) => local.toLonLat(corner).map((degrees) => Number(degrees.toFixed(9)))),
+      corners.map((corner) =>
+        proj4 === null
+          ? corner
+          : local.toLonLat(corner).map((degrees) => Number(degrees.toFixed(9))),
+      ),
     ),
     properties: {
       measured: mode.key,
@@ -103,11 +108,10 @@ export function measurementsGeojson(
       corners_east_north_m: corners,
     },
   }));
-  const { proj4 } = mission.crs;
   const collection = {
     type: "FeatureCollection",
-    crs: MARS_CRS,
-    "solmap:local_crs": proj4,
+    crs: proj4 === null ? { type: "name", properties: { name: wkt } } : MARS_CRS,
+    "solmap:local_crs": proj4 ?? wkt,
     mission: mission.mission,
     features,
   };

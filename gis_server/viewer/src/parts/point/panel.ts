@@ -83,8 +83,8 @@ export function pointPanel(
     facts([
       ["north (LSL x)", `${fixed(found.north, 3)} m`],
       ["east (LSL y)", `${fixed(found.east, 3)} m`],
-      ["latitude", `${fixed(found.lat, 7)}°`],
-      ["longitude", `${fixed(found.lon, 7)}° E`],
+      ["latitude", found.lat === null ? null : `${fixed(found.lat, 7)}°`],
+      ["longitude", found.lon === null ? null : `${fixed(found.lon, 7)}° E`],
       ["elevation", elevationText(found)],
       ["stop", stops.length > 0 ? stops.map(scopeTitle).join(", ") : null],
     ]),

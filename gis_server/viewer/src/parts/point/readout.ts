@@ -44,8 +44,9 @@ export function readout(
   return [
     field("N", `${fixed(north, decimals)} m`, "north"),
     field("E", `${fixed(east, decimals)} m`, "east"),
-    field("lat", `${fixed(lat, 6)}°`, "lat"),
-    field("lon", `${fixed(lon, 6)}° E`, "lon"),
+    ...(Number.isNaN(lon)
+      ? []
+      : [field("lat", `${fixed(lat, 6)}°`, "lat"), field("lon", `${fixed(lon, 6)}° E`, "lon")]),
     field("elevation", found ? elevationText(found) : "…", "elevation"),
     ...(value ? [field(kindTitle(value.kind).toLowerCase(), valueText(value), "value")] : []),
   ];
