@@ -8,10 +8,12 @@ twice as many and the rendered stops: `python -m tests.support`.
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, tie_cross_site
 from solmap.photogrammetry.matching.cross_site.links import VerdictParams
 from tests.support.site_pairs import (
     WORLDS,
+    SitePair,
     Views,
     judged,
     matched_stops,
@@ -58,6 +60,27 @@ def test_links_are_as_wrong_as_they_say(shared):
     nees = [outcome.nees for outcome in shared if outcome.linked]
     # the mean of n chi-squares of 6 freedoms over 6 scatters by sqrt(1 / 3n): 0.15 at 15 links
     assert 0.3 < np.mean(nees) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("world", "earlier", "later", "off_m"),
+    [
+        (WORLDS[1], 0, 3, (-21.0, 20.0)),  # as Di et al. (2008), section 4: 29 m over 38 m
+        (WORLDS[0], 0, 1, (9.2, 0.0)),  # the rover went nowhere near as far as its wheels turned
+        (WORLDS[2], 1, 2, (-14.0, 9.0)),
+    ],
+)
+def test_a_stop_is_linked_although_its_wheels_spun(world, earlier, later, off_m):
+    pair = SitePair((world, earlier), (world, later))
+    one, other = stops_of(pair)
+    told, here = other.matched.lsl_from_rover, one.matched.lsl_from_rover
+    true = here.translation_m + here.rotation @ (one.true.inverse @ other.true).translation_m
+    place = true + np.array([*off_m, 0.0])
+    spun = other.told_at(Pose(told.target, told.source, told.rotation, place))
+    link = tie_cross_site(one.matched, spun, CrossSiteParams())
+    outcome = judged(pair, one, other, link, 0.0)
+    assert outcome.linked, outcome
+    assert not outcome.is_false, outcome
 
 
 @pytest.mark.parametrize("least_z", [VerdictParams().least_z, 0.0])
