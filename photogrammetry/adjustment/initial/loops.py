@@ -23,7 +23,7 @@ import numpy as np
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from solmap.photogrammetry.adjustment.initial.alignment import (
     GROSS,
@@ -54,7 +54,7 @@ LOOP_TIES = 5
 """Ties that make a loop: three place a stop, and two more agree with them by no chance."""
 
 
-GATE = float(np.sqrt(chi2.ppf(0.999, 6)))
+GATE = float(np.sqrt(chdtri(6, 0.001)))
 """A loop is wrong beyond this misfit: 99.9 % of the chi distribution, six degrees of freedom."""
 STEPS = 20
 """Gauss-Newton steps of the graph for each sharpness of the loss."""
