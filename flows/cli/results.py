@@ -108,8 +108,8 @@ def report(  # noqa: PLR0913 - the words of the command
             typer.launch(str(target.resolve()))
         return
     workspace = workspace_of(store)
-    name = mission and mission_of(mission, store)
-    rows = select_rows(report_rows(workspace), name, sols)
+    of_mission = mission and mission_of(mission, store)
+    rows = select_rows(report_rows(workspace), of_mission, sols)
     show_rows(rows, ["adjustment", "made_at", "page"], as_json)
     if show and rows:
         typer.launch(rows[-1]["page"])
