@@ -87,7 +87,7 @@ def report(  # noqa: PLR0913 - the words of the command
     ] = None,
     sol: Annotated[int | None, typer.Argument(metavar="SOL", min=0, max=999_999)] = None,
     store: StoreOption = None,
-    out: Annotated[Path | None, typer.Option(help="File of the sol's report.")] = None,
+    out: Annotated[Path | None, typer.Option(help="The sol's report: .html or .pdf")] = None,
     mission: MissionFilter = None,
     sols: SolFilter = None,
     *,

@@ -173,11 +173,17 @@ def report_rows(workspace: Workspace) -> list[dict[str, Any]]:
 def write_sol_report(mission: str, sol: int, workspace: Workspace, path: Path) -> None:
     """Write all that is known of a sol as one page; links lead to the map's server.
 
+    A file that ends in `.pdf` becomes a PDF with pictures of the maps.
+
     Raises:
         ProductNotFoundError: the store has no image of that sol.
     """
+    from solmap.products.reports.sol_pdf import sol_pdf  # noqa: PLC0415 - slow to import
     from solmap.products.reports.sol_report import sol_report  # noqa: PLC0415 - slow to import
 
+    if path.suffix.lower() == ".pdf":
+        path.write_bytes(sol_pdf(mission, sol, workspace))
+        return
     path.write_text(sol_report(mission, sol, workspace, Settings().map_url), encoding="utf-8")
 
 

@@ -39,6 +39,7 @@ from solmap.products.export.writing import (
     write_folder,
 )
 from solmap.products.model import Layer, ProductKind, ProductRef
+from solmap.products.reports.sol_pdf import sol_pdf
 from solmap.products.reports.stac import (
     AcquisitionTimes,
     catalogue_document,
@@ -120,6 +121,9 @@ def _gather(out: _Export) -> None:
         _add_maps(entry, layers, out)
         for ref, folder in _documents(entry, out):
             out.add(f"{folder}/{ref.readable_name(entry.mission)}{ref.kind.suffix}", ref)
+        for sol in _reported_sols(entry, layers, out):
+            report = sol_pdf(entry.mission, sol, out.workspace)
+            out.add(f"{REPORTS}/{entry.mission}_sol{sol:04d}.pdf", report)
         for name, content in exchange_files(entry, out.selection, out.workspace):
             out.add(name, content)
     if not out.files:
@@ -129,6 +133,16 @@ def _gather(out: _Export) -> None:
     if mapped:
         out.add("stac/catalog.json", _json(catalogue_document(mapped)))
     out.add("README.md", readme_text(maps, out.files))
+
+
+def _reported_sols(entry: MissionEntry, layers: Sequence[Layer], out: _Export) -> list[int]:
+    """The sols of a map whose reports are exported."""
+    if not out.selection.has(REPORTS):
+        return []
+    images = out.workspace.catalogue.images(entry.mission)
+    sols = {image.sol for image in images if out.selection.has_image(image)}
+    fresh = {sol for layer in layers for sol in layer.sols}
+    return sorted(sols & fresh if out.selection.since else sols)
 
 
 def _add_maps(entry: MissionEntry, layers: Sequence[Layer], out: _Export) -> None:

@@ -53,7 +53,8 @@ def _rasters(image: ImageEntry, name: str, mission: OrientedMission) -> Iterator
     partners = mission.stereo_partners(image) if pair and image.partner else None
     if pair is None or partners is None:
         return
-    record = mission.record(image)
-    made = pair_rasters(record, partners.geometry, partners.dense, pair.rover_from_pair)
+    record, stop = mission.record(image), mission.stops[pair.stop]
+    rover_from_pair = stop.lsl_from_rover.inverse @ pair.lsl_from_pair
+    made = pair_rasters(record, partners.geometry, partners.dense, rover_from_pair)
     for file, content in made:
         yield f"pds/{name}/{file}", content
