@@ -28,6 +28,8 @@ def test_a_small_world_is_run_once_and_stands_on_the_scorecard(tmp_path, monkeyp
     assert accuracy.main(asked) == 0
     assert (out / "thumbnails.json").stat().st_mtime_ns == made
     monkeypatch.setattr(accuracy, "code_digest", lambda: "other code")
+    assert accuracy.main([*asked, "--only", "no such world"]) == 0
+    assert "| thumbnails (other code) |" in (out / "scorecard.md").read_text()
     monkeypatch.setattr(accuracy, "_run", lambda *_: (1.0, "it was run again"))
     assert accuracy.main(asked) == 1
     assert "it was run again" in (out / "scorecard.md").read_text()

@@ -4,7 +4,8 @@ Every world goes through `solmap run` with defaults and is held against its trut
 evaluate` does it. Worlds are the folders with `truth/truth.json` below `--worlds` (rendered ones;
 ../shared/render/README.md says how to make them), and simulated ones that this module makes. Each
 writes its figures once, and again when code or world have changed; then `scorecard.md` and
-`scorecard.json` are written anew into the same folder.
+`scorecard.json` are written anew into the same folder. With `--only` other worlds stand there with
+the figures that they had last, and it is said where those are of other code.
 
 The floor is what mast pointing alone leaves of an otherwise perfect adjustment: a panorama can be
 tied without error to others, but the rover is known to stand to it only as the mean of its pairs'
@@ -249,11 +250,14 @@ def main(arguments: list[str] | None = None) -> int:
     for name, (params, seed) in level.simulated.items():
         if asked.only in name:
             write_downlink(out / "worlds" / name, params, seed)
-            worlds.append(out / "worlds" / name)
+        worlds.append(out / "worlds" / name)
     for world in worlds:
         if asked.only in world.name:
             print(world.name, flush=True)  # noqa: T201
             results.append(measured(world, out, level.pipeline))
+        elif (kept := out / f"{world.name}.json").exists():
+            known = json.loads(kept.read_text())
+            results.append(known | {"of_other_code": known["made_of"][0] != code_digest()})
     card = scorecard(results)
     (out / "scorecard.json").write_text(json.dumps({"card": card, "worlds": results}, indent=1))
     (out / "scorecard.md").write_text(markdown(card, results))

@@ -141,7 +141,7 @@ def _world_row(result: Result) -> tuple[Any, ...]:
     linked = [link["linked"] for link in result["links"]]
     bias = [_or_dash(result["bias_m"].get(band)) for band in ("0-10", "10-20", "20-30")]
     return (
-        result["world"],
+        result["world"] + (" (other code)" if result.get("of_other_code") else ""),
         round(mean_nees(result), 2),
         sum(linked),
         len(linked) - sum(linked),
