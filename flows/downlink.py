@@ -159,7 +159,7 @@ def _process_map(
         for flow_of_sol in ((process_sol, process_overall) if sol in overall else (process_sol,))
     ]
     reusable, walks = ReusableSols.of(name, workspace, pipeline), False
-    reusable.forget_others([scope for _, _, scope in steps])
+    workspace.catalogue.forget_sols(name, kept=[scope.name for _, _, scope in steps])
     reports: list[SolReport] = []
     for flow_of_sol, sol, scope in steps:
         line = f"{name} sol {sol}: {{}}"

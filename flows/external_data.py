@@ -6,10 +6,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from solmap.config.landing import landing_site
+from solmap.config.landing import LandingSite, landing_site
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.flows.runtime.run_record import beside_runs
+from solmap.photogrammetry.archive.tables.places import parse_localisations
+from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file, vector_text
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.manual.editing import EditAction
 from solmap.photogrammetry.orbital.registration import RegistrationParams
@@ -17,11 +19,12 @@ from solmap.photogrammetry.orbital.search import SearchParams
 from solmap.photogrammetry.terrain.dtm.grid import union
 from solmap.products.catalogue.catalogue import MissionEntry, Outcome, published_networks
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.errors import ProductNotFoundError
+from solmap.products.errors import ProductError, ProductNotFoundError
 from solmap.products.formats.documents.control import read_control, refused_stops
-from solmap.products.model import Layer, ProductKind, ProductRef, ScopeLevel
+from solmap.products.model import Layer, ProductKind, ProductRef, ScopeLevel, mission_of
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.user_files import MAX_ROWS_BYTES, read_user_file
+from solmap.tasks.images.files import keep_vector_file
 from solmap.tasks.images.manual_ties import named_in, read_edit_requests, take_manual_ties
 from solmap.tasks.mission.control import (
     FrameParams,
@@ -68,7 +71,7 @@ def add_orbital(
     """
     workspace, options = open_workspace(root), options or OrbitalOptions()
     store = workspace.store
-    site = landing_site(mission, Settings().landing_sites)
+    site = _site_on_mars(mission)
     layers = [layer for layer in workspace.catalogue.layers() if layer.mission == mission]
     stops = _stops(layers, mission)
     if not stops:
@@ -98,6 +101,21 @@ def add_orbital(
     sols = tuple(sorted({sol for layer in layers for sol in layer.sols}))
     publish.fn(entry, [(base, sols)], pointers, (), workspace).check()
     return tuple(said)
+
+
+def _site_on_mars(name: str) -> LandingSite:
+    """The landing site of a map.
+
+    Raises:
+        ProductError: the map is not tied to the lander.
+    """
+    site = landing_site(name, Settings().landing_sites)
+    if site.landing.origin:
+        raise ProductError(
+            f"the map {name} has its {site.landing.name}: places on Mars say nothing of it; "
+            "take a PLACES or site vector file that ties it by `solmap poses add FILE`, run again"
+        )
+    return site
 
 
 def latest_standing(mission: str, workspace: Workspace) -> Standing | None:
@@ -162,7 +180,7 @@ def add_control(file: Path, mission: str, root: Path, params: FrameParams) -> st
         ProductNotFoundError: no network of the mission is in the store.
     """
     workspace = open_workspace(root)
-    site = landing_site(mission, Settings().landing_sites)
+    site = _site_on_mars(mission)
     standing = latest_standing(mission, workspace)
     if standing is None:
         raise ProductNotFoundError(
@@ -176,6 +194,25 @@ def add_control(file: Path, mission: str, root: Path, params: FrameParams) -> st
     if not found:
         return f"{file.name} is empty: what it held before counts no more"
     return f"{frame.name}: {len(found)} places; `solmap adjust` weighs them in"
+
+
+@beside_runs
+def add_poses(file: Path, mission: str, root: Path) -> str:
+    """Take a PLACES table, location file or vector file; one line on what it holds.
+
+    Raises:
+        VectorFileError: it is none of them, or a row is broken.
+    """
+    text = read_user_file(file, most_bytes=MAX_ROWS_BYTES).decode("utf-8", "replace")
+    if "<rmc_file" in text:
+        stated = parse_vector_file(text, file.name)
+    else:
+        stated = parse_localisations(text, file.name, mission=mission_of(mission))
+    workspace = open_workspace(root)
+    ref = keep_vector_file(file.name, vector_text(stated).encode(), workspace.store)
+    line = f"{file.name}: {len(stated.solutions)} sites and stops; the next run places maps by them"
+    workspace.catalogue.publish(pointers=[ref], outcomes=[Outcome.now(file.name, (line,))])
+    return line
 
 
 def control_rows(mission: str, root: Path) -> list[dict[str, Any]]:

@@ -95,11 +95,6 @@ class ReusableSols:
         """
         self.book.forget(first.name, f"{self.mission.lower()}-sol")
 
-    def forget_others(self, kept: Sequence[Scope]) -> None:
-        """Forget sols that are on the map no longer: when they are again, they are published."""
-        names = [scope.name for scope in kept]
-        self.book.forget_others(names, f"{self.mission.lower()}-sol")
-
     def note(self, scope: Scope, key: str, report: SolReport) -> None:
         """Note that the sol is finished, unless anything of it failed that may not fail again."""
         if not is_finished(report):
@@ -168,7 +163,7 @@ def withdraw_leftovers(
     if not sols or not all(map(is_finished, sols)):
         return []
     given = {(ref.kind, ref.scope) for sol in sols for ref in (*sol.published, *sol.pointed)}
-    catalogue, book = workspace.catalogue, FinishedSolRecords(workspace.catalogue.engine)
+    catalogue = workspace.catalogue
     known = [entry for entry in catalogue.missions() if mission_of(entry.mission) == mission]
     gone = [entry for entry in known if entry.mission not in maps]
     images = [image for name in maps for image in catalogue.images(name)]
@@ -189,7 +184,6 @@ def withdraw_leftovers(
         withdraw(entry, layers, _pointers(entry.mission, images, given, workspace), workspace)
     for entry in gone:
         if not catalogue.layers(entry.mission):
-            book.forget_others((), f"{entry.mission.lower()}-sol")
             catalogue.forget_map(entry.mission)
     return [f"{stop}: its maps stay as they are, for this run made none" for stop in sorted(kept)]
 

@@ -44,11 +44,15 @@ def draw_mission(
     read = read_map(mission, workspace)
     landing, telemetry = read.entry.landing, read.telemetry
     entries = workspace.catalogue.images(mission)
-    params = load_pipeline(pipeline).footprints
+    config = load_pipeline(pipeline)
     layers: list[ProductRef] = []
     traverse: list[ProductRef] = []
     with keep_going(failed, "vector layers"):
-        layers = draw_vectors(mission, network, entries, params, landing, workspace)
+        slip = config.adjustment.slip
+        sigmas_m = {s.stop: telemetry.sigma_from_origin_m(s.stop, slip) for s in telemetry.stops}
+        layers = draw_vectors(
+            mission, network, entries, config.footprints, landing, workspace, sigmas_m=sigmas_m
+        )
     with keep_going(failed, "traverse"):
         traverse = localise(network, telemetry, landing, workspace.store)
     sols = tuple(sorted({entry.sol for entry in entries}))

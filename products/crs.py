@@ -30,13 +30,15 @@ and latitude (NaN).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING
 
-import numpy as np
-from pyproj import CRS, Transformer
-
-from solmap.photogrammetry.arrays import PerPoint
 from solmap.products.errors import ProductError
+
+if TYPE_CHECKING:
+    from pyproj import CRS, Transformer
+
+    from solmap.photogrammetry.arrays import PerPoint
 
 IAU_RADIUS_M = 3_396_190.0
 MARS = "IAU_2015:49900"
@@ -60,6 +62,8 @@ class LandingPoint:
     radius_m: float
     """Distance of the ground from the centre of Mars, metres."""
     source: str
+    sigma_m: float = 0.0
+    """Standard deviation of its place on Mars, of each coordinate."""
     origin: str = ""
     """What the origin of a map is that is not tied to the lander: `site 137`. Longitude, latitude
     and radius then tell only about where the mission is, for the height of the Sun."""
@@ -84,12 +88,23 @@ class LandingPoint:
         return replace(self, name=name, source=f"{self.name} is not reached", origin=origin)
 
 
-class MarsCrs(CRS):
-    """A CRS on Mars. EPSG numbers are the Earth's; geopandas would have PROJ search for one."""
+def mars_crs(definition: str) -> CRS:
+    """A CRS on Mars by its name or WKT. EPSG numbers are the Earth's: it says at once it has none.
 
-    def to_epsg(self, min_confidence: int = 70) -> None:  # noqa: ARG002 - pyproj's signature
-        """None, without the 0.3 s of a search among all of them."""
-        return
+    geopandas would have PROJ search among all of them for 0.3 s.
+    """
+    return _mars_crs_type().from_user_input(definition)
+
+
+@cache
+def _mars_crs_type() -> type[CRS]:
+    from pyproj import CRS  # noqa: PLC0415 - lists of products need no PROJ
+
+    class MarsCrs(CRS):
+        def to_epsg(self, min_confidence: int = 70) -> None:  # noqa: ARG002 - pyproj's signature
+            return
+
+    return MarsCrs
 
 
 @lru_cache(maxsize=64)
@@ -99,10 +114,8 @@ def local_crs(landing: LandingPoint) -> CRS:
         f'CS[Cartesian,2],AXIS["(E)",east,ORDER[1],{_METRE}],AXIS["(N)",north,ORDER[2],{_METRE}]]'
     )
     if landing.origin:
-        return MarsCrs.from_wkt(
-            f'ENGCRS["{landing.name} (east, north)",EDATUM["{landing.name}"],{axes}'
-        )
-    return MarsCrs.from_wkt(
+        return mars_crs(f'ENGCRS["{landing.name} (east, north)",EDATUM["{landing.name}"],{axes}')
+    return mars_crs(
         f'PROJCRS["{landing.name}: landing site local (east, north)",'
         f"BASEGEOGCRS[{_base(landing)}],"
         f'CONVERSION["{landing.name}: tangent plane",METHOD["Orthographic",ID["EPSG",9840]],'
@@ -160,6 +173,8 @@ def crs_text(landing: LandingPoint) -> str:
 
 @lru_cache(maxsize=64)
 def _to_degrees(landing: LandingPoint) -> Transformer:
+    from pyproj import Transformer  # noqa: PLC0415 - as above
+
     crs = local_crs(landing)
     return Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True)
 
@@ -171,6 +186,8 @@ def lon_lat(
 
     NaN on a map that is not tied to the lander.
     """
+    import numpy as np  # noqa: PLC0415 - as above
+
     if landing.origin:
         return _nowhere(east, north)
     longitude, latitude = _to_degrees(landing).transform(np.atleast_1d(east), np.atleast_1d(north))
@@ -184,6 +201,8 @@ def east_north(
 
     NaN on a map that is not tied to the lander.
     """
+    import numpy as np  # noqa: PLC0415 - as above
+
     if landing.origin:
         return _nowhere(longitude, latitude)
     east, north = _to_degrees(landing).transform(
@@ -194,5 +213,7 @@ def east_north(
 
 def _nowhere(*places: PerPoint | float) -> tuple[PerPoint, PerPoint]:
     """As many places that are not known."""
+    import numpy as np  # noqa: PLC0415 - as above
+
     shape = np.broadcast_shapes(*(np.shape(np.atleast_1d(one)) for one in places))
     return np.full(shape, np.nan), np.full(shape, np.nan)

@@ -36,7 +36,7 @@ from solmap.flows.cli import (
 from solmap.flows.cli.console import fail, note
 
 _UNEXPECTED, _INTERRUPTED = 70, 130
-_WITH_FLOWS = {"ties", "traverse", "orbital", "control", "dip", "simulate", "stl"}
+_WITH_FLOWS = {"ties", "traverse", "orbital", "control", "poses", "dip", "simulate", "stl"}
 """Commands that import flows without an engine."""
 _PANELS: dict[str, tuple[Callable[..., None] | typer.Typer, ...]] = {
     "Process": (processing.run, processing.adjust, processing.fetch),
@@ -50,7 +50,7 @@ _PANELS: dict[str, tuple[Callable[..., None] | typer.Typer, ...]] = {
         terrain.dip,
     ),
     "Export": (export.export, terrain.stl, traverse.app),
-    "Correct": (processing.ties, orbital.control, orbital.orbital),
+    "Correct": (processing.ties, orbital.poses, orbital.control, orbital.orbital),
     "Simulate": (simulation.simulate, simulation.simulate_mission, simulation.evaluate),
     "Operate": (
         processing.serve,

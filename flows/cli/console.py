@@ -182,16 +182,18 @@ def input_file(text: str) -> Path:
 
 
 def mission_of(given: str | None, store: Path | None) -> str:
-    """The mission of a store that is named, or else the only one that it holds."""
+    """The map of a store that is named, by its mission where it has one; or the only one."""
     from solmap.config.workspace import open_catalogue  # noqa: PLC0415 - `solmap --help` answers at once
+    from solmap.products.model import mission_of as mission_of_map  # noqa: PLC0415 - slow to import
 
     root = existing_store(store)
     held = [entry.mission for entry in open_catalogue(root).missions()]
     if given is None and len(held) == 1:
         return held[0]
-    for mission in held:
-        if given is not None and mission_name(mission) == mission_name(given):
-            return mission
+    wanted = mission_name(given) if given is not None else None
+    of_mission = [name for name in held if mission_of_map(name) == wanted]
+    for name in (name for name in held if name == wanted or [name] == of_mission):
+        return name
     wrong = "name one by --mission" if given is None else f"{given} is not one of them"
     fail(f"{root} holds {', '.join(held) or 'no mission yet'}; {wrong}")
 

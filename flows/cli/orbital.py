@@ -40,6 +40,9 @@ RotationSigma = Annotated[
     ),
 ]
 ScaleSigma = Annotated[float, typer.Option(min=0, max=1, help="The same of its scale")]
+poses = typer.Typer(
+    name="poses", help="Where sites and stops are, by other sources.", no_args_is_help=True
+)
 control = typer.Typer(
     name="control", help="Places of stops in orbital images, as control.", no_args_is_help=True
 )
@@ -83,9 +86,30 @@ def add_image(  # noqa: PLR0913 - options
         say(line)
 
 
+@poses.callback()
+def poses_group() -> None:
+    """Where sites and stops are, by other sources."""
+
+
 @orbital.callback()
 def group() -> None:
     """Orbital images under the rover's map."""
+
+
+@poses.command("add")
+def add_stated(
+    file: Annotated[
+        Path,
+        typer.Argument(help="PLACES table, locations.xml of MSL, .svf or .rvf", parser=input_file),
+    ],
+    mission: MissionOption = None,
+    store: StoreOption = None,
+) -> None:
+    """Take localised sites and stops; the next run moves the maps that they tie to the lander."""
+    from solmap.flows.external_data import add_poses  # noqa: PLC0415 - slow to import
+
+    root = store_of(store)
+    say(add_poses(file, mission_of(mission, root), root))
 
 
 @control.command("add")

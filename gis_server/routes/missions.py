@@ -56,6 +56,8 @@ class Landing(BaseModel):
     latitude: float
     radius_m: float
     source: str
+    sigma_m: float
+    """Standard deviation of its place on Mars, of each coordinate."""
 
 
 class LocalCrs(BaseModel):

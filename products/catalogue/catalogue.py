@@ -12,13 +12,13 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
 
-from solmap.photogrammetry.imagery import StopId
 from solmap.products.catalogue import schema
 from solmap.products.catalogue.database import (
+    FINISHED,
     IMAGES,
     LATEST,
     LAYERS,
@@ -45,6 +45,9 @@ from solmap.products.catalogue.events import (
 from solmap.products.crs import LandingPoint
 from solmap.products.errors import ProductError, ProductNotFoundError
 from solmap.products.model import Layer, ProductKind, ProductRef, Scope, ScopeLevel, mission_of
+
+if TYPE_CHECKING:
+    from solmap.photogrammetry.imagery import StopId
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +103,8 @@ class ImageEntry:
     @property
     def stop_id(self) -> StopId:
         """The stop that it was taken at; `stop` is its name."""
+        from solmap.photogrammetry.imagery import StopId  # noqa: PLC0415 - lists need no arrays
+
         return StopId(mission_of(self.mission), self.site, self.drive)
 
 
@@ -349,8 +354,19 @@ class Catalogue:
             for ref in pointers:
                 connection.execute(LATEST.delete().where(_is_latest(ref)))
 
+    def forget_sols(self, name: str, kept: Collection[str]) -> None:
+        """Forget how sols went that are no longer on a map: when they are again, they are made.
+
+        `kept` are the names of those that are on it.
+        """
+        with write_transaction(self.engine) as connection:
+            for table, column in ((FINISHED, FINISHED.c.scope), (OUTCOMES, OUTCOMES.c.subject)):
+                of_map = column.startswith(f"{name.lower()}-sol", autoescape=True)
+                connection.execute(table.delete().where(of_map & column.not_in(kept)))
+
     def forget_map(self, name: str) -> None:
         """Forget a map on which no image is any more."""
+        self.forget_sols(name, kept=())
         with write_transaction(self.engine) as connection:
             if connection.execute(MISSIONS.delete().where(MISSIONS.c.mission == name)).rowcount:
                 append(connection, MISSION_CHANGED, {"mission": name})

@@ -15,7 +15,7 @@ import dataclasses
 import os
 import secrets
 import socket
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -172,12 +172,6 @@ class FinishedSolRecords:
         """Record that a sol is finished, in place of an earlier record."""
         with write_transaction(self.engine) as connection:
             upsert(connection, FINISHED, {"scope": scope}, {"key": key, "document": document})
-
-    def forget_others(self, kept: Collection[str], of: str) -> None:
-        """Forget the sols whose names begin with `of`, but for those that are kept."""
-        others = FINISHED.c.scope.startswith(of, autoescape=True) & FINISHED.c.scope.not_in(kept)
-        with write_transaction(self.engine) as connection:
-            connection.execute(FINISHED.delete().where(others))
 
     def forget(self, first: str, of: str) -> None:
         """Forget the sols from the scope `first` on, of those whose names begin with `of`."""

@@ -73,6 +73,7 @@ def traverse_figure(
     found: Differences,
     plan_covariances: Float64[np.ndarray, "points 2 2"] | None = None,
     form: Callable[[Figure], bytes] = svg,
+    title: str = "",
 ) -> bytes:
     """Map, profile and differences of two traverses of the same stops, as SVG or PNG.
 
@@ -82,8 +83,11 @@ def traverse_figure(
         found: Their differences.
         plan_covariances: Of (east, north) of the corrected stops, square metres.
         form: `svg` or `png` of `photogrammetry.figures`.
+        title: Above all of it.
     """
     figure = Figure(figsize=(9.0, 10.0), layout="constrained")
+    if title:
+        figure.suptitle(title)
     plan, profile, apart = figure.subplots(3, 1, height_ratios=(3, 1.4, 1.4))
     started = telemetry.starting_at(corrected.places_m[0])
     _plan(plan, started, corrected, plan_covariances)

@@ -57,6 +57,8 @@ class SolFacts:
     """A sol as its report shows it."""
 
     mission: str
+    origin: str
+    """Of a map that is not tied to the lander; else empty."""
     sol: int
     images: list[ImageEntry]
     pairs: list[SolPair]
@@ -94,7 +96,8 @@ def sol_facts(mission: str, sol: int, workspace: Workspace) -> SolFacts:
         ProductNotFoundError: it has no image of that sol.
     """
     catalogue = workspace.catalogue
-    name = catalogue.mission(mission).mission
+    entry = catalogue.mission(mission)
+    name = entry.mission
     images = catalogue.images(name, sol=sol)
     if not images:
         known = sorted({image.sol for image in catalogue.images(name)})
@@ -109,6 +112,7 @@ def sol_facts(mission: str, sol: int, workspace: Workspace) -> SolFacts:
     names = {image.id.lower() for image in images}
     return SolFacts(
         mission=name,
+        origin=entry.landing.name if entry.landing.origin else "",
         sol=sol,
         images=images,
         pairs=list(_pairs(images, workspace)),
@@ -272,6 +276,7 @@ PAGE = """<!doctype html>
 {% macro n(value, digits=2) %}{{ "–" if value is none else ("%." ~ digits ~ "f")|format(value) }}
 {%- endmacro %}
 <h1>{{ facts.mission }}, sol {{ facts.sol }}</h1>
+{% if facts.origin %}<p>{{ facts.origin }}</p>{% endif %}
 <div class="soft">{{ software }}, science version {{ science or "–" }}, adjusted {{ made_at or
   "not yet" }}</div>
 <div class="facts">

@@ -150,6 +150,13 @@ def keep_file(kind: ProductKind, name: str, data: bytes, store: ProductStore) ->
     return store.make(recipe, lambda draft: write_bytes(draft, data))
 
 
+def keep_vector_file(name: str, data: bytes, store: ProductStore) -> ProductRef:
+    """Keep a vector file beside earlier ones of its name: files add to each other."""
+    return keep_file(
+        ProductKind.VECTORS, f"{name}-{ContentDigest.of(data).sha256[:8]}", data, store
+    )
+
+
 def write_bytes(draft: Path, data: bytes) -> None:
     """Write a file as it came."""
     draft.write_bytes(data)

@@ -56,7 +56,7 @@ from solmap.tasks.images.files import (
     image_bytes,
     is_manual_tie_file,
     is_settled,
-    keep_file,
+    keep_vector_file,
     write_bytes,
 )
 from solmap.tasks.images.manual_ties import take_manual_ties
@@ -323,8 +323,7 @@ def _take_file(path: Path, name: str, downlink: Path, intake: Intake) -> Taken:
     if path.suffix.lower() in VECTOR_SUFFIXES:
         data = read_user_file(path, downlink, most_bytes=MAX_ROWS_BYTES)
         parse_vector_file(data.decode("utf-8", "replace"), name)  # refuses what is broken
-        digest = ContentDigest.of(data).sha256[:8]  # files of one name add to each other
-        return keep_file(ProductKind.VECTORS, f"{name}-{digest}", data, intake.store)
+        return keep_vector_file(name, data, intake.store)
     if is_manual_tie_file(path.name):
         data = read_user_file(path, downlink, most_bytes=MAX_ROWS_BYTES)
         return take_manual_ties(name, data, intake.store)

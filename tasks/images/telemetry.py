@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,20 +12,33 @@ import numpy as np
 
 from solmap.photogrammetry.adjustment.model.network import StopPrior
 from solmap.photogrammetry.archive.missions import mission_id
+from solmap.photogrammetry.archive.tables.places import LOCALISED
 from solmap.photogrammetry.archive.tables.vector_files import (
     LslTree,
+    Solution,
     VectorFile,
     lsl_tree,
     parse_vector_file,
     ranked,
 )
 from solmap.photogrammetry.errors import FrameError, VectorFileError
-from solmap.photogrammetry.frames import LSL, FrameKind, FrameTree, Pose, rover_frame, site_frame
+from solmap.photogrammetry.frames import (
+    LSL,
+    Frame,
+    FrameKind,
+    FrameTree,
+    Pose,
+    rover_frame,
+    site_frame,
+)
 from solmap.photogrammetry.imagery import RoverImage, StopId
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef, mission_of
 
 log = logging.getLogger(__name__)
+
+LOCALISED_SIGMA_M = 5.0
+"""Of a place found in an orbital image with cells of 0.25 m, which lies some metres off itself."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +53,8 @@ class Telemetry:
     """The lowest site of its group, by site: 0 of all that are tied to the lander."""
     unplaced: Mapping[StopId, str]
     """Stops that are not on this map, and why: no chain joins their sites to the LSL."""
+    localised: frozenset[Frame] = frozenset()
+    """Sites and stops that were found in orbital images: the wheels did not count the way there."""
 
     def stop(self, stop: StopId) -> StopPrior:
         """The telemetry of one stop.
@@ -50,6 +66,22 @@ class Telemetry:
             if known.stop == stop:
                 return known
         raise FrameError(self.unplaced.get(stop, f"{stop} is not known"))
+
+    def sigma_from_origin_m(self, stop: StopId, slip: float) -> float:
+        """Standard deviation of a stop's place relative to the LSL's origin, by telemetry alone.
+
+        Wheels that slip do so all the way, so their error grows with the distance along the chain
+        of sites, `slip` of it.
+        """
+        driven_m, found_m, here = 0.0, 0.0, stop.frame
+        while here in self.tree.parent_from:
+            step = self.tree.parent_from[here]
+            if here in self.localised:
+                found_m = LOCALISED_SIGMA_M
+            else:
+                driven_m += float(np.linalg.norm(step.translation_m))
+            here = step.target
+        return math.hypot(slip * driven_m, found_m)
 
     def until(self, sol: int) -> Telemetry:
         """The same without the stops and sols after one."""
@@ -81,7 +113,8 @@ def read_telemetry(
     by_stop: dict[StopId, list[RoverImage]] = defaultdict(list)
     for image in sorted(images, key=lambda image: (image.clock, image.id)):
         by_stop[image.stop].append(image)
-    lsl = _tree(by_stop, vector_files, origin)
+    stated = ranked(vector_files)
+    lsl = _tree(by_stop, stated, origin)
     placed, loose = [], []
     for stop, taken in by_stop.items():
         try:
@@ -103,12 +136,13 @@ def read_telemetry(
         stop: f"{stop} is not on this map: no chain of sites joins site {stop.site} to its origin"
         for stop in sorted(loose)
     }
-    return Telemetry(tuple(placed), clocks, lsl.tree, lsl.origins, unplaced)
+    found = frozenset(one.frame for one in stated if one.solution_id == LOCALISED)
+    return Telemetry(tuple(placed), clocks, lsl.tree, lsl.origins, unplaced, found)
 
 
 def _tree(
     by_stop: Mapping[StopId, Sequence[RoverImage]],
-    vector_files: Sequence[VectorFile],
+    stated: Sequence[Solution],
     origin: tuple[int, ...],
 ) -> LslTree:
     rovers = [taken[0].site_from_rover for taken in by_stop.values()]
@@ -118,7 +152,7 @@ def _tree(
         of_stop = [pose for pose in rovers if pose.source == rover]
         level = Pose(LSL, site, np.eye(3), -of_stop[0].translation_m)
         return LslTree(FrameTree().with_poses([*of_stop, level]), origin[0], {})
-    stated, known = ranked(vector_files), {pose.source for pose in rovers}
+    known = {pose.source for pose in rovers}
     of_sites = [one.pose for one in stated if one.kind is FrameKind.SITE]
     elsewhere = [
         one.pose for one in stated if one.frame in known and one.reference_site != one.counter[0]

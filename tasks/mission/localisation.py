@@ -121,29 +121,32 @@ def _contents(
 ) -> Iterator[tuple[ProductKind, Scope, Callable[[], str | bytes]]]:
     """Every file that tells of the traverse, and how it is made."""
     region = region_scope(product.mission)
-    yield (
-        ProductKind.PLACES,
-        region,
-        lambda: places_text(placed_stops(product, clocks, landing)),
-    )
+    if not landing.origin:  # a table whose offsets are from the lander
+        yield (
+            ProductKind.PLACES,
+            region,
+            lambda: places_text(placed_stops(product, clocks, landing)),
+        )
     if set(frames.lsl_from_site) != {frames.origin}:
         yield ProductKind.SITE_VECTORS, region, partial(site_vectors, product.mission, frames)
     for site, pose in frames.lsl_from_site.items():
         scope = Scope(ScopeLevel.REGION, f"{region}-site{site:04d}")
         yield ProductKind.ROVER_VECTORS, scope, partial(rover_vectors, product, site, pose)
     if len(product.adjusted.stops) >= FEWEST:
-        yield ProductKind.TRAVERSE_TABLE, region, lambda: json.dumps(traverse_table(product))
-        yield ProductKind.TRAVERSE_FIGURE, region, partial(_figure, product, svg)
-        yield ProductKind.TRAVERSE_FIGURE_PNG, region, partial(_figure, product, png)
+        table = partial(traverse_table, product, landing)
+        yield ProductKind.TRAVERSE_TABLE, region, lambda: json.dumps(table())
+        yield ProductKind.TRAVERSE_FIGURE, region, partial(_figure, product, landing, svg)
+        yield ProductKind.TRAVERSE_FIGURE_PNG, region, partial(_figure, product, landing, png)
 
 
-def traverse_table(product: NetworkProduct) -> dict[str, Any]:
+def traverse_table(product: NetworkProduct, landing: LandingPoint) -> dict[str, Any]:
     """Accumulated differences stop by stop and sol by sol, and both profiles, as plain JSON."""
     telemetry, adjusted = traverses(product)
     found = differences(telemetry, adjusted)
     summary = found.summary()
     return {
         "mission": product.mission,
+        "origin": landing.name,
         "sol": product.sol,
         "end": _row(summary.end),
         "worst": _row(summary.worst),
@@ -184,10 +187,13 @@ def _row(difference: Difference) -> dict[str, Any]:
     return {k: finite(round(v, 3) if isinstance(v, float) else v) for k, v in fields.items()}
 
 
-def _figure(product: NetworkProduct, form: Callable[[Figure], bytes]) -> bytes:
+def _figure(
+    product: NetworkProduct, landing: LandingPoint, form: Callable[[Figure], bytes]
+) -> bytes:
     telemetry, adjusted = traverses(product)
     plan = np.array([stop.covariance[np.ix_(PLAN, PLAN)] for stop in product.adjusted.stops])
-    return traverse_figure(telemetry, adjusted, differences(telemetry, adjusted), plan, form)
+    found, title = differences(telemetry, adjusted), landing.name if landing.origin else ""
+    return traverse_figure(telemetry, adjusted, found, plan, form, title)
 
 
 def placed_stops(

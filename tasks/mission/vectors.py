@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import USED, Adjust
 from solmap.photogrammetry.adjustment.quality.network_quality import error_ellipse
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.frames import Pose
-from solmap.photogrammetry.imagery import RoverImage
+from solmap.photogrammetry.imagery import RoverImage, StopId
 from solmap.photogrammetry.mars import map_from_lsl
 from solmap.photogrammetry.terrain.measure.oriented_image import apply_pointing
 from solmap.photogrammetry.terrain.visibility.footprints import (
@@ -40,22 +40,28 @@ WHEELS_M = 0.294
 
 
 @stage(task_run_name="vectors-{mission}")
-def draw_vectors(
+def draw_vectors(  # noqa: PLR0913 - all that features tell of
     mission: str,
     network: ProductRef,
     entries: Sequence[ImageEntry],
     params: FootprintParams,
     landing: LandingPoint,
     workspace: Workspace,
+    *,
+    sigmas_m: Mapping[StopId, float] | None = None,
 ) -> list[ProductRef]:
-    """Draw the vector layers of a mission from its network and images."""
+    """Draw the vector layers of a mission from its network and images.
+
+    `sigmas_m` are standard deviations of telemetry's places relative to the map's origin.
+    """
+    origins = tuple((str(stop), round(sigma_m, 2)) for stop, sigma_m in (sigmas_m or {}).items())
     read = _Reading(network, entries, workspace)
     images = tuple(entry.ref for entry in entries)
     pairing = tuple((entry.partner, entry.unpaired_because, entry.repeats) for entry in entries)
     made = []
     for kind, inputs, extra, features in (
         (ProductKind.TRAVERSE, (), None, lambda: traverse_features(read.network)),
-        (ProductKind.STOPS, (), None, lambda: stop_features(read.network)),
+        (ProductKind.STOPS, (), origins, lambda: stop_features(read.network, dict(origins))),
         (ProductKind.TIE_POINTS, (), None, lambda: tie_point_features(read.network)),
         (ProductKind.FOOTPRINTS, images, pairing, lambda: read.outlines(footprint_feature, params)),
         (ProductKind.POINTING, images, pairing, lambda: read.outlines(pointing_feature, params)),
@@ -129,8 +135,13 @@ def traverse_features(network: NetworkProduct) -> list[Feature]:
     ]
 
 
-def stop_features(network: NetworkProduct) -> Iterator[Feature]:
-    """Every stop where telemetry has it and where the adjustment puts it, with its ellipse."""
+def stop_features(
+    network: NetworkProduct, sigmas_m: Mapping[str, float] | None = None
+) -> Iterator[Feature]:
+    """Every stop where telemetry has it and where the adjustment puts it, with its ellipse.
+
+    The ellipse is relative to the held stop, `origin_sigma_m` to the origin of the map.
+    """
     for stop in network.adjusted.stops:
         telemetry = network.telemetry[stop.stop].translation_m
         adjusted = stop.lsl_from_rover.translation_m
@@ -140,6 +151,7 @@ def stop_features(network: NetworkProduct) -> Iterator[Feature]:
             "drive": stop.stop.drive,
             "sols": list(network.sols[stop.stop]),
             "moved_m": round(float(np.linalg.norm(adjusted - telemetry)), 4),
+            "origin_sigma_m": (sigmas_m or {}).get(str(stop.stop)),
         }
         yield Feature(
             "Point",
