@@ -68,10 +68,8 @@ def _points(network: CameraNetwork) -> Iterator[str]:
     error = np.linalg.norm(network.residuals_px(), axis=1)
     ends = np.searchsorted(network.point, np.arange(len(network.points) + 1))
     for number, xyz in enumerate(network.points.tolist()):
-        rows = slice(ends[number], ends[number + 1])
-        track = " ".join(
-            f"{view + 1} {index}"
-            for view, index in zip(network.view[rows].tolist(), place[rows].tolist(), strict=True)
-        )
+        of_point = slice(int(ends[number]), int(ends[number + 1]))
+        seen = zip(network.view[of_point].tolist(), place[of_point].tolist(), strict=True)
+        track = " ".join(f"{view + 1} {index}" for view, index in seen)
         x, y, z = xyz
-        yield f"{number + 1} {x:.5f} {y:.5f} {z:.5f} {_GREY} {error[rows].mean():.4f} {track}\n"
+        yield f"{number + 1} {x:.5f} {y:.5f} {z:.5f} {_GREY} {error[of_point].mean():.4f} {track}\n"

@@ -169,7 +169,7 @@ def _image_pages(facts: SolFacts, workspace: Workspace) -> Iterator[Figure]:
             small = thumbnail(image, workspace)
             if small is not None:
                 grey = cv2.imdecode(np.frombuffer(small, np.uint8), cv2.IMREAD_GRAYSCALE)
-                axes.imshow(grey, cmap="gray", vmin=0, vmax=255)
+                axes.imshow(np.asarray(grey), cmap="gray", vmin=0, vmax=255)
             axes.set_title(f"{image.id}\n{image.instrument} {image.eye}", fontsize=4.5)
         yield figure
 
