@@ -227,8 +227,10 @@ def _read_maps(mission: str, names: Sequence[str], workspace: Workspace) -> dict
     name_of = _maps_of_stops(mission, labels, files)
     for entry, label in images:  # of a stop that has no label that can be true
         name_of.setdefault(label.stop, entry.mission)
+    read = {entry.id for entry, _ in images}
+    unseen = {entry.mission for entry in entries if entry.id not in read}
     found: dict[str, MapLabels] = {}
-    for name in sorted(set(name_of.values()), key=origin_of):
+    for name in sorted({*name_of.values(), *unseen}, key=origin_of):
         here = [(entry, label) for entry, label in images if name_of[label.stop] == name]
         kept = [(entry, label) for entry, label in here if entry.id not in left_out]
         site = landing_site(name, Settings().landing_sites)

@@ -159,7 +159,7 @@ def pointed(published):
 
 def test_what_no_sol_gives_is_withdrawn_and_what_people_or_regions_made_stays(published):
     seen = published.catalogue.version()
-    withdraw_leftovers("MER2", [SOL], published)
+    withdraw_leftovers("MER2", ["MER2"], [SOL], published)
     assert shown(published) == {NEAR, DIPS, REGION}
     assert pointed(published) == {PAIR, ANOTHER, NETWORK}
     (told,) = published.catalogue.events_since(seen)
@@ -169,15 +169,40 @@ def test_what_no_sol_gives_is_withdrawn_and_what_people_or_regions_made_stays(pu
 
 def test_another_sol_of_the_run_gives_it(published):
     other = SolReport("MER2", 156, None, 1, published=(FAR,), pointed=(OLD_PAIR, OVERALL))
-    withdraw_leftovers("MER2", [SOL, other], published)
+    withdraw_leftovers("MER2", ["MER2"], [SOL, other], published)
     assert shown(published) == {FAR, NEAR, DIPS, REGION}
     assert pointed(published) == {OLD_PAIR, PAIR, ANOTHER, NETWORK, OVERALL}
 
 
 def test_nothing_is_withdrawn_while_a_sol_may_give_more_at_the_next_try(published):
     failed = replace(SOL, failures=["map far ground 1: OSError: [Errno 5] Input/output error"])
-    withdraw_leftovers("MER2", [failed], published)
+    withdraw_leftovers("MER2", ["MER2"], [failed], published)
     assert shown(published) == {FAR, NEAR, DIPS, REGION}
     lasting = replace(SOL, failures=["match 2N1: MatchingError: no interest point"])
-    withdraw_leftovers("MER2", [lasting], published)
+    withdraw_leftovers("MER2", ["MER2"], [lasting], published)
     assert shown(published) == {NEAR, DIPS, REGION}
+
+
+def test_maps_of_a_stop_that_the_run_made_none_of_stay_and_are_named(published):
+    """Unless newer files of its images have left it no pair."""
+    other = SolReport("MER2", 156, None, 0)
+    pair = [replace(an_image(name), stop=STOP.name, partner="2N9") for name in ("2N1", "2N2")]
+    published.catalogue.publish(images=pair)
+    (line,) = withdraw_leftovers("MER2", ["MER2"], [other], published)
+    assert line.startswith(f"{STOP.name}: its maps stay as they are")
+    assert shown(published) == {FAR, NEAR, DIPS, REGION}
+    published.catalogue.publish(images=[replace(one, partner=None) for one in pair])
+    assert withdraw_leftovers("MER2", ["MER2"], [other], published) == []
+    assert shown(published) == {DIPS, REGION}
+
+
+def test_a_map_that_all_stops_have_left_is_forgotten(published):
+    untied = replace(MISSION, mission="MER2-ORIGIN10")
+    region = replace(a_layer(), ref=REGION, mission=untied.mission, type="vector", cell_m=None)
+    book = ReusableSols.of("MER2", published, "default").book
+    book.note("mer2-origin10-sol0155", "key", {})
+    published.catalogue.publish(missions=[untied], layers=[region])
+    withdraw_leftovers("MER2", ["MER2"], [SOL], published)
+    assert [entry.mission for entry in published.catalogue.missions()] == ["MER2"]
+    assert book.find("mer2-origin10-sol0155", "key") is None
+    assert REGION not in {layer.ref for layer in published.catalogue.layers("MER2-ORIGIN10")}

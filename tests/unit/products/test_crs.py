@@ -10,10 +10,13 @@ from solmap.products.crs import (
     IAU_RADIUS_M,
     MARS,
     LandingPoint,
+    crs_text,
     east_north,
+    height_reference,
     local_crs,
     local_proj4,
     lon_lat,
+    untied_origin,
 )
 from solmap.products.errors import ProductError
 
@@ -22,6 +25,21 @@ GUSEV = LandingPoint("floor of Gusev", 175.4729, -14.5692, 3_393_000.0, "a test"
 PROJ_SEES_NO_NEARER_M = 1e-10 * 3.4e6
 """PROJ takes what is nearer to the landing point, on a sphere of radius 1, for the point itself."""
 within_10_km = st.floats(-10_000.0, 10_000.0)
+
+
+def test_the_map_of_an_untied_site_is_in_an_engineering_crs_that_says_so():
+    untied = SPIRIT.untied("site 137")
+    name = "origin: site 137, not tied to the lander"
+    crs = local_crs(untied)
+    assert (crs.name, crs.is_engineering, crs.to_epsg()) == (f"{name} (east, north)", True, None)
+    assert untied_origin(crs) == name
+    assert untied_origin(local_crs(SPIRIT)) is None
+    assert height_reference(crs) == f"metres above the {name}"
+    assert local_proj4(untied) is None
+    assert crs_text(untied).startswith(f'ENGCRS["{name}')
+    assert np.isnan(lon_lat(untied, np.zeros(3), np.zeros(3))).all()
+    assert np.isnan(east_north(untied, 175.0, -14.0)).all()
+    assert SPIRIT.untied("site 10") != untied
 
 
 def test_the_sites_of_spirit_lie_where_an_independent_computation_puts_them(test_vectors):

@@ -46,6 +46,20 @@ def test_what_is_written_is_read_back_in_metres(tmp_path):
         np.testing.assert_allclose(there.points, here.points, atol=1.1e-4)  # 4 decimals kept
 
 
+def test_features_of_an_untied_map_are_in_its_metres_and_gdal_reads_its_name(tmp_path):
+    landing = GUSEV.untied("site 137")
+    write_features(tmp_path / "f.geojson", FEATURES, landing)
+    frame = geopandas.read_file(tmp_path / "f.geojson")
+    assert CRS(frame.crs).name == "origin: site 137, not tied to the lander (east, north)"
+    point = frame.geometry.iloc[0]
+    assert (point.x, point.y, point.z) == (3104.65, -2034.05, 80.97)
+    read = read_features(tmp_path / "f.geojson")
+    assert read.landing == landing
+    np.testing.assert_array_equal(read.features[0].points, FEATURES[0].points)
+    write_geopackage(tmp_path / "f.gpkg", FeatureCollection(landing, (FEATURES[0],)), "points")
+    assert geopandas.read_file(tmp_path / "f.gpkg").crs.name == CRS(frame.crs).name
+
+
 @pytest.mark.parametrize("landing", [GUSEV, ON_IAU])
 def test_gdal_takes_the_file_for_mars_and_puts_it_on_the_local_map(tmp_path, landing):
     write_features(tmp_path / "f.geojson", FEATURES, landing)
