@@ -15,7 +15,8 @@ A pixel whose parallax is less than `FEWEST_SIGMAS` of its standard deviations c
 measured: nobody knows how far away it is.
 
 Files are VICAR with an attached label; values are little-endian 32-bit floats, band after band, and
-0 in all bands stands for nothing measured. `solmap inspect`, GDAL and VICAR read them.
+0 in all bands stands for nothing measured. `solmap inspect`, GDAL and VICAR read them; a PDS4 label
+(`.xml`) lies beside each.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.matching.stereo.dense import DenseMatches
+from solmap.products.export.pds4 import pds4_label
 from solmap.products.store.provenance import SOFTWARE
 
 WINDOW_PX = 15
@@ -52,13 +54,15 @@ class RasterType:
     """In place of the product type in the name of an image."""
     derived: str
     """DERIVED_IMAGE_TYPE."""
+    title: str
     unit: str
+    pds4_unit: str | None
 
 
-XYZ = RasterType("XYL", "XYZ_MAP", "METER")
-RANGE = RasterType("RNL", "RANGE_MAP", "METER")
-NORMAL = RasterType("UVL", "UVW_MAP", "N/A")
-SLOPE = RasterType("SLL", "SLOPE_MAP", "DEGREE")
+XYZ = RasterType("XYL", "XYZ_MAP", "XYZ in the frame of the site", "METER", "m")
+RANGE = RasterType("RNL", "RANGE_MAP", "Range from the camera", "METER", "m")
+NORMAL = RasterType("UVL", "UVW_MAP", "Surface normals in the frame of the site", "N/A", None)
+SLOPE = RasterType("SLL", "SLOPE_MAP", "Slope", "DEGREE", "deg")
 
 
 def pair_rasters(
@@ -95,7 +99,17 @@ def pair_rasters(
         values = np.where(mask, bands, 0.0).astype(np.float32)
         name = _name(image, raster)
         groups = {**_groups(image, raster, name), "GEOMETRIC_CAMERA_MODEL": camera}
-        yield f"{name}.img", vicar_bytes(values, groups)
+        content = vicar_bytes(values, groups)
+        yield f"{name}.img", content
+        label = pds4_label(
+            image,
+            name=f"{name}.img",
+            title=f"{raster.title} of {image.id}, by solmap",
+            offset=len(content) - values.nbytes,
+            shape=values.shape,
+            unit=raster.pds4_unit,
+        )
+        yield f"{name}.xml", label.encode()
 
 
 def surface_normals(points: ObjectPoints, measured: Mask) -> np.ndarray:

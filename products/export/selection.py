@@ -18,7 +18,7 @@ EXCHANGE: Mapping[str, str] = {
     "`epipolar/`, its world is the map in metres east, north, up",
     "asp": "pinhole cameras (.tsai) of the pictures in `epipolar/`, for the Ames Stereo Pipeline",
     "isis": "tie points as an ISIS control network (PVL), body-fixed",
-    "pds": "XYZ, range, normals and slope of every stereo pair (VICAR)",
+    "pds": "XYZ, range, normals and slope of every stereo pair (VICAR, with PDS4 labels)",
 }
 """What is made for other programs only where it is asked for, and what it is."""
 PICTURES = "epipolar"

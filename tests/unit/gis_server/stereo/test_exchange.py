@@ -187,10 +187,12 @@ def test_ranges_normals_and_slopes_of_a_pair_agree_with_its_xyz(exported):
 
 
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
-def test_gdal_reads_a_raster_of_a_pair(exported):
-    (file, *_) = sorted((exported / "pds" / "MER2").glob("*XYL*.img"))
+@pytest.mark.parametrize(("driver", "suffix"), [("VICAR", ".img"), ("PDS4", ".xml")])
+@pytest.mark.parametrize("letters", ["XYL", "RNL", "UVL", "SLL"])
+def test_gdal_reads_a_raster_of_a_pair_by_both_labels(exported, driver, suffix, letters):
+    (file, *_) = sorted((exported / "pds" / "MER2").glob(f"*{letters}*.img"))
     ours = read_raster(file.read_bytes(), file.name)
-    with rasterio.open(file, driver="VICAR") as dataset:
+    with rasterio.open(file.with_suffix(suffix), driver=driver) as dataset:
         np.testing.assert_array_equal(dataset.read(), ours.bands)
 
 
