@@ -13,9 +13,10 @@ sums are chance themselves, with the relative variance e: 1 + e makes 1/f^2, the
 mean. The adjustment is repeated until its factors are those that its residuals show.
 
 Ties also err in common: by the height that one stop sees above what another sees, by the parallaxes
-of a pair. What is common hides from residuals, and matching states it in the lines and parallaxes
-of ties. The factor of ties is therefore that of the coordinate that scatters most, of samples,
-lines and parallaxes; within a stop, as far as that is no chance.
+of a pair, by shadows that have moved. What is common hides from residuals, and matching states it
+in the coordinates of ties. The factor of ties is therefore that of the coordinate that scatters
+most, of samples, lines and parallaxes; within a stop, as far as that is no chance. Between stops it
+is never below 1: that what they share is less than stated, residuals cannot show.
 
 Of observations that have left an adjustment (`marginal`) the sums are kept as they were left.
 """
@@ -47,8 +48,6 @@ class Component(StrEnum):
 COMPONENTS = tuple(Component)
 TIES = COMPONENTS.index(Component.INTER_STEREO)
 """Ties are the components from here on, as `Observations.kind` numbers them."""
-BY_SHAPE = COMPONENTS.index(Component.SURFACE_MATCHED)
-"""What these share is stated in all of their coordinates: residuals cannot show that it is less."""
 SAME = 0.05
 """Factors that change by less, or by half of their own standard deviation, leave estimates and
 covariances as they are."""
@@ -85,7 +84,7 @@ class Scatter:
         sure[TIES + 1 :] = 1.0
         largest = np.maximum(together, (np.where(self.redundancy > 0, sure, 0) * alone).max(axis=1))
         factors = largest * np.sqrt(1.0 + 2.0 * redundancy / (freedoms + redundancy) ** 2)
-        factors[BY_SHAPE] = max(factors[BY_SHAPE], 1.0)
+        factors[TIES + 1 :] = np.maximum(factors[TIES + 1 :], 1.0)
         return np.asarray(factors)
 
 

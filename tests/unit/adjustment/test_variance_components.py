@@ -127,6 +127,14 @@ def test_kinds_of_ties_have_sizes_of_their_own(params):
     assert select(ties, by_shape).by_shape.all()
 
 
+def test_ties_between_stops_are_never_better_than_stated(params):
+    """What is stated of errors that all of them share shows in no residual."""
+    network, _ = simulated(7, stops=3, tie_noise=0.3)
+    found = adjust_overall(network, params)[0].components.sigmas
+    assert found[Component.IMAGE_MATCHED] == 1.0
+    assert found[Component.INTER_STEREO] < 0.5
+
+
 def test_the_weight_that_follows_from_a_factor_is_true_in_the_mean():
     rng = np.random.default_rng(7)
     for r in (20, 100):
