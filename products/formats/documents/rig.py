@@ -17,10 +17,9 @@ from solmap.photogrammetry.adjustment.modes.rig_pooling import (
     StopRig,
 )
 from solmap.photogrammetry.arrays import Rotation, Vector3
+from solmap.photogrammetry.matching.cross_site.tie_weights import SHARED_PARALLAX_PX
 from solmap.photogrammetry.matching.stereo.orientation import RowCells
 
-LEAST_SHARED_PX = 0.015
-"""Error that all parallaxes of a pair share however well its rig is known."""
 SIGNIFICANT = 3
 """Digits of standard deviations that enter recipes."""
 
@@ -72,7 +71,7 @@ class RigProduct:
         return tuple(
             (camera, 2.0 ** float(np.ceil(np.log2(sigma))))
             for camera, sigma in sorted(sigmas.items())
-            if sigma * focal_px[camera] > LEAST_SHARED_PX
+            if sigma * focal_px[camera] > SHARED_PARALLAX_PX
         )
 
     def _rows(self, stop: str) -> Mapping[str, CameraRows]:
