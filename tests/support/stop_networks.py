@@ -29,7 +29,11 @@ from solmap.photogrammetry.matching.cross_site.linking import (
     tie_cross_site,
 )
 from solmap.photogrammetry.matching.cross_site.surface_matching import SurfaceTieParams
-from solmap.photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
+from solmap.photogrammetry.matching.inter_stereo import (
+    InterStereoParams,
+    point_pairs,
+    tie_inter_stereo,
+)
 from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 from solmap.photogrammetry.synthetic.rig import T_PMA_M
@@ -88,7 +92,11 @@ def network_of(stops: Sequence[SimulatedStop], *, by_shape: bool = True) -> Netw
     """
     ties: list[Ties] = [tie_inter_stereo(s.matched, InterStereoParams()).ties for s in stops]
     params = CrossSiteParams(by_shape=SurfaceTieParams(enabled=by_shape))
-    views = [StopViews.of(stop.matched, params.birds_eye) for stop in stops]
+    alignment = params.trials.alignment
+    views = [
+        StopViews.of(point_pairs(stop.matched, own, alignment), params.birds_eye)
+        for stop, own in zip(stops, ties, strict=True)
+    ]
     ties += [tie_cross_site(*two, params).ties for two in pairwise(views)]
     mast = T_PMA_M if stops[0].world.terrain in TERRAINS else RENDERED_MAST_M
     return Network(

@@ -173,7 +173,7 @@ def _link_by_shape(
     if shape is None or not shape.is_certain:
         return None
     found = shape.found
-    ties = tie_by_surface(stops, (first, second), found, by_shape)
+    ties = tie_by_surface(stops, found, by_shape)
     if not len(ties):
         return None
     turn = one.stop.lsl_from_rover.rotation.T

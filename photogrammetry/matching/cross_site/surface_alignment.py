@@ -18,14 +18,25 @@ end tells a true place from a wrong one (`correlation`).
 
 Visibility: facets that a stop sees under a small angle are crests and the steps behind them, which
 matching draws too far out; they are left out, and so is ground that one stop sees from more than
-twice as far as the other.
+twice as far as the other. Heights are compared cell by cell where both stops know them, and what
+they differ by is smoothed; each smoothed on its own, ground that one stop cannot see behind a crest
+would be taken for as high as the crest.
+
+Crests spread upwards in the images, so all ground is drawn some tenths of a line too high, the more
+the further away it is: half a line in path-traced worlds, a tenth in simulated ones. Between two
+stops that look at it from either side this is a tilt of 0.05 to 0.1 degrees. The number of lines b,
+the same for both stops, is a seventh unknown,
+
+    r + b (d_later - d_earlier) / f = 0,        b = 0 +- 1 line beforehand,
+
+with the distances d from the masts: to the sides of the line between the stops it differs from a
+tilt, and the ground tells it.
 
 Neighbouring cells share stones, crests and windows, so residuals are far from independent. The
 covariance is therefore that of scores summed over blocks of ground (Liang and Zeger 1986,
 Biometrika 73, 13-22): (A + K)^-1 (B + K) (A + K)^-1 with the normal matrix A, the sum B of squared
 scores of blocks, and the prior K. What no number of blocks averages out is added: a parallax that
-is too small everywhere moves the ground of both stops away from them, and lines that are too high
-raise what is far.
+is too small everywhere moves the ground of both stops away from them.
 """
 
 from __future__ import annotations
@@ -36,7 +47,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation as ScipyRotation
 
-from solmap.photogrammetry.arrays import Float64, ObjectPoints, PerPoint, Raster
+from solmap.photogrammetry.arrays import Flags, Float64, ObjectPoints, PerPoint, Raster
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
@@ -44,7 +55,8 @@ from solmap.photogrammetry.ranges import CellSize, Few, Metres, Pixels, PixelsOr
 from solmap.photogrammetry.robust import robust_sigma
 
 MOTION = 6
-"""Unknowns of a rigid motion: rotation vector, shift."""
+"""Unknowns of a rigid motion: rotation vector, shift. One more is by how many lines the ground of
+both stops is drawn too high."""
 
 RELIEF_WAVE_M = 1.2
 """Relief is height less its Gaussian mean of this standard deviation."""
@@ -63,7 +75,13 @@ SETTLED_M = 5e-4
 """A step that is shorter is the last."""
 
 LEAST_KNOWN = 0.15
-"""Share of a Gaussian that known cells must have."""
+"""Share of a Gaussian that known cells must have,"""
+
+LEAST_SHARED = 0.3
+"""and cells that both stops know."""
+
+MOSTLY = 0.5
+"""Share of what is interpolated between four cells that known ones must have."""
 
 LEAST_FACING = 0.1
 """Sine of the angle under which a facet must be seen: level ground at 15 m; further away as much as
@@ -99,8 +117,8 @@ class SurfaceParams:
     """Of dense parallax."""
     bias_parallax_px: PixelsOrZero = 0.03
     """c: standard deviation of what all parallax of both stops is off by,"""
-    bias_line_px: PixelsOrZero = 0.3
-    """b: and of how much too high all ground is drawn."""
+    bias_line_px: Pixels = 1.0
+    """b: and of how many lines too high all ground is drawn, before the ground tells."""
     rounds: Few = 12
     """At each Gaussian, at most."""
 
@@ -150,17 +168,18 @@ class HeightGrid:
         """Height of level ground so far away when its parallax is off by so much."""
         return parallax_px * self.mast_m / self.scale_px_m * distance_m
 
+    def from_mast(self, places: ObjectPoints) -> ObjectPoints:
+        """Places of the level frame, as seen from the cameras."""
+        return places + np.array([0.0, 0.0, self.mast_m])
+
+    def line_m(self, places: ObjectPoints) -> PerPoint:
+        """Height that a line covers at places of the level frame."""
+        return np.linalg.norm(self.from_mast(places), axis=1) / self.focal_px
+
     def smooth(self, sigma_m: float) -> Raster:
         """Heights through a Gaussian, NaN where it knows too little."""
-        if sigma_m in self.smoothed:
-            return self.smoothed[sigma_m]
-        known = np.isfinite(self.up).astype(np.float32)
-        sigma = sigma_m / self.cell_m
-        density = cv2.GaussianBlur(known, (0, 0), sigma)
-        mean = cv2.GaussianBlur(np.nan_to_num(self.up), (0, 0), sigma)
-        mean /= np.maximum(density, 1e-6)
-        mean[density < LEAST_KNOWN] = np.nan
-        self.smoothed[sigma_m] = mean.astype(np.float32)
+        if sigma_m not in self.smoothed:
+            self.smoothed[sigma_m] = _mean_of_known(self.up, sigma_m / self.cell_m, LEAST_KNOWN)
         return self.smoothed[sigma_m]
 
     def at(self, raster: Raster, places: ObjectPoints) -> PerPoint:
@@ -180,6 +199,16 @@ class HeightGrid:
         row, col, half = step * row, step * col, heights.shape[0] / 2 - 0.5
         north, east = (half - row) * self.cell_m, (col - half) * self.cell_m
         return np.column_stack([north, east, -heights[row, col].astype(np.float64)])
+
+
+def _mean_of_known(raster: Raster, sigma_cells: float, least: float) -> Raster:
+    """A raster through a Gaussian, NaN where known cells have less than this share of it."""
+    known = np.isfinite(raster).astype(np.float32)
+    density = cv2.GaussianBlur(known, (0, 0), sigma_cells)
+    mean = cv2.GaussianBlur(np.nan_to_num(raster), (0, 0), sigma_cells)
+    mean /= np.maximum(density, 1e-6)
+    mean[density < least] = np.nan
+    return mean.astype(np.float32)
 
 
 def _seen_well(
@@ -223,17 +252,20 @@ class Cells:
     arms: ObjectPoints
     """From the later rover, in the same axes."""
     residual_m: PerPoint
-    """r."""
+    """r, with the ground of both stops lowered by the lines that it is drawn too high."""
     by_shift: ObjectPoints
-    """Its derivative by a shift of the later stop's ground."""
+    """Its derivative by a shift of the later stop's ground,"""
+    by_line: PerPoint
+    """and by these lines, metres."""
     weight: PerPoint
     steepness: float
     """Mean slope of the robust residual over its mean weight."""
 
     @property
-    def design(self) -> Float64[np.ndarray, "n 6"]:
-        """Derivative of the residuals by a motion of the later stop about its origin."""
-        return np.hstack([np.cross(self.arms, self.by_shift), self.by_shift])
+    def design(self) -> Float64[np.ndarray, "n 7"]:
+        """Derivative of the residuals by a motion of the later stop about its origin, and lines."""
+        turned = np.cross(self.arms, self.by_shift)
+        return np.column_stack([turned, self.by_shift, self.by_line])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -266,6 +298,8 @@ class _Surfaces:
     """Of the later stop, in its level frame."""
     relief: PerPoint | None
     """There; None: heights are compared."""
+    sigma_m: float
+    """Of the Gaussian."""
     params: SurfaceParams
 
     @classmethod
@@ -281,21 +315,30 @@ class _Surfaces:
             there = there - earlier.smooth(RELIEF_WAVE_M)
             rest = later.at(here - later.smooth(RELIEF_WAVE_M), points)
         south, east = np.gradient(there)
-        return cls(earlier, later, there, (-south / cell_m, east / cell_m), points, rest, params)
+        slopes = (-south / cell_m, east / cell_m)
+        return cls(earlier, later, there, slopes, points, rest, sigma_m, params)
 
-    def compare(self, pose: Pose) -> Cells:
-        """The later stop's ground, carried by a pose, held against the earlier one's."""
+    def compare(self, pose: Pose, lines: float = 0.0) -> Cells:
+        """The later stop's ground, carried by a pose, held against the earlier one's.
+
+        Of both, the ground is drawn so many lines too high.
+        """
         places = pose.apply(self.points)
-        height = self.earlier.at(self.there, places)
         slopes = [self.earlier.at(raster, places) for raster in self.slopes]
-        flat = self.relief is not None
-        residual = height + places[:, 2] if self.relief is None else height - self.relief
-        far, near = np.hypot(*places[:, :2].T), np.hypot(*self.points[:, :2].T)
-        good = np.isfinite(residual + slopes[0] + slopes[1])
-        good &= (far < RANGE_RATIO * near + 1) & (near < RANGE_RATIO * far + 1)
-        places, residual, far, near = places[good], residual[good], far[good], near[good]
-        down = np.full(len(places), 0.0 if flat else 1.0)
+        if self.relief is None:
+            residual = self.later.at(self._differences(pose), self.points)
+        else:
+            residual = self.earlier.at(self.there, places) - self.relief
+        good = np.isfinite(residual + slopes[0] + slopes[1]) & _alike(places, self.points)
+        places, residual = places[good], residual[good]
+        far, near = (np.hypot(*some[:, :2].T) for some in (places, self.points[good]))
+        down = np.full(len(places), 0.0 if self.relief is not None else 1.0)
         by_shift = np.column_stack([slopes[0][good], slopes[1][good], down])
+        arms = places - pose.translation_m
+        lowered = down * self.later.line_m(arms)
+        by_line = lowered - down * self.earlier.line_m(places)
+        places[:, 2] += lines * lowered
+        residual = residual + lines * by_line
         sigma_px = self.params.sigma_parallax_px
         noise = (
             np.hypot(self.earlier.noise_m(far, sigma_px), self.later.noise_m(near, sigma_px)) + 1e-3
@@ -305,7 +348,24 @@ class _Surfaces:
         kept, bent = (1 - off) ** 2, (1 - off) * (1 - 5 * off)
         weight = kept / (FOOTPRINT * spread**2)
         steepness = float(bent.sum() / max(kept.sum(), 1e-9))
-        return Cells(places, places - pose.translation_m, residual, by_shift, weight, steepness)
+        return Cells(places, arms, residual, by_shift, by_line, weight, steepness)
+
+    def _differences(self, pose: Pose) -> Raster:
+        """Heights of the earlier stop less those of the later one, on the grid of the latter.
+
+        Smoothed where both are known. Each smoothed on its own, ground that one stop cannot see
+        behind a crest would be drawn on as high as the crest, and either stop moved away.
+        """
+        earlier, known = self.earlier, np.isfinite(self.later.up)
+        cells = self.later.points(self.later.up, 1)
+        places = pose.apply(cells)
+        share = earlier.at(np.isfinite(earlier.up).astype(np.float32), places)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            off = earlier.at(np.nan_to_num(earlier.up), places) / share + places[:, 2]
+            off[~(_alike(places, cells) & (share > MOSTLY))] = np.nan
+        raster = np.full(known.shape, np.nan, np.float32)
+        raster[known] = off
+        return _mean_of_known(raster, self.sigma_m / self.later.cell_m, LEAST_SHARED)
 
     def correlation(self, pose: Pose) -> float:
         """Of the relief that both stops see."""
@@ -314,6 +374,12 @@ class _Surfaces:
         both = both[np.isfinite(both).all(axis=1)]
         told = len(both) > MOTION and bool((both.std(axis=0) > 0).all())
         return float(np.corrcoef(both.T)[0, 1]) if told else 0.0
+
+
+def _alike(from_one: ObjectPoints, from_other: ObjectPoints) -> Flags:
+    """Whether two stops see places from about as far."""
+    far, near = np.hypot(*from_one[:, :2].T), np.hypot(*from_other[:, :2].T)
+    return (far < RANGE_RATIO * near + 1) & (near < RANGE_RATIO * far + 1)
 
 
 def register(
@@ -329,30 +395,31 @@ def register(
     `start` is later level frame to earlier one, `prior` its covariance, of rotation vector, then
     translation.
     """
-    known, moved, pose, correlation = np.linalg.inv(prior), np.zeros(MOTION), start, np.nan
+    known, moved, pose, correlation = np.eye(MOTION + 1), np.zeros(MOTION + 1), start, np.nan
+    known[:MOTION, :MOTION], known[MOTION, MOTION] = np.linalg.inv(prior), params.bias_line_px**-2
     for relief, sigma_m in steps:
         surfaces = _Surfaces.of(earlier, later, sigma_m, relief, params)
         if not relief and not moved[5]:
             pose = _levelled(pose, surfaces)
         for _ in range(params.rounds):
-            cells = surfaces.compare(pose)
+            cells = surfaces.compare(pose, moved[MOTION])
             if len(cells.weight) < LEAST_CELLS:
                 return None
             design = cells.design
             weighted = (design * cells.weight[:, None]).T
             normal = weighted @ design + known
             step = -np.linalg.solve(normal, weighted @ cells.residual_m + known @ moved)
-            moved, pose = moved + step, _move(pose, step)
-            if np.abs(step[3:]).max() < SETTLED_M:
+            moved, pose = moved + step, _move(pose, step[:MOTION])
+            if np.abs(step[3:MOTION]).max() < SETTLED_M:
                 break
         if relief:
             correlation, moved[5] = surfaces.correlation(pose), 0.0
-    cells = surfaces.compare(pose)
+    cells = surfaces.compare(pose, moved[MOTION])
     if len(cells.weight) < LEAST_CELLS:
         return None
     covariance, cells = _covariance(cells, known, earlier, later, params)
     area_m2 = len(cells.weight) * max(sigma_m, earlier.cell_m) ** 2
-    return Registration(pose, covariance, correlation, area_m2, cells)
+    return Registration(pose, covariance[:MOTION, :MOTION], correlation, area_m2, cells)
 
 
 def _levelled(pose: Pose, surfaces: _Surfaces) -> Pose:
@@ -371,50 +438,31 @@ def _move(pose: Pose, change: Float64[np.ndarray, " 6"]) -> Pose:
 
 def _covariance(
     cells: Cells,
-    known: Float64[np.ndarray, "6 6"],
+    known: Float64[np.ndarray, "7 7"],
     earlier: HeightGrid,
     later: HeightGrid,
     params: SurfaceParams,
-) -> tuple[Float64[np.ndarray, "6 6"], Cells]:
-    """(covariance of the motion, the cells with weights that allow for what they share)."""
+) -> tuple[Float64[np.ndarray, "7 7"], Cells]:
+    """(covariance of motion and lines, cells with weights that allow for what they share)."""
     design = cells.design
     score = design * (cells.weight * cells.residual_m)[:, None]
     square = np.floor(cells.places[:, :2] / CLUSTER_M).astype(np.int64) @ (10_000, 1)
     block = np.unique(square, return_inverse=True)[1].ravel()
-    blocks = np.zeros((int(block.max()) + 1, MOTION))
+    blocks = np.zeros((int(block.max()) + 1, MOTION + 1))
     np.add.at(blocks, block, score)
     weighted = (design * cells.weight[:, None]).T
     normal, squares = cells.steepness * weighted @ design, blocks.T @ blocks
     inverse = np.linalg.inv(normal + known)
     covariance = inverse @ (squares + known) @ inverse
-    for bias in shape_biases(cells.places, cells.arms, cells.by_shift, earlier, later, params):
-        off = inverse @ (weighted @ bias) * cells.steepness
-        covariance = covariance + np.outer(off, off)
-    shared = float(np.trace(inverse @ squares)) / MOTION / cells.steepness
+    along = along_rays(cells.arms, later, params) - along_rays(cells.places, earlier, params)
+    off = inverse @ (weighted @ (along * cells.by_shift).sum(axis=1)) * cells.steepness
+    covariance = covariance + np.outer(off, off)
+    shared = float(np.trace(inverse @ squares)) / (MOTION + 1) / cells.steepness
     return covariance, replace(cells, weight=cells.weight / max(shared, 1.0))
 
 
-def shape_biases(
-    places: ObjectPoints,
-    arms: ObjectPoints,
-    by_shift: ObjectPoints,
-    earlier: HeightGrid,
-    later: HeightGrid,
-    params: SurfaceParams,
-) -> tuple[PerPoint, PerPoint]:
-    """What residuals change by one standard deviation of what shapes share: along the rays, up."""
-    shifts = [shape_shift(rays, grid, params) for rays, grid in ((arms, later), (places, earlier))]
-    along, up = (one - other for one, other in zip(*shifts, strict=True))
-    return (along * by_shift).sum(axis=1), (up * by_shift).sum(axis=1)
-
-
-def shape_shift(
-    rays: ObjectPoints, grid: HeightGrid, params: SurfaceParams
-) -> tuple[ObjectPoints, ObjectPoints]:
-    """(along the rays from a rover, upwards): how far what it sees of places is displaced."""
-    from_mast = rays + np.array([0.0, 0.0, grid.mast_m])
+def along_rays(rays: ObjectPoints, grid: HeightGrid, params: SurfaceParams) -> ObjectPoints:
+    """How far what a rover sees of places is displaced along its rays by the bias of parallax."""
+    from_mast = grid.from_mast(rays)
     distance_m = np.linalg.norm(from_mast, axis=1)
-    along = params.bias_parallax_px / grid.scale_px_m * distance_m[:, None] * from_mast
-    up = np.zeros_like(rays)
-    up[:, 2] = -params.bias_line_px / grid.focal_px * distance_m
-    return along, up
+    return params.bias_parallax_px / grid.scale_px_m * distance_m[:, None] * from_mast

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.cameras.epipolar import projection_partials
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.gate import level_pose
@@ -66,8 +67,8 @@ def test_relief_tells_the_true_place_from_others(grids, true):
     assert np.linalg.norm(trial.found.pose.translation_m - true.translation_m) < 0.06
 
 
-def test_blocks_become_ties_between_pairs_of_both_stops(stops, grids, found):
-    ties = tie_by_surface(stops, grids, found, PARAMS)
+def test_blocks_become_ties_between_pairs_of_both_stops(stops, found):
+    ties = tie_by_surface(stops, found, PARAMS)
     assert len(ties) >= PARAMS.least
     assert ties.by_shape.all()
     ids = np.array(ties.pair_ids)
@@ -77,6 +78,26 @@ def test_blocks_become_ties_between_pairs_of_both_stops(stops, grids, found):
         [ties.second_sigma_px, ties.second_sigma_line_px, ties.second_sigma_parallax_px]
     )
     assert (rays > 0).all()
+
+
+def test_all_ties_together_tell_as_much_as_the_ground_does(stops, found):
+    later, skipped = stops[1], len(stops[0].pairs)
+    ties = tie_by_surface(stops, found, PARAMS)
+    sigmas = np.column_stack(
+        [ties.second_sigma_px, ties.second_sigma_line_px, ties.second_sigma_parallax_px]
+    )
+    known = np.zeros((6, 6))
+    for k, pair in enumerate(later.pairs):
+        rows, g = ties.second == k + skipped, pair.images.geometry
+        in_pair = g.triangulate(ties.second_left[rows], ties.second_parallax_px[rows])
+        turn = found.pose.rotation @ later.lsl_from_rover.rotation
+        arms = g.rover_from_pair.apply(in_pair) @ turn.T
+        by_shift = projection_partials(in_pair, g.focal_px, g.base_m)
+        by_shift = by_shift @ (turn @ g.rover_from_pair.rotation).T
+        by_pose = np.concatenate([np.cross(arms[:, None], by_shift), by_shift], axis=2)
+        weighed = (by_pose / sigmas[rows, :, None]).reshape(-1, 6)
+        known += weighed.T @ weighed
+    assert 2 < np.trace(known @ found.covariance) < 6  # unknowns; what blocks know alone is added
 
 
 def test_stops_that_share_no_ground_are_not_laid_onto_each_other(grids, true):

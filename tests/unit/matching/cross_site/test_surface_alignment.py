@@ -1,0 +1,83 @@
+"""Two stops on made-up ground: what the registration makes of errors that both stops share."""
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.cross_site.surface_alignment import (
+    HeightGrid,
+    SurfaceParams,
+    register,
+)
+
+PARAMS = SurfaceParams(farthest_m=15.0)
+FRAMES = [StopId("MER2", 1, drive).frame for drive in (0, 8)]
+AWAY = Pose(*FRAMES, np.eye(3), np.array([11.0, 4.0, 0.0]))
+LOOSE = np.diag(np.square([0.005, 0.005, 0.02, 0.3, 0.3, 0.3]))
+MAST_M, FOCAL_PX, SCALE_PX_M = 1.5, 1200.0, 240.0
+
+
+@pytest.fixture(scope="module")
+def ground():
+    """Heights on the cells of a grid, metres: bumps of 0.3 and of 1 m."""
+    noise = np.random.default_rng(3).normal(size=(1400, 1400)).astype(np.float32)
+    return sum(
+        height_m * cv2.GaussianBlur(noise, (0, 0), cells) * cells * 3.54
+        for cells, height_m in ((6.0, 0.08), (20.0, 0.12))
+    )
+
+
+def seen_from(ground, north_m, east_m, lines=0.0):
+    """What a mast sees of the ground, drawn so many lines too high; crests hide what is behind."""
+    half, cell_m = round(PARAMS.farthest_m / PARAMS.cell_m), PARAMS.cell_m
+    row, col = 700 - round(north_m / cell_m), 700 + round(east_m / cell_m)
+    up = ground[row - half : row + half, col - half : col + half].copy()
+    place = (np.arange(2 * half) + 0.5 - half) * cell_m
+    far = np.hypot(place[:, None], place[None, :])
+    over = ((up - MAST_M) / far).astype(np.float32)
+    middle, size = (half - 0.5, half - 0.5), (2 * half, 1440)
+    polar = cv2.warpPolar(over, size, middle, 2 * half, cv2.INTER_LINEAR)
+    horizon = np.maximum.accumulate(polar, axis=1)
+    back = cv2.warpPolar(
+        horizon, up.shape, middle, 2 * half, cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    )
+    up[(over < back - 0.003) | (far > PARAMS.farthest_m) | (far < 1.5)] = np.nan
+    up += lines * np.hypot(far, MAST_M) / FOCAL_PX
+    return HeightGrid(cell_m, up.astype(np.float32), MAST_M, SCALE_PX_M, FOCAL_PX)
+
+
+def registered(ground, lines=0.0):
+    """(error of the place in metres, error of the attitude in degrees, registration)."""
+    grids = (seen_from(ground, *place, lines) for place in ((0.0, 0.0), (11.0, 4.0)))
+    found = register(*grids, AWAY, LOOSE, PARAMS)
+    turn = np.degrees(Rotation.from_matrix(found.pose.rotation).as_rotvec())
+    return found.pose.translation_m - AWAY.translation_m, turn, found
+
+
+@pytest.fixture(scope="module")
+def exact(ground):
+    return registered(ground)
+
+
+def test_stops_that_see_crests_from_either_side_stay_where_they_are(exact):
+    off_m, turn_deg, _ = exact
+    assert np.abs(off_m).max() < 0.001
+    assert np.abs(turn_deg).max() < 0.01
+
+
+def test_ground_that_is_drawn_a_line_too_high_tilts_no_stop(ground):
+    off_m, turn_deg, _ = registered(ground, lines=1.0)
+    assert np.abs(off_m).max() < 0.003  # a line is 1 cm at 12 m
+    assert np.abs(turn_deg).max() < 0.015
+
+
+def test_the_range_between_stops_is_as_uncertain_as_a_bias_of_parallax_makes_it(exact):
+    *_, found = exact
+    ahead = AWAY.translation_m / np.linalg.norm(AWAY.translation_m)
+    along_m = np.sqrt(ahead @ found.covariance[3:, 3:] @ ahead)
+    half_m = np.linalg.norm(AWAY.translation_m) / 2
+    least_m = 2 * PARAMS.bias_parallax_px / SCALE_PX_M * half_m**2
+    assert least_m < along_m < 3 * least_m
