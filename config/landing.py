@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from solmap.config.records import ConfigError, read_toml, record_of
-from solmap.photogrammetry.archive.missions import mission_id
 from solmap.products.crs import LandingPoint
 from solmap.products.model import mission_of, origin_of
 
@@ -27,6 +26,8 @@ def landing_sites(path: Path = SHIPPED) -> dict[str, LandingSite]:
     Raises:
         ConfigError: the file cannot be read or a table is not a landing site.
     """
+    from solmap.photogrammetry.archive.missions import mission_id  # noqa: PLC0415 - lists need none
+
     sites = {}
     for mission, table in read_toml(path).items():
         if not isinstance(table, dict):
@@ -52,6 +53,8 @@ def landing_site(mission: str, path: Path = SHIPPED) -> LandingSite:
         numbers = zip(("site", "drive"), origin, strict=False)
         landing = site.landing.untied(" ".join(f"{what} {number}" for what, number in numbers))
         return LandingSite(f"{site.title} ({landing.name})", landing)
+    from solmap.photogrammetry.archive.missions import mission_id  # noqa: PLC0415 - as above
+
     sites, mission = landing_sites(path), mission_id(mission)
     if mission not in sites:
         raise ConfigError(

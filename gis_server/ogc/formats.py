@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 
 from solmap.gis_server.ogc.crs import Crs, transform_shapes
-from solmap.products.crs import MARS, MARS_URN, LandingPoint, MarsCrs, local_crs
+from solmap.products.crs import MARS, MARS_URN, LandingPoint, local_crs, mars_crs
 from solmap.products.features.index import IndexedFeature
 from solmap.products.formats.documents.csv_table import csv_table
 from solmap.products.formats.vector.geopackage import feature_frame
@@ -134,7 +134,7 @@ def _cell(value: Any) -> Any:  # noqa: ANN401 - a property
 def as_file(page: FeaturePage, form: Format, layer: str) -> bytes:
     """A GeoPackage or FlatGeobuf. These carry their CRS, and have longitude or east first."""
     shapes = page.shapes(Crs.LOCAL if page.crs is Crs.LOCAL else Crs.LON_LAT)
-    crs = local_crs(page.landing) if page.crs is Crs.LOCAL else MarsCrs.from_user_input(MARS)
+    crs = local_crs(page.landing) if page.crs is Crs.LOCAL else mars_crs(MARS)
     rows = [
         {"feature_id": one.name, **row} for one, row in zip(page.features, page.rows(), strict=True)
     ]
