@@ -1,14 +1,24 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from solmap.photogrammetry.frames import LSL, Pose, rotation_of_roll_pitch_yaw
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeParams, draw_birds_eye
+from solmap.photogrammetry.matching.cross_site.candidates import CandidateParams
+from solmap.photogrammetry.matching.cross_site.linking import (
+    CrossSiteParams,
+    TrialParams,
+    tie_cross_site,
+)
+from solmap.photogrammetry.matching.cross_site.links import VerdictParams
 from solmap.photogrammetry.matching.cross_site.parts import Part, merge_ground, parts_to_link
 from tests.support.rolling_stops import elevation, photographed, stand
 
+PARAMS = CrossSiteParams(
+    birds_eye=BirdsEyeParams(radius_m=16.0),
+    trials=TrialParams(candidates=CandidateParams(cell_m=0.5), decoys=1),
+    verdict=VerdictParams(least_spread_m=0.5),  # narrow panoramas share a strip of ground
+)
 A, B, C, D = (StopId("MER2", 1, drive) for drive in (0, 2, 4, 6))
 PLACES = {
     stop: Pose(LSL, stop.frame, rotation_of_roll_pitch_yaw(0.0, 0.0, turn), np.array([*at, 0.0]))
@@ -82,5 +92,17 @@ def test_merged_ground_lies_where_it_is():
 
 
 def test_a_stop_alone_is_its_own_part():
-    stop = replace(photographed(stand(0, 0.0, 0.0, 0.3), [0.0]))
+    stop = photographed(stand(0, 0.0, 0.0, 0.3), [0.0])
     assert merge_ground(stop, []).pairs == stop.pairs
+
+
+def test_a_stop_that_sees_too_little_is_linked_by_the_ground_of_the_one_beside_it(second_stop):
+    one, beside = stand(0, 0.0, 0.0, 0.3), stand(2, -1.0, 1.5, 1.0)
+    alone = photographed(one, np.radians([-22.0]), pointing=0.001)
+    others = photographed(beside, np.radians([-45.0, -15.0, 15.0]), pointing=0.001)
+    merged = merge_ground(alone, [(others, one.true.inverse @ beside.true)])
+    seen_alone, seen = (tie_cross_site(stop, second_stop, PARAMS) for stop in (alone, merged))
+    assert not seen_alone.linked
+    assert seen.linked, seen.reason
+    first = np.array(seen.ties.pair_ids)[seen.ties.first]
+    assert {name[:3] for name in first} == {"P00", "P02"}
