@@ -12,6 +12,7 @@ from solmap.config.workspace import open_workspace
 from solmap.flows.runtime.failures import clear_failure, isolate, keep_going
 from solmap.flows.runtime.run_record import record_run
 from solmap.flows.sol_inputs import read_map
+from solmap.flows.traverse import traverse_products
 from solmap.photogrammetry.archive.missions import mission_id
 from solmap.photogrammetry.terrain.dtm.region_dtm import regions_of
 from solmap.products.catalogue.workspace import Workspace
@@ -58,6 +59,10 @@ def draw_mission(
     sols = tuple(sorted({entry.sol for entry in entries}))
     published = publish(read.entry, [(ref, sols) for ref in layers], traverse, (), workspace)
     failed |= published.failures
+    made = {(ref.kind, ref.scope) for ref in traverse}
+    gone = [r for r in traverse_products(mission, workspace) if (r.kind, r.scope) not in made]
+    if traverse and gone:  # of sites that are on another map now
+        workspace.catalogue.withdraw((), gone)
     return read.entry.lsl_note
 
 

@@ -13,7 +13,7 @@ of a raster are the lower zooms. Nothing is resampled on its way to the screen.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import morecantile
@@ -93,11 +93,11 @@ def whole_zoom_of(bounds: tuple[float, float, float, float]) -> int:
 
 @lru_cache(maxsize=64)
 def tile_matrix_set(landing: LandingPoint) -> morecantile.TileMatrixSet:
-    """The OGC tile matrix set of a landing site."""
-    crs = local_crs(landing)
+    """The OGC tile matrix set of a landing site, or of a map that is not tied to one."""
+    crs = local_crs(replace(landing, origin=""))  # an ellipsoid is asked for, and of no effect
     degrees = crs.geodetic_crs
     assert degrees is not None  # noqa: S101 - a projected CRS has one
-    return morecantile.TileMatrixSet.custom(
+    made = morecantile.TileMatrixSet.custom(
         list(EXTENT),
         crs,
         tile_width=BLOCK,
@@ -108,3 +108,7 @@ def tile_matrix_set(landing: LandingPoint) -> morecantile.TileMatrixSet:
         title=f"Tiles of the map of {landing.name}",
         geographic_crs=CRS(degrees),
     )
+    if not landing.origin:
+        return made
+    untied = morecantile.models.CRSWKT(wkt=local_crs(landing).to_json_dict())
+    return made.model_copy(update={"crs": morecantile.models.CRS(untied)})

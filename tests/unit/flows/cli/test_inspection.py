@@ -72,7 +72,7 @@ def test_a_real_image_is_described(shared_data):
     assert found["camera"]["field_of_view_deg"] == pytest.approx([45, 45], abs=1.5)  # Maki 2003
     assert found["size"]["masked_share"] == pytest.approx(0.0, abs=0.01)
     assert found["partner"]["product"] is None
-    assert "no right-eye partner" in found["partner"]["why_none"]
+    assert "RAD 2N292280938RADB100P0703L0C1 of the same exposure" in found["partner"]["why_none"]
 
 
 def test_the_middle_of_the_image_is_where_the_camera_was_turned_to(world, pair):
