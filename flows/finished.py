@@ -24,7 +24,6 @@ from solmap.config.pipeline import load_pipeline
 from solmap.config.settings import Settings
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol_inputs import read_map
-from solmap.flows.traverse import traverse_products
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.runs import FinishedSolRecords
@@ -37,6 +36,7 @@ from solmap.products.model import (
     ScopeLevel,
     mission_of,
 )
+from solmap.tasks.mission.localisation import traverse_products
 from solmap.tasks.mission.publish import withdraw
 from solmap.tasks.network.orientations import Standing
 from solmap.tasks.scopes import is_of_mission, pair_scope
@@ -185,7 +185,7 @@ def withdraw_leftovers(
         withdraw(entry, layers, _pointers(entry.mission, images, given, workspace), workspace)
     for entry in gone:
         if not catalogue.layers(entry.mission):
-            catalogue.withdraw((), traverse_products(entry.mission, workspace))
+            catalogue.withdraw((), traverse_products(entry.mission, catalogue))
             catalogue.forget_map(entry.mission)
     return [f"{stop}: its maps stay as they are, for this run made none" for stop in sorted(kept)]
 

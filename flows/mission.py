@@ -12,7 +12,6 @@ from solmap.config.workspace import open_workspace
 from solmap.flows.runtime.failures import clear_failure, isolate, keep_going
 from solmap.flows.runtime.run_record import record_run
 from solmap.flows.sol_inputs import read_map
-from solmap.flows.traverse import traverse_products
 from solmap.photogrammetry.archive.missions import mission_id
 from solmap.photogrammetry.terrain.dtm.region_dtm import regions_of
 from solmap.products.catalogue.workspace import Workspace
@@ -23,7 +22,7 @@ from solmap.products.store.product_store import ProductStore
 from solmap.tasks.maps.region import fuse_region, seam_notes
 from solmap.tasks.maps.suitability import map_hazards, map_insolation
 from solmap.tasks.maps.terrain import map_relief, shade_relief, trace_contours
-from solmap.tasks.mission.localisation import localise
+from solmap.tasks.mission.localisation import localise, traverse_products
 from solmap.tasks.mission.publish import publish, withdraw
 from solmap.tasks.mission.vectors import draw_vectors
 
@@ -60,7 +59,9 @@ def draw_mission(
     published = publish(read.entry, [(ref, sols) for ref in layers], traverse, (), workspace)
     failed |= published.failures
     made = {(ref.kind, ref.scope) for ref in traverse}
-    gone = [r for r in traverse_products(mission, workspace) if (r.kind, r.scope) not in made]
+    gone = [
+        r for r in traverse_products(mission, workspace.catalogue) if (r.kind, r.scope) not in made
+    ]
     if traverse and gone:  # of sites that are on another map now
         workspace.catalogue.withdraw((), gone)
     return read.entry.lsl_note

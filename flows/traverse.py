@@ -32,14 +32,13 @@ from solmap.photogrammetry.traverse.georeference import (
 )
 from solmap.photogrammetry.traverse.records import Traverse
 from solmap.products.catalogue.catalogue import MissionEntry
-from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import finite
-from solmap.products.model import ProductKind, ProductRef
+from solmap.products.model import ProductKind
 from solmap.products.reports.network_figures import traverse_figure
 from solmap.products.store.user_files import read_user_file
 from solmap.tasks.mission.imported_traverse import draw_mission_traverse, read_traverses
+from solmap.tasks.mission.localisation import traverse_products
 from solmap.tasks.mission.publish import publish
-from solmap.tasks.scopes import region_scope
 
 FILE_NAMES = {
     ProductKind.PLACES: "{mission}_places.csv",
@@ -121,24 +120,13 @@ def export_files(folder: Path, mission: str, root: Path) -> list[Path]:
     """Copy what tells of a mission's adjusted traverse into a folder, named as operations do."""
     workspace = open_workspace(root)
     made = []
-    for ref in traverse_products(mission, workspace):
+    for ref in traverse_products(mission, workspace.catalogue):
         _, _, site = ref.scope.name.partition("-site")
         folder.mkdir(parents=True, exist_ok=True)
         file = folder / FILE_NAMES[ref.kind].format(mission=mission, site=int(site or 0))
         shutil.copyfile(workspace.store.path(ref), file)
         made.append(file)
     return made
-
-
-def traverse_products(name: str, workspace: Workspace) -> list[ProductRef]:
-    """The latest of what tells of the adjusted traverse on a map."""
-    region = region_scope(name).name
-    return [
-        ref
-        for kind in FILE_NAMES
-        for ref in workspace.catalogue.pointers(kind)
-        if ref.scope.name.partition("-site")[0] == region
-    ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

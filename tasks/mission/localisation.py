@@ -26,6 +26,7 @@ from solmap.photogrammetry.archive.tables.vector_files import Solution, VectorFi
 from solmap.photogrammetry.frames import LSL, FrameKind, Pose, site_frame
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.traverse.differences import Difference, differences
+from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.crs import LandingPoint, lon_lat
 from solmap.products.formats.documents.archives import finite, pose_document
 from solmap.products.formats.documents.network import (
@@ -50,6 +51,15 @@ from solmap.tasks.mission.vectors import stop_features, traverse_features
 from solmap.tasks.scopes import region_scope
 from solmap.tasks.stage import stage
 
+KINDS = (
+    ProductKind.PLACES,
+    ProductKind.SITE_VECTORS,
+    ProductKind.ROVER_VECTORS,
+    ProductKind.TRAVERSE_TABLE,
+    ProductKind.TRAVERSE_FIGURE,
+    ProductKind.TRAVERSE_FIGURE_PNG,
+    ProductKind.TRAVERSE_PACKAGE,
+)
 FEWEST = 2
 """Stops of a traverse that can be compared: a leg has two ends."""
 FORMAT = 2
@@ -58,6 +68,17 @@ ELLIPSE_POINTS = 64
 """Corners of an error ellipse."""
 PLAN = np.array([4, 3])
 """East and north in a stop's covariance, which holds turns before (north, east, down)."""
+
+
+def traverse_products(name: str, catalogue: Catalogue) -> list[ProductRef]:
+    """The latest of what `localise` made of a map, kind by kind."""
+    region = region_scope(name).name
+    return [
+        ref
+        for kind in KINDS
+        for ref in catalogue.pointers(kind)
+        if ref.scope.name.partition("-site")[0] == region
+    ]
 
 
 @stage(task_run_name="localise-{network.scope}")
