@@ -26,7 +26,6 @@ from threading import Lock
 from typing import Any
 
 import sqlalchemy as sa
-from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine.interfaces import DBAPIConnection
 from sqlalchemy.exc import (
     ArgumentError,
@@ -45,7 +44,7 @@ from solmap.products.store.faults import (
     require_writable,
 )
 
-Text = sa.String().with_variant(postgresql.VARCHAR(collation="C"), "postgresql")
+Text = sa.String().with_variant(sa.String(collation="C"), "postgresql")
 """Text that both sort by its bytes, whatever the language of the database."""
 _WRITES = "solmap_writes"
 _TURN = 0x501_3A9
@@ -229,6 +228,8 @@ def upsert(
     connection: sa.Connection, table: sa.Table, keys: dict[str, Any], values: dict[str, Any]
 ) -> None:
     """Insert a row, or replace the values of the one with these keys."""
+    from sqlalchemy.dialects import postgresql, sqlite  # noqa: PLC0415 - who reads needs neither
+
     dialect = postgresql if connection.dialect.name == "postgresql" else sqlite
     added = dialect.insert(table).values(**keys, **values)
     connection.execute(added.on_conflict_do_update(index_elements=list(keys), set_=values))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from solmap.photogrammetry.adjustment.modes.mission import AdjustmentMode
+from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
 from solmap.tasks.scopes import is_of_mission, is_overall, network_scope, sol_of
 
 
