@@ -132,9 +132,10 @@ def parts_at(
     if new.stop not in stops or not tried <= telemetry.keys():
         return []
     among = [stop for stop in telemetry if stop in tried and stop in stops]
+    reach_m = inputs.config.links.max_distance_m
     return [
         (_merged(one, stops), _merged(other, stops))
-        for one, other in parts_to_link([*among, new.stop], telemetry, poses)
+        for one, other in parts_to_link([*among, new.stop], telemetry, poses, reach_m)
     ]
 
 

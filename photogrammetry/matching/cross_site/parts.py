@@ -55,7 +55,10 @@ class Part:
 
 
 def parts_to_link(
-    stops: Sequence[StopId], telemetry: Mapping[StopId, Pose], links: LinkPoses
+    stops: Sequence[StopId],
+    telemetry: Mapping[StopId, Pose],
+    links: LinkPoses,
+    reach_m: float,
 ) -> Iterator[tuple[Part, Part]]:
     """The part of the last of some stops with each other one, earlier first, nearest stops leading.
 
@@ -63,25 +66,32 @@ def parts_to_link(
         stops: In the order of the traverse: those that the last one was tried with, and itself.
         telemetry: Of at least these stops.
         links: Those between them that stand.
+        reach_m: Stops that are farther from the leading stop of the other part are left out.
 
     Yields:
         Parts of more than two stops together: what two single stops tell has been told.
     """
+
+    def apart_m(ends: Iterable[StopId]) -> float:
+        one, other = (telemetry[stop].translation_m[:2] for stop in ends)
+        return float(np.linalg.norm(one - other))
+
+    def part(stop: StopId, other: StopId) -> Part:
+        every = Part.of(stop, among).beside.items()
+        return Part(
+            stop, {there: pose for there, pose in every if apart_m((there, other)) <= reach_m}
+        )
+
     among = {ends: pose for ends, pose in links.items() if set(ends) <= set(stops)}
     mine = Part.of(stops[-1], among).stops
     left = [stop for stop in stops if stop not in mine]
     while left:
         others = Part.of(left[0], among).stops
         left = [stop for stop in left if stop not in others]
-        if len(mine) + len(others) > 2:  # noqa: PLR2004 - more than a pair of stops
-
-            def apart_m(ends: Iterable[StopId]) -> float:
-                one, other = (telemetry[stop].translation_m[:2] for stop in ends)
-                return float(np.linalg.norm(one - other))
-
-            nearest = min(product(others, mine), key=apart_m)
-            one, other = (Part.of(stop, among) for stop in sorted(nearest, key=stops.index))
-            yield one, other
+        one, other = sorted(min(product(others, mine), key=apart_m), key=stops.index)
+        both = part(one, other), part(other, one)
+        if any(some.beside for some in both):
+            yield both
 
 
 def merge_ground(stop: MatchedStop, beside: Iterable[tuple[MatchedStop, Pose]]) -> MatchedStop:

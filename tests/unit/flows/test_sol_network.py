@@ -16,7 +16,7 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel
 
 STOPS = tuple(StopId("MER2", 1, drive) for drive in (0, 10, 20, 30))
-NORTHS = (0.0, 12.0, 24.0, 62.0)
+NORTHS = (0.0, 6.0, 12.0, 48.0)
 TELEMETRY = {
     stop: StopPrior(stop, Pose(LSL, stop.frame, np.eye(3), np.array([north, 0.0, 0.0])))
     for stop, north in zip(STOPS, NORTHS, strict=True)
@@ -56,7 +56,7 @@ def test_a_stop_that_no_link_joins_is_tied_to_the_ground_of_all_linked_stops_in_
     ((earlier, later),) = parts_at(STOPS[3], NEXT, inputs())
     assert (earlier.stop, later.stop) == (STOPS[2], STOPS[3])
     assert [other.stop for other, _ in earlier.beside] == [STOPS[1], STOPS[0]]
-    assert [place.translation_m[0] for _, place in earlier.beside] == [-12.0, -24.0]
+    assert [place.translation_m[0] for _, place in earlier.beside] == [-6.0, -12.0]
     assert later.beside == ()
 
 
@@ -80,7 +80,7 @@ def test_links_of_merged_ground_are_made_from_all_of_it(change):
     (first, place), second = earlier.beside
     other = {
         "ground": ((first, place),),
-        "place": ((first, replace(place, translation_m=(-12.5, 0.0, 0.0))), second),
+        "place": ((first, replace(place, translation_m=(-6.5, 0.0, 0.0))), second),
     }[change]
     changed = links_recipe(replace(earlier, beside=other), later, *told, params)
     assert changed.ref != merged.ref

@@ -26,7 +26,7 @@ PLACES = {
         (A, (0, 0), 0.1),
         (B, (9, 1), 0.7),
         (C, (20, -3), 1.5),
-        (D, (50, 5), 3.0),
+        (D, (48, 5), 3.0),
     )
 }
 
@@ -49,26 +49,32 @@ def test_a_part_has_its_stops_where_links_place_them():
 
 
 def test_a_stop_without_links_is_tried_with_the_merged_ground_of_those_that_are_linked():
-    found = parts_to_link([A, B, C, D], PLACES, linked((A, B), (B, C)))
+    found = parts_to_link([A, B, C, D], PLACES, linked((A, B), (B, C)), 50.0)
     assert sets(found) == [(C, {A, B, C}, D, {D})]  # C is the nearest to D
 
 
 def test_the_part_of_a_new_stop_is_tried_with_each_other_part():
-    found = parts_to_link([A, B, C, D], PLACES, linked((C, D)))
+    found = parts_to_link([A, B, C, D], PLACES, linked((C, D)), 50.0)
     assert sets(found) == [(A, {A}, C, {C, D}), (B, {B}, C, {C, D})]
 
 
 @pytest.mark.parametrize("ends", [[(A, B), (B, D)], [(A, D), (B, D)]])
 def test_what_is_joined_needs_no_merged_ground(ends):
-    assert list(parts_to_link([A, B, D], PLACES, linked(*ends))) == []
+    assert list(parts_to_link([A, B, D], PLACES, linked(*ends), 50.0)) == []
 
 
 def test_two_single_stops_have_been_tried():
-    assert list(parts_to_link([A, D], PLACES, {})) == []
+    assert list(parts_to_link([A, D], PLACES, {}, 50.0)) == []
+
+
+def test_stops_out_of_reach_of_the_other_part_are_left_out():
+    among = linked((A, B), (B, C))
+    assert sets(parts_to_link([A, B, C, D], PLACES, among, 45.0)) == [(C, {B, C}, D, {D})]
+    assert list(parts_to_link([A, B, C, D], PLACES, among, 35.0)) == []
 
 
 def test_links_to_other_stops_do_not_join():
-    found = parts_to_link([A, B, D], PLACES, linked((A, B), (A, C), (C, D)))
+    found = parts_to_link([A, B, D], PLACES, linked((A, B), (A, C), (C, D)), 50.0)
     assert sets(found) == [(B, {A, B}, D, {D})]
 
 
