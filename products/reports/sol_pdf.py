@@ -148,7 +148,7 @@ def _picture(layer: Layer, workspace: Workspace) -> tuple[np.ndarray, ScalarMapp
         values = dataset.read(band, out_shape=(rows, cols), masked=True)
         is_grey = dataset.dtypes[0] == "uint8"
     colours = LinearSegmentedColormap.from_list("ramp", list(style.colours))
-    colours.set_bad("white")
+    colours = colours.with_extremes(bad="white")
     ramp = ScalarMappable(Normalize(*_ends(layer, style, is_grey=is_grey)), colours)
     invalid = np.ma.getmaskarray(values) | ~np.isfinite(np.ma.getdata(values))
     painted = ramp.to_rgba(np.ma.array(np.ma.getdata(values), mask=invalid))

@@ -1,0 +1,50 @@
+"""`solmap export` and reports as PDF, as they are typed."""
+
+import pytest
+from typer.testing import CliRunner
+
+from solmap.flows.cli import app
+from tests.unit.gis_server.conftest import build
+
+CLI = CliRunner()
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory) -> str:
+    return str(build(tmp_path_factory.mktemp("store")).root)
+
+
+def test_a_folder_is_exported_and_brought_up_to_date(store, tmp_path):
+    target = tmp_path / "out"
+    asked = ["export", str(target), "--store", store, "--mission", "Spirit", "--sol", "155-157"]
+    asked += ["--stop", "10/64", "--kind", "dtm", "--kind", "slope", "--since", "2020-01-01"]
+    first = CLI.invoke(app, asked)
+    assert first.exit_code == 0, first.stderr
+    assert {path.name for path in (target / "maps").iterdir()} == {
+        "MER2_sol0156_site010_drive0064_dtm_8cm.tif",
+        "MER2_sol0156_site010_drive0064_slope_8cm.tif",
+    }
+    again = CLI.invoke(app, asked)
+    assert "0 written, 9 unchanged, 0 removed" in again.stdout.replace("\n", " ")
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--kind", "dem"], "there is no kind dem"),
+        (["--stop", "south"], "names no stop; SITE/DRIVE is expected"),
+        (["--sol", "900"], "nothing is selected"),
+    ],
+)
+def test_what_cannot_be_exported_is_one_line_and_leaves_nothing(store, tmp_path, options, says):
+    ended = CLI.invoke(app, ["export", str(tmp_path / "out"), "--store", store, *options])
+    assert ended.exit_code == 1
+    assert says in ended.stderr.replace("\n", " ")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_report_of_a_sol_is_a_pdf_where_its_file_is_called_so(store, tmp_path):
+    file = tmp_path / "sol.pdf"
+    ended = CLI.invoke(app, ["report", "MER2", "156", "--store", store, "--out", str(file)])
+    assert ended.exit_code == 0, ended.stderr
+    assert file.read_bytes().startswith(b"%PDF")
