@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import shutil
 from collections.abc import Iterator, Sequence
@@ -23,7 +22,7 @@ from tests.support.disorder import differences
 from tests.support.small_downlink import FEW_LAYERS, write_coarse_pipeline, write_small_downlink
 from tests.support.store_checks import Contents, faults
 
-ORDERS = 4
+ORDERS = 25
 processed = pytest.mark.usefixtures("engine")
 
 
@@ -96,8 +95,8 @@ def test_images_are_on_the_same_maps_after_any_order(tmp_path, folders):
 @pytest.mark.slow
 @processed
 @pytest.mark.parametrize("is_tied", [True, False])
-def test_fifty_orders_of_deliveries_end_in_one_published_set(tmp_path, folders, is_tied):
-    """Not tied: what joins site 11 to site 10 never comes, so it stays on a map of its own."""
+def test_fifty_orders_of_deliveries_end_in_two_published_sets(tmp_path, folders, is_tied):
+    """Half of them without what joins site 11 to site 10: then that stays on a map of its own."""
     chosen = folders if is_tied else folders[:-1]
     pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml", FEW_LAYERS))
     first = tmp_path / "first"
@@ -141,7 +140,7 @@ def test_real_frames_in_any_order_end_in_one_published_set(tmp_path, shared_data
         folders.append(folder)
     pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml", FEW_LAYERS))
     found: list[Contents] = []
-    for number, order in enumerate(itertools.islice(orders(99, folders), 5)):
+    for number, order in enumerate(orders(4, folders)):
         root = tmp_path / str(number)
         for _, failures in deliver(order, root, pipeline):
             assert failures == []

@@ -124,6 +124,15 @@ def test_frames_without_partner_are_named_as_such(real_images):
     )
 
 
+def test_products_of_one_real_exposure_are_one_observation(real_images):
+    pairing = find_stereo_pairs([read.image for read in real_images.values()])
+    rad = "2N292280938RADB100P0703L0C1"
+    assert pairing.repeats == {
+        "2N292280938EFFB100P0703L0M1": rad,
+        "2N292280938RSLB100P0703L0M1": rad,
+    }
+
+
 def test_the_labels_of_the_sol_767_pair_lie_a_stereo_bar_apart(shared_data):
     centres = []
     for eye in "lr":
