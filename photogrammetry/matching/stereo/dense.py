@@ -2,9 +2,9 @@
 
 The locally normalised images are matched semi-globally from left to right and from right to left,
 about the parallax plane of the ground (`semi_global`). A parallax stays where both ways agree and
-where it is part of a larger surface; it is then refined at every pixel, and kept where texture
-exceeds noise and the windows agree. The sky, shadows without detail, and what only one camera sees
-end as NaN.
+where it is part of a larger surface; it is then refined at every pixel, and kept where it is
+precise and the windows agree. The sky, shadows without detail, and what only one camera sees end as
+NaN.
 
 Values of semi-global matching crowd at whole pixels (pixel locking). They are smoothed without
 crossing depth edges and then corrected by Lucas-Kanade steps: with the slope g of the left image
@@ -21,17 +21,11 @@ as high as wide reach over metres of it, and over crests that hide the ground be
 than a pixel of parallax, which then comes out too high. The rows of such ground have lower and
 wider windows, and smoothing that keeps smaller edges (`count_far_lines`).
 
-That is the sigma of the window's parallax; the ground in its middle differs by what the window does
-not resolve. It shows in the step that windows of half the width still ask for, whose mean square
-over the surroundings is added to sigma^2. It holds the noise of the half window too, and so errs on
-the safe side where relief is small. On far ground those windows are half as high and as wide: it is
-along the rays that a window reaches over relief.
-
-A pixel can be matched where slopes exceed what noise alone makes of them. White noise of variance
-n^2 gives the slope of a cubic spline 1.39 n^2, the mean of (3 sin w / (2 + cos w))^2 over all
-frequencies w, and a residual 2 n^2. So the noise is known twice: from the image as a whole, which
-is too much in shadows, and from the residuals around, which is too much where the surface is rough.
-The smaller of the two is compared with the slopes.
+That is the sigma of the window's parallax by noise; the ground in its middle differs by what the
+window does not resolve and by what smoothing took off. A step takes the share w off an error whose
+pattern the window sees to that share, so after the last step those are left whose w is small, and
+one further step would ask for w of them. The mean square of that step over the surroundings, over
+w^2 of about a tenth (`UNSETTLED`), is added to sigma^2.
 """
 
 from __future__ import annotations
@@ -62,7 +56,6 @@ from solmap.photogrammetry.matching.stereo.semi_global import (
 )
 from solmap.photogrammetry.matching.stereo.sparse import largest_parallax_px
 from solmap.photogrammetry.ranges import (
-    FactorOrZero,
     Few,
     NearestMetres,
     OddPixels,
@@ -74,24 +67,22 @@ from solmap.photogrammetry.ranges import (
 
 Filter = Callable[[GreyImage], GreyImage]
 
-SLOPE_NOISE = 1.39
-"""Variance of the spline's slope over that of white noise."""
-
 WINDOW_NOISE = 0.67
 """Variance of a step over s0^2/E: 0.46 since a box applied twice has weights whose squares sum to
 less than themselves, times 1.44 for residuals that resampling has correlated (`least_squares`)."""
 
-UNRESOLVED_PX = 21
-"""Window over which unresolved relief is averaged, odd: twice as wide as that of the parallax."""
+UNSETTLED = 10.0
+"""Square of the error over that of the step asked for after the last one, as known truth tells of
+planes, simulated and rendered ground and Middlebury's motorcycle. Relief of the parallax about the
+window, its edges, and what half windows ask for explain nothing beside it."""
+
+UNSETTLED_PX = 21
+"""Window over which these steps are averaged, odd: twice as wide as that of the parallax."""
 
 TINY = np.float32(1e-6)
 """Energy or contrast that stands for none."""
 
-LARGEST_STEP_PX = 0.5
-"""Step of a half window beyond which it has lost its texture and tells nothing of relief."""
-
-
-FURTHEST_PX = 1.5
+FURTHEST_PX = 1.0
 """A pixel that moves further from its first parallax has slid to another surface."""
 
 
@@ -109,10 +100,6 @@ REACH_LINES = 8
 """Rows that smoothing looks at to either side; OpenCV takes one and a half standard deviations."""
 
 
-TEXTURE_PX = 5
-"""Window of that energy, odd: small, so that the horizon lends no texture to the sky."""
-
-
 @dataclass(frozen=True, slots=True)
 class RefinementParams:
     """How the parallax of every pixel is refined and judged."""
@@ -128,17 +115,16 @@ class RefinementParams:
     edge_px: Pixels = 1.0
     """Standard deviation in parallax of that smoothing: what differs by more is another surface.
     Less on far ground (`FAR_EDGE`)."""
-    texture: FactorOrZero = 2.0
-    """Least energy of the slope, in units of what noise alone would give: as much texture as noise.
-    Below that even the whole window leaves 0.2 px; the sky stays at 1."""
-    largest_sigma_px: Pixels = 0.5
+    largest_sigma_px: Pixels = 1.0
     """Parallaxes less precise than this are left out."""
-    least_correlation: Share = 0.6
-    """Of the windows after the last step; chance agreement of noise stays below."""
+    least_correlation: Share = 0.3
+    """Of the windows after the last step; below that they show different things. Faint texture on a
+    smooth wall correlates by less than a half and is matched rightly (Middlebury)."""
 
 
-NORMALISATION_PX = 31
-"""Window of the local normalisation, odd: wider than any correlation window."""
+NORMALISATION_PX = 255
+"""Window of the local normalisation, odd: wide enough that an edge or a crest does not change the
+contrast of the faint ground beside it, and narrow enough for vignetting and shadows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,11 +166,8 @@ class DenseMatches:
 class Fit:
     """How the windows about all pixels agree under a parallax."""
 
-    step_px: ParallaxMap
-    """Correction that least squares asks for."""
     sigma_px: ParallaxMap
     correlation: GreyImage
-    textured: Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -254,7 +237,6 @@ class PixelwiseMatcher:
         far_lines: int = 0,
     ) -> None:
         self.left = left.grey
-        self.noise = left.noise
         self.slope = row_slope(row_coefficients(left.grey))
         self.right_coefficients = row_coefficients(right.grey)
         self.params = params
@@ -267,9 +249,9 @@ class PixelwiseMatcher:
         parallax = self.smooth(rough)
         for _ in range(self.params.steps - 1):
             parallax = self.smooth(parallax + self.step(parallax))
+        parallax = parallax + self.step(parallax)
         fit = self.fit(parallax)
-        parallax = parallax + fit.step_px
-        good = (fit.sigma_px <= self.params.largest_sigma_px) & fit.textured & (parallax > 0)
+        good = (fit.sigma_px <= self.params.largest_sigma_px) & (parallax > 0)
         good &= fit.correlation >= self.params.least_correlation
         good &= np.abs(parallax - rough) <= FURTHEST_PX
         nothing = np.float32(np.nan)
@@ -291,17 +273,14 @@ class PixelwiseMatcher:
         return keeping(FAR_EDGE * self.params.edge_px), keeping(self.params.edge_px)
 
     def fit(self, parallax: ParallaxMap) -> Fit:
-        """How well the images agree under a parallax, and what would improve it."""
+        """How well the images agree under a parallax."""
         slope, residual = self._compare(parallax)
-        whole = self._sums(slope, residual, np.isfinite(parallax))
-        half = self._sums(slope, residual, np.isfinite(parallax), half=True)
-        unresolved = np.clip(half.step_px - whole.step_px, -LARGEST_STEP_PX, LARGEST_STEP_PX)
-        noise = np.float32(WINDOW_NOISE) * whole.variance / whole.energy
+        sums = self._sums(slope, residual, np.isfinite(parallax))
+        noise = np.float32(WINDOW_NOISE) * sums.variance / sums.energy
+        unsettled = np.float32(UNSETTLED) * self._mean_square(sums.step_px, parallax)
         return Fit(
-            step_px=whole.step_px,
-            sigma_px=np.sqrt(noise + self._mean_square(unresolved, parallax)),
-            correlation=1 - whole.variance / np.maximum(2 * self._contrast(parallax), TINY),
-            textured=self._has_texture(slope * slope, residual * residual),
+            sigma_px=np.sqrt(noise + unsettled),
+            correlation=1 - sums.variance / np.maximum(2 * self._contrast(parallax), TINY),
         )
 
     def step(self, parallax: ParallaxMap) -> ParallaxMap:
@@ -317,12 +296,9 @@ class PixelwiseMatcher:
         nothing = np.float32(0)
         return np.where(known, self.slope, nothing), np.where(known, right - self.left, nothing)
 
-    def _sums(self, g: GreyImage, r: GreyImage, known: Mask, *, half: bool = False) -> WindowSums:
+    def _sums(self, g: GreyImage, r: GreyImage, known: Mask) -> WindowSums:
         """The least squares of all windows; g and r are slope and residual."""
-
-        def total(values: GreyImage) -> GreyImage:
-            return self._window_sum(values, half=half)
-
+        total = self._window_sum
         n = np.maximum(total(known.astype(np.float32)), np.float32(1e-3))
         sum_g, sum_r = total(g), total(r)
         energy = np.maximum(total(g * g) - sum_g * sum_g / n, TINY)
@@ -338,29 +314,22 @@ class PixelwiseMatcher:
         total, squares = self._window_sum(grey), self._window_sum(grey * grey)
         return np.maximum(squares - total * total / n, 0) / n
 
-    def _window_sum(self, values: GreyImage, *, half: bool = False) -> GreyImage:
-        """Sums over the windows about all pixels, or over those of half the size."""
+    def _window_sum(self, values: GreyImage) -> GreyImage:
+        """Sums over the windows about all pixels."""
         side = self.params.box_px
         low, wide = int(side * SQUEEZE) | 1, int(side / SQUEEZE) - 1 | 1
-        near = side // 2 | 1 if half else side
 
         def over(width: int, height: int) -> Filter:
             return lambda rows: _sum_twice(rows, (width, height))
 
-        filters = over(wide, low // 2 | 1 if half else low), over(near, near)
-        return _far_and_near(values, self.far_lines, 2 * side, *filters)
+        return _far_and_near(values, self.far_lines, 2 * side, over(wide, low), over(side, side))
 
     def _mean_square(self, values: GreyImage, parallax: ParallaxMap) -> GreyImage:
         """Mean square over the surroundings, of the pixels that have a parallax."""
-        known, window = np.isfinite(parallax), (UNRESOLVED_PX, UNRESOLVED_PX)
+        known, window = np.isfinite(parallax), (UNSETTLED_PX, UNSETTLED_PX)
         share = np.maximum(cv2.blur(known.astype(np.float32), window), np.float32(1e-3))
         total = cv2.blur(np.where(known, values * values, np.float32(0)), window)
         return np.maximum(total, 0) / share  # running sums round below zero
-
-    def _has_texture(self, gg: GreyImage, rr: GreyImage) -> Mask:
-        window = (TEXTURE_PX, TEXTURE_PX)
-        noise = np.minimum(cv2.blur(rr, window) / 2, self.noise * self.noise)
-        return cv2.blur(gg, window) > np.float32(self.params.texture * SLOPE_NOISE) * noise
 
 
 def _sum_twice(values: GreyImage, box: tuple[int, int]) -> GreyImage:

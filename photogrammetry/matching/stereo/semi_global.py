@@ -9,7 +9,8 @@ value, so that edges do not count.
 **Matching, both ways.** OpenCV's StereoSGBM (after Hirschmüller 2008) minimises the
 Birchfield-Tomasi difference over small blocks plus a penalty P1 for parallax steps of one pixel and
 P2 for larger ones along five paths. Its penalties are kept at the proportion of its authors, 8 and
-32 times the area of the block.
+32 times the area of the block. Slopes count up to a cap, so that an outline, which belongs to the
+nearer surface, does not pull the ground beside it along.
 
 **Search about the plane of the ground.** Seen from a mast, level or tilted ground has a parallax
 that is linear over the image: with the plane n.P = h and P = Z ((x - c_x)/f, (y - c_y)/f, 1) one
@@ -17,7 +18,9 @@ finds p = f B / Z = a + b x + c y. What remains after taking that plane out is r
 is a fraction of the whole. So the pair is first matched in a reduced image, over the whole range; a
 plane is fitted to what was found by least absolute deviations; and the full image is matched
 against the right image shifted by the plane, over the range of the relief alone. On top of the time
-saved, the ground lies parallel to the image, which is what semi-global matching favours.
+saved, the ground lies parallel to the image, which is what semi-global matching favours. Where
+relief takes up most of the search, as indoors, there is no such plane, and the images are matched
+as they are.
 
 The plane also tells the angle a at which the ground is seen. With p = p_0 + g_x x + g_y y about the
 principal point and the ray r = (x/f, y/f, 1), sin a = p / (|(f g_x, f g_y, p_0)| |r|).
@@ -35,8 +38,8 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.matching.parallax_planes import ParallaxPlane, fit_robust_plane
 from solmap.photogrammetry.ranges import CountOrZero, OddPixels, Percent, Pixels, PixelsOrZero
 
-CONTRAST = 40.0
-"""Grey levels of eight bits per local standard deviation: three to either side fit."""
+CONTRAST = 75.0
+"""Grey levels of eight bits per local standard deviation: 1.7 to either side fit."""
 
 NOISE_FLOOR = 2.0
 """Standard deviations of noise that count as no contrast."""
@@ -46,6 +49,12 @@ FIXED_POINT = 16
 
 REDUCED_SEARCH_PX = 128
 """Widest search in the reduced image; the image is halved until the range fits."""
+
+SLOPE_CAP = 31
+"""Largest slope that counts, in eight bits and eighths of a level a pixel (Sobel operator)."""
+
+WORTHWHILE = 0.5
+"""Share of the whole search above which relief makes the plane worthless."""
 
 MARGIN_PX = 3
 """Pixels of the reduced image added to either end of the relief it showed."""
@@ -66,9 +75,10 @@ class SemiGlobalParams:
 
     block_px: OddPixels = 5
     """Side of the block, odd: small, so that depth edges stay sharp; 3 to 11 by OpenCV."""
-    uniqueness_percent: Percent = 25
-    """By how much the best cost must win. Of what OpenCV's 5 keeps beyond that, a tenth to two
-    fifths is wrong by more than 1 px: 6 to 70 times as much as of the rest (known truth)."""
+    uniqueness_percent: Percent = 40
+    """By how much the best cost must win, both ways. Of what 25 keeps beyond that, a sixth is wrong
+    by more than 1 px on rendered ground and a third in Middlebury's motorcycle: ten times as much
+    as of the rest."""
     agreement_px: PixelsOrZero = 1.0
     """Largest difference between the parallax from left to right and from right to left."""
     smallest_surface_px: CountOrZero = 100
@@ -83,8 +93,6 @@ class NormalisedImage:
 
     grey: GreyImage
     mask: Mask
-    noise: GreyImage
-    """Standard deviation of the noise, in the same units."""
 
 
 def rough_parallax(
@@ -100,7 +108,11 @@ def rough_parallax(
     if not np.isfinite(reduced).any():
         return np.full(left.grey.shape, np.nan, np.float32)
     plane, relief = _plane_and_relief(reduced, scale)
-    parallax = _match_about(plane, relief, left, right, params)
+    if relief[1] - relief[0] < WORTHWHILE * (search[1] - search[0]):
+        parallax = _match_about(plane, relief, left, right, params)
+    else:
+        pictures = to_eight_bit(left.grey), to_eight_bit(right.grey)
+        parallax = match_both_ways(*pictures, (left.mask, right.mask), search, params)
     within = (parallax >= search[0]) & (parallax <= search[1])
     return np.where(within, parallax, np.float32(np.nan))
 
@@ -151,7 +163,7 @@ def normalise_locally(image: GreyImage, mask: Mask, window_px: int) -> Normalise
     variance = np.maximum(cv2.blur(grey * grey, size) / share - mean * mean, 0)
     spread = np.sqrt(variance + np.float32((NOISE_FLOOR * noise) ** 2 + 1e-12))
     normalised = np.where(mask, (grey - mean) / spread, np.float32(0))
-    return NormalisedImage(normalised, mask, np.float32(noise) / spread)
+    return NormalisedImage(normalised, mask)
 
 
 def to_eight_bit(normalised: GreyImage) -> Picture:
@@ -207,7 +219,7 @@ def _match(
         blockSize=params.block_px,
         P1=8 * area,
         P2=32 * area,
-        preFilterCap=63,
+        preFilterCap=SLOPE_CAP,
         uniquenessRatio=params.uniqueness_percent,
         mode=cv2.STEREO_SGBM_MODE_SGBM,
     )

@@ -42,7 +42,6 @@ from solmap.photogrammetry.matching.least_squares import match_offsets
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.resampling import resample, shift_rows
 from solmap.photogrammetry.matching.stereo.dense import (
-    NORMALISATION_PX,
     DenseMatches,
     DenseParams,
     match_about,
@@ -83,6 +82,9 @@ LINES = 6
 
 BACK_PX = 1
 """Distance by which the way back may miss: places are whole pixels."""
+
+REACH_LINES = 31
+"""Rows matched beside those that are asked for: further than any window reaches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,7 +302,7 @@ def _rows_with(far: Mask) -> slice:
     rows = np.flatnonzero(far.any(axis=1))
     if not len(rows):
         raise MatchingError("the wide pair shows no ground that is far enough for its base")
-    return slice(max(0, int(rows[0]) - NORMALISATION_PX), int(rows[-1]) + 1 + NORMALISATION_PX)
+    return slice(max(0, int(rows[0]) - REACH_LINES), int(rows[-1]) + 1 + REACH_LINES)
 
 
 def _cut(geometry: EpipolarPair, rows: slice) -> EpipolarPair:
