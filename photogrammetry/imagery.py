@@ -10,7 +10,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from solmap.photogrammetry.arrays import Flags, ImagePoints, Int32, PerPoint
+from solmap.photogrammetry.arrays import Flags, ImagePoints, Int32, PerPoint, Vector3
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import FrameError, LabelError
 from solmap.photogrammetry.frames import Frame, Pose, rover_frame
@@ -99,6 +99,20 @@ class RoverImage:
     """PRODUCT_CREATION_TIME: when the file was made on Earth, for one may be made anew."""
     camera_celsius: float | None = None
     """Mean temperature of the detectors on the mast; None on the body, or where none is told."""
+
+    @property
+    def sun(self) -> Vector3 | None:
+        """Unit vector towards the Sun in the site frame (north, east, down); None: not stated."""
+        if self.sun_azimuth is None or self.sun_elevation is None:
+            return None
+        level = math.cos(self.sun_elevation)
+        return np.array(
+            [
+                level * math.cos(self.sun_azimuth),
+                level * math.sin(self.sun_azimuth),
+                -math.sin(self.sun_elevation),
+            ]
+        )
 
     def __post_init__(self) -> None:
         if self.site_from_rover.source != self.stop.frame:

@@ -20,6 +20,7 @@ from solmap.photogrammetry.arrays import (
     Mask,
     ParallaxMap,
     PerPoint,
+    Vector3,
 )
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import MatchingError
@@ -55,6 +56,8 @@ class MatchedPair:
     matches: StereoMatches
     parallax: ParallaxMap
     """Dense parallax on the grid of the left epipolar image."""
+    sun: Vector3 | None = None
+    """Unit vector towards the Sun in the axes of site and LSL (north, east, down), if known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

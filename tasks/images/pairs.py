@@ -123,6 +123,7 @@ def read_matched_pair(pair: PairProducts, store: ProductStore) -> MatchedPair:
         images=resample_pair(left, turn_right_camera(right, read_right_turn(path)), geometry),
         matches=matches,
         parallax=read_parallax(store.path(pair.parallax)),
+        sun=left.image.sun,
     )
 
 

@@ -73,5 +73,6 @@ def matched_pairs(files: list[Path]) -> tuple[MatchedPair, ...]:
         images = resample_pair(left, right, pair_geometry(left.image, right.image))
         matches = match_sparsely(pair.id, images, SparseParams())
         name = left.image.instrument
-        pairs.append(MatchedPair(pair.id, name, images, matches, match_densely(images).parallax_px))
+        parallax, sun = match_densely(images).parallax_px, left.image.sun
+        pairs.append(MatchedPair(pair.id, name, images, matches, parallax, sun))
     return tuple(pairs)

@@ -126,9 +126,8 @@ def _matched(world: World, shot: Shot) -> MatchedPair:
     images = resample_pair(left, right, pair_geometry(left.image, right.image))
     name = left.image.id
     matches = match_sparsely(name, images, SparseParams())
-    return MatchedPair(
-        name, left.image.instrument, images, matches, match_densely(images).parallax_px
-    )
+    parallax, sun = match_densely(images).parallax_px, left.image.sun
+    return MatchedPair(name, left.image.instrument, images, matches, parallax, sun)
 
 
 def _read(world: World, shot: Shot, eye: Eye) -> ReadImage:

@@ -15,7 +15,8 @@ with C_1 = L L' and L^-1 C_2 L^-T = V diag(l) V', place = centre + G (row, colum
 
     G = L V diag(sqrt(max(1, l))),
 
-and each image is averaged over the pixels that a cell covers.
+and each image is averaged over the pixels that a cell covers. Patches that are sought in a stop
+under another sun are relit over the same surface (`light`).
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from solmap.photogrammetry.arrays import (
     ObjectPoints,
     PerPoint,
     Raster,
+    Vector3,
 )
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.conjugates import TieView
@@ -41,6 +43,7 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import (
     BirdsEyeView,
     draw_birds_eye,
 )
+from solmap.photogrammetry.matching.cross_site.light import relighting, slopes
 from solmap.photogrammetry.matching.records import MatchedStop
 
 SLOPE_STEP_M = 0.25
@@ -64,6 +67,8 @@ class GroundSurface:
 
     cell_m: float
     elevation: Raster
+    rise: Float32[np.ndarray, "2 rows cols"]
+    """Towards north and east."""
 
     @classmethod
     def of(cls, view: BirdsEyeView) -> GroundSurface:
@@ -79,17 +84,31 @@ class GroundSurface:
         known = np.isfinite(filled)
         inner = cv2.erode(known.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         smooth = cv2.medianBlur(np.where(known, filled, 0).astype(np.float32), 5)
-        return cls(view.cell_m, np.where(inner, smooth, filled).astype(np.float32))
+        elevation = np.where(inner, smooth, filled).astype(np.float32)
+        return cls(view.cell_m, elevation, slopes(elevation, view.cell_m))
 
-    def at(self, north: np.ndarray, east: np.ndarray) -> Float32[np.ndarray, "rows cols"]:
+    def at(self, north: np.ndarray, east: np.ndarray) -> Float32[np.ndarray, "a b"]:
         """Elevation at places of the level frame, NaN where unknown."""
+        return self._sample(self.elevation, north, east)
+
+    def relighting(
+        self, north: np.ndarray, east: np.ndarray, sun: Vector3, other: Vector3
+    ) -> Float32[np.ndarray, "a b"]:
+        """By how much brighter the ground is under another sun; NaN beyond the surface."""
+        rise = (self._sample(raster, north, east) for raster in self.rise)
+        return relighting(*rise, sun, other)
+
+    def _sample(
+        self, raster: Raster, north: np.ndarray, east: np.ndarray
+    ) -> Float32[np.ndarray, "a b"]:
+        """A raster of the surface at places of the level frame."""
         if not north.size:
             return np.zeros(north.shape, np.float32)
         half = self.elevation.shape[0] / 2 - 0.5
         col = (east / self.cell_m + half).astype(np.float32)
         row = (half - north / self.cell_m).astype(np.float32)
         return cv2.remap(
-            self.elevation,
+            raster,
             col,
             row,
             cv2.INTER_LINEAR,
@@ -120,6 +139,11 @@ class GroundView:
     origin_m: Float64[np.ndarray, " 3"]
     averaged: dict[tuple[int, int], GreyImage] = field(default_factory=dict)
     _ground: MatchedGround | None = None
+
+    @property
+    def sun(self) -> Vector3 | None:
+        """Unit vector towards the Sun in the level frame (north, east, down), if known."""
+        return self.view.pair.sun
 
     @property
     def ground(self) -> MatchedGround:
@@ -187,15 +211,15 @@ class GroundView:
         grids: Float64[np.ndarray, "n 2 2"],
         half: int,
         core_half: int,
+        sun: Vector3 | None = None,
     ) -> tuple[Float32[np.ndarray, "n a a"], Flags]:
         """Orthophoto patches around (north, east) centres, and whose core is seen.
 
-        Row i and column j of a patch lie at centre + G (i - half, j - half).
+        Row i and column j of a patch lie at centre + G (i - half, j - half). Given a sun, the
+        patches look as they would under it.
         """
-        steps = np.arange(-half, half + 1, dtype=np.float64)
-        plan = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1)
-        places = centres[:, None, None, :] + np.einsum("nab,ijb->nija", grids, plan)
-        n, size = len(centres), len(steps)
+        places = _places(centres, grids, half)
+        n, size = places.shape[:2]
         flat = places.reshape(n * size, size, 2)
         left = self.project(flat[..., 0], flat[..., 1])[0]
         left = left.reshape(n, size, size, 2)
@@ -204,6 +228,9 @@ class GroundView:
         for level in {tuple(row) for row in levels.tolist()}:
             rows = np.flatnonzero((levels == level).all(axis=1))
             patches[rows] = self._sample(left[rows], (int(level[0]), int(level[1])))
+        if sun is not None and self.sun is not None:
+            brighter = self.surface.relighting(flat[..., 0], flat[..., 1], self.sun, sun)
+            patches *= brighter.reshape(patches.shape)
         core = slice(half - core_half, half + core_half + 1)
         whole = np.isfinite(patches[:, core, core]).reshape(n, -1).mean(axis=1) > LEAST_SEEN
         middle = slice(half - core_half // 2, half + core_half // 2 + 1)
@@ -212,6 +239,19 @@ class GroundView:
         return np.where(np.isfinite(patches), patches, means[:, None, None]).astype(
             np.float32
         ), whole
+
+    def relief_m(
+        self, centres: Float64[np.ndarray, "n 2"], grids: Float64[np.ndarray, "n 2 2"], half: int
+    ) -> PerPoint:
+        """Root mean square height of the ground of patches above its mean plane."""
+        places = _places(centres, grids, half)
+        n, size = places.shape[:2]
+        flat = places.reshape(n * size, size, 2)
+        up = self.surface.at(flat[..., 0], flat[..., 1]).reshape(n, size * size).astype(np.float64)
+        up = np.nan_to_num(up - np.nanmean(up, axis=1, keepdims=True))
+        row, col = np.indices((size, size)).reshape(2, -1) - half
+        plane, _ = np.linalg.qr(np.column_stack([np.ones(size * size), row, col]))
+        return np.sqrt(np.mean((up - up @ plane @ plane.T) ** 2, axis=1))
 
     def _levels(
         self, centres: Float64[np.ndarray, "n 2"], grids: Float64[np.ndarray, "n 2 2"]
@@ -279,6 +319,15 @@ class StopViews:
     def pair_ids(self) -> tuple[str, ...]:
         """Its pairs, in the order of `views`."""
         return tuple(view.view.pair.pair_id for view in self.views)
+
+
+def _places(
+    centres: Float64[np.ndarray, "n 2"], grids: Float64[np.ndarray, "n 2 2"], half: int
+) -> Float64[np.ndarray, "n a a 2"]:
+    """(north, east) of the cells of patches."""
+    steps = np.arange(-half, half + 1, dtype=np.float64)
+    plan = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1)
+    return centres[:, None, None, :] + np.einsum("nab,ijb->nija", grids, plan)
 
 
 def common_cells(

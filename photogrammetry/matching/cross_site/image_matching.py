@@ -35,7 +35,14 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation as ScipyRotation
 
-from solmap.photogrammetry.arrays import Flags, Float32, Float64, ImagePoints, Int32, PerPoint
+from solmap.photogrammetry.arrays import (
+    Flags,
+    Float32,
+    Float64,
+    ImagePoints,
+    Int32,
+    PerPoint,
+)
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.alignment import Alignment
@@ -48,6 +55,7 @@ from solmap.photogrammetry.matching.conjugates import (
     measure_parallax,
 )
 from solmap.photogrammetry.matching.cross_site.candidates import Plan, horizontal_turn
+from solmap.photogrammetry.matching.cross_site.light import shadow_difference
 from solmap.photogrammetry.matching.parallax_planes import (
     ParallaxPlanes,
     map_points,
@@ -119,18 +127,21 @@ class GroundMatchingParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundTies:
-    """Ties between two stops, and how wide the patch of ground is that each was matched by."""
+    """Ties between two stops, and what is known of the patch of ground that each was matched by."""
 
     ties: Ties
     width_m: PerPoint
+    by_light_px: Float64[np.ndarray, "n 2 3"]
+    """(sample, line, parallax) by which a difference of the suns may displace the first and the
+    second measurement: shadows of relief as high as that of the patch."""
 
     def select(self, rows: Flags) -> GroundTies:
         """The ties of some rows."""
-        return GroundTies(self.ties.select(rows), self.width_m[rows])
+        return GroundTies(self.ties.select(rows), self.width_m[rows], self.by_light_px[rows])
 
     def swap(self) -> GroundTies:
         """First and second exchanged."""
-        return GroundTies(self.ties.swap(), self.width_m)
+        return GroundTies(self.ties.swap(), self.width_m, self.by_light_px[:, ::-1])
 
     def __len__(self) -> int:
         return len(self.ties)
@@ -162,8 +173,9 @@ def match_ground(
 
 def _join(ties: Sequence[GroundTies], pair_ids: tuple[str, ...]) -> GroundTies:
     """All ties of several sets."""
-    width_m = np.concatenate([t.width_m for t in ties]) if ties else np.zeros(0)
-    return GroundTies(join_ties([t.ties for t in ties], pair_ids), width_m)
+    width_m = np.concatenate([np.zeros(0), *(t.width_m for t in ties)])
+    by_light_px = np.concatenate([np.zeros((0, 2, 3)), *(t.by_light_px for t in ties)])
+    return GroundTies(join_ties([t.ties for t in ties], pair_ids), width_m, by_light_px)
 
 
 def _match_plan(
@@ -193,7 +205,7 @@ def _match_window_class(
     centres = plan.places[:, :2]
     ahead = plan.target_from_source.apply(plan.places)[:, :2]
     wide = half + reach + MARGIN_CELLS
-    templates, whole = plan.source.draw_patches(centres, plan.cells, half, half)
+    templates, whole = plan.source.draw_patches(centres, plan.cells, half, half, plan.target.sun)
     searches, there = plan.target.draw_patches(ahead, cells_there, wide, half)
     templates, searches = (_blur(stack, BLUR_CELLS) for stack in (templates, searches))
     found, offset, sigma, _ = match_patches(templates, searches, whole & there, params.patches)
@@ -229,7 +241,26 @@ def _match_window_class(
         line,
     )
     width_m = (2 * half + 1) * plan.cell_m[found]
-    return GroundTies(ties, width_m).select(np.isfinite(parallax) & np.isfinite(parallax_there))
+    by_light_px = np.zeros((n, 2, 3))
+    by_light_px[:, 1] = _displaced_by_light(plan.select(found), ahead[found], second, half)
+    known = np.isfinite(parallax) & np.isfinite(parallax_there)
+    return GroundTies(ties, width_m, by_light_px).select(known)
+
+
+def _displaced_by_light(
+    plan: Plan, ahead: Float64[np.ndarray, "n 2"], points: ImagePoints, half: int
+) -> Float64[np.ndarray, "n 3"]:
+    """(sample, line, parallax) by which shadows of relief like that of the patches are displaced.
+
+    `ahead` are the places in the level frame of the target, `points` those in its image.
+    """
+    if plan.source.sun is None or plan.target.sun is None:
+        return np.zeros((len(points), 3))
+    height_m = plan.source.relief_m(plan.places[:, :2], plan.cells, half)
+    shift_m = height_m[:, None] * shadow_difference(plan.source.sun, plan.target.sun)
+    moved = (plan.target.derivative(ahead) @ shift_m[:, :, None])[:, :, 0]
+    slope = np.nan_to_num(parallax_planes(plan.target.view.pair.parallax, points, HALF_PX).gradient)
+    return np.nan_to_num(np.column_stack([moved, (slope * moved).sum(axis=1)]))
 
 
 def _blur(stack: Float32[np.ndarray, "n a a"], sigma: float) -> Float32[np.ndarray, "n a a"]:

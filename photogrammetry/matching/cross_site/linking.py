@@ -33,7 +33,7 @@ from itertools import chain
 import numpy as np
 from scipy.spatial.transform import Rotation as ScipyRotation
 
-from solmap.photogrammetry.arrays import PerPoint
+from solmap.photogrammetry.arrays import Flags
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.alignment import Alignment, AlignmentParams, align
@@ -62,6 +62,7 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.search import (
 )
 from solmap.photogrammetry.matching.cross_site.image_matching import (
     GroundMatchingParams,
+    GroundTies,
     match_ground,
     refine_ties,
 )
@@ -304,16 +305,19 @@ def _thin(
 ) -> tuple[Ties, Alignment]:
     """(image-matched ties to be handed on, the alignment by all that agree)."""
     one, other = trials.one, trials.other
-    ties, width_m = fine.ties.select(alignment.agrees), fine.width_m[alignment.agrees]
-    places = (tie_places(one, ties) @ one.stop.lsl_from_rover.rotation.T)[:, :2]
-    weighed = inflate_sigmas(ties, overlap_counts(places, width_m))
-    final = trials.align(weighed, alignment.first_from_second) or alignment
-    some = select_spread(places, width_m, params.apart, params.verdict.least_ties)
-    thin = add_shared_errors(
-        inflate_sigmas(ties.select(some), overlap_counts(places[some], width_m[some])),
-        {v.view.pair.pair_id: v.view.geometry for v in (*one.views, *other.views)},
-    )
-    return thin, final
+    found = fine.found.select(alignment.agrees)
+    places = (tie_places(one, found.ties) @ one.stop.lsl_from_rover.rotation.T)[:, :2]
+    geometries = {v.view.pair.pair_id: v.view.geometry for v in (*one.views, *other.views)}
+
+    def weighed(rows: Flags) -> Ties:
+        ground = found.select(rows)
+        alone = inflate_sigmas(ground.ties, overlap_counts(places[rows], ground.width_m))
+        return add_shared_errors(alone, geometries, ground.by_light_px)
+
+    every = np.ones(len(found), dtype=bool)
+    final = trials.align(weighed(every), alignment.first_from_second) or alignment
+    some = select_spread(places, found.width_m, params.apart, params.verdict.least_ties)
+    return weighed(some), final
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -321,10 +325,13 @@ class Trial:
     """A hypothesis after it was tried in the images."""
 
     fit: PlaneFit
-    ties: Ties
-    width_m: PerPoint
-    """Of the patches of ground that the ties were matched by."""
+    found: GroundTies
     alignment: Alignment | None
+
+    @property
+    def ties(self) -> Ties:
+        """All that were found."""
+        return self.found.ties
 
     @property
     def agreeing(self) -> int:
@@ -379,7 +386,7 @@ class Trials:
             self.params.ground.parallax,
         )
         alignment = self.align(ties, trial.alignment.first_from_second)
-        return Trial(trial.fit, ties, trial.width_m[agrees], alignment)
+        return Trial(trial.fit, replace(trial.found.select(agrees), ties=ties), alignment)
 
     def _trial(
         self,
@@ -394,7 +401,7 @@ class Trials:
         forth, back = plan_searches(self.one.views, self.other.views, level, gap_m, candidates)
         pair_ids = (*self.one.pair_ids, *self.other.pair_ids)
         found = match_ground(forth, back, self.params.ground, pair_ids, dense_sigma_px)
-        return Trial(fit, found.ties, found.width_m, self.align(found.ties, pose))
+        return Trial(fit, found, self.align(found.ties, pose))
 
     def align(self, ties: Ties, pose: Pose) -> Alignment | None:
         """The robust alignment by some ties, None if there are hardly any."""

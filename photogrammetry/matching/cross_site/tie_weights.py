@@ -12,10 +12,13 @@ and of n ties with R as their correlation a common shift is known as well as fro
 independent ones. Taken for independent they would promise too much, so ties that are handed on lie
 apart, and what overlap is left is taken into their standard deviations, as sqrt(k_i).
 
-Two errors all ties of a link share, however far apart they lie: a stop far away sees the tops of
-what a near one sees from above, and its ground stands higher by b; and all parallaxes of a pair are
-off by some c. What is common to n ties does not average out; counted into each of them as sqrt(n) b
-it leaves their mean as uncertain as it is.
+Three errors all ties of a link share, however far apart they lie: a stop far away sees the tops of
+what a near one sees from above, and its ground stands higher by b; all parallaxes of a pair are off
+by some c; and where the suns differ, lit faces and shadows lie on other sides of the relief, all
+displaced along one direction, by a share l of what shadows of that relief are (`light`). What is
+common to n ties does not average out; counted into each of them as sqrt(n) b it leaves their mean
+as uncertain as it is. By light sample, line and parallax are displaced together, and each counts as
+if the others were not: sqrt(3 n) l.
 """
 
 from __future__ import annotations
@@ -33,6 +36,9 @@ SHARED_HEIGHT_M = 0.006
 """b: in simulated and rendered worlds ground seen from 14 m and from 8 m differs by 3 to 9 mm."""
 SHARED_PARALLAX_PX = 0.015
 """c: median errors of a pair's parallaxes beyond 10 m, simulated and rendered: 0 to 0.02 px."""
+
+SHARED_LIGHT = 0.4
+"""l: ties under suns from opposite sides, at 30 degrees, lay 0.5 and 0.2 of it off (rendered)."""
 
 
 def overlap_counts(places: Float64[np.ndarray, "n 2"], width_m: PerPoint) -> PerPoint:
@@ -59,8 +65,15 @@ def inflate_sigmas(ties: Ties, together: PerPoint) -> Ties:
     )
 
 
-def add_shared_errors(ties: Ties, geometries: Mapping[str, EpipolarPair]) -> Ties:
-    """Ties with what all share: height, in lines of the image that is further away; parallax."""
+def add_shared_errors(
+    ties: Ties,
+    geometries: Mapping[str, EpipolarPair],
+    by_light_px: Float64[np.ndarray, "n 2 3"],
+) -> Ties:
+    """Ties with what all share: height (lines of the image further away), parallax, light.
+
+    `by_light_px` are the displacements of shadows in (sample, line, parallax) of both measurements.
+    """
     pairs = [[geometries[ties.pair_ids[k]] for k in which] for which in (ties.first, ties.second)]
     own, base_m = (
         [np.array([getattr(pair, name) for pair in some], dtype=np.float64) for some in pairs]
@@ -72,12 +85,19 @@ def add_shared_errors(ties: Ties, geometries: Mapping[str, EpipolarPair]) -> Tie
     first = np.hypot(ties.first_sigma_line_px, np.where(second_is_far, 0.0, shared * scale[0]))
     second = np.hypot(ties.second_sigma_line_px, np.where(second_is_far, shared * scale[1], 0.0))
     parallax = SHARED_PARALLAX_PX * len(ties) ** 0.5
+    light = SHARED_LIGHT * (3 * len(ties)) ** 0.5 * np.abs(by_light_px)
     return replace(
         ties,
-        first_sigma_line_px=first,
-        second_sigma_line_px=second,
-        first_sigma_parallax_px=np.hypot(ties.first_sigma_parallax_px, parallax),
-        second_sigma_parallax_px=np.hypot(ties.second_sigma_parallax_px, parallax),
+        first_sigma_px=np.hypot(ties.first_sigma_px, light[:, 0, 0]),
+        second_sigma_px=np.hypot(ties.second_sigma_px, light[:, 1, 0]),
+        first_sigma_line_px=np.hypot(first, light[:, 0, 1]),
+        second_sigma_line_px=np.hypot(second, light[:, 1, 1]),
+        first_sigma_parallax_px=np.hypot(
+            ties.first_sigma_parallax_px, np.hypot(parallax, light[:, 0, 2])
+        ),
+        second_sigma_parallax_px=np.hypot(
+            ties.second_sigma_parallax_px, np.hypot(parallax, light[:, 1, 2])
+        ),
     )
 
 

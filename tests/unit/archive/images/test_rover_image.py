@@ -34,6 +34,9 @@ def test_a_label_becomes_a_record(small):
     assert image.local_solar_time == "11:23:54"
     assert image.start_time == "2009-04-06T08:48:13.468"
     assert image.sun_azimuth == pytest.approx(np.radians(131.496))
+    north, east, down = image.sun
+    assert np.arctan2(east, north) == pytest.approx(image.sun_azimuth)
+    assert -np.arcsin(down) == pytest.approx(image.sun_elevation)
     assert image.site_from_rover.target == site_frame(137)
     assert image.site_from_rover.source == rover_frame(137, 0)
     np.testing.assert_array_equal(image.site_from_rover.translation_m, [1.0, 2.0, -0.5])

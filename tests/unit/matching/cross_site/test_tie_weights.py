@@ -7,6 +7,7 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind, Pose
 from solmap.photogrammetry.matching.cross_site.tie_weights import (
     SHARED_HEIGHT_M,
+    SHARED_LIGHT,
     SHARED_PARALLAX_PX,
     add_shared_errors,
     inflate_sigmas,
@@ -83,8 +84,25 @@ def test_what_all_ties_share_leaves_their_mean_uncertain():
     ties = replace(
         ties, first_parallax_px=np.full(40, 48.0), second_parallax_px=np.full(40, 16.0)
     )  # at 5 and at 15 m
-    weighed = add_shared_errors(ties, {"a": pair, "b": pair})
+    weighed = add_shared_errors(ties, {"a": pair, "b": pair}, np.zeros((40, 2, 3)))
     np.testing.assert_array_equal(weighed.first_sigma_line_px, ties.first_sigma_line_px)
     of_mean_m = weighed.second_sigma_line_px / 40**0.5 * 15.0 / 1200.0
     np.testing.assert_allclose(of_mean_m, SHARED_HEIGHT_M, rtol=0.01)
     assert (weighed.first_sigma_parallax_px / 40**0.5 > SHARED_PARALLAX_PX).all()
+
+
+def test_where_suns_differ_the_mean_of_all_ties_is_as_uncertain_as_their_shadows_say():
+    frame = Frame(FrameKind.PAIR, (1, 0, 0, 0))
+    pose = Pose(Frame(FrameKind.ROVER, (1, 0)), frame, np.eye(3), np.zeros(3))
+    pair = EpipolarPair(pose, 0.2, 1200.0, (512.0, 512.0), 1024, 1024)
+    ties, displaced = some_ties(30), np.zeros((30, 2, 3))
+    displaced[:, 1] = 8.0, -2.0, 1.0
+    geometries = {"a": pair, "b": pair}
+    told = add_shared_errors(ties, geometries, displaced)
+    blind = add_shared_errors(ties, geometries, 0 * displaced)
+    np.testing.assert_array_equal(told.first_sigma_px, blind.first_sigma_px)
+    step, weight = displaced[0, 1], np.zeros(3)
+    for k, name in enumerate(("sigma_px", "sigma_line_px", "sigma_parallax_px")):
+        weight[k] = (getattr(told, f"second_{name}") ** -2.0).sum()
+    sigma_shares = 1 / np.sqrt((weight * step**2).sum())  # of the displacement, by all ties
+    assert sigma_shares == pytest.approx(SHARED_LIGHT, rel=0.05)

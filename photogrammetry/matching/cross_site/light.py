@@ -1,0 +1,58 @@
+"""Light on the ground: shading under a given sun, and how far shadows move when the sun does.
+
+With the unit normal n of the ground, the unit vector s towards the sun and the share k of the
+light of the sky, ground of albedo w has the radiance
+
+    L = w E(s),        E(s) = max(n.s, 0) + k (1 + n_z) / 2,
+
+n_z being the vertical component (Lambert's law; Horn 1981, Proc. IEEE 69, 14-47). A patch that was
+seen under the sun s is therefore drawn as it would look under another sun s' by the factor
+E(s') / E(s), with normals from the dense surface of its own stop. Under equal suns the factor is 1.
+
+A point h above the ground casts its shadow h a(s) beside itself, a(s) = -(s_n, s_e) / s_up. Looks
+of the same relief under two suns are displaced against each other by h (a(s) - a(s')) at most.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solmap.photogrammetry.arrays import Float32, Float64, Raster, Vector3
+
+SKY_LIGHT = 0.25
+"""k: light of the dusty sky, as a share of the sun's at right angles."""
+
+LOWEST_SUN = 0.05
+"""Sine of the elevation below which the sun is taken to stand there: shadows end somewhere."""
+
+
+def slopes(elevation: Raster, cell_m: float) -> Float32[np.ndarray, "2 rows cols"]:
+    """Rise of the ground towards north and east, by central differences; row 0 is the northernmost.
+
+    0 where it is unknown: such ground is shaded as if level.
+    """
+    rise = np.zeros((2, *elevation.shape), np.float32)
+    rise[0, 1:-1] = (elevation[:-2] - elevation[2:]) / (2 * cell_m)
+    rise[1, :, 1:-1] = (elevation[:, 2:] - elevation[:, :-2]) / (2 * cell_m)
+    return np.nan_to_num(rise, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def relighting(
+    north: Float32[np.ndarray, "*shape"],
+    east: Float32[np.ndarray, "*shape"],
+    sun: Vector3,
+    other: Vector3,
+) -> Float32[np.ndarray, "*shape"]:
+    """E(other) / E(sun) of ground that rises by so much towards north and east."""
+    steepness = np.sqrt(1.0 + north**2 + east**2)
+    before, after = (
+        np.maximum(-north * s[0] - east * s[1] - s[2], 0.0) + SKY_LIGHT * (steepness + 1.0) / 2
+        for s in (sun, other)
+    )
+    return (after / before).astype(np.float32)
+
+
+def shadow_difference(sun: Vector3, other: Vector3) -> Float64[np.ndarray, " 2"]:
+    """a(sun) - a(other): north and east by which shadows differ, per metre of height."""
+    one, two = (-s[:2] / max(-s[2], LOWEST_SUN) for s in (sun, other))
+    return one - two
