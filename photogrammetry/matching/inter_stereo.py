@@ -6,6 +6,14 @@ conjugate lies within 3 sqrt(2) x 0.15 degrees, 14 Navcam pixels, of its predict
 Pancam meet in the geometry of the Navcam (`conjugates`: always the coarser image). All ties of the
 stop are then aligned at once with the pointing of every pair free (`alignment`), so that a tie must
 agree with all the other ties of its pair, and pointing agrees around the panorama.
+
+Least-squares matching says how well a patch is found as a whole. Relief inside it, by which dense
+parallax scatters r about the plane of the patch, weighs differently in each image: the parallax of
+its middle is off by a share q of r, and its sample by q r b/B, since the left cameras of two pairs
+are b apart (the mast swings them) where the cameras of one are B apart. Lines feel next to nothing
+of it, and err by less than is said. So, with the standard deviation s of least squares,
+
+    s_x^2 = s^2 + (q r b/B)^2      s_y = l s      s_p^2 = s^2 + (q r)^2.
 """
 
 from __future__ import annotations
@@ -38,6 +46,12 @@ from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop, Tie
 from solmap.photogrammetry.ranges import Count, Metres, WholePixels
 
 REACH_SIGMAS = 3.0
+
+RELIEF_SHARE = 0.5
+"""q, and"""
+LINE_SHARE = 0.75
+"""l: against the truth of one rendered stop, chosen on its Navcam; what others come to stands in
+docs/stages/tie.md."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,6 +248,10 @@ def _assemble(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
 ) -> Ties:
     """Found conjugates with measured parallax, as ties."""
     matches, some = source.pair.matches, rows[found.found]
+    own_px = matches.parallax_px[some]
+    relief_px = RELIEF_SHARE * source.planes.residual_px[some] * parallax / own_px
+    sigma = found.sigma_px[found.found]
+    apart = np.linalg.norm(_between(source, target).translation_m) / target.geometry.base_m
     indices = [
         np.full(len(some), pair_ids.index(v.pair.pair_id), np.int32) for v in (source, target)
     ]
@@ -243,14 +261,14 @@ def _assemble(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
         indices[1],
         matches.left[some],
         found.points[found.found],
-        matches.parallax_px[some],
+        own_px,
         parallax,
         np.full(len(some), DEFINED_PX),
-        found.sigma_px[found.found],
+        np.hypot(sigma, relief_px * apart),
         np.maximum(matches.sigma_px[some], floor_px),
-        sigma_parallax,
+        np.hypot(sigma_parallax, relief_px),
         np.full(len(some), DEFINED_PX),
-        found.sigma_px[found.found],
+        LINE_SHARE * sigma,
     )
     return ties.select(np.isfinite(parallax))
 
