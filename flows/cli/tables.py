@@ -22,15 +22,17 @@ _Stops = dict[tuple[int, int], tuple[dict[str, Any], dict[str, Any]]]
 
 
 def position_rows(workspace: Workspace) -> list[dict[str, Any]]:
-    """One row a stop, of every mission, in the order of the traverse.
+    """One row a stop, of every map of every mission, in the order of the traverse.
 
+    The LSL is that of the row's map: another one has the sites that nothing ties to the lander.
     Positions are (north, east, down) metres in the LSL; the quaternion turns the rover into the
     LSL, scalar first; the covariance is of rotation vector (radians) and position in the LSL.
     """
     rows = []
     for ref in latest_networks(workspace):
         stops = _stops_of(ref, workspace)
-        rows += [_position_row(*stops[name]) for name in sorted(stops)]
+        of_map = {"map": ref.scope.name.rpartition("-sol")[0].upper()}
+        rows += [of_map | _position_row(*stops[name]) for name in sorted(stops)]
     return rows
 
 
