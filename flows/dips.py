@@ -83,7 +83,7 @@ def dips_of_rocks(stop: str, params: FacetParams, workspace: Workspace) -> list[
         ProductNotFoundError: the stop has no adjusted pairs.
     """
     stop_id, pairs = _adjusted_pairs(stop, workspace)
-    entry = workspace.catalogue.mission(stop_id.mission)
+    entry = workspace.catalogue.mission(workspace.catalogue.images(stop=stop)[0].mission)
     ref = map_dips.fn(stop_id, pairs, params, entry.landing, workspace.store)
     sols = tuple(sorted({pair.products.files.sol for pair in pairs}))
     publish.fn(entry, [(ref, sols)], (), (), workspace).check()

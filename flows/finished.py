@@ -172,12 +172,14 @@ def withdraw_leftovers(
     has_pairs = {image.stop for image in images if image.partner is not None}
     kept: set[str] = set()
     for entry in known:
-        layers = []
+        layers, here = [], {image.stop for image in catalogue.images(entry.mission)}
         for layer in catalogue.layers(entry.mission):
             scope = layer.ref.scope
             if scope.level is not ScopeLevel.STOP:
                 layers += [layer] if entry in gone else []
-            elif layer.ref.kind not in BY_COMMAND and (layer.ref.kind, scope) not in given:
+            elif layer.ref.kind in BY_COMMAND:
+                layers += [] if scope.name in here else [layer]  # in a frame that is not its stop's
+            elif (layer.ref.kind, scope) not in given:
                 if scope.name in superseded or scope.name not in has_pairs:
                     layers.append(layer)
                 else:

@@ -22,7 +22,7 @@ from solmap.products.catalogue.catalogue import ImageEntry, Outcome
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, ProductNotFoundError
 from solmap.products.formats.documents.archives import read_matches
-from solmap.products.model import Layer, ProductKind, ProductRef
+from solmap.products.model import Layer, ProductKind, ProductRef, mission_of
 from solmap.products.store.provenance import SOFTWARE
 
 THUMBNAIL_PX = 128
@@ -102,7 +102,12 @@ def sol_facts(mission: str, sol: int, workspace: Workspace) -> SolFacts:
     if not images:
         known = sorted({image.sol for image in catalogue.images(name)})
         few = ", ".join(map(str, known[-5:])) or "none"
-        raise ProductNotFoundError(f"{name} has no image of sol {sol}; the last sols are {few}")
+        others = catalogue.maps_of(mission_of(name))
+        there = [other for other in others if catalogue.images(other, sol=sol)]
+        raise ProductNotFoundError(
+            f"{name} has no image of sol {sol}; "
+            + (f"{there[0]} has" if there else f"the last sols are {few}")
+        )
     subject = f"{name.lower()}-sol{sol:04d}"
     adjusted = {kind: _latest(kind, subject, workspace) for kind in _OF_NETWORK}
     stops = {image.stop for image in images}
