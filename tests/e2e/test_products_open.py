@@ -51,6 +51,8 @@ def test_every_raster_is_a_valid_cog_that_says_what_it_is(mapped):
             assert tags["PRODUCT"].split("/")[0] == path.parts[-3]
             assert tags["TIFFTAG_SOFTWARE"].startswith("solmap ")
             assert tags["INPUTS"], path
+            assert (tags["MISSION"], tags["INSTRUMENT"]) == ("MER2", "NAVCAM"), path
+            assert all(tags[name] for name in ("SOL", "SITE", "DRIVE", "LOCAL_TIME")), path
 
 
 def test_terrain_and_picture_of_a_stop_name_the_same_adjustment(mapped):
