@@ -310,7 +310,12 @@ class Layer:
         place = _PLACE.sub(_spoken_place, _place_of(self.ref.scope, self.mission))
         cell = re.sub(r"(\d)([a-z])", r"\1 \2", _size(self.cell_m))
         sols = "-".join(str(sol) for sol in _ends(self.sols))
-        parts = (self.title, f"sol {sols}" if sols else "", place.replace("-", " "), cell)
+        origin = " ".join(
+            f"{what} {number}"
+            for what, number in zip(("site", "drive"), origin_of(self.mission), strict=False)
+        )
+        untied = f"origin: {origin}, not tied to the lander" if origin else ""
+        parts = (self.title, f"sol {sols}" if sols else "", place.replace("-", " "), cell, untied)
         return ", ".join(part for part in parts if part)
 
 

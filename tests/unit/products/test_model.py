@@ -106,3 +106,15 @@ def test_layers_have_names_that_people_can_read(scope, kind, sols, cell_m, name,
     layer = Layer(ref, "MER2", "A map", "raster", box, cell_m, None, None, sols, "2026-01-01")
     assert layer.readable_name == (name or "MER2_sol0009_site138_drive12345_far-dtm_128cm")
     assert layer.full_title == (title or "A map, sol 9, site 138 drive 12345, 128 cm")
+
+
+def test_the_title_of_a_layer_that_is_not_tied_to_the_lander_says_so():
+    ref = ProductRef(ProductKind.DTM, Scope(ScopeLevel.STOP, "mer2-site0195-drive0002"), "0" * 16)
+    box = (0.0, 0.0, 1.0, 1.0)
+    layer = Layer(
+        ref, "MER2-ORIGIN195", "Elevation", "raster", box, 0.04, None, None, (9,), "2026-01-01"
+    )
+    assert layer.readable_name == "MER2-ORIGIN195_sol0009_site195_drive0002_dtm_4cm"
+    assert layer.full_title == (
+        "Elevation, sol 9, site 195 drive 2, 4 cm, origin: site 195, not tied to the lander"
+    )
