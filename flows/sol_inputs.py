@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,8 +32,6 @@ from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind, mission_of, origin_of, untied_map
 from solmap.tasks.images.telemetry import Telemetry, read_telemetry, read_vector_file
 from solmap.tasks.network.orientations import Standing
-
-log = logging.getLogger(__name__)
 
 WINDOW = 3
 """Earlier stops that a sol may change: as far back as `adjust_stepwise` reaches."""
@@ -92,6 +89,7 @@ def gather(
         (
             *(why for stop, why in known.telemetry.unplaced.items() if str(stop) in seen),
             *(why for entry, why in known.left_out if entry.sol == sol),
+            *((known.mission.lsl_note or "",) if len(origin_of(mission)) > 1 else ()),
         ),
         known.unread,
         tuple(entry for entry in entries if entry.sol == sol and entry.partner is None),
@@ -224,7 +222,7 @@ def _read_maps(mission: str, names: Sequence[str], workspace: Workspace) -> dict
     files = [file for file in files if mission_id(file.mission) == mission]
     left_out = {entry.id: why for entry, why in _left_out(images)}
     labels = [label for entry, label in images if entry.id not in left_out]
-    name_of = _maps_of_stops(mission, labels, files)
+    name_of, why_alone = _maps_of_stops(mission, labels, files)
     for entry, label in images:  # of a stop that has no label that can be true
         name_of.setdefault(label.stop, entry.mission)
     read = {entry.id for entry, _ in images}
@@ -235,7 +233,7 @@ def _read_maps(mission: str, names: Sequence[str], workspace: Workspace) -> dict
         kept = [(entry, label) for entry, label in here if entry.id not in left_out]
         site = landing_site(name, Settings().landing_sites)
         found[name] = MapLabels(
-            MissionEntry(name, site.title, site.landing, _note_of(name)),
+            MissionEntry(name, site.title, site.landing, why_alone.get(name, _note_of(name))),
             kept,
             read_telemetry([label for _, label in kept], files, origin_of(name)),
             unread,
@@ -246,13 +244,17 @@ def _read_maps(mission: str, names: Sequence[str], workspace: Workspace) -> dict
 
 def _maps_of_stops(
     mission: str, labels: Sequence[RoverImage], files: Sequence[VectorFile]
-) -> dict[StopId, str]:
-    """The map of every stop: of its group of sites, or its own where it cannot be where it is."""
+) -> tuple[dict[StopId, str], dict[str, str]]:
+    """The map of every stop: of its group of sites, or its own where it cannot be where it is.
+
+    And of every map of a stop alone, why it is.
+    """
     origins = read_telemetry(labels, files).origins
     groups: dict[int, list[RoverImage]] = {}
     for label in labels:
         groups.setdefault(origins[label.stop.site], []).append(label)
     names: dict[StopId, str] = {}
+    reasons: dict[str, str] = {}
     for origin, of_group in groups.items():
         name = untied_map(mission, origin) if origin else mission
         stops = read_telemetry(of_group, files, (origin,)).stops
@@ -262,24 +264,21 @@ def _maps_of_stops(
             names[one.stop] = name
         for stop, reason in alone.items():
             names[stop] = untied_map(mission, stop.site, stop.drive)
-            log.warning("%s has a map of its own, %s: %s", stop, names[stop], reason)
-    return names
+            reasons[names[stop]] = (
+                f"{stop} has a map of its own: {reason}; deliver labels or a site vector file that "
+                "mend it"
+            )
+    return names, reasons
 
 
 def _note_of(name: str) -> str | None:
     """What is to be done about a map that is not tied to the lander."""
-    match origin_of(name):
-        case (site,):
-            return (
-                f"site {site} is not tied to the lander; deliver a site vector file (.svf) or a "
-                "PLACES table that reaches it, and its maps move to their place on Mars"
-            )
-        case (site, drive):
-            return (
-                f"site {site} drive {drive} cannot be where telemetry has it beside other stops; "
-                "deliver labels or a site vector file that mend it"
-            )
-    return None
+    if not origin_of(name):
+        return None
+    return (
+        f"site {origin_of(name)[0]} is not tied to the lander; deliver a site vector file (.svf), "
+        "or add a PLACES table by `solmap poses add FILE`, and its maps move to Mars"
+    )
 
 
 def _read_labels(

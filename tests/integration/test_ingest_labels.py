@@ -225,9 +225,10 @@ def test_raw_images_with_metadata_are_mapped(shared_data, downlink, tmp_path):
     named = [line.partition(":")[0] for line in report.warnings]
     assert named[:2] == [real.name, "selfie.jpg"]  # then the note on where the LSL starts
     workspace = Workspace.open(tmp_path / "store")
-    left, right = workspace.catalogue.images("M20")
+    (untied,) = workspace.catalogue.maps_of("M20")
+    left, right = workspace.catalogue.images(untied)
     assert (left.partner, right.partner) == (right.id, left.id)
-    kinds = {str(layer.ref.kind) for layer in workspace.catalogue.layers("M20")}
+    kinds = {str(layer.ref.kind) for layer in workspace.catalogue.layers(untied)}
     assert {"dtm", "orthophoto", "footprints", "stops"} <= kinds
 
 
