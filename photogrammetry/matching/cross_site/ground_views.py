@@ -95,8 +95,8 @@ class GroundSurface:
         self, north: np.ndarray, east: np.ndarray, sun: Vector3, other: Vector3
     ) -> Float32[np.ndarray, "a b"]:
         """By how much brighter the ground is under another sun; NaN beyond the surface."""
-        rise = (self._sample(raster, north, east) for raster in self.rise)
-        return relighting(*rise, sun, other)
+        north_rise, east_rise = (self._sample(raster, north, east) for raster in self.rise)
+        return relighting(north_rise, east_rise, sun, other)
 
     def _sample(
         self, raster: Raster, north: np.ndarray, east: np.ndarray

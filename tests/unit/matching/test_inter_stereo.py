@@ -69,3 +69,21 @@ def test_pairs_that_do_not_overlap_are_not_looked_at(first_stop):
 def test_parameters_that_leave_no_candidates_are_refused():
     with pytest.raises(MatchingError, match="more candidates than the least overlap"):
         InterStereoParams(candidates=3)
+
+
+def test_relief_makes_samples_and_parallaxes_less_sure_but_not_lines(tied, first_stop):
+    rough = replace(first_stop, pairs=tuple(_roughened(pair) for pair in first_stop.pairs))
+    seen = tie_inter_stereo(rough, InterStereoParams()).ties
+    sample, line, parallax = (
+        np.median(getattr(seen, f"second_{name}")) / np.median(getattr(tied.ties, f"second_{name}"))
+        for name in ("sigma_px", "sigma_line_px", "sigma_parallax_px")
+    )
+    assert parallax > 1.5 * line
+    assert sample > 1.1 * line
+    assert line < 1.1
+
+
+def _roughened(pair):
+    """The pair with dense parallax that scatters by a quarter of a pixel about the ground."""
+    noise = np.random.default_rng(5).normal(0, 0.25, pair.parallax.shape).astype(np.float32)
+    return replace(pair, parallax=pair.parallax + noise)
