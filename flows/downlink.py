@@ -30,7 +30,7 @@ from solmap.photogrammetry.archive.images.radiometry import Radiometry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, cause_of
 from solmap.products.model import Scope
-from solmap.tasks.images.files import NO_FILES
+from solmap.tasks.images.folders import NO_FILES
 from solmap.tasks.images.ingest import Delivery, ingest_downlink
 from solmap.tasks.images.manual_ties import EDITS_FILE, take_edits
 from solmap.tasks.network.orientations import Standing

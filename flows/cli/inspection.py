@@ -56,11 +56,8 @@ from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.stretching import stretch
 from solmap.products.errors import cause_of
 from solmap.products.store.user_files import read_user_file, reason_of
-from solmap.tasks.images.files import (
-    IMAGE_SUFFIXES,
-    PICTURE_SUFFIXES,
-    image_bytes,
-)
+from solmap.tasks.images.files import image_bytes
+from solmap.tasks.images.folders import IMAGE_SUFFIXES, PICTURE_SUFFIXES
 
 LABEL_SUFFIXES = frozenset({".lbl", ".xml", ".json"})
 NEIGHBOURS = IMAGE_SUFFIXES | PICTURE_SUFFIXES | {".lbl"}

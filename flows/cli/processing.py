@@ -53,7 +53,7 @@ def run(
     pipeline: PipelineOption = None,
 ) -> None:
     """Take a downlink from raw images to published layers; a second run does nothing twice."""
-    from solmap.tasks.images.files import NO_FILES, files_of  # noqa: PLC0415 - slow to import
+    from solmap.tasks.images.folders import NO_FILES, files_of  # noqa: PLC0415 - as above
 
     if not downlink.is_dir():
         fail(f"{downlink} is no folder; name the folder that the downlink's files lie in")

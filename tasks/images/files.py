@@ -1,4 +1,4 @@
-"""The files of a downlink: which are taken, which label belongs to which, how they are kept."""
+"""The files of a downlink: which label belongs to which, how they are kept."""
 
 from __future__ import annotations
 
@@ -21,57 +21,8 @@ from solmap.products.store.product_store import ProductStore
 from solmap.products.store.user_files import plain_name, read_user_file
 from solmap.tasks.scopes import file_scope
 
-IMAGE_SUFFIXES = frozenset({".img"})
-PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg"})
-VECTOR_SUFFIXES = frozenset({".svf", ".rvf"})
-MANUAL_TIE_SUFFIXES = (".ties.csv", ".ties.geojson")
 LABEL_ENDINGS = (".lbl", ".LBL", ".xml", ".XML", "-metadata.json", ".json")
 """What follows the stem of an image in the name of its label, where that is a file of its own."""
-
-
-NO_FILES = "it holds no image (.img, .png, .jpg) and no vector file (.svf, .rvf)"
-"""What is said of a folder without any of them."""
-
-
-def files_of(downlink: Path) -> list[Path]:
-    """Every image, picture, vector file and file of manual ties below a folder, by name.
-
-    Suffixes may be written in any case. What bears such a name and is no file is among them, and so
-    is a folder that cannot be read: whoever opens it says so.
-
-    A picture that is called after an image beside it (X.png or X.img.jpg beside X.img) shows the
-    same in eight bits, and is left out.
-    """
-    known = IMAGE_SUFFIXES | PICTURE_SUFFIXES | VECTOR_SUFFIXES
-    files = sorted(
-        path
-        for path, is_closed in _below(downlink)
-        if is_closed or path.suffix.lower() in known or is_manual_tie_file(path.name)
-    )
-    images = [path for path in files if path.suffix.lower() in IMAGE_SUFFIXES]
-    shown = {(path.parent, name.lower()) for path in images for name in (path.stem, path.name)}
-    return [
-        path
-        for path in files
-        if path.suffix.lower() not in PICTURE_SUFFIXES
-        or (path.parent, path.stem.lower()) not in shown
-    ]
-
-
-def _below(folder: Path) -> Iterator[tuple[Path, bool]]:
-    """What lies below a folder but its folders; of these, with True, those that cannot be read."""
-    waiting = [folder]
-    while waiting:
-        here = waiting.pop()
-        try:
-            found = [
-                (here / one.name, one.is_dir(follow_symlinks=False)) for one in os.scandir(here)
-            ]
-        except OSError:
-            yield here, True
-            continue
-        waiting += [path for path, is_folder in found if is_folder]
-        yield from ((path, False) for path, is_folder in found if not is_folder)
 
 
 def is_settled(file: Path, settle_s: float) -> bool:
@@ -125,11 +76,6 @@ def _facts(path: Path) -> os.stat_result | None:
         return path.stat()
     except OSError:  # also of names that are too long
         return None
-
-
-def is_manual_tie_file(name: str) -> bool:
-    """Whether a file of a downlink holds manual ties, by its name."""
-    return name.lower().endswith(MANUAL_TIE_SUFFIXES)
 
 
 @dataclass(frozen=True, slots=True)

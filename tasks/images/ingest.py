@@ -50,15 +50,13 @@ from solmap.products.store.faults import is_disk_full, is_transient, retry_trans
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.user_files import MAX_ROWS_BYTES, plain_name, read_user_file, reason_of
 from solmap.tasks.images.files import (
-    VECTOR_SUFFIXES,
     ContentDigest,
-    files_of,
     image_bytes,
-    is_manual_tie_file,
     is_settled,
     keep_vector_file,
     write_bytes,
 )
+from solmap.tasks.images.folders import VECTOR_SUFFIXES, files_of, is_manual_tie_file
 from solmap.tasks.images.manual_ties import take_manual_ties
 from solmap.tasks.images.telemetry import read_vector_file
 from solmap.tasks.scopes import image_scope, region_scope
