@@ -80,9 +80,9 @@ def test_blocks_become_ties_between_pairs_of_both_stops(stops, found):
     assert (rays > 0).all()
 
 
-def test_all_ties_together_tell_as_much_as_the_ground_does(stops, found):
+def weight_of(ties, stops, found):
+    """What all ties together tell of the pose of the later stop: the inverse of its covariance."""
     later, skipped = stops[1], len(stops[0].pairs)
-    ties = tie_by_surface(stops, found, PARAMS)
     sigmas = np.column_stack(
         [ties.second_sigma_px, ties.second_sigma_line_px, ties.second_sigma_parallax_px]
     )
@@ -97,7 +97,16 @@ def test_all_ties_together_tell_as_much_as_the_ground_does(stops, found):
         by_pose = np.concatenate([np.cross(arms[:, None], by_shift), by_shift], axis=2)
         weighed = (by_pose / sigmas[rows, :, None]).reshape(-1, 6)
         known += weighed.T @ weighed
-    assert 2 < np.trace(known @ found.covariance) < 6  # unknowns; what blocks know alone is added
+    return known
+
+
+def test_all_ties_together_tell_as_much_as_the_ground_does(stops, found):
+    unknowns = len(found.covariance)
+    told = weight_of(tie_by_surface(stops, found, PARAMS), stops, found)
+    assert unknowns / 3 < np.trace(told @ found.covariance) < unknowns
+    loose = replace(found, covariance=100 * found.covariance)
+    told = weight_of(tie_by_surface(stops, loose, PARAMS), stops, loose)
+    assert unknowns / 2 < np.trace(told @ loose.covariance) < unknowns  # ties hardly add their own
 
 
 def test_stops_that_share_no_ground_are_not_laid_onto_each_other(grids, true):
