@@ -325,10 +325,7 @@ class _Surfaces:
         """
         places = pose.apply(self.points)
         slopes = [self.earlier.at(raster, places) for raster in self.slopes]
-        if self.relief is None:
-            residual = self.later.at(self._differences(pose), self.points)
-        else:
-            residual = self.earlier.at(self.there, places) - self.relief
+        residual = self._residuals(pose, places)
         good = np.isfinite(residual + slopes[0] + slopes[1]) & _alike(places, self.points)
         places, residual = places[good], residual[good]
         far, near = (np.hypot(*some[:, :2].T) for some in (places, self.points[good]))
@@ -349,6 +346,15 @@ class _Surfaces:
         weight = kept / (FOOTPRINT * spread**2)
         steepness = float(bent.sum() / max(kept.sum(), 1e-9))
         return Cells(places, arms, residual, by_shift, by_line, weight, steepness)
+
+    def _residuals(self, pose: Pose, places: ObjectPoints) -> PerPoint:
+        """By how much the earlier stop's ground lies above the later one's."""
+        if self.relief is not None:
+            return self.earlier.at(self.there, places) - self.relief
+        shared = self.later.at(self._differences(pose), self.points)
+        if np.isfinite(shared).sum() >= LEAST_CELLS:
+            return shared
+        return self.earlier.at(self.there, places) + places[:, 2]  # far cells seldom coincide
 
     def _differences(self, pose: Pose) -> Raster:
         """Heights of the earlier stop less those of the later one, on the grid of the latter.

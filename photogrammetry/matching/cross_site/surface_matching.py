@@ -103,6 +103,8 @@ class ShapeTrial:
     found: Registration
     by_chance: float
     """Greatest correlation of relief at other places, tried in the same way."""
+    at_peak: bool
+    """Whether it is the place of the first hypothesis, a peak that stands out by itself."""
 
     @property
     def clearness(self) -> float:
@@ -112,8 +114,8 @@ class ShapeTrial:
 
     @property
     def is_certain(self) -> bool:
-        """Whether the shape alone tells the place."""
-        return self.clearness > CERTAIN
+        """Whether the shape tells the place; half as much will do where the search told it too."""
+        return self.clearness > (CERTAIN / 2 if self.at_peak else CERTAIN)
 
     def __str__(self) -> str:
         return (
@@ -149,7 +151,7 @@ def try_shapes(
     if found is None:
         return None
     found = replace(found, correlation=best.correlation, area_m2=best.area_m2)
-    return ShapeTrial(found, max(0.0, *others) if others else 0.0)
+    return ShapeTrial(found, max(0.0, *others) if others else 0.0, best is laid[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
