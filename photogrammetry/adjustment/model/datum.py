@@ -12,8 +12,8 @@ deviation. A first azimuth that is not FINE counts as propagated over one drive.
 
 An uncontrolled mosaic may be turned by degrees, more than any azimuth that telemetry reports. What
 it knows of north is worth nothing beside the first stop, which stays held: the mosaic is laid on
-the map, and tells how stops lie to each other. A frame without any uncertainty is the map itself,
-whose north is by definition that of the first stop.
+the map, and tells how stops lie to each other. So does an image whose georeference is said to be
+exact: its north is by definition that of the first stop.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ def with_control(
     every = (*(frame for frame in network.frames if frame.name not in names), *own)
     joined = replace(network, frames=every, control=(*network.control, *wanted))
     first_sigma = np.radians(_first_azimuth_sigma_deg(network, params))
-    unsure = [frame for frame in every if not frame.is_certain]
-    if not any(np.sqrt(frame.covariance[TURN, TURN]) < first_sigma for frame in unsure):
+    telling = [frame for frame in every if frame.name == MAP.name or not frame.is_certain]
+    if not any(np.sqrt(frame.covariance[TURN, TURN]) < first_sigma for frame in telling):
         return joined
     datum = () if network.datum_is_observed else (_datum(network, params),)
     others = tuple(frame for frame in every if frame.name != MAP.name)

@@ -98,7 +98,7 @@ def test_the_location_file_of_curiosity_places_its_sites(locations):
     file = parse_localisations(locations, "locations.xml")
     assert (file.mission, file.kind) == ("MSL", "svf")
     tree = lsl_tree(best_poses([file]))
-    assert tree.note is None
+    assert tree.origin_site == 0
     assert {solution.counter[0] for solution in file.solutions} == {1, 2, 3, 4, 5}
     lander, site_5 = (
         np.radians([float(re.search(rf"<{tag}>(.*?)</{tag}>", place)[1]) for tag in ("lon", "lat")])
