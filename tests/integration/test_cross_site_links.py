@@ -11,6 +11,7 @@ import pytest
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, tie_cross_site
 from solmap.photogrammetry.matching.cross_site.links import VerdictParams
+from solmap.photogrammetry.matching.cross_site.surface_matching import SurfaceTieParams
 from tests.support.site_pairs import (
     WORLDS,
     SitePair,
@@ -83,10 +84,13 @@ def test_a_stop_is_linked_although_its_wheels_spun(world, earlier, later, off_m)
     assert not outcome.is_false, outcome
 
 
-@pytest.mark.parametrize("least_z", [VerdictParams().least_z, 0.0])
-def test_stops_without_common_ground_are_not_linked(least_z):
-    # with a least z of 0 every pair is tried in the images: the last verdict stands alone
-    params = CrossSiteParams(verdict=VerdictParams(least_z=least_z))
+@pytest.mark.parametrize("alone", [False, True])
+def test_stops_without_common_ground_are_not_linked(alone):
+    # with a least z of 0 every pair is tried in the images: their verdict stands alone
+    params = CrossSiteParams()
+    if alone:
+        images = SurfaceTieParams(enabled=False)
+        params = CrossSiteParams(verdict=VerdictParams(least_z=0.0), by_shape=images)
     foreign = outcomes(negative_pairs(NEAR_WORLDS), params)
     assert len(foreign) >= 12
     assert [str(outcome) for outcome in foreign if outcome.linked] == []
