@@ -2,7 +2,6 @@
 
 import json
 import re
-import resource
 import subprocess
 import sys
 
@@ -18,9 +17,6 @@ from solmap.products.catalogue.pruning import PruningParams
 from tests.support.old_store import unpack_old_store
 
 CLI = CliRunner()
-HELP_S = 0.5
-"""Processor time that `--help` may take; 0.2 to 0.3 s were measured, on busy cores."""
-REFUSAL_S = 1.0
 
 
 def test_the_version_is_that_of_the_package():
@@ -144,32 +140,15 @@ def test_the_store_of_the_environment_is_used(store, monkeypatch):
     assert "solmap-store is no store" in CLI.invoke(app, ["positions"]).stderr
 
 
-def processor_s(*words):
-    """Least processor time of three calls, and how the last one ended."""
-    command, times = [sys.executable, "-m", "solmap.flows.cli", *words], []
-    for _ in range(3):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        ended = subprocess.run(command, capture_output=True, text=True, check=False)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        times.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-    return min(times), ended
-
-
-@pytest.mark.parametrize("words", [["--help"], ["run", "--help"], ["traverse", "export", "--help"]])
-def test_help_comes_at_once(words):
-    seconds, ended = processor_s(*words)
-    assert ended.returncode == 0
-    assert seconds < HELP_S
-
-
 def test_a_folder_without_images_is_refused_before_the_engine_starts(tmp_path):
     (tmp_path / "empty" / "below").mkdir(parents=True)
     (tmp_path / "empty" / "notes.txt").touch()
-    seconds, ended = processor_s("run", str(tmp_path / "empty"), "--store", str(tmp_path / "store"))
+    words = ["run", str(tmp_path / "empty"), "--store", str(tmp_path / "store")]
+    command = [sys.executable, "-m", "solmap.flows.cli", *words]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ended.returncode == 1
     assert "it holds no image (.img, .png, .jpg) and no vector file" in ended.stderr
     assert not (tmp_path / "store").exists()
-    assert seconds < REFUSAL_S
 
 
 MODULES = """
@@ -185,6 +164,8 @@ print(*sorted({name.partition(".")[0] for name in sys.modules}))
     ("words", "unwanted"),
     [
         (["--help"], {"numpy", "sqlalchemy", "pydantic", "scipy", "prefect"}),
+        (["run", "--help"], {"numpy", "sqlalchemy", "pydantic", "scipy", "prefect"}),
+        (["traverse", "export", "--help"], {"numpy", "sqlalchemy", "pydantic", "scipy", "prefect"}),
         (["positions"], {"scipy", "cv2", "rasterio", "matplotlib", "prefect"}),
         (["products"], {"scipy", "cv2", "rasterio", "matplotlib", "prefect"}),
     ],
