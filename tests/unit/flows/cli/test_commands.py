@@ -164,8 +164,8 @@ print(*sorted({name.partition(".")[0] for name in sys.modules}))
     ("words", "unwanted"),
     [
         (["--help"], {"numpy", "sqlalchemy", "pydantic", "scipy", "prefect"}),
-        (["run", "--help"], {"numpy", "sqlalchemy", "pydantic", "scipy", "prefect"}),
-        (["traverse", "export", "--help"], {"numpy", "sqlalchemy", "pydantic", "scipy", "prefect"}),
+        (["run", "--help"], {"numpy", "sqlalchemy", "scipy", "prefect"}),
+        (["traverse", "export", "--help"], {"numpy", "sqlalchemy", "scipy", "prefect"}),
         (["positions"], {"scipy", "cv2", "rasterio", "matplotlib", "prefect"}),
         (["products"], {"scipy", "cv2", "rasterio", "matplotlib", "prefect"}),
     ],
