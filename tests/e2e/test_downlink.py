@@ -45,7 +45,8 @@ def test_a_stop_is_modelled_and_its_rocks_have_strike_and_dip(mapped):
         assert validate_glb(paths[kind])["issues"]["numErrors"] == 0
     west, south, east, north = extent_of_model(paths["model"])[0]
     tiles = extent_of_model(paths["tileset"])[0]
-    np.testing.assert_allclose(tiles, (west, south, east, north), atol=0.01)
+    # either is simplified by itself, and may keep another cell of 4 cm at the rim
+    np.testing.assert_allclose(tiles, (west, south, east, north), atol=0.05)
     seen = extent_of_model(paths["view-model"])[0]
     assert max(west - seen[0], south - seen[1], seen[2] - east, seen[3] - north) < 0.5
     facets = dips_of_rocks(stop, FacetParams(), mapped.workspace)
