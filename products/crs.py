@@ -145,7 +145,7 @@ def _base(landing: LandingPoint) -> str:
 def local_proj4(landing: LandingPoint) -> str | None:
     """The same CRS as a PROJ string, for proj4js and WMTS clients; there is none of an untied map.
 
-    `crs_text` is what clients are told in either case.
+    `crs_text` gives clients a string in either case.
     """
     if landing.origin:
         return None

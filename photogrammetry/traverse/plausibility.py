@@ -9,7 +9,7 @@ wheels, gap in what was delivered or change of the site frame comes near them.
 
 Stops that contradict each other are told apart by number: the most stops that agree, each with
 the next, are kept. Where the numbers are equal, those nearest to the origin are, for an error of a
-coordinate nearly always makes it larger. Images of one stop are told apart first: most of them
+coordinate nearly always makes it larger. Images of one stop are separated first: most of them
 count, or, where none are most, those that agree with the first that was taken.
 """
 
