@@ -98,7 +98,7 @@ class RoverImage:
     created: str | None = None
     """PRODUCT_CREATION_TIME: when the file was made on Earth, for one may be made anew."""
     camera_celsius: float | None = None
-    """Mean temperature of the detectors on the mast; None on the body or without one in the label."""
+    """Mean temperature of detectors on the mast; None on the body or where the label has none."""
 
     @property
     def sun(self) -> Vector3 | None:
