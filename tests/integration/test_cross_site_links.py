@@ -84,13 +84,14 @@ def test_a_stop_is_linked_although_its_wheels_spun(world, earlier, later, off_m)
     assert not outcome.is_false, outcome
 
 
-@pytest.mark.parametrize("alone", [False, True])
-def test_stops_without_common_ground_are_not_linked(alone):
-    # with a least z of 0 every pair is tried in the images: their verdict stands alone
-    params = CrossSiteParams()
-    if alone:
-        images = SurfaceTieParams(enabled=False)
-        params = CrossSiteParams(verdict=VerdictParams(least_z=0.0), by_shape=images)
+@pytest.mark.parametrize(
+    ("least_z", "by_shape"), [(VerdictParams().least_z, True), (0.0, True), (0.0, False)]
+)
+def test_stops_without_common_ground_are_not_linked(least_z, by_shape):
+    # with a least z of 0 every pair is tried in the images: the last verdict stands alone
+    params = CrossSiteParams(
+        verdict=VerdictParams(least_z=least_z), by_shape=SurfaceTieParams(enabled=by_shape)
+    )
     foreign = outcomes(negative_pairs(NEAR_WORLDS), params)
     assert len(foreign) >= 12
     assert [str(outcome) for outcome in foreign if outcome.linked] == []
