@@ -21,7 +21,7 @@ from solmap.flows.cli.console import (
 )
 
 if TYPE_CHECKING:
-    from solmap.products.catalogue.pruning import UnreferencedProduct
+    from solmap.products.catalogue.maintenance.pruning import UnreferencedProduct
     from solmap.products.catalogue.tokens import Tokens
 
 _MB = 1e6
@@ -44,7 +44,7 @@ def prune(
     as_json: JsonOption = False,
 ) -> None:
     """List unreferenced products, and with --yes delete them; published maps stay."""
-    from solmap.products.catalogue import pruning  # noqa: PLC0415 - `solmap --help` answers at once
+    from solmap.products.catalogue.maintenance import pruning  # noqa: PLC0415 - `solmap --help` answers at once
 
     workspace = workspace_of(store)
     params = pruning.PruningParams(versions, timedelta(days=older_than))

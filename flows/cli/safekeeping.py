@@ -20,7 +20,7 @@ from solmap.flows.cli.console import (
 from solmap.flows.runtime.progress import report
 
 if TYPE_CHECKING:
-    from solmap.products.catalogue.backups import BackupReport
+    from solmap.products.catalogue.maintenance.backups import BackupReport
 
 
 def backup(
@@ -31,7 +31,7 @@ def backup(
     ] = None,
 ) -> None:
     """Back the store up while it is worked on; products that DESTINATION has are not copied."""
-    from solmap.products.catalogue.backups import back_up  # noqa: PLC0415 - `solmap --help` answers at once
+    from solmap.products.catalogue.maintenance.backups import back_up  # noqa: PLC0415 - `solmap --help` answers at once
 
     with progress_shown():
         done = back_up(workspace_of(store), destination, keep, partial(report, "back up"))
@@ -52,7 +52,7 @@ def restore(
 ) -> None:
     """Restore a backup, or the newest of several; every file is held against its checksum."""
     from solmap.config.settings import Settings  # noqa: PLC0415 - as above
-    from solmap.products.catalogue import backups  # noqa: PLC0415
+    from solmap.products.catalogue.maintenance import backups  # noqa: PLC0415
 
     settings = Settings()
     with progress_shown():
@@ -76,7 +76,7 @@ def check(
     as_json: JsonOption = False,
 ) -> None:
     """Look through the store: checksums, catalogue, left-overs, databases; a line a finding."""
-    from solmap.products.catalogue.checking import check as look_through  # noqa: PLC0415 - as above
+    from solmap.products.catalogue.maintenance.checking import check as look_through  # noqa: PLC0415 - as above
 
     findings = []
     with progress_shown():

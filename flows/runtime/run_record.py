@@ -22,7 +22,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.flows.runtime.progress import Step, listen
-from solmap.products.catalogue.history import trim_history
+from solmap.products.catalogue.maintenance.history import trim_history
 from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, StoreFullError

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solmap.products.catalogue.pruning import _known_products
+from solmap.products.catalogue.maintenance.pruning import _known_products
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef
 from solmap.tasks.network.orientations import read_orientations

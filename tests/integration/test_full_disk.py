@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from solmap.products.catalogue.backups import back_up, newest_backup, restore
-from solmap.products.catalogue.checking import check
-from solmap.products.catalogue.history import trim_history
+from solmap.products.catalogue.maintenance.backups import back_up, newest_backup, restore
+from solmap.products.catalogue.maintenance.checking import check
+from solmap.products.catalogue.maintenance.history import trim_history
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, StoreFullError
 from tests.support.old_store import LAYERS, unpack_old_store

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.adjustment.quality.weaknesses import shared_ties
-from solmap.products.catalogue.pruning import PruningParams, prune
+from solmap.products.catalogue.maintenance.pruning import PruningParams, prune
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.documents.network import read_network, whole_network

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from solmap.products.catalogue.pruning import PruningParams, prune
+from solmap.products.catalogue.maintenance.pruning import PruningParams, prune
 from solmap.products.catalogue.workspace import Workspace
 from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink
 from tests.support.store_checks import Contents, faults

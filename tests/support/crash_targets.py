@@ -28,9 +28,9 @@ import uvicorn
 import solmap.flows.downlink  # noqa: F401 - before processes are forked
 from solmap.gis_server.app import create_app
 from solmap.products.catalogue import schema
-from solmap.products.catalogue.backups import back_up
-from solmap.products.catalogue.checking import check
-from solmap.products.catalogue.pruning import PruningParams, prune
+from solmap.products.catalogue.maintenance.backups import back_up
+from solmap.products.catalogue.maintenance.checking import check
+from solmap.products.catalogue.maintenance.pruning import PruningParams, prune
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import StoreBusyError
 from tests.support.tile_at import tile_at

@@ -35,7 +35,7 @@ import psutil
 
 from solmap.flows.runtime.children import Child
 from solmap.flows.runtime.engine import _free_port, await_engine, engine_child, use_engine
-from solmap.products.catalogue.backups import restore
+from solmap.products.catalogue.maintenance.backups import restore
 from solmap.products.catalogue.workspace import Workspace
 from tests.support.kill_moments import Moment, Watch
 from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from solmap.products.catalogue.checking import check
+from solmap.products.catalogue.maintenance.checking import check
 from solmap.products.catalogue.workspace import Workspace
 
 PROVENANCE = ".provenance.json"

@@ -13,7 +13,7 @@ from solmap.config.description import configuration_page
 from solmap.config.pipeline import load_pipeline
 from solmap.config.settings import Settings
 from solmap.flows.cli import app
-from solmap.products.catalogue.pruning import PruningParams
+from solmap.products.catalogue.maintenance.pruning import PruningParams
 from tests.support.old_store import unpack_old_store
 
 CLI = CliRunner()

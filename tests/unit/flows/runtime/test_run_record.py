@@ -7,7 +7,7 @@ from sqlalchemy.exc import OperationalError
 
 from solmap.flows.runtime.progress import report
 from solmap.flows.runtime.run_record import record_run
-from solmap.products.catalogue.pruning import PruningParams, prune
+from solmap.products.catalogue.maintenance.pruning import PruningParams, prune
 from solmap.products.catalogue.runs import RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, StoreReadOnlyError

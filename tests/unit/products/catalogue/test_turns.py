@@ -10,7 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from solmap.products.catalogue.pruning import PruningParams, UnreferencedProduct, prune
+from solmap.products.catalogue.maintenance.pruning import (
+    PruningParams,
+    UnreferencedProduct,
+    prune,
+)
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import StoreBusyError
 

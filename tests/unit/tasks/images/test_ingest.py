@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from solmap.products.catalogue import catalogue as catalogues
-from solmap.products.catalogue.pruning import PruningParams, prune
+from solmap.products.catalogue.maintenance.pruning import PruningParams, prune
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import StoreAwayError
 from solmap.tasks.images import ingest

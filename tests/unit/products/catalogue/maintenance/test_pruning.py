@@ -7,7 +7,11 @@ import pytest
 import sqlalchemy as sa
 
 from solmap.products.catalogue.database import LABELS, write_transaction
-from solmap.products.catalogue.pruning import PruningParams, prune, unreferenced_products
+from solmap.products.catalogue.maintenance.pruning import (
+    PruningParams,
+    prune,
+    unreferenced_products,
+)
 from solmap.products.catalogue.runs import FinishedSolRecords
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError

@@ -8,9 +8,13 @@ import pytest
 import sqlalchemy as sa
 
 from solmap.products.catalogue.catalogue import ImageEntry
-from solmap.products.catalogue.checking import Finding, check
 from solmap.products.catalogue.database import FINISHED, LATEST
-from solmap.products.catalogue.pruning import PruningParams, prune, unreferenced_products
+from solmap.products.catalogue.maintenance.checking import Finding, check
+from solmap.products.catalogue.maintenance.pruning import (
+    PruningParams,
+    prune,
+    unreferenced_products,
+)
 from solmap.products.catalogue.runs import FinishedSolRecords
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import StoreBusyError

@@ -9,7 +9,7 @@ import sqlalchemy as sa
 from solmap.products.catalogue import events
 from solmap.products.catalogue.catalogue import MissionEntry, Outcome
 from solmap.products.catalogue.edits import RequestKind, RequestState, RunRequests
-from solmap.products.catalogue.history import trim_history
+from solmap.products.catalogue.maintenance.history import trim_history
 from solmap.products.catalogue.runs import Run, RunRecords
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint

@@ -12,11 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from solmap.products.catalogue import backups, schema
-from solmap.products.catalogue.backups import back_up, newest_backup, restore
+from solmap.products.catalogue import schema
 from solmap.products.catalogue.edits import EditLog, RequestKind, RunRequests
 from solmap.products.catalogue.events import RUN_CHANGED
-from solmap.products.catalogue.pruning import PruningParams, prune
+from solmap.products.catalogue.maintenance import backups
+from solmap.products.catalogue.maintenance.backups import back_up, newest_backup, restore
+from solmap.products.catalogue.maintenance.pruning import PruningParams, prune
 from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, StoreBusyError, StoreFullError
@@ -191,7 +192,7 @@ def test_a_full_disk_ends_a_backup_and_keeps_the_earlier_ones(workspace, tmp_pat
 _BACK_UP = """
 import sys
 from pathlib import Path
-from solmap.products.catalogue.backups import back_up
+from solmap.products.catalogue.maintenance.backups import back_up
 from solmap.products.catalogue.workspace import Workspace
 def progress(done, total):
     print(done, flush=True)
