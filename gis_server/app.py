@@ -85,7 +85,7 @@ def create_app(  # noqa: PLR0913, PLR0917 - all that differs from one server to 
         to_thread.current_default_thread_limiter().total_tokens = _THREADS
         with budgets.running_workers(), ThreadPoolExecutor(1) as background:
             if workers:
-                background.submit(_app.openapi)  # a third of a second, while nobody waits for it
+                _app.openapi()  # FastAPI builds its routes here, which would stop the event loop
             background.submit(services.ahead.read)
             yield
         services.tail.close()

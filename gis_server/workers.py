@@ -221,12 +221,12 @@ class Worker:
         self._connection.send((self.arguments, self.memory_mb, folder))
 
     def stop(self) -> None:
-        """End the process, whatever it does."""
-        if self._connection is not None:
-            self._connection.close()
+        """End the process, whatever it does; the kernel may take 0.4 s to free its memory."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
+        if self._connection is not None:
+            self._connection.close()
         self._process = self._connection = None
 
     async def ask(self, scope: Scope, body: bytes, most_s: float) -> Answer:
@@ -238,7 +238,7 @@ class Worker:
             UnkeptError: the answer is too large.
         """
         if self._process is None or self._process.poll() is not None:
-            self.start(self._folder)
+            await to_thread.run_sync(self.start, self._folder)
         request = {name: scope[name] for name in _SENT_AS if name in scope}
         try:
             with anyio.fail_after(most_s):
@@ -246,26 +246,33 @@ class Worker:
                     self._exchange, request, body, abandon_on_cancel=True, limiter=self._threads
                 )
         except BaseException as error:
-            self.stop()
-            with contextlib.suppress(OSError):  # the server ends, and its folder with it
-                for half in self._folder.iterdir() if self._folder else ():
-                    half.unlink()  # what was answered before is open and has no name any more
+            with anyio.CancelScope(shield=True):
+                await to_thread.run_sync(self._discard)
             if isinstance(error, EOFError | OSError) and not isinstance(error, TimeoutError):
                 raise WorkerLostError from error
             raise
         if is_full:
-            self.start(self._folder)
+            with anyio.CancelScope(shield=True):  # else nobody removed the answer
+                await to_thread.run_sync(self.start, self._folder)
         if isinstance(answer, UnkeptError):
             raise answer
         return answer
 
+    def _discard(self) -> None:
+        """End the process and remove the answer that it was writing."""
+        self.stop()
+        with contextlib.suppress(OSError):  # the server ends, and its folder with it
+            for half in self._folder.iterdir() if self._folder else ():
+                half.unlink()  # what was answered before is open and has no name any more
+
     @property
     def memory_bytes(self) -> int:
         """Resident memory of the process."""
-        if self._process is None:
+        process = self._process
+        if process is None:
             return 0
         with contextlib.suppress(OSError, IndexError):
-            return resident_bytes(self._process.pid)
+            return resident_bytes(process.pid)
         return 0
 
     def _exchange(self, request: dict[str, Any], body: bytes) -> tuple[Answer | UnkeptError, bool]:

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import copy
 import errno
+import threading
 from collections import Counter
 from dataclasses import replace
 from http import HTTPStatus
@@ -412,6 +413,22 @@ def test_a_worker_that_was_killed_or_took_too_long_is_followed_by_a_new_one(work
         asyncio.run(worker.ask(scope_of("/api/missions"), b"", 0.0))
     assert not half.exists()
     assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
+
+
+def test_processes_end_and_start_outside_the_event_loop(world, worker, monkeypatch):
+    """To free a worker's memory the kernel takes some tenths of a second."""
+    threads, stop = [], Worker.stop
+
+    def note(self):
+        threads.append(threading.current_thread())
+        stop(self)
+
+    monkeypatch.setattr(Worker, "stop", note)
+    with pytest.raises(TimeoutError):
+        asyncio.run(worker.ask(scope_of("/api/missions"), b"", 0.0))
+    assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
+    assert len(threads) == 2  # when the request was given up, and before the next start
+    assert threading.main_thread() not in threads
 
 
 @pytest.mark.slow
