@@ -22,13 +22,11 @@ from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 from solmap.flows.cli import (
-    configuration,
     export,
-    maintenance,
+    operation,
     orbital,
     processing,
     results,
-    safekeeping,
     simulation,
     terrain,
     traverse,
@@ -55,12 +53,12 @@ _PANELS: dict[str, tuple[Callable[..., None] | typer.Typer, ...]] = {
     "Operate": (
         processing.serve,
         processing.up,
-        safekeeping.backup,
-        safekeeping.restore,
-        safekeeping.check,
-        maintenance.prune,
-        maintenance.tokens,
-        configuration.config,
+        operation.backup,
+        operation.restore,
+        operation.check,
+        operation.prune,
+        operation.tokens,
+        operation.config,
     ),
 }
 """The commands as `solmap --help` shows them; groups come last in their panel."""

@@ -80,10 +80,10 @@ def function_lengths(known: dict[str, Module]) -> np.ndarray:
 
 
 def folders(known: dict[str, Module]) -> dict[Path, int]:
-    """Number of modules in each folder, `__init__` not counted."""
+    """Number of modules in each folder, `__init__` counted."""
     counts: dict[Path, int] = defaultdict(int)
     for module in known.values():
-        counts[module.path.parent] += not module.is_package
+        counts[module.path.parent] += 1
     return counts
 
 
