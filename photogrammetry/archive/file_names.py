@@ -10,7 +10,9 @@ site (3), drive (4), sequence (9), producer, version.
 
 Those of Mars 2020 have 54, NLF_0629_0722782785_631ECM_N0301344NCAM00427_06_095J01: camera and eye,
 colour, sol, clock with its thousandths, product type, geometry (L linearised), frame, site, drive,
-sequence, four characters that each camera uses its own way, compression, producer, version.
+sequence, four characters that each camera uses its own way (Navcam and Hazcam: tile and averaging,
+Mastcam-Z: focal length in millimetres and averaging), compression, producer, version. The public
+site and PDS4 identifiers leave the version out.
 """
 
 from __future__ import annotations
@@ -35,10 +37,11 @@ _MSL = re.compile(
 )
 
 _M2020 = re.compile(
-    r"(?P<instrument>[NFRZ])(?P<eye>[LR])(?P<colour>[A-Z0-9_])_\d{4}_(?P<clock>\d{10})_\d{3}"
+    r"(?P<instrument>[NFRZ])(?P<eye>[LR])(?P<colour>[A-Z0-9_])_(?P<sol>\d{4})_(?P<clock>\d{10})_\d{3}"
     r"(?P<product>[A-Z0-9]{3})(?P<geometry>[A-Z_])(?P<frame>[A-Z])(?P<site>[A-Z0-9]{3})"
-    r"(?P<drive>[A-Z0-9]{4})(?P<sequence>[A-Z0-9_]{9})_[A-Z0-9_]{4}[A-Z0-9_]{2}"
-    r"(?P<producer>[A-Z_])(?P<version>[A-Z0-9_]{2})\Z",
+    r"(?P<drive>[A-Z0-9]{4})(?P<sequence>[A-Z0-9_]{9})_(?P<part>[A-Z0-9_]{3})"
+    r"(?P<averaging>[A-Z0-9_])[A-Z0-9_]{2}"
+    r"(?P<producer>[A-Z_])(?P<version>[A-Z0-9_]{2}|)\Z",
     re.ASCII,
 )
 
@@ -85,6 +88,13 @@ class FileName:
     """0 where the camera has no filter wheel of its own."""
     producer: str
     version: str
+    """Empty where the name leaves it out."""
+    frame: str = ""
+    """After MER: F or N whole, T thumbnail, S sub-frame, D down-sampled."""
+    sol: int | None = None
+    """Of Mars 2020, whose names have it."""
+    part: str = ""
+    """Of Mars 2020: tile or focal length, and averaging."""
 
 
 def parse_file_name(name: str) -> FileName:
@@ -123,6 +133,7 @@ def parse_file_name(name: str) -> FileName:
             filter_number=0,
             producer=match["producer"],
             version=match["version"],
+            frame=match["frame"],
         )
     if match := _M2020.match(product_id):
         return FileName(
@@ -138,6 +149,9 @@ def parse_file_name(name: str) -> FileName:
             filter_number=int(match["colour"]) if match["colour"].isdigit() else 0,
             producer=match["producer"],
             version=match["version"],
+            frame=match["frame"],
+            sol=int(match["sol"]),
+            part=match["part"] + match["averaging"],
         )
     raise LabelError(
         f"{name[:100]!a} follows no known pattern of image names; "
@@ -146,9 +160,28 @@ def parse_file_name(name: str) -> FileName:
 
 
 def camera_string(product_id: str) -> str:
-    """Which of two sets of a camera took an image: A or B of Curiosity; empty where it has one."""
-    match = re.match(r"[NFR][LR]([AB])_\d{9}", _stem(product_id), re.ASCII)
+    """What tells the rigs of one instrument apart; empty where there is one.
+
+    A or B of Curiosity's two sets of engineering cameras; of Mastcam-Z the focal length in
+    millimetres (026 to 110), for each has an interior orientation of its own.
+    """
+    stem = _stem(product_id)
+    if (zoom := _M2020.match(stem)) and zoom["instrument"] == "Z":
+        return zoom["part"]
+    match = re.match(r"[NFR][LR]([AB])_\d{9}", stem, re.ASCII)
     return match[1] if match else ""
+
+
+def tile_number(product_id: str) -> int:
+    """Which part of the detector an image of Perseverance's Navcam or Hazcam shows, from 1.
+
+    0 where the image is the whole frame or not of these cameras.
+    """
+    match = _M2020.match(_stem(product_id))
+    if match is None or match["instrument"] == "Z":
+        return 0
+    digits = match["part"].strip("_")
+    return int(digits) if digits.isdigit() else 0
 
 
 def decode_counter(code: str) -> int | None:

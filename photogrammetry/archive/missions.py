@@ -37,6 +37,8 @@ class Mission:
     """Instruments with filter wheels -> (left, right) filters that see one band."""
     mapping_products: frozenset[str] | None
     """Product types whose pixels are grey values of the scene; None: DERIVED_IMAGE_TYPE tells."""
+    edr_types: tuple[str, ...] = ()
+    """Product types of the archive's EDRs that are mapped; of several the first is fetched."""
     leaves_out_half_pixel: bool = False
     """Whether labels of averaged images scale H and V about a pixel's corner."""
 
@@ -55,6 +57,7 @@ MER = Mission(
     mast_group="PMA_COORDINATE_SYSTEM",
     stereo_filters={"PANCAM": frozenset({(2, 2), (7, 1)})},
     mapping_products=_PRODUCTS,
+    edr_types=("EFF", "ESF", "EDN"),
     leaves_out_half_pixel=True,
 )
 """Spirit (MER2) and Opportunity (MER1); product types from the camera SIS (facts 1.3)."""
@@ -62,39 +65,47 @@ MER = Mission(
 MSL = Mission(
     hosts=("MSL",),
     instruments={
-        f"{label}_{word}{string}": (instrument, eye)
-        for label, instrument in (
-            ("NAV", "NAVCAM"),
-            ("FHAZ", "FRONT_HAZCAM"),
-            ("RHAZ", "REAR_HAZCAM"),
-            ("MAST", "MASTCAM"),
-        )
-        for word, eye in _EYES.items()
-        for string in ("", "_A", "_B")
+        **{
+            f"{label}_{word}{string}": (instrument, eye)
+            for label, instrument in (
+                ("NAV", "NAVCAM"),
+                ("FHAZ", "FRONT_HAZCAM"),
+                ("RHAZ", "REAR_HAZCAM"),
+                ("MAST", "MASTCAM"),
+            )
+            for word, eye in _EYES.items()
+            for string in ("", "_A", "_B")
+        },
+        "CHEMCAM_RMI": ("CHEMCAM_RMI", Eye.MONO),
     },
     mast_group="RSM_COORDINATE_SYSTEM",
     # The eyes of Mastcam have focal lengths of 34 and 100 mm: no pair for one matching window.
     stereo_filters={"MASTCAM": frozenset()},
     mapping_products=None,
+    edr_types=("EDR",),
 )
 """Curiosity; A and B are its two sets of engineering cameras, never used together."""
 
 M2020 = Mission(
     hosts=("M20", "M2020"),
     instruments={
-        f"{label}_{word}{string}": (instrument, eye)
-        for label, instrument, strings in (
-            ("NAVCAM", "NAVCAM", ("",)),
-            ("FRONT_HAZCAM", "FRONT_HAZCAM", ("", "_A", "_B")),
-            ("REAR_HAZCAM", "REAR_HAZCAM", ("",)),
-            ("MCZ", "MASTCAM", ("",)),
-        )
-        for word, eye in _EYES.items()
-        for string in strings
+        **{
+            f"{label}_{word}{string}": (instrument, eye)
+            for label, instrument, strings in (
+                ("NAVCAM", "NAVCAM", ("",)),
+                ("FRONT_HAZCAM", "FRONT_HAZCAM", ("", "_A", "_B")),
+                ("REAR_HAZCAM", "REAR_HAZCAM", ("",)),
+                ("MCZ", "MASTCAM", ("",)),
+            )
+            for word, eye in _EYES.items()
+            for string in strings
+        },
+        "SUPERCAM_RMI": ("SUPERCAM_RMI", Eye.MONO),
     },
     mast_group="RSM_COORDINATE_SYSTEM",
     stereo_filters={"MASTCAM": frozenset({(0, 0), (1, 1)})},
     mapping_products=None,
+    edr_types=("ECM", "EDR"),
 )
 """Perseverance; Mastcam-Z zooms both eyes together, and its narrow bands differ beyond filter 1."""
 

@@ -6,20 +6,23 @@ sub-frame: its camera model knows. One exposure often comes as several products.
 observation, so one of each eye and filter is used, also where there is no pair:
 
   - raw before linearised: the archive's linearisation has rows that correspond only nearly;
-  - the larger frames before sub-frames and averaged ones;
+  - of frames averaged differently the finest that together show at least 90 percent of what any
+    show: all tiles at full resolution before the whole frame averaged, and that before some tiles;
+  - the larger frames before sub-frames;
   - radiometrically corrected ones (RAD) first, then inverse-LUT (ILF, ISF, INN), EDR (EFF, ESF,
     EDN), anything else, of a pair the first kind that both eyes have;
   - of these the highest version of each.
 
 Images of one exposure that do not show each other's middle, such as tiles, are observations of
-their own.
+their own: tiles of one number are a pair each.
 
-Filters of a pair must see one band (Pancam L2 with R2, L7 with R1). Whatever is left over is named
-with its reason.
+Filters of a pair must see one band (Pancam L2 with R2, L7 with R1) and zoom lenses stand at one
+focal length. Whatever is left over is named with its reason.
 """
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,7 +30,11 @@ from typing import TypeVar
 
 import numpy as np
 
+from solmap.photogrammetry.archive.file_names import camera_string, tile_number
 from solmap.photogrammetry.archive.missions import mission_of_host
+from solmap.photogrammetry.cameras.cahv import Cahv, interior_orientation
+from solmap.photogrammetry.cameras.cahvor import Cahvor
+from solmap.photogrammetry.cameras.cahvore import Cahvore
 from solmap.photogrammetry.imagery import Eye, RoverImage, StereoPair
 
 MAX_CLOCK_DIFFERENCE = 1.0
@@ -42,6 +49,9 @@ PRODUCT_ORDER = (
 FULL_FRAME = {"ESF": "EFF", "EDN": "EFF", "ISF": "ILF", "INN": "ILF", "SFL": "FFL", "DNL": "FFL"}
 """Sub-framed and down-sampled products, and the full-frame product of the same kind."""
 
+
+SAME_COVERAGE = 0.9
+"""Share of the view that frames of one averaging must show to stand for those of any other."""
 
 Shot = TypeVar("Shot")
 
@@ -66,9 +76,10 @@ def find_stereo_pairs(images: Sequence[RoverImage]) -> StereoPairing:
     for image in images:
         by_clock[int(image.clock // MAX_CLOCK_DIFFERENCE)].append(image)
     for exposure in _exposures(images):
-        pair = _best_pair(exposure)
-        used = [] if pair is None else [pair.left, pair.right]
-        pairs += [] if pair is None else [pair]
+        found = _pairs(exposure)
+        pairs += found
+        used = [image for pair in found for image in (pair.left, pair.right)]
+        paired_here = tuple(used)
         for image in sorted(exposure, key=_rank):
             if any(image is one for one in used):
                 continue
@@ -80,7 +91,7 @@ def find_stereo_pairs(images: Sequence[RoverImage]) -> StereoPairing:
                 )
             else:
                 used.append(image)
-                near = _around(image, by_clock) if pair is None else (pair.left, pair.right)
+                near = paired_here or _around(image, by_clock)
                 unpaired[image.id] = _why_alone(image, near)
     pairs.sort(key=lambda pair: (pair.left.clock, pair.left.id))
     paired = {image.id for pair in pairs for image in (pair.left, pair.right)}
@@ -121,8 +132,9 @@ def group_by_clock(
     return groups
 
 
-def _best_pair(exposure: Sequence[RoverImage]) -> StereoPair | None:
+def _pairs(exposure: Sequence[RoverImage]) -> list[StereoPair]:
     """The frames of an exposure that are matched, by the order in the module's docstring."""
+    worse = _resolution_ranks(exposure)
     candidates = [
         (left, right)
         for left in exposure
@@ -131,19 +143,67 @@ def _best_pair(exposure: Sequence[RoverImage]) -> StereoPair | None:
         if right.eye is Eye.RIGHT
         and _kind(right) == _kind(left)
         and right.is_linearised == left.is_linearised
+        and camera_string(right.id) == camera_string(left.id)
         and _filters_agree(left, right)
+        and _tiles_agree(left, right, worse)
     ]
-    if not candidates:
-        return None
-    left, right = min(candidates, key=lambda pair: _preference(*pair))
-    return StereoPair(left, right)
+    pairs: list[StereoPair] = []
+    while candidates:
+        pair = StereoPair(*min(candidates, key=lambda both: _preference(*both, worse)))
+        pairs.append(pair)
+        candidates = [
+            (left, right)
+            for left, right in candidates
+            if not (
+                _is_same_observation(left, pair.left) or _is_same_observation(right, pair.right)
+            )
+        ]
+    return pairs
 
 
-def _preference(left: RoverImage, right: RoverImage) -> tuple[object, ...]:
+def _resolution_ranks(exposure: Sequence[RoverImage]) -> dict[str, int]:
+    """Image id -> rank of its averaging; 0 is that of the frames to use first."""
+    if len({(image.eye, image.filter_number) for image in exposure}) == len(exposure):
+        return dict.fromkeys((image.id for image in exposure), 0)
+    focal_px = {image.id: _focal_px(image) for image in exposure}
+    longest = max(focal_px.values())
+    levels = {name: round(math.log2(longest / focal)) for name, focal in focal_px.items()}
+    if not any(levels.values()):
+        return levels
+    views: dict[int, dict[tuple[object, ...], float]] = defaultdict(lambda: defaultdict(float))
+    for image in exposure:
+        part = (image.eye, image.filter_number, tile_number(image.id))
+        view = image.lines * image.samples / focal_px[image.id] ** 2
+        shown = views[levels[image.id]]
+        shown[part] = max(shown[part], view)
+    total = {level: sum(shown.values()) for level, shown in views.items()}
+    enough = SAME_COVERAGE * max(total.values())
+    order = sorted(total, key=lambda level: (total[level] < enough, level))
+    return {name: order.index(level) for name, level in levels.items()}
+
+
+def _focal_px(image: RoverImage) -> float:
+    """Focal length, which averaging shortens; 1 of cameras that are no CAHV, never averaged."""
+    camera = image.camera
+    if not isinstance(camera, Cahv | Cahvor | Cahvore):
+        return 1.0
+    return interior_orientation(camera.a, camera.h, camera.v).hs
+
+
+def _tiles_agree(left: RoverImage, right: RoverImage, ranks: Mapping[str, int]) -> bool:
+    """Whether both show one part of the detector; averaged frames are cut otherwise."""
+    tiles = tile_number(left.id), tile_number(right.id)
+    return tiles[0] == tiles[1] and (tiles[0] == 0 or ranks[left.id] == ranks[right.id])
+
+
+def _preference(
+    left: RoverImage, right: RoverImage, ranks: Mapping[str, int]
+) -> tuple[object, ...]:
     size = left.lines * left.samples + right.lines * right.samples
     newest = (-_version(left), -_version(right))
     apart = abs(left.clock - right.clock)
-    return left.is_linearised, -size, *_order(left), apart, newest, left.id, right.id
+    worse = ranks[left.id] + ranks[right.id]
+    return left.is_linearised, worse, -size, *_order(left), apart, newest, left.id, right.id
 
 
 def _rank(image: RoverImage) -> tuple[object, ...]:
@@ -196,7 +256,9 @@ def _shows_middle(image: RoverImage, other: RoverImage) -> bool:
     return bool(0 <= sample < image.samples and 0 <= line < image.lines)
 
 
-def _why_alone(image: RoverImage, images: Sequence[RoverImage]) -> str:
+def _why_alone(  # noqa: PLR0911 - a reason each
+    image: RoverImage, images: Sequence[RoverImage]
+) -> str:
     """What is missing for a pair."""
     if image.eye is Eye.MONO:
         return f"{image.instrument} has one eye"
@@ -223,6 +285,13 @@ def _why_alone(image: RoverImage, images: Sequence[RoverImage]) -> str:
             f"the filters of {left.id} (L{left.filter_number}) and {right.id} "
             f"(R{right.filter_number}) see different bands"
         )
+    if camera_string(left.id) != camera_string(right.id):
+        return (
+            f"{left.id} was taken by camera set or focal length {camera_string(left.id)}, "
+            f"{right.id} by {camera_string(right.id)}"
+        )
+    if tile_number(left.id) != tile_number(right.id):
+        return f"no {other}-eye frame of its tile {tile_number(image.id)} beside {partner.id}"
     return f"the {other}-eye frame {partner.id} is {_shape(partner)}, this one {_shape(image)}"
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solmap.photogrammetry.adjustment.model.network import StopPrior
-from solmap.photogrammetry.archive.file_names import camera_string
+from solmap.photogrammetry.archive.file_names import camera_string, tile_number
 from solmap.photogrammetry.archive.images.reading import ReadImage
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Frame, FrameKind
@@ -77,7 +77,7 @@ def pairs_of(entries: Iterable[ImageEntry]) -> list[PairFiles]:
 
 
 def camera_set(entry: ImageEntry) -> str:
-    """The cameras that took an image: NAVCAM, or NAVCAM B where a rover has two sets of them."""
+    """The rig that took an image: NAVCAM, NAVCAM B of two sets, MASTCAM 034 of a zoom lens."""
     return f"{entry.instrument} {camera_string(entry.id)}".strip()
 
 
@@ -89,9 +89,9 @@ def read_pair(pair: PairFiles, store: ProductStore) -> tuple[ReadImage, ReadImag
 def pair_frame(image: RoverImage) -> Frame:
     """The frame of the pair that a left image belongs to."""
     camera = CAMERAS.index(image.instrument) if image.instrument in CAMERAS else len(CAMERAS)
-    return Frame(
-        FrameKind.PAIR, (image.stop.site, image.stop.drive, camera, round(image.clock * 1000))
-    )
+    exposure = (image.stop.site, image.stop.drive, camera, round(image.clock * 1000))
+    tile = tile_number(image.id)
+    return Frame(FrameKind.PAIR, (*exposure, tile) if tile else exposure)
 
 
 def turn_right_camera(right: ReadImage, turn: tuple[float, float, float] | None) -> ReadImage:

@@ -4,6 +4,7 @@ import pytest
 
 from solmap.config.landing import landing_site, landing_sites
 from solmap.photogrammetry.archive.missions import MISSIONS, mission_id
+from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.terrain.dtm.rover_body import BODIES
 
 
@@ -19,6 +20,12 @@ from solmap.photogrammetry.terrain.dtm.rover_body import BODIES
 )
 def test_names_of_a_mission(identifier, names):
     assert {mission_id(name) for name in names} == {identifier}
+
+
+@pytest.mark.parametrize("camera", ["CHEMCAM_RMI", "SUPERCAM_RMI"])
+def test_a_remote_micro_imager_has_one_eye(camera):
+    (of,) = (mission.instruments for mission in MISSIONS if camera in mission.instruments)
+    assert of[camera] == (camera, Eye.MONO)
 
 
 def test_every_host_has_a_landing_site_under_its_identifier():

@@ -188,3 +188,67 @@ def test_ten_thousand_frames_are_sorted_out_quickly():
     assert time.perf_counter() - begin < 10  # 0.1 s without type checks; a square law takes minutes
     assert len(pairing.pairs) == 2500
     assert len(pairing.unpaired) == 2500
+
+
+def tile(eye: str, number: int, averaging: int = 1, **changes) -> RoverImage:
+    """Part of a Navcam frame of Perseverance: of 16 tiles, four averaged ones, or the whole one."""
+    across = {1: 4, 2: 2, 4: 1}[averaging]
+    column, row = (number - 1) % across, (number - 1) // across
+    level = {1: 0, 2: 1, 4: 2}[averaging]
+    name = f"N{eye}F_0670_0726421423_362ECM_N0320604NCAM08111_{number:02d}_{level}95J01"
+    focal, middle = 3000.0 / averaging, (2560.0 / averaging, 1920.0 / averaging)
+    camera = Cahv(
+        np.zeros(3),
+        np.eye(3)[0],
+        np.array([middle[0] - 1280 * column, focal, 0]),
+        np.array([middle[1] - 960 * row, 0, focal]),
+    )
+    stop = StopId("M20", 32, 604)
+    given = {"id": name, "stop": stop, "motion_counter": (32, 604), "lines": 960, "samples": 1280}
+    template = nav(eye, camera=camera)
+    return replace(
+        template,
+        **given,
+        product_type="ECM",
+        site_from_rover=Pose.identity(site_frame(32), stop.frame),
+        **changes,
+    )
+
+
+def test_every_tile_of_a_frame_goes_with_the_same_tile_of_the_other_eye():
+    """Perseverance's Navcam at full resolution comes down in 16 parts; one part is lost."""
+    images = [tile(eye, number) for eye in "LR" for number in range(1, 17)]
+    lost = images.pop(20)
+    pairing = find_stereo_pairs(images)
+    assert len(pairing.pairs) == 15
+    for pair in pairing.pairs:
+        assert pair.left.id[1:] != pair.right.id[1:]
+        assert pair.left.id[2:] == pair.right.id[2:]
+    (alone,) = pairing.unpaired
+    assert alone == "NL" + lost.id[2:]
+    assert f"no right-eye frame of its tile {int(lost.id[45:47])}" in pairing.unpaired[alone]
+
+
+def test_all_tiles_stand_for_the_whole_frame_averaged_and_few_do_not():
+    whole = [tile(eye, 1, averaging=4) for eye in "LR"]
+    tiles = [tile(eye, number) for eye in "LR" for number in range(1, 17)]
+    pairing = find_stereo_pairs([*whole, *tiles])
+    assert len(pairing.pairs) == 16
+    assert set(pairing.repeats) == {image.id for image in whole}
+    few = [image for image in tiles if image.id[45:47] in {"06", "07"}]
+    (pair,) = find_stereo_pairs([*whole, *few]).pairs
+    assert [pair.left.id, pair.right.id] == [image.id for image in whole]
+
+
+def test_zoom_lenses_make_a_pair_at_one_focal_length():
+    """Each focal length of Mastcam-Z is a rig of its own."""
+
+    def zoomed(eye: str, millimetres: int) -> RoverImage:
+        name = f"Z{eye}0_0670_0726421423_362ECM_N0320604ZCAM08111_{millimetres:03d}095J01"
+        return replace(tile(eye, 1), id=name, instrument="MASTCAM", filter_number=0)
+
+    (pair,) = find_stereo_pairs([zoomed("L", 34), zoomed("R", 34)]).pairs
+    assert [pair.left.id[1], pair.right.id[1]] == ["L", "R"]
+    apart = find_stereo_pairs([zoomed("L", 34), zoomed("R", 110)])
+    assert not apart.pairs
+    assert all("focal length 034" in reason for reason in apart.unpaired.values())

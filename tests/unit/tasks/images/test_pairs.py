@@ -1,6 +1,6 @@
 from types import SimpleNamespace
 
-from solmap.tasks.images.pairs import camera_set
+from solmap.tasks.images.pairs import camera_set, pair_frame
 
 
 def test_each_side_of_curiosity_has_a_stereo_rig_of_its_own():
@@ -11,3 +11,24 @@ def test_each_side_of_curiosity_has_a_stereo_rig_of_its_own():
     }
     for name, cameras in names.items():
         assert camera_set(SimpleNamespace(id=name, instrument="NAVCAM")) == cameras
+
+
+def test_each_focal_length_of_a_zoom_lens_has_a_stereo_rig_of_its_own():
+    names = {
+        "ZL6_1484_0798697293_098ECM_N0730000ZCAM01022_034080J": "MASTCAM 034",
+        "ZR0_1484_0798697293_098ECM_N0730000ZCAM01022_1100LMJ02": "MASTCAM 110",
+    }
+    for name, cameras in names.items():
+        assert camera_set(SimpleNamespace(id=name, instrument="MASTCAM")) == cameras
+
+
+def test_pairs_of_tiles_of_one_exposure_have_frames_of_their_own():
+    def frame(part: str):
+        name = f"NLF_0629_0722782785_631ECM_N0301344NCAM00427_{part}95J01"
+        stop = SimpleNamespace(site=30, drive=1344)
+        return pair_frame(
+            SimpleNamespace(id=name, stop=stop, instrument="NAVCAM", clock=722782785.6)
+        )
+
+    assert frame("06_0") != frame("07_0")
+    assert frame("00_2").index == (30, 1344, 0, 722782785600)
