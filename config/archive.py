@@ -24,14 +24,25 @@ class MissionArchive:
     """Tried in turn; the volumes' folders lie below each."""
     volumes: Mapping[str, str]
     """Instrument, lower case -> volume."""
+    index: str = "index/edrindex.lbl"
+    """Below a volume: label of its index table, or inventory (.csv) of a PDS4 collection."""
+    raw_images: str = ""
+    """Address of the public site's list of raw images; empty where there is none."""
 
     def __post_init__(self) -> None:
         if not self.base_urls:
             raise ValueError("base_urls should name at least one address")
-        for url in self.base_urls:
+        for url in self.urls:
             parts = urlsplit(url)
             if parts.scheme not in {"http", "https"} or not parts.hostname or parts.port == 0:
-                raise ValueError(f"base_urls should be http or https addresses, not {url!r}")
+                raise ValueError(
+                    f"base_urls and raw_images should be http or https addresses, not {url!r}"
+                )
+
+    @property
+    def urls(self) -> tuple[str, ...]:
+        """Every address of the mission."""
+        return (*self.base_urls, self.raw_images) if self.raw_images else self.base_urls
 
     def volume(self, instrument: str) -> str:
         """The volume that holds an instrument's images.
@@ -60,7 +71,7 @@ class Archive:
     @property
     def hosts(self) -> frozenset[str]:
         """The hosts that a redirect may lead to."""
-        bases = (url for mission in self.missions.values() for url in mission.base_urls)
+        bases = (url for mission in self.missions.values() for url in mission.urls)
         return frozenset({*self.redirect_hosts, *(urlsplit(url).hostname or "" for url in bases)})
 
     def mission(self, name: str) -> MissionArchive:

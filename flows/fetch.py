@@ -1,5 +1,6 @@
 """Fetch stereo pairs from the archive: the index first, then what it names and is not here yet.
 
+Of Curiosity and Perseverance also the public raw images of mars.nasa.gov, with their metadata.
 Images go to `OUT/sol####/`; the indices and whatever a later call needs to `OUT/.fetch/`. A second
 call fetches nothing twice, one after a crash goes on where the first broke off.
 """
@@ -14,18 +15,18 @@ from pathlib import Path
 
 from prefect import flow
 
-from solmap.config.archive import Archive, load_archive, sols_of
-from solmap.config.records import record_of
+from solmap.config.archive import MissionArchive, load_archive, sols_of
+from solmap.config.records import ConfigError, record_of
 from solmap.config.settings import Settings
 from solmap.flows.runtime.progress import report as report_progress
 from solmap.photogrammetry.archive.tables.volume_index import (
-    IndexEntry,
     IndexFindings,
     IndexSelection,
 )
 from solmap.tasks.fetch.answers import FetchError, open_client
-from solmap.tasks.fetch.images import fetch_images, is_whole, target_of
+from solmap.tasks.fetch.images import Arrival, fetch_images, is_whole, target_of
 from solmap.tasks.fetch.index import Index, Volume, fetch_index
+from solmap.tasks.fetch.raw_images import fetch_raw_images, find_raw_images, is_raw_image_here
 from solmap.tasks.fetch.transfer import Transfer, TransferParams
 
 STATE = ".fetch"
@@ -65,7 +66,7 @@ class FetchReport:
 
 
 @flow(name="fetch-archive", flow_run_name="fetch {mission} sol {sols}")
-def fetch_archive(
+def fetch_archive(  # noqa: PLR0913 - options of the command
     mission: str,
     sols: str,
     instruments: list[str],
@@ -73,16 +74,18 @@ def fetch_archive(
     *,
     dry_run: bool = False,
     archive_file: Path | None = None,
+    raw: bool = False,
 ) -> FetchReport:
     """Bring the stereo pairs of some sols here; a file that fails stops nothing else.
 
     Args:
-        mission: MER1 or MER2.
+        mission: MER1, MER2, MSL or M20.
         sols: 155, 155-157, or several of these with commas between.
-        instruments: Any of navcam, pancam, hazcam, front_hazcam, rear_hazcam.
+        instruments: Any of navcam, pancam, mastcam, hazcam, front_hazcam, rear_hazcam.
         out_dir: Folder to bring the images to.
         dry_run: Only say what there is.
         archive_file: TOML file of addresses; the settings name it otherwise.
+        raw: Public raw images with their metadata in place of the archive's EDRs.
 
     Raises:
         ConfigError: no such mission, instrument or sols.
@@ -91,8 +94,11 @@ def fetch_archive(
     file = archive_file or Settings().archive
     archive = load_archive(file)
     params = record_of(TransferParams, dict(archive.transfer), f"{file.name}: transfer")
+    of_mission, days = archive.mission(mission), sols_of(sols)
+    if raw and not of_mission.raw_images:
+        raise ConfigError(f"{of_mission.title} has no list of public raw images; leave out --raw")
     wanted = [
-        (_volume(archive, mission, name), IndexSelection(mission.upper(), name, sols_of(sols)))
+        (None if raw else _volume(of_mission, name), IndexSelection(mission.upper(), name, days))
         for name in dict.fromkeys(instruments)
     ]
     report = FetchReport(is_dry=dry_run)
@@ -100,13 +106,44 @@ def fetch_archive(
     with _exclusive(out_dir), client:
         transfer = Transfer(client, archive.hosts, params)
         for volume, selection in wanted:
-            _fetch_volume(volume, selection, out_dir, transfer, report)
+            if volume is None:
+                _fetch_raw(of_mission.raw_images, selection, out_dir, transfer, report)
+            else:
+                _fetch_volume(volume, selection, out_dir, transfer, report)
     return report
 
 
-def _volume(archive: Archive, mission: str, instrument: str) -> Volume:
-    found = archive.mission(mission)
-    return Volume(found.volume(instrument), found.base_urls)
+def _volume(found: MissionArchive, instrument: str) -> Volume:
+    return Volume(found.volume(instrument), found.base_urls, found.index)
+
+
+def _fetch_raw(
+    url: str, selection: IndexSelection, out_dir: Path, transfer: Transfer, report: FetchReport
+) -> None:
+    """One instrument of the public raw images: search their list, then bring what it names."""
+    found = find_raw_images(url, selection, out_dir / STATE / "raw", transfer)
+    report.pairs += len(found.wanted) // 2
+    report.unpaired += found.unpaired
+    if found.left_out:
+        report.warnings.append(
+            f"{found.left_out} raw images cannot be placed; the first: {found.first_fault}"
+        )
+    if not found.wanted:
+        report.failures.append(
+            f"the list of raw images has no stereo pair of {selection.instrument} on sols "
+            f"{min(selection.sols)} to {max(selection.sols)}"
+        )
+    if report.is_dry:
+        here = [is_raw_image_here(image, out_dir) for image in found.wanted]
+        _list([image.path(out_dir) for image in found.wanted], here, out_dir, report)
+        return
+    arrivals = fetch_raw_images(
+        found.wanted,
+        out_dir,
+        transfer,
+        lambda done, total: report_progress(f"{selection.instrument} images", done, total),
+    )
+    _note_arrivals(arrivals, report)
 
 
 def _fetch_volume(
@@ -126,7 +163,8 @@ def _fetch_volume(
     findings = index.find(selection)
     _note_findings(findings, index, selection, report)
     if report.is_dry:
-        _list(findings.entries, out_dir, report)
+        paths = [target_of(entry, out_dir) for entry in findings.entries]
+        _list(paths, [is_whole(path) for path in paths], out_dir, report)
         return
     arrivals = fetch_images(
         findings.entries,
@@ -135,6 +173,10 @@ def _fetch_volume(
         transfer,
         lambda done, total: report_progress(f"{selection.instrument} images", done, total),
     )
+    _note_arrivals(arrivals, report)
+
+
+def _note_arrivals(arrivals: Sequence[Arrival], report: FetchReport) -> None:
     report.failures += [arrival.failure for arrival in arrivals if arrival.failure]
     report.already_here += sum(arrival.was_here for arrival in arrivals)
     report.fetched += sum(not (arrival.was_here or arrival.failure) for arrival in arrivals)
@@ -154,7 +196,7 @@ def _note_findings(
             f"{findings.broken} of {findings.rows} rows of the index cannot be read; the first: "
             f"{findings.first_fault}"
         )
-    if index.layout.rows not in {None, findings.rows}:
+    if index.layout is not None and index.layout.rows not in {None, findings.rows}:
         report.warnings.append(
             f"the index has {findings.rows} rows, but its label says {index.layout.rows}"
         )
@@ -165,10 +207,10 @@ def _note_findings(
         )
 
 
-def _list(entries: Sequence[IndexEntry], out_dir: Path, report: FetchReport) -> None:
-    for entry in entries:
-        path = target_of(entry, out_dir)
-        here = is_whole(path)
+def _list(
+    paths: Sequence[Path], are_here: Sequence[bool], out_dir: Path, report: FetchReport
+) -> None:
+    for path, here in zip(paths, are_here, strict=True):
         report.already_here += here
         report.files.append(f"{path.relative_to(out_dir)}{'  (here)' if here else ''}")
 

@@ -18,6 +18,7 @@ import typer
 
 from solmap.flows.cli.console import (
     MISSION_HELP,
+    POSE_FILES,
     JsonOption,
     MissionOption,
     PipelineOption,
@@ -48,22 +49,40 @@ PortOption = Annotated[
 
 
 def run(
-    downlink: Annotated[Path, typer.Argument(help="Folder searched for images and vector files")],
+    downlink: Annotated[
+        Path | None, typer.Argument(help="Folder searched for images and vector files")
+    ] = None,
     store: StoreOption = None,
     pipeline: PipelineOption = None,
+    places: Annotated[
+        list[Path] | None,
+        typer.Option(help=f"{POSE_FILES}; may be given again", parser=input_file, metavar="FILE"),
+    ] = None,
 ) -> None:
-    """Take a downlink from raw images to published layers; a second run does nothing twice."""
+    """Take a downlink from raw images to published layers; a second run does nothing twice.
+
+    With --places alone what is in the store is placed anew.
+    """
     from solmap.tasks.images.folders import NO_FILES, files_of  # noqa: PLC0415 - as above
 
-    if not downlink.is_dir():
+    stated = [file.resolve() for file in places or ()]
+    if downlink is None and not stated:
+        fail("name the folder that the downlink's files lie in")
+    if downlink is not None and not downlink.is_dir():
         fail(f"{downlink} is no folder; name the folder that the downlink's files lie in")
-    if not files_of(downlink):
+    if downlink is not None and not files_of(downlink):
         fail(f"nothing to process in {downlink}: {NO_FILES}")
-    folder, root, recipe = downlink.resolve(), store_of(store).absolute(), _pipeline_of(pipeline)
+    if stated:
+        from solmap.tasks.images.poses import open_pose_sources  # noqa: PLC0415 - slow to import
+
+        with open_pose_sources(stated):  # refuse what is broken before the engine starts
+            pass
+    root = (store_of(store) if downlink else existing_store(store)).absolute()
+    folder, recipe = downlink.resolve() if downlink else None, _pipeline_of(pipeline)
     with _engine_of(root):
         from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - Prefect is ready now
 
-        report = process_downlink(folder, root, recipe)
+        report = process_downlink(folder, root, recipe, places=stated)
     _print_report(report.warnings, report.failures, [*report.lines, f"the store is {root}"])
 
 
@@ -93,12 +112,15 @@ def fetch(  # noqa: PLR0913 - options
     sols: Annotated[str, typer.Option(help="155, 155-157, or several with commas between")],
     out_dir: Annotated[Path, typer.Option("--out", help="Folder to bring the images to")],
     instrument: Annotated[
-        list[str] | None, typer.Option(help="navcam, pancam, hazcam; may be given again")
+        list[str] | None, typer.Option(help="navcam, pancam, mastcam, hazcam; may be given again")
     ] = None,
     archive: Annotated[
         Path | None, typer.Option(help="TOML file of addresses", envvar="SOLMAP_ARCHIVE")
     ] = None,
     *,
+    raw: Annotated[
+        bool, typer.Option("--raw", help="Public raw images (MSL, M20) in place of the archive's.")
+    ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what there is.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -110,7 +132,7 @@ def fetch(  # noqa: PLR0913 - options
     addresses = (archive or Settings().archive).absolute()
     sols_named(sols)
     of_mission = load_archive(addresses).mission(mission)
-    for name in instrument or []:
+    for name in () if raw else instrument or ():
         of_mission.volume(name)
     with _engine_of(folder / ".fetch"):
         from solmap.flows.fetch import fetch_archive  # noqa: PLC0415 - Prefect is ready now
@@ -122,6 +144,7 @@ def fetch(  # noqa: PLR0913 - options
             folder,
             dry_run=dry_run,
             archive_file=addresses,
+            raw=raw,
         )
     if as_json:
         typer.echo(json.dumps(asdict(report), indent=2))

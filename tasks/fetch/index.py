@@ -1,7 +1,11 @@
 """A volume of the archive on its mirrors, and its index: fetched, kept, and searched.
 
-    {base}/{volume}/index/edrindex.lbl, .tab
-    {base}/{volume}/data/sol####/edr/{name}.img        #### = sol, four digits; names in lower case
+    MER         {base}/{volume}/index/edrindex.lbl, .tab
+                {base}/{volume}/data/sol####/edr/{name}.img      sol of four digits, lower case
+    MSL         {base}/{volume}/INDEX/INDEX.LBL, .TAB
+                {base}/{volume}/DATA/SOL#####/{name}.IMG
+    Mars 2020   {base}/{bundle}/data/collection_data_inventory.csv
+                {base}/{bundle}/data/sol/#####/ids/edr/ncam/{name}.IMG
 
 An index is asked for again only if it has changed. It names folder and file; what it says is tried
 first, the layout above after it. Both come over the network and end up in addresses and file names,
@@ -13,7 +17,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import quote
 
@@ -22,11 +26,11 @@ from solmap.photogrammetry.archive.tables.volume_index import (
     IndexEntry,
     IndexFindings,
     IndexLayout,
-    IndexRow,
     IndexSelection,
     find_in_index,
     parse_index_label,
     read_index_rows,
+    read_lines,
 )
 from solmap.photogrammetry.errors import LabelError
 from solmap.tasks.fetch.answers import DiskError, FetchError, WrongContentError
@@ -34,7 +38,7 @@ from solmap.tasks.fetch.transfer import Transfer
 from solmap.tasks.stage import stage
 
 _PLAIN = re.compile(r"[A-Za-z0-9_#-][A-Za-z0-9_.#-]*\Z")
-INDEX = "edrindex"
+EDR_INDEX = "index/edrindex.lbl"
 CHUNK_BYTES = 1 << 16
 MIB = 1 << 20
 
@@ -45,10 +49,13 @@ class Volume:
 
     name: str
     base_urls: tuple[str, ...]
+    index: str = EDR_INDEX
+    """Its index below the volume: the label of a table (.lbl), or an inventory (.csv)."""
 
     def index_urls(self, file_name: str) -> list[str]:
         """Addresses of a file of the index."""
-        return [f"{self._at(base)}/index/{file_name}" for base in self.base_urls]
+        folder = self.index.rpartition("/")[0]
+        return [f"{self._at(base)}/{folder}/{file_name}" for base in self.base_urls]
 
     def image_urls(self, entry: IndexEntry) -> list[str]:
         """Addresses of an image, mirror by mirror.
@@ -56,7 +63,8 @@ class Volume:
         Raises:
             FetchError: the index gives a name or folder that is none.
         """
-        paths = [f"data/sol{entry.sol:04d}/edr/{local_name(entry)}"]
+        is_mer = entry.name.mission.startswith("MER")
+        paths = [f"data/sol{entry.sol:04d}/edr/{local_name(entry)}"] if is_mer else []
         if entry.path_name:
             paths.insert(0, f"{self._folder(entry)}/{_part(entry.file_name, entry)}")
         return [
@@ -68,7 +76,7 @@ class Volume:
     def answering_first(self, url: str) -> Volume:
         """The same volume, the mirror that an address belongs to in front."""
         order = sorted(self.base_urls, key=lambda base: not url.startswith(self._at(base) + "/"))
-        return Volume(self.name, tuple(order))
+        return replace(self, base_urls=tuple(order))
 
     def _at(self, base: str) -> str:
         return f"{base.rstrip('/')}/{self.name}"
@@ -82,15 +90,17 @@ class Volume:
 
 
 def local_name(entry: IndexEntry) -> str:
-    """How a file is called here: as in the archive, in lower case."""
+    """How a file is called here: as in the archive, which has lower case for MER alone."""
+    if not entry.name.mission.startswith("MER"):
+        return _part(entry.file_name, entry)
     return f"{entry.name.product_id.lower().replace('#', '_')}.img"
 
 
 def _part(text: str, entry: IndexEntry) -> str:
     if not _PLAIN.match(text):
         raise FetchError(
-            f"{local_name(entry)}: the index should give a plain folder and file name, but gives "
-            f"{entry.path_name[:60]!a} and {entry.file_name[:60]!a}"
+            f"{entry.name.product_id}: the index should give a plain folder and file name, but "
+            f"gives {entry.path_name[:60]!a} and {entry.file_name[:60]!a}"
         )
     return text
 
@@ -101,17 +111,17 @@ class Index:
 
     volume: Volume
     """Its mirrors, the one that gave the index in front."""
-    layout: IndexLayout
+    layout: IndexLayout | None
+    """Of its columns; None where it is an inventory."""
     table: Path
     warning: str = ""
 
-    def rows(self) -> Iterator[IndexRow]:
-        """The rows, one at a time."""
-        return read_index_rows(self.layout, _chunks(self.table))
-
     def find(self, selection: IndexSelection) -> IndexFindings:
         """The stereo pairs of a selection."""
-        return find_in_index(self.rows(), selection)
+        if self.layout is None:
+            lines = filter(None, read_lines(_chunks(self.table), self.table.name))
+            return find_in_index(lines, selection)
+        return find_in_index(read_index_rows(self.layout, _chunks(self.table)), selection)
 
 
 @stage(task_run_name="index-{folder}")
@@ -126,25 +136,29 @@ def fetch_index(
     Raises:
         FetchError: no mirror gives them, and they are not here from an earlier time.
     """
-    label, table = folder / f"{INDEX}.lbl", folder / f"{INDEX}.tab"
-    warning = ""
+    label = folder / volume.index.rpartition("/")[2]
+    is_table = label.suffix.lower() == ".lbl"
+    table = label.with_suffix(".TAB" if label.suffix.isupper() else ".tab") if is_table else label
+    warning, layout = "", None
     try:
-        url = transfer.fetch(volume.index_urls(label.name), label, _check_label).url
-        volume = volume.answering_first(url)
-        layout = _layout(label)
-        transfer.fetch(
+        if is_table:
+            url = transfer.fetch(volume.index_urls(label.name), label, _check_label).url
+            volume = volume.answering_first(url)
+            layout = _layout(label)
+        fetched = transfer.fetch(
             volume.index_urls(table.name),
             table,
             lambda path: _check_table(path, layout),
             _in_mebibytes(progress),
         )
+        volume = volume.answering_first(fetched.url)
     except DiskError:
         raise
     except FetchError as error:
         if not (label.is_file() and table.is_file()):
             raise
         warning = f"the index from an earlier time is used: {error}"
-        layout = _layout(label)
+        layout = _layout(label) if is_table else None
     return Index(volume, layout, table, warning)
 
 
@@ -157,15 +171,22 @@ def _check_label(path: Path) -> None:
 
 def _layout(path: Path) -> IndexLayout:
     with path.open("rb") as file:
-        return parse_index_label(file.read(MAX_LABEL_BYTES).decode("latin-1"), f"{INDEX}.lbl")
+        text = file.read(MAX_LABEL_BYTES).decode("latin-1")
+    return parse_index_label(text, path.name.removesuffix(".part"))
 
 
-def _check_table(path: Path, layout: IndexLayout) -> None:
+def _check_table(path: Path, layout: IndexLayout | None) -> None:
     """Refuse what is no table: a page that says sorry, or one that another label describes."""
+    name = path.name.removesuffix(".part")
     try:
+        if layout is None:
+            line = next(read_lines(_chunks(path), name), b"")
+            if not line.startswith((b"P,", b"S,")):
+                raise WrongContentError(f"{name} is no inventory of a collection")
+            return
         first = next(read_index_rows(layout, _chunks(path)), None)
         if first is None:
-            raise WrongContentError(f"{INDEX}.tab is empty")
+            raise WrongContentError(f"{name} is empty")
         first.integer("PLANET_DAY_NUMBER")
     except LabelError as error:
         raise WrongContentError(str(error)) from error

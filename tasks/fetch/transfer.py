@@ -85,7 +85,8 @@ class Transfer:
     ) -> None:
         """Fetch with a client; redirects are followed to `hosts`."""
         self.params = params
-        self._client, self._hosts, self._wait = client, frozenset(hosts), wait
+        self.hosts = frozenset(hosts)
+        self._client, self._wait = client, wait
         self._unreachable: dict[str, str] = {}
 
     def fetch(
@@ -145,7 +146,7 @@ class Transfer:
     def _attempt(
         self, url: str, file: PartialFile, check: Callable[[Path], None], progress: Progress
     ) -> Fetched:
-        with answer(self._client, url, file.headers(url), self._hosts) as response:
+        with answer(self._client, url, file.headers(url), self.hosts) as response:
             if response.status_code == HTTPStatus.NOT_MODIFIED and file.target.is_file():
                 return Fetched(file.target, url, 0)
             start = file.start_of(url, response)

@@ -699,8 +699,10 @@ def test_the_shipped_archive_names_every_instrument_of_both_rovers():
     assert archive.mission("MER1").volume("rear_hazcam") == "mer1ho_0xxx"
     with pytest.raises(ConfigError, match="Spirit has no instrument 'mastcam'"):
         archive.mission("MER2").volume("mastcam")
-    with pytest.raises(ConfigError, match="no mission 'MSL'; name one of MER2, MER1"):
-        archive.mission("MSL")
+    assert archive.mission("msl").volume("navcam") == "MSLNAV_0XXX"
+    assert archive.mission("M20").volume("mastcam") == "mars2020_mastcamz_ops_raw"
+    with pytest.raises(ConfigError, match="no mission 'LRO'; name one of MER2, MER1, MSL, M20"):
+        archive.mission("LRO")
 
 
 # On the command line, and in a process of its own

@@ -1,14 +1,24 @@
-"""Raw images of Mars 2020, which come with JSON metadata instead of labels.
+"""Public raw images of Curiosity and Perseverance, which come with JSON metadata instead of labels.
+
+The metadata are an item of the image lists of mars.nasa.gov: `images` of `rss/api` (Mars 2020),
+`items` of `api/v1/raw_image_items` (MSL), or the flat copy of either that programs save beside a
+picture. The lists name the same things differently:
+
+    sclk             spacecraft_clock         seconds
+    date_taken_utc   date_taken               UTC
+    dimension        -                        (samples, lines) of the picture
+    subframeRect     subframe_rect            (first sample, first line, samples, lines), detector
+    scaleFactor      scale_factor             detector pixels to a pixel of the picture
 
 `camera_model_component_list` holds the vectors of the model in the order of its letters, separated
 by semicolons, C;A;H;V;O;R;E, then for CAHVORE the two numbers T (type) and P (parameter), all in
-the rover frame. The model belongs to the image as stored: frames come down in tiles of the sensor
-of 5120 x 3840 pixels, and the model of a tile has the image of the axis moved by its first pixel.
+the rover frame. The model belongs to the image as stored: frames of Perseverance come down in tiles
+of a sensor of 5120 x 3840 pixels, whole or averaged by 2 or 4, and the model of a tile has the
+image of the axis moved by its first pixel and scaled.
 
-`xyz` is where the rover stood in its site. Its attitude is only in some of the metadata, under
-`attitude`, a quaternion with the scalar first. Without one nothing can be placed on a map and a
-record with an invented attitude would lie, so then there is an error that says what is lacking, and
-who knows the pose from elsewhere (a vector file, a PLACES table) hands it over.
+`xyz` is where the rover stood in its site, `attitude` its quaternion with the scalar first, which
+some copies of the metadata leave out. Without it nothing can be placed on a map and a record with
+an invented attitude would lie, so then there is an error that says how to get it.
 """
 
 from __future__ import annotations
@@ -16,14 +26,16 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
+from solmap.photogrammetry.archive.file_names import FileName, parse_file_name
 from solmap.photogrammetry.archive.images.rover_image import check_field
-from solmap.photogrammetry.archive.missions import M2020
+from solmap.photogrammetry.archive.missions import M2020, MSL
 from solmap.photogrammetry.archive.times import time_text
+from solmap.photogrammetry.arrays import Quaternion
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.cameras.cahvore import Cahvore
@@ -33,6 +45,15 @@ from solmap.photogrammetry.imagery import RoverImage, StopId
 
 MAX_CHARACTERS = 1 << 20
 LETTERS = {"CAHV": "cahv", "CAHVOR": "cahvor", "CAHVORE": "cahvore"}
+OTHER_KEYS = {
+    "spacecraft_clock": "sclk",
+    "date_taken": "date_taken_utc",
+    "subframeRect": "subframe_rect",
+    "scaleFactor": "scale_factor",
+}
+"""What the lists call one thing differently -> the name that it is read by here."""
+_BAND = re.compile(r"ZCAM_[LR](\d)_", re.ASCII)
+"""In filter_name of Mastcam-Z: ZCAM_L6_442NM."""
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
@@ -93,34 +114,37 @@ def rover_image_of_metadata(
     """
     metadata = _flat(_metadata(text, source))
     kind = metadata.get("sample_type")
+    if metadata.get("is_thumbnail") is True:
+        kind = "thumbnail"
     if isinstance(kind, str) and kind.upper() == "THUMBNAIL":
         raise LabelError(f"{source}: no mapping image: sample_type is {kind!a}")
     camera = camera_of_metadata(json.dumps(metadata), source)
     instrument = str(metadata.get("instrument")).upper()
-    if instrument not in M2020.instruments:
+    mission = next((one for one in (M2020, MSL) if instrument in one.instruments), None)
+    if mission is None:
         raise LabelError(
             f"{source}: instrument {instrument[:40]!a} is no camera that is known here"
         )
-    name, eye = M2020.instruments[instrument]
+    camera_name, eye = mission.instruments[instrument]
     site, drive = (_counter(metadata, key, source) for key in ("site", "drive"))
-    stop = StopId(M2020.hosts[0], site, drive)
-    samples, lines = (int(size) for size in _list(metadata, "dimension", 2, source))
-    if min(samples, lines) < 1:
-        raise LabelError(f"{source}: dimension {samples} x {lines} is no image")
+    stop = StopId(mission.hosts[0], site, drive)
+    samples, lines = _size(metadata, source)
     check_field(camera, samples, lines, source)
     image_id = str(metadata.get("imageid") or source).rpartition("/")[2].partition(".")[0].upper()
+    name = _name(image_id)
+    band = _BAND.match(str(metadata.get("filter_name")))
     try:
         return RoverImage(
             id=image_id,
             stop=stop,
             sol=_counter(metadata, "sol", source),
-            instrument=name,
+            instrument=camera_name,
             eye=eye,
-            filter_number=None,
+            filter_number=int(band[1]) if band else None,
             clock=_clock(metadata, source),
             motion_counter=(site, drive),
-            sequence=image_id[35:44].lower(),
-            product_type=image_id[23:26] or "RAW",
+            sequence=name.sequence if name else "",
+            product_type=name.product_type if name else "RAW",
             is_linearised=False,
             lines=lines,
             samples=samples,
@@ -136,12 +160,57 @@ def rover_image_of_metadata(
         raise LabelError(f"{source}: {error}") from error
 
 
+def _size(metadata: dict[str, Any], source: str) -> tuple[int, int]:
+    """Samples and lines of the picture: stated, or those of its part of the detector, averaged."""
+    if metadata.get("dimension"):
+        samples, lines = (int(size) for size in _list(metadata, "dimension", 2, source))
+    else:
+        _, _, width, height = _list(metadata, "subframe_rect", 4, source)
+        scale = metadata.get("scale_factor") or 1
+        if str(scale) not in {"1", "2", "4", "8"}:
+            raise LabelError(f"{source}: scale_factor should be 1, 2, 4 or 8, but is {scale!a:.40}")
+        samples, lines = int(width) // int(scale), int(height) // int(scale)
+    if min(samples, lines) < 1:
+        raise LabelError(f"{source}: dimension {samples} x {lines} is no image")
+    return samples, lines
+
+
+def _name(image_id: str) -> FileName | None:
+    try:
+        return parse_file_name(image_id)
+    except LabelError:
+        return None
+
+
+def with_attitude(
+    text: str, source: str, attitude_of: Callable[[RoverImage], Quaternion | None]
+) -> str:
+    """The metadata with the attitude that another source states, where they have none.
+
+    Args:
+        text: the metadata.
+        source: the name of their file.
+        attitude_of: the attitude of the rover at an image (scalar first, rover into north, east,
+            down), None where nothing states one; that of the record it is given is no answer.
+
+    Raises:
+        LabelError: something else is missing or broken.
+    """
+    metadata = _metadata(text, source)
+    if _flat(metadata).get("attitude"):
+        return text
+    level = json.dumps(metadata | {"attitude": [1, 0, 0, 0]})
+    stated = attitude_of(rover_image_of_metadata(level, source))
+    return text if stated is None else json.dumps(metadata | {"attitude": stated.tolist()})
+
+
 def _site_from_rover(metadata: dict[str, Any], stop: StopId, source: str) -> Pose:
     """The pose in the metadata, where they hold a whole one."""
     if not metadata.get("attitude"):
         raise LabelError(
             f"{source}: the metadata name site {stop.site} and drive {stop.drive}, but no attitude "
-            "of the rover; give its pose, of a vector file or PLACES table, to place the image"
+            "of the rover; give its pose by `solmap run FOLDER --places FILE` (PLACES table, .rvf, "
+            "poses CSV, SPICE kernels), or bring metadata that have it by `solmap fetch --raw`"
         )
     quaternion, offset_m = (
         np.array(_list(metadata, key, count, source))
@@ -154,7 +223,8 @@ def _flat(metadata: dict[str, Any]) -> dict[str, Any]:
     """Metadata with the parts `camera` and `extended` of the image list's form laid open."""
     parts = [metadata.get(key) for key in ("extended", "camera")]
     flat = {key: value for part in parts if isinstance(part, dict) for key, value in part.items()}
-    return {**flat, **metadata}
+    flat |= metadata
+    return {**flat, **{OTHER_KEYS[key]: flat[key] for key in OTHER_KEYS if key in flat}}
 
 
 def _counter(metadata: dict[str, Any], key: str, source: str) -> int:

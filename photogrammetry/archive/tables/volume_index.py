@@ -16,6 +16,15 @@ exposure is a stereo pair if both eyes have a REGULAR image (no thumbnail, histo
 through filters that see one band (Pancam L2 with R2, L7 with R1). The product type stands in the
 file name only; of several versions the highest counts, and of the kinds of EDR the full frame
 before sub-frames and averaged ones: what `partners` prefers.
+
+Of the index of Curiosity's volumes only PATH_NAME, FILE_NAME, INSTRUMENT_ID and PLANET_DAY_NUMBER
+are asked for; the rest is in the file names, too. Bundles of Mars 2020 have no index but the
+inventory of their collection of data (PDS4), a line a product,
+
+    P,urn:nasa:pds:mars2020_navcam_ops_raw:data:nlf_0629_..._06_095j::1.0
+
+whose identifier is the file's name without its version, and whose folder follows from the name.
+Each tile is an image with a partner of its own.
 """
 
 from __future__ import annotations
@@ -26,14 +35,14 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from solmap.photogrammetry.archive.file_names import FileName, parse_file_name
+from solmap.photogrammetry.archive.file_names import FileName, camera_string, parse_file_name
 from solmap.photogrammetry.archive.labels.label import (
     MAX_LABEL_BYTES,
     Label,
     number_of,
     parse_label,
 )
-from solmap.photogrammetry.archive.missions import mission_of_host
+from solmap.photogrammetry.archive.missions import mission_id, mission_of_host
 from solmap.photogrammetry.archive.partners import group_by_clock
 from solmap.photogrammetry.errors import LabelError
 from solmap.photogrammetry.imagery import Eye
@@ -47,8 +56,14 @@ LINE_END_BYTES = 2
 _BEGIN = re.compile(r"\s*OBJECT\s*=\s*COLUMN\s*\Z", re.IGNORECASE)
 _END = re.compile(r"\s*END_OBJECT\b[^\"]*\Z", re.IGNORECASE)
 _SEPARATORS = b'\t" ,\r\n'
-EDR_PREFERENCE = ("EFF", "ESF", "EDN")
-"""Experiment data records that are mapped: full frame, sub-frame, down-sampled."""
+_INVENTORY = re.compile(rb"[PS],(urn:nasa:pds:[\w.:-]+):([\w.-]+)::(\d{1,4})\.\d{1,4}\Z", re.ASCII)
+BUNDLE_FOLDERS = {
+    "NAVCAM": "ncam",
+    "FRONT_HAZCAM": "fcam",
+    "REAR_HAZCAM": "rcam",
+    "MASTCAM": "zcam",
+}
+"""Folder of an instrument's images below data/sol/#####/ids/edr in bundles of Mars 2020."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,21 +209,25 @@ def read_index_rows(layout: IndexLayout, chunks: Iterable[bytes]) -> Iterator[In
     Raises:
         LabelError: there is no line end within `MAX_ROW_BYTES`.
     """
-    for number, line in enumerate(_lines(layout, chunks), 1):
+    expected = f": its rows should be {layout.row_bytes} bytes wide, but"
+    for number, line in enumerate(read_lines(chunks, layout.source, expected), 1):
         if line:
             yield IndexRow(layout, number, line)
 
 
-def _lines(layout: IndexLayout, chunks: Iterable[bytes]) -> Iterator[bytes]:
+def read_lines(chunks: Iterable[bytes], source: str, expected: str = ",") -> Iterator[bytes]:
+    """The lines of a table; `chunks` may break anywhere.
+
+    Raises:
+        LabelError: there is no line end within `MAX_ROW_BYTES`.
+    """
     rest = b""
     for chunk in chunks:
         *lines, rest = (rest + chunk).split(b"\n")
-        for line in lines:
-            yield line.rstrip(b"\r")
+        yield from (line.rstrip(b"\r") for line in lines)
         if len(rest) > MAX_ROW_BYTES:
             raise LabelError(
-                f"{layout.source}: no table: its rows should be {layout.row_bytes} bytes wide, but "
-                f"no line end came within {MAX_ROW_BYTES}"
+                f"{source}: no table{expected} no line end came within {MAX_ROW_BYTES}"
             )
     yield rest.rstrip(b"\r")
 
@@ -324,14 +343,25 @@ class IndexFindings:
         return tuple(entry for pair in self.pairs for entry in (pair.left, pair.right))
 
 
-def find_in_index(rows: Iterable[IndexRow], selection: IndexSelection) -> IndexFindings:
-    """The stereo pairs of a selection, in one pass; only what is selected is kept."""
+def find_in_index(
+    rows: Iterable[IndexRow] | Iterable[bytes], selection: IndexSelection
+) -> IndexFindings:
+    """The stereo pairs of a selection, in one pass; only what is selected is kept.
+
+    Args:
+        rows: those of an index table, or the lines of an inventory.
+        selection: what is wanted of them.
+    """
     places: dict[tuple[str, ...], list[IndexEntry]] = defaultdict(list)
     count, broken, first_fault = 0, 0, ""
     for row in rows:
         count += 1
         try:
-            entry = index_entry(row, selection)
+            entry = (
+                inventory_entry(row, selection)
+                if isinstance(row, bytes)
+                else index_entry(row, selection)
+            )
         except LabelError as error:
             broken += 1
             first_fault = first_fault or str(error)
@@ -342,11 +372,9 @@ def find_in_index(rows: Iterable[IndexRow], selection: IndexSelection) -> IndexF
     unpaired: list[IndexEntry] = []
     for at_one_place in places.values():
         for exposure in group_by_clock(at_one_place, lambda e: (e.clock, e.file_name)):
-            pair = _best_pair(exposure)
-            if pair is None:
-                unpaired += exposure
-            else:
-                pairs.append(pair)
+            found = _best_pairs(exposure)
+            pairs += found
+            unpaired += [] if found else exposure
     pairs.sort(key=lambda pair: (pair.left.sol, pair.left.name.clock, pair.left.file_name))
     unpaired.sort(key=lambda entry: (entry.sol, entry.name.clock, entry.file_name))
     return IndexFindings(tuple(pairs), tuple(unpaired), count, broken, first_fault)
@@ -358,34 +386,84 @@ def index_entry(row: IndexRow, selection: IndexSelection) -> IndexEntry | None:
     Raises:
         LabelError: the row is broken.
     """
-    sol = row.integer("PLANET_DAY_NUMBER")
-    if sol not in selection.sols or row.text("IMAGE_TYPE") != "REGULAR":
-        return None
-    host = row.text("INSTRUMENT_HOST_ID")
-    mission = mission_of_host(host)
-    known = mission.instruments.get(row.text("INSTRUMENT_ID")) if mission else None
-    if host != selection.mission or known is None or not selection.admits(known[0]):
-        return None
     columns = row.layout.columns
+    sol = row.integer("PLANET_DAY_NUMBER")
+    is_regular = "IMAGE_TYPE" not in columns or row.text("IMAGE_TYPE") == "REGULAR"
+    if sol not in selection.sols or not is_regular:
+        return None
+    mission = mission_of_host(selection.mission)
+    host = row.text("INSTRUMENT_HOST_ID") if "INSTRUMENT_HOST_ID" in columns else selection.mission
+    known = mission.instruments.get(row.text("INSTRUMENT_ID")) if mission else None
+    if mission_id(host) != selection.mission or known is None or not selection.admits(known[0]):
+        return None
     file_name = row.text("FILE_NAME" if "FILE_NAME" in columns else "PRODUCT_ID")
     name = parse_file_name(file_name)
-    if name.product_type not in EDR_PREFERENCE:
+    if not _is_mapped(name):
         return None
+    stem, _, suffix = file_name.rpartition(".")
+    if not stem or suffix.lower() == "lbl":
+        file_name = f"{stem or file_name}.{'IMG' if file_name.isupper() else 'img'}"
+    clock = _clock(row) if "SPACECRAFT_CLOCK_START_COUNT" in columns else float(name.clock)
+    counter: tuple[str, ...] = (str(name.site), str(name.drive))
+    if "ROVER_MOTION_COUNTER" in columns:
+        counter = row.items("ROVER_MOTION_COUNTER")
     return IndexEntry(
         name=name,
-        file_name=file_name if "." in file_name else f"{file_name}.img",
+        file_name=file_name,
         path_name=row.text("PATH_NAME") if "PATH_NAME" in columns else "",
         sol=sol,
         instrument=known[0],
         eye=known[1],
-        clock=_clock(row),
+        clock=clock,
+        place=(host, known[0], name.sequence, camera_string(name.product_id), *counter),
+    )
+
+
+def inventory_entry(line: bytes, selection: IndexSelection) -> IndexEntry | None:
+    """What a line of an inventory says, or None where it is not of the selection.
+
+    Raises:
+        LabelError: the line is none.
+    """
+    match = _INVENTORY.match(line)
+    if match is None:
+        raise LabelError(
+            f"the inventory should have lines like P,urn:nasa:pds:...::1.0, but has "
+            f"{line[:40].decode('latin-1')!a}"
+        )
+    try:
+        name = parse_file_name(match[2].decode("ascii"))
+    except LabelError:
+        return None  # a document, or of a camera that is not mapped
+    if (
+        name.sol not in selection.sols
+        or name.mission != selection.mission
+        or not selection.admits(name.instrument)
+        or not _is_mapped(name)
+        or name.instrument not in BUNDLE_FOLDERS
+    ):
+        return None
+    version = name.version or f"{int(match[3]):02d}"
+    stem = name.product_id.removesuffix(name.version)
+    return IndexEntry(
+        name=name,
+        file_name=f"{stem}{version}.IMG",
+        path_name=f"data/sol/{name.sol:05d}/ids/edr/{BUNDLE_FOLDERS[name.instrument]}",
+        sol=name.sol,
+        instrument=name.instrument,
+        eye=Eye.LEFT if name.eye == "L" else Eye.RIGHT,
+        clock=float(name.clock),
         place=(
-            host,
-            known[0],
-            row.text("SEQUENCE_ID").lower(),
-            *row.items("ROVER_MOTION_COUNTER"),
+            *(name.mission, name.instrument, name.sequence, camera_string(name.product_id)),
+            *(str(name.site), str(name.drive)),
         ),
     )
+
+
+def _is_mapped(name: FileName) -> bool:
+    """Whether an image of this name is an EDR of the scene, no thumbnail."""
+    mission = mission_of_host(name.mission)
+    return mission is not None and name.product_type in mission.edr_types and name.frame != "T"
 
 
 def _clock(row: IndexRow) -> float:
@@ -400,28 +478,32 @@ def _clock(row: IndexRow) -> float:
     return float(clock)
 
 
-def _best_pair(entries: Sequence[IndexEntry]) -> IndexPair | None:
+def _best_pairs(entries: Sequence[IndexEntry]) -> list[IndexPair]:
     """The frames of an exposure that are matched, by the order in the module's docstring."""
-    best: dict[tuple[Eye, int], IndexEntry] = {}
+    best: dict[tuple[Eye, int, str], IndexEntry] = {}
     for entry in sorted(entries, key=_preference, reverse=True):
-        best[entry.eye, entry.name.filter_number] = entry
+        best[entry.eye, entry.name.filter_number, entry.name.part] = entry
     candidates = [
         IndexPair(left, right)
         for left in best.values()
         if left.eye is Eye.LEFT
         for right in best.values()
-        if right.eye is Eye.RIGHT and _filters_agree(left, right)
+        if right.eye is Eye.RIGHT
+        and right.name.part == left.name.part
+        and _filters_agree(left, right)
     ]
-    return min(
-        candidates,
-        key=lambda pair: (_preference(pair.left), _preference(pair.right)),
-        default=None,
-    )
+    found: dict[str, IndexPair] = {}
+    for pair in sorted(candidates, key=lambda p: (_preference(p.left), _preference(p.right))):
+        found.setdefault(pair.left.name.part, pair)
+    return list(found.values())
 
 
 def _preference(entry: IndexEntry) -> tuple[int, int, str]:
-    kind = EDR_PREFERENCE.index(entry.name.product_type)
-    return kind, -int(entry.name.version, 36), entry.file_name
+    mission = mission_of_host(entry.name.mission)
+    kinds = mission.edr_types if mission else ()
+    version = entry.name.version
+    newest = int(version, 36) if version.isalnum() else 0
+    return kinds.index(entry.name.product_type), -newest, entry.file_name
 
 
 def _filters_agree(left: IndexEntry, right: IndexEntry) -> bool:
