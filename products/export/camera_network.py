@@ -38,6 +38,7 @@ from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.images import image_file, read_product_image
 from solmap.products.catalogue.oriented_images import OrientedMission, geometry_of, matches_of
+from solmap.products.crs import LandingPoint
 
 _FEWEST_VIEWS = 2
 _DARKEST = 1
@@ -90,6 +91,21 @@ class CameraNetwork:
             rows = np.flatnonzero(self.view == number)
             found[rows] = self.at[rows] - view.project(self.points[self.point[rows]])
         return found
+
+
+def body_fixed(landing: LandingPoint) -> tuple[Rotation, Vector3]:
+    """Rotation and origin of the map (east, north, up) in the body-fixed frame, metres.
+
+    The map is the plane tangent to the sphere of radius R at the landing point (longitude l,
+    latitude p), so that (east, north, up) lie at
+
+        R u + east e + north n + up u,      u = (cos p cos l, cos p sin l, sin p)
+        e = (-sin l, cos l, 0)              n = (-sin p cos l, -sin p sin l, cos p)
+    """
+    lon, lat = np.radians([landing.longitude, landing.latitude])
+    up = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+    east = np.array([-np.sin(lon), np.cos(lon), 0.0])
+    return np.column_stack([east, np.cross(up, east), up]), landing.radius_m * up
 
 
 def camera_network(mission: OrientedMission, chosen: Collection[str]) -> CameraNetwork:

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.export.asp import tsai_text
-from solmap.products.export.camera_network import camera_network, view_picture
+from solmap.products.export.asp import csm_state, tsai_text
+from solmap.products.export.camera_network import CameraNetwork, camera_network, view_picture
 from solmap.products.export.colmap import colmap_texts
 from solmap.products.export.isis import control_network_text
 from solmap.products.export.pair_rasters import pair_rasters
@@ -20,7 +20,8 @@ def exchange_files(
 ) -> Iterator[tuple[str, bytes | str]]:
     """Names and contents of the files of a map that `EXCHANGE` names and are selected.
 
-    An ISIS control network is body-fixed: there is none of a map that is not tied to the lander.
+    CSM states and an ISIS control network are body-fixed: there are none of a map that is not tied
+    to the lander.
 
     Raises:
         ProductNotFoundError: the map has not been adjusted yet.
@@ -33,8 +34,8 @@ def exchange_files(
         network = camera_network(mission, {image.id for image in images})
         for view in network.views:
             yield f"{PICTURES}/{name}/{view.name}.png", view_picture(view, mission)
-            if selection.has("asp"):
-                yield f"asp/{name}/{view.name}.tsai", tsai_text(view)
+        if selection.has("asp"):
+            yield from _asp(network, entry)
         if selection.has("colmap"):
             for file, text in colmap_texts(network).items():
                 yield f"colmap/{name}/{file}", text
@@ -45,6 +46,13 @@ def exchange_files(
     if selection.has("pds"):
         for image in images:
             yield from _rasters(image, name, mission)
+
+
+def _asp(network: CameraNetwork, entry: MissionEntry) -> Iterator[tuple[str, str]]:
+    for view in network.views:
+        yield f"asp/{entry.mission}/{view.name}.tsai", tsai_text(view)
+        if not entry.landing.origin:
+            yield f"asp/{entry.mission}/{view.name}.json", csm_state(view, entry.landing)
 
 
 def _rasters(image: ImageEntry, name: str, mission: OrientedMission) -> Iterator[tuple[str, bytes]]:

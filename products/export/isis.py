@@ -1,14 +1,9 @@
 """Tie points as an ISIS control network in PVL, version 5.
 
-Adjusted places are body-fixed (x, y, z) in metres. The map is the plane tangent to the sphere of
-radius R at the landing point (longitude l, latitude p), so that (east, north, up) lie at
-
-    R u + east e + north n + up u,      u = (cos p cos l, cos p sin l, sin p)
-    e = (-sin l, cos l, 0)              n = (-sin p cos l, -sin p sin l, cos p)
-
-Covariance matrices are upper triangles, row by row. Samples and lines count from 1 at the centre of
-the first pixel, in the epipolar images that are exported beside it; their identifiers stand for
-serial numbers, for ISIS has no cameras of these rovers to make any.
+Adjusted places are body-fixed (x, y, z) in metres: `camera_network.body_fixed`. Covariance
+matrices are upper triangles, row by row. Samples and lines count from 1 at the centre of the first
+pixel, in the epipolar images that are exported beside it; their identifiers stand for serial
+numbers, for ISIS has no cameras of these rovers to make any.
 
 Source: `ControlNetVersioner` of USGS ISIS.
 """
@@ -19,18 +14,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from solmap.photogrammetry.arrays import Rotation, Vector3
 from solmap.products.crs import LandingPoint
-from solmap.products.export.camera_network import CameraNetwork
+from solmap.products.export.camera_network import CameraNetwork, body_fixed
 from solmap.products.store.provenance import SOFTWARE
-
-
-def body_fixed(landing: LandingPoint) -> tuple[Rotation, Vector3]:
-    """Rotation and origin of the map (east, north, up) in the body-fixed frame, metres."""
-    lon, lat = np.radians([landing.longitude, landing.latitude])
-    up = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
-    east = np.array([-np.sin(lon), np.cos(lon), 0.0])
-    return np.column_stack([east, np.cross(up, east), up]), landing.radius_m * up
 
 
 def control_network_text(

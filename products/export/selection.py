@@ -16,7 +16,8 @@ BY_DEFAULT = frozenset({MAPS, TRAVERSE, REPORTS})
 EXCHANGE: Mapping[str, str] = {
     "colmap": "cameras, images and tie points as a COLMAP model in text; its pictures lie in "
     "`epipolar/`, its world is the map in metres east, north, up",
-    "asp": "pinhole cameras (.tsai) of the pictures in `epipolar/`, for the Ames Stereo Pipeline",
+    "asp": "cameras of the pictures in `epipolar/` for the Ames Stereo Pipeline: pinhole (.tsai), "
+    "in metres of the map, and CSM states (.json), body-fixed",
     "isis": "tie points as an ISIS control network (PVL), body-fixed",
     "pds": "XYZ, range, normals and slope of every stereo pair (VICAR, with PDS4 labels)",
 }

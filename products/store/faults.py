@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import TypeVar
 
 from sqlalchemy.exc import DBAPIError, OperationalError
-from tenacity import Retrying, retry_if_exception, stop_after_attempt, wait_exponential
 
 from solmap.products.errors import StoreAwayError, StoreReadOnlyError
 
@@ -63,6 +62,13 @@ def retry_transient(call: Callable[[], T]) -> T:
     For parts of a stage that may fail on their own, like the files of a downlink; a whole stage is
     tried again by the engine.
     """
+    from tenacity import (  # noqa: PLC0415 - slow to import, and commands that list retry nothing
+        Retrying,
+        retry_if_exception,
+        stop_after_attempt,
+        wait_exponential,
+    )
+
     return Retrying(
         retry=retry_if_exception(is_transient),
         stop=stop_after_attempt(_ATTEMPTS),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -127,6 +128,42 @@ def test_cameras_for_asp_are_those_of_the_colmap_model(exported):
         np.testing.assert_allclose(-image.turn @ told["C"], image.shift, atol=1e-9)
         assert told["fu"] == told["fv"] == fx
         assert (told["cu"] + 0.5, told["cv"] + 0.5) == pytest.approx((cx, cy))
+
+
+def csm_image_points(text: str, places: np.ndarray) -> np.ndarray:
+    """(sample, line) of body-fixed places, as `groundToImage` of USGSCSM has them."""
+    name, _, document = text.partition("\n")
+    state = json.loads(document)
+    assert name == state["m_modelName"] == "USGS_ASTRO_FRAME_SENSOR_MODEL"
+    assert (state["m_distortionType"], set(state["m_opticalDistCoeffs"])) == (0, {0.0})
+    *centre, x, y, z, w = state["m_currentParameterValue"]
+    seen = (places - centre) @ Rotation.from_quat([x, y, z, w]).as_matrix()
+    plane = state["m_focalLength"] * seen[:, :2] / seen[:, 2:]
+    pixels = []
+    for trans, centre_of_axis, start, summing in (
+        ("m_iTransS", state["m_ccdCenter"][1], "m_startingDetectorSample", "Sample"),
+        ("m_iTransL", state["m_ccdCenter"][0], "m_startingDetectorLine", "Line"),
+    ):
+        offset, of_x, of_y = state[trans]
+        at = offset + plane @ [of_x, of_y] + centre_of_axis
+        pixels.append((at - state[start]) / state[f"m_detector{summing}Summing"])
+    return np.column_stack(pixels)
+
+
+def test_csm_states_see_the_body_fixed_points_where_they_were_measured(exported):
+    model = read_colmap(exported / "colmap" / "MER2")
+    text = (exported / "isis" / "MER2_control.pvl").read_text()
+    places = np.array(
+        [re.findall(rf"Adjusted{axis} = (\S+) <meters>", text) for axis in "XYZ"], float
+    ).T
+    for image in model.images.values():
+        state = (exported / "asp" / "MER2" / image.name.replace(".png", ".json")).read_text()
+        at = csm_image_points(state, places[image.point - 1])  # CSM and COLMAP count alike
+        _, _, _, fx, fy, cx, cy = model.cameras[image.camera]
+        seen = np.array([model.points[k][0] for k in image.point]) @ image.turn.T + image.shift
+        projected = seen[:, :2] / seen[:, 2:] * [fx, fy] + [cx, cy]
+        np.testing.assert_allclose(at, projected, atol=0.01)  # places are rounded to 10 micrometres
+        assert np.abs(at - image.at).max() < 6 * TIE_SIGMA_PX
 
 
 def test_an_isis_network_has_the_same_points_on_mars(exported):
