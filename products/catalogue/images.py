@@ -8,16 +8,11 @@ of its image and the version of the reader. The cache can be made again from the
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -26,12 +21,9 @@ from solmap.photogrammetry.archive.images.reading import (
     read_image,
     read_image_record,
 )
-from solmap.photogrammetry.cameras.cahv import Cahv
-from solmap.photogrammetry.cameras.cahvor import Cahvor
-from solmap.photogrammetry.cameras.cahvore import Cahvore
+from solmap.photogrammetry.archive.images.record_json import label_of_text, text_of_label
 from solmap.photogrammetry.errors import PhotogrammetryError
-from solmap.photogrammetry.frames import Frame, FrameKind, Pose
-from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
+from solmap.photogrammetry.imagery import RoverImage
 from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.database import LABELS, upsert, write_transaction
 from solmap.products.catalogue.workspace import Workspace
@@ -40,10 +32,6 @@ from solmap.products.formats.documents.archives import read_radiometry
 from solmap.products.model import SCIENCE_VERSION, ProductRef
 from solmap.products.store.product_store import ProductStore
 
-_RECORDS: dict[str, Any] = {
-    record.__name__: record for record in (RoverImage, StopId, Pose, Frame, Cahv, Cahvor, Cahvore)
-}
-_NAMES: dict[str, Any] = {name.__name__: name for name in (Eye, FrameKind)}
 _READER = f"{SCIENCE_VERSION}/{version('solmap')}"
 _AT_ONCE = 500
 """Rows asked for or written in one statement."""
@@ -76,43 +64,6 @@ class LabelCache:
                     upsert(connection, LABELS, {"digest": f"{digest}/{_READER}"}, text)
         except (SQLAlchemyError, StoreFullError, StoreReadOnlyError):
             return
-
-
-def text_of_label(label: RoverImage) -> str:
-    """What a label says, as JSON; every number comes back as it was."""
-    return json.dumps(_document(label))
-
-
-def label_of_text(text: str) -> RoverImage:
-    """The twin of `text_of_label`."""
-    label: RoverImage = _value(json.loads(text))
-    return label
-
-
-def _document(value: Any) -> Any:  # noqa: ANN401 - any part of a label
-    if isinstance(value, Enum):
-        return {"": type(value).__name__, "value": value.value}
-    if dataclasses.is_dataclass(value):
-        parts = {part.name: getattr(value, part.name) for part in dataclasses.fields(value)}
-        return {"": type(value).__name__, **{name: _document(part) for name, part in parts.items()}}
-    if isinstance(value, np.ndarray):
-        return {"": "array", "value": value.tolist()}
-    if isinstance(value, tuple):
-        return [_document(part) for part in value]
-    return value
-
-
-def _value(document: Any) -> Any:  # noqa: ANN401 - as above
-    if isinstance(document, list):
-        return tuple(map(_value, document))
-    if not isinstance(document, dict):
-        return document
-    kind = document[""]
-    if kind == "array":
-        return np.array(document["value"], dtype=np.float64)
-    if kind in _NAMES:
-        return _NAMES[kind](document["value"])
-    return _RECORDS[kind](**{name: _value(part) for name, part in document.items() if name})
 
 
 def _batches(digests: Iterable[str]) -> Iterable[list[str]]:

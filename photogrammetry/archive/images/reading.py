@@ -1,20 +1,26 @@
 """The one entrance for image files: bytes and a name in, record and pixels out.
 
 A file carries its label (PDS3, VICAR), or it is joined to one that came beside it (`detached`):
-PDS3, PDS4, or the JSON metadata of a raw image of Mars 2020. Its pixels are stored as the label
+PDS3, PDS4, the JSON metadata of a raw image of Mars 2020, or the record that an image of an own
+stereo rig was taken in with. Its pixels are stored as the label
 says, or as a PNG or JPEG picture.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from solmap.photogrammetry.archive.images.json_metadata import rover_image_of_metadata
 from solmap.photogrammetry.archive.images.pixels import (
+    Colours,
+    demosaiced,
     is_picture,
     picture_size,
+    read_colour_picture,
+    read_colour_pixels,
     read_picture,
     read_pixels,
     received_mask,
@@ -25,6 +31,8 @@ from solmap.photogrammetry.archive.images.radiometry import (
     Radiometry,
     correct_radiometry,
 )
+from solmap.photogrammetry.archive.images.record_json import START as RECORD
+from solmap.photogrammetry.archive.images.record_json import label_of_text
 from solmap.photogrammetry.archive.images.rover_image import rover_image
 from solmap.photogrammetry.archive.labels.detached import (
     LabelKind,
@@ -41,6 +49,7 @@ from solmap.photogrammetry.imagery import RoverImage
 
 BEGINNINGS = (b"PDS_VERSION_ID", b"ODL_VERSION_ID", b"CCSD")
 """What an attached label starts with; CCSD is the wrapper some volumes put before it."""
+_ENCODED = re.compile(r"[NFRZ][LR](?:E_\d{4}_|._\d{4}_\d{10}_\d{3}EBY)", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,9 +71,21 @@ class DescribedImage:
 
     image: RoverImage
     label: Label | None
-    """None where JSON metadata stand in for it."""
+    """None where JSON stands in for it: metadata, or the record of an own stereo rig's image."""
     data: bytes
     """The file that the pixels are in."""
+
+    @property
+    def is_mosaic(self) -> bool:
+        """Whether the pixels are those of a Bayer frame, by the label or the name of the product.
+
+        Names of Mars 2020 say E (encoded) for the colour, or EBY for the product type.
+        """
+        label = self.label
+        if label is not None and (label.optional("IMAGE", "BANDS", int) or 1) > 1:
+            return False
+        state = None if label is None else label.get("IMAGE", "COLOR_FILTER_ARRAY_STATE")
+        return state == "ENCODED" or (state is None and _ENCODED.match(self.image.id) is not None)
 
     @property
     def state(self) -> PixelState:
@@ -95,14 +116,37 @@ def read_image(
     image, label = described.image, described.label
     pixels, mask = _stored_pixels(described, name)
     if label is None:
-        return ReadImage(image, pixels, mask)
+        return ReadImage(image, _grey(pixels, mask, described), mask)
     is_saturated = saturated_mask(pixels, label)
     came_down = received_mask(label, *pixels.shape)
     pixels, notes = correct_radiometry(pixels, label, radiometry or Radiometry())
     lost = int(np.count_nonzero(mask & ~came_down))
     if lost:
         notes = (f"{lost} pixels are masked: the label calls their segments lost", *notes)
-    return ReadImage(image, pixels, mask & came_down, is_saturated & mask, notes)
+    mask &= came_down
+    return ReadImage(image, _grey(pixels, mask, described), mask, is_saturated & mask, notes)
+
+
+def read_colour(data: bytes, name: str) -> tuple[Colours, Mask] | None:
+    """Red, green and blue as stored, and the mask, of an image file; None where it has no colour.
+
+    Raises:
+        LabelError: the file has no label, or one that describes no mapping image.
+        PixelError: the pixels are not what the label says.
+    """
+    described = describe_image(data, name)
+    if described.is_mosaic:
+        pixels, mask = _stored_pixels(described, name)
+        return demosaiced(pixels, mask), mask
+    if described.label is None or is_picture(described.data):
+        return read_colour_picture(described.data, name)
+    return read_colour_pixels(described.data, described.label, name)
+
+
+def _grey(pixels: GreyImage, mask: Mask, described: DescribedImage) -> GreyImage:
+    if not described.is_mosaic:
+        return pixels
+    return np.where(mask, demosaiced(pixels, mask).mean(axis=0), np.float32(0))
 
 
 def read_image_record(data: bytes, name: str, *, detached_label: str | None = None) -> RoverImage:
@@ -122,6 +166,8 @@ def describe_image(data: bytes, name: str, *, detached_label: str | None = None)
     """
     if detached_label is None:
         detached_label, data = _split_detached(data, name)
+    if detached_label is not None and detached_label.startswith(RECORD):
+        return DescribedImage(label_of_text(detached_label, name), None, data)
     if detached_label is not None and kind_of_label(detached_label) is LabelKind.METADATA:
         return DescribedImage(rover_image_of_metadata(detached_label, name), None, data)
     label = _label(data, name, detached_label)

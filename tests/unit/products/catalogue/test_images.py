@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.archive.images.reading import read_image_record
+from solmap.photogrammetry.archive.images.record_json import label_of_text, text_of_label
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.synthetic.edr import label_bytes
 from solmap.photogrammetry.synthetic.mission import (
@@ -14,7 +15,7 @@ from solmap.photogrammetry.synthetic.mission import (
 )
 from solmap.products.catalogue import images
 from solmap.products.catalogue.catalogue import Catalogue
-from solmap.products.catalogue.images import LabelCache, label_of_text, text_of_label
+from solmap.products.catalogue.images import LabelCache
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
