@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from solmap.flows.cli.console import (
+    JsonOption,
     MissionFilter,
     SolFilter,
     StoreOption,
@@ -40,6 +43,7 @@ def export(  # noqa: PLR0913 - the words of the command
     since: Annotated[
         datetime | None, typer.Option(help="Only what was made at this time (UTC) or later")
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Maps, tables and reports under readable names, with a QGIS project and a STAC catalogue.
 
@@ -53,6 +57,10 @@ def export(  # noqa: PLR0913 - the words of the command
     selection = _selection(mission, sol, stop or [], kind or [], since)
     with workspace.run_turn():
         done, names = write_export(target, selection, workspace)
+    if as_json:
+        said = {"target": str(target), **asdict(done), "files": names}
+        typer.echo(json.dumps(said, indent=2))
+        return
     changes = f"{done.written} written, {done.unchanged} unchanged, {done.removed} removed"
     say(f"{target}: {len(names)} files: {changes}")
 

@@ -58,6 +58,8 @@ def run(
         list[Path] | None,
         typer.Option(help=f"{POSE_FILES}; may be given again", parser=input_file, metavar="FILE"),
     ] = None,
+    *,
+    as_json: JsonOption = False,
 ) -> None:
     """Take a downlink from raw images to published layers; a second run does nothing twice.
 
@@ -83,7 +85,8 @@ def run(
         from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - Prefect is ready now
 
         report = process_downlink(folder, root, recipe, places=stated)
-    _print_report(report.warnings, report.failures, [*report.lines, f"the store is {root}"])
+    lines = [*report.lines, f"the store is {root}"]
+    _print_report(report.warnings, report.failures, lines, as_json=as_json)
 
 
 def adjust(
@@ -94,6 +97,7 @@ def adjust(
     overall: Annotated[  # noqa: ARG001 - the only adjustment of a whole mission
         bool, typer.Option("--overall", hidden=True)
     ] = True,
+    as_json: JsonOption = False,
 ) -> None:
     """Adjust all stops of a mission in one adjustment, and map again the stops that move."""
     root, name = existing_store(store).absolute(), mission_of(mission, store)
@@ -102,7 +106,7 @@ def adjust(
         from solmap.flows.overall import readjust  # noqa: PLC0415 - Prefect is ready now
 
         report = readjust(name, root, recipe)
-    _print_report([], report.failures, report.notes)
+    _print_report([], report.failures, report.notes, as_json=as_json)
 
 
 def fetch(  # noqa: PLR0913 - options
@@ -260,13 +264,23 @@ def _pipeline_of(given: str | None) -> str:
     return name if (SHIPPED / f"{name}.toml").is_file() else str(Path(name).absolute())
 
 
-def _print_report(warnings: Sequence[str], failures: Sequence[str], lines: Sequence[str]) -> None:
+def _print_report(
+    warnings: Sequence[str],
+    failures: Sequence[str],
+    lines: Sequence[str],
+    *,
+    as_json: bool = False,
+) -> None:
     """Print how a flow ended, and exit with 1 where something failed."""
-    for line in warnings:
-        note("warning", line)
-    for line in failures:
-        note("failed", line)
-    for line in lines:
-        say(line)
+    if as_json:
+        said = {"warnings": [*warnings], "failures": [*failures], "lines": [*lines]}
+        typer.echo(json.dumps(said, indent=2))
+    else:
+        for line in warnings:
+            note("warning", line)
+        for line in failures:
+            note("failed", line)
+        for line in lines:
+            say(line)
     if failures:
         raise typer.Exit(1)

@@ -72,6 +72,8 @@ def export(
     folder: Annotated[Path, typer.Argument(help="Where to write the files")],
     mission: MissionOption = None,
     store: StoreOption = None,
+    *,
+    as_json: JsonOption = False,
 ) -> None:
     """Hand out the adjusted traverse: PLACES table, vector files, differences, figure."""
     from solmap.flows.traverse import export_files  # noqa: PLC0415 - slow to import
@@ -81,6 +83,9 @@ def export(
     made = export_files(folder, name, root)
     if not made:
         fail(f"no adjusted traverse of {name} is in the store: run its downlink first")
+    if as_json:
+        show_rows([{"file": str(file)} for file in made], [], as_json)
+        return
     for file in made:
         say(file)
 

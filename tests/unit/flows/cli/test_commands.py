@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 import solmap
@@ -103,6 +104,31 @@ def test_defaults_are_shown(command):
         assert f"[default: {params.versions}]" in text
 
 
+def commands(group, above=()):
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, (*above, name))
+        else:
+            yield " ".join((*above, name)), {one for p in command.params for one in p.opts}
+
+
+ONE_LINE = {
+    *("stl", "ties", "simulate", "simulate-mission", "serve", "up", "backup", "restore"),
+    *("traverse import", "traverse simulate-mosaic", "poses add", "control add", "orbital add"),
+    *("token add", "token revoke", "config check"),
+    *("config show", "config docs"),  # TOML and Markdown
+}
+
+
+def test_every_command_that_says_more_than_what_it_did_says_it_as_json():
+    options = dict(commands(typer.main.get_command(app)))
+    assert {name for name, known in options.items() if "--json" not in known} == ONE_LINE
+    for name in ("positions", "products", "status", "report", "export", "fetch"):
+        assert "--mission" in options[name]
+        assert options[name] & {"--sol", "--sols"}
+    assert "--kind" in options["products"] & options["export"]
+
+
 @pytest.fixture(scope="module")
 def store(tmp_path_factory):
     return unpack_old_store(tmp_path_factory.mktemp("store"))
@@ -166,8 +192,8 @@ print(*sorted({name.partition(".")[0] for name in sys.modules}))
         (["--help"], {"numpy", "sqlalchemy", "pydantic", "scipy", "prefect"}),
         (["run", "--help"], {"numpy", "sqlalchemy", "scipy", "prefect"}),
         (["traverse", "export", "--help"], {"numpy", "sqlalchemy", "scipy", "prefect"}),
-        (["positions"], {"scipy", "cv2", "rasterio", "matplotlib", "prefect"}),
-        (["products"], {"scipy", "cv2", "rasterio", "matplotlib", "prefect"}),
+        (["positions"], {"scipy", "cv2", "rasterio", "matplotlib", "prefect", "tenacity"}),
+        (["products"], {"scipy", "cv2", "rasterio", "matplotlib", "prefect", "tenacity"}),
     ],
     ids=lambda one: one[0] if isinstance(one, list) else "",
 )

@@ -1,5 +1,7 @@
 """`solmap export` and reports as PDF, as they are typed."""
 
+import json
+
 import pytest
 from typer.testing import CliRunner
 
@@ -26,6 +28,9 @@ def test_a_folder_is_exported_and_brought_up_to_date(store, tmp_path):
     }
     again = CLI.invoke(app, asked)
     assert "0 written, 10 unchanged, 0 removed" in again.stdout.replace("\n", " ")
+    said = json.loads(CLI.invoke(app, [*asked, "--json"]).stdout)
+    assert (said["written"], said["unchanged"], said["removed"]) == (0, 10, 0)
+    assert all((target / name).is_file() for name in said["files"])
 
 
 @pytest.mark.parametrize(
