@@ -145,7 +145,8 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
     )
     pointings = rng.normal(0, np.radians(errors.pointing_deg) * noise, (len(pairs), 3))
     if errors.mast_deg:
-        mast = rng.normal(0, np.radians(errors.mast_deg) * noise, 3)
+        own = rng.spawn(1)[0]  # all else is drawn as without
+        mast = own.normal(0, np.radians(errors.mast_deg) * noise, 3)
         pointings += mast_partials(pairs) @ mast
     views = [_true_view(truth, pairs, pointings, k, pairs_per_stop) for k in range(len(pairs))]
     wanted = _tie_plan(
