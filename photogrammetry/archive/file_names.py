@@ -5,8 +5,8 @@ product type (3), site (2), drive (2), sequence (5), eye, filter, producer, vers
 are coded: 00-99; A0-ZZ = 100 + 36 letter + digit (10 + letter); 0A-9Z = 1036 + 26 digit + letter;
 ## and __ are 1296 and more, which only the label tells.
 
-MSL names have 36, NLB_517261274EDR_F0541610CCAM15900M1: camera and eye, clock, product type, frame,
-site (3), drive (4), sequence (9), producer, version.
+MSL names have 36, NLB_517261274EDR_F0541610CCAM15900M1: camera and eye, clock, product type,
+geometry (L linearised), frame, site (3), drive (4), sequence (9), producer, version.
 
 Those of Mars 2020 have 54, NLF_0629_0722782785_631ECM_N0301344NCAM00427_06_095J01: camera and eye,
 colour, sol, clock with its thousandths, product type, geometry (L linearised), frame, site, drive,
@@ -31,7 +31,7 @@ _MER = re.compile(
 )
 _MSL = re.compile(
     r"(?P<instrument>[A-Z])(?P<eye>[LR])(?P<string>[AB_])_(?P<clock>\d{9})(?P<product>[A-Z0-9]{3})"
-    r"_(?P<frame>[A-Z])(?P<site>\d{3})(?P<drive>\d{4})(?P<sequence>[A-Z0-9_]{9})"
+    r"(?P<geometry>[L_])(?P<frame>[A-Z])(?P<site>\d{3})(?P<drive>\d{4})(?P<sequence>[A-Z0-9_]{9})"
     r"(?P<producer>[A-Z_])(?P<version>[0-9A-Z_])\Z",
     re.ASCII,
 )
@@ -44,6 +44,10 @@ _M2020 = re.compile(
     r"(?P<producer>[A-Z_])(?P<version>[A-Z0-9_]{2}|)\Z",
     re.ASCII,
 )
+
+SOL_S = 88775.42064
+SOL_ZERO = {"MER1": 128141132, "MER2": 126322960, "MSL": 397446400}
+"""Spacecraft clock at the beginning of sol 0, seconds (MER: facts 6.2; MSL: of five labels)."""
 
 SPACECRAFT = {"1": "MER1", "2": "MER2", "3": "MER1-TEST", "4": "MER2-TEST"}
 MER_INSTRUMENTS = {
@@ -92,7 +96,7 @@ class FileName:
     frame: str = ""
     """After MER: F or N whole, T thumbnail, S sub-frame, D down-sampled."""
     sol: int | None = None
-    """Of Mars 2020, whose names have it."""
+    """As the name has it (Mars 2020), or of its clock; None of test rovers."""
     part: str = ""
     """Of Mars 2020: tile or focal length, and averaging."""
 
@@ -118,6 +122,7 @@ def parse_file_name(name: str) -> FileName:
             filter_number=int(match["filter"]),
             producer=match["producer"],
             version=match["version"],
+            sol=_sol(SPACECRAFT[match["spacecraft"]], int(match["clock"])),
         )
     if (match := _MSL.match(product_id)) and match["instrument"] in MSL_INSTRUMENTS:
         return FileName(
@@ -134,6 +139,7 @@ def parse_file_name(name: str) -> FileName:
             producer=match["producer"],
             version=match["version"],
             frame=match["frame"],
+            sol=_sol("MSL", int(match["clock"])),
         )
     if match := _M2020.match(product_id):
         return FileName(
@@ -157,6 +163,12 @@ def parse_file_name(name: str) -> FileName:
         f"{name[:100]!a} follows no known pattern of image names; "
         "expected one like 2N292280938EFFB100P0703L0M1.IMG"
     )
+
+
+def _sol(mission: str, clock: int) -> int | None:
+    """The sol of a clock, good to an hour."""
+    zero = SOL_ZERO.get(mission)
+    return None if zero is None else int((clock - zero) // SOL_S)
 
 
 def camera_string(product_id: str) -> str:

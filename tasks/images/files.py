@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from solmap.photogrammetry.archive.file_names import parse_file_name
+from solmap.photogrammetry.archive.images.derived_rasters import KINDS
 from solmap.photogrammetry.archive.images.pixels import is_picture
 from solmap.photogrammetry.archive.images.reading import (
     has_attached_label,
@@ -19,10 +21,36 @@ from solmap.photogrammetry.errors import LabelError
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.user_files import plain_name, read_user_file
+from solmap.tasks.images.folders import IMAGE_SUFFIXES, PICTURE_SUFFIXES
 from solmap.tasks.scopes import file_scope
 
 LABEL_ENDINGS = (".lbl", ".LBL", ".xml", ".XML", "-metadata.json", ".json")
 """What follows the stem of an image in the name of its label, where that is a file of its own."""
+
+
+OWN_RIG = "`solmap run` takes pictures of an own stereo rig from a folder with a rig.toml"
+FETCHED = frozenset({"NAVCAM", "PANCAM", "MASTCAM", "FRONT_HAZCAM", "REAR_HAZCAM"})
+"""Instruments that `solmap fetch` brings."""
+
+
+def remedy(name: str) -> str:
+    """What helps with a file that cannot be taken: a command, by the file's name.
+
+    Empty where the name says nothing of the image.
+    """
+    try:
+        found = parse_file_name(name)
+    except LabelError:
+        return ""
+    if found.product_type in KINDS and Path(name).suffix.lower() in IMAGE_SUFFIXES:
+        return f"`solmap inspect {name}` says what it holds"
+    if found.sol is None or found.instrument not in FETCHED or found.sol < 0:
+        return ""
+    is_raw = Path(name).suffix.lower() in PICTURE_SUFFIXES and not found.mission.startswith("MER")
+    return (
+        f"`solmap fetch --mission {found.mission} --sols {found.sol} --instrument "
+        f"{found.instrument.lower()}{' --raw' * is_raw} --out FOLDER` brings the images of that sol"
+    )
 
 
 def is_settled(file: Path, settle_s: float) -> bool:
@@ -57,6 +85,7 @@ def image_bytes(path: Path, folder: Path | None = None) -> bytes:
         raise LabelError(
             f"{name}: a picture without a label; it takes {stem}-metadata.json, .xml or "
             ".lbl beside it to say where it was taken from"
+            f"; {remedy(name) or OWN_RIG}"
         )
     return data
 
