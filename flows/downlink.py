@@ -33,36 +33,47 @@ from solmap.products.model import Scope
 from solmap.tasks.images.folders import NO_FILES
 from solmap.tasks.images.ingest import Delivery, ingest_downlink
 from solmap.tasks.images.manual_ties import EDITS_FILE, take_edits
+from solmap.tasks.images.poses import PoseSources, open_pose_sources, take_poses
 from solmap.tasks.network.orientations import Standing
 from solmap.tasks.scopes import network_scope
 
 
 @flow(name="downlink", flow_run_name=folder_name)
 def process_downlink(
-    downlink: Path, store: Path, pipeline: str = "default", settle_s: float = 0.0
+    downlink: Path | None,
+    store: Path,
+    pipeline: str = "default",
+    settle_s: float = 0.0,
+    places: Sequence[Path] = (),
 ) -> DownlinkReport:
     """Take a folder of rover images to published layers; what was made before is looked up.
 
     Args:
-        downlink: Folder of images with their labels, and of vector files.
+        downlink: Folder of images with their labels, and of vector files; none where `places` alone
+            are new.
         store: Folder of products and catalogue.
         pipeline: Name of a shipped pipeline, or path of a TOML file.
         settle_s: Files that changed less than so many seconds ago may still be arriving: they are
             left for the next run.
+        places: Files with poses of sites and stops, as `solmap poses add` takes them.
     """
     report = DownlinkReport()
     load_pipeline(pipeline)  # refuse wrong settings before the work starts
     radiometry = load_radiometry(Settings().instruments)
     workspace = open_workspace(store)
-    with record_run("downlink", downlink.name, workspace) as record:
-        delivery = _ingest(downlink, workspace, radiometry, settle_s)
+    named = (downlink or places[0]).name
+    with record_run("downlink", named, workspace) as record, open_pose_sources(places) as poses:
+        delivery = Delivery((), (), 0, ())
+        if downlink is not None:
+            delivery = _ingest(downlink, workspace, radiometry, settle_s, poses)
+        missions = _take_poses(poses, delivery, workspace, report)
         _note_delivery(delivery, downlink, report)
         if delivery.images:
             rename_run(downlink_name(delivery.images))
         with isolate(EDITS_FILE, workspace, report.failures, f"{EDITS_FILE}: {{}}"):
             take_edits(workspace)
             clear_failure(EDITS_FILE, workspace)
-        for mission in delivery.missions:
+        for mission in missions:
             line = f"{mission}: {{}}"
             with (
                 isolate(mission.lower(), workspace, report.failures, line),
@@ -79,7 +90,11 @@ def process_downlink(
 
 
 def _ingest(
-    downlink: Path, workspace: Workspace, radiometry: Mapping[str, Radiometry], settle_s: float
+    downlink: Path,
+    workspace: Workspace,
+    radiometry: Mapping[str, Radiometry],
+    settle_s: float,
+    poses: PoseSources,
 ) -> Delivery:
     """Take the files over; where that fails as a whole, nothing can be done.
 
@@ -93,6 +108,7 @@ def _ingest(
             radiometry,
             lambda done, total: report_progress("ingest files", done, total),
             settle_s,
+            poses,
         )
     except ProductError:
         raise
@@ -102,14 +118,37 @@ def _ingest(
         ) from error
 
 
+def _take_poses(
+    poses: PoseSources, delivery: Delivery, workspace: Workspace, report: DownlinkReport
+) -> tuple[str, ...]:
+    """Keep poses from other sources; the missions that the run is about.
+
+    Where the files do not name a mission it is that of the delivery, or the only one in the store.
+    """
+    if not poses.names:
+        return delivery.missions
+    held = {entry.stop_id.mission for entry in workspace.catalogue.images()}
+    named = poses.missions or delivery.missions or tuple(sorted(held))
+    if len(named) != 1:
+        report.failures.append(
+            f"{poses.names}: of which mission? {', '.join(named) or 'none'} is there; "
+            "name it by `solmap poses add FILE --mission MISSION`"
+        )
+        return delivery.missions
+    with isolate(poses.names, workspace, report.failures, "{}"):
+        report.poses += take_poses(poses, named[0], workspace)
+        clear_failure(poses.names, workspace)
+    return tuple(dict.fromkeys((*delivery.missions, *named)))
+
+
 def _log_waiting(mission: str) -> None:
     get_run_logger().info("another run works on %s; this one waits for it to end", mission)
 
 
-def _note_delivery(delivery: Delivery, downlink: Path, report: DownlinkReport) -> None:
+def _note_delivery(delivery: Delivery, downlink: Path | None, report: DownlinkReport) -> None:
     report.images = len(delivery.images)
     report.warnings += [note for fault in delivery.faults for note in fault.notes]
-    if not delivery.missions:
+    if downlink is not None and not delivery.missions:
         found = (
             f"none of its {delivery.files} files is a mapping image" if delivery.files else NO_FILES
         )

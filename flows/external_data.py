@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from solmap.config.landing import LandingSite, landing_site
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.flows.runtime.run_record import beside_runs
-from solmap.photogrammetry.archive.tables.places import parse_localisations
-from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file, vector_text
+from solmap.photogrammetry.archive.tables.places import ORBITAL, PRIORITY
+from solmap.photogrammetry.archive.tables.vector_files import Solution, VectorFile
+from solmap.photogrammetry.frames import FrameKind
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.manual.editing import EditAction
 from solmap.photogrammetry.orbital.registration import RegistrationParams
@@ -19,13 +25,22 @@ from solmap.photogrammetry.orbital.search import SearchParams
 from solmap.photogrammetry.terrain.dtm.grid import union
 from solmap.products.catalogue.catalogue import MissionEntry, Outcome, published_networks
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.crs import east_north, local_crs
 from solmap.products.errors import ProductError, ProductNotFoundError
 from solmap.products.formats.documents.control import read_control, refused_stops
-from solmap.products.model import Layer, ProductKind, ProductRef, ScopeLevel, mission_of
+from solmap.products.formats.raster.raster import bounds_on_map
+from solmap.products.model import (
+    Layer,
+    ProductKind,
+    ProductRef,
+    ScopeLevel,
+    mission_of,
+    origin_of,
+)
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.user_files import MAX_ROWS_BYTES, read_user_file
-from solmap.tasks.images.files import keep_vector_file
 from solmap.tasks.images.manual_ties import named_in, read_edit_requests, take_manual_ties
+from solmap.tasks.images.poses import open_pose_sources, take_poses
 from solmap.tasks.mission.control import (
     FrameParams,
     control_by_image,
@@ -33,10 +48,12 @@ from solmap.tasks.mission.control import (
     take_control,
 )
 from solmap.tasks.mission.orbital import (
+    AssumedOrigin,
     RegisteredImage,
     RegistrationMethod,
     StopMap,
     draw_base,
+    find_origin,
     read_registration,
     register_orbital,
     take_orbital,
@@ -58,6 +75,9 @@ class OrbitalOptions:
     """Find every stop in it on its own, as control for the adjustment; None: do not."""
     heights: bool = False
     """It is a terrain model: it gives control, and no image to draw."""
+    near_deg: tuple[float, float] | None = None
+    """Longitude and latitude about which a map is looked for that is not tied to the lander; by
+    default the middle of the image."""
 
 
 @beside_runs
@@ -103,6 +123,75 @@ def add_orbital(
     return tuple(said)
 
 
+@beside_runs
+def tie_by_image(
+    file: Path, name: str, root: Path, options: OrbitalOptions
+) -> tuple[str, VectorFile]:
+    """Find a map that is not tied to the lander in an orbital image.
+
+    Args:
+        file: The image, or terrain model.
+        name: The map.
+        root: Folder of the store.
+        options: What is wanted.
+
+    Returns:
+        What came of it, and the site vector file that ties the map.
+
+    Raises:
+        ProductError: the file cannot be read, no stop is mapped, or the place cannot be told.
+    """
+    workspace, sites = open_workspace(root), Settings().landing_sites
+    landing, lander = (landing_site(one, sites).landing for one in (name, mission_of(name)))
+    site, *drive = origin_of(name)
+    if drive or not options.registered:
+        raise ProductError(
+            f"the map {name} cannot be tied by an orbital image "
+            f"{'of the site of one stop alone' if drive else 'that is not registered'}; tie it by "
+            "`solmap run --places FILE`"
+        )
+    stops = _stops([one for one in workspace.catalogue.layers() if one.mission == name], name)
+    if not stops:
+        raise ProductNotFoundError(f"no stop of {name} is mapped; `solmap run` its downlink")
+    image = take_orbital(file, workspace.store)
+    shown, _ = bounds_on_map(workspace.store.path(image), local_crs(lander))
+    west, south, east, north = shown
+    about_m = (west + east) / 2, (south + north) / 2
+    if options.near_deg is not None:
+        at_east, at_north = east_north(lander, *options.near_deg)
+        about_m = float(at_east[0]), float(at_north[0])
+    params = RegistrationMethod(
+        RegistrationParams(SearchParams(reach_m=options.reach_m)), heights=options.heights
+    )
+    origin = AssumedOrigin(lander, about_m)
+    found = find_origin(image, list(stops.values()), params, landing, origin, workspace.store)
+    if found.registration.correction is None:
+        raise ProductError(
+            f"{file.name} does not tell where {name} lies: {found.registration.reason}; it was "
+            f"looked for within {options.reach_m:g} m of the "
+            f"{'place given' if options.near_deg else 'middle of the image'} (--near, --reach)"
+        )
+    sigma_m = math.hypot(found.sigma_m, (options.control or FrameParams()).shift_m)
+    east_m, north_m = found.place_m
+    line = (
+        f"site {site} lies {east_m:.1f} m east and {north_m:.1f} m north of the lander by "
+        f"{file.name} (1 sigma {found.sigma_m:.2f} m in the image, {sigma_m:.1f} m with that of "
+        f"its georeference, --shift-sigma); heights count from site {site}"
+    )
+    solution = Solution(
+        ORBITAL,
+        FrameKind.SITE,
+        (site,),
+        0,
+        np.array([north_m, east_m, 0.0]),
+        np.array([1.0, 0.0, 0.0, 0.0]),
+        datetime.now(UTC).isoformat(timespec="seconds"),
+        sigma_m,
+    )
+    source = f"{file.stem}-site{site}.svf"
+    return line, VectorFile(source, mission_of(name), "svf", PRIORITY, (solution,))
+
+
 def _site_on_mars(name: str) -> LandingSite:
     """The landing site of a map.
 
@@ -113,7 +202,8 @@ def _site_on_mars(name: str) -> LandingSite:
     if site.landing.origin:
         raise ProductError(
             f"the map {name} has its {site.landing.name}: places on Mars say nothing of it; "
-            "take a PLACES or site vector file that ties it by `solmap poses add FILE`, run again"
+            f"tie it by `solmap orbital add IMAGE --mission {name}` or `solmap run --places FILE`, "
+            "a PLACES table, site vector file or poses (`solmap poses add FILE` takes the same)"
         )
     return site
 
@@ -197,22 +287,14 @@ def add_control(file: Path, mission: str, root: Path, params: FrameParams) -> st
 
 
 @beside_runs
-def add_poses(file: Path, mission: str, root: Path) -> str:
-    """Take a PLACES table, location file or vector file; one line on what it holds.
+def add_poses(files: Sequence[Path], mission: str, root: Path) -> list[str]:
+    """Take PLACES tables, location files, vector files, poses CSV or SPICE kernels; a line on each.
 
     Raises:
-        VectorFileError: it is none of them, or a row is broken.
+        VectorFileError: a file is none of them, or a row is broken.
     """
-    text = read_user_file(file, most_bytes=MAX_ROWS_BYTES).decode("utf-8", "replace")
-    if "<rmc_file" in text:
-        stated = parse_vector_file(text, file.name)
-    else:
-        stated = parse_localisations(text, file.name, mission=mission_of(mission))
-    workspace = open_workspace(root)
-    ref = keep_vector_file(file.name, vector_text(stated).encode(), workspace.store)
-    line = f"{file.name}: {len(stated.solutions)} sites and stops; the next run places maps by them"
-    workspace.catalogue.publish(pointers=[ref], outcomes=[Outcome.now(file.name, (line,))])
-    return line
+    with open_pose_sources(files) as sources:
+        return take_poses(sources, mission_of(mission), open_workspace(root))
 
 
 def control_rows(mission: str, root: Path) -> list[dict[str, Any]]:

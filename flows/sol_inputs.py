@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from solmap.config.landing import landing_site
 from solmap.config.pipeline import PipelineConfig, load_pipeline
@@ -16,6 +21,8 @@ from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
 from solmap.photogrammetry.adjustment.model.variance_components import COMPONENTS, Component
 from solmap.photogrammetry.archive.missions import mission_id
 from solmap.photogrammetry.archive.tables.vector_files import VectorFile
+from solmap.photogrammetry.errors import FrameError
+from solmap.photogrammetry.frames import LSL, Pose, rover_frame, site_frame
 from solmap.photogrammetry.imagery import RoverImage, StopId
 from solmap.photogrammetry.matching.cross_site.gate import link_candidates
 from solmap.photogrammetry.traverse.plausibility import (
@@ -24,6 +31,8 @@ from solmap.photogrammetry.traverse.plausibility import (
     strays,
 )
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
+from solmap.products.catalogue.edits import EditLog
+from solmap.products.catalogue.events import EDITS_CHANGED
 from solmap.products.catalogue.images import image_record, image_records
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
@@ -198,7 +207,10 @@ def read_maps(mission: str, workspace: Workspace) -> Mapping[str, MapLabels]:
 
 
 def assign_maps(mission: str, workspace: Workspace) -> list[str]:
-    """Put every image on the map of the sites that its own is connected with; the maps' names."""
+    """Put every image on the map of the sites that its own is connected with; the maps' names.
+
+    What people wrote on a map that is no more moves to the one that its stops are on.
+    """
     maps = read_maps(mission, workspace)
     moved = [
         replace(entry, mission=name)
@@ -207,8 +219,41 @@ def assign_maps(mission: str, workspace: Workspace) -> list[str]:
         if entry.mission != name
     ]
     if moved:
+        _move_edits(mission, maps, workspace)
         workspace.catalogue.publish(images=moved)
     return list(maps)
+
+
+def _move_edits(mission: str, maps: Mapping[str, MapLabels], workspace: Workspace) -> None:
+    """Move annotations and edits of ties of maps that are no more; see `EditLog.move`."""
+    for old in set(workspace.catalogue.maps_of(mission)) - maps.keys():
+        site, *drive = origin_of(old) or (0,)
+        origin = rover_frame(site, *drive) if drive else site_frame(site)
+        for new, one in maps.items():
+            with suppress(FrameError):  # not on this map
+                from_site = one.telemetry.tree.pose(LSL, site_frame(site))
+                place_m = one.telemetry.tree.pose(LSL, origin).translation_m
+                moved = Pose(LSL, LSL, from_site.rotation, place_m)
+                edits = EditLog.of(workspace.store.root)
+                for edit in edits.move(old, new, partial(_carried, new_from_old=moved)):
+                    event = {"mission": new, "edit": edit.id, "kind": str(edit.kind)}
+                    workspace.catalogue.append_event(EDITS_CHANGED, event)
+                break
+
+
+def _carried(annotation: dict[str, Any], new_from_old: Pose) -> dict[str, Any]:
+    """An annotation with its places (east, north and up, if known) on another map."""
+
+    def carry(places: list[Any]) -> list[Any]:
+        if isinstance(places[0], list):
+            return [carry(inner) for inner in places]
+        east, north, *up = places
+        down = -up[0] if up else 0.0
+        north, east, down = new_from_old.apply(np.array([[north, east, down]]))[0].tolist()
+        return [east, north, *([-down] if up else [])]
+
+    geometry = annotation["geometry"]
+    return {**annotation, "geometry": {**geometry, "coordinates": carry(geometry["coordinates"])}}
 
 
 def _read_maps(mission: str, names: Sequence[str], workspace: Workspace) -> dict[str, MapLabels]:
@@ -233,7 +278,9 @@ def _read_maps(mission: str, names: Sequence[str], workspace: Workspace) -> dict
         kept = [(entry, label) for entry, label in here if entry.id not in left_out]
         site = landing_site(name, Settings().landing_sites)
         found[name] = MapLabels(
-            MissionEntry(name, site.title, site.landing, why_alone.get(name, _note_of(name))),
+            MissionEntry(
+                name, site.title, site.landing, why_alone.get(name, _note_of(name, site.landing))
+            ),
             kept,
             read_telemetry([label for _, label in kept], files, origin_of(name)),
             unread,
@@ -271,13 +318,19 @@ def _maps_of_stops(
     return names, reasons
 
 
-def _note_of(name: str) -> str | None:
+def _note_of(name: str, landing: LandingPoint) -> str | None:
     """What is to be done about a map that is not tied to the lander."""
     if not origin_of(name):
         return None
+    if not landing.is_on_mars:
+        return (
+            f"site {origin_of(name)[0]} is not tied to site 0; give poses of its stops in site 0 "
+            "(reference_site in a poses CSV)"
+        )
     return (
         f"site {origin_of(name)[0]} is not tied to the lander; deliver a site vector file (.svf), "
-        "or add a PLACES table by `solmap poses add FILE`, and its maps move to Mars"
+        "run `solmap run --places FILE` with poses, or add an orbital image by `solmap orbital add "
+        f"IMAGE --mission {name}`, and its maps move to Mars"
     )
 
 

@@ -80,6 +80,7 @@ def adjust_stops(
         singles=singles,
         edit_requests=_edit_requests(inputs, matched, report),
         control=_control(inputs, report),
+        stated=inputs.telemetry.stated,
     )
     params = NetworkParams(config.tracks, config.adjustment)
     done, undone = wait_for(

@@ -68,6 +68,7 @@ PipelineOption = Annotated[
         show_default="default",
     ),
 ]
+POSE_FILES = "Poses: PLACES table, locations.xml of MSL, .svf, .rvf, poses CSV, SPICE kernels"
 MISSION_HELP = "MER2, Spirit or MER-A; MER1; MSL; M20 ..."
 MissionOption = Annotated[
     str | None,

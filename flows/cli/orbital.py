@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
 
 from solmap.flows.cli.console import (
+    POSE_FILES,
     JsonOption,
     MissionOption,
+    PipelineOption,
     StoreOption,
     input_file,
     mission_of,
@@ -17,6 +20,7 @@ from solmap.flows.cli.console import (
     show_rows,
     store_of,
 )
+from solmap.flows.cli.processing import run
 
 orbital = typer.Typer(
     name="orbital", help="Orbital images under the rover's map.", no_args_is_help=True
@@ -72,18 +76,46 @@ def add_image(  # noqa: PLR0913 - options
     no_control: Annotated[
         bool, typer.Option("--no-control", help="Do not find the stops in it one by one.")
     ] = False,
+    near: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            help="About where a map lies that is not tied to the lander: longitude, latitude; by "
+            "default the middle of the image",
+            metavar="LON LAT",
+        ),
+    ] = None,
+    pipeline: PipelineOption = None,
 ) -> None:
-    """Find where an orbital image lies on the rover's map, and show it there as base layer."""
-    from solmap.flows.external_data import OrbitalOptions, add_orbital  # noqa: PLC0415 - slow to import
+    """Find where an orbital image lies on the rover's map, and show it there as base layer.
+
+    A map that is not tied to the lander is found in the image instead, moves to Mars, and is made
+    anew there with the pipeline.
+    """
+    from solmap.flows.external_data import (  # noqa: PLC0415 - slow to import
+        OrbitalOptions,
+        add_orbital,
+        tie_by_image,
+    )
+    from solmap.photogrammetry.archive.tables.vector_files import vector_text  # noqa: PLC0415
+    from solmap.products.model import origin_of  # noqa: PLC0415
     from solmap.tasks.mission.control import FrameParams  # noqa: PLC0415
 
     frame = None if no_control else FrameParams(shift_sigma, rotation_sigma, scale_sigma)
     options = OrbitalOptions(
-        registered=not as_claimed, reach_m=reach, control=frame, heights=heights
+        registered=not as_claimed, reach_m=reach, control=frame, heights=heights, near_deg=near
     )
     root = store_of(store)
-    for line in add_orbital(file, mission_of(mission, root), root, options):
-        say(line)
+    name = mission_of(mission, root)
+    if not origin_of(name):
+        for line in add_orbital(file, name, root, options):
+            say(line)
+        return
+    line, vectors = tie_by_image(file, name, root, options)
+    say(line)
+    with TemporaryDirectory() as folder:
+        svf = Path(folder) / vectors.source
+        svf.write_text(vector_text(vectors))
+        run(None, root, pipeline, [svf])
 
 
 @poses.callback()
@@ -98,18 +130,19 @@ def group() -> None:
 
 @poses.command("add")
 def add_stated(
-    file: Annotated[
-        Path,
-        typer.Argument(help="PLACES table, locations.xml of MSL, .svf or .rvf", parser=input_file),
-    ],
+    files: Annotated[list[Path], typer.Argument(help=POSE_FILES, parser=input_file)],
     mission: MissionOption = None,
     store: StoreOption = None,
 ) -> None:
-    """Take localised sites and stops; the next run moves the maps that they tie to the lander."""
+    """Take poses of sites and stops as priors; the next run places maps by them.
+
+    SPICE kernels of one rover (CK, SPK, FK, LSK, SCLK) are named together.
+    """
     from solmap.flows.external_data import add_poses  # noqa: PLC0415 - slow to import
 
     root = store_of(store)
-    say(add_poses(file, mission_of(mission, root), root))
+    for line in add_poses(files, mission_of(mission, root), root):
+        say(line)
 
 
 @control.command("add")

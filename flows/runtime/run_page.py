@@ -119,6 +119,7 @@ def _text(report: DownlinkReport) -> str:
     for title, lines in (
         ("Failures", report.failures),
         ("Warnings", report.warnings),
+        ("Poses by other sources", report.poses),
         ("Seams of regions", report.seams),
     ):
         if lines:
@@ -128,7 +129,8 @@ def _text(report: DownlinkReport) -> str:
 
 def folder_name() -> str:
     """Of a downlink before anything is known of it but its folder."""
-    return f"downlink {Path(str(runtime.flow_run.parameters['downlink'])).name}"
+    given = runtime.flow_run.parameters
+    return f"downlink {Path(str(given['downlink'] or given['places'][0])).name}"
 
 
 def mission_name() -> str:

@@ -59,6 +59,8 @@ class DownlinkReport:
     failures: list[str] = field(default_factory=list)
     seams: list[str] = field(default_factory=list)
     """How far the stops of a region disagree, line by line."""
+    poses: list[str] = field(default_factory=list)
+    """What was taken of poses by other sources, line by line."""
 
     @property
     def succeeded(self) -> bool:
@@ -72,4 +74,4 @@ class DownlinkReport:
         lines = [f"{self.images} images, {len(self.sols)} sols, {layers} layers of stops published"]
         for sol in self.sols:
             lines += [f"{sol.mission} sol {sol.sol}", *(f"  {note}" for note in sol.notes)]
-        return lines + self.seams
+        return self.poses + lines + self.seams

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -24,6 +24,9 @@ from solmap.products.errors import ProductError, ProductNotFoundError
 from solmap.products.store.faults import is_read_only, require_writable
 
 FILE = "edits.sqlite"
+_INSERT = (
+    "INSERT INTO edits(mission, kind, document, author, at, note, undoes) VALUES(?,?,?,?,?,?,?)"
+)
 _WAIT_S = 30.0
 """For others who write."""
 
@@ -156,6 +159,33 @@ class EditLog:
                 undone.add(undoes)
         return [_edit(row, row[0] not in undone) for row in rows]
 
+    def move(
+        self, old: str, new: str, carry: Callable[[dict[str, Any]], dict[str, Any]]
+    ) -> list[Edit]:
+        """Move what has effect on one map to another, when its name or its origin changes.
+
+        In the log each edit is taken back on the old map and made again on the new one, by its
+        author and at its time. Nothing is moved twice.
+
+        Args:
+            old: Name of the map that it was on.
+            new: Name of the other.
+            carry: An annotation of the old map as it is on the new one.
+        """
+        moved = [edit for edit in self.edits(old) if edit.counts and edit.kind is not EditKind.UNDO]
+        if not moved:
+            return []
+        rows: list[tuple[str | int | None, ...]] = []
+        for edit in moved:
+            is_place = edit.kind is EditKind.ANNOTATION
+            document = json.dumps(carry(edit.document) if is_place else edit.document)
+            rows.append((new, str(edit.kind), document, edit.author, edit.at, edit.note, None))
+            why = f"moved to {new}"
+            rows.append((old, str(EditKind.UNDO), "{}", edit.author, edit.at, why, edit.id))
+        with transaction(self.path) as connection:
+            connection.executemany(_INSERT, rows)
+        return moved
+
     def effective(self, kind: EditKind, mission: str | None = None) -> list[Edit]:
         """The edits of a kind that have effect."""
         return [edit for edit in self.edits(mission) if edit.counts and edit.kind is kind]
@@ -172,11 +202,7 @@ class EditLog:
         at = datetime.now(UTC).isoformat(timespec="milliseconds")
         row = (mission, str(kind), json.dumps(document), author, at, note, undoes)
         with transaction(self.path) as connection:
-            added = connection.execute(
-                "INSERT INTO edits(mission, kind, document, author, at, note, undoes) "
-                "VALUES(?,?,?,?,?,?,?)",
-                row,
-            )
+            added = connection.execute(_INSERT, row)
             number = added.lastrowid or 0
         return _edit((number, *row), counts=True)
 

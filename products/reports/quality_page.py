@@ -80,17 +80,20 @@ PAGE = """<!doctype html>
 {% endfor %}
 </table>
 <div class="scroll"><table>
-<tr><th>stop</th><th>lies in</th><th class="n">residual east, m</th><th class="n">north, m</th>
+<tr><th>stop</th><th>lies in</th><th class="n">1 sigma, m</th>
+  <th class="n">residual east, m</th><th class="n">north, m</th>
   <th class="n">in its own sigmas</th><th class="n">redundancy</th><th>verdict</th></tr>
 {% for one in quality.control %}
 <tr><td class="id">{{ one.stop }}</td><td>{{ one.frame }}</td>
+  <td class="n">{{ n(one.sigma_m[0], 2) }}, {{ n(one.sigma_m[1], 2) }}</td>
   <td class="n">{{ n(one.residual_m[0], 2) }}</td><td class="n">{{ n(one.residual_m[1], 2) }}</td>
   <td class="n">{{ n(one.test, 1) }}</td><td class="n">{{ n(one.redundancy, 2) }}</td>
   <td>{{ "used" if one.used else "set aside" }}{{ ": " ~ one.note if one.note }}</td></tr>
 {% endfor %}
 </table></div>
-<p class="note">Places of stops in orbital images or measured by hand. An image's own place is an
-unknown of the adjustment: by how much its georeference is off, about its centre.</p>
+<p class="note">Places of stops in orbital images, measured by hand, or stated by another source
+(PLACES table, poses CSV, SPICE kernels), which is named. The place of an image or source as a
+whole is an unknown of the adjustment: by how much its georeference is off, about its centre.</p>
 {% endif %}
 
 {% if findings %}

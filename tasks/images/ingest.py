@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -30,7 +31,7 @@ from solmap.photogrammetry.archive.images.reading import ReadImage, describe_ima
 from solmap.photogrammetry.archive.missions import mission_id
 from solmap.photogrammetry.archive.partners import find_stereo_pairs
 from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file
-from solmap.photogrammetry.errors import PhotogrammetryError, PixelError
+from solmap.photogrammetry.errors import LabelError, PhotogrammetryError, PixelError
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.photogrammetry.stretching import stretch
 from solmap.products.catalogue.catalogue import ImageEntry, Outcome
@@ -54,16 +55,21 @@ from solmap.tasks.images.files import (
     image_bytes,
     is_settled,
     keep_vector_file,
+    remedy,
     write_bytes,
 )
 from solmap.tasks.images.folders import VECTOR_SUFFIXES, files_of, is_manual_tie_file
 from solmap.tasks.images.manual_ties import take_manual_ties
+from solmap.tasks.images.poses import PoseSources
+from solmap.tasks.images.rigs import RigPictures, rig_image_bytes, rig_pictures
 from solmap.tasks.images.telemetry import read_vector_file
 from solmap.tasks.scopes import image_scope, region_scope
 from solmap.tasks.stage import stage
 
 log = logging.getLogger(__name__)
 
+LAST = "~"
+"""Sorts behind every digest: an attitude that is stated anew counts."""
 LARGE_BYTES = 32 << 20
 LARGE_PIXELS = 1 << 23
 """Files and images above these are read one at a time: each may take some 600 MB."""
@@ -101,6 +107,10 @@ class Intake:
     """What is known of the cameras of each spacecraft."""
     known: Mapping[str, ImageEntry]
     """The images that were taken before, by identifier."""
+    rigs: RigPictures = field(default_factory=RigPictures)
+    """Pictures of own stereo rigs among the files."""
+    poses: PoseSources = field(default_factory=PoseSources)
+    """Of rovers at images whose labels lack the attitude."""
     _tables: dict[tuple[str, PixelState], ProductRef | None] = field(default_factory=dict)
 
     def take(self, name: str, data: bytes) -> TakenImage | Outcome:
@@ -113,6 +123,7 @@ class Intake:
             LabelError: the file holds no mapping image.
             PixelError: its pixels are broken; nothing of it is kept.
         """
+        delivered, data = data, self.poses.with_attitude(data, name)
         described = describe_image(data, name)
         record = described.image
         scope = image_scope(record.id)
@@ -120,7 +131,8 @@ class Intake:
         file = ImageFile(recipe.ref, self.tables_for(record.stop.mission, described.state))
         browse = Recipe(ProductKind.BROWSE, scope, file.inputs, BrowseParams())
         before = self.known.get(record.id)
-        if before is not None and _rank(before) > (record.created or "", recipe.ref.digest):
+        rank = record.created or "", recipe.ref.digest if data is delivered else LAST
+        if before is not None and _rank(before) > rank:
             return superseded_outcome(name, record.id)
         if before is not None and before.browse == browse.ref and self.store.has(browse.ref):
             notes = before.notes
@@ -134,6 +146,18 @@ class Intake:
         if before is not None and before.stop == entry.stop:
             entry = replace(entry, mission=before.mission)  # on the map that it is on
         return TakenImage(name, record, entry)
+
+    def take_picture(self, path: Path, name: str, picture: bytes) -> TakenImage | Outcome:
+        """Take a picture of an own stereo rig.
+
+        Raises:
+            LabelError: it is not of the size that its camera was calibrated for.
+            PixelError: it cannot be read.
+        """
+        shot, created = self.rigs.shots[path]
+        before = self.known.get(shot.image_id)
+        kept = self.store.path(before.ref).read_bytes() if before else None
+        return self.take(name, rig_image_bytes(shot, created, picture, name, kept))
 
     def tables_for(self, mission: str, state: PixelState) -> ProductRef | None:
         """The product of what pixels in a state are read with; None where that is nothing."""
@@ -250,22 +274,35 @@ def ingest_downlink(
     radiometry: Mapping[str, Radiometry] | None = None,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
     settle_s: float = 0.0,
+    poses: PoseSources | None = None,
 ) -> Delivery:
     """Take every image and vector file below a folder into the store and catalogue.
 
     Images of earlier downlinks are read again where `radiometry` (by spacecraft) has changed for
     them. Files that changed less than `settle_s` seconds ago are left: they may still be arriving.
+    Images whose labels lack the attitude of the rover get it from `poses` and vector files.
     """
     files = [file for file in files_of(downlink) if is_settled(file, settle_s)]
+    rigs = rig_pictures(files, downlink)
+    files = [file for file in files if file not in rigs.unusable]
     known = {entry.id: entry for entry in workspace.catalogue.images()}
-    intake = Intake(workspace.store, radiometry or {}, known)
-    taken: list[Taken] = []
-    subjects = _subjects(files, downlink)
+    poses = poses or PoseSources()
+    intake = Intake(workspace.store, radiometry or {}, known, rigs, poses)
+    subjects = _subjects([*files, *(file for file in rigs.faults if file not in files)], downlink)
+    taken: list[Taken] = [
+        _fault(subjects[file], LabelError(why)) for file, why in rigs.faults.items()
+    ]
+    files = [file for file in files if file not in rigs.faults]
+    vectors = [file for file in files if file.suffix.lower() in VECTOR_SUFFIXES]
+    images_of = [file for file in files if file not in vectors]
     with ThreadPoolExecutor(2) as pool:
-        taking = pool.map(lambda file: _take(file, subjects[file], downlink, intake), files)
-        for done, one in enumerate(taking, 1):
-            progress(done, len(files))
-            taken.append(one)
+        for some in (vectors, images_of):
+            taking = pool.map(partial(_take, subjects, downlink, intake), some)
+            for one in taking:
+                taken.append(one)
+                progress(len(taken), len(files))
+            brought = [one for one in taken if isinstance(one, ProductRef)]
+            intake = replace(intake, poses=poses.beside(brought, workspace))
     images, aside = newest_of_each([one for one in taken if isinstance(one, TakenImage)])
     faults = [*(one for one in taken if isinstance(one, Outcome)), *aside]
     anew = list(_reread(intake, {image.record.id for image in images}))
@@ -295,13 +332,13 @@ def _subjects(files: Sequence[Path], downlink: Path) -> dict[Path, str]:
     }
 
 
-def _take(path: Path, subject: str, downlink: Path, intake: Intake) -> Taken:
+def _take(subjects: Mapping[Path, str], downlink: Path, intake: Intake, path: Path) -> Taken:
     """Take a file; whatever it raises becomes its outcome, but for faults of the store.
 
     Raises:
         StoreFullError, StoreAwayError: nothing else could be kept either.
     """
-    name = plain_name(path.name)
+    name, subject = plain_name(path.name), subjects[path]
     try:
         taken = retry_transient(lambda: _take_file(path, name, downlink, intake))
     except (StoreFullError, StoreAwayError):
@@ -326,6 +363,8 @@ def _take_file(path: Path, name: str, downlink: Path, intake: Intake) -> Taken:
         data = read_user_file(path, downlink, most_bytes=MAX_ROWS_BYTES)
         return take_manual_ties(name, data, intake.store)
     with _in_turn(path.stat().st_size > LARGE_BYTES):
+        if path in intake.rigs.shots:
+            return intake.take_picture(path, name, read_user_file(path, downlink))
         return intake.take(name, image_bytes(path, downlink))
 
 
@@ -347,6 +386,9 @@ def _fault(name: str, error: Exception) -> Outcome:
     if not isinstance(error, PhotogrammetryError | ProductError | OSError):
         log.debug("%s could not be taken", name, exc_info=error)
     line = one_line(reason if name in reason else f"{name}: {reason}")
+    help_with = remedy(name) if isinstance(error, LabelError | PixelError) else ""
+    if help_with and "`solmap " not in line:
+        line = f"{line}; {help_with}"
     return Outcome.now(name, (line,), is_failure=True)
 
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 import logging
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.model.network import StopPrior
+from solmap.photogrammetry.adjustment.model.network import ControlFrame, StopControl, StopPrior
 from solmap.photogrammetry.archive.missions import mission_id
-from solmap.photogrammetry.archive.tables.places import LOCALISED
+from solmap.photogrammetry.archive.tables.places import LOCALISED, SPICE
 from solmap.photogrammetry.archive.tables.vector_files import (
     LslTree,
     Solution,
@@ -39,6 +40,12 @@ log = logging.getLogger(__name__)
 
 LOCALISED_SIGMA_M = 5.0
 """Of a place found in an orbital image with cells of 0.25 m, which lies some metres off itself."""
+STATED = (LOCALISED, SPICE)
+"""Solutions that are no telemetry of labels; `LOCALISED_SIGMA_M` where they state no deviation."""
+STATED_SHIFT_M, STATED_TURN_DEG = 300.0, 3.0
+"""How far poses of one source may lie off as a whole: the place of the map's first stop counts."""
+StatedPoses: TypeAlias = tuple[ControlFrame, tuple[StopControl, ...]]
+"""What one source says of stops, as observations of the network in a frame of their own."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,8 +60,10 @@ class Telemetry:
     """The lowest site of its group, by site: 0 of all that are tied to the lander."""
     unplaced: Mapping[StopId, str]
     """Stops that are not on this map, and why: no chain joins their sites to the LSL."""
-    localised: frozenset[Frame] = frozenset()
-    """Sites and stops that were found in orbital images: the wheels did not count the way there."""
+    sigma_m: Mapping[tuple[Frame, Frame], float] = field(default_factory=dict)
+    """Of sites and stops that were placed in sites by other means than wheels, by both frames."""
+    stated: tuple[StatedPoses, ...] = ()
+    """Poses of stops by other sources than their labels, source by source."""
 
     def stop(self, stop: StopId) -> StopPrior:
         """The telemetry of one stop.
@@ -76,10 +85,11 @@ class Telemetry:
         driven_m, found_m, here = 0.0, 0.0, stop.frame
         while here in self.tree.parent_from:
             step = self.tree.parent_from[here]
-            if here in self.localised:
-                found_m = LOCALISED_SIGMA_M
-            else:
+            sigma_m = self.sigma_m.get((here, step.target))
+            if sigma_m is None:
                 driven_m += float(np.linalg.norm(step.translation_m))
+            else:
+                found_m = math.hypot(found_m, sigma_m)
             here = step.target
         return math.hypot(slip * driven_m, found_m)
 
@@ -136,8 +146,59 @@ def read_telemetry(
         stop: f"{stop} is not on this map: no chain of sites joins site {stop.site} to its origin"
         for stop in sorted(loose)
     }
-    found = frozenset(one.frame for one in stated if one.solution_id == LOCALISED)
-    return Telemetry(tuple(placed), clocks, lsl.tree, lsl.origins, unplaced, found)
+    sigma_m = {
+        (one.frame, site_frame(one.reference_site)): _sigma_m(one)
+        for one in reversed(stated)
+        if _is_stated(one) and (one.kind is FrameKind.SITE or one.reference_site != one.counter[0])
+    }
+    others = tuple(stated_poses(vector_files, [known.stop for known in placed], lsl.tree))
+    return Telemetry(tuple(placed), clocks, lsl.tree, lsl.origins, unplaced, sigma_m, others)
+
+
+def _is_stated(one: Solution) -> bool:
+    return one.solution_id in STATED or one.sigma_m is not None
+
+
+def _sigma_m(one: Solution) -> float:
+    return LOCALISED_SIGMA_M if one.sigma_m is None else one.sigma_m
+
+
+def stated_poses(
+    files: Sequence[VectorFile], stops: Sequence[StopId], tree: FrameTree
+) -> Iterator[StatedPoses]:
+    """What each file says of stops that are on the map, by other means than telemetry."""
+    by_frame = {stop.frame: stop for stop in stops}
+    for file in sorted(files, key=lambda file: file.source):
+        control: dict[StopId, StopControl] = {}
+        for one in sorted(file.solutions, key=lambda one: one.counter):
+            if one.frame not in by_frame or not _is_stated(one):
+                continue
+            try:
+                pose = tree.pose(LSL, site_frame(one.reference_site)) @ one.pose
+            except FrameError:  # that site is not on this map
+                continue
+            stop = by_frame[one.frame]
+            control[stop] = _control(stop, pose, one, file.source)
+        if control:
+            places = [(one.east_m, one.north_m) for one in control.values()]
+            east_m, north_m = np.mean(places, axis=0).tolist()
+            frame = ControlFrame.from_sigmas(
+                file.source,
+                (east_m, north_m),
+                shift_m=STATED_SHIFT_M,
+                rotation_deg=STATED_TURN_DEG,
+                scale=0.0,
+            )
+            yield frame, tuple(control.values())
+
+
+def _control(stop: StopId, pose: Pose, one: Solution, source: str) -> StopControl:
+    north_m, east_m, down_m = pose.translation_m.tolist()
+    variances, azimuth_deg = [_sigma_m(one) ** 2] * 3, None
+    if one.sigma_deg is not None:
+        variances.append(math.radians(one.sigma_deg) ** 2)
+        azimuth_deg = math.degrees(math.atan2(pose.rotation[1, 0], pose.rotation[0, 0]))
+    return StopControl(stop, source, east_m, north_m, np.diag(variances), -down_m, azimuth_deg)
 
 
 def _tree(

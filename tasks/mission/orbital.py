@@ -8,7 +8,7 @@ import json
 import math
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +71,51 @@ class RegistrationMethod:
         return (self.registration, *(("heights",) if self.heights else ()))
 
 
+@dataclass(frozen=True, slots=True)
+class AssumedOrigin:
+    """About where the origin of a map lies that is not tied to the lander."""
+
+    lander: LandingPoint
+    place_m: tuple[float, float]
+    """(east, north) on the lander's map."""
+
+
+@dataclass(frozen=True, slots=True)
+class FoundOrigin:
+    """Where the origin of a map lies by an orbital image, if it could be told."""
+
+    registration: Registration
+    place_m: tuple[float, float]
+    """(east, north) on the lander's map, where the image is right."""
+    sigma_m: float
+    """Of each coordinate, within the image."""
+
+
+def find_origin(
+    image: ProductRef,
+    stops: Sequence[StopMap],
+    params: RegistrationMethod,
+    landing: LandingPoint,
+    origin: AssumedOrigin,
+    store: ProductStore,
+) -> FoundOrigin:
+    """Where a map that is not tied to the lander lies in an orbital image.
+
+    It is looked for within the reach of the search about `origin`. The middle of what is mapped is
+    placed; which way is north, the rover knows better.
+    """
+    found, _ = find_registration(image, stops, params, landing, store, origin)
+    if found.correction is None:
+        return FoundOrigin(found, origin.place_m, math.nan)
+    crs = local_crs(landing)
+    west, south, east, north = union(
+        [bounds_on_map(store.path(stop.dtm), crs)[0] for stop in stops]
+    )
+    middle = np.array([[(west + east) / 2, (south + north) / 2]])
+    moved = (found.correction.apply_inverse(middle) - middle)[0] + origin.place_m
+    return FoundOrigin(found, (float(moved[0]), float(moved[1])), max(found.correction.sigma_m))
+
+
 def take_orbital(file: Path, store: ProductStore) -> ProductRef:
     """Keep an orbital image as it came."""
     scope = file_scope(file.name)
@@ -120,16 +165,21 @@ def find_registration(
     params: RegistrationMethod,
     landing: LandingPoint,
     store: ProductStore,
-    start: Correction | None = None,
+    start: Correction | AssumedOrigin | None = None,
 ) -> tuple[Registration, float]:
     """What comes of registering an image to the map of some stops, and the side of its cells.
 
-    With the correction of a larger map as `start` the place is looked for near there alone.
+    With the correction of a larger map as `start` the place is looked for near there alone; of a
+    map that is not tied to the lander, about where it is assumed to lie.
     """
+    origin = start if isinstance(start, AssumedOrigin) else None
     crs = local_crs(landing)
+    image_crs = local_crs(origin.lander) if origin else crs
+    off = origin.place_m if origin else (0.0, 0.0)
     dtms = [store.path(stop.dtm) for stop in stops]
     bounds = union([bounds_on_map(dtm, crs)[0] for dtm in dtms])
-    claimed, cell_m = bounds_on_map(store.path(image), crs)
+    on_mars, cell_m = bounds_on_map(store.path(image), image_crs)
+    claimed = on_mars[0] - off[0], on_mars[1] - off[1], on_mars[2] - off[0], on_mars[3] - off[1]
     grid = grid_around(bounds, cell_m)
     ground = ground_map(
         grid,
@@ -137,12 +187,13 @@ def find_registration(
         (read_onto_grid(store.path(stop.orthophoto), grid, crs) for stop in stops),
     )
     search, around = params.registration.search, bounds
-    if start is not None:
+    if isinstance(start, Correction):
         middle = np.array([[(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2]])
         east, north = (start.apply_inverse(middle) - middle)[0].tolist()
         search, around = search.near((east, north)), _carried(bounds, start.apply_inverse)
     shown = grid_around(_widen(around, 2 * search.reach_m, claimed), cell_m)
-    values = read_onto_grid(store.path(image), shown, crs)
+    read = replace(shown, west=shown.west + off[0], north=shown.north + off[1])
+    values = read_onto_grid(store.path(image), read, image_crs)
     registration = RegistrationParams(search)
     if params.heights:
         return register_elevations(ground, OrbitalDtm(shown, values), registration), cell_m

@@ -27,7 +27,7 @@ from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 from solmap.products.formats.documents.adjusted_network import report_document
 from solmap.products.formats.documents.archives import read_mast, read_matches, read_ties
-from solmap.products.formats.documents.control import read_control
+from solmap.products.formats.documents.control import control_product, read_control
 from solmap.products.formats.documents.network import (
     NetworkPart,
     NetworkProduct,
@@ -40,6 +40,7 @@ from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.manual_ties import edit_ties, named_in, without_rows
 from solmap.tasks.images.pairs import PairProducts
+from solmap.tasks.images.telemetry import StatedPoses
 from solmap.tasks.network.singles import read_singles
 from solmap.tasks.network.tie import PlainPose
 from solmap.tasks.scopes import is_overall, network_scope, stop_scope
@@ -81,6 +82,8 @@ class NetworkStep:
     """What people want added, vetoed or moved, as far as it concerns these pairs."""
     control: tuple[ProductRef, ...] = ()
     """Where stops lie in orbital images, or where people measured them to lie."""
+    stated: tuple[StatedPoses, ...] = ()
+    """Poses of stops by other sources than their labels."""
 
     @property
     def names(self) -> frozenset[str]:
@@ -129,7 +132,8 @@ def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore
         (str(stop.stop), stop.sols, PlainPose.of(stop.lsl_from_rover)) for stop in step.touched
     )
     scope = network_scope(step.mission, step.sol, step.mode)
-    settings = (params, telemetry, step.mode, *without_rows(step.edit_requests))
+    stated = [control_product(frame, control, {}) for frame, control in step.stated]
+    settings = (params, telemetry, step.mode, *without_rows(step.edit_requests), *stated)
     inputs = (*step.inputs, *(ref for ref in settled.values() if ref != step.previous))
     return store.make(Recipe(ProductKind.NETWORK, scope, inputs, settings), write)
 
@@ -201,8 +205,8 @@ def _network(
         + tuple(alone),
         ties=build_tie_points(matches, ties, params.tracks),
     )
-    for ref in step.control:
-        frame, control = read_control(ref, store)
+    places = [*(read_control(ref, store) for ref in step.control), *step.stated]
+    for frame, control in places:
         if control:
             network = with_control(network, [frame], control, params.adjustment)
     return network

@@ -1,6 +1,7 @@
 """An orbital image from its file to the base layer, on ground whose true place is known."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,12 +16,13 @@ from solmap.flows.cli import app
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.workspace import Workspace
-from solmap.products.crs import local_crs
+from solmap.products.crs import local_crs, lon_lat
+from solmap.products.errors import ProductError
 from solmap.products.formats.raster.orthophoto import write_orthophoto
-from solmap.products.formats.raster.raster import write_dtm
-from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel
+from solmap.products.formats.raster.raster import read_dtm, write_dtm
+from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel, untied_map
 from solmap.tasks.mission.publish import publish
-from tests.support.orbital_scenes import scene
+from tests.support.orbital_scenes import enlarged, scene
 from tests.support.product_readers import read_orthophoto
 
 SITE = landing_site("MER2", Settings().landing_sites)
@@ -133,6 +135,70 @@ def test_images_of_elsewhere_and_no_images_end_with_one_line(hills, tmp_path, st
     ran = added(text, store)
     assert ran.exit_code == 1
     assert "notes.tif" in ran.output or "cannot be read" in ran.output
+
+
+def untied(store):
+    """The same ground on a map of site 10, which nothing ties to the lander."""
+    catalogue = store.catalogue
+    old = {layer.ref.kind: layer.ref for layer in catalogue.layers()}
+    ground = read_dtm(store.store.path(old[ProductKind.DTM]))
+    grid, brightness = read_orthophoto(store.store.path(old[ProductKind.ORTHOPHOTO]))
+    name = untied_map("MER2", 10)
+    site = landing_site(name, Settings().landing_sites)
+    crs, scope = local_crs(site.landing), old[ProductKind.DTM].scope
+    made = [
+        store.store.make(
+            Recipe(ProductKind.DTM, scope, params="untied"),
+            lambda path: write_dtm(path, ground, crs),
+        ),
+        store.store.make(
+            Recipe(ProductKind.ORTHOPHOTO, scope, params="untied"),
+            lambda path: write_orthophoto(path, grid, brightness, crs),
+        ),
+    ]
+    entry = MissionEntry(name, site.title, site.landing, None)
+    publish.fn(entry, [(ref, (155,)) for ref in made], (), (), store)
+    return name
+
+
+def test_an_image_finds_a_map_that_is_not_tied_to_the_lander(hills, tmp_path, store):
+    """Where the image has the ground, 200 m off where it is looked for."""
+    from solmap.flows.external_data import (  # noqa: PLC0415 - imports Prefect
+        OrbitalOptions,
+        add_orbital,
+        tie_by_image,
+    )
+    from solmap.tasks.mission.control import FrameParams  # noqa: PLC0415
+
+    name, far_m = untied(store), (820.0, -1530.0)
+    grid = hills.image.grid
+    file = tmp_path / "hirise.tif"
+    write_image(
+        file,
+        hills.image.brightness,
+        replace(grid, west=grid.west + far_m[0], north=grid.north + far_m[1]),
+    )
+    near = tuple(float(k[0]) for k in lon_lat(SITE.landing, far_m[0] - 150.0, far_m[1] + 130.0))
+    options = OrbitalOptions(control=FrameParams(shift_m=5.0), near_deg=near)
+    line, vectors = tie_by_image(file, name, store.store.root, options)
+    (solution,) = vectors.solutions
+    assert (vectors.mission, solution.counter, solution.reference_site) == ("MER2", (10,), 0)
+    # the image claims c + t of what lies at c, so the ground is there less its shift
+    turn = enlarged(hills.rotation_deg, hills.scale)
+    true = np.array(far_m) - np.linalg.solve(turn, [hills.east_m, hills.north_m])
+    north, east, down = solution.offset_m
+    assert np.hypot(*(np.array([east, north]) - true)) < 0.25
+    assert down == 0.0
+    assert solution.sigma_m == pytest.approx(5.0, abs=0.1)
+    assert "by hirise.tif" in line
+    refused = replace(options, near_deg=None, reach_m=10.0)
+    elsewhere = tmp_path / "noise.tif"
+    rng = np.random.default_rng(5)
+    write_image(elsewhere, 100 + 20 * rng.normal(size=grid.shape), grid)
+    with pytest.raises(ProductError, match=r"does not tell where MER2-ORIGIN10 lies.*--near"):
+        tie_by_image(elsewhere, name, store.store.root, refused)
+    with pytest.raises(ProductError, match=r"solmap orbital add IMAGE --mission MER2-ORIGIN10"):
+        add_orbital(file, name, store.store.root)
 
 
 def test_a_store_without_maps_asks_for_them(image, tmp_path):

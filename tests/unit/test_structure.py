@@ -63,7 +63,8 @@ def _declared(lines: list[str]) -> set[str]:
 def test_runtime_dependencies_are_what_production_code_imports():
     required = _declared(PROJECT["dependencies"])
     extras = PROJECT["optional-dependencies"]
-    optional = _declared([line for name in ("cluster", "draco") for line in extras.get(name, [])])
+    names = "cluster", "draco", "spice"
+    optional = _declared([line for name in names for line in extras.get(name, [])])
     imported = imported_distributions()
     assert imported - required - optional == set()
     assert required - imported == set()

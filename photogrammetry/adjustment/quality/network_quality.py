@@ -278,6 +278,7 @@ def control_quality(network: AdjustedNetwork) -> tuple[ControlQuality, ...]:
             one.control.stop,
             one.control.frame,
             one.used,
+            tuple(np.sqrt(np.diagonal(one.control.covariance)[:2]).tolist()),
             (float(one.residual[0]), float(one.residual[1])),
             one.test if np.isfinite(one.test) else None,
             one.redundancy,

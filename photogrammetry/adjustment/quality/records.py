@@ -138,6 +138,8 @@ class ControlQuality:
     frame: str
     used: bool
     """Or set aside as a blunder."""
+    sigma_m: tuple[float, float]
+    """Stated standard deviations beforehand, east and north."""
     residual_m: tuple[float, float]
     """Observed minus adjusted, east and north."""
     test: float | None

@@ -43,8 +43,9 @@ from solmap.photogrammetry.errors import VectorFileError
 from solmap.photogrammetry.frames import FrameKind, Pose, roll_pitch_yaw_of_rotation
 from solmap.photogrammetry.imagery import StopId
 
-LOCALISED = "localised"
-PRIORITY = (LOCALISED, "adjusted", "telemetry")
+LOCALISED, ORBITAL, SPICE = "localised", "orbital", "spice"
+"""Names of solutions: found by people, by an orbital image registered here, in SPICE kernels."""
+PRIORITY = (LOCALISED, ORBITAL, "adjusted", SPICE, "telemetry")
 """From the most to the least trusted."""
 MAX_TABLE = 1 << 26
 """Characters; rows are read one by one, and no more of them than `MAX_ROWS` are kept."""
@@ -120,26 +121,29 @@ def _of_row(row: Mapping[str, Any], where: str, solution_id: str) -> Solution | 
     if not (row["landing_x"] or "").strip():
         return None
     frame = (row["frame"] or "").strip().upper()
-    site, drive = _whole(row["site"], "site", where), _whole(row["drive"], "drive", where)
+    site, drive = (
+        whole_number(row["site"], "site", where),
+        whole_number(row["drive"], "drive", where),
+    )
     counter: tuple[int, ...] = (site,)
     kind = FrameKind.SITE
     if frame.startswith("ROVER"):
         kind, counter = FrameKind.ROVER, (site, drive, *_pose_counter(row, where))
     elif not frame.startswith("SITE"):
         raise VectorFileError(f"{where}: frame should be SITE or ROVER, but is {frame[:40]!a}")
-    offset_m = _numbers([row[key] for key in PLACES_COLUMNS[3:]], "landing_x, y, z", where)
+    offset_m = numbers_of([row[key] for key in PLACES_COLUMNS[3:]], "landing_x, y, z", where)
     given = [row.get(key) for key in QUATERNION]
     if kind is FrameKind.ROVER and not all((value or "").strip() for value in given):
         return None  # a position without attitude is no pose
     quaternion = (
-        _numbers(given, "quat_s, v1, v2, v3", where) if kind is FrameKind.ROVER else IDENTITY
+        numbers_of(given, "quat_s, v1, v2, v3", where) if kind is FrameKind.ROVER else IDENTITY
     )
     return _solution(solution_id, kind, counter, offset_m, quaternion, where)
 
 
 def _pose_counter(row: Mapping[str, Any], where: str) -> tuple[int, ...]:
     pose = (row.get("pose") or "").strip()
-    return (max(0, _whole(pose, "pose", where)),) if pose else ()
+    return (max(0, whole_number(pose, "pose", where)),) if pose else ()
 
 
 def parse_locations(
@@ -161,7 +165,7 @@ def parse_locations(
     origins = [place[1] for place in places if place[0][:2] == (0, 0)]
     if not origins:
         raise VectorFileError(f"{source}: no <location> of site 0, drive 0: where is the lander?")
-    ground_scale = np.cos(np.radians(_numbers([_lander_latitude(root)], "lat", source)[0]))
+    ground_scale = np.cos(np.radians(numbers_of([_lander_latitude(root)], "lat", source)[0]))
     solutions = []
     for (site, drive), map_m, quaternion in places:
         offset_m = (map_m - origins[0]) * [1.0, ground_scale, 1.0]
@@ -192,10 +196,13 @@ def _place(element: Element, source: str) -> tuple[tuple[int, int], np.ndarray, 
     def text(tag: str) -> str:
         return (element.findtext(tag) or "").strip()
 
-    site, drive = _whole(text("site"), "site", source), _whole(text("drive"), "drive", source)
+    site, drive = (
+        whole_number(text("site"), "site", source),
+        whole_number(text("drive"), "drive", source),
+    )
     where = f"{source}: site {site}, drive {drive}"
-    map_m = _numbers([text(tag) for tag in "xyz"], "x, y, z", where)
-    v1, v2, v3, s = _numbers(text("rot").split(",", 8)[:4] or [""], "rot", where, count=4)
+    map_m = numbers_of([text(tag) for tag in "xyz"], "x, y, z", where)
+    v1, v2, v3, s = numbers_of(text("rot").split(",", 8)[:4] or [""], "rot", where, count=4)
     return (site, drive), map_m, np.array([s, v1, v2, v3])
 
 
@@ -239,16 +246,26 @@ def _file(source: str, mission: str, solution_id: str, solutions: Sequence[Solut
     )
 
 
-def _whole(text: str | None, name: str, where: str) -> int:
+def whole_number(text: str | None, name: str, where: str) -> int:
+    """A cell of a table; `where` names it in complaints.
+
+    Raises:
+        VectorFileError: it is no whole number of at most nine digits.
+    """
     text = (text or "").strip()
     if not _WHOLE.fullmatch(text):
         raise VectorFileError(f"{where}: {name} should be a whole number, but is {text[:40]!a}")
     return int(text)
 
 
-def _numbers(
+def numbers_of(
     texts: Iterable[str | None], names: str, where: str, count: int | None = None
 ) -> np.ndarray:
+    """Cells of a table, `count` of them where that is given.
+
+    Raises:
+        VectorFileError: they are no finite numbers.
+    """
     given = [(text or "").strip() for text in texts]
     try:
         values = np.array([float(text) for text in given])

@@ -10,6 +10,9 @@ offset and orientation (quaternion, scalar first, frame into reference frame) in
         <offset x="..." y="..." z="..."/>  <orientation s="..." v1="..." v2="..." v3="..."/>
       </solution> ...
 
+Solutions that were taken from other sources also have sigma_m and sigma_deg, standard deviations
+of each coordinate and rotation; JPL's files have none.
+
 Of several solutions of a frame the first in the order of priority counts, of several at one rover
 stop the one with the highest motion counter, of equal ones the last added.
 
@@ -73,6 +76,10 @@ class Solution:
     quaternion: Quaternion
     added: str
     """When, as the file writes it (ISO, so that it sorts)."""
+    sigma_m: float | None = None
+    """Standard deviation of each coordinate of the offset, where one is stated."""
+    sigma_deg: float | None = None
+    """The same of each rotation."""
 
     @property
     def frame(self) -> Frame:
@@ -249,6 +256,8 @@ def _solution(element: ET.Element, source: str) -> Solution:
             _child(element, "orientation", source), ("s", "v1", "v2", "v3"), source
         ),
         added=element.get("add_date", ""),
+        sigma_m=_sigma(element, "sigma_m", source),
+        sigma_deg=_sigma(element, "sigma_deg", source),
     )
     check_pose(solution, source)
     return solution
@@ -319,6 +328,15 @@ def _numbers(element: ET.Element, names: Iterable[str], source: str) -> np.ndarr
     return np.array(values)
 
 
+def _sigma(element: ET.Element, name: str, source: str) -> float | None:
+    if element.get(name) is None:
+        return None
+    sigma = float(_numbers(element, [name], source)[0])
+    if not sigma > 0:
+        raise VectorFileError(f"{source}: {name} of {_tag(element)} should be more than 0")
+    return sigma
+
+
 def _tag(element: ET.Element) -> str:
     index = "".join(f" {name}={element.get(name)}" for name in ("name", "index1", "index2")
                     if element.get(name) is not None)  # fmt: skip
@@ -348,9 +366,11 @@ def _solution_text(one: Solution, number: Digits) -> str:
     turn = zip(("s", "v1", "v2", "v3"), one.quaternion, strict=True)
     attitude = " ".join(f'{axis}="{number(v)}"' for axis, v in turn)
     added = f'add_date="{one.added}" ' if one.added else ""
+    sigmas = (("sigma_m", one.sigma_m), ("sigma_deg", one.sigma_deg))
+    known = "".join(f'{name}="{value!r}" ' for name, value in sigmas if value is not None)
     head = f'solution_id="{one.solution_id}" name="{FRAME_NAMES[one.kind]}"'
     return (
-        f" <solution {head} {added}{index}>\n"
+        f" <solution {head} {added}{known}{index}>\n"
         f'  <reference_frame name="SITE_FRAME" index1="{one.reference_site}"/>\n'
         f"  <offset {place}/>\n  <orientation {attitude}/>\n </solution>\n"
     )

@@ -298,6 +298,8 @@ VISIBILITY_CLASSES = (
 )
 
 
+_PLANE = "+proj=eqc +R=3396190 +units=m +no_defs"
+"""Any plane in metres: rasters in the same engineering CRS are not transformed."""
 MOST_CELLS = 100_000_000
 """Of an image that is read whole: 10,000 x 10,000."""
 
@@ -312,7 +314,8 @@ def bounds_on_map(path: Path, crs: CRS) -> tuple[Bounds, float]:
         if dataset.crs is None:
             raise ProductError(f"{path.name} has no CRS: georeference it, or give control points")
         try:
-            bounds = transform_bounds(dataset.crs, crs.to_wkt(), *dataset.bounds, densify_pts=21)
+            source, target = _crs_of(dataset, crs)
+            bounds = transform_bounds(source, target, *dataset.bounds, densify_pts=21)
         except (CRSError, RasterioError) as error:
             raise ProductError(f"{path.name} is not on this map: {error}") from error
         if not np.isfinite(bounds).all():
@@ -320,6 +323,18 @@ def bounds_on_map(path: Path, crs: CRS) -> tuple[Bounds, float]:
         width_m = (bounds[2] - bounds[0]) / dataset.width
         height_m = (bounds[3] - bounds[1]) / dataset.height
     return bounds, float(np.sqrt(width_m * height_m))
+
+
+def _crs_of(dataset: rasterio.DatasetReader, crs: CRS) -> tuple[str, str]:
+    """The CRS of a raster and a map, as PROJ takes them.
+
+    It knows no operation from an engineering CRS to itself: a raster that is on an untied map stays
+    where it is.
+    """
+    own = dataset.crs.to_wkt()
+    if crs.is_engineering and own.startswith(f'LOCAL_CS["{crs.name}"'):
+        return _PLANE, _PLANE
+    return own, crs.to_wkt()
 
 
 def read_onto_grid(path: Path, grid: MapGrid, crs: CRS) -> Raster:
@@ -337,15 +352,16 @@ def read_onto_grid(path: Path, grid: MapGrid, crs: CRS) -> Raster:
     with open_raster(path) as dataset:
         finer = abs(dataset.transform.a) < grid.cell_m / 1.5
         try:
+            source, target = _crs_of(dataset, crs)
             values = dataset.read(1, masked=True).astype(np.float32).filled(np.nan)
             reproject(
                 values,
                 out,
                 src_transform=dataset.transform,
-                src_crs=dataset.crs,
+                src_crs=source,
                 src_nodata=np.nan,
                 dst_transform=transform,
-                dst_crs=crs.to_wkt(),
+                dst_crs=target,
                 dst_nodata=np.nan,
                 resampling=Resampling.average if finer else Resampling.cubic,
             )

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file, vector_text
 from solmap.products.catalogue import images as labels
+from solmap.products.catalogue.edits import EditKind, EditLog
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import untied_map
 from tests.support.hostile_files import label_with
@@ -120,3 +123,51 @@ def test_an_image_that_cannot_be_read_is_named_and_left_out(tmp_path, downlink, 
     assert inputs.unread[broken.id].startswith("LabelError: ")
     assert len(inputs.images) == 5
     assert len(inputs.telemetry.stops) == 3
+
+
+def moved(svf: bytes) -> bytes:
+    """A site vector file that has site 10 elsewhere."""
+    file = parse_vector_file(svf.decode(), "master.svf")
+    solutions = [
+        replace(one, offset_m=np.array([100.0, 50.0, 1.0])) if one.counter == (10,) else one
+        for one in file.solutions
+    ]
+    return vector_text(replace(file, solutions=tuple(solutions))).encode()
+
+
+def test_what_people_wrote_on_a_map_moves_with_it_to_mars(tmp_path, downlink):
+    from solmap.flows.sol_inputs import assign_maps, read_map  # noqa: PLC0415 - imports Prefect
+
+    workspace = Workspace.open(tmp_path / "store")
+    true = files_of(downlink)
+    vectors = {name: moved(data) for name, data in true.items() if name.endswith("svf")}
+    take({k: v for k, v in true.items() if not k.endswith("vf")}, tmp_path / "images", workspace)
+    old = untied_map("MER2", 10)
+    assert old in assign_maps("MER2", workspace)
+    before = read_map(old, workspace).telemetry.stops[0].lsl_from_rover.translation_m
+    edits = EditLog.of(workspace.store.root)
+    ring = [[1.0, 2.0], [3.0, 2.0], [3.0, 4.0], [1.0, 2.0]]
+    rock = {"type": "Point", "coordinates": [5.0, 7.0, 0.5]}
+    edits.append(old, EditKind.ANNOTATION, {"geometry": rock, "text": "rock"}, "ann", "look")
+    area = {"type": "Polygon", "coordinates": [ring]}
+    edits.append(old, EditKind.ANNOTATION, {"geometry": area, "text": "area"}, "ben")
+    gone = edits.append(old, EditKind.ANNOTATION, {"geometry": rock, "text": "slip"}, "ben")
+    edits.undo(old, gone.id, "ben")
+    edits.append(old, EditKind.TIE, {"action": "veto"}, "ann")
+    take(vectors, tmp_path / "vectors", workspace)
+    for _ in range(2):
+        assert assign_maps("MER2", workspace) == ["MER2"]
+    after = read_map("MER2", workspace).telemetry.stops[0].lsl_from_rover.translation_m
+    north, east, down = after - before
+    assert (north, east, down) == pytest.approx((100.0, 50.0, 1.0))
+    assert [edit.counts for edit in edits.edits(old) if edit.kind is not EditKind.UNDO] == [
+        False
+    ] * 4
+    rock, area = edits.effective(EditKind.ANNOTATION, "MER2")
+    assert (rock.document["text"], rock.author, rock.note) == ("rock", "ann", "look")
+    places = [rock.document["geometry"]["coordinates"][:2]]
+    places += area.document["geometry"]["coordinates"][0]
+    np.testing.assert_allclose(np.array(places) - [east, north], [[5.0, 7.0], *ring])
+    assert rock.document["geometry"]["coordinates"][2] == pytest.approx(0.5 - down)
+    (tie,) = edits.effective(EditKind.TIE, "MER2")
+    assert tie.document == {"action": "veto"}

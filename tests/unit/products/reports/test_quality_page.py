@@ -69,6 +69,8 @@ def test_control_stands_in_the_report_with_the_wrong_one_named(network):
     frame = replace(frame, place=orbit.place)  # well known, so that three places check each other
     page, _ = page_of(with_control(network, [frame], control, AdjustmentParams()))
     section = page.split("<h2>Control</h2>")[1].split("<h2>")[0]
+    east_m, north_m = np.sqrt(np.diagonal(wrong.covariance)[:2])
+    assert f"{east_m:.2f}, {north_m:.2f}" in section
     assert section.count("set aside: off by +8.") + section.count("set aside: off by +7.") == 1
     assert f"<b>{wrong.stop} in orbit</b>: its place was set aside" in page
     assert "control: its place in orbit" in page.split("<h2>Stops</h2>")[1]

@@ -1,0 +1,242 @@
+"""Poses of stops by other sources than labels: files that people name, and what is kept of them.
+
+PLACES tables, location files, vector files, poses CSV and SPICE kernels become vector files in the
+store, one a file, with a standard deviation of every pose; the file taken last under a name counts.
+Images whose labels lack the attitude of the rover are taken with the one that is stated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from solmap.photogrammetry.archive.images.json_metadata import with_attitude
+from solmap.photogrammetry.archive.images.record_json import START as RECORD
+from solmap.photogrammetry.archive.labels.detached import (
+    LabelKind,
+    decode_label,
+    join_label,
+    kind_of_label,
+    split_label,
+)
+from solmap.photogrammetry.archive.missions import mission_id
+from solmap.photogrammetry.archive.tables.places import (
+    LOCALISED,
+    PRIORITY,
+    SPICE,
+    parse_localisations,
+)
+from solmap.photogrammetry.archive.tables.pose_table import PoseRow, is_pose_table, parse_poses
+from solmap.photogrammetry.archive.tables.spice_kernels import SUFFIXES, Kernels, open_kernels
+from solmap.photogrammetry.archive.tables.vector_files import (
+    Solution,
+    VectorFile,
+    check_pose,
+    parse_vector_file,
+    ranked,
+    vector_text,
+)
+from solmap.photogrammetry.arrays import Quaternion
+from solmap.photogrammetry.errors import VectorFileError
+from solmap.photogrammetry.frames import FrameKind
+from solmap.photogrammetry.imagery import RoverImage, StopId
+from solmap.products.catalogue.catalogue import ImageEntry, Outcome
+from solmap.products.catalogue.images import image_record
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.model import ProductKind, ProductRef
+from solmap.products.store.user_files import MAX_ROWS_BYTES, read_user_file
+from solmap.tasks.images.files import keep_file
+from solmap.tasks.images.telemetry import read_vector_file
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Table:
+    """A file that was read, and when it was written."""
+
+    name: str
+    written: str
+    """UTC, ISO 8601."""
+    stated: VectorFile | None = None
+    """Its mission is empty where the file does not say."""
+    rows: tuple[PoseRow, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseSources:
+    """Files with poses, read; kernels are loaded."""
+
+    tables: tuple[_Table, ...] = ()
+    kernels: Kernels | None = None
+    others: tuple[VectorFile, ...] = ()
+    """Vector files that were delivered, of any mission."""
+
+    @property
+    def names(self) -> str:
+        """The names of the files, with commas between."""
+        kernels = [self.kernels.names] if self.kernels else []
+        return ", ".join([*(table.name for table in self.tables), *kernels])
+
+    @property
+    def missions(self) -> tuple[str, ...]:
+        """Those that the files name, if all of them name one."""
+        named = [mission_id(table.stated.mission) for table in self.tables if table.stated]
+        is_all = len(named) == len(self.tables) and not self.kernels
+        return tuple(dict.fromkeys(named)) if is_all and all(named) else ()
+
+    def beside(self, vectors: Iterable[ProductRef], workspace: Workspace) -> PoseSources:
+        """These, and vector files: some that were just delivered, and those in the catalogue."""
+        refs = [*vectors, *workspace.catalogue.pointers(ProductKind.VECTORS)]
+        found: list[VectorFile] = []
+        for ref in dict.fromkeys(ref for ref in refs if ref.kind is ProductKind.VECTORS):
+            with suppress(VectorFileError):  # an earlier version took it
+                found.append(read_vector_file(ref, workspace))
+        return replace(self, others=tuple(found))
+
+    def with_attitude(self, data: bytes, name: str) -> bytes:
+        """An image with the attitude that is stated here, where its metadata lack one.
+
+        Raises:
+            LabelError: its metadata are broken.
+            VectorFileError: SPICE kernels that are needed are missing.
+        """
+        label, picture = split_label(data, name)
+        text = "" if label is None else decode_label(label)
+        if not text or text.startswith(RECORD) or kind_of_label(text) is not LabelKind.METADATA:
+            return data
+        stated = with_attitude(text, name, self._attitude_of)
+        return data if stated is text else join_label(stated.encode(), picture, name)
+
+    def _attitude_of(self, image: RoverImage) -> Quaternion | None:
+        """What is stated of the rover at an image: rover into north, east, down."""
+        stop = image.stop
+        for row in (row for table in self.tables for row in table.rows):
+            is_here = (row.site, row.drive) == (stop.site, stop.drive) or row.image == image.id
+            if is_here and row.quaternion is not None:
+                return row.quaternion
+        stated = [table.stated for table in self.tables if table.stated]
+        others = [file for file in self.others if mission_id(file.mission) == stop.mission]
+        for one in (*ranked(stated), *ranked(others)):
+            if one.frame == stop.frame:
+                return one.quaternion
+        found = self.kernels.pose(stop.mission, image.clock) if self.kernels else None
+        return found[0] if found else None
+
+
+@contextmanager
+def open_pose_sources(files: Sequence[Path]) -> Iterator[PoseSources]:
+    """Read files with poses, of any kind.
+
+    Raises:
+        VectorFileError: one is none of them, or a row of it is broken.
+        OSError: one cannot be read.
+    """
+    kernels = [file for file in files if file.suffix.lower() in SUFFIXES]
+    with ExitStack() as opened:
+        loaded = opened.enter_context(open_kernels(kernels)) if kernels else None
+        tables = [_read(file) for file in files if file not in kernels]
+        yield PoseSources(tuple(tables), loaded)
+
+
+def _read(file: Path) -> _Table:
+    text = read_user_file(file, most_bytes=MAX_ROWS_BYTES).decode("utf-8", "replace")
+    written = datetime.fromtimestamp(file.stat().st_mtime, UTC).isoformat(timespec="seconds")
+    if "<rmc_file" in text:
+        return _Table(file.name, written, parse_vector_file(text, file.name))
+    if is_pose_table(text):
+        return _Table(file.name, written, rows=parse_poses(text, file.name))
+    return _Table(file.name, written, parse_localisations(text, file.name, mission=""))
+
+
+def take_poses(sources: PoseSources, mission: str, workspace: Workspace) -> list[str]:
+    """Keep what the sources state of a mission's stops; a line on each of them.
+
+    Raises:
+        VectorFileError: a pose cannot be true.
+    """
+    first: dict[StopId, ImageEntry] = {}
+    for entry in sorted(workspace.catalogue.images(), key=lambda entry: (entry.sol, entry.id)):
+        if entry.stop_id.mission == mission:
+            first.setdefault(entry.stop_id, entry)
+    lines: list[str] = []
+    for table in sources.tables:
+        taken, notes = table.stated, list[str]()
+        if table.rows:
+            taken, notes = _of_rows(table, mission, first, workspace)
+        if taken is not None:
+            lines.append(_keep(replace(taken, mission=taken.mission or mission), workspace))
+        lines += notes
+    if sources.kernels is not None:
+        lines.append(_take_kernels(sources.kernels, mission, first, workspace))
+    return lines
+
+
+def _keep(file: VectorFile, workspace: Workspace) -> str:
+    ref = keep_file(ProductKind.VECTORS, file.source, vector_text(file).encode(), workspace.store)
+    line = f"{file.source}: {len(file.solutions)} sites and stops; the next run places maps by them"
+    workspace.catalogue.publish(pointers=[ref], outcomes=[Outcome.now(file.source, (line,))])
+    return line
+
+
+def _of_rows(
+    table: _Table,
+    mission: str,
+    first: Mapping[StopId, ImageEntry],
+    workspace: Workspace,
+) -> tuple[VectorFile | None, list[str]]:
+    """The rows of a poses CSV as a vector file, and a line on each that has to be left out."""
+    solutions, notes = [], []
+    stops = {entry.id: entry.stop_id for entry in workspace.catalogue.images()}
+    for row in table.rows:
+        if row.site is not None and row.drive is not None:
+            stop: StopId | None = StopId(mission, row.site, row.drive)
+        else:
+            stop = stops.get(row.image or "")
+        if stop is None or (row.quaternion is None and stop not in first):
+            what = row.image if stop is None else str(stop)
+            notes.append(
+                f"{row.where}: no image {'' if stop is None else 'of '}{what} is in the store; "
+                f"`solmap run FOLDER --places {table.name}` takes both"
+            )
+            continue
+        quaternion = row.quaternion
+        if quaternion is None:
+            quaternion = image_record(first[stop], workspace).site_from_rover.quaternion
+        solution = Solution(
+            LOCALISED,
+            FrameKind.ROVER,
+            (stop.site, stop.drive),
+            stop.site if row.reference_site is None else row.reference_site,
+            row.position_m,
+            quaternion,
+            table.written,
+            row.sigma_m,
+            row.sigma_deg,
+        )
+        check_pose(solution, row.where)
+        solutions.append(solution)
+    if not solutions:
+        return None, notes
+    return VectorFile(table.name, mission, "rvf", PRIORITY, tuple(solutions)), notes
+
+
+def _take_kernels(
+    kernels: Kernels, mission: str, first: Mapping[StopId, ImageEntry], workspace: Workspace
+) -> str:
+    """Keep the poses that SPICE kernels have at the first image of every stop."""
+    solutions = []
+    for stop, entry in first.items():
+        found = kernels.pose(mission, image_record(entry, workspace).clock)
+        if found is not None:
+            quaternion, place_m = found
+            counter = (stop.site, stop.drive)
+            solutions.append(Solution(SPICE, FrameKind.ROVER, counter, 0, place_m, quaternion, ""))
+            check_pose(solutions[-1], kernels.names)
+    if not solutions:
+        raise VectorFileError(
+            f"{kernels.names}: they cover none of the {len(first)} stops of {mission} in the store"
+        )
+    name = f"{SPICE}-{mission.lower()}"
+    return _keep(VectorFile(name, mission, "rvf", PRIORITY, tuple(solutions)), workspace)

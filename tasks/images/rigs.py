@@ -1,0 +1,123 @@
+"""Pictures of an own stereo rig in a delivery: a folder with a `rig.toml` (`archive.rig`).
+
+A picture becomes an image of the store with its record as its label, camera and pose included, so
+that all later steps read it like any other image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path, PurePosixPath
+
+from solmap.photogrammetry.archive.images.record_json import label_of_text, text_of_label
+from solmap.photogrammetry.archive.labels.detached import join_label, split_label
+from solmap.photogrammetry.archive.rig import POSES_FILE, RIG_FILE, RigShot, read_rig, rig_shots
+from solmap.photogrammetry.archive.tables.pose_table import parse_poses
+from solmap.photogrammetry.errors import LabelError, PhotogrammetryError
+from solmap.products.store.user_files import MAX_ROWS_BYTES, plain_name, read_user_file, reason_of
+from solmap.tasks.images.folders import PICTURE_SUFFIXES
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigPictures:
+    """The pictures of all rigs in a delivery."""
+
+    shots: dict[Path, tuple[RigShot, str]] = field(default_factory=dict)
+    """What is known of each but its size, and when its calibration or poses were written last."""
+    faults: dict[Path, str] = field(default_factory=dict)
+    """Pictures that cannot be taken and files of rigs that cannot be used, and why."""
+    unusable: set[Path] = field(default_factory=set)
+    """Pictures of rigs whose own file is at fault, which says it once for all of them."""
+
+
+def rig_pictures(files: Sequence[Path], downlink: Path) -> RigPictures:
+    """The pictures among the files of a delivery that lie with or below a `rig.toml`."""
+    found = RigPictures()
+    by_folder: dict[Path, list[Path]] = {}
+    for file in files:
+        folder = _rig_folder(file, downlink)
+        if folder is not None:
+            by_folder.setdefault(folder, []).append(file)
+    for folder, pictures in by_folder.items():
+        _add_folder(folder, pictures, downlink, found)
+    return found
+
+
+def rig_image_bytes(
+    shot: RigShot, created: str, picture: bytes, name: str, kept: bytes | None
+) -> bytes:
+    """A picture joined to its record, which is its label.
+
+    Args:
+        shot: What is known of it.
+        created: When its calibration or poses were written last.
+        picture: The file.
+        name: Its name, for complaints.
+        kept: The image as it is in the store already; where nothing but the date differs, it stays.
+    """
+    record = shot.record(picture, name, created)
+    if kept is not None:
+        label, pixels = split_label(kept, name)
+        before = None if label is None else label_of_text(label.decode(), name)
+        if before is not None and pixels == picture:
+            same = replace(record, created=before.created)
+            record = same if text_of_label(same) == text_of_label(before) else record
+    return join_label(text_of_label(record).encode(), picture, name)
+
+
+def _rig_folder(file: Path, downlink: Path) -> Path | None:
+    """The nearest folder of a picture that has a `rig.toml`, not above the delivery's."""
+    if file.suffix.lower() not in PICTURE_SUFFIXES:
+        return None
+    for folder in file.parents:
+        if not folder.is_relative_to(downlink):
+            return None
+        if (folder / RIG_FILE).is_file():
+            return folder
+    return None
+
+
+def _add_folder(folder: Path, pictures: Sequence[Path], downlink: Path, found: RigPictures) -> None:
+    """Add the pictures of one rig to those found."""
+    rig_file = folder / RIG_FILE
+    read: list[Path] = []
+
+    def text_of(name: str) -> str:
+        path = folder / name
+        read.append(path)
+        return _text_of(path, name, downlink)
+
+    names = {picture.relative_to(folder).as_posix(): picture for picture in pictures}
+    try:
+        rig = read_rig(text_of(RIG_FILE), RIG_FILE, text_of)
+        poses_file = rig.poses or (POSES_FILE if (folder / POSES_FILE).is_file() else None)
+        poses = None if poses_file is None else parse_poses(text_of(poses_file), poses_file)
+        shots, faults = rig_shots(rig, list(names), poses)
+    except PhotogrammetryError as error:
+        found.faults[rig_file] = str(error)
+        found.unusable.update(pictures)
+        return
+    latest = max(path.stat().st_mtime for path in read)
+    created = datetime.fromtimestamp(latest, UTC).isoformat(timespec="seconds")
+    found.shots.update({names[name]: (shot, created) for name, shot in shots.items()})
+    found.faults.update({names[name]: why for name, why in faults.items()})
+
+
+def _text_of(path: Path, name: str, downlink: Path) -> str:
+    """The text of a file that a rig is described by.
+
+    Raises:
+        LabelError: it lies elsewhere, or cannot be read.
+    """
+    place = PurePosixPath(name)
+    if place.is_absolute() or ".." in place.parts:
+        raise LabelError(f"{plain_name(name)} should lie with {RIG_FILE} or below it")
+    try:
+        data = read_user_file(path, downlink, most_bytes=MAX_ROWS_BYTES)
+    except OSError as error:
+        raise LabelError(
+            f"{plain_name(name)} cannot be read: {reason_of(error)}; it should lie with {RIG_FILE}"
+        ) from error
+    return data.decode("utf-8", "replace")
