@@ -166,6 +166,25 @@ def test_the_store_of_the_environment_is_used(store, monkeypatch):
     assert "solmap-store is no store" in CLI.invoke(app, ["positions"]).stderr
 
 
+def test_files_of_poses_are_checked_before_the_engine_starts(tmp_path):
+    ended = CLI.invoke(app, ["run"])
+    assert ended.exit_code == 1
+    assert "name the folder that the downlink's files lie in" in ended.stderr
+    file = tmp_path / "notes.csv"
+    where = ["--store", str(tmp_path / "store")]
+    ended = CLI.invoke(app, ["run", "--places", str(file), *where])
+    assert "notes.csv is not there" in ended.stderr
+    file.write_text("site,drive,x_m,y_m,z_m\n1,2,0,0,north\n")
+    ended = CLI.invoke(app, ["run", "--places", str(file), *where])
+    assert ended.exit_code == 1
+    assert "notes.csv, row 1: x_m, y_m, z_m should be numbers" in ended.stderr
+    file.write_text("site,drive,x_m,y_m,z_m\n1,2,0,0,0\n")
+    ended = CLI.invoke(app, ["run", "--places", str(file), *where])
+    assert ended.exit_code == 1
+    assert "store" in ended.stderr
+    assert not (tmp_path / "store").exists()
+
+
 def test_a_folder_without_images_is_refused_before_the_engine_starts(tmp_path):
     (tmp_path / "empty" / "below").mkdir(parents=True)
     (tmp_path / "empty" / "notes.txt").touch()
