@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from solmap.config.records import ConfigError, read_toml, record_of
-from solmap.products.crs import LandingPoint
+from solmap.products.crs import LandingPoint, nowhere
 from solmap.products.model import mission_of, origin_of
 
 SHIPPED = Path(__file__).parent / "landing_sites.toml"
@@ -44,8 +44,10 @@ def landing_sites(path: Path = SHIPPED) -> dict[str, LandingSite]:
 def landing_site(mission: str, path: Path = SHIPPED) -> LandingSite:
     """The landing site of one mission, or where a map of it lies that is not tied to the lander.
 
+    A mission without a table, such as an own stereo rig, is mapped in a frame of its own.
+
     Raises:
-        ConfigError: the file has no table for it.
+        ConfigError: the file cannot be read, or is none of landing sites.
     """
     origin = origin_of(mission)
     if origin:
@@ -57,8 +59,5 @@ def landing_site(mission: str, path: Path = SHIPPED) -> LandingSite:
 
     sites, mission = landing_sites(path), mission_id(mission)
     if mission not in sites:
-        raise ConfigError(
-            f"{path} has no landing point for mission {mission}; add a table [{mission}] with "
-            "name, longitude, latitude, radius_m and source"
-        )
+        return LandingSite(mission, nowhere(f"{path.name} has no table [{mission}]"))
     return sites[mission]

@@ -147,7 +147,8 @@ def _surfaces(
     with keep_going(failed, f"relief of {dtm.scope}"):
         made += map_relief(dtm, config.slope, landing, store)
     with keep_going(failed, f"insolation of {dtm.scope}"):
-        made += map_insolation(dtm, config.insolation, config.havens, landing, store)
+        if landing.is_on_mars:  # the sun of Mars shines nowhere else
+            made += map_insolation(dtm, config.insolation, config.havens, landing, store)
     with keep_going(failed, f"hazard of {dtm.scope}"):
         made.append(map_hazards(dtm, config.hazard, landing, store))
     return made

@@ -134,10 +134,16 @@ def submit_suitability(
     """What the ground means to a rover on it: for terrain models as fine as a rover feels."""
     return {
         "relief": map_relief.submit(terrain, config.slope, landing, store),
-        "insolation": map_insolation.submit(
-            terrain, config.insolation, config.havens, landing, store
-        ),
         "hazard": map_hazards.submit(terrain, config.hazard, landing, store),
+        **(
+            {
+                "insolation": map_insolation.submit(
+                    terrain, config.insolation, config.havens, landing, store
+                )
+            }
+            if landing.is_on_mars  # the sun of Mars shines nowhere else
+            else {}
+        ),
     }
 
 

@@ -10,6 +10,7 @@ from solmap.flows.runtime.failures import keep_going, wait_for
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol_inputs import SolInputs
 from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
+from solmap.photogrammetry.archive.rig import INSTRUMENT
 from solmap.photogrammetry.imagery import StopId
 from solmap.products.formats.documents.rig import PairRows, RigProduct, read_pair_rows, read_rig
 from solmap.products.model import ProductRef
@@ -158,6 +159,10 @@ def _notes(rows: Mapping[str, PairRows], rig: ProductRef | None, inputs: SolInpu
         f"is turned as they ask for ({one.summary})"
         for pair, one in rows.items()
         if pair in own and turn_of_pair(one, known)[1]
+    ] + [
+        f"{pair}: {one.summary}; calibrate the rig anew"
+        for pair, one in rows.items()
+        if pair in own and one.rows is None and one.instrument == INSTRUMENT
     ]
 
 

@@ -22,7 +22,8 @@ Height is no part of this CRS: it is metres above the tangent plane at the landi
 leaves the sphere by d²/2R (0.15 m at 1 km, 3.7 m at 5 km). A point 100 m above the plane is seen
 15 cm away at 7 km; rasters and vectors share that shift, so they stay aligned.
 
-The map of sites that nothing ties to the lander lies nowhere on Mars: its CRS is an engineering CRS
+The map of sites that nothing ties to the lander lies nowhere on Mars, and that of an own stereo rig
+on no known body: its CRS is an engineering CRS
 in metres east and north of its origin, with a name that says so, and its places have no longitude
 and latitude (NaN).
 """
@@ -60,7 +61,7 @@ class LandingPoint:
     latitude: float
     """Degrees, planetocentric."""
     radius_m: float
-    """Distance of the ground from the centre of Mars, metres."""
+    """Distance of the ground from the centre of Mars, metres; 0 where it is on no known body."""
     source: str
     sigma_m: float = 0.0
     """Standard deviation of its place on Mars, of each coordinate."""
@@ -74,7 +75,7 @@ class LandingPoint:
                 f"the landing point {self.name} at longitude {self.longitude}, latitude "
                 f"{self.latitude} is not on a globe; degrees east and planetocentric are expected"
             )
-        if not _POLAR_RADIUS_M < self.radius_m < _HIGHEST_RADIUS_M:
+        if self.is_on_mars and not _POLAR_RADIUS_M < self.radius_m < _HIGHEST_RADIUS_M:
             raise ProductError(
                 f"the landing point {self.name} lies {self.radius_m} m from the centre of Mars, "
                 f"where no ground is; metres near {IAU_RADIUS_M} are expected"
@@ -82,10 +83,21 @@ class LandingPoint:
         if not self.name.strip() or '"' in self.name:
             raise ProductError(f"{self.name!r} cannot name a coordinate system")
 
+    @property
+    def is_on_mars(self) -> bool:
+        """Whether the mission is on Mars: maps of an own stereo rig are on no known body."""
+        return not (self.origin and self.radius_m == 0.0)
+
     def untied(self, origin: str) -> LandingPoint:
         """The origin of a map of the same mission that is not tied to the lander."""
-        name = f"{_ORIGIN}{origin}, not tied to the lander"
+        name = f"{_ORIGIN}{origin}, not tied to {'the lander' if self.is_on_mars else 'site 0'}"
         return replace(self, name=name, source=f"{self.name} is not reached", origin=origin)
+
+
+def nowhere(source: str) -> LandingPoint:
+    """The origin of a map that is on no known body: site 0 of an own stereo rig."""
+    name = f"{_ORIGIN}site 0, not tied to a planet"
+    return LandingPoint(name, 0.0, 0.0, 0.0, source, origin="site 0")
 
 
 def mars_crs(definition: str) -> CRS:

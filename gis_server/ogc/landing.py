@@ -44,8 +44,9 @@ def landing(
         link("conformance", f"{base}/conformance", JSON, "Conformance classes"),
         *(one for part in _PARTS for one in part.landing_links(base)),
     ]
+    where = " on Mars," if entry.landing.is_on_mars else ""
     description = (
-        f"Maps made from the stereo images of {entry.title}. Places are on Mars, relative to "
+        f"Maps made from the stereo images of {entry.title}. Places are{where} relative to "
         f"{entry.landing.name}: {entry.landing.source}."
     )
     if form_of(request, f) is Format.HTML:

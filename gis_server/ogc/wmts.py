@@ -73,7 +73,8 @@ def capabilities(mission: MissionEntry, layers: Iterable[Layer], base: str) -> b
     root = ET.Element(f"{{{_WMTS}}}Capabilities", version="1.0.0")
     service = ET.SubElement(root, f"{{{_OWS}}}ServiceIdentification")
     _ows(service, "Title", f"Maps of {mission.title}")
-    _ows(service, "Abstract", f"Mars, metres east and north of {mission.landing.name}")
+    body = "Mars, metres" if mission.landing.is_on_mars else "Metres"
+    _ows(service, "Abstract", f"{body} east and north of {mission.landing.name}")
     _ows(service, "ServiceType", "OGC WMTS")
     _ows(service, "ServiceTypeVersion", "1.0.0")
     _operations(root, f"{base}/wmts")

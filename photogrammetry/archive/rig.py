@@ -71,7 +71,7 @@ _EYE = ("images", "calibration", *_LENS, *_PLACE)
 _RIG = ("mission", "sol", "site", "poses", "calibration", "mount", "left", "right")
 SECONDS_APART = 10.0
 """Between the clocks of pairs, which nobody states: more than images of one exposure may differ."""
-OFF_MIDDLE = 0.25
+OFF_MIDDLE = 0.15
 """Share of its size that the principal point may lie off the middle of an image."""
 
 

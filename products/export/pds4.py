@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
+from solmap.photogrammetry.archive.missions import mission_of_host
 from solmap.photogrammetry.imagery import RoverImage
 
 _NAMESPACE = "http://pds.nasa.gov/pds4/pds/v1"
@@ -91,7 +92,9 @@ def _observation(root: Element, image: RoverImage) -> None:
     )
     system = _add(_add(area, "Observing_System"), "Observing_System_Component")
     _add_texts(system, (("name", f"{image.instrument} {image.eye}"), ("type", "Instrument")))
-    _add_texts(_add(area, "Target_Identification"), (("name", "Mars"), ("type", "Planet")))
+    is_on_mars = mission_of_host(image.stop.mission) is not None
+    target = ("Mars", "Planet") if is_on_mars else ("Unknown", "Laboratory Analog")
+    _add_texts(_add(area, "Target_Identification"), zip(("name", "type"), target, strict=True))
 
 
 def _reference(parent: Element, identifier: str, what: str) -> None:

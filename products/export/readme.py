@@ -44,7 +44,7 @@ def readme_text(
         names: Of all files of the export.
     """
     lines = [
-        "# Maps from the stereo images of Mars rovers",
+        "# Maps from the stereo images of rovers",
         "",
         f"Made with {SOFTWARE}. `sha256sum --check SHA256SUMS` tells whether all files are as they "
         "were exported.",
@@ -67,7 +67,7 @@ def _about(entry: MissionEntry) -> Iterator[str]:
     yield f"## {entry.title} ({entry.mission})"
     yield ""
     if landing.origin:
-        yield f"**Origin: {landing.origin}, not tied to the lander.** Where the map lies on Mars"
+        yield f"**{landing.name[0].upper()}{landing.name[1:]}.** Where the map lies"
         yield "is not known; coordinates are metres east, north and up from its origin."
     else:
         yield f"Coordinates are metres east and north of {landing.name} (longitude "

@@ -97,10 +97,10 @@ def item_of(
             "mission": layer.mission,
             **({"gsd": layer.cell_m} if layer.cell_m else {}),
             **({"description": mission.landing.name} if mission.landing.origin else {}),
-            **ON_MARS,
+            **(ON_MARS if mission.landing.is_on_mars else {}),
             **_processing(provenance, store, layer),
         },
-        stac_extensions=[PROCESSING, SOLAR_SYSTEM],
+        stac_extensions=[PROCESSING, *([SOLAR_SYSTEM] if mission.landing.is_on_mars else [])],
         collection=mission.mission,
     )
     _add_assets(item, layer)
@@ -241,7 +241,7 @@ def write_catalogue(
 
 def catalogue_document(missions: Sequence[MissionEntry]) -> dict[str, Any]:
     """The catalogue of all missions, `catalog.json`, as plain JSON."""
-    catalogue = pystac.Catalog("solmap", "Maps made from the stereo images of Mars rovers")
+    catalogue = pystac.Catalog("solmap", "Maps made from the stereo images of rovers")
     catalogue.clear_links()
     catalogue.add_link(_link("root", "catalog.json"))
     for mission in missions:
@@ -270,6 +270,7 @@ def _collection(
     extent = union(degrees(bounds, mission.landing) for bounds in filled)
     if mission.landing.origin:
         extent = _SOMEWHERE
+    is_on_mars = mission.landing.is_on_mars
     collection = pystac.Collection(
         id=mission.mission,
         title=mission.title,
@@ -280,9 +281,9 @@ def _collection(
             pystac.TemporalExtent([[taken.first, taken.last]]),
         ),
         license="other",
-        keywords=["Mars", "rover", "stereo", "terrain"],
-        stac_extensions=[SOLAR_SYSTEM],
-        extra_fields=dict(ON_MARS),
+        keywords=[*(["Mars"] if is_on_mars else []), "rover", "stereo", "terrain"],
+        stac_extensions=[SOLAR_SYSTEM] if is_on_mars else [],
+        extra_fields=dict(ON_MARS) if is_on_mars else {},
     )
     collection.clear_links()
     collection.add_link(_link("root", "../catalog.json"))
