@@ -1,6 +1,7 @@
 """Orthophotos of a stop: from its pairs' images with the source of each cell, and in colour.
 
-Colour takes Pancam frames of one pointing through three filters.
+Colour takes left images with three bands or a Bayer mosaic (Mastcam-Z, Navcam of Perseverance), or
+Pancam frames of one pointing through three filters.
 """
 
 from __future__ import annotations
@@ -13,7 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from solmap.photogrammetry.arrays import Classes, GreyImage
+from solmap.photogrammetry.archive.images.pixels import Colours
+from solmap.photogrammetry.archive.images.reading import read_colour
+from solmap.photogrammetry.archive.missions import MER
+from solmap.photogrammetry.arrays import Classes, GreyImage, Mask
+from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.imagery import Eye, RoverImage
 from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
@@ -103,12 +108,13 @@ def _pieces(made: OrthophotoRendering, codes: Classes) -> Iterator[BrightnessBlo
 
 @dataclass(frozen=True, slots=True)
 class ColourFrame:
-    """A mapped pair, and the images that its left camera took through three filters."""
+    """A mapped pair, and what its left camera saw in colour."""
 
     pair: OrientedPair
-    filters: Triple
-    images: tuple[ImageFile, ImageFile, ImageFile]
-    """Red, green, blue."""
+    filters: Triple | None
+    """None of a left image that is in colour itself."""
+    images: tuple[ImageFile, ...]
+    """Red, green and blue, or the left image."""
 
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
@@ -119,13 +125,19 @@ class ColourFrame:
 def colour_frames(
     pairs: Iterable[OrientedPair], entries: Sequence[ImageEntry], workspace: Workspace
 ) -> tuple[ColourFrame, ...]:
-    """The pairs of a stop that can be shown in colour, all through the same filters."""
+    """The pairs of a stop that can be shown in colour, all through the same filters or none."""
     records = {e.id: image_record(e, workspace) for e in entries if e.instrument == CAMERA}
     known = {entry.id: entry for entry in entries}
     frames = []
     for pair in pairs:
-        left = records.get(pair.products.files.id)
-        frame = None if left is None else _frame(pair, left, records, known)
+        files = pair.products.files
+        left = records.get(files.id)
+        if left is not None:
+            frame = _frame(pair, left, records, known)
+        elif files.stop.mission in MER.hosts or _colours(files.left, workspace.store) is None:
+            frame = None  # no detector of theirs sees colour
+        else:
+            frame = ColourFrame(pair, None, (files.left,))
         if frame is not None:
             frames.append(frame)
     usual = Counter(frame.filters for frame in frames).most_common(1)
@@ -167,7 +179,8 @@ def render_colour(
     orientations = tuple(frame.pair.orientation for frame in frames)
     inputs = (dtm, *(ref for frame in frames for ref in frame.inputs))
     recipe = Recipe(ProductKind.COLOUR, dtm.scope, inputs, (params, landing, orientations))
-    filters = ", ".join(f"L{number}" for number in frames[0].filters)
+    numbers = frames[0].filters
+    filters = "RGB" if numbers is None else ", ".join(f"L{number}" for number in numbers)
 
     def write(path: Path) -> None:
         coloured = [_read(frame, store) for frame in frames]
@@ -180,12 +193,29 @@ def render_colour(
 
 
 def _read(frame: ColourFrame, store: ProductStore) -> tuple[TerrainView, list[GreyImage]]:
-    """The pair's view, usable where all three images are, and these in its geometry."""
+    """The pair's view, usable where all three bands are, and these in its geometry."""
     (view,) = read_views([frame.pair], store)
     bands, mask = [], view.mask
-    for file in frame.images:
-        read = read_product_image(file, store)
-        image, usable = resample(read.pixels, read.mask, read.image.camera, view.geometry, Eye.LEFT)
+    for camera, pixels, seen in _bands(frame, store):
+        image, usable = resample(pixels, seen, camera, view.geometry, Eye.LEFT)
         bands.append(image)
         mask = mask & usable
     return replace(view, mask=mask), bands
+
+
+def _bands(
+    frame: ColourFrame, store: ProductStore
+) -> Iterator[tuple[CameraModel, GreyImage, Mask]]:
+    """Camera, pixels and mask of red, green and blue."""
+    found = _colours(frame.images[0], store) if frame.filters is None else None
+    for file in frame.images:
+        read = read_product_image(file, store)
+        if found is None:
+            yield read.image.camera, read.pixels, read.mask
+            continue
+        for band in found[0]:
+            yield read.image.camera, band, found[1] & read.mask
+
+
+def _colours(file: ImageFile, store: ProductStore) -> tuple[Colours, Mask] | None:
+    return read_colour(store.path(file.image).read_bytes(), f"{file.image.scope.name}.img")

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import rasterio
 
+from solmap.photogrammetry.archive.images.reading import read_colour, read_image
+from solmap.photogrammetry.archive.missions import M2020
 from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.stereo.orientation import turn_in_place
@@ -35,11 +37,16 @@ GAINS = {4: 0.9, 5: 0.6, 6: 0.4}
 """How bright the ground is through each filter, of what L2 shows."""
 
 
-def through(data: bytes, number: int, seconds: int) -> tuple[str, bytes]:
-    """The image that the same camera takes some seconds later through another filter."""
+def parted(data: bytes) -> tuple[bytes, np.ndarray]:
+    """Label and pixels of an image file."""
     record = int(re.search(rb"RECORD_BYTES\s*=\s*(\d+)", data)[1])
     start = (int(re.search(rb"\^IMAGE\s*=\s*(\d+)", data)[1]) - 1) * record
-    head, pixels = data[:start], np.frombuffer(data[start:], ">u2")
+    return data[:start], np.frombuffer(data[start:], ">u2")
+
+
+def through(data: bytes, number: int, seconds: int) -> tuple[str, bytes]:
+    """The image that the same camera takes some seconds later through another filter."""
+    head, pixels = parted(data)
     clock = re.search(rb'SPACECRAFT_CLOCK_START_COUNT\s*=\s*"(\d+)', data)[1]
     head = head.replace(clock, str(int(clock) + seconds).encode())
     head = re.sub(rb"L2(M\d\")", rf"L{number}\1".encode(), head)
@@ -114,25 +121,75 @@ def test_a_frame_that_looked_elsewhere_is_no_part_of_it(workspace, pair, monkeyp
     assert colour_frames([pair], workspace.catalogue.images(), workspace) == ()
 
 
+def three_bands(data: bytes) -> bytes:
+    """The image as a camera with a colour detector takes it: red, green and blue."""
+    head, pixels = parted(data)
+    bands = [np.rint(pixels * gain).astype(">u2").tobytes() for gain in DETECTOR]
+    return re.sub(rb"(\bBANDS\s*= )1", rb"\g<1>3", head) + b"".join(bands)
+
+
+def bayer_mosaic(data: bytes) -> bytes:
+    """The same before its colours are interpolated: RGGB in every square of two by two."""
+    head, pixels = parted(data)
+    side = round(pixels.size**0.5)
+    line, sample = np.indices((side, side)) % 2
+    mosaic = np.rint(pixels.reshape(side, side) * np.array(DETECTOR)[line + sample])
+    said = b"  COLOR_FILTER_ARRAY_STATE        = ENCODED "
+    plain = re.search(rb"  SAMPLE_BIT_MASK +=[^\r\n]*", head)[0]
+    return head.replace(plain, said.ljust(len(plain))) + mosaic.astype(">u2").tobytes()
+
+
+DETECTOR = (1.2, 1.0, 0.8)
+"""Brightness of the ground in red, green and blue, of what L2 shows."""
+
+
+@pytest.mark.parametrize(
+    ("change", "cell_m", "alike"),
+    # of a Bayer frame a quarter of all pixels saw red: the others are interpolated
+    [(three_bands, 0.02, 0.99), (bayer_mosaic, 0.04, 0.98)],
+)
+def test_an_image_in_colour_makes_a_map_in_colour_by_itself(
+    workspace, pair, monkeypatch, change, cell_m, alike
+):
+    monkeypatch.setattr(colour, "MER", M2020)  # its detectors have no colours
+    monkeypatch.setattr(colour, "CAMERA", "MASTCAM")
+    assert colour_frames([pair], workspace.catalogue.images(), workspace) == ()  # one band
+    data = workspace.store.path(pair.products.files.left.image).read_bytes()
+    name = f"{pair.products.files.id}.img"
+    seen, plain = read_image(change(data), name).pixels, read_image(data, name).pixels
+    # what is matched shows no chequers: edges of rocks are smoothed, nothing else
+    assert np.isclose(seen, plain, rtol=0.1, atol=20).mean() > 0.99
+    monkeypatch.setattr(colour, "read_colour", lambda data, name: read_colour(change(data), name))
+    (frame,) = colour_frames([pair], workspace.catalogue.images(), workspace)
+    assert frame.filters is None
+    check_colours(workspace.store, pair, (frame,), DETECTOR, cell_m, alike)
+
+
 def test_the_map_in_colour_lies_on_the_map_in_grey(workspace, pair):
-    store = workspace.store
-    dtm = build_dtm.fn(pair.products.files.stop, (pair,), TERRAIN, LANDING, store)
-    grey, sources = render_orthophoto.fn(dtm, (pair,), ORTHOPHOTO, LANDING, store)
     frames = colour_frames([pair], workspace.catalogue.images(), workspace)
-    colour = render_colour.fn(dtm, frames, ORTHOPHOTO, LANDING, store)
-    with rasterio.open(store.path(grey)) as one, rasterio.open(store.path(colour)) as other:
+    sources = check_colours(workspace.store, pair, frames, GAINS.values())
+    _, source, names = read_sources(workspace.store.path(sources))
+    assert names == (pair.products.files.id,)
+    assert set(np.unique(source)) == {0, 1}
+
+
+def check_colours(store, pair, frames, gains, cell_m=ORTHOPHOTO.cell_m, alike=0.99):
+    """Hold a map in colour against that in grey; what each cell of that came from."""
+    params = replace(ORTHOPHOTO, cell_m=cell_m)
+    dtm = build_dtm.fn(pair.products.files.stop, (pair,), TERRAIN, LANDING, store)
+    grey, sources = render_orthophoto.fn(dtm, (pair,), params, LANDING, store)
+    made = render_colour.fn(dtm, frames, params, LANDING, store)
+    with rasterio.open(store.path(grey)) as one, rasterio.open(store.path(made)) as other:
         assert one.bounds == other.bounds
-        assert other.tags()["FILTERS"] == "L4, L5, L6"
+        assert other.tags()["FILTERS"] == ("RGB" if frames[0].filters is None else "L4, L5, L6")
         picture = one.read(1).astype(float) * one.scales[0] + one.offsets[0]
         seen = one.read(1) > 0
-        for index, gain in enumerate(GAINS.values(), start=1):
+        for index, gain in enumerate(gains, start=1):
             stored = other.read(index)
             band = stored * other.scales[index - 1] + other.offsets[index - 1]
             both = seen & (stored > 1) & (stored < 255)
             assert both.sum() > 0.9 * seen.sum()
             # a step of grey is 1/254 of each band's range; brightness runs over thousands
             np.testing.assert_allclose(np.median(band[both] / picture[both]), gain, rtol=0.02)
-            assert np.corrcoef(band[both], picture[both])[0, 1] > 0.99
-    _, source, names = read_sources(store.path(sources))
-    assert names == (pair.products.files.id,)
-    assert set(np.unique(source)) == {0, 1}
+            assert np.corrcoef(band[both], picture[both])[0, 1] > alike
+    return sources

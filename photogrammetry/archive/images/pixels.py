@@ -24,7 +24,11 @@ images are scaled and do not tell; linearised and averaged ones blur the limit.
 
 Public raw images are eight-bit JPEG and PNG files without a label of their own. Their sizes are
 read from the header before anything is unpacked, so that a small file cannot ask for much memory.
-Colour is averaged, as in images of three bands; what is black in runs is missing.
+What is black in runs is missing.
+
+Grey values of a colour image are the mean of its bands. A Bayer frame has one number a pixel, seen
+through red, green, green and blue (RGGB) in every square of two by two; red, green and blue of all
+pixels are interpolated (`cv2.demosaicing`, bilinear), so that its grey values show no chequers.
 """
 
 from __future__ import annotations
@@ -37,13 +41,15 @@ import numpy as np
 
 from solmap.photogrammetry.archive.labels.label import Label, Quantity, Value, number_of
 from solmap.photogrammetry.archive.labels.vicar import vicar_label_end
-from solmap.photogrammetry.arrays import GreyImage, Mask
+from solmap.photogrammetry.arrays import Float32, GreyImage, Mask
 from solmap.photogrammetry.errors import LabelError, PixelError
 from solmap.photogrammetry.imagery import MAX_PIXELS
 
 RUN = 9
 """Zeros in a row that no dark scene makes, but the shortest line of a lost segment does."""
 MAX_BANDS = 3
+Colours = Float32[np.ndarray, "3 lines samples"]
+"""Red, green and blue."""
 _BIG, _LITTLE = ">", "<"
 
 SAMPLE_TYPES: Mapping[str, tuple[str, str]] = {
@@ -132,19 +138,57 @@ def read_pixels(data: bytes, label: Label, source: str) -> tuple[GreyImage, Mask
         PixelError: the file is shorter than its label says, or stored in a way that is not read.
         LabelError: the label lacks what is needed to find the pixels.
     """
+    values, measured = _stored_bands(data, label, source)
+    return _finite(values[0] if len(values) == 1 else values.mean(0, np.float64), measured)
+
+
+def read_colour_pixels(data: bytes, label: Label, source: str) -> tuple[Colours, Mask] | None:
+    """Red, green and blue (DN) and the mask of measured pixels; None of an image of one band.
+
+    Raises:
+        PixelError: the file is shorter than its label says, or stored in a way that is not read.
+        LabelError: the label lacks what is needed to find the pixels.
+    """
+    if pixel_layout(label).bands == 1:
+        return None
+    values, measured = _stored_bands(data, label, source)
+    bands = [_finite(band, measured) for band in values]
+    return np.stack([band for band, _ in bands]), np.logical_and.reduce([seen for _, seen in bands])
+
+
+def _stored_bands(data: bytes, label: Label, source: str) -> tuple[np.ndarray, Mask]:
     layout = pixel_layout(label)
     if layout.end > len(data):
         raise PixelError(truncation_message(data, layout, source))
     values = stored_values(data, layout)
     missing = missing_constants(label)
-    measured = _measured_mask(values[0], missing)
-    for band in values[1:]:
-        measured &= _measured_mask(band, missing)
-    grey = values[0] if len(values) == 1 else values.mean(axis=0, dtype=np.float64)
+    return values, np.logical_and.reduce([_measured_mask(band, missing) for band in values])
+
+
+def _finite(values: np.ndarray, measured: Mask) -> tuple[GreyImage, Mask]:
+    """Single precision, 0 where nothing was measured or it is no number."""
     with np.errstate(over="ignore", invalid="ignore"):
-        pixels = np.where(measured, grey, 0).astype(np.float32)
+        pixels = np.where(measured, values, 0).astype(np.float32)
     finite = np.isfinite(pixels)
     return np.where(finite, pixels, np.float32(0)), measured & finite
+
+
+def demosaiced(mosaic: GreyImage, mask: Mask) -> Colours:
+    """Red, green and blue of every pixel of a Bayer frame (RGGB), by its measured neighbours."""
+    odd_line, odd_sample = (index % 2 for index in np.indices(mosaic.shape))
+    weight = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]], dtype=np.float32)
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        return cv2.filter2D(
+            values.astype(np.float32), -1, weight, borderType=cv2.BORDER_REFLECT_101
+        )
+
+    bands = []
+    for colour in range(3):  # the number of odd indices is that of the colour: red 0, green 1
+        own = mask & (odd_line + odd_sample == colour)
+        total = np.maximum(spread(own), np.float32(1))
+        bands.append(np.where(own, mosaic, spread(np.where(own, mosaic, 0)) / total))
+    return np.stack(bands).astype(np.float32)
 
 
 def pixel_layout(label: Label, *, most_bands: int | None = None) -> PixelLayout:
@@ -401,6 +445,24 @@ def read_picture(data: bytes, name: str) -> tuple[GreyImage, Mask]:
     Raises:
         PixelError: it is neither, too large, or broken.
     """
+    colours, mask = _unpacked(data, name)
+    return colours.mean(axis=2, dtype=np.float32), mask
+
+
+def read_colour_picture(data: bytes, name: str) -> tuple[Colours, Mask] | None:
+    """Red, green and blue and the mask of a JPEG or PNG file; None of one that is all grey.
+
+    Raises:
+        PixelError: it is neither, too large, or broken.
+    """
+    colours, mask = _unpacked(data, name)
+    if (colours == colours[:, :, :1]).all():
+        return None
+    return colours[:, :, ::-1].transpose(2, 0, 1).astype(np.float32), mask
+
+
+def _unpacked(data: bytes, name: str) -> tuple[np.ndarray, Mask]:
+    """(lines, samples, 1 or 3) in 8 bits, blue first, and the mask."""
     samples, lines = picture_size(data, name)
     if not 1 <= samples * lines <= MAX_PIXELS:
         raise PixelError(f"{name}: {samples} x {lines} pixels: no rover image is that large")
@@ -415,7 +477,7 @@ def read_picture(data: bytes, name: str) -> tuple[GreyImage, Mask]:
         raise PixelError(f"{name}: cannot be unpacked as {samples} x {lines} pixels of 8 bits")
     colours = values.reshape(lines, samples, -1)[:, :, :3]
     lost = zeros_in_runs((colours == 0).all(axis=2))
-    return colours.mean(axis=2, dtype=np.float32), ~lost
+    return colours, ~lost
 
 
 def picture_size(data: bytes, name: str) -> tuple[int, int]:

@@ -8,6 +8,7 @@ in classes of the discipline dictionaries, which are put under the keywords of P
     geom:Derived_Geometry               SITE_ and ROVER_DERIVED_GEOMETRY_PARMS
     img_surface:, msn:, msn_surface:    INSTRUMENT_ID, IMAGE_TYPE, clock, sol, times, sequence
     Array_2D_Image, Array_3D_Image      IMAGE and ^IMAGE, with axes, data type and constants
+    img:Color_Filter_Array              IMAGE/COLOR_FILTER_ARRAY_STATE: ENCODED for a Bayer frame
 
 Namespaces are left off: their prefixes are the label's own affair. Where a label describes the
 geometry several times (geometry_state Telemetry, Initial), telemetry counts. The quaternion is that
@@ -264,12 +265,19 @@ def _add_averaging(root: Element, groups: Groups) -> None:
                 groups.setdefault("INSTRUMENT_STATE_PARMS", items)
 
 
+def _colour_filters(root: Element) -> dict[str, Value]:
+    """Whether a Bayer frame is still ENCODED."""
+    filters = _first(root, "Color_Filter_Array")
+    state = None if filters is None else _text(filters, "color_filter_array_state")
+    return {} if state is None else {"COLOR_FILTER_ARRAY_STATE": state.upper()}
+
+
 def _add_array(root: Element, groups: Groups, source: str) -> None:
     """Where the pixels are; of several arrays the first."""
     for name in ("Array_2D_Image", "Array_3D_Image"):
         array = _first(root, name)
         if array is not None:
-            groups["IMAGE"] = _array(array, source)
+            groups["IMAGE"] = _array(array, source) | _colour_filters(root)
             offset = number_of(_text(array, "offset") or "0")
             if not isinstance(offset, int) or offset < 0:
                 raise LabelError(f"{source}: <offset> of {name} should be a number of bytes")

@@ -2,7 +2,11 @@ import cv2
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.images.pixels import picture_size, read_picture
+from solmap.photogrammetry.archive.images.pixels import (
+    picture_size,
+    read_colour_picture,
+    read_picture,
+)
 from solmap.photogrammetry.errors import PixelError
 
 
@@ -27,6 +31,10 @@ def test_colours_are_averaged(rng):
     pixels, mask = read_picture(encoded(values, ".png"), "x")
     np.testing.assert_allclose(pixels, values.mean(axis=2), rtol=1e-6)
     assert mask.all()
+    bands, _ = read_colour_picture(encoded(values, ".png"), "x")
+    np.testing.assert_array_equal(bands, values[:, :, ::-1].transpose(2, 0, 1))  # OpenCV: BGR
+    grey = np.repeat(values[:, :, :1], 3, axis=2)
+    assert read_colour_picture(encoded(grey, ".png"), "x") is None
 
 
 def test_a_small_file_cannot_ask_for_much_memory(rng):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.archive.images.pixels import (
+    demosaiced,
     pixel_layout,
     radiance_scale,
     read_pixels,
@@ -140,3 +141,15 @@ def test_radiance_is_scaled_by_the_label(small):
     scale = radiance_scale(parse_label(text, "x"))
     assert scale is not None
     assert (scale.factor, scale.offset) == (1e-5, 0.0)
+
+
+def test_colours_that_change_evenly_come_back_from_a_bayer_frame():
+    line, sample = np.indices((12, 18))
+    colours = np.stack([100 + 2 * sample, 200 + 3 * line, 300 + sample + line]).astype(np.float32)
+    mosaic = np.take_along_axis(colours, (line % 2 + sample % 2)[None], 0)[0]
+    mask = np.ones(mosaic.shape, bool)
+    inside = np.s_[:, 1:-1, 1:-1]
+    np.testing.assert_allclose(demosaiced(mosaic, mask)[inside], colours[inside], rtol=1e-6)
+    mask[5, 7] = False  # what was lost there is no neighbour
+    off = np.where(mask, demosaiced(np.where(mask, mosaic, 0), mask) - colours, 0)
+    assert np.abs(off[inside]).max() <= 3

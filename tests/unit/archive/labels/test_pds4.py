@@ -7,8 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.archive.images.reading import read_image, read_image_record
+from solmap.photogrammetry.archive.images.reading import (
+    read_colour,
+    read_image,
+    read_image_record,
+)
 from solmap.photogrammetry.archive.images.rover_image import rover_image
+from solmap.photogrammetry.archive.labels.detached import join_label
 from solmap.photogrammetry.archive.labels.pds4 import parse_pds4_label
 from solmap.photogrammetry.cameras.cahv import interior_orientation
 from solmap.photogrammetry.cameras.cahvore import Cahvore
@@ -41,6 +46,47 @@ def test_a_pds4_product_is_an_image_like_any_other(pixels):
     assert image.start_time == "2022-11-27T01:08:36.002Z"
     assert math.degrees(image.sun_elevation) == pytest.approx(58.718)
     assert math.degrees(image.sun_azimuth) == pytest.approx(6.01225)
+
+
+ONE_BAND = (
+    XML.replace("<axes>3</axes>", "<axes>2</axes>")
+    .replace(
+        "      <Axis_Array><axis_name>Band</axis_name><elements>3</elements>"
+        "<sequence_number>1</sequence_number></Axis_Array>\n",
+        "",
+    )
+    .replace("Array_3D_Image>", "Array_2D_Image>")
+)
+FILTERS = (
+    "<img:Color_Filter_Array><img:color_filter_array_type>Bayer RGGB</img:color_filter_array_type>"
+    "<img:color_filter_array_state>{}</img:color_filter_array_state></img:Color_Filter_Array>"
+    "</img:Imaging>"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "state", "is_mosaic"),
+    [
+        (NAME, "Encoded", True),
+        (NAME, "Decoded", False),
+        (NAME.replace("NLF", "NLE"), None, True),
+        (NAME.replace("ECM", "EBY"), None, True),
+        (NAME.replace("NLF", "NLE"), "No CFA", False),
+    ],
+)
+def test_a_bayer_frame_is_known_by_its_label_or_name(name, state, is_mosaic):
+    mosaic = np.full((2, 3), 30, np.uint8)
+    mosaic[0, ::2], mosaic[1, 1] = 60, 90  # red 60, green 30, blue 90 everywhere
+    label = ONE_BAND.replace(NAME[:-4], name[:-4])
+    label = label if state is None else label.replace("</img:Imaging>", FILTERS.format(state))
+    data = join_label(label.encode(), bytes(16) + mosaic.tobytes(), name)
+    read, colours = read_image(data, name), read_colour(data, name)
+    if is_mosaic:
+        np.testing.assert_array_equal(read.pixels, np.full((2, 3), 60))
+        np.testing.assert_array_equal(colours[0], np.full((3, 2, 3), [[[60]], [[30]], [[90]]]))
+    else:
+        np.testing.assert_array_equal(read.pixels, mosaic)
+        assert colours is None
 
 
 def test_the_geometry_of_telemetry_counts():
