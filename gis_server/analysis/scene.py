@@ -7,14 +7,16 @@ standard deviations of the stop's place as semi-axes, against the stop that the 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from pydantic import BaseModel
 
 from solmap.gis_server.analysis.bodies import UNITS
 from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedStop
+from solmap.photogrammetry.archive.tables.vector_files import VectorFile
 from solmap.photogrammetry.arrays import ObjectPoints, Vector3
+from solmap.photogrammetry.frames import LSL, Pose, site_frame
 from solmap.photogrammetry.imagery import RoverImage, StopId
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.dtm.rover_body import BODIES
@@ -68,6 +70,14 @@ class Body(BaseModel):
     """Depth of level ground below the origin."""
 
 
+class SceneSite(BaseModel):
+    """A site frame (x north, y east, z down) on the map, as telemetry chains it to the LSL."""
+
+    site: int
+    place: Place
+    map_from_site: tuple[Place, Place, Place]
+
+
 class SceneStops(BaseModel):
     """All stops of a mission, in the order of the traverse."""
 
@@ -77,6 +87,8 @@ class SceneStops(BaseModel):
     body: Body | None
     """Null for a rover whose measures are not known."""
     stops: list[SceneStop]
+    sites: list[SceneSite] = []
+    """The sites of the stops whose frames are known."""
 
 
 class SceneCamera(BaseModel):
@@ -103,12 +115,37 @@ class SceneCameras(BaseModel):
     cameras: list[SceneCamera]
 
 
-def scene_stops(ref: ProductRef, network: NetworkProduct) -> SceneStops:
-    """The stops of a network."""
+def scene_stops(ref: ProductRef, network: NetworkProduct, sites: Mapping[int, Pose]) -> SceneStops:
+    """The stops of a network, and the frames of sites in the LSL."""
     box = BODIES.get(network.mission)
     body = Body(**{name: getattr(box, name) for name in Body.model_fields}) if box else None
     stops = [_stop(stop, network) for stop in network.adjusted.stops]
-    return SceneStops(network=ref.digest, body=body, stops=stops)
+    frames = [
+        SceneSite(
+            site=site,
+            place=on_map(pose.translation_m),
+            map_from_site=_rows(MAP_FROM_LSL @ pose.rotation, 8),
+        )
+        for site, pose in sites.items()
+    ]
+    return SceneStops(network=ref.digest, body=body, stops=stops, sites=frames)
+
+
+def site_frames(network: NetworkProduct, vectors: VectorFile | None) -> dict[int, Pose]:
+    """The frames of a network's sites in the LSL, by the site vectors that were published with it.
+
+    Without them, all stops belong to one site: the one whose frame the LSL is.
+    """
+    known = {stop.stop.site for stop in network.adjusted.stops}
+    if vectors is None:
+        return {site: Pose.identity(LSL, site_frame(site)) for site in known if len(known) == 1}
+    placed = {one.counter[0]: one.pose for one in vectors.solutions}
+    origins = {one.reference_site for one in vectors.solutions}
+    return {
+        site: placed.get(site, Pose.identity(LSL, site_frame(site)))
+        for site in sorted(known)
+        if site in placed or site in origins
+    }
 
 
 def scene_cameras(

@@ -14,9 +14,11 @@ from solmap.gis_server.analysis.scene import (
     SceneStops,
     scene_cameras,
     scene_stops,
+    site_frames,
 )
 from solmap.gis_server.parameters import AGAIN, FOREVER, Digest, MissionName, ScopeName
-from solmap.gis_server.services import ServicesOf
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.photogrammetry.archive.tables.vector_files import VectorFile, parse_vector_file
 from solmap.photogrammetry.terrain.mesh.solid import SolidParams, build_solid
 from solmap.products.catalogue.catalogue import published_networks
 from solmap.products.catalogue.workspace import Workspace
@@ -32,7 +34,7 @@ from solmap.products.formats.mesh.tiles3d import (
     tileset_document,
 )
 from solmap.products.formats.raster.raster import read_dtm
-from solmap.products.model import Layer, ProductKind, ScopeLevel
+from solmap.products.model import Layer, ProductKind, ProductRef, Scope, ScopeLevel
 
 router = APIRouter(tags=["models"])
 TILESETS = (ProductKind.TILESET, ProductKind.POINT_TILES)
@@ -148,13 +150,24 @@ def _body(layer: Layer) -> Model:
 
 @router.get("/api/missions/{mission}/scene/stops")
 def stops(mission: MissionName, services: ServicesOf, response: Response) -> SceneStops:
-    """Places, attitudes and error ellipsoids of all stops, as last adjusted."""
+    """Places, attitudes and error ellipsoids of all stops, as last adjusted; frames of sites."""
     response.headers.update(AGAIN)
-    services.catalogue.mission(mission)
+    landing = services.catalogue.mission(mission).landing
     published = published_networks(mission, services.catalogue)
     if not published:
         return SceneStops(network=None, body=None, stops=[])
-    return scene_stops(published[-1], cached_whole_network(published[-1], services.store))
+    network = cached_whole_network(published[-1], services.store)
+    sites = {} if landing.origin else site_frames(network, _site_vectors(mission, services))
+    return scene_stops(published[-1], network, sites)
+
+
+def _site_vectors(mission: str, services: Services) -> VectorFile | None:
+    kind, scope = ProductKind.SITE_VECTORS, Scope(ScopeLevel.REGION, mission.lower())
+    digest = services.catalogue.latest(scope.name, kind)
+    if digest is None:
+        return None
+    path = services.store.path(ProductRef(kind, scope, digest))
+    return parse_vector_file(path.read_text(), path.name)
 
 
 @router.get("/api/missions/{mission}/scene/cameras")

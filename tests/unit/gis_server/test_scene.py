@@ -9,6 +9,8 @@ import pytest
 from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
+from solmap.photogrammetry.archive.tables.vector_files import Solution, VectorFile, vector_text
+from solmap.photogrammetry.frames import FrameKind
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
@@ -16,6 +18,7 @@ from solmap.products.catalogue.catalogue import MissionEntry, latest_network
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.network import cached_whole_network
+from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel, mission_of
 from tests.support.bowl_store import LANDING, STOPS
 from tests.support.scene_store import (
     LAST,
@@ -110,3 +113,26 @@ def test_a_network_is_read_once_for_scene_and_images(tmp_path):
     ref = latest_network("MER2", workspace.catalogue)
     oriented = OrientedMission.latest("MER2", workspace)
     assert oriented.network is cached_whole_network(ref, workspace.store)
+
+
+def _keep(path: Path, text: str) -> None:
+    path.write_text(text)
+
+
+def test_sites_lie_where_the_published_site_vectors_chain_them(tmp_path):
+    workspace = Workspace.open(tmp_path)
+    fill_network(workspace)
+    with TestClient(create_app(tmp_path)) as client:
+        assert client.get("/api/missions/MER2/scene/stops").json()["sites"] == []  # two, unchained
+    chained = Solution(
+        *("telemetry", FrameKind.SITE, (11,), 10), np.array([7.0, 5.0, -1.0]), np.eye(4)[0], ""
+    )
+    text = vector_text(VectorFile("", mission_of("MER2"), "svf", ("telemetry",), (chained,)))
+    recipe = Recipe(ProductKind.SITE_VECTORS, Scope(ScopeLevel.REGION, "mer2"))
+    ref = workspace.store.make(recipe, lambda path: _keep(path, text))
+    workspace.catalogue.publish(pointers=[ref])
+    with TestClient(create_app(tmp_path)) as client:
+        first, second = client.get("/api/missions/MER2/scene/stops").json()["sites"]
+    assert (first["site"], first["place"]) == (10, [0.0, 0.0, 0.0])  # the LSL is its frame
+    assert (second["site"], second["place"]) == (11, [5.0, 7.0, 1.0])
+    np.testing.assert_array_equal(second["map_from_site"], MAP_FROM_LSL)

@@ -3,6 +3,7 @@
 import { defaults as defaultControls } from "ol/control/defaults";
 import type Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";
+import DoubleClickZoom from "ol/interaction/DoubleClickZoom";
 import { defaults as defaultInteractions } from "ol/interaction/defaults";
 import OlVectorLayer from "ol/layer/Vector";
 import type OlMap from "ol/Map";
@@ -51,6 +52,8 @@ export class MapView {
   private readonly picked = overlay(drawMeasure, 1002);
   private highlighted: readonly Feature<Geometry>[] = [];
   private claims = 0;
+  /** Zooms in; a tool that claims the clicks ends what it draws by one. */
+  private readonly doubleClick = new DoubleClickZoom({ duration: 250 });
 
   constructor(
     target: HTMLElement,
@@ -65,7 +68,8 @@ export class MapView {
       target,
       maxTilesLoading: TILES_ON_THEIR_WAY,
       controls: defaultControls({ zoom: false, rotate: false, attribution: false }),
-      interactions: defaultInteractions(), // the map fills the page: the wheel needs no click first
+      // The map fills the page: the wheel needs no click first.
+      interactions: defaultInteractions({ doubleClickZoom: false }).extend([this.doubleClick]),
       layers: [this.highlight, this.mark, this.picked, this.cursor].map(({ layer }) => layer),
       view: new View({
         projection: local.projection,
@@ -209,10 +213,12 @@ export class MapView {
   /** Keeps clicks and what the pointer touches from all parts, until the answer is called. */
   claimClicks(): () => void {
     this.claims += 1;
+    this.doubleClick.setActive(false);
     let mine = true;
     return () => {
       if (mine) this.claims -= 1;
       mine = false;
+      this.doubleClick.setActive(!this.isClaimed);
     };
   }
 

@@ -29,7 +29,7 @@ export function measure(line: readonly MapPoint[]): Measured {
 
 export function measuredText({ length_m, leg_m, azimuth_deg }: Measured): string {
   if (leg_m === null || azimuth_deg === null)
-    return "click the first point; double-click ends, Esc stops";
+    return "click the first point; double-click or Enter ends, Esc stops";
   const leg = leg_m < length_m ? `, last leg ${metres(leg_m, 4)}` : "";
   return `${metres(length_m, 4)}${leg}, azimuth ${fixed(azimuth_deg, 1)}°`;
 }
@@ -43,4 +43,18 @@ export function polygonArea(corners: readonly MapPoint[]): number {
     twice += (east - e0) * (n - n0) - (e - e0) * (north - n0);
   });
   return Math.abs(twice) / 2;
+}
+
+/**
+ * Standard deviation of a polygon's area whose corners are each known to a cell of the raster they were placed on:
+ * uniform within the cell, independent of each other. By the derivatives of Gauss's formula, half of the diagonal
+ * between its neighbours for each corner.
+ */
+export function areaSigma(corners: readonly MapPoint[], cell_m: number): number {
+  const squares = corners.map((_, k) => {
+    const [before, after] = [corners.at(k - 1), corners[(k + 1) % corners.length]];
+    return before && after ? (after[0] - before[0]) ** 2 + (after[1] - before[1]) ** 2 : 0;
+  });
+  const sum = squares.reduce((total, one) => total + one, 0);
+  return ((cell_m / Math.sqrt(12)) * Math.sqrt(sum)) / 2;
 }

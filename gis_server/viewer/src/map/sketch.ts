@@ -1,6 +1,6 @@
 /**
  * Drawing by hand on the map: places, a line, an area or a box. While it goes on the clicks are its own, and no part
- * hears of them. Double-click ends a line or area, Backspace takes the last corner back.
+ * hears of them. Double-click or Enter ends a line or area, Backspace takes the last corner back.
  */
 
 import type Feature from "ol/Feature";
@@ -40,6 +40,16 @@ export function cornersOf(geometry: Geometry | undefined): MapPoint[] {
   return [];
 }
 
+/** Whether a key is pressed for the map: not to press a button or to edit a text. */
+export const isForMap = ({ target }: KeyboardEvent) =>
+  !(target as HTMLElement).closest("button, input, select, textarea, summary, a");
+
+/** Corners that are needed, and at which a line or area ends by itself. */
+interface Corners {
+  readonly least?: number;
+  readonly most?: number;
+}
+
 /** One shape after the other, until it is stopped. */
 export class Sketch {
   private readonly source = new VectorSource<Feature<Geometry>>();
@@ -50,13 +60,14 @@ export class Sketch {
   });
   private readonly draw: Draw;
   private readonly release: () => void;
+  private readonly life = new AbortController();
+  private corners: readonly MapPoint[] = [];
 
   constructor(
     private readonly view: MapView,
     shape: Shape,
     { change, end }: SketchListener,
-    /** Corners at which a line or area ends by itself. */
-    most?: number,
+    { least = shape === "area" ? 3 : 2, most }: Corners = {},
   ) {
     const box = shape === "box" ? { geometryFunction: createBox() } : {};
     this.draw = new Draw({
@@ -68,23 +79,35 @@ export class Sketch {
     });
     this.draw.on("drawstart", ({ feature }) => {
       this.source.clear();
-      const tell = () => change?.(cornersOf(feature.getGeometry()));
+      const tell = () => {
+        this.corners = cornersOf(feature.getGeometry());
+        change?.(this.corners);
+      };
       feature.getGeometry()?.on("change", tell);
     });
-    this.draw.on("drawend", ({ feature }) => end(cornersOf(feature.getGeometry())));
+    this.draw.on("drawend", ({ feature }) => {
+      this.corners = [];
+      end(cornersOf(feature.getGeometry()));
+    });
+    this.draw.on("drawabort", () => {
+      this.corners = [];
+    });
     view.map.addLayer(this.layer);
     view.map.addInteraction(this.draw);
     this.release = view.claimClicks();
+    const isDrawn = shape === "line" || shape === "area";
+    const pressed = (event: KeyboardEvent) => {
+      if (!isForMap(event)) return;
+      // The last corner follows the pointer and is not set.
+      if (event.key === "Enter" && this.corners.length > least) this.draw.finishDrawing();
+      if (event.key === "Backspace") this.draw.removeLastPoint();
+    };
+    if (isDrawn) document.addEventListener("keydown", pressed, { signal: this.life.signal });
   }
 
-  /** Takes back the last corner of the shape that grows. */
-  undo(): void {
-    this.draw.removeLastPoint();
-  }
-
-  /** Ends the shape that grows, as a double-click would. */
-  finish(): void {
-    this.draw.finishDrawing();
+  /** Sets the first corner of a line. */
+  begin(point: MapPoint): void {
+    this.draw.appendCoordinates([[...point]]);
   }
 
   /** Takes away the shape that was finished. */
@@ -93,6 +116,7 @@ export class Sketch {
   }
 
   stop(): void {
+    this.life.abort();
     this.view.map.removeInteraction(this.draw);
     this.view.map.removeLayer(this.layer);
     setTimeout(this.release, CLICK_MS);

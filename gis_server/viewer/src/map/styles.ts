@@ -127,7 +127,18 @@ const AFAR = 0;
 /** Styles of a stop and the factor they were made for: a map that moves asks for them in every frame. */
 const stopStyles = new WeakMap<FeatureLike, { factor: number; styles: Style[] }>();
 
-function drawStop(feature: FeatureLike, state: DrawingState, resolution: number): Style[] {
+/** Whether a feature was seen on the sol that is looked at; one that names no sol belongs to all. */
+function isOfSol(feature: FeatureLike, { sol }: DrawingState): boolean {
+  const sols = feature.get("sols") as unknown;
+  return sol === null || !Array.isArray(sols) || sols.includes(sol);
+}
+
+function drawStop(
+  feature: FeatureLike,
+  state: DrawingState,
+  resolution: number,
+): Style[] | undefined {
+  if (!isOfSol(feature, state)) return undefined;
   if (!isAdjusted(feature.get("solution"))) return BELIEVED_STOP;
   const factor = resolution > DOTS_FROM_M ? AFAR : state.ellipseFactor;
   const known = stopStyles.get(feature);

@@ -18,6 +18,8 @@ export interface Shell {
   readonly accountBox: HTMLElement;
   readonly toolbar: HTMLElement;
   readonly readout: HTMLElement;
+  /** At the end of the line below the map: the format of coordinates. */
+  readonly formatBox: HTMLElement;
   readonly scale: HTMLElement;
   readonly north: HTMLElement;
   readonly ruler: HTMLElement;
@@ -63,6 +65,7 @@ export function shell(root: HTMLElement): Shell {
   const accountBox = h("div", { class: "account" });
   const toolbar = h("div", { class: "toolbar", role: "toolbar", "aria-label": "map tools" });
   const readout = h("div", { class: "readout", "aria-live": "off" });
+  const formatBox = h("div", {});
   const scale = h("div", { class: "scale" });
   const north = h("div", { class: "north" });
   const ruler = h("div", { class: "ruler", role: "status", hidden: true });
@@ -99,7 +102,7 @@ export function shell(root: HTMLElement): Shell {
       bench.element,
     ),
     h("aside", { class: "right", "aria-label": "what is here" }, right.bar, right.panels),
-    h("footer", {}, readout),
+    h("footer", {}, readout, formatBox),
     dialog,
   );
   return {
@@ -110,6 +113,7 @@ export function shell(root: HTMLElement): Shell {
     accountBox,
     toolbar,
     readout,
+    formatBox,
     scale,
     north,
     ruler,
@@ -125,7 +129,17 @@ export function shell(root: HTMLElement): Shell {
       beside.close();
       below.close();
       bench.close();
-      for (const element of [map, layers, searchBox, accountBox, toolbar, north, scale, readout])
+      for (const element of [
+        map,
+        layers,
+        searchBox,
+        accountBox,
+        toolbar,
+        north,
+        scale,
+        readout,
+        formatBox,
+      ])
         element.replaceChildren();
       for (const element of [ruler, tip]) element.hidden = true;
     },

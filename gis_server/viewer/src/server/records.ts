@@ -137,3 +137,11 @@ export function propertiesOf(feature: Readonly<Record<string, unknown>>): Record
     ? { ...flat, ...(properties as Record<string, unknown>) }
     : flat;
 }
+
+/** Ids of the images whose footprint holds the point, each once; pointing lines only pass by. */
+export function imagesAt({ features }: Identified): string[] {
+  const ids = features
+    .filter(({ kind }) => kind === "footprints")
+    .map((feature) => propertiesOf(feature)["image"]);
+  return [...new Set(ids.filter((id): id is string => typeof id === "string"))];
+}

@@ -50,6 +50,12 @@ export interface SceneStops {
   readonly network: string | null;
   readonly body: Body | null;
   readonly stops: readonly SceneStop[];
+  /** Site frames (north, east, down) that are known, by telemetry. */
+  readonly sites: readonly {
+    readonly site: number;
+    readonly place: Place3;
+    readonly map_from_site: readonly [Place3, Place3, Place3];
+  }[];
 }
 
 export interface SceneCamera {

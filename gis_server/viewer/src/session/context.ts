@@ -5,6 +5,7 @@
 
 import type Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";
+import type { CoordinateFormat } from "../map/coordinates";
 import type { MapView } from "../map/map-view";
 import type { SunPlace } from "../map/shading";
 import type { DrawingState } from "../map/styles";
@@ -14,8 +15,10 @@ import type { Happening } from "../server/events";
 import type { Layer, MapPoint, Mission } from "../server/records";
 import type { Kept, LinkBook } from "./kept";
 import type { LayerBook } from "./layer-book";
+import type { PlaceActions } from "./place-actions";
 import type { Shortcuts } from "./shortcuts";
 import type { Signal } from "./signal";
+import type { StopFrames } from "./stop-frames";
 import type { Waiting } from "./waiting";
 
 /** A place on the map that was pointed at or clicked, and the feature there. */
@@ -64,6 +67,10 @@ export interface Context {
   readonly account: Kept<Account | null>;
   readonly waiting: Waiting;
   readonly keys: Shortcuts;
+  readonly places: PlaceActions;
+  readonly frames: StopFrames;
+  /** How longitude and latitude are shown; kept in the browser. */
+  readonly coordinates: Kept<CoordinateFormat>;
   readonly signals: Signals;
   /** The number of the last event in the store that the page began with; null: not known. */
   readonly lastEvent: string | null;

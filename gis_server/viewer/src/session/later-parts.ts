@@ -14,6 +14,7 @@ import { stereoPart } from "../parts/stereo/part";
 import { editorPart } from "../parts/editor/part";
 import { annotationsPart } from "../parts/annotations/part";
 import { runsPart } from "../parts/runs/part";
+import { placeMenuPart } from "../parts/place-menu/part";
 import { helpPart } from "../parts/help/part";
 import { accountPart } from "../parts/account/part";
 import { livePart } from "../parts/live/part";
@@ -34,6 +35,7 @@ export const LATER_PARTS: readonly Part[] = [
   editorPart,
   annotationsPart,
   runsPart,
+  placeMenuPart,
   helpPart,
   accountPart,
   livePart,

@@ -2,6 +2,7 @@
 
 import { firstBounds } from "../map/layers";
 import { MapView } from "../map/map-view";
+import { keepFormat, keptFormat } from "../page/coordinate-format";
 import { localMap } from "../map/projection";
 import { CARTOGRAPHERS_SUN } from "../map/shading";
 import type { Shell } from "../page/shell";
@@ -16,8 +17,10 @@ import type { Context, Part, Signals } from "./context";
 import { Kept, LinkBook } from "./kept";
 import { LayerBook } from "./layer-book";
 import { formatPermalink, type Permalink } from "./permalink";
+import { PlaceActions } from "./place-actions";
 import { Shortcuts } from "./shortcuts";
 import { HeldSignal, Signal } from "./signal";
+import { StopFrames } from "./stop-frames";
 import { Waiting } from "./waiting";
 
 /** What the map itself needs, in the order of tabs and tools on the page; `later-parts` follow when it is drawn. */
@@ -64,6 +67,9 @@ export class Session {
       account: new Kept<Account | null>(null),
       waiting: new Waiting(page, () => view.map.render()),
       keys: new Shortcuts(),
+      places: new PlaceActions(),
+      frames: new StopFrames(mission.mission, this.life.signal),
+      coordinates: new Kept(keptFormat()),
       signals: signals(),
       lastEvent,
       alive: this.life.signal,
@@ -99,6 +105,7 @@ export class Session {
 
   private listen(): void {
     const { view, waiting, signals, keys, layers, link, drawing } = this.context;
+    const { frames, coordinates } = this.context;
     view.map.on("rendercomplete", () => waiting.settle());
     view.map.on("loadstart", () => waiting.unsettle());
     view.map.on("moveend", () => signals.view.emit());
@@ -110,6 +117,8 @@ export class Session {
       view.setLayers(layers.every);
       signals.view.emit();
     });
+    layers.replaced.on(() => frames.forget());
+    coordinates.changed.on(keepFormat);
     signals.view.on(() => this.writeLink());
     signals.sol.on((sol) => {
       drawing.sol = sol;

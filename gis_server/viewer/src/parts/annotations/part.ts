@@ -20,8 +20,13 @@ const Z_INDEX = 990;
 
 export function annotationsPart(context: Context): void {
   const annotations = new Annotations(context);
-  const { account, signals, waiting, keys, mission } = context;
+  const { account, signals, waiting, keys, mission, places } = context;
   account.changed.on(() => annotations.draw());
+  places.add({
+    title: "Add note",
+    run: (point) => annotations.write("point", [point]),
+    isOffered: () => mayAct(account.value, "analyst"),
+  });
   keys.add("Escape", "stop drawing a note", () => annotations.stop());
   signals.happened.on(({ kind, document }) => {
     const concerns = kind === "edits.changed" && document.mission === mission.mission;
@@ -71,7 +76,8 @@ class Annotations {
     this.stop();
     const { view, page } = this.context;
     page.ruler.hidden = false;
-    page.ruler.textContent = "draw the note's place on the map; double-click ends, Esc stops";
+    page.ruler.textContent =
+      "draw the note's place on the map; double-click or Enter ends, Esc stops";
     this.sketch = new Sketch(view, shape, { end: (corners) => this.write(shape, corners) });
   }
 
@@ -82,7 +88,8 @@ class Annotations {
     this.context.page.ruler.hidden = true;
   }
 
-  private write(shape: Shape, corners: readonly MapPoint[]): void {
+  /** Asks for the text of a note at a place, line or area. */
+  write(shape: Shape, corners: readonly MapPoint[]): void {
     this.stop();
     const { page, waiting, mission } = this.context;
     const field = h("textarea", {

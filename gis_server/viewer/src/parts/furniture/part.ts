@@ -2,6 +2,7 @@
 
 import { firstBounds } from "../../map/layers";
 import { scaleBar } from "../../map/scale";
+import { copyText } from "../../page/copy";
 import { button, h } from "../../page/dom";
 import type { Context } from "../../session/context";
 
@@ -13,11 +14,7 @@ export function furniturePart({ page, view, layers, mission, keys }: Context): v
   page.addTool(button("zoom out (-)", "minus", () => view.zoomBy(2)));
   page.addTool(button("show everything (f)", "fit", everything, { class: "fit" }));
   page.addTool(
-    button(
-      "copy the link to this view",
-      "link",
-      () => void navigator.clipboard?.writeText(location.href),
-    ),
+    button("copy the link to this view", "link", () => void copyText(page, "Link", location.href)),
   );
   keys.add("f", "show everything", everything);
   keys.add("n", "north up", () => view.northUp());

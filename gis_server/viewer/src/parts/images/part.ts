@@ -3,14 +3,14 @@
 import { ImageFeatures } from "../../map/image-features";
 import { h } from "../../page/dom";
 import { api } from "../../server/api";
-import type { ImageEntry } from "../../server/records";
+import { type ImageEntry, imagesAt, type MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
 import { imageDetail, imageList, stopsOf } from "./panel";
 
 export function imagesPart(context: Context): void {
-  const { page, view, layers, waiting, signals, mission, drawing } = context;
+  const { page, view, layers, waiting, signals, mission, drawing, places } = context;
   const panel = page.addTab("images", "Images");
-  const [detail, list] = [h("div"), h("div")];
+  const [detail, place, list] = [h("div"), h("div"), h("div")];
   const viewing = new ImageFeatures(() => [
     ...layers.widest("footprints"),
     ...layers.widest("pointing"),
@@ -18,11 +18,16 @@ export function imagesPart(context: Context): void {
   let images: readonly ImageEntry[] = [];
   let stop: string | null = null;
   let chosen: string | null = null;
+  /** Images that see a place; null: all. */
+  let here: ReadonlySet<string> | null = null;
 
   const drawList = () => {
     const { sol } = drawing;
     const some = images.filter(
-      (image) => (sol === null || image.sol === sol) && (!stop || image.stop === stop),
+      ({ id, ...image }) =>
+        (here?.has(id) ?? true) &&
+        (sol === null || image.sol === sol) &&
+        (!stop || image.stop === stop),
     );
     const actions = {
       open: (id: string) => signals.image.emit(id),
@@ -36,7 +41,7 @@ export function imagesPart(context: Context): void {
   };
   const load = async () => {
     images = await api.images(mission.mission, {});
-    panel.replaceChildren(detail, filters(context, images, stop, setStop), list);
+    panel.replaceChildren(detail, filters(context, images, stop, setStop), place, list);
     drawList();
   };
   const showOnMap = (id: string | null) => {
@@ -44,6 +49,21 @@ export function imagesPart(context: Context): void {
     if (shown === null) view.setHighlight([]);
     else waiting.run(async () => view.setHighlight(await viewing.of(shown)));
   };
+  const everywhere = () => {
+    here = null;
+    view.setMark(null);
+    place.replaceChildren();
+    drawList();
+  };
+  const showAt = (point: MapPoint) =>
+    waiting.run(async () => {
+      here = new Set(imagesAt(await api.identify(mission.mission, point)));
+      view.setMark(point);
+      const all = h("button", { type: "button", class: "text", onclick: everywhere }, "show all");
+      place.replaceChildren(h("p", { class: "hint at-place" }, "Images that see the place. ", all));
+      drawList();
+      page.showTab("images");
+    });
   const open = (id: string) => {
     const image = images.find((entry) => entry.id === id);
     if (!image) {
@@ -60,6 +80,7 @@ export function imagesPart(context: Context): void {
     showOnMap(null);
   };
 
+  places.add({ title: "Images here", run: showAt });
   layers.replaced.on(() => viewing.forget());
   signals.image.on(open);
   signals.imageHovered.on(showOnMap);

@@ -68,7 +68,7 @@ function details(layer: Layer, actions: LayerActions): Following {
     legend,
     facts([
       ["cell", layer.cell_m ? metres(layer.cell_m) : null],
-      ["values", range],
+      ["stretch", range],
       ["seen on", layer.sols.length > 0 ? sols(layer.sols) : null],
       ["made", `${time(layer.made_at)} UTC`],
       ["digest", h("code", {}, layer.digest)],

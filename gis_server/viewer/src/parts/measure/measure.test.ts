@@ -7,7 +7,7 @@ import { type Measurement, measurementsCsv, measurementsGeojson, profilesCsv } f
 import { profileOptions } from "./ground-profile";
 import { MODES } from "./modes";
 import { withoutRepeats } from "./corners";
-import { lineQuantities, quantityText, zoneQuantities } from "./quantities";
+import { areaQuantities, lineQuantities, quantityText, zoneQuantities } from "./quantities";
 
 const LAYER = { id: "mer2/dtm", kind: "dtm", digest: "0123", cell_m: 0.08 };
 const FOUND = {
@@ -48,6 +48,29 @@ test("a quantity carries its unit and its uncertainty", () => {
   expect(text("ground measured")).toBe("100 %");
   expect(quantityText({ name: "strike", value: null, unit: "°" })).toBe("–");
   expect(quantityText({ name: "rock", value: 0.00123, unit: "m³" })).toBe("0.00123 m³");
+});
+
+test("an area has the digits that the cells under its corners allow", () => {
+  const square: MapPoint[] = [
+    [0, 0],
+    [20, 0],
+    [20, 20],
+    [0, 20],
+  ];
+  const found = {
+    ...{ map_area_m2: 400, surface_area_m2: 404.1234, perimeter_m: 80, measured_share: 1 },
+    ...{ elevation_mean_m: 0, elevation_min_m: 0, elevation_max_m: 0 },
+    layers: [{ ...LAYER, cell_m: 0.16 }],
+  };
+  // Every corner turns the area by half of the diagonal, 14.1 m, and is known to 16 cm / sqrt(12).
+  const [flat, ground] = areaQuantities(found, square);
+  expect(flat?.sigma).toBeCloseTo(2 * Math.sqrt(200) * (0.16 / Math.sqrt(12)), 9);
+  expect(flat && quantityText(flat)).toBe("400 ± 1 m²");
+  expect(ground && quantityText(ground)).toBe("404 ± 1 m²");
+  const [sharp] = areaQuantities({ ...found, layers: [{ ...LAYER, cell_m: 0.01 }] }, square);
+  expect(sharp && quantityText(sharp)).toBe("400.00 ± 0.08 m²");
+  const [alone] = areaQuantities({ ...found, layers: [] }, square);
+  expect(alone?.sigma).toBeNull();
 });
 
 test("a table has a line for every quantity and every corner", () => {

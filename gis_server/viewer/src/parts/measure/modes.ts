@@ -18,7 +18,7 @@ import { SIGHT_MODES } from "./sight-modes";
 const length = (corners: readonly MapPoint[]) => measuredText(measure(corners));
 const area = (corners: readonly MapPoint[]) =>
   corners.length < 3
-    ? "click the corners; double-click ends, Esc stops"
+    ? "click the corners; double-click or Enter ends, Esc stops"
     : `${fixed(polygonArea(corners), 2)} m² on the map`;
 
 async function line(mission: string, corners: readonly MapPoint[], main: string): Promise<Found> {
@@ -35,7 +35,7 @@ export const MODES: readonly Mode[] = [
     title: "Distance",
     shape: "line",
     least: 2,
-    hint: "Click along the way; double-click ends it.",
+    hint: "Click along the way; double-click or Enter ends it.",
     live: length,
     find: (mission, corners) => line(mission, corners, "length on the map"),
   },
@@ -69,11 +69,11 @@ export const MODES: readonly Mode[] = [
     title: "Area",
     shape: "area",
     least: 3,
-    hint: "Click the corners; double-click ends it.",
+    hint: "Click the corners; double-click or Enter ends it.",
     live: area,
     find: async (mission, corners) => {
       const answer = await measuring.area(mission, corners);
-      return found(areaQuantities(answer), "area on the map", answer.layers);
+      return found(areaQuantities(answer, corners), "area on the map", answer.layers);
     },
   },
   {
@@ -85,7 +85,7 @@ export const MODES: readonly Mode[] = [
     live: area,
     find: async (mission, corners) => {
       const answer = await measuring.volume(mission, corners, "rim");
-      return found(volumeQuantities(answer), "net", answer.layers);
+      return found(volumeQuantities(answer, corners), "net", answer.layers);
     },
   },
   {

@@ -2,7 +2,7 @@
 
 import "./measure.css";
 import { kindTitle } from "../../map/layers";
-import { Sketch } from "../../map/sketch";
+import { isForMap, Sketch } from "../../map/sketch";
 import { button } from "../../page/dom";
 import { scopeTitle } from "../../page/format";
 import { saveText } from "../../page/save";
@@ -18,7 +18,7 @@ import { ChosenNumbers } from "./numbers";
 import { measurePanel } from "./panel";
 
 export function measurePart(context: Context): void {
-  const { page, keys, alive } = context;
+  const { page, keys, places, alive } = context;
   const panel = page.addTab("measure", "Measure");
   const tool = button("measure (m)", "ruler", () => measuring.toggle(), {
     class: "measure",
@@ -26,17 +26,27 @@ export function measurePart(context: Context): void {
   });
   const measuring = new Measuring(context, panel, tool);
   page.addTool(tool);
+  const [distance, viewshed] = ["distance", "viewshed"].map((key) =>
+    MODES.find((mode) => mode.key === key),
+  );
+  if (distance)
+    places.add({
+      title: "Measure from here",
+      run: (point) => measuring.start(distance, point),
+    });
+  if (viewshed)
+    places.add({ title: "Viewshed from here", run: (point) => measuring.at(viewshed, point) });
   keys.add("m", "measure a distance", () => measuring.toggle());
   keys.add("Escape", "stop measuring", () => measuring.stop());
   document.addEventListener("keydown", (event) => drawingKey(event, measuring), { signal: alive });
   alive.addEventListener("abort", () => measuring.dispose());
 }
 
-/** Enter and Backspace belong to the drawing, except where they press a button or edit a text. */
-function drawingKey({ key, target }: KeyboardEvent, measuring: Measuring): void {
-  if ((target as HTMLElement).closest("button, input, select, textarea, summary, a")) return;
-  if (key === "Enter") measuring.finish();
-  if (key === "Backspace") measuring.undo();
+/** Enter and Backspace for places that are picked one by one; what is drawn has its own. */
+function drawingKey(event: KeyboardEvent, measuring: Measuring): void {
+  if (!isForMap(event)) return;
+  if (event.key === "Enter") measuring.finish();
+  if (event.key === "Backspace") measuring.undo();
 }
 
 class Measuring {
@@ -66,7 +76,15 @@ class Measuring {
     else if (first) this.start(first);
   }
 
-  start(mode: Mode): void {
+  /** Measures what takes one place. */
+  at(mode: Mode, point: MapPoint): void {
+    this.stop();
+    this.context.page.showTab("measure");
+    this.find(mode, [point]);
+  }
+
+  /** Begins to draw, at a place if one is given. */
+  start(mode: Mode, from?: MapPoint): void {
     this.stop();
     this.mode = mode;
     const { page, view } = this.context;
@@ -75,7 +93,8 @@ class Measuring {
     this.tell([]);
     const end = (corners: readonly MapPoint[]) => this.ended(corners);
     const change = (corners: readonly MapPoint[]) => this.tell(corners);
-    this.sketch = new Sketch(view, mode.shape, { change, end }, mode.most);
+    this.sketch = new Sketch(view, mode.shape, { change, end }, mode);
+    if (from) this.sketch.begin(from);
     page.showTab("measure");
     this.draw();
   }
@@ -92,8 +111,7 @@ class Measuring {
   }
 
   undo(): void {
-    if (this.mode?.shape !== "point") this.sketch?.undo();
-    else this.pick(this.picked.slice(0, -1));
+    if (this.mode?.shape === "point") this.pick(this.picked.slice(0, -1));
   }
 
   finish(): void {

@@ -1,6 +1,7 @@
 /** What a measurement states, as quantities with unit and standard deviation, and how they are printed. */
 
 import { compact, fixed, metres } from "../../page/format";
+import { areaSigma } from "../../map/measure";
 import type {
   AreaMeasured,
   LayerUsed,
@@ -9,6 +10,7 @@ import type {
   VolumeMeasured,
   ZoneMeasured,
 } from "../../server/measure";
+import type { MapPoint } from "../../server/records";
 
 export type Unit = "m" | "m²" | "m³" | "°" | "%" | "h" | "";
 
@@ -37,7 +39,7 @@ const DECIMALS: Readonly<Record<Unit, number>> = {
 export function quantityText({ value, word, sigma, unit }: Quantity): string {
   if (word) return word;
   if (value === null) return "–";
-  const decimals = DECIMALS[unit];
+  const decimals = unit === "m²" && sigma ? decimalsOf(sigma) : DECIMALS[unit];
   const sign = unit === "°" ? "°" : unit ? ` ${unit}` : "";
   const plusMinus = sigma === null || sigma === undefined ? "" : ` ± ${fixed(sigma, decimals)}`;
   if (unit === "m" && !plusMinus && Math.abs(value) >= 1000) return metres(value, 7);
@@ -45,6 +47,10 @@ export function quantityText({ value, word, sigma, unit }: Quantity): string {
     return `${compact(value, 3)}${sign}`;
   return `${fixed(value, decimals)}${plusMinus}${sign}`;
 }
+
+/** Decimals down to the first digit of a standard deviation. */
+const decimalsOf = (sigma: number) =>
+  Math.min(DECIMALS["m²"], Math.max(0, Math.ceil(-Math.log10(sigma))));
 
 const measured = (share: number): Quantity => ({
   name: "ground measured",
@@ -70,9 +76,23 @@ export function lineQuantities(found: LineMeasured): Quantity[] {
   ];
 }
 
-export const areaQuantities = (found: AreaMeasured): Quantity[] => [
-  { name: "area on the map", value: found.map_area_m2, unit: "m²" },
-  { name: "area of the ground", value: found.surface_area_m2, unit: "m²" },
+/** Areas are as good as the cells that their corners were placed on. */
+const sigmaOf = (corners: readonly MapPoint[], [layer]: readonly LayerUsed[]) =>
+  layer?.cell_m ? areaSigma(corners, layer.cell_m) : null;
+
+export const areaQuantities = (found: AreaMeasured, corners: readonly MapPoint[]): Quantity[] => [
+  {
+    name: "area on the map",
+    value: found.map_area_m2,
+    sigma: sigmaOf(corners, found.layers),
+    unit: "m²",
+  },
+  {
+    name: "area of the ground",
+    value: found.surface_area_m2,
+    sigma: sigmaOf(corners, found.layers),
+    unit: "m²",
+  },
   { name: "perimeter", value: found.perimeter_m, unit: "m" },
   { name: "lowest ground", value: found.elevation_min_m, unit: "m" },
   { name: "mean elevation", value: found.elevation_mean_m, unit: "m" },
@@ -80,11 +100,19 @@ export const areaQuantities = (found: AreaMeasured): Quantity[] => [
   measured(found.measured_share),
 ];
 
-export const volumeQuantities = (found: VolumeMeasured): Quantity[] => [
+export const volumeQuantities = (
+  found: VolumeMeasured,
+  corners: readonly MapPoint[],
+): Quantity[] => [
   { name: "above the base", value: found.above_m3, unit: "m³" },
   { name: "below the base", value: found.below_m3, unit: "m³" },
   { name: "net", value: found.net_m3, sigma: found.sigma_net_m3, unit: "m³" },
-  { name: "area on the map", value: found.map_area_m2, unit: "m²" },
+  {
+    name: "area on the map",
+    value: found.map_area_m2,
+    sigma: sigmaOf(corners, found.layers),
+    unit: "m²",
+  },
   { name: "highest over the base", value: found.highest_m, unit: "m" },
   { name: "lowest over the base", value: found.lowest_m, unit: "m" },
   { name: "slope of the base", value: found.base_slope_deg, unit: "°" },

@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
-import { byScope, elevationText, imagesAt, valueText } from "./panel";
-import { type Identified, propertiesOf } from "../../server/records";
+import { byScope, elevationText, valueText } from "./panel";
+import { type Identified, imagesAt, propertiesOf } from "../../server/records";
 
 const NOTHING: Identified = {
   east: 0,

@@ -1,9 +1,16 @@
 /** What lies at the clicked point: elevation, value of every layer, images that see it. */
 
-import { facts, h } from "../../page/dom";
+import { type CoordinateFormat, inFrames, lonLatText } from "../../map/coordinates";
+import { button, facts, h } from "../../page/dom";
 import { compact, fixed, scopeTitle, unitSign } from "../../page/format";
 import { kindTitle } from "../../map/layers";
-import { type Identified, type IdentifiedLayer, propertiesOf } from "../../server/records";
+import {
+  type Identified,
+  type IdentifiedLayer,
+  imagesAt,
+  propertiesOf,
+} from "../../server/records";
+import type { SceneStops } from "../../server/scene";
 
 export function elevationText({ elevation_m, elevation_sigma_m }: Identified): string {
   if (elevation_m === null) return "not measured";
@@ -13,14 +20,6 @@ export function elevationText({ elevation_m, elevation_sigma_m }: Identified): s
 
 export const valueText = ({ value, unit, label }: IdentifiedLayer) =>
   label ?? (value === null ? "\u2013" : `${compact(value)}${unitSign(unit)}`);
-
-/** Ids of the images whose footprint holds the point, each once; pointing lines only pass by. */
-export function imagesAt({ features }: Identified): string[] {
-  const ids = features
-    .filter(({ kind }) => kind === "footprints")
-    .map((feature) => propertiesOf(feature)["image"]);
-  return [...new Set(ids.filter((id): id is string => typeof id === "string"))];
-}
 
 /** Names of the stops at the point. */
 function stopsAt({ features }: Identified): string[] {
@@ -46,17 +45,40 @@ function table(layers: readonly IdentifiedLayer[]): HTMLElement {
         "tr",
         { "data-layer": layer.id },
         h("td", {}, kindTitle(layer.kind)),
-        h("td", { class: "number" }, valueText(layer)),
+        h("td", { class: layer.label === null ? "number" : "label" }, valueText(layer)),
       ),
     ),
   ]);
   return h("table", { class: "values" }, h("tbody", {}, ...rows));
 }
 
+export interface PointActions {
+  readonly openImage: (id: string) => void;
+  readonly hoverImage: (id: string | null) => void;
+  readonly copy: (text: string) => void;
+}
+
+/** A place in each way of naming it, as text that the search box reads. */
+export function coordinateRows(
+  { north, east, lon, lat, elevation_m }: Identified,
+  format: CoordinateFormat,
+  frames: SceneStops,
+): readonly (readonly [name: string, text: string])[] {
+  const onMars: (readonly [string, string])[] =
+    lon === null || lat === null
+      ? []
+      : [["lat, lon", lonLatText([lon, lat], format, 7).join(", ")]];
+  return [
+    ...onMars,
+    ["map", `N ${fixed(north, 3)} m, E ${fixed(east, 3)} m`],
+    ...inFrames([east, north], elevation_m, frames),
+  ];
+}
+
 export function pointPanel(
   found: Identified,
-  openImage: (id: string) => void,
-  hoverImage: (id: string | null) => void,
+  coordinates: readonly (readonly [name: string, text: string])[],
+  { openImage, hoverImage, copy }: PointActions,
 ): HTMLElement {
   const images = imagesAt(found);
   const stops = stopsAt(found);
@@ -81,10 +103,18 @@ export function pointPanel(
     "div",
     { class: "point" },
     facts([
-      ["north (LSL x)", `${fixed(found.north, 3)} m`],
-      ["east (LSL y)", `${fixed(found.east, 3)} m`],
-      ["latitude", found.lat === null ? null : `${fixed(found.lat, 7)}°`],
-      ["longitude", found.lon === null ? null : `${fixed(found.lon, 7)}° E`],
+      ...coordinates.map(
+        ([name, text]) =>
+          [
+            name,
+            h(
+              "span",
+              { class: "coordinates" },
+              text,
+              button(`copy ${name}`, "copy", () => copy(text), { class: "ghost" }),
+            ),
+          ] as const,
+      ),
       ["elevation", elevationText(found)],
       ["stop", stops.length > 0 ? stops.map(scopeTitle).join(", ") : null],
     ]),

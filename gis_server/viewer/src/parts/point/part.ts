@@ -1,29 +1,48 @@
 /** What is at a place: the line below the map follows the pointer, the tab tells of the clicked point. */
 
+import { formatChoice } from "../../page/coordinate-format";
+import { copyText } from "../../page/copy";
 import { h } from "../../page/dom";
 import { api } from "../../server/api";
 import type { Identified, MapPoint } from "../../server/records";
+import type { SceneStops } from "../../server/scene";
 import type { Context } from "../../session/context";
-import { pointPanel } from "./panel";
+import { coordinateRows, pointPanel } from "./panel";
 import { readout } from "./readout";
 
 const HOVER_MS = 120;
 
 export function pointPart(context: Context): void {
-  const { page, view, mission, waiting, signals } = context;
+  const { page, view, mission, waiting, signals, places, frames, coordinates } = context;
   const panel = page.addTab("point", "Point");
   panel.replaceChildren(...hints(context));
 
+  let told: { readonly found: Identified; readonly frames: SceneStops } | null = null;
+  const actions = {
+    openImage: (id: string) => signals.image.emit(id),
+    hoverImage: (id: string | null) => signals.imageHovered.emit(id),
+    copy: (text: string) => void copyText(page, "Coordinates", text),
+  };
+  const draw = () => {
+    if (!told) return;
+    const rows = coordinateRows(told.found, coordinates.value, told.frames);
+    panel.replaceChildren(pointPanel(told.found, rows, actions));
+  };
   const identify = (point: MapPoint) => {
     view.setMark(point);
     waiting.run(async () => {
-      const found = await api.identify(mission.mission, point);
-      const open = (id: string) => signals.image.emit(id);
-      const hover = (id: string | null) => signals.imageHovered.emit(id);
-      panel.replaceChildren(pointPanel(found, open, hover));
+      const asked = [api.identify(mission.mission, point), frames.load()] as const;
+      const [found, known] = await Promise.all(asked);
+      told = { found, frames: known };
+      draw();
       page.showTab("point");
     });
   };
+  page.formatBox.replaceChildren(
+    formatChoice(coordinates.value, (format) => coordinates.set(format)),
+  );
+  coordinates.changed.on(draw);
+  places.add({ title: "Identify", run: identify });
   signals.identify.on(identify);
   signals.click.on(({ point, touched }) => {
     if (typeof touched?.feature.get("image") !== "string") identify(point);
@@ -31,7 +50,8 @@ export function pointPart(context: Context): void {
   followPointer(context);
 }
 
-function followPointer({ page, view, layers, mission, waiting, signals, alive }: Context): void {
+function followPointer(context: Context): void {
+  const { page, view, layers, mission, waiting, signals, coordinates, alive } = context;
   let timer: ReturnType<typeof setTimeout> | undefined;
   let asking: AbortController | null = null;
   const heightOf = (id: string) => {
@@ -39,7 +59,9 @@ function followPointer({ page, view, layers, mission, waiting, signals, alive }:
     return layer && layers.state(layer).visible ? layers.height(layer) : null;
   };
   const tell = (point: MapPoint, found: Identified | null) =>
-    page.readout.replaceChildren(...readout(point, view.resolution, view.local, found, heightOf));
+    page.readout.replaceChildren(
+      ...readout(point, view.resolution, view.local, coordinates.value, found, heightOf),
+    );
   const stop = () => {
     clearTimeout(timer);
     asking?.abort();

@@ -1,5 +1,6 @@
 /** The line below the map: where the pointer is, and what was measured there. */
 
+import { type CoordinateFormat, lonLatText } from "../../map/coordinates";
 import { h } from "../../page/dom";
 import { fixed } from "../../page/format";
 import { kindTitle } from "../../map/layers";
@@ -34,19 +35,19 @@ export function readout(
   point: MapPoint,
   resolution: number,
   local: LocalMap,
+  format: CoordinateFormat,
   found: Identified | null,
   heightOf: (layer: string) => number | null,
 ): Node[] {
   const [east, north] = point;
-  const [lon, lat] = local.toLonLat(point);
+  const lonLat = local.toLonLat(point);
+  const [lat, lon] = lonLatText(lonLat, format);
   const decimals = decimalsFor(resolution);
   const value = uppermost(found, heightOf);
   return [
     field("N", `${fixed(north, decimals)} m`, "north"),
     field("E", `${fixed(east, decimals)} m`, "east"),
-    ...(Number.isNaN(lon)
-      ? []
-      : [field("lat", `${fixed(lat, 6)}°`, "lat"), field("lon", `${fixed(lon, 6)}° E`, "lon")]),
+    ...(lonLat.some(Number.isNaN) ? [] : [field("lat", lat, "lat"), field("lon", lon, "lon")]),
     field("elevation", found ? elevationText(found) : "…", "elevation"),
     ...(value ? [field(kindTitle(value.kind).toLowerCase(), valueText(value), "value")] : []),
   ];

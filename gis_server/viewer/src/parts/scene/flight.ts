@@ -35,7 +35,7 @@ export class Flight {
     this.stage.look(sum(middle, FROM, this.stage.distanceFor(this.size)), middle);
   }
 
-  near({ place }: SceneStop): void {
+  near(place: Place3): void {
     this.land?.();
     this.stage.look(sum(place, FROM, NEAR_M), place);
   }

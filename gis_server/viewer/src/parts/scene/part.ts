@@ -2,21 +2,25 @@
 
 import { button, h } from "../../page/dom";
 import { sceneApi } from "../../server/scene";
+import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
 import { showOutlines } from "./outlines";
+import type { SceneView } from "./view";
 
 export function scenePart(context: Context): void {
-  const { page, mission, waiting, keys, alive } = context;
+  const { page, mission, waiting, keys, places, frames, alive } = context;
   let isOpen = false;
+  let shown: SceneView | null = null;
+  let wanted: MapPoint | null = null;
   const tool = button("3D view (3)", "cube", () => toggle(), {
     class: "scene-tool",
     "aria-pressed": "false",
   });
   const open = async () => {
-    const [{ SceneView }, models, stops] = await Promise.all([
+    const [{ SceneView: View }, models, stops] = await Promise.all([
       import("./view"),
       sceneApi.models(mission.mission, alive),
-      sceneApi.stops(mission.mission, alive),
+      frames.load(),
     ]);
     if (!isOpen) return;
     if (models.length === 0) {
@@ -24,14 +28,17 @@ export function scenePart(context: Context): void {
       waiting.say("no stop of this mission has a 3D model yet: see `[models]` of the pipeline");
       return;
     }
-    const view = build(() => new SceneView(context, models, stops));
+    const view = build(() => new View(context, models, stops));
     page.beside.open("3D view", view?.element ?? withoutGraphics(), () => {
       view?.dispose();
       close();
     });
+    shown = view;
+    if (wanted) view?.visit(wanted);
   };
   const close = () => {
     isOpen = false;
+    [shown, wanted] = [null, null];
     tool.setAttribute("aria-pressed", "false");
   };
   function toggle(): void {
@@ -44,7 +51,13 @@ export function scenePart(context: Context): void {
     tool.setAttribute("aria-pressed", "true");
     waiting.run(open);
   }
+  const visit = (point: MapPoint) => {
+    wanted = point;
+    if (shown) shown.visit(point);
+    else if (!isOpen) toggle();
+  };
   page.addTool(tool);
+  places.add({ title: "3D here", run: visit });
   keys.add("3", "3D view", toggle);
   alive.addEventListener("abort", () => page.beside.close());
   showOutlines(context);

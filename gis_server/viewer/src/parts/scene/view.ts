@@ -4,6 +4,7 @@ import { Group, type Points } from "three";
 import type { SunPlace } from "../../map/shading";
 import { h } from "../../page/dom";
 import { fixed } from "../../page/format";
+import type { MapPoint } from "../../server/records";
 import { type Model, type Place3, type SceneStops, sceneApi } from "../../server/scene";
 import type { Context } from "../../session/context";
 import { Cloud } from "./cloud";
@@ -46,6 +47,7 @@ export class SceneView {
   private readonly closing = new AbortController();
   private readonly flight: Flight;
   private views: Terrain | null = null;
+  private wanted: MapPoint | null = null;
   private cloud: Cloud | null = null;
   private ties: Points | null = null;
 
@@ -88,6 +90,19 @@ export class SceneView {
     this.flight.over();
   }
 
+  /** Looks at a place of the map, as soon as its ground is there. */
+  visit(point: MapPoint): void {
+    this.wanted = point;
+    if (this.terrain.isSettled) this.fly();
+  }
+
+  private fly(): void {
+    const ground = this.wanted && this.marker.at(this.wanted);
+    if (ground) this.flight.near(ground);
+    else if (this.wanted) this.context.waiting.say("no 3D model has ground at this place");
+    this.wanted = null;
+  }
+
   dispose(): void {
     this.closing.abort();
     this.context.signals.cursor.emit(null);
@@ -128,6 +143,7 @@ export class SceneView {
     this.element.dataset["triangles"] = String(this.terrain.triangles);
     this.said.textContent = "";
     this.sights.draw();
+    this.fly();
   }
 
   private changed(name: keyof Choices): void {
@@ -135,7 +151,7 @@ export class SceneView {
     switch (name) {
       case "stop":
         this.chooseStop();
-        if (choices.stop && this.stop) this.flight.near(this.stop);
+        if (choices.stop && this.stop) this.flight.near(this.stop.place);
         else this.flight.over();
         return;
       case "look":

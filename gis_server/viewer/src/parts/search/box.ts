@@ -25,7 +25,7 @@ export function searchBox({ find, entered, go }: SearchActions): SearchBox {
   const list = h("ul", { id: "search-list", role: "listbox", "aria-label": "found", hidden: true });
   const input = h("input", {
     type: "search",
-    placeholder: "sol, site, stop or image  ( / )",
+    placeholder: "sol, stop, image, coordinates ( / )",
     "aria-label": "search",
     role: "combobox",
     "aria-autocomplete": "list",

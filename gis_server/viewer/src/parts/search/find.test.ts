@@ -1,4 +1,6 @@
 import { expect, test } from "vitest";
+import { MISSION } from "../../fixtures";
+import { localMap } from "../../map/projection";
 import { entriesOf, find } from "./find";
 
 const STOPS = [
@@ -36,6 +38,17 @@ test("an image is found by any part of its name, however it is written", () => {
 test("two numbers are a place", () => {
   expect(find(ENTRIES, "12.5, -3")[0]?.goal).toEqual({ to: "place", point: [12.5, -3] });
   expect(find(ENTRIES, "12.5")).toEqual([]);
+});
+
+test("latitude and longitude are a place on the map of a mission", () => {
+  const to = { local: localMap(MISSION), bounds: MISSION.bounds, frames: null };
+  for (const text of ["-14.5689 175.4730", "14.5689S 175.473E", "S14°34'8.04\" E175°28'22.8\""]) {
+    const [found] = find(ENTRIES, text, 40, to);
+    if (found?.goal.to !== "place") throw new Error(`${text} is no place`);
+    const [east, north] = found.goal.point;
+    expect(east).toBeCloseTo(5.74, 1);
+    expect(north).toBeCloseTo(17.78, 1);
+  }
 });
 
 test("nothing finds nothing, and no list is endless", () => {

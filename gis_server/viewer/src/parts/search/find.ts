@@ -1,6 +1,6 @@
 /** What can be gone to by name, and which of it a few letters mean. */
 
-import { fixed } from "../../page/format";
+import { MAP_ONLY, readCoordinates, type References } from "../../map/coordinates";
 import type { MapPoint } from "../../server/records";
 
 /** Where a find leads. Stops are named by their scope. */
@@ -92,22 +92,19 @@ function fit(names: readonly string[], query: string): number | null {
   return names.some((name) => name.includes(query)) ? 3 : null;
 }
 
-/** `12.5 -3`: metres to the east and to the north. */
-function placeIn(query: string): Entry | null {
-  const numbers = query.split(/[\s,;]+/).map(Number);
-  const [east, north] = numbers;
-  if (numbers.length !== 2 || !numbers.every(Number.isFinite)) return null;
-  if (east === undefined || north === undefined) return null;
-  return {
-    title: `east ${fixed(east, 2)} m, north ${fixed(north, 2)} m`,
-    detail: "place on the map",
-    names: [],
-    goal: { to: "place", point: [east, north] },
-  };
-}
+const places = (query: string, to: References): Entry[] =>
+  readCoordinates(query, to).map(({ title, detail, point }) => ({
+    ...{ title, detail, names: [] },
+    goal: { to: "place", point },
+  }));
 
-/** The entries that the letters mean, the best first. */
-export function find(entries: readonly Entry[], text: string, most = MOST): readonly Entry[] {
+/** The entries that the letters mean, the best first; coordinates are read as `to` says. */
+export function find(
+  entries: readonly Entry[],
+  text: string,
+  most = MOST,
+  to: References = MAP_ONLY,
+): readonly Entry[] {
   const query = text.trim().toLowerCase().replace(/\s+/g, " ");
   if (!query) return [];
   const ranks: Entry[][] = [[], [], [], []];
@@ -115,6 +112,5 @@ export function find(entries: readonly Entry[], text: string, most = MOST): read
     const rank = fit(entry.names, query);
     if (rank !== null) ranks[rank]?.push(entry);
   }
-  const place = placeIn(query);
-  return [...(place ? [place] : []), ...ranks.flat()].slice(0, most);
+  return [...places(query, to), ...ranks.flat()].slice(0, most);
 }

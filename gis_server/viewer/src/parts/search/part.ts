@@ -2,7 +2,9 @@
 
 import type Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";
+import type { References } from "../../map/coordinates";
 import { ImageFeatures } from "../../map/image-features";
+import { firstBounds } from "../../map/layers";
 import { api } from "../../server/api";
 import type { Bounds, MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
@@ -14,19 +16,22 @@ import "./search.css";
 const AROUND_M = 12;
 
 export function searchPart(context: Context): void {
-  const { page, keys, layers, waiting, mission } = context;
+  const { page, keys, layers, waiting, mission, view, frames } = context;
   let entries: readonly Entry[] | null = null;
+  let to: References = { local: view.local, bounds: null, frames: null };
   const load = async () => {
-    const [stops, images] = await Promise.all([
+    const [stops, images, known] = await Promise.all([
       stopFeatures(context),
       api.images(mission.mission, {}),
+      frames.load(),
     ]);
+    to = { ...to, bounds: firstBounds(layers.all) ?? mission.bounds, frames: known };
     const sols = layers.all.flatMap((layer) => [...layer.sols]);
     entries = entriesOf(sols, stops.map(factsOf), images);
     box.refresh();
   };
   const box = searchBox({
-    find: (text) => find(entries ?? [], text),
+    find: (text) => (entries ? find(entries, text, undefined, to) : []),
     entered: () => {
       if (!entries) waiting.run(load);
     },
@@ -36,7 +41,7 @@ export function searchPart(context: Context): void {
     entries = null;
   });
   page.searchBox.replaceChildren(box.element);
-  keys.add("/", "search for a sol, site, stop or image", () => box.focus());
+  keys.add("/", "search for a sol, site, stop, image or coordinates", () => box.focus());
 }
 
 function stopFeatures({ view, layers }: Context): Promise<Feature<Geometry>[]> {
