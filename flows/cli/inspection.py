@@ -1,7 +1,8 @@
 """What a person wants to know of an image: when, where, whither, with which camera; its partner.
 
 Of a derived raster of the archive (XYZ, range, slope ...) it is what its bands hold, in which unit
-and frame, for how many pixels and between which values.
+and frame, for how many pixels and between which values, and how it differs from what a store
+measured in the same image.
 
 Directions are computed from quaternions and camera models, never taken from INSTRUMENT_AZIMUTH and
 INSTRUMENT_ELEVATION, whose sign is wrong in whole product families. There are two, and they differ
@@ -16,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,7 @@ from solmap.config.settings import Settings
 from solmap.photogrammetry.archive.file_names import FileName, parse_file_name
 from solmap.photogrammetry.archive.images.derived_rasters import (
     DerivedRaster,
+    RasterKind,
     raster_kind,
     read_raster,
 )
@@ -70,20 +73,26 @@ class InspectionError(Exception):
     """A file cannot be inspected or its picture not written; names the file and the fault."""
 
 
-def inspect_files(files: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
+def inspect_files(
+    files: Iterable[Path], store: Path | None = None
+) -> tuple[list[dict[str, Any]], list[str]]:
     """What each file is, as plain values, and one line for each that cannot be read."""
     findings: list[dict[str, Any]] = []
     faults: list[str] = []
     for file in files:
         try:
-            findings.append(inspect_file(file))
+            findings.append(inspect_file(file, store))
         except InspectionError as error:
             faults.append(str(error))
     return findings, faults
 
 
-def inspect_file(file: Path) -> dict[str, Any]:
+def inspect_file(file: Path, store: Path | None = None) -> dict[str, Any]:
     """What a file is; angles in degrees, lengths in metres, None for what is not known.
+
+    Args:
+        file: an image, a label or a derived raster.
+        store: what a derived raster is compared with, if anything.
 
     Raises:
         InspectionError: it cannot be read.
@@ -92,7 +101,10 @@ def inspect_file(file: Path) -> dict[str, Any]:
     try:
         raster = _derived_raster(file, data)
         if raster is not None:
-            return {"file": str(file), **_raster(file, raster)}
+            beside = (
+                {} if store is None else {"beside_store": _beside_store(file, data, raster, store)}
+            )
+            return {"file": str(file), **_raster(file, raster), **beside}
         described = _describe(file, data)
         image, label = described.image, described.label
         read = None if _is_label(file) else _read(file, data, image.stop.mission)
@@ -235,6 +247,45 @@ def _raster(file: Path, raster: DerivedRaster) -> dict[str, Any]:
             for name, values in zip(raster.band_names, raster.bands, strict=True)
         ],
     }
+
+
+def _beside_store(file: Path, data: bytes, raster: DerivedRaster, store: Path) -> dict[str, Any]:
+    """How a raster differs from what a store measured in the same image."""
+    from solmap.products.catalogue.workspace import Workspace  # noqa: PLC0415 - needs databases
+    from solmap.products.export.comparison import compare_raster  # noqa: PLC0415
+
+    return asdict(compare_raster(raster, read_label(data, file.name), Workspace.open(store)))
+
+
+def write_points(file: Path, ply: Path) -> None:
+    """Write the points of an XYZ raster: east, north, up of the frame that it is in.
+
+    Raises:
+        InspectionError: it is none, cannot be read, or the points not written.
+    """
+    from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloud  # noqa: PLC0415
+    from solmap.products.formats.mesh.ply import write_ply  # noqa: PLC0415
+
+    try:
+        raster = _derived_raster(file, _bytes(file))
+    except PhotogrammetryError as error:
+        raise InspectionError(_error_line(file, error)) from error
+    if raster is None or raster.kind is not RasterKind.XYZ:
+        raise InspectionError(f"{file.name} is no XYZ raster: there are no points to write")
+    north, east, down = raster.bands[:, raster.mask].astype(np.float64)
+    count = len(down)
+    cloud = PointCloud(
+        np.column_stack([east, north, -down]),
+        np.full(count, 255, dtype=np.uint8),
+        np.full(count, np.nan, dtype=np.float32),
+        0.0,
+    )
+    draft = ply.with_name(ply.name + ".part")
+    try:
+        write_ply(draft, cloud, {"frame": str(raster.frame), "source": file.name})
+        draft.replace(ply)
+    except OSError as error:
+        raise InspectionError(f"{ply} cannot be written: {error.strerror}") from error
 
 
 def _range(values: np.ndarray) -> list[float] | None:

@@ -36,6 +36,24 @@ def _raster_rows(finding: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("size", _size(finding["size"])),
         *((band["name"], _range(band)) for band in finding["bands"]),
         ("of", f"pixels of {partner}" if partner else ""),
+        *_beside(finding.get("beside_store")),
+    ]
+
+
+def _beside(found: Mapping[str, Any] | None) -> list[tuple[str, str]]:
+    """How archived values differ from those of a store."""
+    if found is None:
+        return []
+    pixels = f"{found['pixels']} pixels, {found['share']:.0%} of those looked at"
+    rows = [
+        ("beside", f"the pair of {found['image_id']} in the store, {pixels}; archived less ours:")
+    ]
+    return [
+        *rows,
+        *(
+            ("", f"{one['name']} {one['median']:+.4g} {one['unit']}, spread {one['spread']:.3g}")
+            for one in found["differences"]
+        ),
     ]
 
 

@@ -15,6 +15,7 @@ from solmap.flows.cli.console import (
     MissionFilter,
     SolFilter,
     StoreOption,
+    existing_store,
     fail,
     mission_name,
     mission_of,
@@ -161,36 +162,46 @@ def inspect(
             help="Write it linearised by JPL's rule, with the stereo partner that lies beside it"
         ),
     ] = None,
+    points: Annotated[
+        Path | None, typer.Option(help="Write the points of an XYZ raster, PLY")
+    ] = None,
+    store: Annotated[
+        Path | None,
+        typer.Option(help="Compare a raster with what this store measured in the same image"),
+    ] = None,
     *,
     as_json: JsonOption = False,
 ) -> None:
     """What an image is: when and where it was taken, where it looks, its camera and partner.
 
-    Of a derived raster (XYZ, range, slope ...): what its bands hold, in which unit and frame.
+    Of a derived raster (XYZ, range, slope ...): what its bands hold, in which unit and frame, and
+    how they differ from those of a store.
     """
     from solmap.flows.cli.inspection import (  # noqa: PLC0415
         InspectionError,
         inspect_files,
         write_linearised,
         write_png,
+        write_points,
     )
     from solmap.flows.cli.inspection_text import report_of  # noqa: PLC0415
 
-    for option, picture in (("--png", png), ("--linearised", linearised)):
-        if picture is not None and len(files) != 1:
-            fail(f"{option} writes the picture of one image, but {len(files)} are named")
-    findings, faults = inspect_files(files)
+    asked = {"png": png, "linearised": linearised, "points": points}
+    out = {option: path for option, path in asked.items() if path is not None}
+    for option in out:
+        if len(files) != 1:
+            fail(f"--{option} writes the picture of one image, but {len(files)} are named")
+    findings, faults = inspect_files(files, None if store is None else existing_store(store))
     if as_json:
         typer.echo(json.dumps(findings, indent=2))
     else:
         lines = [line for finding in findings for line in ("", *report_of(finding))]
         for line in lines[1:]:
             say(line)
+    writers = {"png": write_png, "linearised": write_linearised, "points": write_points}
     try:
-        if png is not None and not faults:
-            write_png(files[0], png)
-        if linearised is not None and not faults:
-            write_linearised(files[0], linearised)
+        for option, path in () if faults else out.items():
+            writers[option](files[0], path)
     except InspectionError as error:
         faults.append(str(error))
     for fault in faults:

@@ -149,7 +149,7 @@ def _pairs(exposure: Sequence[RoverImage]) -> list[StereoPair]:
     ]
     pairs: list[StereoPair] = []
     while candidates:
-        pair = StereoPair(*min(candidates, key=lambda both: _preference(*both, worse)))
+        pair = StereoPair(*min(candidates, key=lambda both: _preference(both[0], both[1], worse)))
         pairs.append(pair)
         candidates = [
             (left, right)

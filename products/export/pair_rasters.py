@@ -76,27 +76,10 @@ def pair_rasters(
         dense: Parallax of every pixel of the left one.
         rover_from_pair: The adjusted pose of the pair on the rover.
     """
-    site_from_pair = image.site_from_rover @ rover_from_pair
-    shape = (geometry.lines, geometry.samples)
-    rows, cols = np.indices(shape, dtype=np.float64)
-    pixels = np.column_stack([cols.ravel(), rows.ravel()])
-    known_px = dense.parallax_px > FEWEST_SIGMAS * dense.sigma_px
-    parallax = np.where(known_px, dense.parallax_px, np.nan).astype(np.float64)
-    in_pair = geometry.triangulate(pixels, parallax.ravel())
-    measured = np.isfinite(in_pair).all(axis=1).reshape(shape)
-    in_site = site_from_pair.apply(in_pair)
-    normals = surface_normals(in_site, measured)
-    known = np.isfinite(normals).all(axis=0)
-    slope = np.degrees(np.arccos(np.clip(-normals[2:], 0.0, 1.0)))
-    distance = np.linalg.norm(in_pair, axis=1).reshape(1, *shape)
     camera = _camera_group(image, geometry, rover_from_pair)
-    for raster, bands, mask in (
-        (XYZ, in_site.T.reshape(3, *shape), measured),
-        (RANGE, distance, measured),
-        (NORMAL, normals, known),
-        (SLOPE, slope, known),
-    ):
-        values = np.where(mask, bands, 0.0).astype(np.float32)
+    found = pair_values(image, geometry, dense, rover_from_pair)
+    for raster, bands in found.items():
+        values = np.nan_to_num(bands)
         name = _name(image, raster)
         groups = {**_groups(image, raster, name), "GEOMETRIC_CAMERA_MODEL": camera}
         content = vicar_bytes(values, groups)
@@ -110,6 +93,37 @@ def pair_rasters(
             unit=raster.pds4_unit,
         )
         yield f"{name}.xml", label.encode()
+
+
+def pair_values(
+    image: RoverImage, geometry: EpipolarPair, dense: DenseMatches, rover_from_pair: Pose
+) -> dict[RasterType, Bands]:
+    """The values of each raster of a pair, NaN in all bands where nothing was measured.
+
+    Arguments are those of `pair_rasters`.
+    """
+    site_from_pair = image.site_from_rover @ rover_from_pair
+    shape = (geometry.lines, geometry.samples)
+    rows, cols = np.indices(shape, dtype=np.float64)
+    pixels = np.column_stack([cols.ravel(), rows.ravel()])
+    known_px = dense.parallax_px > FEWEST_SIGMAS * dense.sigma_px
+    parallax = np.where(known_px, dense.parallax_px, np.nan).astype(np.float64)
+    in_pair = geometry.triangulate(pixels, parallax.ravel())
+    measured = np.isfinite(in_pair).all(axis=1).reshape(shape)
+    in_site = site_from_pair.apply(in_pair)
+    normals = surface_normals(in_site, measured)
+    known = np.isfinite(normals).all(axis=0)
+    slope = np.degrees(np.arccos(np.clip(-normals[2:], 0.0, 1.0)))
+    distance = np.linalg.norm(in_pair, axis=1).reshape(1, *shape)
+    return {
+        raster: np.where(mask, bands, np.nan).astype(np.float32)
+        for raster, bands, mask in (
+            (XYZ, in_site.T.reshape(3, *shape), measured),
+            (RANGE, distance, measured),
+            (NORMAL, normals, known),
+            (SLOPE, slope, known),
+        )
+    }
 
 
 def surface_normals(points: ObjectPoints, measured: Mask) -> np.ndarray:

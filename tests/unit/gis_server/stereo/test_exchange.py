@@ -13,6 +13,8 @@ import pytest
 import rasterio
 from scipy.spatial.transform import Rotation
 
+from solmap.flows.cli.inspection import InspectionError, inspect_file, write_points
+from solmap.flows.cli.inspection_text import report_of
 from solmap.photogrammetry.archive.images.derived_rasters import RasterKind, read_raster
 from solmap.photogrammetry.frames import site_frame
 from solmap.photogrammetry.imagery import Eye
@@ -23,6 +25,7 @@ from solmap.products.errors import ProductNotFoundError
 from solmap.products.export.contents import export
 from solmap.products.export.pair_rasters import WINDOW_PX, surface_normals, vicar_bytes
 from solmap.products.export.selection import Selection
+from solmap.products.formats.mesh.ply import read_ply
 from tests.unit.gis_server.conftest import build
 from tests.unit.gis_server.stereo.stereo_store import (
     LANDING,
@@ -221,6 +224,60 @@ def test_ranges_normals_and_slopes_of_a_pair_agree_with_its_xyz(exported):
     both = normal.mask & slope.mask
     tilt = np.degrees(np.arccos(-normal.bands[2, both].astype(float)))
     np.testing.assert_allclose(slope.bands[0, both], tilt, atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("letters", "names", "unit"),
+    [
+        ("XYL", ["north", "east", "down"], "m"),
+        ("RNL", ["range"], "m"),
+        ("UVL", ["angle between normals"], "degree"),
+        ("SLL", ["slope"], "degree"),
+    ],
+)
+def test_a_raster_of_the_archive_is_compared_with_that_of_the_store(
+    exported, stereo, letters, names, unit
+):
+    """With ours as archived ones there is no difference but that of six digits."""
+    (file, *_) = sorted((exported / "pds" / "MER2").glob(f"*{letters}*.img"))
+    found = inspect_file(file, stereo.workspace.store.root)["beside_store"]
+    assert found["image_id"] == file.stem.replace(letters, "EDN")
+    assert found["share"] > 0.9
+    assert [one["name"] for one in found["differences"]] == names
+    for one in found["differences"]:
+        assert one["unit"] == unit
+        assert abs(one["median"]) < (0.05 if unit == "degree" else 0.002)
+        assert one["spread"] < (0.5 if unit == "degree" else 0.01)
+    lines = report_of(inspect_file(file, stereo.workspace.store.root))
+    assert any("archived less ours" in line for line in lines)
+
+
+def test_what_an_archived_raster_is_off_by_is_found(exported, stereo, tmp_path):
+    (file, *_) = sorted((exported / "pds" / "MER2").glob("*XYL*.img"))
+    raster = read_raster(file.read_bytes(), file.name)
+    data = file.read_bytes()
+    shift = np.array([0.0, 0.0, 0.05], dtype="<f4")[:, None, None] * raster.mask
+    moved = raster.bands + shift
+    altered = tmp_path / file.name
+    altered.write_bytes(data[: len(data) - moved.nbytes] + moved.astype("<f4").tobytes())
+    near = inspect_file(altered, stereo.workspace.store.root)["beside_store"]["differences"]
+    assert near[2]["median"] == pytest.approx(0.05, abs=0.03)  # the ground moves below the ray
+    elsewhere = tmp_path / "empty"
+    Workspace.open(elsewhere)
+    with pytest.raises(InspectionError, match=r"no stereo pair of mer2-site.* `solmap run`"):
+        inspect_file(file, elsewhere)
+
+
+def test_points_of_an_xyz_raster_are_written_as_ply(exported, tmp_path):
+    (file, *_) = sorted((exported / "pds" / "MER2").glob("*XYL*.img"))
+    raster = read_raster(file.read_bytes(), file.name)
+    write_points(file, tmp_path / "points.ply")
+    rows = read_ply(tmp_path / "points.ply")
+    assert len(rows) == raster.mask.sum()
+    np.testing.assert_array_equal(rows["z"], -raster.bands[2, raster.mask].astype(float))
+    range_file = file.with_name(file.name.replace("XYL", "RNL"))
+    with pytest.raises(InspectionError, match="is no XYZ raster"):
+        write_points(range_file, tmp_path / "none.ply")
 
 
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
