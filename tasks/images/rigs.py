@@ -102,7 +102,7 @@ def _add_folder(folder: Path, pictures: Sequence[Path], downlink: Path, found: R
     latest = max(path.stat().st_mtime for path in read)
     created = datetime.fromtimestamp(latest, UTC).isoformat(timespec="seconds")
     found.shots.update({names[name]: (shot, created) for name, shot in shots.items()})
-    found.faults.update({names[name]: why for name, why in faults.items()})
+    found.faults.update({names[name]: f"{name}: {why}" for name, why in faults.items()})
 
 
 def _text_of(path: Path, name: str, downlink: Path) -> str:
