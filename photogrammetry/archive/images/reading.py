@@ -79,13 +79,18 @@ class DescribedImage:
     def is_mosaic(self) -> bool:
         """Whether the pixels are those of a Bayer frame, by the label or the name of the product.
 
-        Names of Mars 2020 say E (encoded) for the colour, or EBY for the product type.
+        Names of Mars 2020 say E (encoded) for the colour, or EBY for the product type; a picture of
+        several colours is none.
         """
         label = self.label
         if label is not None and (label.optional("IMAGE", "BANDS", int) or 1) > 1:
             return False
         state = None if label is None else label.get("IMAGE", "COLOR_FILTER_ARRAY_STATE")
-        return state == "ENCODED" or (state is None and _ENCODED.match(self.image.id) is not None)
+        if state is not None:
+            return state == "ENCODED"
+        return _ENCODED.match(self.image.id) is not None and not (
+            is_picture(self.data) and read_colour_picture(self.data, self.image.id)
+        )
 
     @property
     def state(self) -> PixelState:

@@ -4,6 +4,7 @@ import random
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -87,6 +88,14 @@ def test_a_bayer_frame_is_known_by_its_label_or_name(name, state, is_mosaic):
     else:
         np.testing.assert_array_equal(read.pixels, mosaic)
         assert colours is None
+
+
+def test_a_picture_in_colour_is_no_bayer_frame_whatever_its_name(pixels):
+    name = NAME.replace("NLF", "NLE")
+    picture = cv2.imencode(".png", pixels.transpose(1, 2, 0)[:, :, ::-1])[1].tobytes()
+    data = join_label(XML.replace(NAME[:-4], name[:-4]).encode(), picture, name)
+    np.testing.assert_allclose(read_image(data, name).pixels, pixels.mean(axis=0), rtol=1e-6)
+    np.testing.assert_array_equal(read_colour(data, name)[0], pixels)
 
 
 def test_the_geometry_of_telemetry_counts():
