@@ -7,7 +7,7 @@ labels and names of the other missions.
 import json
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.synthetic.downlink import render_jobs
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.products.catalogue.images import image_record
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind
@@ -293,8 +294,6 @@ def test_every_form_of_an_image_is_the_same_image(form, images, tmp_path):
     entries = {entry.eye: entry for entry in workspace.catalogue.images(mission)}
     assert set(entries) == {Eye.LEFT, Eye.RIGHT}
     assert entries[Eye.LEFT].partner == entries[Eye.RIGHT].id
-    from solmap.products.catalogue.images import image_record  # noqa: PLC0415
-
     points = np.array([[10.0, 20.0], [128.0, 128.0], [250.0, 200.0]])
     for read in (left, right):
         record = image_record(entries[read.image.eye], workspace)
@@ -307,6 +306,23 @@ def test_every_form_of_an_image_is_the_same_image(form, images, tmp_path):
         np.testing.assert_allclose(
             record.site_from_rover.rotation, read.image.site_from_rover.rotation, atol=1e-5
         )
+
+
+def test_images_that_an_old_store_holds_under_m2020_move_when_delivered_again(images, tmp_path):
+    downlink = tmp_path / "downlink"
+    downlink.mkdir()
+    for data, read in images[:2]:
+        deliver("M20 raw", data, read, downlink)
+    catalogue = ingested(downlink, tmp_path / "store").catalogue
+    of_old = [
+        replace(entry, mission="M2020", stop=entry.stop.replace("m20-", "m2020-"))
+        for entry in catalogue.images("M20")
+    ]
+    catalogue.publish(images=of_old)
+    assert len(catalogue.images("M2020")) == 2
+    ingested(downlink, tmp_path / "store")
+    assert not catalogue.images("M2020")
+    assert all(entry.partner for entry in catalogue.images("M20"))
 
 
 @pytest.mark.slow
