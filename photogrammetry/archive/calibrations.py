@@ -23,10 +23,10 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Float64, Rotation, Vector3
 from solmap.photogrammetry.cameras.cahv import Cahv
-from solmap.photogrammetry.cameras.calibrated import BrownConrady, Fisheye
+from solmap.photogrammetry.cameras.calibrated import BrownConrady, CalibratedCamera, Fisheye
 from solmap.photogrammetry.errors import CameraError, LabelError
 
-Camera = Cahv | BrownConrady | Fisheye
+Camera = Cahv | CalibratedCamera
 FORWARD_RIGHT_DOWN = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """Right, down and forward of a camera that looks along x of the rig, as rows."""
 MODELS = ("pinhole", "brown-conrady", "fisheye")
@@ -158,8 +158,8 @@ def _of_tree(tree: Mapping[str, Any], source: str) -> tuple[CalibratedEye, ...]:
         return first, _second(second, np.array(step), source)
     if {"M1", "M2", "R", "T"} <= set(tree):
         first, second = (_of_opencv(tree, f"M{k}", f"D{k}", source) for k in (1, 2))
-        step = np.column_stack([_matrix(tree, "R", 9, source), _matrix(tree, "T", 3, source)])
-        return first, _second(second, step, source)
+        parts = [_matrix(tree, "R", 9, source), _matrix(tree, "T", 3, source)]
+        return first, _second(second, np.column_stack(parts), source)
     if "camera_matrix" in tree:
         return (_of_opencv(tree, "camera_matrix", "distortion_coefficients", source),)
     raise LabelError(

@@ -10,7 +10,7 @@ from solmap.photogrammetry.frames import Pose
 
 @runtime_checkable
 class CameraModel(Protocol):
-    """Maps between image and object space. `Cahv`, `Cahvor` and `Cahvore` are three.
+    """Maps between image and object space; `Cahv`, `Cahvor`, `Cahvore`, `BrownConrady`, `Fisheye`.
 
     A model lives in one frame, usually that of the rover; who holds the model knows which.
     """

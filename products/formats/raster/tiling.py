@@ -20,7 +20,7 @@ import morecantile
 from pyproj import CRS
 
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, FINEST_CELL_M
-from solmap.products.crs import LandingPoint, local_crs
+from solmap.products.crs import IAU_RADIUS_M, LandingPoint, local_crs
 from solmap.products.errors import OutsideCoverageError, ProductError
 
 MAX_ZOOM = 20
@@ -94,7 +94,8 @@ def whole_zoom_of(bounds: tuple[float, float, float, float]) -> int:
 @lru_cache(maxsize=64)
 def tile_matrix_set(landing: LandingPoint) -> morecantile.TileMatrixSet:
     """The OGC tile matrix set of a landing site, or of a map that is not tied to one."""
-    crs = local_crs(replace(landing, origin=""))  # an ellipsoid is asked for, and of no effect
+    # an ellipsoid is asked for, of no effect on a map that is not tied to one
+    crs = local_crs(replace(landing, origin="", radius_m=landing.radius_m or IAU_RADIUS_M))
     degrees = crs.geodetic_crs
     assert degrees is not None  # noqa: S101 - a projected CRS has one
     made = morecantile.TileMatrixSet.custom(
