@@ -408,7 +408,7 @@ def _list(table: Mapping[str, Any], key: str, count: int | None, where: str) -> 
     value = table.get(key)
     given = value if isinstance(value, list) else []
     numbers = [float(one) for one in given if type(one) in (int, float)]
-    wrong = len(numbers) != (len(given) if count is None else count) or not given
+    wrong = len(numbers) != (len(given) if count is None else count) or given is not value
     if wrong or not np.isfinite(numbers).all():
         wanted = "a list of numbers" if count is None else f"{count} number{'s' * (count > 1)}"
         raise LabelError(f"{where}: {key} should be {wanted}, but is {value!a:.60}")

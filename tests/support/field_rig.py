@@ -140,7 +140,8 @@ def _odometry(true: list[Pose]) -> list[Pose]:
     poses = [true[0]]
     for before, after in pairwise(true):
         step = before.rotation.T @ (after.translation_m - before.translation_m)
-        turn = before.rotation.T @ after.rotation @ rotation_of_roll_pitch_yaw(0, 0, DRIFT)
+        drift = rotation_of_roll_pitch_yaw(0.0, 0.0, float(DRIFT))
+        turn = before.rotation.T @ after.rotation @ drift
         last = poses[-1]
         poses.append(
             Pose(
