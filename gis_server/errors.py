@@ -1,10 +1,16 @@
-"""Which error becomes which status, and the body that goes with it."""
+"""Which error becomes which status, and the body that goes with it.
+
+Every refusal is a problem document of RFC 9457 (`application/problem+json`): `type`, `title`,
+`status`, `detail` and `instance`, with what to try as `hint`. `code` and `description` repeat title
+and detail under the names of OGC API; `errors` names the parts of a question that are wrong.
+"""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from http import HTTPStatus
+from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -54,50 +60,56 @@ HINT = {
     HTTPStatus.INTERNAL_SERVER_ERROR: "make the product again; its provenance names the recipe",
 }
 
-_CLIENT_ERRORS = (
-    HTTPStatus.BAD_REQUEST,
-    HTTPStatus.UNAUTHORIZED,
-    HTTPStatus.FORBIDDEN,
-    HTTPStatus.NOT_FOUND,
-    HTTPStatus.CONFLICT,
-    HTTPStatus.UNPROCESSABLE_ENTITY,
-    HTTPStatus.TOO_MANY_REQUESTS,
-    HTTPStatus.SERVICE_UNAVAILABLE,
-)
-"""What endpoints answer by themselves."""
+PROBLEM = "application/problem+json"
+_NAMED = 5
+"""Faults of a question that its sentence names; `errors` has them all."""
 
 
 def install_error_table(app: FastAPI) -> None:
-    """Have every error of the table answered as `detail`: what, where and what to try."""
-    for kind, status in STATUS.items():
-        app.add_exception_handler(kind, _answer(status))
-    for status in _CLIENT_ERRORS:
-        app.add_exception_handler(status, _answer(status))
+    """Have every error of the table answered as a problem document."""
+    for kind in (*STATUS, HTTPException):
+        app.add_exception_handler(kind, _answer)
     app.add_exception_handler(RequestValidationError, _answer_invalid)
     app.add_exception_handler(HTTPStatus.METHOD_NOT_ALLOWED, _name_methods)
     app.add_exception_handler(Exception, _fail)
 
 
 def problem(
-    status: HTTPStatus, what: str, where: str, headers: Mapping[str, str] | None = None
+    status: HTTPStatus,
+    what: str,
+    where: str,
+    headers: Mapping[str, str] | None = None,
+    **more: Any,  # noqa: ANN401 - members of JSON
 ) -> JSONResponse:
-    """A refusal: what is wrong, where, and what to try."""
-    detail = {"what": what, "where": where, "what to try": HINT[status]}
+    """A refusal: what is wrong, at which address, what to try, and what else is to be said."""
+    hint = {"hint": HINT[status]} if status in HINT else {}
     return JSONResponse(
-        {"code": status.phrase, "description": what, "detail": detail},
+        {
+            "type": "about:blank",
+            "title": status.phrase,
+            "status": int(status),
+            "detail": what,
+            "instance": where,
+            "code": status.phrase,
+            "description": what,
+            **hint,
+            **more,
+        },
         status_code=status,
         headers={**(headers or {}), "Cache-Control": "no-store"},
+        media_type=PROBLEM,
     )
 
 
-def _answer(status: HTTPStatus) -> Callable[[Request, Exception], Awaitable[JSONResponse]]:
-    async def answer(request: Request, error: Exception) -> JSONResponse:
-        what = error.detail if isinstance(error, HTTPException) else str(error)
-        if isinstance(error, MemoryError):
-            what = f"this takes more memory than a request may have: {what or 'ask for less'}"
-        return problem(status, what, request.url.path, _headers(error))
-
-    return answer
+async def _answer(request: Request, error: Exception) -> JSONResponse:
+    if isinstance(error, HTTPException):
+        status, what = HTTPStatus(error.status_code), str(error.detail)
+    else:
+        status = next(STATUS[kind] for kind in type(error).mro() if kind in STATUS)
+        what = str(error)
+    if isinstance(error, MemoryError):
+        what = f"this takes more memory than a request may have: {what or 'ask for less'}"
+    return problem(status, what, request.url.path, _headers(error))
 
 
 async def _name_methods(request: Request, _error: Exception) -> JSONResponse:
@@ -108,9 +120,8 @@ async def _name_methods(request: Request, _error: Exception) -> JSONResponse:
     methods = sorted({way.upper() for ways in fitting for way in ways}) or ["GET", "HEAD"]
     status = HTTPStatus.METHOD_NOT_ALLOWED
     what = f"{request.method} is not among the methods of this address: {', '.join(methods)}"
-    detail = {"what": what, "where": request.url.path, "what to try": HINT[HTTPStatus.BAD_REQUEST]}
-    body = {"code": status.phrase, "description": what, "detail": detail}
-    return JSONResponse(body, status_code=status, headers={"Allow": ", ".join(methods)})
+    allow = {"Allow": ", ".join(methods)}
+    return problem(status, what, request.url.path, allow, hint=HINT[HTTPStatus.BAD_REQUEST])
 
 
 async def _fail(request: Request, error: Exception) -> JSONResponse:
@@ -118,20 +129,16 @@ async def _fail(request: Request, error: Exception) -> JSONResponse:
     status = HTTPStatus.INTERNAL_SERVER_ERROR
     what = "the server failed; its log says how"
     log.error("%s %s failed", request.method, request.url.path, exc_info=error)
-    detail = {"what": what, "where": request.url.path, "what to try": "tell who runs the server"}
-    body = {"code": status.phrase, "description": what, "detail": detail}
-    return JSONResponse(body, status_code=status, headers={"Cache-Control": "no-store"})
+    return problem(status, what, request.url.path, hint="tell who runs the server")
 
 
-async def _answer_invalid(_request: Request, error: Exception) -> JSONResponse:
+async def _answer_invalid(request: Request, error: Exception) -> JSONResponse:
     """What is wrong with a question, without what was sent: that may be no JSON, such as NaN."""
     found = error.errors() if isinstance(error, RequestValidationError) else []
-    detail = [{name: row[name] for name in ("type", "loc", "msg")} for row in found]
-    return JSONResponse(
-        {"detail": detail},
-        status_code=HTTPStatus.UNPROCESSABLE_ENTITY,
-        headers={"Cache-Control": "no-store"},
-    )
+    errors = [{name: row[name] for name in ("type", "loc", "msg")} for row in found]
+    what = "; ".join(f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in errors[:_NAMED])
+    status = HTTPStatus.UNPROCESSABLE_ENTITY
+    return problem(status, what or "the question is wrong", request.url.path, errors=errors)
 
 
 def _headers(error: Exception) -> Mapping[str, str]:

@@ -17,6 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from solmap.gis_server.addresses import ROOT_PATH
 from solmap.gis_server.budgets import ROUTE
+from solmap.gis_server.errors import problem
 
 MOST_BYTES = 1 << 20
 BODY_S = 30.0
@@ -153,7 +154,7 @@ class LimitBodies:
             await self.app(scope, receive, send)
             return
         if _announces_too_much(scope):
-            await _too_large()(scope, receive, send)
+            await _too_large(scope["path"])(scope, receive, send)
             return
         if scope["method"] in _WITHOUT_BODY:
             await self.app(scope, receive, send)
@@ -167,12 +168,12 @@ class LimitBodies:
             with anyio.CancelScope(deadline=math.inf if is_whole else deadline) as waiting:
                 message = await receive()
             if waiting.cancelled_caught:
-                refusal = _too_slow()
+                refusal = _too_slow(scope["path"])
                 raise _RefusedError
             came += len(message.get("body", b""))
             is_whole = not message.get("more_body", False)
             if came > MOST_BYTES:
-                refusal = _too_large()
+                refusal = _too_large(scope["path"])
                 raise _RefusedError
             return message
 
@@ -194,18 +195,14 @@ def _announces_too_much(scope: Scope) -> bool:
     return announced.isdigit() and (is_long or int(announced) > MOST_BYTES)
 
 
-def _too_large() -> JSONResponse:
+def _too_large(where: str) -> JSONResponse:
     text = f"a request has at most {MOST_BYTES} bytes; send less at once"
-    return _refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text)
+    return problem(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text, where)
 
 
-def _too_slow() -> JSONResponse:
+def _too_slow(where: str) -> JSONResponse:
     text = f"the body did not arrive within {BODY_S:.0f} s; send it faster, or less"
-    return _refusal(HTTPStatus.REQUEST_TIMEOUT, text)
-
-
-def _refusal(status: HTTPStatus, text: str) -> JSONResponse:
-    return JSONResponse({"code": status.phrase, "description": text}, status_code=status)
+    return problem(HTTPStatus.REQUEST_TIMEOUT, text, where)
 
 
 class SecurityHeaders:

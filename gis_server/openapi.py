@@ -14,6 +14,7 @@ from typing import Any
 from fastapi import FastAPI
 
 from solmap.gis_server.budgets import kind_of
+from solmap.gis_server.errors import PROBLEM
 
 JSON, HTML, GEOJSON, PNG = "application/json", "text/html", "application/geo+json", "image/png"
 _FILES = (
@@ -42,23 +43,36 @@ FORMS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (r"/items(/\{feature\})?$", (GEOJSON, HTML, "application/flatgeobuf", "text/csv")),
     (r"/queryables$", ("application/schema+json",)),
     (r"/crs/\{name\}$", (JSON, "text/plain", HTML)),
-    (r"^/ogc/\{mission\}(/conformance|/collections(/\{collection\})?)?$", (JSON, HTML)),
+    (r"^/ogc(/\{mission\}(/conformance|/maps|/collections(/\{collection\})?)?)?$", (JSON, HTML)),
 )
 """Media types of the answers at addresses: the first that fits, else what the route says."""
 
-_PROBLEM = "#/components/schemas/Problem"
-_INVALID = {"anyOf": [{"$ref": _PROBLEM}, {"$ref": "#/components/schemas/HTTPValidationError"}]}
 _PROBLEM_SCHEMA = {
     "title": "Problem",
+    "description": "A problem document of RFC 9457",
     "type": "object",
-    "required": ["code", "description"],
+    "required": ["type", "title", "status", "detail", "instance", "code", "description"],
     "properties": {
-        "code": {"type": "string", "description": "the status in words"},
-        "description": {"type": "string", "description": "what is wrong"},
-        "detail": {
-            "type": "object",
-            "description": "what, where, and what to try",
-            "additionalProperties": {"type": "string"},
+        "type": {"type": "string", "description": "about:blank: the status says it all"},
+        "title": {"type": "string", "description": "the status in words"},
+        "status": {"type": "integer"},
+        "detail": {"type": "string", "description": "what is wrong"},
+        "instance": {"type": "string", "description": "the path that was asked"},
+        "hint": {"type": "string", "description": "what to try"},
+        "code": {"type": "string", "description": "the title, as OGC API names it"},
+        "description": {"type": "string", "description": "the detail, as OGC API names it"},
+        "errors": {
+            "type": "array",
+            "description": "each part of the question that is wrong",
+            "items": {
+                "type": "object",
+                "required": ["type", "loc", "msg"],
+                "properties": {
+                    "type": {"type": "string"},
+                    "loc": {"type": "array", "items": {"type": ["string", "integer"]}},
+                    "msg": {"type": "string"},
+                },
+            },
         },
     },
 }
@@ -77,7 +91,10 @@ def complete(app: FastAPI) -> None:
 
 
 def _complete_document(document: dict[str, Any]) -> dict[str, Any]:
-    document["components"]["schemas"]["Problem"] = _PROBLEM_SCHEMA
+    schemas = document["components"]["schemas"]
+    schemas["Problem"] = _PROBLEM_SCHEMA
+    for name in ("HTTPValidationError", "ValidationError"):  # of FastAPI's own answers
+        schemas.pop(name, None)
     for path, operations in document["paths"].items():
         for operation in operations.values():
             operation.setdefault("parameters", []).extend(_undeclared_parameters(path, operation))
@@ -134,6 +151,5 @@ def _error_statuses(path: str, operation: dict[str, Any]) -> Iterator[HTTPStatus
 
 
 def _error_response(status: HTTPStatus) -> dict[str, Any]:
-    is_invalid = status == HTTPStatus.UNPROCESSABLE_ENTITY
-    schema = _INVALID if is_invalid else {"$ref": _PROBLEM}
-    return {"description": status.phrase, "content": {JSON: {"schema": schema}}}
+    schema = {"$ref": "#/components/schemas/Problem"}
+    return {"description": status.phrase, "content": {PROBLEM: {"schema": schema}}}

@@ -368,7 +368,7 @@ def test_the_server_says_that_the_store_is_away_and_goes_on_when_it_is_back(worl
     for address in (*asked[:2], next(x for x in asked if x.startswith("/tiles"))):
         answer = client.get(address)
         assert answer.status_code == 503, (address, answer.text)
-        assert "does not answer" in answer.json()["detail"]["what"]
+        assert "does not answer" in answer.json()["detail"]
     wire.mend()
     assert {client.get(address).status_code for address in asked} == {200}
 

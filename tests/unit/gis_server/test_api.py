@@ -202,6 +202,10 @@ def test_images_are_chosen_by_sol_and_stop(client, query, count):
     assert len(client.get(f"/api/missions/MER2/images?{query}").json()) == count
 
 
+PROBLEM = {"type", "title", "status", "detail", "instance"}
+"""Members of RFC 9457."""
+
+
 @pytest.mark.parametrize(
     "address",
     [
@@ -218,20 +222,48 @@ def test_images_are_chosen_by_sol_and_stop(client, query, count):
 def test_what_is_not_there_is_answered_with_what_where_and_what_to_try(client, address):
     answer = client.get(address)
     assert answer.status_code == 404
-    detail = answer.json()["detail"]
-    assert set(detail) == {"what", "where", "what to try"}
-    assert detail["where"] == address.split("?")[0]
+    assert answer.headers["content-type"] == "application/problem+json"
+    told = answer.json()
+    assert set(told) == {*PROBLEM, "code", "description", "hint"}
+    assert told["type"] == "about:blank"
+    assert (told["title"], told["status"]) == ("Not Found", 404)
+    assert told["instance"] == address.split("?")[0]
+    assert (told["code"], told["description"]) == (told["title"], told["detail"])
     assert answer.headers["cache-control"] == "no-store"
+
+
+@pytest.mark.parametrize(
+    ("method", "address", "status"),
+    [
+        ("GET", "/api/missions/MER2/identify?east=here&north=0", 422),
+        ("GET", "/ogc/MER2/collections/stops/items?limit=0", 400),
+        ("PUT", "/api/missions", 405),
+        ("POST", "/api/runs", 413),
+    ],
+)
+def test_every_refusal_is_a_problem_document(client, method, address, status):
+    body = b" " * 4_000_000 if status == 413 else None
+    answer = client.request(method, address, content=body)
+    assert (answer.status_code, answer.headers["content-type"]) == (
+        status,
+        "application/problem+json",
+    )
+    told = answer.json()
+    assert told.keys() >= PROBLEM
+    assert (told["status"], told["instance"]) == (status, address.split("?")[0])
+    if status == 422:
+        assert [one["loc"] for one in told["errors"]] == [["query", "east"]]
+        assert "query.east" in told["detail"]
 
 
 def test_a_raster_has_no_features_and_features_have_no_tiles(client, world):
     dtm, stops = ref_of(world, ProductKind.DTM), ref_of(world, ProductKind.STOPS, REGION)
     answer = client.get(f"/api/layers/{STOP.name}/dtm/{dtm.digest}/features.geojson")
     assert answer.status_code == 404
-    assert "is a raster" in answer.json()["detail"]["what"]
+    assert "is a raster" in answer.json()["detail"]
     answer = client.get(f"/tiles/mer2/stops/{stops.digest}/0/0/0.png")
     assert answer.status_code == 404
-    assert "stops has no tiles" in answer.json()["detail"]["what"]
+    assert "stops has no tiles" in answer.json()["detail"]
 
 
 UP = ["../../../../etc/passwd", "..%2f..%2f..%2fetc%2fpasswd", "%2e%2e/%2e%2e/etc/passwd",
@@ -364,10 +396,10 @@ def test_a_product_that_was_damaged_or_removed_is_named_and_the_rest_is_served(o
     address = {"z": 17, "x": 65536, "y": 65536}
     broken = client.get(dtm["tiles"].format(**address))
     assert broken.status_code == 500
-    assert f"{dtm['digest']}.tif is broken" in broken.json()["detail"]["what"]
+    assert f"{dtm['digest']}.tif is broken" in broken.json()["detail"]
     gone = client.get(slope["tiles"].format(**address))
     assert gone.status_code == 404
-    assert "run the flow that makes it" in gone.json()["detail"]["what"]
+    assert "run the flow that makes it" in gone.json()["detail"]
     hillshade = layers[f"{STOP.name}/hillshade"]["tiles"].format(**address)
     assert client.get(hillshade).status_code == 200
     place = client.get("/api/missions/MER2/identify", params={"east": 3.0, "north": 3.0}).json()
@@ -417,4 +449,4 @@ def test_features_come_as_a_geopackage_too(client, tmp_path):
     assert frame.area_m2.tolist() == [96.0]
     refused = client.get(f"{layer_of(client, 'dtm')['download']}.gpkg")
     assert refused.status_code == 404
-    assert "is a raster" in refused.json()["detail"]["what"]
+    assert "is a raster" in refused.json()["detail"]

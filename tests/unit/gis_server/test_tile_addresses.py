@@ -32,7 +32,7 @@ def path_of(world, kind, address, form="png"):
 def test_faulty_queries_are_refused_and_named(client, world, kind, query, faulty):
     answer = client.get(path_of(world, kind, INSIDE) + query)
     assert answer.status_code == 422
-    assert [one["loc"] for one in answer.json()["detail"]] == [["query", faulty]]
+    assert [one["loc"] for one in answer.json()["errors"]] == [["query", faulty]]
 
 
 def test_of_two_values_of_a_parameter_the_last_one_counts(client, world):
@@ -72,7 +72,7 @@ def test_absurd_addresses_are_refused(client, world, place):
     for form in ("png", "values"):
         answer = client.get(f"/tiles/{STOP.name}/dtm/{ref.digest}/{place}.{form}")
         assert answer.status_code in (404, 422)
-        assert answer.headers["content-type"] == "application/json"
+        assert answer.headers["content-type"] == "application/problem+json"
         assert len(answer.content) < 2000
 
 

@@ -95,7 +95,7 @@ def test_another_band_is_asked_for_by_its_name(client, world):
     np.testing.assert_allclose(decode_values(answer.content), 0.02, rtol=1e-6)
     unknown = asked(client, world, ProductKind.DTM, address, band="colour")
     assert unknown.status_code == 404
-    assert "has no band colour; it has elevation, " in unknown.json()["detail"]["what"]
+    assert "has no band colour; it has elevation, " in unknown.json()["detail"]
 
 
 def test_ground_that_was_never_seen_has_no_content(client, world):
@@ -132,7 +132,7 @@ def test_a_picture_has_no_values(client, world):
     address = tile_at(5.0, 5.0, OWN_ZOOM)
     answer = asked(client, world, ProductKind.ORTHOPHOTO, address)
     assert answer.status_code == 404
-    assert "is a picture" in answer.json()["detail"]["what"]
+    assert "is a picture" in answer.json()["detail"]
     layers = {layer["kind"]: layer for layer in client.get("/api/missions/MER2/layers").json()}
     assert layers["orthophoto"]["values"] is None
     assert layers["dtm"]["values"].endswith("/{z}/{x}/{y}.values")

@@ -117,11 +117,11 @@ async function answered(url: string, options: RequestInit): Promise<Response> {
   return response;
 }
 
-/** The sentence in an answer that refuses, written for whoever asked. */
+/** The sentence in a problem document (RFC 9457), written for whoever asked. */
 function reasonIn(text: string): string | null {
   try {
-    const { detail } = JSON.parse(text) as { detail?: { what?: string } | string };
-    return (typeof detail === "string" ? detail : detail?.what) ?? null;
+    const { detail } = JSON.parse(text) as { detail?: unknown };
+    return typeof detail === "string" ? detail : null;
   } catch {
     return null; // not JSON
   }
