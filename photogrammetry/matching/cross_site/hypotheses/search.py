@@ -15,8 +15,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from solmap.photogrammetry.matching.cross_site.birds_eye import (
     SEPARATION_M,
     BirdsEyeParams,
@@ -29,9 +27,6 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.correlation import (
     azimuth_step,
     correlate_views,
 )
-
-SMALLER_SHARE = 0.5
-"""Of the ground that the smaller of two views shows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,32 +53,25 @@ def find_hypotheses(
 ) -> Hypotheses:
     """The best hypotheses of the first stage that one stands out in, else of the last stage."""
     first, *wider = stages
-    least_m2 = _least_overlap_m2(earlier, later, params)
-    fits = correlate_views(earlier, later, first.gate, params.peaks, least_m2)
+    fits = correlate_views(earlier, later, first.gate, params.peaks, params.min_overlap_m2)
     found = Hypotheses(fits, first.gate, first.prior)
     for stage in wider:
         if found.highest >= least_z:
             break
-        fits = _search_wide(earlier, later, stage.gate, params.peaks, least_m2)
+        fits = _search_wide(earlier, later, stage.gate, params)
         found = Hypotheses(fits, stage.gate, stage.prior)
     return found
 
 
-def _least_overlap_m2(earlier: BirdsEyeView, later: BirdsEyeView, params: BirdsEyeParams) -> float:
-    """The ground that views must share; less where one shows little, as a single pair does."""
-    shown_m2 = [np.isfinite(one.grey).sum() * one.cell_m**2 for one in (earlier, later)]
-    return min(params.min_overlap_m2, SMALLER_SHARE * float(min(shown_m2)))
-
-
 def _search_wide(
-    earlier: BirdsEyeView, later: BirdsEyeView, gate: SearchGate, most: int, least_m2: float
+    earlier: BirdsEyeView, later: BirdsEyeView, gate: SearchGate, params: BirdsEyeParams
 ) -> list[PlaneFit]:
     """The best places of a wide gate."""
     coarse = (earlier.halved, later.halved)
     step = azimuth_step(coarse[0])
     fits: list[PlaneFit] = []
-    for place in correlate_views(*coarse, gate, most, least_m2):
+    for place in correlate_views(*coarse, gate, params.peaks, params.min_overlap_m2):
         near = SearchGate(place.north_m, place.east_m, SEPARATION_M / 2, step, place.azimuth)
-        found = correlate_views(earlier, later, near, 1, least_m2)
+        found = correlate_views(earlier, later, near, 1, params.min_overlap_m2)
         fits += [fit for fit in found if near.holds(fit)]
     return sorted(fits, key=lambda fit: -fit.z)
