@@ -243,7 +243,7 @@ Known = Annotated[CollectionDefinition, Depends(_collection)]
 
 def landing_links(base: str) -> list[Link]:
     """What the landing page says of features."""
-    return [link("data", f"{base}/collections", JSON, "Collections of features and of tiles")]
+    return [link("data", f"{base}/collections", JSON, "Collections of features")]
 
 
 def collections(mission: MissionEntry, services: Services, base: str) -> list[dict[str, Any]]:

@@ -9,27 +9,58 @@ from fastapi.responses import JSONResponse
 
 from solmap.gis_server.ogc import features, tiles, wmts
 from solmap.gis_server.ogc.crs import Crs, crs_named
-from solmap.gis_server.ogc.documents import HTML, JSON, link, link_list, page, paragraph, table
+from solmap.gis_server.ogc.documents import (
+    HTML,
+    JSON,
+    Link,
+    link,
+    link_list,
+    page,
+    paragraph,
+    table,
+)
 from solmap.gis_server.ogc.features import form_of
 from solmap.gis_server.ogc.formats import Format
 from solmap.gis_server.ogc.tiles import raster_named
-from solmap.gis_server.ogc.tilesets import collection_document
+from solmap.gis_server.ogc.tilesets import collection_document, collection_id
 from solmap.gis_server.parameters import AGAIN, BaseOf, MissionName
 from solmap.gis_server.services import ServicesOf
 from solmap.products.crs import MARS, local_crs
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.features.collections import BY_ID
 
-router = APIRouter(prefix="/ogc/{mission}", tags=["ogc"])
+router = APIRouter(prefix="/ogc", tags=["ogc"])
 _COMMON = "http://www.opengis.net/spec/ogcapi-common-1/1.0/conf"
 CONFORMANCE = (f"{_COMMON}/core", f"{_COMMON}/json", f"{_COMMON}/html")
 _PARTS = (features, tiles, wmts)
-"""Each has `CONFORMANCE`, `landing_links` and `collections`."""
+"""Each has `CONFORMANCE` and `landing_links`."""
 _OPENAPI = "application/vnd.oai.openapi+json;version=3.1"
+_MAPS = "Collections of rasters"
 AsFormat = Annotated[str | None, Query(description="json or html")]
 
 
 @router.get("", response_class=JSONResponse)
+def missions(services: ServicesOf, request: Request, f: AsFormat = None) -> Response:
+    """The missions, each of which has an OGC API of its own."""
+    root = str(request.base_url).rstrip("/")
+    links = [
+        link("self", f"{root}/ogc", JSON, "This document"),
+        link("alternate", f"{root}/ogc?f=html", HTML, "This document as a page"),
+        link("service-desc", f"{root}/openapi.json", _OPENAPI, "The API, for programs"),
+        link("service-doc", f"{root}/docs", HTML, "The API, for people"),
+        *(
+            link("child", f"{root}/ogc/{entry.mission}", JSON, entry.title)
+            for entry in services.catalogue.missions()
+        ),
+    ]
+    title = "OGC API of solmap"
+    description = "Give GIS programs the address of a mission: they list its layers."
+    if form_of(request, f) is Format.HTML:
+        return _page(page(title, paragraph(description), link_list(links)))
+    return _json({"title": title, "description": description, "links": links})
+
+
+@router.get("/{mission}", response_class=JSONResponse)
 def landing(
     mission: MissionName, services: ServicesOf, base: BaseOf, request: Request, f: AsFormat = None
 ) -> Response:
@@ -49,12 +80,17 @@ def landing(
         f"Maps made from the stereo images of {entry.title}. Places are{where} relative to "
         f"{entry.landing.name}: {entry.landing.source}."
     )
+    if entry.landing.is_on_mars and not entry.landing.origin:
+        description += (
+            " GDAL 3.12 reads the coordinate system; GDAL 3.6 reads the same longitudes and"
+            f" latitudes and calls them WGS 84: tell it -a_srs {MARS}."
+        )
     if form_of(request, f) is Format.HTML:
         return _page(page(entry.title, paragraph(description), link_list(links)))
     return _json({"title": entry.title, "description": description, "links": links})
 
 
-@router.get("/conformance", response_class=JSONResponse)
+@router.get("/{mission}/conformance", response_class=JSONResponse)
 def conformance(
     mission: MissionName, services: ServicesOf, request: Request, f: AsFormat = None
 ) -> Response:
@@ -66,32 +102,64 @@ def conformance(
     return _json({"conformsTo": classes})
 
 
-@router.get("/collections", response_class=JSONResponse)
+@router.get("/{mission}/collections", response_class=JSONResponse)
 def collections(
     mission: MissionName, services: ServicesOf, base: BaseOf, request: Request, f: AsFormat = None
 ) -> Response:
-    """Everything that is published of a mission: collections of features, and of tiles."""
+    """The collections of features. Rasters are linked: they are collections under `/maps`."""
     entry = services.catalogue.mission(mission)
-    listed = [one for part in _PARTS for one in part.collections(entry, services, base)]
+    maps = (
+        link("item", f"{base}/collections/{collection_id(one)}", JSON, one.full_title)
+        for one in tiles.rasters(mission, services)
+    )
+    links = [*_links(f"{base}/collections"), link("related", f"{base}/maps", JSON, _MAPS), *maps]
+    listed = features.collections(entry, services, base)
+    return _listed(f"{entry.title}: collections", links, listed, request, f)
+
+
+@router.get("/{mission}/maps", response_class=JSONResponse)
+def maps(
+    mission: MissionName, services: ServicesOf, base: BaseOf, request: Request, f: AsFormat = None
+) -> Response:
+    """The rasters of a mission, as collections of tiles of maps.
+
+    They are apart from the collections of features, because clients of OGC API Features such as
+    GDAL 3.6 take every collection for one of features.
+    """
+    entry = services.catalogue.mission(mission)
     links = [
-        link("self", f"{base}/collections", JSON),
-        link("alternate", f"{base}/collections?f=html", HTML, "This document as a page"),
+        *_links(f"{base}/maps"),
+        link("related", f"{base}/collections", JSON, "Collections of features"),
     ]
+    listed = tiles.collections(entry, services, base)
+    return _listed(f"{entry.title}: maps", links, listed, request, f)
+
+
+def _links(here: str) -> list[Link]:
+    return [
+        link("self", here, JSON),
+        link("alternate", f"{here}?f=html", HTML, "This document as a page"),
+    ]
+
+
+def _listed(
+    title: str, links: list[Link], listed: list[dict[str, Any]], request: Request, f: str | None
+) -> Response:
     if form_of(request, f) is Format.HTML:
         rows = (
             {
                 "title": one["title"],
                 "features": one.get("solmap:count"),
                 "description": one.get("description"),
-                "address": f"{base}/collections/{one['id']}?f=html",
+                "address": f"{one['links'][0]['href']}?f=html",
             }
             for one in listed
         )
-        return _page(page(f"{entry.title}: collections", link_list(links), table(rows)))
+        return _page(page(title, link_list(links), table(rows)))
     return _json({"links": links, "collections": listed})
 
 
-@router.get("/collections/{collection}", response_class=JSONResponse)
+@router.get("/{mission}/collections/{collection}", response_class=JSONResponse)
 def collection(
     mission: MissionName,
     collection: Annotated[str, Path(pattern=r"^[a-z0-9][a-z0-9_.-]{0,191}$")],
@@ -114,7 +182,7 @@ def collection(
     return _json(body)
 
 
-@router.get("/crs/{name}")
+@router.get("/{mission}/crs/{name}")
 def crs(
     mission: MissionName, name: str, services: ServicesOf, base: BaseOf, f: AsFormat = None
 ) -> Response:

@@ -159,7 +159,10 @@ CONFORMANCE = (
 
 def landing_links(base: str) -> list[Link]:
     """What the landing page says of tiles."""
-    return [link(TILING_SCHEMES, f"{base}/tileMatrixSets", JSON, "Tile matrix sets")]
+    return [
+        link(TILING_SCHEMES, f"{base}/tileMatrixSets", JSON, "Tile matrix sets"),
+        link("data", f"{base}/maps", JSON, "Collections of rasters"),
+    ]
 
 
 def collections(mission: MissionEntry, services: Services, base: str) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from http import HTTPStatus
-from typing import Annotated, Any
+from typing import Annotated
 from xml.etree import ElementTree as ET
 
 from fastapi import APIRouter, Query, Request, Response
@@ -189,11 +189,6 @@ def landing_links(base: str) -> list[Link]:
     """What the landing page says of WMTS."""
     address = f"{base}/wmts/1.0.0/WMTSCapabilities.xml"
     return [link("service", address, _XML, "Web Map Tile Service")]
-
-
-def collections(_mission: MissionEntry, _services: Services, _base: str) -> list[dict[str, Any]]:
-    """None of its own: those of OGC API Tiles."""
-    return []
 
 
 @router.get("/1.0.0/WMTSCapabilities.xml", response_class=Response)

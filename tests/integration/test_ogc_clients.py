@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -48,6 +50,18 @@ def test_gdal_lists_the_collections_as_layers(server):
     names = set(listed[:, 0])
     assert {"traverse-adjusted", "stops", "images", "footprints", "tie-points", "contours"} <= names
     assert not {name for name in names if "." in name}  # rasters are no layers of features
+
+
+def test_debians_gdal_lists_collections_of_features_alone(server):
+    ogrinfo = shutil.which("ogrinfo")
+    if ogrinfo is None:
+        pytest.skip("ogrinfo of GDAL is not installed")
+    asked = [ogrinfo, f"OAPIF:{server}/ogc/MER2"]
+    told = subprocess.run(asked, capture_output=True, text=True, timeout=60, check=True)
+    assert "ERROR" not in told.stderr + told.stdout
+    listed = [line.split()[1] for line in told.stdout.splitlines() if line[:1].isdigit()]
+    assert "stops" in listed
+    assert not [name for name in listed if "." in name]  # as those of rasters
 
 
 def test_gdal_reads_every_page_and_every_feature_falls_on_its_place_on_mars(server, root):

@@ -50,6 +50,29 @@ def test_a_layer_shows_in_every_list_as_soon_as_it_is_published(published):
     assert client.get(f"/ogc/MER2/collections/{name}").json()["id"] == name
 
 
+def test_rasters_are_listed_apart_from_features(published):
+    _, client = published
+    known = client.get("/ogc/MER2/collections").json()
+    assert {one["itemType"] for one in known["collections"]} == {"feature"}
+    drawn = client.get("/ogc/MER2/maps").json()["collections"]
+    assert {one["dataType"] for one in drawn} == {"map"}
+    linked = [one["href"] for one in known["links"] if one["rel"] == "item"]
+    assert linked == [one["links"][0]["href"] for one in drawn]
+
+
+def test_the_entry_leads_to_every_mission(published):
+    _, client = published
+    children = [one for one in client.get("/ogc").json()["links"] if one["rel"] == "child"]
+    assert [one["title"] for one in children] == [
+        one["title"] for one in client.get("/api/missions").json()
+    ]
+    for one in children:
+        assert client.get(one["href"]).json()["title"] == one["title"]
+    page = client.get("/ogc", headers={"accept": "text/html"})
+    assert page.headers["content-type"].startswith("text/html")
+    assert children[0]["href"] in page.text
+
+
 def test_a_name_means_the_latest_version_and_its_tag_changes_with_it(published):
     world, client = published
     tms = "Columbia-Memorial-Station"
