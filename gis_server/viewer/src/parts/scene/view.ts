@@ -93,7 +93,7 @@ export class SceneView {
   /** Looks at a place of the map, as soon as its ground is there. */
   visit(point: MapPoint): void {
     this.wanted = point;
-    if (this.terrain.isSettled) this.fly();
+    if (this.element.dataset["settled"] === "true") this.fly();
   }
 
   private fly(): void {
