@@ -83,6 +83,7 @@ export class SceneView {
       this.terrain.update(this.stage.camera, this.stage.renderer);
       this.views?.update(this.stage.camera, this.stage.renderer);
       this.cloud?.update(this.stage.camera, this.stage.renderer);
+      this.fly();
     };
     this.terrain.add(groundOf(models));
     this.listen();
@@ -90,17 +91,20 @@ export class SceneView {
     this.flight.over();
   }
 
-  /** Looks at a place of the map, as soon as its ground is there. */
+  /** Looks at a place of the map, as soon as its ground is drawn. */
   visit(point: MapPoint): void {
     this.wanted = point;
-    if (this.element.dataset["settled"] === "true") this.fly();
+    this.stage.ask();
   }
 
+  /** Tiles that have come are part of the ground from the next frame on. */
   private fly(): void {
-    const ground = this.wanted && this.marker.at(this.wanted);
-    if (ground) this.flight.near(ground);
-    else if (this.wanted) this.context.waiting.say("no 3D model has ground at this place");
+    if (!this.wanted || this.element.dataset["settled"] !== "true") return;
+    const ground = this.marker.ground(this.wanted);
+    if (!ground) return;
     this.wanted = null;
+    this.flight.near(ground);
+    this.element.dataset["visited"] = "true";
   }
 
   dispose(): void {
@@ -143,7 +147,7 @@ export class SceneView {
     this.element.dataset["triangles"] = String(this.terrain.triangles);
     this.said.textContent = "";
     this.sights.draw();
-    this.fly();
+    this.stage.ask();
   }
 
   private changed(name: keyof Choices): void {
