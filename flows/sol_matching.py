@@ -154,16 +154,20 @@ def _notes(rows: Mapping[str, PairRows], rig: ProductRef | None, inputs: SolInpu
         if (sigma := known.toe_in_sigmas(stop).get(camera)) is not None
     ]
     own = {entry.id for entry in inputs.images if entry.sol == inputs.sol}
-    return notes + [
-        f"{pair}: its rows contradict those of other pairs of {one.instrument}; its right camera "
-        f"is turned as they ask for ({one.summary})"
-        for pair, one in rows.items()
-        if pair in own and turn_of_pair(one, known)[1]
-    ] + [
-        f"{pair}: {one.summary}; calibrate the rig anew"
-        for pair, one in rows.items()
-        if pair in own and one.rows is None and one.instrument == INSTRUMENT
-    ]
+    return (
+        notes
+        + [
+            f"{pair}: its rows contradict those of other pairs of {one.instrument}; its right camera "
+            f"is turned as they ask for ({one.summary})"
+            for pair, one in rows.items()
+            if pair in own and turn_of_pair(one, known)[1]
+        ]
+        + [
+            f"{pair}: {one.summary}; calibrate the rig anew"
+            for pair, one in rows.items()
+            if pair in own and one.rows is None and one.instrument == INSTRUMENT
+        ]
+    )
 
 
 def _read(rig: ProductRef | None, inputs: SolInputs) -> RigProduct:

@@ -415,7 +415,7 @@ def test_a_worker_that_was_killed_or_took_too_long_is_followed_by_a_new_one(work
     assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
 
 
-def test_processes_end_and_start_outside_the_event_loop(world, worker, monkeypatch):
+def test_processes_end_and_start_outside_the_event_loop(worker, monkeypatch):
     """To free a worker's memory the kernel takes some tenths of a second."""
     threads, stop = [], Worker.stop
 
