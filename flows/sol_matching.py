@@ -157,8 +157,8 @@ def _notes(rows: Mapping[str, PairRows], rig: ProductRef | None, inputs: SolInpu
     return (
         notes
         + [
-            f"{pair}: its rows contradict those of other pairs of {one.instrument}; its right camera "
-            f"is turned as they ask for ({one.summary})"
+            f"{pair}: its rows contradict those of other pairs of {one.instrument}; its right "
+            f"camera is turned as they ask for ({one.summary})"
             for pair, one in rows.items()
             if pair in own and turn_of_pair(one, known)[1]
         ]
