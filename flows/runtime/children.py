@@ -22,6 +22,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+_NICENESS = 10
 _PR_SET_PDEATHSIG = 1
 _RESTED_S = 60.0
 """A child that ran so long has started well; how often it died before is forgotten."""
@@ -59,6 +60,17 @@ def die_with_parent() -> None:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     except (AttributeError, OSError):
         return  # no Linux: the parent's orderly stop is all there is
+
+
+def lower_priority() -> None:
+    """Leave the processors to the map's server first: for processes that nobody waits for.
+
+    Where the kernel shares processors out by session (autogroups, sched(7)), to the session too,
+    so its first process asks for it.
+    """
+    os.nice(_NICENESS)
+    with contextlib.suppress(OSError):
+        Path("/proc/self/autogroup").write_text(str(_NICENESS))
 
 
 @dataclass(slots=True, eq=False)

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from solmap.config.settings import Settings
+from solmap.flows.runtime.children import lower_priority
 
 if TYPE_CHECKING:
     from prefect import Flow
@@ -77,6 +78,7 @@ def main() -> None:
     """
     from prefect.runner import Runner  # noqa: PLC0415 - the environment was prepared by `solmap up`
 
+    lower_priority()
     runner = Runner(name="solmap", limit=1, pause_on_shutdown=False)
     for flow, options in served(Settings()):
         runner.add_flow(flow, **options)

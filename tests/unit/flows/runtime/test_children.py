@@ -134,3 +134,18 @@ def test_no_child_outlives_a_parent_that_was_killed(tmp_path):
         assert runs(pid)
         parent.kill()
     until(lambda: not runs(pid))
+
+
+def test_runs_leave_the_processors_to_the_map():
+    code = (
+        "import os; from pathlib import Path;"
+        "from solmap.flows.runtime.children import lower_priority; lower_priority();"
+        "group = Path('/proc/self/autogroup');"
+        "print(os.nice(0), group.read_text() if group.exists() else '')"
+    )
+    command = (sys.executable, "-c", code)
+    told = subprocess.run(
+        command, capture_output=True, text=True, check=True, start_new_session=True
+    ).stdout
+    assert int(told.split()[0]) == min(os.nice(0) + 10, 19)
+    assert "nice 0" not in told
