@@ -23,14 +23,16 @@ they differ by is smoothed; each smoothed on its own, ground that one stop canno
 would be taken for as high as the crest.
 
 Crests spread upwards in the images, so all ground is drawn some tenths of a line too high, the more
-the further away it is: half a line in path-traced worlds, a tenth in simulated ones. Between two
-stops that look at it from either side this is a tilt of 0.05 to 0.1 degrees. The number of lines b,
-the same for both stops, is a seventh unknown,
+the further away it is and the smaller the angle under which it is seen: half a line in path-traced
+worlds, a tenth in simulated ones. Between two stops that look at it from either side this is a tilt
+of 0.05 to 0.1 degrees, and as each stop sees its own side of the relief under larger angles, a few
+centimetres of distance. The number of lines b, the same for both stops, is a seventh unknown,
 
-    r + b (d_later - d_earlier) / f = 0,        b = 0 +- 1 line beforehand,
+    r + b (l_later - l_earlier) = 0,        l = d / f (t / 0.1)^(-1/2),        b = 0 +- 1 line,
 
-with the distances d from the masts: to the sides of the line between the stops it differs from a
-tilt, and the ground tells it.
+with the distance d from the mast and the tangent t of the angle between ray and facet. (In
+`rendered_husband`, at 7, 11 and 15 m alike: 0.52, 0.45, 0.36, 0.29 and 0.2 lines where t is 0.045,
+0.08, 0.125, 0.2 and 0.4.) The ground tells b from a tilt and from a shift.
 
 Neighbouring cells share stones, crests and windows, so residuals are far from independent. The
 covariance is therefore that of scores summed over blocks of ground (Liang and Zeger 1986,
@@ -92,6 +94,12 @@ GRADIENT_PX = 3
 
 RANGE_RATIO = 2.5
 """Ground that one stop sees from so many times as far as the other shows it other faces."""
+
+LEVEL_FACING = 0.1
+"""Tangent of the angle under which ground is drawn b lines too high,"""
+
+LEAST_TANGENT = 0.03
+"""and the smallest that is told from none."""
 
 KERNEL = 2.0
 """Standard deviations beyond which a cell counts nothing."""
@@ -172,9 +180,18 @@ class HeightGrid:
         """Places of the level frame, as seen from the cameras."""
         return places + np.array([0.0, 0.0, self.mast_m])
 
-    def line_m(self, places: ObjectPoints) -> PerPoint:
-        """Height that a line covers at places of the level frame."""
-        return np.linalg.norm(self.from_mast(places), axis=1) / self.focal_px
+    def too_high_m(self, sigma_m: float) -> Raster:
+        """By how much cells are drawn too high a line of b, with slopes through a Gaussian."""
+        up, (rows, cols) = self.smooth(sigma_m), np.indices(self.up.shape, dtype=np.float32)
+        half = self.up.shape[0] / 2 - 0.5
+        north, east = (half - rows) * self.cell_m, (cols - half) * self.cell_m
+        away_m = np.maximum(np.hypot(north, east), self.cell_m)
+        by_row, by_col = np.gradient(up, self.cell_m)
+        level = self.mast_m / away_m
+        tangent = (self.mast_m - up + by_col * east - by_row * north) / away_m
+        tangent = np.maximum(np.where(np.isfinite(tangent), tangent, level), LEAST_TANGENT)
+        line_m = np.hypot(away_m, self.mast_m) / self.focal_px
+        return (line_m * (tangent / LEVEL_FACING) ** -0.5).astype(np.float32)
 
     def smooth(self, sigma_m: float) -> Raster:
         """Heights through a Gaussian, NaN where it knows too little."""
@@ -298,6 +315,8 @@ class _Surfaces:
     """Of the later stop, in its level frame."""
     relief: PerPoint | None
     """There; None: heights are compared."""
+    too_high_m: tuple[Raster, Raster] | None
+    """By how much both are drawn too high for every line of b; None where heights are not."""
     sigma_m: float
     """Of the Gaussian."""
     params: SurfaceParams
@@ -310,13 +329,15 @@ class _Surfaces:
         """Smooth both."""
         there, here = earlier.smooth(sigma_m), later.smooth(sigma_m)
         cell_m, step = earlier.cell_m, max(1, round(sigma_m / later.cell_m))
-        points, rest = later.points(here, step), None
-        if relief:
+        points, rest, too_high = later.points(here, step), None, None
+        if not relief:
+            too_high = (earlier.too_high_m(sigma_m), later.too_high_m(sigma_m))
+        else:
             there = there - earlier.smooth(RELIEF_WAVE_M)
             rest = later.at(here - later.smooth(RELIEF_WAVE_M), points)
         south, east = np.gradient(there)
         slopes = (-south / cell_m, east / cell_m)
-        return cls(earlier, later, there, slopes, points, rest, sigma_m, params)
+        return cls(earlier, later, there, slopes, points, rest, too_high, sigma_m, params)
 
     def compare(self, pose: Pose, lines: float = 0.0) -> Cells:
         """The later stop's ground, carried by a pose, held against the earlier one's.
@@ -329,11 +350,13 @@ class _Surfaces:
         good = np.isfinite(residual + slopes[0] + slopes[1]) & _alike(places, self.points)
         places, residual = places[good], residual[good]
         far, near = (np.hypot(*some[:, :2].T) for some in (places, self.points[good]))
-        down = np.full(len(places), 0.0 if self.relief is not None else 1.0)
+        lowered, raised, down = np.zeros((3, len(places)))
+        if self.too_high_m is not None:
+            raised = self.earlier.at(self.too_high_m[0], places)
+            lowered = self.later.at(self.too_high_m[1], self.points[good])
+            down = np.ones(len(places))
         by_shift = np.column_stack([slopes[0][good], slopes[1][good], down])
-        arms = places - pose.translation_m
-        lowered = down * self.later.line_m(arms)
-        by_line = lowered - down * self.earlier.line_m(places)
+        arms, by_line = places - pose.translation_m, lowered - raised
         places[:, 2] += lines * lowered
         residual = residual + lines * by_line
         sigma_px = self.params.sigma_parallax_px

@@ -31,7 +31,10 @@ def ground():
 
 
 def seen_from(ground, north_m, east_m, lines=0.0):
-    """What a mast sees of the ground, drawn so many lines too high; crests hide what is behind."""
+    """What a mast sees of the ground, drawn so many lines too high; crests hide what is behind.
+
+    So many where the tangent of the angle between ray and facet is 0.1, fewer with its root.
+    """
     half, cell_m = round(PARAMS.farthest_m / PARAMS.cell_m), PARAMS.cell_m
     row, col = 700 - round(north_m / cell_m), 700 + round(east_m / cell_m)
     up = ground[row - half : row + half, col - half : col + half].copy()
@@ -45,7 +48,12 @@ def seen_from(ground, north_m, east_m, lines=0.0):
         horizon, up.shape, middle, 2 * half, cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     )
     up[(over < back - 0.003) | (far > PARAMS.farthest_m) | (far < 1.5)] = np.nan
-    up += lines * np.hypot(far, MAST_M) / FOCAL_PX
+    by_row, by_col = np.gradient(
+        cv2.GaussianBlur(ground, (0, 0), 2.0)[row - half : row + half, col - half : col + half]
+    )
+    rise = (by_row * place[:, None] + by_col * place[None, :]) / cell_m / far
+    tangent = np.maximum((MAST_M - up) / far + rise, 0.03)
+    up += lines * np.hypot(far, MAST_M) / FOCAL_PX * np.sqrt(0.1 / tangent)
     return HeightGrid(cell_m, up.astype(np.float32), MAST_M, SCALE_PX_M, FOCAL_PX)
 
 
