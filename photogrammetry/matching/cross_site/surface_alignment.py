@@ -96,10 +96,10 @@ RANGE_RATIO = 2.5
 """Ground that one stop sees from so many times as far as the other shows it other faces."""
 
 LEVEL_FACING = 0.1
-"""Tangent of the angle under which ground is drawn b lines too high,"""
+"""Tangent of the angle between ray and facet at which heights are b lines too high."""
 
 LEAST_TANGENT = 0.03
-"""and the smallest that is told from none."""
+"""Smaller tangents are within the noise of slopes and count as this."""
 
 KERNEL = 2.0
 """Standard deviations beyond which a cell counts nothing."""
