@@ -99,9 +99,11 @@ def test_the_vertical_profile_and_the_map_share_one_cursor(traverse, places):
     middle = (adjusted[0] + adjusted[1]) / 2
     # From the map to the profile.
     traverse.mouse.move(*pixel_of(traverse, middle[0], middle[1], RESOLUTION))
+    # The ground below the traverse arrives while the pointer rests: the chart keeps its cursor.
+    traverse.wait_for_selector('.below path[data-series="ground below"]')
     until(traverse, lambda: readout.inner_text() != "")
-    assert number(readout.inner_text().split(" m:")[0]) == pytest.approx(way / 2, abs=0.1)
-    told = readout.inner_text().split("adjusted ")[1]
+    distance, told = readout.inner_text().split(" m: adjusted ")
+    assert number(distance) == pytest.approx(way / 2, abs=0.1)
     assert number(told.split(" ± ")[0]) == pytest.approx(middle[2], abs=0.02)
     # From the profile to the map: the cross is where the rover was.
     before = screenshot(traverse, "profile_before")
@@ -114,8 +116,6 @@ def test_the_vertical_profile_and_the_map_share_one_cursor(traverse, places):
     x, y = pixel_of(traverse, adjusted[1][0], adjusted[1][1], RESOLUTION)
     arm = np.s_[round(y) - 10 : round(y) - 5, round(x) - 3 : round(x) + 4]
     assert np.abs(after[arm].astype(int) - before[arm]).max() > 60
-    # The ground below it was mapped too.
-    assert traverse.locator('.below path[data-series="ground below"]').count() == 1
 
 
 def test_the_differences_are_handed_out_as_a_table(traverse, places):

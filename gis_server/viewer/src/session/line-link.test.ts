@@ -5,19 +5,22 @@ import type { Context, Pointed } from "./context";
 import { LineLink } from "./line-link";
 import { Signal } from "./signal";
 
+const LINE: readonly MapPoint[] = [
+  [0, 0],
+  [10, 0],
+];
+
+function marked() {
+  const marks: (number | null)[] = [];
+  return { marks, chart: { mark: (x: number | null) => marks.push(x) } as unknown as Chart };
+}
+
 function linked() {
   const signals = { pointer: new Signal<Pointed | null>(), cursor: new Signal<MapPoint | null>() };
   const context = { signals, view: { resolution: 0.1 } } as unknown as Context;
-  const marks: (number | null)[] = [];
-  const chart = { mark: (x: number | null) => marks.push(x) } as unknown as Chart;
+  const { marks, chart } = marked();
   const link = new LineLink(context);
-  link.on(
-    [
-      [0, 0],
-      [10, 0],
-    ],
-    chart,
-  );
+  link.on(LINE, chart);
   return { signals, link, marks };
 }
 const at = (point: MapPoint): Pointed => ({ point, pixel: [0, 0], touched: null });
@@ -26,7 +29,15 @@ test("the pointer near the line marks the chart, further off it does not", () =>
   const { signals, marks } = linked();
   signals.pointer.emit(at([7, 3.9]));
   signals.pointer.emit(at([7, 4.1]));
-  expect(marks).toEqual([7, null]);
+  expect(marks).toEqual([null, 7, null]);
+});
+
+test("a chart that replaces another keeps the place that is pointed at", () => {
+  const { signals, link } = linked();
+  signals.pointer.emit(at([7, 1]));
+  const { marks, chart } = marked();
+  link.on(LINE, chart);
+  expect(marks).toEqual([7]);
 });
 
 test("the chart's cursor is a place on the map", () => {

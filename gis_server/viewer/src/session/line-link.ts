@@ -11,6 +11,7 @@ const REACH_PX = 40;
 export class LineLink {
   private chart: Chart | null = null;
   private line: readonly MapPoint[] = [];
+  private pointed: MapPoint | null = null;
 
   constructor(private readonly context: Pick<Context, "signals" | "view">) {
     context.signals.pointer.on((pointed) => this.markNear(pointed?.point ?? null));
@@ -21,9 +22,11 @@ export class LineLink {
     return this.chart !== null;
   }
 
+  /** A chart that replaces another shows the place that is pointed at as that one did. */
   on(line: readonly MapPoint[], chart: Chart): void {
     this.line = line;
     this.chart = chart;
+    this.markNear(this.pointed);
   }
 
   off(): void {
@@ -38,6 +41,7 @@ export class LineLink {
   };
 
   private markNear(point: MapPoint | null): void {
+    this.pointed = point;
     if (!this.chart) return;
     const near = point && nearestOn(this.line, point);
     const reach = REACH_PX * this.context.view.resolution;
