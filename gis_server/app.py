@@ -46,7 +46,11 @@ from solmap.gis_server.routes import (
 from solmap.gis_server.services import open_services
 from solmap.gis_server.workers import Worker, limit_arenas
 from solmap.products.store.backends import ObjectStorage
-from solmap.products.store.process import collect_garbage_seldom, log_to_store
+from solmap.products.store.process import (
+    collect_garbage_seldom,
+    exempt_objects_from_collection,
+    log_to_store,
+)
 
 _THREADS = 8
 """Of light requests: more of them would make each other, and the loop of events, wait."""
@@ -86,6 +90,7 @@ def create_app(  # noqa: PLR0913, PLR0917 - all that differs from one server to 
         with budgets.running_workers(), ThreadPoolExecutor(1) as background:
             if workers:
                 _app.openapi()  # FastAPI builds its routes here, which would stop the event loop
+                exempt_objects_from_collection()
             background.submit(services.ahead.read)
             yield
         services.tail.close()

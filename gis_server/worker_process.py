@@ -19,7 +19,7 @@ from solmap.gis_server.app import create_app
 from solmap.gis_server.workers import Answer, UnkeptError, collect, resident_bytes
 from solmap.products.store.process import collect_garbage_seldom, log_to_store
 
-_NICENESS = 5
+_NICENESS = 10
 """Tiles and health come first where processors are few."""
 _DIE_WITH_PARENT = 1
 """PR_SET_PDEATHSIG of prctl(2)."""

@@ -1,6 +1,7 @@
 """Heavy requests of many clients, among readers of tiles and features, while a run publishes.
 
-The run has the priority that `solmap up` gives to runs.
+The run has the priority that `solmap up` gives to runs. Clients, which would be on other machines,
+have the same.
 
     python -m tests.support.heavy_load STORE --clients 50 --seconds 300
 
@@ -46,6 +47,7 @@ MOST_S = 0.2
 """That health is to take."""
 _SERVE = """
 import os, sys, uvicorn
+os.setsid()
 os.environ["SOLMAP_STORE"] = sys.argv[1]
 uvicorn.run(
     "solmap.gis_server.app:create_app_from_settings", factory=True, port=int(sys.argv[2]),
@@ -63,6 +65,8 @@ class Record:
     seconds: dict[str, list[float]] = field(default_factory=dict)
     """Of answers with status 200, by what was asked for."""
     statuses: Counter[tuple[str, int]] = field(default_factory=Counter)
+    refusals: Counter[str] = field(default_factory=Counter)
+    """Reasons of 5xx."""
     wrong: list[str] = field(default_factory=list)
 
     def figures(self) -> dict[str, str]:
@@ -175,6 +179,8 @@ async def _ask(client: httpx.AsyncClient, kind: str, ask: Ask, record: Record) -
     if answer.status_code == httpx.codes.OK:
         record.seconds.setdefault(kind, []).append(time.perf_counter() - started)
         return 0.0
+    if answer.is_server_error:
+        record.refusals[answer.json()["detail"]] += 1
     if "retry-after" not in answer.headers:
         record.wrong.append(f"{path[:80]}: {answer.status_code} {answer.text[:150]}")
     return float(answer.headers.get("retry-after", 1))
@@ -243,6 +249,7 @@ def load(clients: int, seconds: float, server: Server, record: Record) -> list[f
     told: Any = multiprocessing.Queue()
     health = multiprocessing.Process(target=ask_health, args=(server.address, seconds, told))
     health.start()
+    lower_priority()
 
     async def ask_all() -> None:
         end = time.monotonic() + seconds
@@ -297,6 +304,7 @@ def main() -> None:
         statuses[status] += count
     lines += [
         f"statuses: {dict(sorted(statuses.items()))}; the run went on to the end: {went_on}",
+        f"5xx: {dict(record.refusals)}",
         f"wrong: {len(record.wrong)} {record.wrong[:5]}",
         *(line for line in heavy if not line.startswith("#")),
     ]

@@ -1,6 +1,6 @@
 """Small downlinks in a row under `solmap up`: does anything grow that should not?
 
-    python -P -m tests.support.many_downlinks --count 300 --folder FOLDER
+    python -m tests.support.many_downlinks --count 300 --folder FOLDER
 
 The inbox holds a stereo pair of thumbnails of each of a few stops of a simulated traverse; every
 downlink brings a later edition of the pair of one stop, as ground processing delivers images again.
