@@ -1,5 +1,6 @@
 import "ol/ol.css";
 import "./page/style.css";
+import "./page/layout.css";
 import { start } from "./app";
 
 const root = document.getElementById("app");

@@ -29,7 +29,7 @@ test.each([
 test("scopes are told in the field's words", () => {
   expect(scopeTitle("mer2-site0010-drive0064")).toBe("Site 10 · drive 64");
   expect(scopeTitle("mer2-sol0156")).toBe("Sol 156");
-  expect(scopeTitle("mer2")).toBe("Region");
+  expect(scopeTitle("mer2")).toBe("Mission");
 });
 
 test("sols are a range where they follow each other", () => {

@@ -86,8 +86,8 @@ export function scopeTitle(scope: string): string {
   const stop = /site0*(\d+)-drive0*(\d+)/i.exec(scope);
   if (stop) {
     const place = `Site ${stop[1]} \u00b7 drive ${stop[2]}`;
-    return scope.includes("-region-") ? `Region from ${place}` : place;
+    return scope.includes("-region-") ? `Merged map, ${place}` : place;
   }
   const sol = /sol0*(\d+)/i.exec(scope);
-  return sol ? `Sol ${sol[1]}` : "Region";
+  return sol ? `Sol ${sol[1]}` : "Mission";
 }

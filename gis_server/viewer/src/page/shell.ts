@@ -3,6 +3,7 @@
 import { urls } from "../server/api";
 import { type Dock, dock } from "./dock";
 import { button, h } from "./dom";
+import { fold } from "./fold";
 import { tabs } from "./tabs";
 
 const TOAST_MS = 6000;
@@ -61,7 +62,7 @@ export function shell(root: HTMLElement): Shell {
   const map = h("div", { class: "map", tabindex: 0, role: "application", "aria-label": "map" });
   const layers = h("div", { class: "scroll" });
   const missionBox = h("div", { class: "mission" });
-  const searchBox = h("div", {});
+  const searchBox = h("div", { class: "search-box" });
   const accountBox = h("div", { class: "account" });
   const toolbar = h("div", { class: "toolbar", role: "toolbar", "aria-label": "map tools" });
   const readout = h("div", { class: "readout", "aria-live": "off" });
@@ -72,7 +73,9 @@ export function shell(root: HTMLElement): Shell {
   const tip = h("div", { class: "tip", hidden: true });
   const toast = h("div", { class: "toast", role: "status" });
   const notice = h("div", { class: "banner", role: "alert", hidden: true });
-  const right = tabs();
+  const layersFold = fold(root, "layers", "layers panel", "layers");
+  const panelFold = fold(root, "panel", "side panel", "panel");
+  const right = tabs(() => panelFold.open());
   const beside = dock("beside");
   const below = dock("below");
   const bench = dock("bench");
@@ -82,15 +85,18 @@ export function shell(root: HTMLElement): Shell {
   });
 
   root.replaceChildren(
+    h("button", { type: "button", class: "skip", onclick: () => map.focus() }, "Skip to the map"),
     h(
       "header",
       {},
+      layersFold.button,
       h("h1", {}, "solmap"),
       missionBox,
       searchBox,
       h("a", { class: "text", href: urls.docs() }, "API"),
       accountBox,
       button("light or dark", "sun", toggleTheme, { class: "ghost" }),
+      panelFold.button,
     ),
     h("aside", { class: "left", "aria-label": "layers" }, layers),
     h(
@@ -101,7 +107,7 @@ export function shell(root: HTMLElement): Shell {
       below.element,
       bench.element,
     ),
-    h("aside", { class: "right", "aria-label": "what is here" }, right.bar, right.panels),
+    h("aside", { class: "right", "aria-label": "side panel" }, right.bar, right.panels),
     h("footer", {}, readout, formatBox),
     dialog,
   );

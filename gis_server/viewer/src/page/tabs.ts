@@ -1,4 +1,4 @@
-/** A rail of tabs that are added one by one; the first is shown. Arrow keys go from tab to tab. */
+/** A rail of tabs that are added one by one; the first is selected. Arrow keys go from tab to tab. */
 
 import { h, icon, type IconName } from "./dom";
 
@@ -42,16 +42,21 @@ function pictureOf(name: string, title: string): Node {
   return known ? icon(known) : h("b", { "aria-hidden": "true" }, title.charAt(0));
 }
 
-export function tabs(): Tabs {
+/** Calls `opened` where somebody, or the session, asks for a tab. */
+export function tabs(opened: () => void): Tabs {
   const bar = h("div", { class: "tabs", role: "tablist", "aria-orientation": "vertical" });
   const panels = h("div", { class: "panels" });
   const all = new Map<string, Tab>();
-  const show = (name: string) => {
+  const select = (name: string) => {
     for (const [each, { button, panel }] of all) {
       panel.hidden = each !== name;
       button.setAttribute("aria-selected", String(each === name));
       button.tabIndex = each === name ? 0 : -1;
     }
+  };
+  const show = (name: string) => {
+    select(name);
+    opened();
   };
   const add = (name: string, title: string) => {
     const [tabId, panelId] = [`tab-${name}`, `panel-${name}`];
@@ -78,7 +83,7 @@ export function tabs(): Tabs {
     bar.append(button);
     panels.append(panel);
     all.set(name, { button, panel });
-    show([...all.keys()][0] ?? name);
+    select([...all.keys()][0] ?? name);
     return panel;
   };
   bar.addEventListener("keydown", ({ key }) => {
@@ -88,7 +93,7 @@ export function tabs(): Tabs {
     const at = names.findIndex((name) => all.get(name)?.button === document.activeElement);
     const next = names.at((at + step) % names.length);
     if (next === undefined) return;
-    show(next);
+    select(next);
     all.get(next)?.button.focus();
   });
   const clear = () => {

@@ -55,15 +55,16 @@ export function imagesPart(context: Context): void {
     place.replaceChildren();
     drawList();
   };
-  const showAt = (point: MapPoint) =>
+  const showAt = (point: MapPoint) => {
+    page.showTab("images");
     waiting.run(async () => {
       here = new Set(imagesAt(await api.identify(mission.mission, point)));
       view.setMark(point);
       const all = h("button", { type: "button", class: "text", onclick: everywhere }, "show all");
       place.replaceChildren(h("p", { class: "hint at-place" }, "Images that see the place. ", all));
       drawList();
-      page.showTab("images");
     });
+  };
   const open = (id: string) => {
     const image = images.find((entry) => entry.id === id);
     if (!image) {

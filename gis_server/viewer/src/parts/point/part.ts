@@ -14,7 +14,7 @@ const HOVER_MS = 120;
 
 export function pointPart(context: Context): void {
   const { page, view, mission, waiting, signals, places, frames, coordinates } = context;
-  const panel = page.addTab("point", "Point");
+  const panel = page.addTab("point", "Identify");
   panel.replaceChildren(...hints(context));
 
   let told: { readonly found: Identified; readonly frames: SceneStops } | null = null;
@@ -28,14 +28,19 @@ export function pointPart(context: Context): void {
     const rows = coordinateRows(told.found, coordinates.value, told.frames);
     panel.replaceChildren(pointPanel(told.found, rows, actions));
   };
+  let chosen: MapPoint | null = null;
   const identify = (point: MapPoint) => {
     view.setMark(point);
+    page.showTab("point"); // at once: a tab that is chosen meanwhile stays
+    told = null;
+    chosen = point;
+    panel.replaceChildren(h("p", { class: "hint", role: "status" }, "Loading…"));
     waiting.run(async () => {
       const asked = [api.identify(mission.mission, point), frames.load()] as const;
       const [found, known] = await Promise.all(asked);
+      if (chosen !== point) return;
       told = { found, frames: known };
       draw();
-      page.showTab("point");
     });
   };
   page.formatBox.replaceChildren(

@@ -1,0 +1,28 @@
+/** Which of the two side panels are open: both on a wide window, neither on a narrow one. */
+
+import { button, type IconName } from "./dom";
+
+const WIDE = "(min-width: 1100px)";
+
+type Side = "layers" | "panel";
+
+export interface Fold {
+  /** Opens and closes the panel. */
+  readonly button: HTMLButtonElement;
+  open(): void;
+}
+
+/** Says in `data-SIDE` of `root` whether a panel is open; the layout follows (`layout.css`). */
+export function fold(root: HTMLElement, side: Side, name: string, picture: IconName): Fold {
+  const wide = matchMedia(WIDE);
+  const show = (isOpen: boolean) => {
+    root.dataset[side] = isOpen ? "open" : "closed";
+    toggle.setAttribute("aria-expanded", String(isOpen));
+  };
+  const toggle = button(name, picture, () => show(root.dataset[side] !== "open"), {
+    class: "ghost",
+  });
+  wide.addEventListener("change", () => show(wide.matches));
+  show(wide.matches);
+  return { button: toggle, open: () => show(true) };
+}

@@ -1,0 +1,93 @@
+"""The page from a phone to a wall screen: nothing is cut off, and the map keeps its room."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support.browsing import at, look, open_page, ready, screenshot, until
+
+SIZES = ((390, 844), (768, 1024), (1024, 768), (1440, 900), (1920, 1080), (2560, 1440))
+NARROW = 1100
+CUT_OFF = """() => {
+  const clipping = (element) => {
+    for (let each = element.parentElement; each; each = each.parentElement)
+      if (getComputedStyle(each).overflowX !== "visible") return each;
+    return document.documentElement;
+  };
+  const found = [];
+  for (const each of document.querySelectorAll("#app *")) {
+    if (each.closest(".off-screen, .skip, .ol-viewport, svg, input, [hidden]")) continue;
+    const { left, right, width, height } = each.getBoundingClientRect();
+    if (!width || !height) continue;
+    const name = `${each.tagName}.${each.className}: ${(each.textContent ?? "").slice(0, 40)}`;
+    const around = clipping(each);
+    const room = around.getBoundingClientRect();
+    const scrolls = ["auto", "scroll"].includes(getComputedStyle(around).overflowX);
+    if (!scrolls && (left < room.left - 1 || right > room.right + 1)) found.push(name);
+    const { overflowX, textOverflow } = getComputedStyle(each);
+    const hides = ["hidden", "clip"].includes(overflowX) && textOverflow !== "ellipsis";
+    if (hides && !each.children.length && each.scrollWidth > each.clientWidth + 1) found.push(name);
+  }
+  if (document.documentElement.scrollWidth > innerWidth) found.push("the page");
+  return found;
+}"""
+"""What lies outside of the element that clips it, or is wider than its own room."""
+
+
+@pytest.fixture(params=SIZES, ids=lambda size: str(size[0]))
+def sized(request, browser, url):
+    width, height = request.param
+    with open_page(browser, width, height) as page:
+        page.width = width
+        look(page, url + at(0.1, "mer2/stops,mer2/traverse"))
+        yield page
+
+
+def test_no_panel_cuts_anything_off(sized):
+    faults = sized.evaluate(CUT_OFF)
+    box = sized.locator(".map").bounding_box()
+    sized.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    until(sized, lambda: sized.locator("#panel-point .facts").count() > 0)
+    for tab in sized.locator("[data-tab]").all():
+        tab.click()
+        ready(sized)
+        name = tab.get_attribute("data-tab")
+        assert sized.locator(f"#panel-{name}").is_visible()
+        faults += [f"{name}: {fault}" for fault in sized.evaluate(CUT_OFF)]
+        screenshot(sized, f"layout-{sized.width}-{name}")
+    if sized.width < NARROW:
+        sized.get_by_role("button", name="layers panel").click()
+    assert sized.locator(".left").is_visible()
+    faults += sized.evaluate(CUT_OFF)
+    assert faults == []
+
+
+def test_the_map_has_most_of_the_window(sized):
+    box = sized.locator(".map").bounding_box()
+    assert box["width"] > sized.width / 2
+    assert box["height"] > sized.viewport_size["height"] / 2
+
+
+def test_panels_fold_away_and_come_back_where_a_tab_is_asked_for(sized):
+    layers = sized.get_by_role("button", name="layers panel")
+    panel = sized.get_by_role("button", name="side panel")
+    for fold, place in ((layers, ".left"), (panel, ".panels")):
+        is_open = sized.width >= NARROW
+        for _ in range(2):
+            assert sized.locator(place).is_visible() == is_open
+            assert fold.get_attribute("aria-expanded") == str(is_open).lower()
+            fold.click()
+            is_open = not is_open
+    if sized.width >= NARROW:
+        panel.click()
+    sized.locator('[data-tab="images"]').click()
+    until(sized, lambda: sized.locator("#panel-images").is_visible())
+
+
+def test_the_keyboard_reaches_the_map_within_five_stops(sized):
+    for _ in range(5):
+        sized.keyboard.press("Tab")
+        if sized.evaluate("document.activeElement.matches('.skip')"):
+            sized.keyboard.press("Enter")
+            break
+    assert sized.evaluate("document.activeElement.matches('.map')")
