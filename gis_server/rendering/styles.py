@@ -82,7 +82,9 @@ _OF_TERRAIN = {
     "shaded-relief": TileStyle(VIRIDIS, unit="m", title="Elevation, shaded"),
     "slope": TileStyle(INFERNO, (0.0, 40.0), "degree", title="Slope"),
     "aspect": TileStyle(TWILIGHT, (0.0, 360.0), "degree", title="Aspect"),
-    "northerly-tilt": TileStyle(RED_BLUE, (-20.0, 20.0), "degree", title="Tilt towards north"),
+    "northerly-tilt": TileStyle(
+        RED_BLUE, (-20.0, 20.0), "degree", title="North-facing slope component"
+    ),
     "north-facing": _NORTH_FACING,
     "uncertainty": TileStyle(
         INFERNO, (0.0, 0.5), "m", band="standard_deviation", title="Standard deviation of elevation"

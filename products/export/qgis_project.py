@@ -178,7 +178,7 @@ def _groups(files: Sequence[MapFile]) -> dict[str, list[MapFile]]:
 def _group_title(key: tuple[int, str], layer: Layer) -> str:
     if key[0] == 2:  # noqa: PLR2004 - a stop
         return ", ".join(layer.full_title.split(", ")[1:3])
-    return {0: "Traverse and images", 1: "Region", 3: "Orbital image"}[key[0]]
+    return {0: "Traverse and images", 1: "Merged map", 3: "Orbital image"}[key[0]]
 
 
 def _tree_layer(file: MapFile) -> Element:

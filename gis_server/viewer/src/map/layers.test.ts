@@ -16,7 +16,7 @@ const LAYERS = [
 
 test("groups are the region, then sols, then stops as they were driven to", () => {
   expect(groupLayers(LAYERS).map(({ title }) => title)).toEqual([
-    "Region",
+    "Mission",
     "Sol 155",
     "Site 2 · drive 0",
     "Site 10 · drive 64",

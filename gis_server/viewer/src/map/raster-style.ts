@@ -58,7 +58,12 @@ const OWN: Readonly<Record<Exclude<Quantity, "value">, Own>> = {
   relief: { title: "Relief under the sun", ramp: "grey", range: [0, 1], unit: "" },
   slope: { title: "Slope", ramp: "inferno", range: [0, 40], unit: "degree" },
   aspect: { title: "Aspect", ramp: "twilight", range: [0, 360], unit: "degree" },
-  tilt: { title: "Northerly tilt", ramp: "redblue", range: [-20, 20], unit: "degree" },
+  tilt: {
+    title: "North-facing slope component",
+    ramp: "redblue",
+    range: [-20, 20],
+    unit: "degree",
+  },
 };
 
 export const quantityTitle = (quantity: Quantity) =>

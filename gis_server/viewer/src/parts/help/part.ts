@@ -1,4 +1,4 @@
-/** The list of keys. */
+/** The list of keyboard shortcuts. */
 
 import { h } from "../../page/dom";
 import type { Context } from "../../session/context";
@@ -10,10 +10,17 @@ export function helpPart({ page, keys }: Context): void {
     const rows = keys.all.map(({ key, does }) =>
       h("tr", {}, h("td", {}, h("kbd", {}, NAMES[key] ?? key)), h("td", {}, does)),
     );
-    page.dialog("Keys", h("table", { class: "values keys" }, h("tbody", {}, ...rows)));
+    page.dialog(
+      "Keyboard shortcuts",
+      h("table", { class: "values keys" }, h("tbody", {}, ...rows)),
+    );
   };
   keys.add("?", "show this list", show);
   page.accountBox.append(
-    h("button", { type: "button", class: "text", title: "keys (?)", onclick: show }, "Keys"),
+    h(
+      "button",
+      { type: "button", class: "text", title: "keyboard shortcuts (?)", onclick: show },
+      "Shortcuts",
+    ),
   );
 }

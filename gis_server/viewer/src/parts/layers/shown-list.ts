@@ -96,7 +96,7 @@ export function shownList(actions: LayerActions): ShownList {
   const element = h(
     "details",
     { class: "group", open: true },
-    h("summary", {}, h("span", {}, "On the map"), count),
+    h("summary", {}, h("span", {}, "Active layers"), count),
     list,
   );
   return {

@@ -76,7 +76,7 @@ export const longestWay = (straight_m: number) =>
 export const DRIVE_MODES: readonly Mode[] = [
   {
     key: "reach",
-    title: "Reach",
+    title: "Reachability",
     shape: "point",
     least: 1,
     most: 1,

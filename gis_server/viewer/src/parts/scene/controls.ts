@@ -121,7 +121,7 @@ export function controls(
     };
     return { put, row: h("label", { class: "inline" }, h("span", {}, title), input, value) };
   };
-  const heights = slider("exaggeration", "heights", [1, 5, 0.5], " ×", 1, (factor) =>
+  const heights = slider("exaggeration", "vertical exaggeration", [1, 5, 0.5], " ×", 1, (factor) =>
     set("exaggeration", factor),
   );
   const points = slider("pointSize", "point size", [1, 8, 1], " px", FIRST.pointSize, (size) =>

@@ -70,7 +70,7 @@ export function comparisonPanel(
     h(
       "p",
       { class: "hint" },
-      "Swipe: A to the left of the divider, B to the right. Difference: A less B on every cell. " +
+      "Swipe: A to the left of the divider, B to the right. Difference: A − B in every cell. " +
         "To let a layer flicker use its button in the list on the left. Earlier versions of a layer are listed " +
         "with its details there.",
     ),
@@ -101,7 +101,7 @@ export function differenceBox(
   return h(
     "div",
     { class: "difference" },
-    h("h3", {}, "A less B"),
+    h("h3", {}, "Difference A − B"),
     colourLegend(legendOfColours(colouring)),
     h("label", { class: "inline" }, "colours to ±", input, unit),
     h("p", { class: "amounts" }, amounts),
