@@ -5,7 +5,7 @@ import type TileGrid from "ol/tilegrid/TileGrid";
 import type { RasterLayer, TileMatrixSet } from "../server/records";
 import { type Pen, pen, picture } from "./painting";
 import type { LocalMap } from "./projection";
-import { colouringOf, type RasterStyle } from "./raster-style";
+import { bandOf, colouringOf, type RasterStyle } from "./raster-style";
 import { quantityOf, type SunPlace } from "./shading";
 import { SIDE, tileUrl, type ValueTile, valueTiles } from "./value-tiles";
 
@@ -55,14 +55,16 @@ function empty(): HTMLCanvasElement {
   return canvas;
 }
 
-/** Tile of a layer's values. */
+/** Tile of a layer's values, or of another band's. */
 export function valueTile(
   layer: Pick<RasterLayer, "values">,
   set: TileMatrixSet,
   [z, x, y]: readonly [number, number, number],
+  band: string | null = null,
 ): Promise<ValueTile | null> {
   if (!layer.values) throw new Error("only layers with values can be painted here");
-  return valueTiles.get(tileUrl(layer.values, z, x, y), set.cell_sizes[z] ?? Number.NaN);
+  const address = tileUrl(layer.values, z, x, y) + (band ? `?band=${band}` : "");
+  return valueTiles.get(address, set.cell_sizes[z] ?? Number.NaN);
 }
 
 /** A layer in a style of its own. */
@@ -79,7 +81,7 @@ export function styled(
     key: JSON.stringify([layer.digest, quantity, colouring, light]),
     pen: pen(colouring),
     values: async (z, x, y) => {
-      const tile = await valueTile(layer, set, [z, x, y]);
+      const tile = await valueTile(layer, set, [z, x, y], bandOf(quantity));
       return tile && quantityOf(tile, quantity, sun);
     },
   };

@@ -2,12 +2,14 @@ import { expect, test } from "vitest";
 import { rasterLayer, vectorLayer } from "../fixtures";
 import { lookup, RAMPS } from "./ramps";
 import {
+  bandOf,
   colouringOf,
   formatStyle,
   hasValues,
   legendFor,
   parseStyle,
   PLAIN,
+  quantitiesOf,
   type RasterStyle,
 } from "./raster-style";
 
@@ -61,4 +63,22 @@ test("a ramp begins and ends with its first and last colour", () => {
   expect([...table.slice(0, 4)]).toEqual([0x44, 0x01, 0x54, 255]);
   expect([...table.slice(-4)]).toEqual([0xfd, 0xe7, 0x25, 255]);
   expect([...lookup(["#000000", "#ffffff"]).slice(4 * 128, 4 * 128 + 3)]).toEqual([128, 128, 128]);
+});
+
+test("the quality of elevations and slopes is drawn from bands of their own", () => {
+  const slope = { ...rasterLayer("mer2", "slope"), unit: "degree", legend: null };
+  expect(quantitiesOf(dtm)).toEqual(expect.arrayContaining(["sigma", "observations", "class"]));
+  expect(quantitiesOf(slope)).toEqual(["value", "sigma"]);
+  expect(bandOf("sigma")).toBe("standard_deviation");
+  expect(bandOf("slope")).toBeNull();
+  const sigma: RasterStyle = { ...PLAIN, quantity: "sigma" };
+  expect(colouringOf(dtm, sigma)).toMatchObject({ high: 0.1, unit: "m" });
+  expect(colouringOf(slope, sigma)).toMatchObject({ high: 5, unit: "degree" });
+});
+
+test("ground classes have names in the legend, and unseen ground is not drawn", () => {
+  const classes: RasterStyle = { ...PLAIN, quantity: "class" };
+  const names = legendFor({ ...dtm, values: "v" }, classes)?.classes?.map(({ name }) => name);
+  expect(names).toEqual(["measured", "interpolated", "occluded"]);
+  expect(colouringOf(dtm, classes).floor).toBe(1);
 });

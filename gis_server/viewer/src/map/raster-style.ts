@@ -9,8 +9,12 @@
 import type { Layer, Legend, RasterLayer } from "../server/records";
 import { isRamp, RAMPS, type RampName } from "./ramps";
 
-/** What is drawn: the values themselves, or what follows from them where they are elevations. */
-export const QUANTITIES = ["value", "relief", "slope", "aspect", "tilt"] as const;
+/** What follows from elevations. */
+const DERIVED = ["relief", "slope", "aspect", "tilt"] as const;
+/** What the other bands of a raster tell of its values. */
+const QUALITIES = ["sigma", "pose", "observations", "class"] as const;
+const QUANTITIES = ["value", ...DERIVED, ...QUALITIES] as const;
+/** What is drawn: the values themselves, or one of the others. */
 export type Quantity = (typeof QUANTITIES)[number];
 
 export interface RasterStyle {
@@ -51,7 +55,13 @@ interface Own {
   readonly title: string;
   readonly ramp: RampName;
   readonly range: readonly [number, number];
-  readonly unit: string;
+  /** Null: that of the layer. */
+  readonly unit: string | null;
+  /** Name of the band that holds it; none: it is computed here. */
+  readonly band?: string;
+  /** Values below tell that there is nothing. */
+  readonly floor?: number;
+  readonly classes?: readonly (readonly [name: string, colour: string])[];
 }
 
 const OWN: Readonly<Record<Exclude<Quantity, "value">, Own>> = {
@@ -64,13 +74,62 @@ const OWN: Readonly<Record<Exclude<Quantity, "value">, Own>> = {
     range: [-20, 20],
     unit: "degree",
   },
+  sigma: {
+    title: "Standard deviation",
+    ramp: "inferno",
+    range: [0, 0.1],
+    unit: null,
+    band: "standard_deviation",
+  },
+  pose: {
+    title: "Deviation by the rover's pose",
+    ramp: "inferno",
+    range: [0, 0.1],
+    unit: "m",
+    band: "pose_deviation",
+  },
+  observations: {
+    title: "Number of observations",
+    ramp: "viridis",
+    range: [0, 100],
+    unit: "",
+    band: "observations",
+    floor: 1,
+  },
+  class: {
+    title: "Measured, interpolated, occluded",
+    ramp: "viridis",
+    range: [1, 3],
+    unit: "",
+    band: "class",
+    floor: 1,
+    classes: [
+      ["measured", "#21918c"],
+      ["interpolated", "#fde725"],
+      ["occluded", "#440154"],
+    ],
+  },
 };
+
+/** Of slopes; those of elevations are in metres. */
+const SIGMA_DEG = [0, 5] as const;
+
+/** Band of a raster that holds a quantity; null: the first. */
+export const bandOf = (quantity: Quantity) =>
+  quantity === "value" ? null : (OWN[quantity].band ?? null);
 
 export const quantityTitle = (quantity: Quantity) =>
   quantity === "value" ? "Values" : OWN[quantity].title;
 
 const ELEVATIONS = new Set(["dtm", "region-dtm", "far-dtm"]);
 export const isElevation = ({ kind }: Pick<Layer, "kind">) => ELEVATIONS.has(kind);
+const SLOPES = new Set(["slope", "region-slope"]);
+
+/** What may be drawn of a layer, the values themselves first. */
+export function quantitiesOf(layer: Pick<Layer, "kind">): readonly Quantity[] {
+  if (isElevation(layer)) return QUANTITIES;
+  return SLOPES.has(layer.kind) ? ["value", "sigma"] : ["value"];
+}
 
 /** Whether the browser can draw it from its values. */
 export function hasValues(layer: Layer): layer is RasterLayer & { readonly values: string } {
@@ -82,20 +141,30 @@ export function isPlain(style: RasterStyle): boolean {
 }
 
 export function colouringOf(layer: RasterLayer, style: RasterStyle): Colouring {
-  const own = style.quantity === "value" ? ownOf(layer) : OWN[style.quantity];
+  const { classes, ...own } = ownOf(layer, style.quantity);
   const low = style.low ?? own.range[0];
   const high = style.high ?? own.range[1];
   const legend = style.quantity === "value" ? (layer.legend?.stops ?? []) : [];
   const colours = style.ramp
     ? RAMPS[style.ramp]
-    : legend.length > 1
-      ? legend.map(([, colour]) => colour)
-      : RAMPS[own.ramp];
+    : classes
+      ? classes.map(([, colour]) => colour)
+      : legend.length > 1
+        ? legend.map(([, colour]) => colour)
+        : RAMPS[own.ramp];
   const top = high > low ? high : low + 1e-6;
-  return { colours, low, high: top, floor: style.floor, unit: own.unit };
+  const floor = style.floor ?? own.floor ?? null;
+  return { colours, low, high: top, floor, unit: own.unit ?? unitOf(layer) };
 }
 
-function ownOf(layer: RasterLayer): Pick<Own, "ramp" | "range" | "unit"> {
+const unitOf = (layer: RasterLayer) => layer.legend?.unit ?? layer.unit ?? "";
+
+function ownOf(
+  layer: RasterLayer,
+  quantity: Quantity,
+): Pick<Own, "ramp" | "range" | "unit" | "floor" | "classes"> {
+  if (quantity === "sigma" && SLOPES.has(layer.kind)) return { ...OWN.sigma, range: SIGMA_DEG };
+  if (quantity !== "value") return OWN[quantity];
   const stops = layer.legend?.stops ?? [];
   const ends = [stops[0]?.[0], stops.at(-1)?.[0]];
   const [low, high] = ends[0] !== undefined && ends[1] !== undefined ? ends : [null, null];
@@ -103,12 +172,15 @@ function ownOf(layer: RasterLayer): Pick<Own, "ramp" | "range" | "unit"> {
     low !== null && high !== null && high !== undefined && low !== undefined
       ? [low, high]
       : (layer.range ?? [0, 1]);
-  return { ramp: "grey", range, unit: layer.legend?.unit ?? layer.unit ?? "" };
+  return { ramp: "grey", range, unit: unitOf(layer) };
 }
 
 /** The legend that goes with a style; the server's own where nothing was changed. */
 export function legendFor(layer: RasterLayer, style: RasterStyle | null): Legend | null {
   if (!style || isPlain(style) || !hasValues(layer)) return layer.legend;
+  const { classes } = ownOf(layer, style.quantity);
+  if (classes && !style.ramp)
+    return { stops: [], unit: "", classes: classes.map(([name, colour]) => ({ name, colour })) };
   return legendOfColours(colouringOf(layer, style));
 }
 

@@ -25,6 +25,10 @@ const DEG = 180 / Math.PI;
 export function quantityOf(tile: ValueTile, quantity: Quantity, sun: SunPlace): Float32Array {
   switch (quantity) {
     case "value":
+    case "sigma":
+    case "pose":
+    case "observations":
+    case "class":
       return inner(tile);
     case "relief":
       return relief(tile, sun);

@@ -22,6 +22,7 @@ export interface Shell {
   /** At the end of the line below the map: the format of coordinates. */
   readonly formatBox: HTMLElement;
   readonly scale: HTMLElement;
+  readonly legend: HTMLElement;
   readonly north: HTMLElement;
   readonly ruler: HTMLElement;
   readonly tip: HTMLElement;
@@ -68,6 +69,7 @@ export function shell(root: HTMLElement): Shell {
   const readout = h("div", { class: "readout", "aria-live": "off" });
   const formatBox = h("div", {});
   const scale = h("div", { class: "scale" });
+  const legend = h("div", {});
   const north = h("div", { class: "north" });
   const ruler = h("div", { class: "ruler", role: "status", hidden: true });
   const tip = h("div", { class: "tip", hidden: true });
@@ -102,7 +104,19 @@ export function shell(root: HTMLElement): Shell {
     h(
       "main",
       {},
-      h("div", { class: "field-of-map" }, map, toolbar, north, scale, ruler, tip, toast, notice),
+      h(
+        "div",
+        { class: "field-of-map" },
+        map,
+        toolbar,
+        north,
+        scale,
+        legend,
+        ruler,
+        tip,
+        toast,
+        notice,
+      ),
       beside.element,
       below.element,
       bench.element,
@@ -121,6 +135,7 @@ export function shell(root: HTMLElement): Shell {
     readout,
     formatBox,
     scale,
+    legend,
     north,
     ruler,
     tip,
@@ -143,6 +158,7 @@ export function shell(root: HTMLElement): Shell {
         toolbar,
         north,
         scale,
+        legend,
         readout,
         formatBox,
       ])

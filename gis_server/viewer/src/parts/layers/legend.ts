@@ -1,4 +1,4 @@
-/** What the symbols of a layer mean. */
+/** What the symbols and colours of layers mean. */
 
 import {
   ADJUSTED,
@@ -9,10 +9,13 @@ import {
   UNPAIRED,
   VIEWING,
 } from "../../map/styles";
+import { kindTitle } from "../../map/layers";
+import { legendFor, quantityTitle } from "../../map/raster-style";
 import { NO_RESIDUAL, RESIDUALS } from "../../map/tie-style";
 import { h } from "../../page/dom";
-import { legend, swatch } from "../../page/legend";
-import type { VectorLayer } from "../../server/records";
+import { colourLegend, legend, swatch } from "../../page/legend";
+import type { Layer, VectorLayer } from "../../server/records";
+import type { LayerActions } from "./actions";
 
 const stroke = (width: number, kind: string, colour: string) =>
   `border-top:${width}px ${kind} ${colour}`;
@@ -83,4 +86,44 @@ export function symbolLegend(
     default:
       return null;
   }
+}
+
+/** Of a layer as it is drawn now; null where there is nothing to tell. */
+export function legendOf(layer: Layer, actions: LayerActions): HTMLElement | null {
+  if (layer.type === "vector")
+    return symbolLegend(layer, actions.ellipseFactor(), actions.setEllipseFactor);
+  const shown = legendFor(layer, actions.stateOf(layer).style);
+  return shown && colourLegend(shown);
+}
+
+export interface MapLegend {
+  readonly element: HTMLElement;
+  readonly draw: (layers: readonly Layer[]) => void;
+}
+
+const WIDE = "(min-width: 1100px)";
+
+/** On the map: the legends of what is drawn. Layers of several stops that look alike share one. */
+export function mapLegend(actions: LayerActions): MapLegend {
+  const list = h("div", {});
+  const element = h(
+    "details",
+    { class: "map-legend", open: matchMedia(WIDE).matches },
+    h("summary", {}, "Legend"),
+    list,
+  );
+  const draw = (layers: readonly Layer[]) => {
+    const entries = new Map<string, HTMLElement>();
+    for (const layer of layers) {
+      const found = legendOf(layer, actions);
+      if (!found) continue;
+      const quantity = actions.stateOf(layer).style?.quantity ?? "value";
+      const of = quantity === "value" ? "" : `: ${quantityTitle(quantity)}`;
+      const title = kindTitle(layer.kind) + of;
+      entries.set(title + found.innerHTML, h("section", {}, h("h3", {}, title), found));
+    }
+    element.hidden = entries.size === 0;
+    list.replaceChildren(...entries.values());
+  };
+  return { element, draw };
 }

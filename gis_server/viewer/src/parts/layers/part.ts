@@ -16,6 +16,7 @@ import { bringVersions } from "../../session/versions";
 import type { LayerActions } from "./actions";
 import { Flicker } from "./flicker";
 import "./layers.css";
+import { mapLegend } from "./legend";
 import { shownList } from "./shown-list";
 import { solFilter, solsOf } from "./sol-filter";
 import { layerTree } from "./tree";
@@ -53,7 +54,12 @@ export function layersPart(context: Context): void {
     view.shown.get(layer.id)?.map.setVisible(visible),
   );
   const onMap = shownList(actionsOf(context, flicker, () => list()));
-  const list = () => onMap.draw(layers.shown);
+  const legend = mapLegend(actionsOf(context, flicker, () => list()));
+  const drawLegend = () => legend.draw(layers.shown);
+  const list = () => {
+    onMap.draw(layers.shown);
+    drawLegend();
+  };
 
   let tree = layerTree([], actionsOf(context, flicker, list));
   const reportOf = (sol: number) => urls.solReport(mission.mission, sol);
@@ -63,6 +69,7 @@ export function layersPart(context: Context): void {
     filter = solFilter(solsOf(layers.all), reportOf, (sol) => signals.sol.emit(sol));
     filter.set(drawing.sol);
     tree.setSol(drawing.sol);
+    page.legend.replaceChildren(legend.element);
     page.layers.replaceChildren(filter.element, onMap.element, tree.element);
     list();
     putAll();
@@ -75,6 +82,7 @@ export function layersPart(context: Context): void {
     put(layer);
     const now = layers.shown.map(({ id }) => id).join();
     if (now !== shown) list();
+    else drawLegend();
     shown = now;
     if (flicker.layer === layer.id && !layers.state(layer).visible) flicker.stop();
   });
@@ -99,7 +107,10 @@ export function layersPart(context: Context): void {
     tree.setSol(sol);
     putAll();
   });
-  signals.ellipses.on(() => layers.of("stops").forEach((layer) => tree.follow(layer)));
+  signals.ellipses.on(() => {
+    layers.of("stops").forEach((layer) => tree.follow(layer));
+    drawLegend();
+  });
   alive.addEventListener("abort", () => flicker.stop());
   draw();
 }

@@ -1,31 +1,16 @@
 /** A layer in the tree: its switch, and behind it all that can be done with it. */
 
 import { kindTitle } from "../../map/layers";
-import { hasValues, legendFor } from "../../map/raster-style";
+import { hasValues } from "../../map/raster-style";
 import { classesOf, isPicture } from "../../map/picture-style";
 import { button, facts, h, icon } from "../../page/dom";
 import { compact, metres, sols, time, unitSign } from "../../page/format";
-import { colourLegend } from "../../page/legend";
 import type { Layer } from "../../server/records";
 import type { Following, LayerActions } from "./actions";
-import { symbolLegend } from "./legend";
+import { legendOf } from "./legend";
 import { classEditor, pictureEditor } from "./picture-editor";
 import { styleEditor } from "./style-editor";
 import { versionsOf } from "./versions";
-
-function legendOf(layer: Layer, actions: LayerActions): HTMLElement | null {
-  switch (layer.type) {
-    case "raster": {
-      if (classesOf(layer).length > 0) return null; // the classes to choose from are the legend
-      const legend = legendFor(layer, actions.stateOf(layer).style);
-      return legend && colourLegend(legend);
-    }
-    case "vector":
-      return symbolLegend(layer, actions.ellipseFactor(), actions.setEllipseFactor);
-    default:
-      throw new Error(`unknown layer ${JSON.stringify(layer satisfies never)}`);
-  }
-}
 
 export function opacitySlider(layer: Layer, actions: LayerActions): HTMLInputElement {
   const slider = h("input", {
@@ -59,7 +44,9 @@ function details(layer: Layer, actions: LayerActions): Following {
   const range = layer.range && `${compact(layer.range[0])} to ${compact(layer.range[1])}${unit}`;
   const slider = opacitySlider(layer, actions);
   const style = editorOf(layer, actions);
-  const legend = h("div", {}, legendOf(layer, actions));
+  const isChoice = layer.type === "raster" && classesOf(layer).length > 0; // the classes to choose from are the legend
+  const drawn = () => (isChoice ? null : legendOf(layer, actions));
+  const legend = h("div", {}, drawn());
   const element = h(
     "div",
     { class: "details" },
@@ -89,7 +76,7 @@ function details(layer: Layer, actions: LayerActions): Following {
   const follow = () => {
     slider.value = String(actions.stateOf(layer).opacity);
     style?.follow();
-    const renewed = legendOf(layer, actions);
+    const renewed = drawn();
     legend.replaceChildren(...(renewed ? [renewed] : []));
   };
   return { element, follow };

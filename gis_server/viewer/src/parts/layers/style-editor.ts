@@ -1,12 +1,12 @@
 /** What of a raster's values is drawn, in which colours, and over which range. */
 
+import { kindTitle } from "../../map/layers";
 import { RAMP_NAMES, type RampName } from "../../map/ramps";
 import {
   colouringOf,
-  isElevation,
   isPlain,
   PLAIN,
-  QUANTITIES,
+  quantitiesOf,
   type Quantity,
   quantityTitle,
   type RasterStyle,
@@ -49,9 +49,10 @@ export function styleEditor(layer: RasterLayer, actions: LayerActions): Followin
     const next = { ...style(), ...part };
     actions.setStyle(layer, isPlain(next) ? null : next);
   };
+  const quantities = quantitiesOf(layer);
   const quantity = choice<Quantity>(
     "what is drawn",
-    QUANTITIES.map((one) => [one, one === "value" ? "Elevation" : quantityTitle(one)]),
+    quantities.map((one) => [one, one === "value" ? kindTitle(layer.kind) : quantityTitle(one)]),
     (one) => change({ ...PLAIN, quantity: one }), // another quantity has another range
   );
   const ramp = choice<RampName | "">(
@@ -85,7 +86,8 @@ export function styleEditor(layer: RasterLayer, actions: LayerActions): Followin
   const element = h(
     "div",
     { class: "style-editor" },
-    h("div", { class: "pair" }, isElevation(layer) ? quantity : null, ramp),
+    quantities.length > 1 ? h("div", { class: "pair" }, quantity) : null,
+    h("div", { class: "pair" }, ramp),
     h("div", { class: "pair" }, low, h("span", { class: "dim" }, "to"), high),
     h("label", { class: "inline" }, "hide below", floor),
     h("div", { class: "actions" }, stretch, reset),
