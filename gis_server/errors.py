@@ -31,6 +31,8 @@ from solmap.products.errors import (
 )
 
 log = logging.getLogger(__name__)
+LACKED_MEMORY = "solmap.lacked_memory"
+"""In the scope of a request that took more memory than there was."""
 STATUS: dict[type[Exception], HTTPStatus] = {
     ProductNotFoundError: HTTPStatus.NOT_FOUND,
     OutsideCoverageError: HTTPStatus.NOT_FOUND,
@@ -108,6 +110,7 @@ async def _answer(request: Request, error: Exception) -> JSONResponse:
         status = next(STATUS[kind] for kind in type(error).mro() if kind in STATUS)
         what = str(error)
     if isinstance(error, MemoryError):
+        request.scope[LACKED_MEMORY] = True
         what = f"this takes more memory than a request may have: {what or 'ask for less'}"
     return problem(status, what, request.url.path, _headers(error))
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from anyio import to_thread
 
 from solmap.gis_server.app import create_app
+from solmap.gis_server.errors import LACKED_MEMORY
 from solmap.gis_server.workers import Answer, UnkeptError, collect, resident_bytes
 from solmap.products.store.process import collect_garbage_seldom, log_to_store
 
@@ -60,8 +61,9 @@ async def _answer_all(connection: Connection) -> None:
         except UnkeptError as error:
             answer = error
         _return_memory()
+        lacked_memory = request.get(LACKED_MEMORY, False)
         is_full = resident_bytes(os.getpid()) > at_start + (memory_mb << 20) // 2
-        await to_thread.run_sync(connection.send, (answer, is_full))
+        await to_thread.run_sync(connection.send, (answer, is_full, lacked_memory))
 
 
 def main() -> None:

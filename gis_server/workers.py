@@ -201,6 +201,8 @@ class Worker:
     """What a request may take beyond what the application itself does."""
     _process: subprocess.Popen[bytes] | None = None
     _connection: Connection | None = None
+    _is_used: bool = False
+    """Whether it has answered a request."""
     _threads: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
 
     _folder: Path | None = None
@@ -228,9 +230,10 @@ class Worker:
         if self._connection is not None:
             self._connection.close()
         self._process = self._connection = None
+        self._is_used = False
 
     async def ask(self, scope: Scope, body: bytes, most_s: float) -> Answer:
-        """The answer to a request.
+        """The answer to a request; by a new process if earlier ones left too little memory for it.
 
         Raises:
             TimeoutError: it took too long.
@@ -242,9 +245,7 @@ class Worker:
         request = {name: scope[name] for name in _SENT_AS if name in scope}
         try:
             with anyio.fail_after(most_s):
-                answer, is_full = await to_thread.run_sync(
-                    self._exchange, request, body, abandon_on_cancel=True, limiter=self._threads
-                )
+                answer, is_full = await self._answer_of(request, body)
         except BaseException as error:
             with anyio.CancelScope(shield=True):
                 await to_thread.run_sync(self._discard)
@@ -257,6 +258,17 @@ class Worker:
         if isinstance(answer, UnkeptError):
             raise answer
         return answer
+
+    async def _answer_of(
+        self, request: dict[str, Any], body: bytes
+    ) -> tuple[Answer | UnkeptError, bool]:
+        answer, is_full, lacked_memory = await self._exchange(request, body)
+        if lacked_memory and self._is_used:
+            with anyio.CancelScope(shield=True):
+                await to_thread.run_sync(self.start, self._folder)
+            answer, is_full, _ = await self._exchange(request, body)
+        self._is_used = True
+        return answer, is_full
 
     def _discard(self) -> None:
         """End the process and remove the answer that it was writing."""
@@ -275,12 +287,19 @@ class Worker:
             return resident_bytes(process.pid)
         return 0
 
-    def _exchange(self, request: dict[str, Any], body: bytes) -> tuple[Answer | UnkeptError, bool]:
-        assert self._connection is not None  # noqa: S101 - `ask` has started it
+    async def _exchange(
+        self, request: dict[str, Any], body: bytes
+    ) -> tuple[Answer | UnkeptError, bool, bool]:
+        """What the process says: the answer, whether it has grown, whether memory was lacking."""
         connection = self._connection
-        connection.send((request, body))
-        answer: tuple[Answer | UnkeptError, bool] = connection.recv()
-        return answer
+        assert connection is not None  # noqa: S101 - `ask` has started it
+
+        def exchange() -> tuple[Answer | UnkeptError, bool, bool]:
+            connection.send((request, body))
+            told: tuple[Answer | UnkeptError, bool, bool] = connection.recv()
+            return told
+
+        return await to_thread.run_sync(exchange, abandon_on_cancel=True, limiter=self._threads)
 
 
 def limit_arenas() -> None:

@@ -171,7 +171,10 @@ async def _ask(client: httpx.AsyncClient, kind: str, ask: Ask, record: Record) -
     method, path, body = ask
     started = time.perf_counter()
     try:
-        answer = await client.request(method, path, json=body)
+        try:
+            answer = await client.request(method, path, json=body)
+        except httpx.RemoteProtocolError:  # an idle connection was closed; browsers ask again
+            answer = await client.request(method, path, json=body)
     except httpx.HTTPError as error:
         record.wrong.append(f"{path[:80]}: {error!r}")
         return 1.0

@@ -431,6 +431,41 @@ def test_processes_end_and_start_outside_the_event_loop(worker, monkeypatch):
     assert threading.main_thread() not in threads
 
 
+def test_a_request_that_others_left_too_little_memory_is_answered_by_a_new_process(
+    world, tmp_path, monkeypatch
+):
+    worker = Worker((world.root,), 300)
+    worker.start(tmp_path)
+    try:
+        asyncio.run(body_of(worker, "/api/missions"))
+        processes, exchange = [], Worker._exchange
+
+        async def lack_memory_once(self, request, body):
+            processes.append(self._process.pid)
+            answer, is_full, _ = await exchange(self, request, body)
+            return answer, is_full, len(processes) == 1
+
+        monkeypatch.setattr(Worker, "_exchange", lack_memory_once)
+        assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
+        assert len(set(processes)) == 2
+    finally:
+        worker.stop()
+
+
+@pytest.mark.slow
+def test_a_process_that_lacks_memory_says_so(world, tmp_path):
+    ref = ref_of(world, ProductKind.DTM)
+    path = f"/models/{ref.scope.name}/dtm/{ref.digest}/terrain.stl"
+    worker = Worker((world.root,), 8)
+    worker.start(tmp_path)
+    try:
+        told = asyncio.run(worker._exchange(scope_of(path), b""))
+        assert told[0].status == 422
+        assert told[2]
+    finally:
+        worker.stop()
+
+
 @pytest.mark.slow
 def test_a_request_that_takes_too_much_memory_fails_alone(world, tmp_path):
     ref = ref_of(world, ProductKind.DTM)
