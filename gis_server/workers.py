@@ -262,9 +262,15 @@ class Worker:
     async def _answer_of(
         self, request: dict[str, Any], body: bytes
     ) -> tuple[Answer | UnkeptError, bool]:
-        answer, is_full, lacked_memory = await self._exchange(request, body)
+        try:
+            answer, is_full, lacked_memory = await self._exchange(request, body)
+        except (EOFError, OSError):  # it has ended: libraries of C do so where memory is lacking
+            if not self._is_used:
+                raise
+            lacked_memory = True
         if lacked_memory and self._is_used:
             with anyio.CancelScope(shield=True):
+                await to_thread.run_sync(self._discard)
                 await to_thread.run_sync(self.start, self._folder)
             answer, is_full, _ = await self._exchange(request, body)
         self._is_used = True
