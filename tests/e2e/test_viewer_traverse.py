@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 
 import numpy as np
 import pytest
@@ -101,8 +102,8 @@ def test_the_vertical_profile_and_the_map_share_one_cursor(traverse, places):
     traverse.mouse.move(*pixel_of(traverse, middle[0], middle[1], RESOLUTION))
     # The ground below the traverse arrives while the pointer rests: the chart keeps its cursor.
     traverse.wait_for_selector('.below path[data-series="ground below"]')
-    until(traverse, lambda: readout.inner_text() != "")
-    distance, told = readout.inner_text().split(" m: adjusted ")
+    until(traverse, lambda: ", adjusted " in readout.inner_text())
+    distance, told = re.split(" m: .*, adjusted ", readout.inner_text())
     assert number(distance) == pytest.approx(way / 2, abs=0.1)
     assert number(told.split(" ± ")[0]) == pytest.approx(middle[2], abs=0.02)
     # From the profile to the map: the cross is where the rover was.
