@@ -16,6 +16,7 @@ from solmap.config.settings import Settings
 from solmap.gis_server.budgets import FILES, QUESTIONS, Budgets, HeavyRequests
 from solmap.gis_server.collaboration import accounts, edits, runs
 from solmap.gis_server.errors import install_error_table
+from solmap.gis_server.launcher import Launcher
 from solmap.gis_server.metrics import MeasureRequests, Metrics
 from solmap.gis_server.middleware import (
     AnswerHead,
@@ -81,7 +82,8 @@ def create_app(  # noqa: PLR0913, PLR0917 - all that differs from one server to 
     workers = {}
     if worker_memory_mb is not None:
         given = (store_root, viewer_dist, catalogue_url, object_storage, (), public_url)
-        workers = {lane: Worker(given, worker_memory_mb) for lane in (QUESTIONS, FILES)}
+        launcher = Launcher()
+        workers = {lane: Worker(given, worker_memory_mb, launcher) for lane in (QUESTIONS, FILES)}
     budgets = Budgets(workers)
 
     @asynccontextmanager

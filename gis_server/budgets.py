@@ -273,6 +273,7 @@ class Budgets:
             finally:
                 for worker in workers:
                     worker.stop()
+                    worker.launcher.close()
 
 
 class HeavyRequests:

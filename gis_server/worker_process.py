@@ -1,4 +1,7 @@
-"""What a worker process does: it answers the requests that the server sends it, one by one."""
+"""What a worker process does, and the launcher that it forks from.
+
+A worker answers the requests that the server sends it, one by one.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +14,22 @@ import resource
 import signal
 import sys
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import recv_handle
 from pathlib import Path
+from typing import NoReturn
 
 from anyio import to_thread
 
 from solmap.gis_server.app import create_app
 from solmap.gis_server.errors import LACKED_MEMORY
 from solmap.gis_server.workers import Answer, UnkeptError, collect, resident_bytes
-from solmap.products.store.process import collect_garbage_seldom, log_to_store
+from solmap.products.store.process import (
+    collect_garbage_seldom,
+    exempt_objects_from_collection,
+    log_to_store,
+)
 
+log = logging.getLogger(__name__)
 _NICENESS = 10
 """Tiles and health come first where processors are few."""
 _DIE_WITH_PARENT = 1
@@ -66,10 +76,47 @@ async def _answer_all(connection: Connection) -> None:
         await to_thread.run_sync(connection.send, (answer, is_full, lacked_memory))
 
 
-def main() -> None:
-    """Be a worker of the server at the other end of the pipe that the command line names."""
+def launch() -> None:
+    """Start and end workers, as the server at the other end of the pipe asks, until it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends its workers
+    _die_with_parent()
+    os.nice(_NICENESS)
+    exempt_objects_from_collection()
+    control, pids = Connection(int(sys.argv[1])), dict[int, int]()
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            number, is_start = control.recv()
+            if is_start:
+                handle = recv_handle(control)
+                pids[number] = os.fork()
+                if pids[number] == 0:
+                    control.close()
+                    _work(Connection(handle))
+                os.close(handle)
+                control.send((number, pids[number]))
+            else:
+                _end(pids.pop(number))
+                control.send((number, 0))
+    for pid in pids.values():
+        _end(pid)
+
+
+def _end(pid: int) -> None:
+    os.kill(pid, signal.SIGKILL)  # nobody else has its number before it is waited for
+    os.waitpid(pid, 0)
+
+
+def _work(connection: Connection) -> NoReturn:
+    """Be a worker of the server at the other end."""
+    try:
+        _die_with_parent()
+        asyncio.run(_answer_all(connection))
+    except BaseException:
+        log.exception("a process that answers heavy requests failed")
+    finally:
+        os._exit(0)
+
+
+def _die_with_parent() -> None:
     with contextlib.suppress(AttributeError):
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
-    os.nice(_NICENESS)
-    asyncio.run(_answer_all(Connection(int(sys.argv[1]))))

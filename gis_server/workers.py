@@ -14,12 +14,9 @@ import errno
 import logging
 import os
 import resource
-import subprocess
-import sys
 import tempfile
 from dataclasses import dataclass, field
 from http import HTTPStatus
-from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import IO, Any
@@ -27,6 +24,8 @@ from typing import IO, Any
 import anyio
 from anyio import CapacityLimiter, to_thread
 from starlette.types import ASGIApp, Message, Scope, Send
+
+from solmap.gis_server.launcher import Launcher
 
 log = logging.getLogger(__name__)
 _SENT_AS = (
@@ -43,13 +42,6 @@ LARGEST = 256 << 20
 bytes, has 200 MB. RLIMIT_FSIZE would also stop copies of larger products from an object store."""
 _SMALL = 1 << 20
 """Bytes of an answer that are handed over in memory; larger ones are handed over as a file."""
-_ENVIRONMENT = {
-    "MALLOC_ARENA_MAX": "2",
-    "GDAL_CACHEMAX": "64",
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-}
-_START = "from solmap.gis_server.worker_process import main; main()"
 
 
 class WorkerLostError(Exception):
@@ -199,7 +191,10 @@ class Worker:
     """Of `create_app`."""
     memory_mb: int
     """What a request may take beyond what the application itself does."""
-    _process: subprocess.Popen[bytes] | None = None
+    launcher: Launcher = field(default_factory=Launcher)
+    """Several workers may share it."""
+    _number: int | None = None
+    """Of its process, with the launcher."""
     _connection: Connection | None = None
     _is_used: bool = False
     """Whether it has answered a request."""
@@ -212,24 +207,16 @@ class Worker:
         self.stop()
         self._folder = folder
         self._threads = CapacityLimiter(1)  # the thread of a request that was given up may be left
-        self._connection, other = Pipe()
-        with other:
-            self._process = subprocess.Popen(  # noqa: S603 - this program
-                [sys.executable, "-P", "-c", _START, str(other.fileno())],
-                env={**_ENVIRONMENT, **os.environ},
-                stdin=subprocess.DEVNULL,
-                pass_fds=[other.fileno()],
-            )
+        self._number, self._connection = self.launcher.start()
         self._connection.send((self.arguments, self.memory_mb, folder))
 
     def stop(self) -> None:
-        """End the process, whatever it does; the kernel may take 0.4 s to free its memory."""
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
+        """End the process, whatever it does."""
+        if self._number is not None:
+            self.launcher.end(self._number)
         if self._connection is not None:
             self._connection.close()
-        self._process = self._connection = None
+        self._number = self._connection = None
         self._is_used = False
 
     async def ask(self, scope: Scope, body: bytes, most_s: float) -> Answer:
@@ -240,7 +227,9 @@ class Worker:
             WorkerLostError: the process ended, as one that takes too much memory does.
             UnkeptError: the answer is too large.
         """
-        if self._process is None or self._process.poll() is not None:
+        if (
+            self._connection is None or self._connection.poll()
+        ):  # it has ended: it says nothing unasked
             await to_thread.run_sync(self.start, self._folder)
         request = {name: scope[name] for name in _SENT_AS if name in scope}
         try:
@@ -286,11 +275,9 @@ class Worker:
     @property
     def memory_bytes(self) -> int:
         """Resident memory of the process."""
-        process = self._process
-        if process is None:
-            return 0
+        pid = self._number and self.launcher.pid(self._number)
         with contextlib.suppress(OSError, IndexError):
-            return resident_bytes(process.pid)
+            return resident_bytes(pid) if pid else 0
         return 0
 
     async def _exchange(

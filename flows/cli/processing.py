@@ -194,6 +194,7 @@ def serve(
         host=address,
         port=listening_port,
         log_level="warning",
+        timeout_keep_alive=75,  # longer than a proxy's 60 s: else it asks where nobody listens
         timeout_graceful_shutdown=2,  # browsers that listen for events never hang up
         proxy_headers=bool(settings.trusted_proxies),
         forwarded_allow_ips=settings.trusted_proxies,

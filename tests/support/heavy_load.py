@@ -52,6 +52,7 @@ os.environ["SOLMAP_STORE"] = sys.argv[1]
 uvicorn.run(
     "solmap.gis_server.app:create_app_from_settings", factory=True, port=int(sys.argv[2]),
     log_level="error", forwarded_allow_ips="127.0.0.1", timeout_graceful_shutdown=1,
+    timeout_keep_alive=75,
 )
 """
 Ask = tuple[str, str, dict[str, Any] | None]
@@ -232,8 +233,9 @@ class MemoryWatch(threading.Thread):
 
 
 def _children(pid: int) -> list[int]:
-    found = Path(f"/proc/{pid}/task").glob("*/children")
-    return [int(child) for file in found for child in file.read_text().split()]
+    files = Path(f"/proc/{pid}/task").glob("*/children")
+    found = [int(child) for file in files for child in file.read_text().split()]
+    return [*found, *(later for child in found for later in _children(child))]
 
 
 def write_sols(folder: Path, count: int) -> Path:

@@ -6,7 +6,10 @@ import asyncio
 import contextlib
 import copy
 import errno
+import os
+import signal
 import threading
+import time
 from collections import Counter
 from dataclasses import replace
 from http import HTTPStatus
@@ -271,6 +274,7 @@ def worker(world, tmp_path_factory):
     found.start(tmp_path_factory.mktemp("answers"))
     yield found
     found.stop()
+    found.launcher.close()
 
 
 def scope_of(path):
@@ -402,17 +406,37 @@ def test_who_reads_too_slowly_is_given_up(is_file, tmp_path, monkeypatch):
     assert file.exists() != is_file
 
 
+def process_of(worker):
+    for _ in range(400):
+        if pid := worker.launcher.pid(worker._number):
+            return pid
+        time.sleep(0.05)
+    raise AssertionError("no process came up")
+
+
 @pytest.mark.slow
 def test_a_worker_that_was_killed_or_took_too_long_is_followed_by_a_new_one(worker):
     half = worker._folder / "half"
     half.touch()
-    worker._process.kill()  # what a machine without memory does
-    worker._process.wait()
+    os.kill(
+        worker.launcher.pid(worker._number), signal.SIGKILL
+    )  # what the system does that lacks memory
+    worker._connection.poll(5.0)
     assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
     with pytest.raises(TimeoutError):
         asyncio.run(worker.ask(scope_of("/api/missions"), b"", 0.0))
     assert not half.exists()
     assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
+
+
+@pytest.mark.slow
+def test_workers_end_with_their_launcher_and_another_one_is_started(worker):
+    assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
+    pid = process_of(worker)
+    os.kill(worker.launcher._process.pid, signal.SIGKILL)
+    assert worker._connection.poll(5.0)
+    assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
+    assert process_of(worker) != pid
 
 
 def test_processes_end_and_start_outside_the_event_loop(worker, monkeypatch):
@@ -441,7 +465,7 @@ def test_a_request_that_others_left_too_little_memory_is_answered_by_a_new_proce
         processes, exchange = [], Worker._exchange
 
         async def lack_memory_once(self, request, body):
-            processes.append(self._process.pid)
+            processes.append(self._number)
             answer, is_full, _ = await exchange(self, request, body)
             return answer, is_full, len(processes) == 1
 
@@ -450,6 +474,7 @@ def test_a_request_that_others_left_too_little_memory_is_answered_by_a_new_proce
         assert len(set(processes)) == 2
     finally:
         worker.stop()
+        worker.launcher.close()
 
 
 @pytest.mark.slow
@@ -464,6 +489,7 @@ def test_a_process_that_lacks_memory_says_so(world, tmp_path):
         assert told[2]
     finally:
         worker.stop()
+        worker.launcher.close()
 
 
 @pytest.mark.slow
@@ -478,3 +504,4 @@ def test_a_request_that_takes_too_much_memory_fails_alone(world, tmp_path):
         assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
     finally:
         worker.stop()
+        worker.launcher.close()

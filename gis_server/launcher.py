@@ -1,0 +1,98 @@
+"""The process that workers fork from.
+
+A child of the server's own would be ended with the thread that started it (PR_SET_PDEATHSIG), and
+its start stops all threads of the server until the system runs another program in it: Python's lock
+is held meanwhile, a tenth of a second and more where processors are few. A worker that forks has at
+once what the launcher has imported, in memory that all of them share.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import threading
+from dataclasses import dataclass, field
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from multiprocessing.reduction import send_handle
+
+_ENVIRONMENT = {
+    "MALLOC_ARENA_MAX": "2",
+    "GDAL_CACHEMAX": "64",
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+}
+_START = "from solmap.gis_server.worker_process import launch; launch()"
+
+
+@dataclass(slots=True, eq=False)
+class Launcher:
+    """Starts and ends workers through a process that is started with the first of them."""
+
+    _process: subprocess.Popen[bytes] | None = None
+    _control: Connection | None = None
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _number: int = 0
+    _pids: dict[int, int] = field(default_factory=dict)
+    """Of workers, as far as the process has told."""
+
+    def start(self) -> tuple[int, Connection]:
+        """Number of a new worker, which comes up meanwhile, and the connection with it."""
+        mine, other = Pipe()
+        with other, self._lock:
+            self._number += 1
+            try:
+                self._hand_over(other)
+            except OSError:  # the process was killed, and its workers with it
+                self._close()
+                self._hand_over(other)
+            return self._number, mine
+
+    def end(self, number: int) -> None:
+        """End a worker, whatever it does; the kernel may take 0.4 s to free its memory."""
+        with self._lock, contextlib.suppress(OSError, EOFError):  # all ended with the process
+            if self._control is not None:
+                self._control.send((number, False))
+                while number not in self._pids or self._pids[number]:
+                    self._note_pid(self._control)
+        self._pids.pop(number, None)
+
+    def pid(self, number: int) -> int | None:
+        """The process of a worker, once it is known."""
+        with self._lock, contextlib.suppress(OSError, EOFError):
+            while self._control is not None and self._control.poll():
+                self._note_pid(self._control)
+        return self._pids.get(number)
+
+    def close(self) -> None:
+        """End the process; it ends the workers that are left."""
+        with self._lock:
+            self._close()
+
+    def _hand_over(self, connection: Connection) -> None:
+        if self._process is None or self._control is None:
+            self._control, other = Pipe()
+            with other:
+                self._process = subprocess.Popen(  # noqa: S603 - this program
+                    [sys.executable, "-P", "-c", _START, str(other.fileno())],
+                    env={**_ENVIRONMENT, **os.environ},
+                    stdin=subprocess.DEVNULL,
+                    pass_fds=[other.fileno()],
+                )
+        self._control.send((self._number, True))
+        send_handle(self._control, connection.fileno(), self._process.pid)
+
+    def _note_pid(self, control: Connection) -> None:
+        number, pid = control.recv()
+        self._pids[number] = pid
+
+    def _close(self) -> None:
+        if self._control is not None:
+            self._control.close()
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+        self._process = self._control = None
+        self._pids.clear()
