@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import AsyncIterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
@@ -55,6 +56,9 @@ from solmap.products.store.process import (
 
 _THREADS = 8
 """Of light requests: more of them would make each other, and the loop of events, wait."""
+_SWITCH_S = 0.0005
+"""After this time a thread gives Python's lock to those that wait; with Python's 5 ms the loop of
+events, which gives the lock away at every reading and writing, waited 0.2 s for eight threads."""
 
 
 def create_app(  # noqa: PLR0913, PLR0917 - all that differs from one server to the next
@@ -89,6 +93,7 @@ def create_app(  # noqa: PLR0913, PLR0917 - all that differs from one server to 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         to_thread.current_default_thread_limiter().total_tokens = _THREADS
+        sys.setswitchinterval(_SWITCH_S)
         with budgets.running_workers(), ThreadPoolExecutor(1) as background:
             if workers:
                 _app.openapi()  # FastAPI builds its routes here, which would stop the event loop
@@ -111,6 +116,7 @@ def create_app(  # noqa: PLR0913, PLR0917 - all that differs from one server to 
     app.state.services = services
     app.state.metrics = Metrics(services, budgets)
     install_error_table(app)
+    app.include_router(server.health)
     for module in (
         tiles,  # the most frequent requests first: routes are tried in this order
         missions,

@@ -8,13 +8,15 @@ is published, before it sends that event.
 from __future__ import annotations
 
 import logging
+import math
+import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated
 
-from anyio import CapacityLimiter
+from anyio import CapacityLimiter, to_thread
 from fastapi import Depends, Request
 
 from solmap.gis_server.live import EventTail
@@ -33,6 +35,8 @@ from solmap.products.store.product_store import ProductStore
 log = logging.getLogger(__name__)
 GROWING = (ProductKind.FOOTPRINTS, ProductKind.POINTING, ProductKind.TIE_POINTS)
 _LAYERS = 1024
+_HEALTH_S = 1.0
+"""Age at which what is known of the catalogue's health is old."""
 _DRAWING = 1
 """Threads that draw tiles at a time: of two, one waits for the other most of the time, and answers
 at the 95th percentile take twice as long. Many users are served by several processes."""
@@ -59,6 +63,22 @@ class ReadAhead:
             log.warning("layers were not read ahead: %r", error)
 
 
+@dataclass(slots=True, eq=False)
+class CatalogueHealth:
+    """Whether the catalogue can be read; it is read once a second at most."""
+
+    catalogue: Catalogue
+    _read_at: float = -math.inf
+    _thread: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
+    """Waits for no other thread."""
+
+    async def check(self) -> None:
+        """Raise what reading it raises."""
+        if time.monotonic() - self._read_at > _HEALTH_S:
+            await to_thread.run_sync(self.catalogue.missions, limiter=self._thread)
+            self._read_at = time.monotonic()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Services:
     """One set for a server. The catalogue is asked anew each time, so publishing shows at once."""
@@ -78,10 +98,9 @@ class Services:
     edits: EditLog
     runs: RunRecords
     requests: RunRequests
+    health: CatalogueHealth
     drawing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(_DRAWING))
     """Of the threads that draw tiles."""
-    health: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
-    """Of the thread that looks whether the catalogue can be read: it waits for no other."""
 
 
 def open_services(
@@ -103,6 +122,7 @@ def open_services(
         edits=EditLog.of(store.root),
         runs=RunRecords(catalogue.engine),
         requests=RunRequests.of(store.root),
+        health=CatalogueHealth(catalogue),
     )
 
 

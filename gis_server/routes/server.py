@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 from pathlib import Path, PurePosixPath
 
-from anyio import to_thread
 from fastapi import APIRouter, FastAPI, Request, Response
 from fastapi.responses import HTMLResponse
 from fastapi.staticfiles import StaticFiles
@@ -24,7 +23,7 @@ _ENCODINGS = {"br": ".br", "gzip": ".gz"}
 _FOREVER = "public, max-age=31536000, immutable"
 _PINNED = "assets"
 """Folder of files whose names carry a digest of their content."""
-router = APIRouter()
+router, health = APIRouter(), APIRouter()
 SHIPPED_VIEWER = Path(__file__).parents[1] / "viewer" / "dist"
 _SWAGGER = ("swagger/swagger-ui-bundle.js", "swagger/swagger-ui.css")
 _FRAME = """<!doctype html>
@@ -91,10 +90,10 @@ def metrics(request: Request) -> Response:
     return Response(body, media_type=CONTENT_TYPE_LATEST, headers={"Cache-Control": "no-store"})
 
 
-@router.get("/healthz", tags=["server"])
+@health.get("/healthz", tags=["server"])
 async def healthz(services: ServicesOf) -> dict[str, str]:
     """Answers when the server is ready and the catalogue can be read."""
-    await to_thread.run_sync(services.catalogue.missions, limiter=services.health)
+    await services.health.check()
     return {"status": "ok"}
 
 
