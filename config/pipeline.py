@@ -30,6 +30,7 @@ from solmap.photogrammetry.terrain.measure.facets import FacetParams
 from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloudParams
 from solmap.photogrammetry.terrain.mesh.surface_mesh import ModelParams, TilesetParams
 from solmap.photogrammetry.terrain.mesh.view_mesh import ViewModelParams
+from solmap.photogrammetry.terrain.orthophoto.merging import MergingParams
 from solmap.photogrammetry.terrain.orthophoto.panorama import PanoramaParams
 from solmap.photogrammetry.terrain.orthophoto.rendering import OrthophotoParams
 from solmap.photogrammetry.terrain.relief.contours import (
@@ -89,6 +90,7 @@ class Region:
 
     enabled: bool = True
     fusion: RegionParams = field(default_factory=RegionParams)
+    orthophoto: MergingParams = field(default_factory=MergingParams)
     contour: RegionContourParams = field(default_factory=RegionContourParams)
 
 

@@ -19,7 +19,7 @@ from solmap.products.crs import LandingPoint
 from solmap.products.errors import ProductError
 from solmap.products.model import REGION_KINDS, Layer, ProductKind, ProductRef, Scope, mission_of
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.maps.region import fuse_region, seam_notes
+from solmap.tasks.maps.region import fuse_region, merge_orthophotos, seam_notes
 from solmap.tasks.maps.suitability import map_hazards, map_insolation
 from solmap.tasks.maps.terrain import map_relief, shade_relief, trace_contours
 from solmap.tasks.mission.localisation import localise, traverse_products
@@ -100,6 +100,17 @@ def _map_region(
     refs = [layer.ref for layer in stops]
     dtm, seams = fuse_region(mission, refs, config.region.fusion, landing, store)
     made = [dtm, seams, *_surfaces(dtm, config, landing, store, failed)]
+    scopes = {ref.scope for ref in refs}
+    orthophotos = [
+        layer.ref
+        for layer in workspace.catalogue.layers(mission)
+        if layer.ref.kind is ProductKind.ORTHOPHOTO and layer.ref.scope in scopes
+    ]
+    if orthophotos:
+        with keep_going(failed, f"orthophoto of {dtm.scope}"):
+            made.append(
+                merge_orthophotos(dtm, orthophotos, config.region.orthophoto, landing, store)
+            )
     sols = tuple(sorted({sol for layer in stops for sol in layer.sols}))
     entry = workspace.catalogue.mission(mission)
     failed |= publish(entry, [(ref, sols) for ref in made], (), (), workspace).failures

@@ -91,6 +91,7 @@ class ProductKind(StrEnum):
     FAR_HILLSHADE = "far-hillshade", ".tif"
     FAR_CONTOURS = "far-contours", ".geojson"
     REGION_DTM = "region-dtm", ".tif"
+    REGION_ORTHOPHOTO = "region-orthophoto", ".tif"
     REGION_SEAMS = "region-seams", ".tif"
     REGION_HILLSHADE = "region-hillshade", ".tif"
     REGION_SLOPE = "region-slope", ".tif"

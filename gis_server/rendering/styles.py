@@ -71,9 +71,12 @@ DEFAULT = "default"
 
 
 ELEVATIONS = (ProductKind.DTM, ProductKind.FAR_DTM, ProductKind.REGION_DTM)
-PICTURES = {ProductKind.ORTHOPHOTO, ProductKind.ORBITAL, ProductKind.COLOUR} | {
-    kind for kind, style in STYLES.items() if style.is_classes
-}
+PICTURES = {
+    ProductKind.ORTHOPHOTO,
+    ProductKind.REGION_ORTHOPHOTO,
+    ProductKind.ORBITAL,
+    ProductKind.COLOUR,
+} | {kind for kind, style in STYLES.items() if style.is_classes}
 """Kinds of eight bits; all others are rasters of 32-bit floats and have tiles of values."""
 
 _NORTH_FACING = TileStyle(RED_BLUE, (-20.0, 20.0), "degree", title="Slopes that face north")

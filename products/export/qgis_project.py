@@ -79,6 +79,7 @@ VECTOR_STYLES = {
 }
 _SHOWN_RASTERS = {
     ProductKind.ORTHOPHOTO,
+    ProductKind.REGION_ORTHOPHOTO,
     ProductKind.HILLSHADE,
     ProductKind.REGION_HILLSHADE,
     ProductKind.FAR_HILLSHADE,

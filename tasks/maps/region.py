@@ -1,4 +1,4 @@
-"""Region: the terrain models of stops as one, and where they disagree."""
+"""Region: the terrain models and orthophotos of stops as one, and where the stops disagree."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams
+from solmap.photogrammetry.terrain.orthophoto.merging import MergingParams
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import grid_of, open_raster
 from solmap.products.formats.raster.region import (
@@ -20,6 +21,7 @@ from solmap.products.formats.raster.region import (
     read_seams,
     write_region,
 )
+from solmap.products.formats.raster.region_orthophoto import write_region_orthophoto
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.maps.tags import raster_tags
@@ -58,6 +60,25 @@ def fuse_region(
             store.make(model, lambda path: _move(fuse().dtm, path)),
             store.make(seams, lambda path: _move(fuse().seams, path)),
         )
+
+
+@stage(task_run_name="region-orthophoto-{dtm.scope}")
+def merge_orthophotos(
+    dtm: ProductRef,
+    orthophotos: Sequence[ProductRef],
+    params: MergingParams,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> ProductRef:
+    """Merge the orthophotos of the stops of a region, whose terrain model is given."""
+    inputs = tuple(sorted(orthophotos))
+    recipe = Recipe(ProductKind.REGION_ORTHOPHOTO, dtm.scope, inputs, (params, landing))
+
+    def write(path: Path) -> None:
+        sources, tags = _sources(inputs, store), raster_tags(recipe, store)
+        write_region_orthophoto(path, sources, params, local_crs(landing), tags)
+
+    return store.make(recipe, write)
 
 
 def _move(made: Path, path: Path) -> None:

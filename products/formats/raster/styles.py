@@ -75,6 +75,7 @@ STYLES = {
     ProductKind.FAR_DTM: TileStyle(VIRIDIS, unit="m"),
     ProductKind.FAR_HILLSHADE: TileStyle(GREY, (0.0, 1.0), has_legend=False),
     ProductKind.REGION_DTM: TileStyle(VIRIDIS, unit="m"),
+    ProductKind.REGION_ORTHOPHOTO: TileStyle(GREY, has_legend=False),
     ProductKind.REGION_SEAMS: TileStyle(INFERNO, (0.0, 0.3), "m"),
     ProductKind.REGION_HILLSHADE: TileStyle(GREY, (0.0, 1.0), has_legend=False),
     ProductKind.REGION_SLOPE: TileStyle(INFERNO, (0.0, 40.0), "degree"),

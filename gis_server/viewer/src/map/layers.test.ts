@@ -93,3 +93,16 @@ test("contours say better than the blocks of rasters how far the ground was seen
   expect(firstBounds([contours, orthophoto])).toEqual([-26, -30, 30, 32]);
   expect(firstBounds([orthophoto])).toEqual([-40, -40, 40, 40]);
 });
+
+test("a merged map is shown instead of the maps of the stops that it holds", () => {
+  const near = { ...rasterLayer(STOP_2, "orthophoto"), bounds: [-10, -10, 10, 10] } as const;
+  const far = { ...rasterLayer(STOP_10, "orthophoto"), bounds: [900, 0, 920, 20] } as const;
+  const merged = {
+    ...rasterLayer("mer2-region-site0002-drive0000", "region-orthophoto"),
+    level: "region",
+    bounds: [-10, -10, 40, 40],
+  } as const;
+  const all = [near, far, merged];
+  expect(all.map((layer) => firstState(layer, all).visible)).toEqual([false, true, true]);
+  expect(zIndex(merged)).toBeLessThan(zIndex(near));
+});

@@ -59,15 +59,22 @@ export function groupLayers(layers: readonly Layer[]): readonly LayerGroup[] {
     .sort(compareGroups);
 }
 
+const isWithin = ([west, south, east, north]: Bounds, [w, s, e, n]: Bounds) =>
+  west <= (w + e) / 2 && (w + e) / 2 <= east && south <= (s + n) / 2 && (s + n) / 2 <= north;
+
+/** Whether a product of more ground shows the same, so that this one need not be shown beside it. */
+function isIn(layer: Layer, wider: Layer): boolean {
+  if (LEVELS.indexOf(wider.level) >= LEVELS.indexOf(layer.level)) return false;
+  const isMerged = wider.kind === `region-${layer.kind}` && isWithin(wider.bounds, layer.bounds);
+  return isMerged || wider.kind === layer.kind;
+}
+
 /**
  * What is shown at first: relief, image, contours, stops and traverse, each from the widest products there
- * are; footprints and pointing lines where there is no ground to look at.
+ * are, merged ones before those of the stops; footprints and pointing lines where there is no ground to look at.
  */
 export function firstState(layer: Layer, all: readonly Layer[]): LayerState {
-  const wider = all.some(
-    (other) =>
-      other.kind === layer.kind && LEVELS.indexOf(other.level) < LEVELS.indexOf(layer.level),
-  );
+  const wider = all.some((other) => isIn(layer, other));
   const hasGround = all.some((other) => other.type === "raster");
   const viewing = layer.kind === "footprints" || layer.kind === "pointing";
   return {
@@ -86,7 +93,7 @@ const isEmpty = ({ bounds }: Layer) => bounds.every((metres) => metres === 0);
  */
 export function firstBounds(layers: readonly Layer[]): Bounds | null {
   const visible = layers.filter((layer) => firstState(layer, layers).visible && !isEmpty(layer));
-  const hasContours = visible.some(({ kind }) => kind === "contours");
+  const hasContours = visible.some(({ kind }) => kind.endsWith("contours"));
   const shown = visible
     .filter(({ type }) => !hasContours || type === "vector")
     .map(({ bounds }) => bounds);

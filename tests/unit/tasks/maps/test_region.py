@@ -6,13 +6,15 @@ import pytest
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams
+from solmap.photogrammetry.terrain.orthophoto.merging import MergingParams
 from solmap.photogrammetry.terrain.relief.contours import RegionContourParams
 from solmap.photogrammetry.terrain.relief.slope import HillshadeParams
 from solmap.products.crs import LandingPoint, local_crs
-from solmap.products.formats.raster.raster import open_raster, read_dtm, write_dtm
+from solmap.products.formats.raster.orthophoto import write_orthophoto
+from solmap.products.formats.raster.raster import grid_of, open_raster, read_dtm, write_dtm
 from solmap.products.model import REGION_KINDS, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.maps.region import fuse_region, seam_notes
+from solmap.tasks.maps.region import fuse_region, merge_orthophotos, seam_notes
 from solmap.tasks.maps.terrain import shade_relief, trace_contours
 from solmap.tasks.mission.publish import RASTERS, TITLES
 from solmap.tasks.network.orientations import Orientation
@@ -95,6 +97,39 @@ def test_a_region_is_mapped_by_the_tasks_of_stops_under_names_of_its_own(store, 
     lines = trace_contours.fn(dtm, RegionContourParams(), LANDING, store)
     assert (shade.kind, lines.kind) == (ProductKind.REGION_HILLSHADE, ProductKind.REGION_CONTOURS)
     assert np.isfinite(read_dtm(store.path(dtm)).elevation).any()
+
+
+def shown(store: ProductStore, drive: int, east: float, gain: float, offset: float) -> ProductRef:
+    """The orthophoto of a square of ground 20 m wide, in a light of its own."""
+    grid = MapGrid.covering((east - 9.0, -9.0, east + 9.0, 9.0), 0.01)
+    brightness = (gain * ground(*np.meshgrid(*grid.centres())) + offset).astype(np.float32)
+    looking = Orientation(f"P{drive}", tuple(np.eye(3).ravel()), (0.0, east, -1.5))
+    scope = Scope(ScopeLevel.STOP, f"mer2-site0010-drive{drive:04d}")
+    recipe = Recipe(ProductKind.ORTHOPHOTO, scope, (), ((looking,), gain))
+    return store.make(recipe, lambda path: write_orthophoto(path, grid, brightness, CRS))
+
+
+def ground(east, north):
+    return 1000.0 + 200.0 * np.sin(1.7 * east) * np.sin(1.3 * north + 0.2 * east)
+
+
+def test_the_orthophotos_of_stops_agree_in_the_region(store, stops):
+    dtm, _ = fuse(store, stops)
+    pictures = [shown(store, 0, 0.0, 1.0, 0.0), shown(store, 64, 12.0, 1.2, 90.0)]
+    merged = merge_orthophotos.fn(dtm, pictures, MergingParams(), LANDING, store)
+    assert (merged.kind, merged.scope) == (ProductKind.REGION_ORTHOPHOTO, dtm.scope)
+    assert merged == merge_orthophotos.fn(dtm, pictures[::-1], MergingParams(), LANDING, store)
+    with open_raster(store.path(merged)) as dataset:
+        assert grid_of(dataset).cell_m == 0.02
+        grey = dataset.read(1).astype(float)
+        brightness = grey * dataset.scales[0] + dataset.offsets[0]
+        truth = ground(*np.meshgrid(*grid_of(dataset).centres()))
+        sides = [np.s_[:, : dataset.index(0.0, 0.0)[1]], np.s_[:, dataset.index(12.0, 0.0)[1] :]]
+        inside = (grey > 1) & (grey < 255)
+        fits = [np.polyfit(truth[s][inside[s]], brightness[s][inside[s]], 1) for s in sides]
+    np.testing.assert_allclose(fits[0][0], fits[1][0], rtol=0.01)
+    levels = [np.polyval(fit, 1000.0) for fit in fits]
+    np.testing.assert_allclose(*levels, rtol=0.01)
 
 
 def test_every_map_of_a_region_has_a_suffix_and_a_title():

@@ -1,0 +1,136 @@
+"""A region's orthophoto on disk: merged tile by tile from those of its stops, whatever its size."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import rasterio
+from pyproj import CRS
+from rasterio.enums import Resampling
+from rasterio.windows import Window
+
+from solmap.photogrammetry.arrays import Raster
+from solmap.photogrammetry.stretching import black_and_white
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid, union
+from solmap.photogrammetry.terrain.orthophoto.brightness import balance
+from solmap.photogrammetry.terrain.orthophoto.merging import (
+    MergingParams,
+    StopPicture,
+    merge_block,
+)
+from solmap.products.errors import ProductError
+from solmap.products.formats.raster.orthophoto import BrightnessBlock, write_brightness_blocks
+from solmap.products.formats.raster.raster import grid_of, open_raster
+from solmap.products.formats.raster.region import CACHE_MB, TILE, RegionSource
+
+COARSE_SIDE = 512
+"""Cells along the longer side of the region at which the brightness of stops is compared."""
+
+
+def write_region_orthophoto(
+    path: Path,
+    sources: Sequence[RegionSource],
+    params: MergingParams,
+    crs: CRS,
+    tags: Mapping[str, str] | None = None,
+) -> None:
+    """Merge the orthophotos of stops.
+
+    Raises:
+        ProductError: the region's cells are no power of two of those of an orthophoto.
+    """
+    with contextlib.ExitStack() as held:
+        held.enter_context(rasterio.Env(GDAL_CACHEMAX=CACHE_MB))
+        pictures = [_Picture(one, held.enter_context(open_raster(one.path))) for one in sources]
+        bounds = union([one.grid.bounds for one in pictures])
+        grid = MapGrid.covering(bounds, params.cell_m)
+        stretch = _balance(pictures, grid)
+        blocks = _blocks(pictures, grid, params)
+        write_brightness_blocks(path, grid, blocks, crs, stretches=[stretch], tags=tags)
+
+
+def _balance(pictures: Sequence[_Picture], grid: MapGrid) -> tuple[float, float]:
+    """Make the stops agree where they overlap; brightness to show as black and as white."""
+    cell_m = grid.cell_m
+    while max(grid.rows, grid.cols) * grid.cell_m > COARSE_SIDE * cell_m:
+        cell_m *= 2
+    coarse = MapGrid.covering(grid.bounds, cell_m)
+    shown = np.stack([one.read(coarse).ravel() for one in pictures])
+    gains = balance(shown)
+    for one, (gain, offset) in zip(pictures, gains, strict=True):
+        one.gain, one.offset = float(gain), float(offset)
+    balanced = shown * gains[:, :1] + gains[:, 1:]
+    return black_and_white(balanced[np.isfinite(balanced)])
+
+
+def _blocks(
+    pictures: Sequence[_Picture], grid: MapGrid, params: MergingParams
+) -> Iterator[BrightnessBlock]:
+    """The tiles that some stop shows."""
+    halo = params.halo
+    for row in range(0, grid.rows, TILE):
+        for col in range(0, grid.cols, TILE):
+            rows, cols = min(TILE, grid.rows - row), min(TILE, grid.cols - col)
+            around = grid.part(row - halo, col - halo, rows + 2 * halo, cols + 2 * halo)
+            stops = [
+                StopPicture(one.place, one.read(around))
+                for one in pictures
+                if one.reaches(grid.part(row, col, rows, cols))
+            ]
+            if stops:
+                merged = merge_block(stops, around, params)
+                yield row, col, merged[None, halo : halo + rows, halo : halo + cols]
+
+
+class _Picture:
+    """An open orthophoto of a stop, read as brightness in cells of the region."""
+
+    gain, offset = 1.0, 0.0
+    """To agree with the others."""
+
+    def __init__(self, source: RegionSource, dataset: rasterio.DatasetReader) -> None:
+        self.source, self._dataset = source, dataset
+        self.grid, self.place = grid_of(dataset), source.place
+
+    def reaches(self, tile: MapGrid) -> bool:
+        """Whether it covers any of a tile."""
+        west, south, east, north = tile.bounds
+        w, s, e, n = self.grid.bounds
+        return w < east and e > west and s < north and n > south
+
+    def read(self, wanted: MapGrid) -> Raster:
+        """Balanced brightness on a grid that may reach beyond it; NaN where nothing was seen."""
+        ratio = self._ratio(wanted.cell_m)
+        row, col = (
+            round((self.grid.north - wanted.north) / wanted.cell_m),
+            round((wanted.west - self.grid.west) / wanted.cell_m),
+        )
+        top, left = max(0, row), max(0, col)
+        bottom = min(self.grid.rows // ratio, row + wanted.rows)
+        right = min(self.grid.cols // ratio, col + wanted.cols)
+        brightness = np.full(wanted.shape, np.nan, np.float32)
+        if bottom > top and right > left:
+            stored = self._dataset.read(
+                1,
+                window=Window(*(ratio * n for n in (left, top, right - left, bottom - top))),
+                out_shape=(bottom - top, right - left),
+                resampling=Resampling.average,
+            )
+            scale, offset = self._dataset.scales[0], self._dataset.offsets[0]
+            grey = stored.astype(np.float32) * np.float32(self.gain * scale)
+            grey += np.float32(self.gain * offset + self.offset)
+            there = (slice(top - row, bottom - row), slice(left - col, right - col))
+            brightness[there] = np.where(stored > 0, grey, np.float32(np.nan))
+        return brightness
+
+    def _ratio(self, cell_m: float) -> int:
+        ratio = np.log2(cell_m / self.grid.cell_m)
+        if ratio < -1e-6 or abs(ratio - round(ratio)) > 1e-6:  # noqa: PLR2004 - decimal fractions
+            raise ProductError(
+                f"the orthophoto of {self.source.name} has cells of {self.grid.cell_m} m, the "
+                f"region's of {cell_m} m: that is to be a power of two times the other"
+            )
+        return 2 ** round(ratio)
