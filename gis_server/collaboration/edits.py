@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, HTTPException, Path, Query, Response
@@ -78,6 +80,14 @@ class Annotation(BaseModel):
 
     geometry: Annotated[Point | Line | Ring, Field(discriminator="type")]
     text: Annotated[str, Field(min_length=1, max_length=4000)]
+    category: Literal["note", "target", "waypoint", "keep-out", "measurement"] = "note"
+    state: Annotated[
+        Literal["draft", "published"],
+        Field(description="drafts are on the map, not in OGC services and downloads"),
+    ] = "published"
+    replaces: Annotated[
+        int | None, Field(ge=1, le=LARGEST_ID, description="annotation that this is a new form of")
+    ] = None
     colour: Annotated[str, Field(pattern=r"^#[0-9a-f]{6}$")] | None = None
     note: Note = ""
 
@@ -141,10 +151,18 @@ def edit_tie(mission: MissionName, edit: TieEdit, services: ServicesOf, who: Ana
 def annotate(
     mission: MissionName, annotation: Annotation, services: ServicesOf, who: Analyst
 ) -> EditBody:
-    """Write a text at a place."""
+    """Write a text at a place, or a new form of one that was written before."""
     services.catalogue.mission(mission)
     document = annotation.model_dump(exclude={"note"}, exclude_none=True)
-    edit = services.edits.append(mission, EditKind.ANNOTATION, document, who.name, annotation.note)
+    if annotation.replaces is None:
+        edit = services.edits.append(
+            mission, EditKind.ANNOTATION, document, who.name, annotation.note
+        )
+    else:
+        with _conflicts_answered():
+            edit = services.edits.replace(
+                mission, annotation.replaces, document, who.name, annotation.note
+            )
     return _announce(edit, services)
 
 
@@ -154,11 +172,17 @@ def undo(
 ) -> EditBody:
     """Take an edit back; it stays in the log. Taking that back makes it count again."""
     services.catalogue.mission(mission)
-    try:
+    with _conflicts_answered():
         edit = services.edits.undo(mission, number, who.name, reason.note)
+    return _announce(edit, services)
+
+
+@contextmanager
+def _conflicts_answered() -> Iterator[None]:
+    try:
+        yield
     except EditConflictError as error:
         raise HTTPException(409, str(error)) from error
-    return _announce(edit, services)
 
 
 @router.get("/annotations")
@@ -174,6 +198,7 @@ def list_annotations(
 
 def _feature(edit: Edit) -> dict[str, Any]:
     known = {name: value for name, value in edit.document.items() if name != "geometry"}
+    known = {"category": "note", "state": "published", **known}  # older ones have neither
     written = {"author": edit.author, "at": edit.at, "note": edit.note}
     return {
         "type": "Feature",

@@ -134,6 +134,30 @@ class EditLog:
             ProductNotFoundError: the mission has no such edit.
             EditConflictError: it has been taken back already.
         """
+        self._effective(mission, number)
+        return self._append(mission, EditKind.UNDO, {}, author, note, number)
+
+    def replace(
+        self, mission: str, number: int, document: dict[str, Any], author: str, note: str = ""
+    ) -> Edit:
+        """Undo an annotation and make another in its place, both or neither.
+
+        Raises:
+            ProductNotFoundError: the mission has no such edit.
+            EditConflictError: it has been taken back or replaced already.
+        """
+        old = self._effective(mission, number)
+        if old.kind is not EditKind.ANNOTATION:
+            raise EditConflictError(f"edit {number} of {mission} is no annotation: undo it instead")
+        at = datetime.now(UTC).isoformat(timespec="milliseconds")
+        row = (mission, str(old.kind), json.dumps(document), author, at, note, None)
+        with transaction(self.path) as connection:
+            undo = (mission, str(EditKind.UNDO), "{}", author, at, "replaced", number)
+            connection.execute(_INSERT, undo)
+            made = connection.execute(_INSERT, row).lastrowid or 0
+        return _edit((made, *row), counts=True)
+
+    def _effective(self, mission: str, number: int) -> Edit:
         known = {edit.id: edit for edit in self.edits(mission)}
         if number not in known:
             raise ProductNotFoundError(f"{mission} has no edit {number}")
@@ -141,7 +165,7 @@ class EditLog:
             raise EditConflictError(
                 f"edit {number} of {mission} has been taken back already; read the log again"
             )
-        return self._append(mission, EditKind.UNDO, {}, author, note, number)
+        return known[number]
 
     def edits(self, mission: str | None = None) -> list[Edit]:
         """All edits, or those of a mission, in their order; also those without effect."""

@@ -194,8 +194,10 @@ class MissionFeatures:
             yield Part(f"{family}/{layer.ref.digest}/{sols}{images}", family, layer)
 
     def _annotations(self, mission: str) -> Iterator[IndexedFeature]:
-        """The annotations that count. When one was written is when it is of."""
+        """The annotations that count but drafts. When one was written is when it is of."""
         for edit in EditLog.of(self.store.root).effective(EditKind.ANNOTATION, mission):
+            if edit.document.get("state") == "draft":
+                continue
             try:
                 yield _annotation(edit)
             except (ValueError, shapely.errors.ShapelyError) as error:
@@ -225,7 +227,12 @@ class MissionFeatures:
 
 def _annotation(edit: Edit) -> IndexedFeature:
     shape = _annotation_shape(edit.document["geometry"])
-    annotation = {"text": edit.document["text"], "colour": edit.document.get("colour")}
+    document = edit.document
+    annotation = {
+        "text": document["text"],
+        "category": document.get("category", "note"),
+        "colour": document.get("colour"),
+    }
     properties = {**annotation, "author": edit.author, "at": edit.at, "note": edit.note}
     at = moment(edit.at)
     text = json.dumps(properties, ensure_ascii=False)

@@ -80,7 +80,7 @@ def test_a_wrong_token_is_said_to_be_so_and_not_kept(page, workspace, live):
     assert page.locator(".account").inner_text().count("Sign in") == 1
 
 
-def test_a_note_is_written_seen_by_others_and_taken_back(page, browser, workspace, live):
+def test_a_note_is_written_seen_by_others_and_deleted(page, browser, workspace, live):
     other = browser.new_page()
     look(other, live)
     other.locator('[data-tab="notes"]').click()
@@ -100,11 +100,63 @@ def test_a_note_is_written_seen_by_others_and_taken_back(page, browser, workspac
     assert edit.author == "Ann"
     until(other, lambda: "layered rock" in other.locator("[data-note]").inner_text())
     screenshot(page, "note")
-    page.get_by_role("button", name="take the note back").click()
+    page.get_by_role("button", name="Delete").click()
     until(page, lambda: page.locator("[data-note]").count() == 0)
     until(other, lambda: other.locator("[data-note]").count() == 0)
     assert len(EditLog.of(workspace.store.root).edits("MER2")) == 2
     other.close()
+
+
+def test_an_annotation_has_a_category_and_is_a_draft_until_it_is_published(page, workspace, live):
+    look(page, live + at(RESOLUTION, "mer2/hillshade"))
+    page.locator('[data-tab="notes"]').click()
+    sign_in(page, workspace, Role.ANALYST)
+    page.locator('[data-shape="area"]').click()
+    for east, north in ((4.0, 4.0), (9.0, 4.0), (9.0, -4.0)):
+        page.mouse.click(*pixel_of(page, east, north, RESOLUTION))
+        page.wait_for_timeout(350)  # else two clicks are a double-click
+    page.mouse.dblclick(*pixel_of(page, 4.0, -4.0, RESOLUTION))
+    page.locator("dialog select").select_option("keep-out")
+    page.locator("dialog textarea").fill("loose sand")
+    page.locator('dialog input[name="draft"]').check()
+    page.locator('dialog button[type="submit"]').click()
+    row = page.locator("[data-note]")
+    row.wait_for()
+    assert "Keep-out area, draft" in row.inner_text()
+    ogc = f"{live}/ogc/MER2/collections/annotations/items?f=json"
+    assert page.request.get(ogc).json()["features"] == []
+    page.get_by_role("button", name="Edit", exact=True).click()
+    page.locator("dialog textarea").fill("loose sand, 20 cm deep")
+    page.locator('dialog input[name="draft"]').uncheck()
+    page.locator('dialog button[type="submit"]').click()
+    until(page, lambda: "20 cm deep" in row.inner_text() and "draft" not in row.inner_text())
+    (feature,) = page.request.get(ogc).json()["features"]
+    assert feature["geometry"]["type"] == "Polygon"
+    assert feature["properties"]["category"] == "keep-out"
+    page.get_by_role("button", name="Redraw").click()
+    page.keyboard.press("Escape")
+    assert len(EditLog.of(workspace.store.root).edits("MER2")) == 3
+
+
+def test_an_annotation_is_kept_while_the_server_is_away(page, workspace, live):
+    look(page, live + at(RESOLUTION, "mer2/hillshade"))
+    page.locator('[data-tab="notes"]').click()
+    sign_in(page, workspace, Role.ANALYST)
+    page.route("**/edits/annotations", lambda route: route.abort())
+    page.locator('[data-shape="point"]').click()
+    page.mouse.click(*pixel_of(page, 6.0, -4.0, RESOLUTION))
+    page.locator("dialog textarea").fill("layered rock")
+    page.locator('dialog button[type="submit"]').click()
+    unsent = page.locator("[data-unsent]")
+    unsent.wait_for()
+    page.unroute("**/edits/annotations")
+    page.reload()  # the page was closed meanwhile
+    ready(page)
+    page.locator('[data-tab="notes"]').click()
+    until(page, lambda: page.locator("[data-note]").count() == 1)
+    assert unsent.count() == 0
+    (edit,) = EditLog.of(workspace.store.root).edits("MER2")
+    assert edit.document["text"] == "layered rock"
 
 
 def test_the_keys_are_listed_on_a_key(page, live):

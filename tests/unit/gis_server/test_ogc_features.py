@@ -265,9 +265,9 @@ def test_stops_without_elevations_have_differences_and_a_profile_on_the_map(own_
 def test_annotations_are_features_as_soon_as_they_are_written(own_world):
     log = EditLog.of(own_world.root)
 
-    def annotate(kind, coordinates):
+    def annotate(kind, coordinates, **more):
         shape = {"type": kind, "coordinates": coordinates}
-        document = {"geometry": shape, "text": "layered rock"}
+        document = {"geometry": shape, "text": "layered rock", **more}
         edit = log.append("MER2", EditKind.ANNOTATION, document, "Ada")
         own_world.catalogue.append_event("edits.changed", {"mission": "MER2"})
         return edit
@@ -275,11 +275,13 @@ def test_annotations_are_features_as_soon_as_they_are_written(own_world):
     with TestClient(create_app(own_world.root)) as client:
         assert features(client, "annotations") == []
         point = annotate("Point", [3.0, 4.0])
-        annotate("LineString", [[0.0, 0.0], [5.0, 5.0]])
+        annotate("LineString", [[0.0, 0.0], [5.0, 5.0]], category="waypoint")
+        annotate("Point", [5.0, 6.0], state="draft")  # not for other programs yet
         found = features(client, "annotations", crs=f"{BASE}/crs/local")
         assert [one["geometry"]["type"] for one in found] == ["Point", "LineString"]
         assert found[0]["geometry"]["coordinates"] == [3.0, 4.0]
         assert found[0]["properties"]["author"] == "Ada"
+        assert [one["properties"]["category"] for one in found] == ["note", "waypoint"]
         files = [get(client, "/collections/annotations/items", f=form) for form in ("gpkg", "fgb")]
         assert all(answer.content for answer in files)
         log.undo("MER2", point.id, "Ben")

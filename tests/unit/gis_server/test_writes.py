@@ -134,6 +134,44 @@ def test_annotations_that_count_are_on_the_map(client, token_of):
     assert client.get("/api/missions/MER2/annotations").json()["features"] == []
 
 
+def test_an_annotation_is_replaced_and_both_forms_stay_in_the_log(client, token_of):
+    analyst = token_of(Role.ANALYST)
+    draft = {**NOTE, "category": "keep-out", "state": "draft"}
+    first = client.post(f"{EDITS}/annotations", json=draft, headers=analyst).json()
+    better = {**draft, "text": "loose sand", "state": "published", "replaces": first["id"]}
+    second = client.post(f"{EDITS}/annotations", json=better, headers=analyst)
+    assert second.status_code == 201
+    (feature,) = client.get("/api/missions/MER2/annotations").json()["features"]
+    told = feature["properties"]
+    assert (told["text"], told["category"], told["state"]) == (
+        "loose sand",
+        "keep-out",
+        "published",
+    )
+    log = client.get(EDITS).json()
+    assert [row["kind"] for row in log] == ["annotation", "undo", "annotation"]
+    assert [row["counts"] for row in log] == [False, True, True]
+    again = client.post(f"{EDITS}/annotations", json=better, headers=analyst)
+    assert again.status_code == 409
+    assert len(client.get(EDITS).json()) == 3
+    nothing = {**better, "replaces": 99}
+    assert client.post(f"{EDITS}/annotations", json=nothing, headers=analyst).status_code == 404
+
+
+def test_a_tie_is_not_replaced_by_an_annotation(client, token_of):
+    analyst = token_of(Role.ANALYST)
+    tie = client.post(f"{EDITS}/ties", json=TIE, headers=analyst).json()
+    body = {**NOTE, "replaces": tie["id"]}
+    assert client.post(f"{EDITS}/annotations", json=body, headers=analyst).status_code == 409
+
+
+@pytest.mark.parametrize("wrong", [{"category": "crater"}, {"state": "secret"}, {"replaces": 0}])
+def test_categories_and_states_are_those_that_are_known(client, token_of, wrong):
+    body = {**NOTE, **wrong}
+    answer = client.post(f"{EDITS}/annotations", json=body, headers=token_of(Role.ANALYST))
+    assert answer.status_code == 422
+
+
 @pytest.mark.parametrize(
     "geometry",
     [

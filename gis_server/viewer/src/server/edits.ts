@@ -25,10 +25,18 @@ export interface TieEdit {
   readonly note: string;
 }
 
+export type AnnotationCategory = "note" | "target" | "waypoint" | "keep-out" | "measurement";
+/** Drafts are on the map, not in OGC services and downloads. */
+export type AnnotationState = "draft" | "published";
+
 export interface AnnotationEdit {
   readonly geometry: { readonly type: string; readonly coordinates: unknown };
   readonly text: string;
+  readonly category: AnnotationCategory;
+  readonly state: AnnotationState;
   readonly colour?: string;
+  /** The annotation that this is a new form of. */
+  readonly replaces?: number;
 }
 
 export interface AnnotationFeature {
@@ -37,6 +45,8 @@ export interface AnnotationFeature {
   readonly geometry: { readonly type: string; readonly coordinates: unknown };
   readonly properties: {
     readonly text: string;
+    readonly category?: AnnotationCategory;
+    readonly state?: AnnotationState;
     readonly colour?: string;
     readonly author: string;
     readonly at: string;

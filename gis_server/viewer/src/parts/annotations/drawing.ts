@@ -6,15 +6,16 @@ import Fill from "ol/style/Fill";
 import Stroke from "ol/style/Stroke";
 import Style from "ol/style/Style";
 import Text from "ol/style/Text";
+import { categoryOf } from "./categories";
 
-const COLOUR = "#6b3fa0";
 const LONGEST = 40;
 
 export function drawAnnotation(feature: FeatureLike): Style {
-  const colour = String(feature.get("colour") ?? COLOUR);
+  const colour = String(feature.get("colour") ?? categoryOf(feature.get("category")).colour);
+  const lineDash = feature.get("state") === "draft" ? [6, 5] : undefined;
   const text = String(feature.get("text") ?? "");
   return new Style({
-    stroke: new Stroke({ color: colour, width: 2 }),
+    stroke: new Stroke({ color: colour, width: 2, ...(lineDash ? { lineDash } : {}) }),
     fill: new Fill({ color: `${colour}22` }),
     image: new CircleStyle({
       radius: 5,

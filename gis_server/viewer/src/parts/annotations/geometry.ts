@@ -10,6 +10,12 @@ const rounded = ([east, north]: MapPoint) => [
   Math.round(north * MM) / MM,
 ];
 
+/** The shape that a geometry was drawn as. */
+export function shapeOf({ type }: AnnotationEdit["geometry"]): Shape {
+  if (type === "Point") return "point";
+  return type === "LineString" ? "line" : "area";
+}
+
 /** Areas are closed here: sketches leave their last corner out. */
 export function geometryOf(shape: Shape, corners: readonly MapPoint[]): AnnotationEdit["geometry"] {
   const places = corners.map(rounded);

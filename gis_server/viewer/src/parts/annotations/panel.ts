@@ -1,24 +1,31 @@
-/** The tab of notes. */
+/** The tab of annotations. */
 
 import type { Shape } from "../../map/sketch";
-import { button, h } from "../../page/dom";
+import { h } from "../../page/dom";
 import { time } from "../../page/format";
 import type { AnnotationFeature } from "../../server/edits";
+import { categoryOf } from "./categories";
+import type { Unsent } from "./outbox";
 
 export interface NoteActions {
   readonly start: (shape: Shape) => void;
   readonly zoomTo: (id: string) => void;
-  readonly takeBack: (id: string) => void;
+  readonly edit: (note: AnnotationFeature) => void;
+  readonly redraw: (note: AnnotationFeature) => void;
+  readonly remove: (note: AnnotationFeature) => void;
+  readonly send: () => void;
+  readonly discard: (unsent: Unsent) => void;
 }
 
 const SHAPES: readonly (readonly [Shape, string])[] = [
-  ["point", "Place"],
+  ["point", "Point"],
   ["line", "Line"],
-  ["area", "Area"],
+  ["area", "Polygon"],
 ];
 
 export function annotationsPanel(
   notes: readonly AnnotationFeature[],
+  unsent: readonly Unsent[],
   mayWrite: boolean,
   actions: NoteActions,
 ): HTMLElement {
@@ -34,29 +41,69 @@ export function annotationsPanel(
       name,
     ),
   );
-  const rows = notes.map(({ id, properties }) =>
-    h(
-      "li",
-      { class: "note-row", "data-note": id },
-      h(
-        "button",
-        { type: "button", class: "link", onclick: () => actions.zoomTo(id) },
-        properties.text,
-      ),
-      h("small", {}, `${properties.author} · ${time(properties.at)} UTC`),
-      mayWrite
-        ? button("take the note back", "close", () => actions.takeBack(id), { class: "ghost" })
-        : null,
-    ),
-  );
   return h(
     "div",
     {},
     mayWrite
       ? h("div", { class: "wishes" }, ...tools)
-      : h("p", { class: "hint" }, "Sign in as an analyst to write notes on the map."),
-    rows.length > 0
-      ? h("ul", { class: "plain" }, ...rows)
-      : h("p", { class: "hint" }, "Nobody has written a note yet."),
+      : h("p", { class: "hint" }, "Sign in as an analyst to annotate the map."),
+    unsent.length > 0 ? unsentList(unsent, actions) : null,
+    notes.length > 0
+      ? h("ul", { class: "plain" }, ...notes.map((note) => row(note, mayWrite, actions)))
+      : h("p", { class: "hint" }, "There are no annotations yet."),
+  );
+}
+
+const link = (name: string, run: () => void) =>
+  h("button", { type: "button", class: "link", onclick: run }, name);
+
+function dot(category: unknown): HTMLElement {
+  const { colour, title } = categoryOf(category);
+  return h("i", { class: "note-dot", style: `background:${colour}`, title });
+}
+
+function row(note: AnnotationFeature, mayWrite: boolean, actions: NoteActions): HTMLElement {
+  const { id, properties } = note;
+  const { category, state, text, author, at } = properties;
+  const facts = [categoryOf(category).title, ...(state === "draft" ? ["draft"] : [])];
+  return h(
+    "li",
+    { class: "note-row", "data-note": id, "data-state": state ?? "published" },
+    dot(category),
+    h("button", { type: "button", class: "link", onclick: () => actions.zoomTo(id) }, text),
+    h("small", {}, `${facts.join(", ")} · ${author} · ${time(at)} UTC`),
+    mayWrite
+      ? h(
+          "div",
+          { class: "note-acts" },
+          link("Edit", () => actions.edit(note)),
+          link("Redraw", () => actions.redraw(note)),
+          link("Delete", () => actions.remove(note)),
+        )
+      : null,
+  );
+}
+
+function unsentList(unsent: readonly Unsent[], actions: NoteActions): HTMLElement {
+  const rows = unsent.map((one) =>
+    h(
+      "li",
+      { class: "note-row", "data-unsent": one.key },
+      dot(one.annotation.category),
+      h("span", {}, one.annotation.text),
+      h(
+        "div",
+        { class: "note-acts" },
+        link("Discard", () => actions.discard(one)),
+      ),
+    ),
+  );
+  return h(
+    "section",
+    { class: "unsent" },
+    h("b", {}, "Not sent yet"),
+    h("small", {}, "kept in this browser, and sent as soon as the server answers"),
+    h("ul", { class: "plain" }, ...rows),
+    h("button", { type: "button", class: "plain", onclick: () => actions.send() }, "Send now"),
   );
 }

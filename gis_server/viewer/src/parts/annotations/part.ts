@@ -1,4 +1,4 @@
-/** Notes on the map: a place, line or area is drawn, a text written; everybody sees it, and it can be taken back. */
+/** Annotations: points, lines and polygons with a category and a text, which everybody sees. */
 
 import "./annotations.css";
 import type Feature from "ol/Feature";
@@ -6,79 +6,110 @@ import type Geometry from "ol/geom/Geometry";
 import OlVectorLayer from "ol/layer/Vector";
 import VectorSource from "ol/source/Vector";
 import { Sketch, type Shape } from "../../map/sketch";
-import { h } from "../../page/dom";
 import { readFeatures } from "../../map/map-layers";
 import { mayAct } from "../../server/account";
-import { type AnnotationFeature, edits } from "../../server/edits";
+import { UnreachableError } from "../../server/api";
+import { type AnnotationEdit, type AnnotationFeature, edits } from "../../server/edits";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
 import { drawAnnotation } from "./drawing";
-import { geometryOf } from "./geometry";
+import { annotationForm, type Filled } from "./form";
+import { geometryOf, shapeOf } from "./geometry";
+import { Outbox, type Unsent } from "./outbox";
 import { annotationsPanel } from "./panel";
 
 const Z_INDEX = 990;
 
 export function annotationsPart(context: Context): void {
   const annotations = new Annotations(context);
-  const { account, signals, waiting, keys, mission, places } = context;
-  account.changed.on(() => annotations.draw());
+  const { account, signals, waiting, keys, mission, places, alive } = context;
+  account.changed.on(() => {
+    annotations.draw();
+    annotations.send();
+  });
   places.add({
-    title: "Add note",
-    run: (point) => annotations.write("point", [point]),
+    title: "Add annotation",
+    run: (point) => annotations.write("point", [point], null),
     isOffered: () => mayAct(account.value, "analyst"),
   });
-  keys.add("Escape", "stop drawing a note", () => annotations.stop());
+  keys.add("Escape", "stop drawing an annotation", () => annotations.stop());
   signals.happened.on(({ kind, document }) => {
     const concerns = kind === "edits.changed" && document.mission === mission.mission;
     if (concerns || kind === "reload") waiting.run(() => annotations.load());
+    if (kind === "reload") annotations.send();
   });
+  window.addEventListener("online", () => annotations.send(), { signal: alive });
   waiting.run(() => annotations.load());
+  annotations.send();
 }
 
 class Annotations {
   private readonly source = new VectorSource<Feature<Geometry>>();
   private readonly panel: HTMLElement;
+  private readonly outbox: Outbox;
   private all: readonly AnnotationFeature[] = [];
   private sketch: Sketch | null = null;
+  private isSending = false;
 
   constructor(private readonly context: Context) {
     this.panel = context.page.addTab("notes", "Notes");
+    this.outbox = new Outbox(context.mission.mission);
     const { source } = this;
     const layer = new OlVectorLayer({ source, style: drawAnnotation, zIndex: Z_INDEX });
     context.view.map.addLayer(layer);
     this.draw();
   }
 
+  private get mayWrite(): boolean {
+    return mayAct(this.context.account.value, "analyst");
+  }
+
   async load(): Promise<void> {
     const { features } = await edits.annotations(this.context.mission.mission);
     this.all = features;
-    this.source.clear();
-    this.source.addFeatures(readFeatures({ type: "FeatureCollection", features }));
     this.draw();
   }
 
   draw(): void {
-    const { account, view } = this.context;
+    const { view } = this.context;
+    const unsent = this.outbox.all.map(({ key, annotation: { geometry, ...properties } }) => ({
+      type: "Feature",
+      id: key,
+      geometry,
+      properties,
+    }));
+    this.source.clear();
+    const features = [...this.all, ...unsent];
+    this.source.addFeatures(readFeatures({ type: "FeatureCollection", features }));
     this.panel.replaceChildren(
-      annotationsPanel(this.all, mayAct(account.value, "analyst"), {
-        start: (shape) => this.start(shape),
+      annotationsPanel(this.all, this.outbox.all, this.mayWrite, {
+        start: (shape) => this.start(shape, null),
         zoomTo: (id) => {
           const extent = this.source.getFeatureById(id)?.getGeometry()?.getExtent();
           const [west = 0, south = 0, east = 0, north = 0] = extent ?? [];
           if (extent) view.fit([west - 2, south - 2, east + 2, north + 2]);
         },
-        takeBack: (id) => this.takeBack(id),
+        edit: (note) =>
+          this.ask(note, (filled) => this.save({ ...filled, geometry: note.geometry }, note)),
+        redraw: (note) => this.start(shapeOf(note.geometry), note),
+        remove: (note) => this.remove(note),
+        send: () => this.send(),
+        discard: (one) => {
+          this.outbox.remove(one);
+          this.draw();
+        },
       }),
     );
   }
 
-  start(shape: Shape): void {
+  /** Draws the place of a new annotation, or that of one which is there anew. */
+  start(shape: Shape, note: AnnotationFeature | null): void {
     this.stop();
     const { view, page } = this.context;
     page.ruler.hidden = false;
     page.ruler.textContent =
-      "draw the note's place on the map; double-click or Enter ends, Esc stops";
-    this.sketch = new Sketch(view, shape, { end: (corners) => this.write(shape, corners) });
+      "draw the annotation on the map; double-click or Enter ends, Esc stops";
+    this.sketch = new Sketch(view, shape, { end: (corners) => this.write(shape, corners, note) });
   }
 
   stop(): void {
@@ -88,47 +119,70 @@ class Annotations {
     this.context.page.ruler.hidden = true;
   }
 
-  /** Asks for the text of a note at a place, line or area. */
-  write(shape: Shape, corners: readonly MapPoint[]): void {
+  /** Asks what stands at a place, line or area; one that was there is only moved. */
+  write(shape: Shape, corners: readonly MapPoint[], note: AnnotationFeature | null): void {
     this.stop();
-    const { page, waiting, mission } = this.context;
-    const field = h("textarea", {
-      rows: 3,
-      required: true,
-      maxlength: 4000,
-      "aria-label": "text of the note",
-    });
-    const save = () =>
-      waiting.run(async () => {
-        await edits.annotate(mission.mission, {
-          geometry: geometryOf(shape, corners),
-          text: field.value.trim(),
-        });
-        await this.load();
-      });
-    const form = h(
-      "form",
-      {
-        class: "note-form",
-        onsubmit: (event) => {
-          event.preventDefault();
-          page.closeDialog();
-          save();
-        },
-      },
-      field,
-      h("button", { type: "submit", class: "primary" }, "Save"),
-    );
-    page.dialog("Note", form);
-    field.focus();
+    const geometry = geometryOf(shape, corners);
+    if (note) this.save({ ...filledOf(note), geometry }, note);
+    else this.ask(null, (filled) => this.save({ ...filled, geometry }, null));
   }
 
-  private takeBack(id: string): void {
+  private ask(note: AnnotationFeature | null, save: (filled: Filled) => void): void {
+    const { page } = this.context;
+    const form = annotationForm(note && filledOf(note), (filled) => {
+      page.closeDialog();
+      save(filled);
+    });
+    page.dialog("Annotation", form);
+    form.querySelector("textarea")?.focus();
+  }
+
+  /** Keeps it in the browser until the server has taken it. */
+  private save(annotation: AnnotationEdit, replaced: AnnotationFeature | null): void {
+    this.outbox.add({ ...annotation, ...(replaced ? { replaces: Number(replaced.id) } : {}) });
+    this.draw();
+    this.send();
+  }
+
+  /** Sends what the server has not taken yet, one after the other. */
+  send(): void {
+    if (this.isSending || !this.mayWrite || this.outbox.all.length === 0) return;
+    this.isSending = true;
+    this.context.waiting.run(async () => {
+      try {
+        for (const one of this.outbox.all) await this.sendOne(one);
+      } finally {
+        this.isSending = false;
+        this.draw();
+      }
+      await this.load();
+    });
+  }
+
+  private async sendOne(one: Unsent): Promise<void> {
+    const { mission, page } = this.context;
+    try {
+      await edits.annotate(mission.mission, one.annotation);
+      this.outbox.remove(one);
+    } catch (reason) {
+      if (reason instanceof UnreachableError)
+        page.toast("The server does not answer: the annotation is kept in this browser.");
+      throw reason;
+    }
+  }
+
+  private remove(note: AnnotationFeature): void {
     const { waiting, mission, page } = this.context;
     waiting.run(async () => {
-      await edits.undo(mission.mission, Number(id));
+      await edits.undo(mission.mission, Number(note.id));
       await this.load();
-      page.toast("The note was taken back; it stays in the log.");
+      page.toast("The annotation was deleted; it stays in the log.");
     });
   }
 }
+
+const filledOf = ({ properties }: AnnotationFeature): Filled => ({
+  text: properties.text,
+  category: properties.category ?? "note",
+  state: properties.state ?? "published",
+});
