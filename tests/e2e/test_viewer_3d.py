@@ -100,6 +100,14 @@ def test_the_ground_is_where_it_is_and_wears_its_photograph(scene):
     assert right == compared
 
 
+def test_a_link_restores_the_camera(page, scene_url):
+    look(page, scene_url + at(0.1, "mer2/orthophoto") + "&view3d=0,-20,15,1,2,0")
+    page.wait_for_selector('.scene[data-settled="true"]', timeout=60_000)
+    page.wait_for_timeout(800)
+    told = page.evaluate("location.hash").split("view3d=")[1].split("&")[0].split(",")
+    assert [float(number) for number in told] == pytest.approx([0, -20, 15, 1, 2, 0], abs=0.02)
+
+
 def test_the_map_and_the_view_share_one_cursor(scene):
     only_ground(scene)
     before = settled_picture(scene, "no-cursor")

@@ -15,6 +15,11 @@ class App {
 
   constructor(private readonly page: Shell) {}
 
+  /** Shows what the address says now, in the map that is open if it is of that mission. */
+  async follow(): Promise<void> {
+    if (!this.session?.follow()) await this.open();
+  }
+
   async open(): Promise<void> {
     document.documentElement.dataset["ready"] = "false";
     try {
@@ -77,6 +82,6 @@ class App {
 
 export async function start(root: HTMLElement): Promise<void> {
   const app = new App(shell(root));
-  window.addEventListener("hashchange", () => void app.open());
+  window.addEventListener("popstate", () => void app.follow());
   await app.open();
 }

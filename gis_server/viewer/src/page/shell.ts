@@ -34,7 +34,10 @@ export interface Shell {
   readonly below: Dock;
   /** Adds a tab on the right; the panel it shows. */
   addTab(name: string, title: string): HTMLElement;
-  showTab(name: string): void;
+  /** Shows a tab; false if there is none of that name. */
+  showTab(name: string): boolean;
+  /** Calls `shown` with the name of every tab that is shown from now on. */
+  onTab(shown: (name: string) => void): void;
   addTool(tool: HTMLElement): void;
   /** Takes away what the last session added. */
   clear(): void;
@@ -77,7 +80,11 @@ export function shell(root: HTMLElement): Shell {
   const notice = h("div", { class: "banner", role: "alert", hidden: true });
   const layersFold = fold(root, "layers", "layers panel", "layers");
   const panelFold = fold(root, "panel", "side panel", "panel");
-  const right = tabs(() => panelFold.open());
+  let tabShown: (name: string) => void = () => undefined;
+  const right = tabs((name) => {
+    panelFold.open();
+    tabShown(name);
+  });
   const beside = dock("beside");
   const below = dock("below");
   const bench = dock("bench");
@@ -144,8 +151,12 @@ export function shell(root: HTMLElement): Shell {
     bench,
     addTab: right.add,
     showTab: right.show,
+    onTab(shown) {
+      tabShown = shown;
+    },
     addTool: (tool) => toolbar.append(tool),
     clear() {
+      tabShown = () => undefined;
       right.clear();
       beside.close();
       below.close();

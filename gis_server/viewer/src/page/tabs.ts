@@ -21,7 +21,8 @@ export interface Tabs {
   readonly panels: HTMLElement;
   /** Adds a tab; the panel it shows. */
   add(name: string, title: string): HTMLElement;
-  show(name: string): void;
+  /** Shows a tab; false if there is none of that name. */
+  show(name: string): boolean;
   clear(): void;
 }
 
@@ -43,7 +44,7 @@ function pictureOf(name: string, title: string): Node {
 }
 
 /** Calls `opened` where somebody, or the session, asks for a tab. */
-export function tabs(opened: () => void): Tabs {
+export function tabs(opened: (name: string) => void): Tabs {
   const bar = h("div", { class: "tabs", role: "tablist", "aria-orientation": "vertical" });
   const panels = h("div", { class: "panels" });
   const all = new Map<string, Tab>();
@@ -55,8 +56,10 @@ export function tabs(opened: () => void): Tabs {
     }
   };
   const show = (name: string) => {
+    if (!all.has(name)) return false;
     select(name);
-    opened();
+    opened(name);
+    return true;
   };
   const add = (name: string, title: string) => {
     const [tabId, panelId] = [`tab-${name}`, `panel-${name}`];
@@ -93,7 +96,7 @@ export function tabs(opened: () => void): Tabs {
     const at = names.findIndex((name) => all.get(name)?.button === document.activeElement);
     const next = names.at((at + step) % names.length);
     if (next === undefined) return;
-    select(next);
+    show(next);
     all.get(next)?.button.focus();
   });
   const clear = () => {

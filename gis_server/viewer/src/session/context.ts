@@ -15,6 +15,7 @@ import type { Happening } from "../server/events";
 import type { Layer, MapPoint, Mission } from "../server/records";
 import type { Kept, LinkBook } from "./kept";
 import type { LayerBook } from "./layer-book";
+import type { LinkHistory } from "./link-history";
 import type { PlaceActions } from "./place-actions";
 import type { Shortcuts } from "./shortcuts";
 import type { Signal } from "./signal";
@@ -63,6 +64,7 @@ export interface Context {
   readonly sun: Kept<SunPlace>;
   /** What parts keep in the link to the view. */
   readonly link: LinkBook;
+  readonly history: LinkHistory;
   /** Who has signed in; null: nobody, and nothing can be written. */
   readonly account: Kept<Account | null>;
   readonly waiting: Waiting;

@@ -116,3 +116,36 @@ test("a version that a link has on is awaited until it is brought", () => {
   expect(book.awaited).toEqual([]);
   expect(book.state({ id })).toEqual({ visible: true, opacity: 0.5, style: null });
 });
+
+test("another link is followed: what it names is shown as it says, all else is off", () => {
+  const book = new LayerBook([hillshade, slope, stops], null);
+  const changed: string[] = [];
+  book.changed.on(({ id }) => changed.push(id));
+  book.follow(new Map([[slope.id, { opacity: 0.4, style: null }]]), false);
+  expect(book.shown.map(({ id }) => id)).toEqual([slope.id]);
+  expect(book.state(slope).opacity).toBe(0.4);
+  changed.length = 0;
+  book.follow(new Map([[slope.id, { opacity: 0.4, style: null }]]), false);
+  expect(changed).toEqual([]);
+});
+
+test("a link that is followed brings its order, and a later one takes it back", () => {
+  const book = new LayerBook([hillshade, slope, stops], null);
+  const plain = { opacity: 1, style: null };
+  book.follow(
+    new Map([
+      [stops.id, plain],
+      [slope.id, plain],
+    ]),
+    true,
+  );
+  expect(book.shown.map(({ id }) => id)).toEqual([slope.id, stops.id]);
+  book.follow(
+    new Map([
+      [slope.id, plain],
+      [stops.id, plain],
+    ]),
+    false,
+  );
+  expect(book.shown.map(({ id }) => id)).toEqual([stops.id, slope.id]);
+});

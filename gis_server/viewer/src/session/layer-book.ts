@@ -32,7 +32,7 @@ export class LayerBook {
   /** `on` is what a link says; null leaves the choice to the book. `stacked`: its order counts. */
   constructor(
     layers: readonly Layer[],
-    private readonly linked: LinkedLayers | null,
+    private linked: LinkedLayers | null,
     stacked = false,
   ) {
     const on = linked;
@@ -56,7 +56,23 @@ export class LayerBook {
     return [...this.list, ...this.versions.values()];
   }
 
-  /** Ids in the link that are none of the server's list: of earlier versions. */
+  /** Shows what a link says, and nothing else. `stacked`: its order counts. */
+  follow(linked: LinkedLayers, stacked: boolean): void {
+    this.linked = linked;
+    const wasByHand = this.byHand;
+    for (const layer of this.every) {
+      const [state, said] = [this.state(layer), linked.get(layer.id)];
+      const wanted = said ? { ...said, visible: true } : { ...state, visible: false };
+      if (JSON.stringify(wanted) === JSON.stringify({ ...wanted, ...state })) continue;
+      this.change(layer, wanted);
+    }
+    if (!stacked && !wasByHand) return;
+    this.byHand = stacked;
+    this.restack(stacked ? [...linked.keys()] : []);
+    this.rearranged.emit();
+  }
+
+  /** Ids in the link that are none of the server's list: of earlier versions, or unknown. */
   get awaited(): readonly string[] {
     return [...(this.linked?.keys() ?? [])].filter((id) => !this.states.has(id));
   }

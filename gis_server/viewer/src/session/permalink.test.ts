@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
 import { PLAIN } from "../map/raster-style";
-import { formatPermalink, parsePermalink } from "./permalink";
+import { formatPermalink, parsePermalink, unreadable } from "./permalink";
 
 test("a link says what was on the screen", () => {
   const link = {
@@ -51,4 +51,9 @@ test("opacity stays between 0 and 1", () => {
     ["b", 0],
     ["c", 1],
   ]);
+});
+
+test("what of a link cannot be read is named", () => {
+  expect(unreadable("#m=MER2&at=1,2&sol=soon&on=mer2/dtm")).toEqual(["at=1,2", "sol=soon"]);
+  expect(unreadable("#at=1,2,3&sol=156")).toEqual([]);
 });

@@ -29,6 +29,14 @@ export interface Permalink {
   readonly more: ReadonlyMap<string, string>;
 }
 
+/** Parts of a link that cannot be read, as they stand there. */
+export function unreadable(fragment: string): readonly string[] {
+  const query = new URLSearchParams(fragment.replace(/^#/, ""));
+  const { place, sol } = parsePermalink(fragment);
+  const isLost = (key: string) => (key === "at" && !place) || (key === "sol" && sol === null);
+  return [...query].filter(([key]) => isLost(key)).map(([key, value]) => `${key}=${value}`);
+}
+
 const OWN = new Set(["m", "at", "on", "order", "sol"]);
 
 const tidy = (value: number, decimals: number) => String(Number(value.toFixed(decimals)));
@@ -96,4 +104,4 @@ export function formatPermalink(link: Permalink): string {
 
 /** Escaped, but for what a fragment may hold as it is. */
 const readable = (value: string) =>
-  encodeURIComponent(value).replace(/%(2C|3A|2F)/g, (code) => decodeURIComponent(code));
+  encodeURIComponent(value).replace(/%(2C|3A|2F|3B)/g, (code) => decodeURIComponent(code));

@@ -12,11 +12,13 @@ import { layersPart } from "../parts/layers/part";
 import { pointPart } from "../parts/point/part";
 import { searchPart } from "../parts/search/part";
 import type { Account } from "../server/account";
+import { isVersion } from "../server/versions";
 import type { Layer, Mission } from "../server/records";
 import type { Context, Part, Signals } from "./context";
 import { Kept, LinkBook } from "./kept";
 import { LayerBook } from "./layer-book";
-import { formatPermalink, type Permalink } from "./permalink";
+import { LinkHistory } from "./link-history";
+import { formatPermalink, type Permalink, parsePermalink, unreadable } from "./permalink";
 import { PlaceActions } from "./place-actions";
 import { Shortcuts } from "./shortcuts";
 import { HeldSignal, Signal } from "./signal";
@@ -27,6 +29,8 @@ import { Waiting } from "./waiting";
 const PARTS: readonly Part[] = [layersPart, searchPart, furniturePart, cursorPart, pointPart];
 /** The rest of the page comes after so long even where the map is not drawn: the server is slow, or the page hidden. */
 const LATEST_MS = 4000;
+/** The tab that a link does not name. */
+const FIRST_TAB = "point";
 
 const signals = (): Signals => ({
   pointer: new Signal(),
@@ -45,6 +49,8 @@ const signals = (): Signals => ({
 export class Session {
   private readonly life = new AbortController();
   private readonly context: Context;
+  /** The link as it was opened. */
+  private readonly opened = location.hash;
 
   constructor(
     page: Shell,
@@ -64,6 +70,7 @@ export class Session {
       drawing,
       sun: new Kept(CARTOGRAPHERS_SUN),
       link: new LinkBook(link.more),
+      history: new LinkHistory(this.life.signal),
       account: new Kept<Account | null>(null),
       waiting: new Waiting(page, () => view.map.render()),
       keys: new Shortcuts(),
@@ -90,8 +97,10 @@ export class Session {
         const { LATER_PARTS } = await import("./later-parts");
         if (alive.aborted) return;
         for (const part of LATER_PARTS) part(this.context);
+        this.linkTabs();
         for (const signal of Object.values(this.context.signals))
           if (signal instanceof HeldSignal) signal.release();
+        this.noteUnknown(this.opened);
       } finally {
         waiting.whole();
       }
@@ -138,6 +147,38 @@ export class Session {
       sol: drawing.sol,
       more: link.all,
     });
-    history.replaceState(null, "", address);
+    this.context.history.write(address);
+  }
+
+  /** Shows what the link in the address says now; false if that is another mission. */
+  follow(): boolean {
+    const { mission, view, layers, link, drawing, signals, history } = this.context;
+    const said = parsePermalink(location.hash);
+    if (said.mission !== null && said.mission !== mission.mission) return false;
+    history.moved();
+    if (said.place) view.goTo(said.place);
+    if (said.on) layers.follow(said.on, said.ordered);
+    if (said.sol !== drawing.sol) signals.sol.emit(said.sol);
+    link.restore(said.more);
+    this.noteUnknown(location.hash);
+    return true;
+  }
+
+  private linkTabs(): void {
+    const { page, link, waiting } = this.context;
+    page.onTab((name) => link.write("tab", name === FIRST_TAB ? null : name));
+    link.follow("tab", (name) => {
+      if (!page.showTab(name ?? FIRST_TAB)) waiting.say(`There is no tab ${name}.`);
+    });
+  }
+
+  /** Says what of a link is not shown. */
+  private noteUnknown(fragment: string): void {
+    const { layers, link, mission, waiting } = this.context;
+    const layersUnknown = layers.awaited.filter((id) => !isVersion(id)).map((id) => `layer ${id}`);
+    const other = parsePermalink(fragment).mission;
+    const missions = other && other !== mission.mission ? [`mission ${other}`] : [];
+    const lost = [...missions, ...unreadable(fragment), ...link.unknown, ...layersUnknown];
+    if (lost.length > 0) waiting.say(`Not shown, because unknown here: ${lost.join(", ")}`);
   }
 }

@@ -23,10 +23,11 @@ export class Shortcuts {
   }
 
   readonly pressed = (event: KeyboardEvent): void => {
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.altKey) return;
+    const pressed = event.ctrlKey || event.metaKey ? `Ctrl+${event.key}` : event.key;
     const isTyping = TYPING.includes((event.target as HTMLElement).tagName);
     if (isTyping && event.key !== "Escape") return;
-    const meant = this.list.filter(({ key }) => key === event.key);
+    const meant = this.list.filter(({ key }) => key === pressed);
     // The letter is not typed into a box that the shortcut enters.
     if (meant.length > 0 && event.key !== "Escape") event.preventDefault();
     for (const { run } of meant) run();

@@ -8,7 +8,7 @@ import type { Context } from "../../session/context";
 
 const SCALE_PX = 160;
 
-export function furniturePart({ page, view, layers, mission, keys }: Context): void {
+export function furniturePart({ page, view, layers, mission, keys, history }: Context): void {
   const everything = () => view.fit(firstBounds(layers.all) ?? mission.bounds);
   page.addTool(button("zoom in (+)", "plus", () => view.zoomBy(0.5)));
   page.addTool(button("zoom out (-)", "minus", () => view.zoomBy(2)));
@@ -16,6 +16,8 @@ export function furniturePart({ page, view, layers, mission, keys }: Context): v
   page.addTool(
     button("copy the link to this view", "link", () => void copyText(page, "Link", location.href)),
   );
+  keys.add("Ctrl+z", "back to the view before", () => history.undo());
+  keys.add("Ctrl+y", "forward to the view after", () => history.redo());
   keys.add("f", "show everything", everything);
   keys.add("n", "north up", () => view.northUp());
   keys.add("+", "zoom in", () => view.zoomBy(0.5));

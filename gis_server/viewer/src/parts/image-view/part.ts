@@ -6,8 +6,10 @@ import type { ImageEntry } from "../../server/records";
 import type { Context } from "../../session/context";
 import { ImageViewer } from "./viewer";
 
+const KEY = "image";
+
 export function imageViewPart(context: Context): void {
-  const { page, signals, mission, layers, waiting, view } = context;
+  const { page, signals, mission, layers, waiting, view, link } = context;
   let viewer: ImageViewer | null = null;
   let known: Promise<ReadonlyMap<string, ImageEntry>> | null = null;
 
@@ -26,12 +28,18 @@ export function imageViewPart(context: Context): void {
       page.beside.open("Image", current.element, () => {
         current.close();
         viewer = null;
+        link.write(KEY, null);
       });
+    link.write(KEY, id);
     page.beside.element.querySelector("h2")?.replaceChildren(id);
     await current.open(image);
   };
 
   signals.image.on((id) => waiting.run(() => open(id)));
+  link.follow(KEY, (id) => {
+    if (id) waiting.run(() => open(id));
+    else if (viewer) page.beside.close();
+  });
   signals.pointer.on((pointed) => {
     if (pointed && !view.isClaimed) viewer?.mark(pointed.point);
   });

@@ -8,17 +8,21 @@ import { scopeTitle } from "../../page/format";
 import { saveText } from "../../page/save";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
+import { formatPoints, parsePoints } from "../../session/link-points";
 import { orPlanar, withoutRepeats } from "./corners";
 import { boundsOf, DrawnMeasurements } from "./drawn";
 import { type Measurement, measurementsCsv, measurementsGeojson, profilesCsv } from "./export";
 import { GroundProfile } from "./ground-profile";
-import type { Mode } from "./mode";
+import type { Found, Mode } from "./mode";
 import { MODES } from "./modes";
 import { ChosenNumbers } from "./numbers";
 import { measurePanel } from "./panel";
 
+/** Of the measurements in the link: `distance:0,0;3,4/area:0,0;3,0;3,4`. */
+const KEY = "measure";
+
 export function measurePart(context: Context): void {
-  const { page, keys, places, alive } = context;
+  const { page, keys, places, link, alive } = context;
   const panel = page.addTab("measure", "Measure");
   const tool = button("measure (m)", "ruler", () => measuring.toggle(), {
     class: "measure",
@@ -36,6 +40,7 @@ export function measurePart(context: Context): void {
     });
   if (viewshed)
     places.add({ title: "Viewshed from here", run: (point) => measuring.at(viewshed, point) });
+  link.follow(KEY, (text) => measuring.restore(text ?? ""));
   keys.add("m", "measure a distance", () => measuring.toggle());
   keys.add("Escape", "stop measuring", () => measuring.stop());
   document.addEventListener("keydown", (event) => drawingKey(event, measuring), { signal: alive });
@@ -126,6 +131,37 @@ class Measuring {
     this.drawn.dispose();
   }
 
+  /** Measures what a link says, and nothing else. */
+  restore(text: string): void {
+    if (text === this.linked) return;
+    this.all = [];
+    this.draw();
+    const { mission, waiting, link } = this.context;
+    const asked = text.split("/").map((one) => one.split(":"));
+    waiting.run(async () => {
+      for (const [key, places = ""] of asked) {
+        const mode = MODES.find((one) => one.key === key);
+        const corners = parsePoints(places);
+        if (!mode || !corners || corners.length < mode.least) continue;
+        const numbers = { layer: this.layer, numbers: this.numbers.of(mode) };
+        this.keep(mode, corners, await mode.find(mission.mission, corners, numbers));
+      }
+      link.write(KEY, this.linked);
+    });
+  }
+
+  private get linked(): string {
+    return this.all.map(({ mode, corners }) => `${mode.key}:${formatPoints(corners)}`).join("/");
+  }
+
+  private keep(mode: Mode, corners: readonly MapPoint[], found: Found): Measurement {
+    this.count += 1;
+    const one = { number: this.count, mode, corners, found };
+    this.all = [...this.all, one];
+    this.draw();
+    return one;
+  }
+
   private tell(corners: readonly MapPoint[]): void {
     this.context.page.ruler.textContent = this.mode?.live(corners) ?? "";
   }
@@ -155,10 +191,8 @@ class Measuring {
       const asked = { layer: this.layer, numbers: this.numbers.of(mode) };
       const found = await orPlanar(mode, corners, mode.find(mission.mission, corners, asked));
       this.sketch?.clear();
-      this.count += 1;
-      const one = { number: this.count, mode, corners, found };
-      this.all = [...this.all, one];
-      this.draw();
+      const one = this.keep(mode, corners, found);
+      this.context.link.write(KEY, this.linked);
       if (found.profile || found.chart) this.openProfile(one);
     });
   }
@@ -186,6 +220,7 @@ class Measuring {
       zoomTo: ({ corners, found }) => view.fit(found.picture?.bounds ?? boundsOf(corners)),
       remove: (one) => {
         this.all = this.all.filter((other) => other !== one);
+        this.context.link.write(KEY, this.linked);
         this.draw();
       },
       openProfile: (one) => this.openProfile(one),

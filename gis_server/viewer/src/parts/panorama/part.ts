@@ -1,19 +1,25 @@
 /** The panorama of a stop below the map, opened when it is asked for. */
 
 import { button } from "../../page/dom";
-import { panoramaApi } from "../../server/panorama";
+import { type Panorama, panoramaApi } from "../../server/panorama";
 import type { Context } from "../../session/context";
 
+const KEY = "panorama";
+
 export function panoramaPart(context: Context): void {
-  const { page, keys, alive, waiting, mission } = context;
+  const { page, keys, alive, waiting, mission, link } = context;
   let isOpen = false;
+  /** The stop of the link; null: the nearest. */
+  let wanted: string | null = null;
   const tool = button("panorama (p)", "panorama", () => toggle(), {
     class: "panorama-tool",
     "aria-pressed": "false",
   });
   const close = () => {
     isOpen = false;
+    wanted = null;
     tool.setAttribute("aria-pressed", "false");
+    link.write(KEY, null);
   };
   const open = async () => {
     const [{ PanoramaView }, panoramas] = await Promise.all([
@@ -26,7 +32,8 @@ export function panoramaPart(context: Context): void {
       waiting.say("no stop of this mission has a panorama yet: see `[panoramas]` of the pipeline");
       return;
     }
-    const view = new PanoramaView(context, panoramas);
+    const remember = ({ scope }: Panorama) => link.write(KEY, scope);
+    const view = new PanoramaView(context, panoramas, wanted, remember);
     page.below.open("Panorama", view.element, () => {
       view.dispose();
       close();
@@ -42,6 +49,11 @@ export function panoramaPart(context: Context): void {
     tool.setAttribute("aria-pressed", "true");
     waiting.run(open);
   }
+  link.follow(KEY, (scope) => {
+    if (isOpen) toggle();
+    wanted = scope;
+    if (scope) toggle();
+  });
   page.addTool(tool);
   keys.add("p", "panorama of the nearest stop", toggle);
   alive.addEventListener("abort", () => isOpen && page.below.close());

@@ -40,6 +40,9 @@ export class PanoramaView {
   constructor(
     private readonly context: Context,
     private readonly panoramas: readonly Panorama[],
+    /** Of the panorama that is shown first; null: of the stop nearest to the middle of the map. */
+    scope: string | null,
+    private readonly shown: (panorama: Panorama) => void,
   ) {
     const { view, signals, waiting } = context;
     this.asking = new Latest(REST_MS, (reason) => waiting.say(String(reason)));
@@ -64,7 +67,8 @@ export class PanoramaView {
       signals.pointer.on((pointed) => this.follow(pointed?.point ?? null)),
       signals.cursor.on((point) => this.follow(point)),
     ];
-    const first = nearest(panoramas, view.place);
+    const named = panoramas.find((one) => one.scope === scope);
+    const first = named ?? nearest(panoramas, view.place);
     if (first) {
       select.value = first.id;
       this.show(first.id);
@@ -86,6 +90,7 @@ export class PanoramaView {
     this.rays.clear();
     this.element.dataset["settled"] = "false";
     this.element.dataset["panorama"] = panorama.id;
+    this.shown(panorama);
     const strip = new Strip(panorama, {
       hover: (direction) => this.over(direction),
       click: (direction) => this.open(direction),

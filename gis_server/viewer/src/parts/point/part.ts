@@ -7,13 +7,16 @@ import { api } from "../../server/api";
 import type { Identified, MapPoint } from "../../server/records";
 import type { SceneStops } from "../../server/scene";
 import type { Context } from "../../session/context";
+import { formatPoints, parsePoints } from "../../session/link-points";
 import { coordinateRows, pointPanel } from "./panel";
 import { readout } from "./readout";
 
 const HOVER_MS = 120;
+/** Of the place in the link. */
+const KEY = "pt";
 
 export function pointPart(context: Context): void {
-  const { page, view, mission, waiting, signals, places, frames, coordinates } = context;
+  const { page, view, mission, waiting, signals, places, frames, coordinates, link } = context;
   const panel = page.addTab("point", "Identify");
   panel.replaceChildren(...hints(context));
 
@@ -30,8 +33,17 @@ export function pointPart(context: Context): void {
   };
   let chosen: MapPoint | null = null;
   const identify = (point: MapPoint) => {
-    view.setMark(point);
     page.showTab("point"); // at once: a tab that is chosen meanwhile stays
+    link.write(KEY, formatPoints([point]));
+    ask(point);
+  };
+  const forget = () => {
+    [told, chosen] = [null, null];
+    view.setMark(null);
+    panel.replaceChildren(...hints(context));
+  };
+  const ask = (point: MapPoint) => {
+    view.setMark(point);
     told = null;
     chosen = point;
     panel.replaceChildren(h("p", { class: "hint", role: "status" }, "Loading…"));
@@ -47,6 +59,11 @@ export function pointPart(context: Context): void {
     formatChoice(coordinates.value, (format) => coordinates.set(format)),
   );
   coordinates.changed.on(draw);
+  link.follow(KEY, (text) => {
+    const [point] = parsePoints(text ?? "") ?? [];
+    if (point) ask(point);
+    else forget();
+  });
   places.add({ title: "Identify", run: identify });
   signals.identify.on(identify);
   signals.click.on(({ point, touched }) => {

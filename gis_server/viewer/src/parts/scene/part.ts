@@ -4,14 +4,19 @@ import { button, h } from "../../page/dom";
 import { sceneApi } from "../../server/scene";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
+import { formatLook, type Look, parseLook } from "./look";
 import { showOutlines } from "./outlines";
 import type { SceneView } from "./view";
 
+const KEY = "view3d";
+
 export function scenePart(context: Context): void {
-  const { page, mission, waiting, keys, places, frames, alive } = context;
+  const { page, mission, waiting, keys, places, frames, link, alive } = context;
   let isOpen = false;
   let shown: SceneView | null = null;
   let wanted: MapPoint | null = null;
+  /** Eye and what is looked at in the link. */
+  let linked: Look | null = null;
   const tool = button("3D view (3)", "cube", () => toggle(), {
     class: "scene-tool",
     "aria-pressed": "false",
@@ -28,7 +33,8 @@ export function scenePart(context: Context): void {
       waiting.say("no stop of this mission has a 3D model yet: see `[models]` of the pipeline");
       return;
     }
-    const view = build(() => new View(context, models, stops));
+    const remember = (look: Look) => link.write(KEY, formatLook(look));
+    const view = build(() => new View(context, models, stops, linked, remember));
     page.beside.open("3D view", view?.element ?? withoutGraphics(), () => {
       view?.dispose();
       close();
@@ -38,7 +44,8 @@ export function scenePart(context: Context): void {
   };
   const close = () => {
     isOpen = false;
-    [shown, wanted] = [null, null];
+    [shown, wanted, linked] = [null, null, null];
+    link.write(KEY, null);
     tool.setAttribute("aria-pressed", "false");
   };
   function toggle(): void {
@@ -56,6 +63,16 @@ export function scenePart(context: Context): void {
     if (shown) shown.visit(point);
     else if (!isOpen) toggle();
   };
+  link.follow(KEY, (text) => {
+    const look = parseLook(text);
+    if (look && shown) {
+      shown.look(look);
+      return;
+    }
+    if (isOpen) toggle();
+    linked = look;
+    if (look) toggle();
+  });
   page.addTool(tool);
   places.add({ title: "3D here", run: visit });
   keys.add("3", "3D view", toggle);

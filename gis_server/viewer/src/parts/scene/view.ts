@@ -13,6 +13,7 @@ import { dots } from "./drawings";
 import { Flight } from "./flight";
 import { middle } from "./geometry";
 import { type Side, takeInHand } from "./hand";
+import type { Look } from "./look";
 import { Marker } from "./marker";
 import { roverModel, stand } from "./rover";
 import { Route } from "./route";
@@ -23,6 +24,8 @@ import { Terrain } from "./terrain";
 import { tiePlaces } from "./ties";
 
 const TIE = "#7a4dd8";
+/** The camera rests when it has not moved for so long. */
+const REST_MS = 300;
 
 /** The ground of every stop: tiles where there are, else one file. */
 function groundOf(models: readonly Model[]): readonly Model[] {
@@ -55,6 +58,9 @@ export class SceneView {
     private readonly context: Context,
     private readonly models: readonly Model[],
     private readonly stops: SceneStops,
+    /** Where it is seen from at first; null: from above all of it. */
+    private linked: Look | null,
+    private readonly looked: (look: Look) => void,
   ) {
     const { origin, size } = middle(groundOf(models));
     this.stage = new Stage(this.host, origin);
@@ -88,7 +94,17 @@ export class SceneView {
     this.terrain.add(groundOf(models));
     this.listen();
     this.chooseStop();
-    this.flight.over();
+    this.begin();
+  }
+
+  look({ from, to }: Look): void {
+    this.flight.leave();
+    this.stage.look(from, to);
+  }
+
+  private begin(): void {
+    if (this.linked) this.look(this.linked);
+    else this.flight.over();
   }
 
   /** Looks at a place of the map, as soon as its ground is drawn. */
@@ -142,7 +158,7 @@ export class SceneView {
 
   private settled(): void {
     if (!this.terrain.isSettled || (this.views && !this.views.isSettled)) return;
-    if (!this.element.dataset["triangles"]) this.flight.over(); // now there is ground to look at
+    if (!this.element.dataset["triangles"]) this.begin(); // now there is ground to look at
     this.element.dataset["settled"] = "true";
     this.element.dataset["triangles"] = String(this.terrain.triangles);
     this.said.textContent = "";
@@ -263,6 +279,12 @@ export class SceneView {
 
   private listen(): void {
     const { signals } = this.context;
+    let resting: ReturnType<typeof setTimeout> | undefined;
+    this.stage.controls.addEventListener("change", () => {
+      clearTimeout(resting);
+      resting = setTimeout(() => this.tellLook(), REST_MS);
+    });
+    this.closing.signal.addEventListener("abort", () => clearTimeout(resting));
     const stops = [
       signals.pointer.on((pointed) => void this.marker.at(pointed?.point ?? null)),
       signals.cursor.on((point) => void this.marker.at(point)),
@@ -289,6 +311,15 @@ export class SceneView {
       h("img", { src: `images/${encodeURIComponent(id)}/browse.png`, alt: "" }),
       h("button", { type: "button", class: "link", "data-image": id, onclick: open }, id),
     );
+  }
+
+  private tellLook(): void {
+    if (this.element.dataset["settled"] !== "true" || this.flight.isStanding) return;
+    const { camera, controls } = this.stage;
+    this.looked({
+      from: this.stage.place(camera.position),
+      to: this.stage.place(controls.target),
+    });
   }
 
   private tell(place: Place3 | null): void {

@@ -2,7 +2,7 @@
 
 import { kindTitle } from "../../map/layers";
 import { hasValues, isElevation } from "../../map/raster-style";
-import type { SunPlace } from "../../map/shading";
+import { CARTOGRAPHERS_SUN, type SunPlace } from "../../map/shading";
 import { h } from "../../page/dom";
 import { scopeTitle } from "../../page/format";
 import { api } from "../../server/api";
@@ -75,6 +75,13 @@ export function sunPart(context: Context): void {
     sun.set(place());
   };
 
+  const restore = () => {
+    sky = parseSky(link.read(SUN)) ?? { by: "hand", sun: CARTOGRAPHERS_SUN };
+    light = parseLight(link.read(LIVE));
+    draw();
+    sun.set(place());
+  };
+  for (const key of [SUN, LIVE, GROUND]) link.onRestored(key, restore);
   sun.changed.on(() => {
     follow();
     show();

@@ -96,6 +96,11 @@ export function swipePart(context: Context): void {
     draw();
     page.showTab("compare");
   });
+  link.onRestored(KEY, () => {
+    running = parseComparison(link.read(KEY));
+    begin();
+    draw();
+  });
   const linked = running ? [running.a, running.b].filter(isVersion) : [];
   let isComing = linked.length > 0;
   if (isComing)
