@@ -206,6 +206,45 @@ def test_the_sol_slider_of_layers_hides_what_was_not_seen_then(page, url):
     assert page.locator(f'details[data-scope="{STOP}"]').is_visible()
 
 
+def test_sols_are_played_one_after_the_other_and_all_at_the_end(page, url):
+    look(page, url + at(0.1, f"mer2/orthophoto,{STOP}/dtm"))
+    told = page.locator(".sol-filter output")
+    page.get_by_role("button", name="Play").click()
+    until(page, lambda: told.inner_text() == "sol 155")
+    assert page.get_by_role("button", name="Stop", exact=True).is_visible()
+    until(page, lambda: told.inner_text() == "sol 156")
+    until(page, lambda: told.inner_text() == "all sols")
+    assert page.get_by_role("button", name="Play").is_visible()
+
+
+def test_layers_are_filtered_by_name_and_group(page, url):
+    look(page, url + at(0.1, "mer2/orthophoto"))
+    listed = page.locator(".layers li.layer:visible")
+    page.get_by_label("filter layers").fill("elevation")
+    until(page, lambda: listed.count() > 0)
+    kinds = {one.get_attribute("data-kind") for one in listed.all()}
+    assert kinds <= {"dtm", "far-dtm", "region-dtm"}
+    page.get_by_label("filter layers").fill("elevation site drive")
+    scopes = {one.get_attribute("data-layer").split("/")[0] for one in listed.all()}
+    assert scopes == {STOP}
+    page.get_by_label("filter layers").fill("no such layer")
+    assert listed.count() == 0
+    page.get_by_label("filter layers").fill("")
+    until(page, lambda: listed.count() > 3)
+
+
+def test_the_edges_of_the_map_tell_round_metres(page, url):
+    look(page, url + at(0.1))
+    frame = page.locator("div.map").bounding_box()
+    for label in page.locator(".frame-east span").all():
+        box = label.bounding_box()
+        east = (box["x"] + box["width"] / 2 - frame["x"] - frame["width"] / 2) * 0.1
+        text = label.inner_text().replace("E ", "").replace("W ", "-").replace(" m", "")
+        assert float(text) == pytest.approx(east, abs=0.11)
+    assert page.locator(".frame-east span").count() >= 2
+    assert page.locator(".frame-north span").count() >= 2
+
+
 def centre(page) -> tuple[float, float]:
     east, north = page.url.split("at=")[1].split("&")[0].split(",")[:2]
     return float(east), float(north)

@@ -62,6 +62,15 @@ def test_a_new_layer_is_listed_without_a_reload(page, workspace, live):
     assert page.evaluate("window.stillTheSame")
 
 
+def test_a_lost_connection_is_told_until_it_is_there_again(page, live):
+    page.route("**/api/events*", lambda route: route.abort())
+    look(page, live)
+    lost = page.locator(".connection")
+    until(page, lost.is_visible)
+    page.unroute("**/api/events*")
+    until(page, lost.is_hidden)
+
+
 def test_a_layer_made_anew_is_drawn_anew_and_stays_as_it_was_shown(page, workspace, live):
     resolution = 0.1
     look(page, live + at(resolution, "mer2/slope"))

@@ -21,6 +21,8 @@ export interface Shell {
   readonly readout: HTMLElement;
   /** At the end of the line below the map: the format of coordinates. */
   readonly formatBox: HTMLElement;
+  /** Said while the server is not connected. */
+  readonly connection: HTMLElement;
   readonly scale: HTMLElement;
   readonly legend: HTMLElement;
   readonly north: HTMLElement;
@@ -71,6 +73,11 @@ export function shell(root: HTMLElement): Shell {
   const toolbar = h("div", { class: "toolbar", role: "toolbar", "aria-label": "map tools" });
   const readout = h("div", { class: "readout", "aria-live": "off" });
   const formatBox = h("div", {});
+  const connection = h(
+    "output",
+    { class: "connection", hidden: true },
+    "Not connected: what is published does not appear until the server answers.",
+  );
   const scale = h("div", { class: "scale" });
   const legend = h("div", {});
   const north = h("div", { class: "north" });
@@ -129,7 +136,7 @@ export function shell(root: HTMLElement): Shell {
       bench.element,
     ),
     h("aside", { class: "right", "aria-label": "side panel" }, right.bar, right.panels),
-    h("footer", {}, readout, formatBox),
+    h("footer", {}, readout, connection, formatBox),
     dialog,
   );
   return {
@@ -141,6 +148,7 @@ export function shell(root: HTMLElement): Shell {
     toolbar,
     readout,
     formatBox,
+    connection,
     scale,
     legend,
     north,

@@ -44,13 +44,14 @@ export const eventsUrl = (mission: string, since: string | null) =>
 /**
  * Listens until `alive` ends, to all that happened after the event `since`, which is what the page knows already. The
  * browser connects again by itself and says which event it has heard last; where the server answers with an error it
- * gives up, and is started again here.
+ * gives up, and is started again here. `connected` is told whenever the connection is there or lost.
  */
 export function listen(
   mission: string,
   since: string | null,
   alive: AbortSignal,
   hear: (one: Happening) => void,
+  connected: (isConnected: boolean) => void = () => undefined,
 ): void {
   let source: EventSource | null = null;
   let again: ReturnType<typeof setTimeout> | undefined;
@@ -65,7 +66,9 @@ export function listen(
         hear({ kind, document } as Happening);
       });
     }
+    source.onopen = () => connected(true);
     source.onerror = () => {
+      if (!alive.aborted) connected(false);
       if (source?.readyState !== EventSource.CLOSED) return;
       again = setTimeout(open, AGAIN_MS);
     };

@@ -50,6 +50,8 @@ export interface Signals {
   readonly compare: Signal<{ mode: "swipe" | "difference"; a: string; b: string }>;
   /** The server told that something happened in the store. */
   readonly happened: Signal<Happening>;
+  /** The connection with the server is there again. */
+  readonly reconnected: Signal<void>;
   /** The view moved, or layers were switched: the link to it is another. */
   readonly view: Signal<void>;
 }

@@ -43,6 +43,7 @@ const signals = (): Signals => ({
   ellipses: new Signal(),
   compare: new HeldSignal(),
   happened: new Signal(),
+  reconnected: new Signal(),
   view: new Signal(),
 });
 

@@ -36,8 +36,8 @@ export function annotationsPart(context: Context): void {
   signals.happened.on(({ kind, document }) => {
     const concerns = kind === "edits.changed" && document.mission === mission.mission;
     if (concerns || kind === "reload") waiting.run(() => annotations.load());
-    if (kind === "reload") annotations.send();
   });
+  signals.reconnected.on(() => annotations.send());
   window.addEventListener("online", () => annotations.send(), { signal: alive });
   waiting.run(() => annotations.load());
   annotations.send();

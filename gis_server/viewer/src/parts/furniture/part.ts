@@ -5,10 +5,13 @@ import { scaleBar } from "../../map/scale";
 import { copyText } from "../../page/copy";
 import { button, h } from "../../page/dom";
 import type { Context } from "../../session/context";
+import { mapFrame } from "./frame";
 
 const SCALE_PX = 160;
 
-export function furniturePart({ page, view, layers, mission, keys, history }: Context): void {
+export function furniturePart(context: Context): void {
+  const { page, view, layers, mission, keys, history } = context;
+  mapFrame(context);
   const everything = () => view.fit(firstBounds(layers.all) ?? mission.bounds);
   page.addTool(button("zoom in (+)", "plus", () => view.zoomBy(0.5)));
   page.addTool(button("zoom out (-)", "minus", () => view.zoomBy(2)));

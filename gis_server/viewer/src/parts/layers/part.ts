@@ -64,13 +64,22 @@ export function layersPart(context: Context): void {
   let tree = layerTree([], actionsOf(context, flicker, list));
   const reportOf = (sol: number) => urls.solReport(mission.mission, sol);
   let filter = solFilter([], reportOf, () => undefined);
+  const search = h("input", {
+    type: "search",
+    class: "layer-filter",
+    placeholder: "filter layers",
+    "aria-label": "filter layers",
+    oninput: () => tree.find(search.value),
+  });
+
   const draw = () => {
     tree = layerTree(layers.all, actionsOf(context, flicker, list));
     filter = solFilter(solsOf(layers.all), reportOf, (sol) => signals.sol.emit(sol));
     filter.set(drawing.sol);
     tree.setSol(drawing.sol);
     page.legend.replaceChildren(legend.element);
-    page.layers.replaceChildren(filter.element, onMap.element, tree.element);
+    page.layers.replaceChildren(filter.element, onMap.element, search, tree.element);
+    tree.find(search.value);
     list();
     putAll();
   };

@@ -3,6 +3,9 @@
 import { h } from "../../page/dom";
 import type { Layer } from "../../server/records";
 
+/** A sol is shown so long when they are played. */
+const STEP_MS = 1500;
+
 export interface SolFilter {
   readonly element: HTMLElement;
   readonly set: (sol: number | null) => void;
@@ -47,7 +50,41 @@ export function solFilter(
     slider.value = String(sol === null ? 0 : days.indexOf(sol) + 1);
     say(sol);
   };
+  let playing: ReturnType<typeof setInterval> | undefined;
+  const stop = () => {
+    clearInterval(playing);
+    playing = undefined;
+    play.textContent = "Play";
+    play.setAttribute("aria-pressed", "false");
+  };
+  /** Sol after sol, and all of them at the end. */
+  const step = () => {
+    if (!element.isConnected) return stop();
+    const next = days[days.indexOf(chosen() ?? Number.NaN) + 1] ?? null;
+    set(next);
+    choose(next);
+    if (next === null) stop();
+  };
+  const toggle = () => {
+    if (playing !== undefined) return stop();
+    playing = setInterval(step, STEP_MS);
+    play.textContent = "Stop";
+    play.setAttribute("aria-pressed", "true");
+    step();
+  };
+  const play = h(
+    "button",
+    {
+      type: "button",
+      class: "plain play",
+      "aria-pressed": "false",
+      title: "show sol after sol",
+      hidden: days.length < 2,
+      onclick: toggle,
+    },
+    "Play",
+  );
   const choice = h("label", { class: "inline", hidden: days.length < 2 }, name, slider);
-  const element = h("div", { class: "sol-filter" }, choice, report);
+  const element = h("div", { class: "sol-filter" }, choice, play, report);
   return { element, set };
 }

@@ -1,6 +1,6 @@
 /** All layers: the region's, then those of every sol, then those of every stop. Rows are made when a group is opened. */
 
-import { groupLayers, type LayerGroup } from "../../map/layers";
+import { groupLayers, kindTitle, type LayerGroup } from "../../map/layers";
 import { h } from "../../page/dom";
 import { sols } from "../../page/format";
 import type { Layer } from "../../server/records";
@@ -14,6 +14,8 @@ export interface LayerTree {
   readonly follow: (layer: Layer) => void;
   /** Lists only what was seen on a sol; null: all. */
   readonly setSol: (sol: number | null) => void;
+  /** Lists only what has all of these words in its name or that of its group. */
+  readonly find: (words: string) => void;
 }
 
 interface Group {
@@ -21,6 +23,7 @@ interface Group {
   readonly item: LayerGroup;
   readonly rows: Map<string, Following>;
   readonly setSol: (sol: number | null) => void;
+  readonly find: (words: readonly string[]) => void;
 }
 
 function group(item: LayerGroup, open: boolean, actions: LayerActions): Group {
@@ -28,11 +31,20 @@ function group(item: LayerGroup, open: boolean, actions: LayerActions): Group {
   const rows = new Map<string, Following>();
   const list = h("ul");
   let only: number | null = null;
+  let wasOpen = open;
+  let words: readonly string[] = [];
+  const isListed = (layer: Layer) => {
+    if (!isOf(layer, only)) return false;
+    if (words.length === 0) return true;
+    const name = `${kindTitle(layer.kind)} ${item.title} ${days}`.toLowerCase();
+    return words.every((word) => name.includes(word));
+  };
   const hide = () => {
     for (const layer of item.layers) {
       const made = rows.get(layer.id);
-      if (made) made.element.hidden = !isOf(layer, only);
+      if (made) made.element.hidden = !isListed(layer);
     }
+    element.hidden = !item.layers.some(isListed);
   };
   const fill = () => {
     if (!element.open || rows.size > 0) return;
@@ -49,10 +61,16 @@ function group(item: LayerGroup, open: boolean, actions: LayerActions): Group {
   fill();
   const setSol = (sol: number | null) => {
     only = sol;
-    element.hidden = !item.layers.some((layer) => isOf(layer, sol));
     hide();
   };
-  return { element, item, rows, setSol };
+  const find = (wanted: readonly string[]) => {
+    if (wanted.length > 0 && words.length === 0) wasOpen = element.open;
+    words = wanted;
+    hide();
+    element.open = words.length === 0 ? wasOpen : !element.hidden;
+    fill();
+  };
+  return { element, item, rows, setSol, find };
 }
 
 export function layerTree(layers: readonly Layer[], actions: LayerActions): LayerTree {
@@ -68,6 +86,10 @@ export function layerTree(layers: readonly Layer[], actions: LayerActions): Laye
     follow: ({ id }) => owner.get(id)?.rows.get(id)?.follow(),
     setSol: (sol) => {
       for (const one of groups) one.setSol(sol);
+    },
+    find: (text) => {
+      const words = text.toLowerCase().split(/\s+/).filter(Boolean);
+      for (const one of groups) one.find(words);
     },
   };
 }

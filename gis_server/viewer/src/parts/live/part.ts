@@ -34,9 +34,16 @@ export function livePart(context: Context): void {
     waiting.run(() => refresh(all.flat())),
   );
   alive.addEventListener("abort", published.cancel);
-  listen(mission.mission, lastEvent, alive, (happening) => {
+  const hear = (happening: Happening) => {
     signals.happened.emit(happening);
     if (happening.kind === "layers.published") published.add(happening.document.layers);
     if (happening.kind === "reload") published.add([]);
+  };
+  let wasLost = false;
+  listen(mission.mission, lastEvent, alive, hear, (isConnected) => {
+    page.connection.hidden = isConnected;
+    if (isConnected && wasLost) signals.reconnected.emit();
+    wasLost = !isConnected;
   });
+  alive.addEventListener("abort", () => (page.connection.hidden = true));
 }
