@@ -84,6 +84,15 @@ def test_panels_fold_away_and_come_back_where_a_tab_is_asked_for(sized):
     until(sized, lambda: sized.locator("#panel-images").is_visible())
 
 
+def test_two_panels_are_open_where_there_is_room_for_both(sized):
+    is_wide = sized.width >= NARROW
+    if not is_wide:
+        sized.get_by_role("button", name="layers panel").click()
+    sized.locator('[data-tab="images"]').click()
+    until(sized, lambda: sized.locator("#panel-images").is_visible())
+    assert sized.locator(".left").is_visible() == is_wide
+
+
 def test_the_keyboard_reaches_the_map_within_five_stops(sized):
     for _ in range(5):
         sized.keyboard.press("Tab")

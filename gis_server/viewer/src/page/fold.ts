@@ -1,8 +1,10 @@
-/** Which of the two side panels are open: both on a wide window, neither on a narrow one. */
+/** Which of the two side panels are open: both on a wide window; on a narrow one neither at first, and one at a time. */
 
 import { button, type IconName } from "./dom";
 
 const WIDE = "(min-width: 1100px)";
+/** Dispatched at the root by the panel that opens; its name is the detail. */
+const OPENED = "fold-opened";
 
 type Side = "layers" | "panel";
 
@@ -18,7 +20,12 @@ export function fold(root: HTMLElement, side: Side, name: string, picture: IconN
   const show = (isOpen: boolean) => {
     root.dataset[side] = isOpen ? "open" : "closed";
     toggle.setAttribute("aria-expanded", String(isOpen));
+    if (isOpen) root.dispatchEvent(new CustomEvent(OPENED, { detail: side }));
   };
+  root.addEventListener(OPENED, (event) => {
+    const other = (event as CustomEvent<Side>).detail;
+    if (other !== side && !wide.matches) show(false);
+  });
   const toggle = button(name, picture, () => show(root.dataset[side] !== "open"), {
     class: "ghost",
   });
