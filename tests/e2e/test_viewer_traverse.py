@@ -119,6 +119,27 @@ def test_the_vertical_profile_and_the_map_share_one_cursor(traverse, places):
     assert np.abs(after[arm].astype(int) - before[arm]).max() > 60
 
 
+def test_a_stop_that_is_clicked_tells_how_far_telemetry_was_off(page, images_url, places):
+    look(page, f"{images_url}/#m=MER2&at=0,0,{RESOLUTION}&on=mer2/stops")
+    ready(page)
+    adjusted, told = places
+    page.mouse.click(*pixel_of(page, adjusted[1][0], adjusted[1][1], RESOLUTION))
+    card = page.locator(".stop-card")
+    card.wait_for()
+    away = (told[1] - told[0]) - (adjusted[1] - adjusted[0])
+    text = card.inner_text()
+    assert f"horizontal {math.hypot(*away[:2]):.3f} m" in text
+    assert f"3D {np.linalg.norm(away):.3f} m" in text
+    screenshot(page, "stop_card")
+    card.get_by_role("button", name="Images").click()
+    until(page, lambda: page.locator("#panel-images").is_visible())
+    stop = page.locator("#panel-images select").first.input_value()
+    assert stop == card.get_attribute("data-stop")
+    # Another place is no stop.
+    page.mouse.click(*pixel_of(page, adjusted[1][0] + 2.0, adjusted[1][1], RESOLUTION))
+    until(page, lambda: card.count() == 0)
+
+
 def test_the_differences_are_handed_out_as_a_table(traverse, places):
     with traverse.expect_download() as download:
         traverse.locator(".comparison .csv").click()

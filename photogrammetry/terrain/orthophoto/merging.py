@@ -37,7 +37,7 @@ class MergingParams:
     """How to merge the orthophotos of stops."""
 
     cell_m: CellSize = 0.02
-    """Side of a cell: two cells of a stop's orthophoto."""
+    """Side of a cell: two cells of a stop's orthophoto, and no finer than the coarsest of them."""
     feather_m: Metres = 1.0
     """Width over which the edge of what a stop shows fades."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,7 @@ def write_region_orthophoto(
     crs: CRS,
     tags: Mapping[str, str] | None = None,
 ) -> None:
-    """Merge the orthophotos of stops.
+    """Merge the orthophotos of stops, in cells no finer than the coarsest of them.
 
     Raises:
         ProductError: the region's cells are no power of two of those of an orthophoto.
@@ -46,7 +47,9 @@ def write_region_orthophoto(
         held.enter_context(rasterio.Env(GDAL_CACHEMAX=CACHE_MB))
         pictures = [_Picture(one, held.enter_context(open_raster(one.path))) for one in sources]
         bounds = union([one.grid.bounds for one in pictures])
-        grid = MapGrid.covering(bounds, params.cell_m)
+        cell_m = max(params.cell_m, *(one.grid.cell_m for one in pictures))
+        params = replace(params, cell_m=cell_m, feather_m=max(params.feather_m, cell_m))
+        grid = MapGrid.covering(bounds, cell_m)
         stretch = _balance(pictures, grid)
         blocks = _blocks(pictures, grid, params)
         write_brightness_blocks(path, grid, blocks, crs, stretches=[stretch], tags=tags)

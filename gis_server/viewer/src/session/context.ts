@@ -40,6 +40,16 @@ export interface Signals {
   readonly image: Signal<string>;
   /** An image to show on the map for a moment; null: no longer. */
   readonly imageHovered: Signal<string | null>;
+  /** A stop was clicked: `box` is room for what is known of it. */
+  readonly stop: Signal<{
+    readonly stop: string;
+    readonly point: MapPoint;
+    readonly box: HTMLElement;
+  }>;
+  /** The images of a stop are asked for. */
+  readonly imagesOf: Signal<string>;
+  /** The panorama of a stop is asked for. */
+  readonly panorama: Signal<string>;
   /** What every layer says about a place is asked for. */
   readonly identify: Signal<MapPoint>;
   /** Another sol was chosen; it stands in `drawing`. */

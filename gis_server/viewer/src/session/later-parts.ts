@@ -2,6 +2,7 @@
 
 import { imagesPart } from "../parts/images/part";
 import { imageViewPart } from "../parts/image-view/part";
+import { stopCardPart } from "../parts/stop-card/part";
 import { traversePart } from "../parts/traverse/part";
 import { measurePart } from "../parts/measure/part";
 import { networkPart } from "../parts/network/part";
@@ -23,6 +24,7 @@ import type { Part } from "./context";
 export const LATER_PARTS: readonly Part[] = [
   imagesPart,
   imageViewPart,
+  stopCardPart,
   traversePart,
   measurePart,
   networkPart,

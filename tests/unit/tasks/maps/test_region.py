@@ -99,9 +99,16 @@ def test_a_region_is_mapped_by_the_tasks_of_stops_under_names_of_its_own(store, 
     assert np.isfinite(read_dtm(store.path(dtm)).elevation).any()
 
 
-def shown(store: ProductStore, drive: int, east: float, gain: float, offset: float) -> ProductRef:
+def shown(
+    store: ProductStore,
+    drive: int,
+    east: float,
+    gain: float,
+    offset: float,
+    cell_m: float = 0.01,
+) -> ProductRef:
     """The orthophoto of a square of ground 20 m wide, in a light of its own."""
-    grid = MapGrid.covering((east - 9.0, -9.0, east + 9.0, 9.0), 0.01)
+    grid = MapGrid.covering((east - 9.0, -9.0, east + 9.0, 9.0), cell_m)
     brightness = (gain * ground(*np.meshgrid(*grid.centres())) + offset).astype(np.float32)
     looking = Orientation(f"P{drive}", tuple(np.eye(3).ravel()), (0.0, east, -1.5))
     scope = Scope(ScopeLevel.STOP, f"mer2-site0010-drive{drive:04d}")
@@ -130,6 +137,15 @@ def test_the_orthophotos_of_stops_agree_in_the_region(store, stops):
     np.testing.assert_allclose(fits[0][0], fits[1][0], rtol=0.01)
     levels = [np.polyval(fit, 1000.0) for fit in fits]
     np.testing.assert_allclose(*levels, rtol=0.01)
+
+
+def test_a_region_is_shown_no_finer_than_its_coarsest_stop(store, stops):
+    dtm, _ = fuse(store, stops)
+    pictures = [shown(store, 0, 0.0, 1.0, 0.0), shown(store, 64, 12.0, 1.2, 90.0, cell_m=0.32)]
+    merged = merge_orthophotos.fn(dtm, pictures, MergingParams(), LANDING, store)
+    with open_raster(store.path(merged)) as dataset:
+        assert grid_of(dataset).cell_m == 0.32
+        assert (dataset.read(1) > 0).any()
 
 
 def test_every_map_of_a_region_has_a_suffix_and_a_title():

@@ -39,11 +39,19 @@ export function imagesPart(context: Context): void {
     stop = id;
     drawList();
   };
-  const load = async () => {
-    images = await api.images(mission.mission, {});
+  const draw = () => {
     panel.replaceChildren(detail, filters(context, images, stop, setStop), place, list);
     drawList();
   };
+  const load = async () => {
+    images = await api.images(mission.mission, {});
+    draw();
+  };
+  signals.imagesOf.on((id) => {
+    stop = id;
+    draw();
+    page.showTab("images");
+  });
   const showOnMap = (id: string | null) => {
     const shown = id ?? chosen;
     if (shown === null) view.setHighlight([]);

@@ -7,7 +7,7 @@ import type { Context } from "../../session/context";
 const KEY = "panorama";
 
 export function panoramaPart(context: Context): void {
-  const { page, keys, alive, waiting, mission, link } = context;
+  const { page, keys, alive, waiting, mission, link, signals } = context;
   let isOpen = false;
   /** The stop of the link; null: the nearest. */
   let wanted: string | null = null;
@@ -53,6 +53,11 @@ export function panoramaPart(context: Context): void {
     if (isOpen) toggle();
     wanted = scope;
     if (scope) toggle();
+  });
+  signals.panorama.on((scope) => {
+    if (isOpen) toggle();
+    wanted = scope;
+    toggle();
   });
   page.addTool(tool);
   keys.add("p", "panorama of the nearest stop", toggle);

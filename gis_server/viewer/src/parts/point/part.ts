@@ -26,10 +26,11 @@ export function pointPart(context: Context): void {
     hoverImage: (id: string | null) => signals.imageHovered.emit(id),
     copy: (text: string) => void copyText(page, "Coordinates", text),
   };
+  const about = h("div");
   const draw = () => {
     if (!told) return;
     const rows = coordinateRows(told.found, coordinates.value, told.frames);
-    panel.replaceChildren(pointPanel(told.found, rows, actions));
+    panel.replaceChildren(about, pointPanel(told.found, rows, actions));
   };
   let chosen: MapPoint | null = null;
   const identify = (point: MapPoint) => {
@@ -44,9 +45,10 @@ export function pointPart(context: Context): void {
   };
   const ask = (point: MapPoint) => {
     view.setMark(point);
+    about.replaceChildren();
     told = null;
     chosen = point;
-    panel.replaceChildren(h("p", { class: "hint", role: "status" }, "Loading…"));
+    panel.replaceChildren(about, h("p", { class: "hint", role: "status" }, "Loading…"));
     waiting.run(async () => {
       const asked = [api.identify(mission.mission, point), frames.load()] as const;
       const [found, known] = await Promise.all(asked);
@@ -67,7 +69,10 @@ export function pointPart(context: Context): void {
   places.add({ title: "Identify", run: identify });
   signals.identify.on(identify);
   signals.click.on(({ point, touched }) => {
-    if (typeof touched?.feature.get("image") !== "string") identify(point);
+    if (typeof touched?.feature.get("image") === "string") return;
+    identify(point);
+    if (touched?.layer.kind !== "stops") return;
+    signals.stop.emit({ stop: String(touched.feature.get("stop")), point, box: about });
   });
   followPointer(context);
 }

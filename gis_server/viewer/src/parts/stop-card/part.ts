@@ -1,0 +1,67 @@
+/** The card of a stop that was clicked, above what lies there. */
+
+import { api } from "../../server/api";
+import { network, type TraverseRow } from "../../server/network";
+import { panoramaApi } from "../../server/panorama";
+import type { MapPoint } from "../../server/records";
+import type { Context } from "../../session/context";
+import { isRefusal } from "../../session/latest";
+import { stopCard } from "./card";
+import "./stop-card.css";
+
+export function stopCardPart(context: Context): void {
+  const { mission, layers, view, signals, waiting, alive } = context;
+  signals.stop.on(({ stop, point, box }) =>
+    waiting.run(async () => {
+      const [row, images, panoramas, features] = await Promise.all([
+        rowOf(mission.mission, stop, alive),
+        api.images(mission.mission, { stop }, alive),
+        panoramaApi.all(mission.mission, alive),
+        view.featuresOf(layers.widest("stops")),
+      ]);
+      const own = features.filter((feature) => feature.get("stop") === stop);
+      const major = own.map((feature) => Number(feature.get("ellipse_semi_major_m")));
+      const sols = own.flatMap((feature) => (feature.get("sols") as number[] | undefined) ?? []);
+      const known = {
+        mission: mission.mission,
+        stop,
+        sols: [...new Set(sols)].sort((a, b) => a - b),
+        sigma_m: major.find((metres) => Number.isFinite(metres)) ?? null,
+        row,
+        images,
+        layers: layers.all.filter(({ scope }) => scope === stop),
+      };
+      const hasPanorama = panoramas.some(({ scope }) => scope === stop);
+      box.replaceChildren(stopCard(known, actionsOf(context, stop, point, hasPanorama)));
+    }),
+  );
+}
+
+/** Null where the stop is in no adjustment. */
+async function rowOf(
+  mission: string,
+  stop: string,
+  alive: AbortSignal,
+): Promise<TraverseRow | null> {
+  try {
+    const { rows } = await network.traverse(mission, "latest", "telemetry", alive);
+    return rows.find((row) => row.stop === stop) ?? null;
+  } catch (reason) {
+    if (isRefusal(reason)) return null;
+    throw reason;
+  }
+}
+
+function actionsOf(
+  { signals, places }: Context,
+  stop: string,
+  point: MapPoint,
+  hasPanorama: boolean,
+) {
+  const scene = places.offered.find(({ title }) => title === "3D here");
+  return [
+    { name: "Images", run: () => signals.imagesOf.emit(stop) },
+    ...(hasPanorama ? [{ name: "Panorama", run: () => signals.panorama.emit(stop) }] : []),
+    ...(scene ? [{ name: "3D view", run: () => scene.run(point) }] : []),
+  ];
+}
