@@ -136,7 +136,7 @@ def test_a_stop_that_is_clicked_tells_how_far_telemetry_was_off(page, images_url
     stop = page.locator("#panel-images select").first.input_value()
     assert stop == card.get_attribute("data-stop")
     # Another place is no stop.
-    page.mouse.click(*pixel_of(page, adjusted[1][0] + 2.0, adjusted[1][1], RESOLUTION))
+    page.mouse.click(*pixel_of(page, adjusted[1][0] - 2.0, adjusted[1][1], RESOLUTION))
     until(page, lambda: card.count() == 0)
 
 
