@@ -44,7 +44,7 @@ export const eventsUrl = (mission: string, since: string | null) =>
 /**
  * Listens until `alive` ends, to all that happened after the event `since`, which is what the page knows already. The
  * browser connects again by itself and says which event it has heard last; where the server answers with an error it
- * gives up, and is started again here. `connected` is told whenever the connection is there or lost.
+ * gives up, and is started again here. `connected` is called when the connection opens or is lost.
  */
 export function listen(
   mission: string,

@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 import { LinkBook } from "./kept";
 
-test("a part is told what the link says under its key, at once and when another is followed", () => {
+test("a part gets the value of its key at once and when another link is followed", () => {
   const link = new LinkBook(new Map([["sun", "noon"]]));
   const told: (string | null)[] = [];
   link.follow("sun", (text) => told.push(text));
@@ -11,7 +11,7 @@ test("a part is told what the link says under its key, at once and when another 
   expect(told).toEqual(["noon", "dusk", null]);
 });
 
-test("what a part writes itself is not told to it", () => {
+test("a part is not called for what it writes itself", () => {
   const link = new LinkBook(new Map());
   const told: (string | null)[] = [];
   link.follow("sun", (text) => told.push(text));

@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 import { formatPoints, parsePoints } from "./link-points";
 
-test("places of a link are told to the millimetre", () => {
+test("places in a link have millimetres", () => {
   const text = formatPoints([
     [0.12345, -3],
     [4, 5],

@@ -2,7 +2,7 @@ import { expect, test } from "vitest";
 import type { AnnotationEdit } from "../../server/edits";
 import { Outbox } from "./outbox";
 
-class Shelf {
+class FakeStorage {
   readonly kept = new Map<string, string>();
   getItem(key: string): string | null {
     return this.kept.get(key) ?? null;
@@ -20,24 +20,24 @@ const NOTE: AnnotationEdit = {
 };
 
 test("what was not sent is there after the page was closed, by mission", () => {
-  const shelf = new Shelf();
-  const one = new Outbox("MER2", shelf).add(NOTE);
-  new Outbox("MER2", shelf).add({ ...NOTE, text: "dune" });
-  const [first, second] = new Outbox("MER2", shelf).all;
+  const storage = new FakeStorage();
+  const one = new Outbox("MER2", storage).add(NOTE);
+  new Outbox("MER2", storage).add({ ...NOTE, text: "dune" });
+  const [first, second] = new Outbox("MER2", storage).all;
   expect(first).toEqual(one);
   expect(second?.annotation.text).toBe("dune");
-  expect(new Outbox("MER1", shelf).all).toEqual([]);
+  expect(new Outbox("MER1", storage).all).toEqual([]);
 });
 
 test("what was sent is gone, the rest stays", () => {
-  const outbox = new Outbox("MER2", new Shelf());
+  const outbox = new Outbox("MER2", new FakeStorage());
   const [one, other] = [outbox.add(NOTE), outbox.add(NOTE)];
   outbox.remove(one);
   expect(outbox.all).toEqual([other]);
 });
 
 test("what something else wrote there is no annotation", () => {
-  const shelf = new Shelf();
-  shelf.setItem("solmap-unsent-MER2", "{");
-  expect(new Outbox("MER2", shelf).all).toEqual([]);
+  const storage = new FakeStorage();
+  storage.setItem("solmap-unsent-MER2", "{");
+  expect(new Outbox("MER2", storage).all).toEqual([]);
 });

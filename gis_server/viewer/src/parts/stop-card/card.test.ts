@@ -10,7 +10,7 @@ const ROW = {
 } as unknown as TraverseRow;
 const image = (time: string | null) => ({ local_solar_time: time }) as unknown as ImageEntry;
 
-test("the error of telemetry is told on the map and in space", () => {
+test("the telemetry error is given on the map and in 3D", () => {
   expect(telemetryError(ROW)).toBe("horizontal 3.000 m (17.50 % of the way), 3D 5.000 m");
   expect(telemetryError({ ...ROW, percent: null, offset_m: [3, 0, null] })).toBe(
     "horizontal 3.000 m",
