@@ -159,7 +159,6 @@ async def behave(
     async with httpx.AsyncClient(
         base_url=server.address, headers=headers, timeout=150, trust_env=False
     ) as client:
-        await asyncio.sleep(rng.exponential(PAUSE_S))  # they do not come all at once
         while time.monotonic() < end:
             is_heavy = rng.random() < HEAVY_SHARE
             asked = questions.heavy if is_heavy else questions.light

@@ -45,7 +45,7 @@ export function annotationsPanel(
     "div",
     {},
     mayWrite
-      ? h("div", { class: "wishes" }, ...tools)
+      ? h("div", { class: "actions" }, ...tools)
       : h("p", { class: "hint" }, "Sign in as an analyst to annotate the map."),
     unsent.length > 0 ? unsentList(unsent, actions) : null,
     notes.length > 0
