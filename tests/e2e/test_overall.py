@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from solmap.flows.cli.console import select_rows
 from solmap.flows.cli.tables import latest_networks, position_rows, report_rows
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind
@@ -68,7 +69,7 @@ def test_a_later_run_goes_on_from_the_overall_adjustment_and_makes_nothing(mappe
 
 
 def test_every_adjustment_has_a_page_and_figures(readjusted):
-    rows = report_rows(readjusted, "MER2")
+    rows = select_rows(report_rows(readjusted), "MER2")
     assert [row["adjustment"] for row in rows][-1].endswith("-overall")
     for row in rows:
         page = Path(row["page"]).read_text()

@@ -257,6 +257,7 @@ def test_the_rover_is_outlined_on_the_map_as_large_as_it_is(page, scene_url):
     ink[:, : round(box["x"] + 80)] = False  # tools
     ink[:, round(box["x"] + box["width"] - 60) :] = False
     ink[: round(box["y"] + 60)] = False
+    ink[round(box["y"] + box["height"] - 60) :] = False  # labels of the grid
     rows, columns = np.nonzero(ink)
     assert (columns.max() - columns.min()) * resolution == pytest.approx(2.3, abs=0.04)
     assert (rows.max() - rows.min()) * resolution == pytest.approx(1.7, abs=0.3)  # and its arrow
