@@ -43,7 +43,8 @@ def test_every_stop_has_every_product(store):
         kinds.setdefault(row["scope"], set()).add(row["kind"])
     for stop in ("site0010-drive0000", "site0010-drive0064", "site0011-drive0000"):
         assert kinds[f"mer2-{stop}"] == {
-            "dtm", "far-dtm", "far-contours", "far-hillshade", "orthophoto", "sources", "slope", "aspect", "hillshade", "contours",
+            "dtm", "far-dtm", "far-contours", "far-hillshade", "orthophoto", "sources",
+            "slope", "aspect", "hillshade", "contours",
             "northerly-tilt", "roughness", "hazard", "havens", "insolation", "viewshed",
             "model", "view-model", "tileset", "points", "point-tiles", "panorama",
         }  # fmt: skip
