@@ -38,6 +38,8 @@ WAIT_S, WORK_S = 90.0, 120.0
 SHARE_S = 120.0
 """A busy lane has clients come again that were answered within so many seconds."""
 _LONGEST_RETRY_S = 60
+_START_S = 30.0
+"""Longest time that the server waits for its workers before it answers the first request."""
 MOST_SPOOLED = 2 * LARGEST
 """Bytes of the files of answers that are being sent, of all clients; one may have half of it.
 With the answer that each of two workers writes, temporary files take twice as much at most."""
@@ -269,6 +271,8 @@ class Budgets:
             try:
                 for worker in workers:
                     worker.start(Path(mkdtemp(dir=folder)))
+                for worker in workers:
+                    worker.wait(_START_S)
                 yield
             finally:
                 for worker in workers:

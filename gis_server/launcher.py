@@ -13,6 +13,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from dataclasses import dataclass, field
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -24,6 +25,7 @@ _ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
 }
+_LOOK_S = 0.02
 _START = "from solmap.gis_server.worker_process import launch; launch()"
 
 
@@ -65,6 +67,12 @@ class Launcher:
             while self._control is not None and self._control.poll():
                 self._note_pid(self._control)
         return self._pids.get(number)
+
+    def wait_for(self, number: int, most_s: float) -> None:
+        """Wait until a worker has forked, that is until all modules are imported."""
+        end = time.monotonic() + most_s
+        while self.pid(number) is None and time.monotonic() < end:
+            time.sleep(_LOOK_S)
 
     def close(self) -> None:
         """End the process; it ends the workers that are left."""

@@ -210,6 +210,11 @@ class Worker:
         self._number, self._connection = self.launcher.start()
         self._connection.send((self.arguments, self.memory_mb, folder))
 
+    def wait(self, most_s: float) -> None:
+        """Wait until the process is there: its start takes a processor for seconds."""
+        if self._number is not None:
+            self.launcher.wait_for(self._number, most_s)
+
     def stop(self) -> None:
         """End the process, whatever it does."""
         if self._number is not None:

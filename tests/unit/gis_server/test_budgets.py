@@ -9,7 +9,6 @@ import errno
 import os
 import signal
 import threading
-import time
 from collections import Counter
 from dataclasses import replace
 from http import HTTPStatus
@@ -406,18 +405,11 @@ def test_who_reads_too_slowly_is_given_up(is_file, tmp_path, monkeypatch):
     assert file.exists() != is_file
 
 
-def process_of(worker):
-    for _ in range(400):
-        if pid := worker.launcher.pid(worker._number):
-            return pid
-        time.sleep(0.05)
-    raise AssertionError("no process came up")
-
-
 @pytest.mark.slow
 def test_a_worker_that_was_killed_or_took_too_long_is_followed_by_a_new_one(worker):
     half = worker._folder / "half"
     half.touch()
+    worker.wait(20.0)
     os.kill(
         worker.launcher.pid(worker._number), signal.SIGKILL
     )  # what the system does that lacks memory
@@ -432,11 +424,14 @@ def test_a_worker_that_was_killed_or_took_too_long_is_followed_by_a_new_one(work
 @pytest.mark.slow
 def test_workers_end_with_their_launcher_and_another_one_is_started(worker):
     assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
-    pid = process_of(worker)
+    worker.wait(20.0)
+    pid = worker.launcher.pid(worker._number)
+    assert pid
     os.kill(worker.launcher._process.pid, signal.SIGKILL)
     assert worker._connection.poll(5.0)
     assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
-    assert process_of(worker) != pid
+    worker.wait(20.0)
+    assert worker.launcher.pid(worker._number) not in {None, pid}
 
 
 def test_processes_end_and_start_outside_the_event_loop(worker, monkeypatch):
