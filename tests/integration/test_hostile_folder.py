@@ -86,10 +86,8 @@ def test_a_run_that_is_told_to_stop_says_so_in_one_line(tmp_path, number, reache
     ) as process:
         while not (tmp_path / "store" / reached).exists():
             time.sleep(0.1)
-        began = time.monotonic()
         process.send_signal(signal.Signals[number])
         _, said = process.communicate(timeout=60)
-    assert time.monotonic() - began < 10.0
     assert process.returncode == 128 + signal.Signals[number]
     assert said.splitlines()[-1] == "stopped; what was made is kept; run again to continue"
     assert "Traceback" not in said

@@ -109,7 +109,7 @@ def open_page(browser, width: int = 1280, height: int = 800) -> Iterator:
 
 
 def look(page, address: str) -> None:
-    """Load the viewer anew: where only the fragment differs it would follow the link in the page."""
+    """Load the viewer anew: it follows a link that differs only in its fragment without loading."""
     page.goto("about:blank")
     page.goto(address)
     ready(page)

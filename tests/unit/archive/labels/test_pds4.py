@@ -1,7 +1,6 @@
 import contextlib
 import math
 import random
-import time
 from pathlib import Path
 
 import cv2
@@ -184,7 +183,5 @@ def test_a_megabyte_of_elements_is_refused_at_once(depth):
     space = "Coordinate_Space_Definition"
     nested = f"<{space}>" * depth + "<a/>" * 100_000 + f"</{space}>" * depth
     text = f"<Product_Observational><Geometry_Lander>{nested}</Geometry_Lander>"
-    began = time.process_time()
     with pytest.raises(LabelError, match=r"nested deeper than 32|more than 30000 elements"):
         parse_pds4_label(f"{text}</Product_Observational>", "x.xml")
-    assert time.process_time() - began < 5  # a hundredth of that, but for the checks of types

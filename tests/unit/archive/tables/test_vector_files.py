@@ -1,5 +1,4 @@
 import csv
-import time
 
 import numpy as np
 import pytest
@@ -147,13 +146,10 @@ def test_a_chain_that_runs_in_a_circle_is_cut_and_leaves_the_others_standing():
     assert tree.origins == {10: 10, 11: 10, 30: 30, 31: 30}
 
 
-def test_a_chain_of_twenty_thousand_sites_is_hung_up_in_seconds():
-    """Link by link for every site it would be two hundred million links."""
+def test_a_chain_of_twenty_thousand_sites_has_one_origin():
+    """Link by link for every site it would be two hundred million links: more than the timeout."""
     links = [Pose.identity(site_frame(site), site_frame(site + 1)) for site in range(20_000)]
-    began = time.perf_counter()
-    lsl = lsl_tree(links)
-    assert time.perf_counter() - began < 10  # 0.1 s on an idle machine
-    assert lsl.origin_site == 0
+    assert lsl_tree(links).origin_site == 0
 
 
 def test_nothing_given_is_no_lsl():

@@ -52,9 +52,7 @@ def test_a_signal_ends_it_with_one_line_and_its_children(tmp_path, number, doing
         child = int(process.stdout.readline())
         time.sleep(0.3)
         process.send_signal(number)
-        began = time.monotonic()
         said, wrong = process.communicate(timeout=30)
-    assert time.monotonic() - began < 5.0
     assert process.returncode == 128 + number
     assert wrong.splitlines() == ["stopped; what was made is kept; run again to continue"]
     assert ("closed" in said) == ("order" in doing)
