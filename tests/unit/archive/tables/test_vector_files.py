@@ -147,7 +147,7 @@ def test_a_chain_that_runs_in_a_circle_is_cut_and_leaves_the_others_standing():
 
 
 def test_a_chain_of_twenty_thousand_sites_has_one_origin():
-    """Link by link for every site it would be two hundred million links: more than the timeout."""
+    """Link by link for every site it would be two hundred million links."""
     links = [Pose.identity(site_frame(site), site_frame(site + 1)) for site in range(20_000)]
     assert lsl_tree(links).origin_site == 0
 
