@@ -38,6 +38,11 @@ def union(boxes: Iterable[Bounds]) -> Bounds:
     return min(west), min(south), max(east), max(north)
 
 
+def overlap(one: Bounds, other: Bounds) -> bool:
+    """Whether two bounds have an area in common."""
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+
+
 @dataclass(frozen=True, slots=True)
 class MapGrid:
     """A raster's place on the map of the landing site, metres."""

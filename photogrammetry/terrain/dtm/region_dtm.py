@@ -37,7 +37,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float32, Raster
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.ranges import MOST_SIDE, CellSize, Metres
-from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid, union
+from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid, overlap, union
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.dtm.resampling import merge_classes
 
@@ -192,16 +192,12 @@ def regions_of(stops: Sequence[Bounds], largest_m: float) -> list[list[int]]:
     regions: list[list[int]] = []
     for number, bounds in enumerate(stops):
         last = [stops[k] for k in regions[-1]] if regions else []
-        joins = any(_meet(bounds, other) for other in last)
+        joins = any(overlap(bounds, other) for other in last)
         if joins and _side_m([*last, bounds]) <= largest_m:
             regions[-1].append(number)
         else:
             regions.append([number])
     return regions
-
-
-def _meet(one: Bounds, other: Bounds) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def _side_m(stops: Sequence[Bounds]) -> float:

@@ -18,7 +18,7 @@ import rasterio
 from pyproj import CRS
 from rasterio.windows import Window
 
-from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid, overlap
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.dtm.region_dtm import (
     RegionBlock,
@@ -147,7 +147,8 @@ def _fuse_tile(
     rows, cols = min(TILE, grid.rows - row), min(TILE, grid.cols - col)
     halo = params.halo
     around = grid.part(row - halo, col - halo, rows + 2 * halo, cols + 2 * halo)
-    reached = [one for one in sources if one.reaches(grid.part(row, col, rows, cols))]
+    tile = grid.part(row, col, rows, cols).bounds
+    reached = [one for one in sources if overlap(one.grid.bounds, tile)]
     stops = [StopTerrain(one.number, one.source.place, one.read(around)) for one in reached]
     if not stops:
         return
@@ -191,12 +192,6 @@ class _Source:
                 f"{cell_m} m: one is to be the other times a power of two"
             )
         self._coarser, self._finer = 2 ** max(0, round(ratio)), 2 ** max(0, round(-ratio))
-
-    def reaches(self, tile: MapGrid) -> bool:
-        """Whether the model covers any of a tile."""
-        west, south, east, north = tile.bounds
-        w, s, e, n = self.grid.bounds
-        return w < east and e > west and s < north and n > south
 
     def read(self, around: MapGrid) -> Dtm:
         """The model on a grid of the region's cells; nothing known beyond its own."""

@@ -15,7 +15,7 @@ from rasterio.windows import Window
 
 from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.stretching import black_and_white
-from solmap.photogrammetry.terrain.dtm.grid import MapGrid, union
+from solmap.photogrammetry.terrain.dtm.grid import MapGrid, overlap, union
 from solmap.photogrammetry.terrain.orthophoto.brightness import balance
 from solmap.photogrammetry.terrain.orthophoto.merging import (
     MergingParams,
@@ -78,10 +78,11 @@ def _blocks(
         for col in range(0, grid.cols, TILE):
             rows, cols = min(TILE, grid.rows - row), min(TILE, grid.cols - col)
             around = grid.part(row - halo, col - halo, rows + 2 * halo, cols + 2 * halo)
+            tile = grid.part(row, col, rows, cols).bounds
             stops = [
                 StopPicture(one.place, one.read(around))
                 for one in pictures
-                if one.reaches(grid.part(row, col, rows, cols))
+                if overlap(one.grid.bounds, tile)
             ]
             if stops:
                 merged = merge_block(stops, around, params)
@@ -97,12 +98,6 @@ class _Picture:
     def __init__(self, source: RegionSource, dataset: rasterio.DatasetReader) -> None:
         self.source, self._dataset = source, dataset
         self.grid, self.place = grid_of(dataset), source.place
-
-    def reaches(self, tile: MapGrid) -> bool:
-        """Whether it covers any of a tile."""
-        west, south, east, north = tile.bounds
-        w, s, e, n = self.grid.bounds
-        return w < east and e > west and s < north and n > south
 
     def read(self, wanted: MapGrid) -> Raster:
         """Balanced brightness on a grid that may reach beyond it; NaN where nothing was seen."""
