@@ -24,6 +24,7 @@ BODY_S = 30.0
 """Longest time that a body may take to arrive."""
 _WITHOUT_BODY = {"GET", "HEAD", "OPTIONS"}
 """Methods whose bodies no endpoint reads."""
+_BEYOND = HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE
 _RANGE = re.compile(rb"(\d*)-(\d*)")
 _ENDLESS, _LARGEST = re.compile(rb"\d{19,}"), b"9" * 18
 """Numbers of bytes that no file has."""
@@ -107,7 +108,10 @@ async def restore_head(request: Request) -> None:
 
 
 class ReadableRanges:
-    """Leaves out `Range` headers that are none of RFC 9110; shortens endless numbers in them."""
+    """Leaves out `Range` headers that are none of RFC 9110; shortens endless numbers in them.
+
+    Ranges beyond the end of a file are answered with a problem document.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -121,7 +125,22 @@ class ReadableRanges:
                 if name != b"range" or (ranges := readable_ranges(value))
             ]
             scope["headers"] = headers
-        await self.app(scope, receive, send)
+        is_refused = False
+
+        async def send_problem(message: Message) -> None:
+            """File servers refuse a range in plain text."""
+            nonlocal is_refused
+            if message["type"] == "http.response.start" and message["status"] == _BEYOND:
+                is_refused = True
+                size = MutableHeaders(scope=message).get("content-range", "bytes */0")
+                text = f"the range lies beyond the end: {size.rpartition('/')[2]} bytes"
+                path = scope["path"]
+                answer = problem(_BEYOND, text, path, {"Content-Range": size})
+                await answer(scope, receive, send)
+            elif not is_refused:
+                await send(message)
+
+        await self.app(scope, receive, send_problem if scope["type"] == "http" else send)
 
 
 def readable_ranges(header: bytes) -> bytes | None:

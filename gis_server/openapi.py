@@ -98,12 +98,19 @@ def _complete_document(document: dict[str, Any]) -> dict[str, Any]:
     for path, operations in document["paths"].items():
         for operation in operations.values():
             operation.setdefault("parameters", []).extend(_undeclared_parameters(path, operation))
+            operation["summary"] = _first_sentence(operation["description"])
             _put_forms(path, operation)
             for status in _error_statuses(path, operation):
                 operation["responses"][str(int(status))] = _error_response(status)
             if path.endswith("/wmts"):  # which has a report of exceptions of its own
                 operation["responses"]["400"]["content"]["application/xml"] = {}
     return document
+
+
+def _first_sentence(description: str) -> str:
+    """What an operation does in one line: FastAPI would take the name of its function."""
+    paragraph = " ".join(description.split("\n\n", maxsplit=1)[0].split())
+    return re.split(r"(?<=[.;]) ", paragraph)[0].rstrip(".;")
 
 
 def _undeclared_parameters(path: str, operation: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -128,7 +135,8 @@ def _put_forms(path: str, operation: dict[str, Any]) -> None:
         operation["responses"]["204"] = {"description": "Nothing was measured there"}
     if forms == _FILES:
         operation["responses"]["206"] = {"description": "The range that was asked for"}
-        operation["responses"]["416"] = {"description": "There is no such range"}
+        status = HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE
+        operation["responses"]["416"] = _error_response(status)
 
 
 def _error_statuses(path: str, operation: dict[str, Any]) -> Iterator[HTTPStatus]:

@@ -52,12 +52,26 @@ def missions(services: ServicesOf, request: Request, f: AsFormat = None) -> Resp
             link("child", f"{root}/ogc/{entry.mission}", JSON, entry.title)
             for entry in services.catalogue.missions()
         ),
+        *(
+            one
+            for entry in services.catalogue.missions()
+            for one in _services_of(f"{root}/ogc/{entry.mission}", entry.title)
+        ),
+        link("related", f"{root}/stac/catalog.json", JSON, "STAC catalogue"),
     ]
     title = "OGC API of solmap"
     description = "Give GIS programs the address of a mission: they list its layers."
     if form_of(request, f) is Format.HTML:
         return _page(page(title, paragraph(description), link_list(links)))
     return _json({"title": title, "description": description, "links": links})
+
+
+def _services_of(base: str, title: str) -> list[Link]:
+    """All services of a mission, told apart by its title."""
+    named = (
+        (one, one.get("title", one["rel"])) for part in _PARTS for one in part.landing_links(base)
+    )
+    return [{**one, "rel": "related", "title": f"{title}: {name}"} for one, name in named]
 
 
 @router.get("/{mission}", response_class=JSONResponse)
