@@ -20,6 +20,7 @@ from solmap.gis_server.analysis.bodies import (
     json_numbers,
 )
 from solmap.gis_server.analysis.ground import BEST, Ground
+from solmap.photogrammetry.arrays import Flags
 from solmap.photogrammetry.terrain.dtm.resampling import NOWHERE, GroundSamples, MapPoints
 from solmap.photogrammetry.terrain.measure.areas import (
     BasePlane,
@@ -36,6 +37,7 @@ from solmap.photogrammetry.terrain.measure.lines import (
     rise_between,
     stations,
 )
+from solmap.photogrammetry.terrain.relief.slope import CORRELATION_M
 from solmap.products.crs import LandingPoint, lon_lat
 from solmap.products.formats.documents.csv_table import csv_table
 
@@ -109,6 +111,10 @@ class AreaAnswer(BaseModel):
     elevation_mean_m: float | None
     elevation_min_m: float | None
     elevation_max_m: float | None
+    sigma_elevation_mean_m: float | None
+    """Of the mean elevation of what was measured; null: the model states none."""
+    sigma_elevation_min_m: float | None
+    sigma_elevation_max_m: float | None
     measured_share: float
     cell_m: float
     """At which the ground was read."""
@@ -129,18 +135,23 @@ class VolumeAnswer(BaseModel):
 
     units: str = UNITS
     above_m3: float
+    sigma_above_m3: float
     below_m3: float
+    sigma_below_m3: float
     net_m3: float
     sigma_net_m3: float
     map_area_m2: float
     measured_share: float
     highest_m: float
     """Of the ground over the base."""
+    sigma_highest_m: float
     lowest_m: float
+    sigma_lowest_m: float
     base: str
     base_elevation_m: float
     """At the polygon's centroid."""
     base_slope_deg: float
+    sigma_base_slope_deg: float
     cell_m: float
     layers: list[LayerUsed]
 
@@ -200,7 +211,8 @@ def area_answer(question: AreaQuestion, ground: Ground) -> AreaAnswer:
     places, cell = places_inside(polygon, ground.finest_cell_m, _STEEP_PLACES)
     read = ground.at(places)
     steep = surface_ratio(places, ground.elevation, 0.25)
-    known = read.elevation[np.isfinite(read.elevation)]
+    measured = np.isfinite(read.elevation)
+    known, sigma = read.elevation[measured], read.sigma_m[measured]
     surface = polygon.area * float(np.nanmean(steep)) if np.isfinite(steep).any() else None
     return AreaAnswer(
         map_area_m2=round(polygon.area, 4),
@@ -210,10 +222,22 @@ def area_answer(question: AreaQuestion, ground: Ground) -> AreaAnswer:
         elevation_mean_m=json_number(float(known.mean())) if len(known) else None,
         elevation_min_m=json_number(float(known.min())) if len(known) else None,
         elevation_max_m=json_number(float(known.max())) if len(known) else None,
+        sigma_elevation_mean_m=_sigma_of_mean(read, measured, polygon.area),
+        sigma_elevation_min_m=json_number(float(sigma[known.argmin()])) if len(known) else None,
+        sigma_elevation_max_m=json_number(float(sigma[known.argmax()])) if len(known) else None,
         measured_share=round(len(known) / len(places), 4),
         cell_m=round(cell, 6),
         layers=layers_used(read, ground),
     )
+
+
+def _sigma_of_mean(read: GroundSamples, measured: Flags, area_m2: float) -> float | None:
+    """Of the mean elevation of an area: the poses shift all of it, own errors average out."""
+    if not np.isfinite(read.sigma_m[measured]).any():
+        return None
+    shift = float(np.nan_to_num(read.pose_sigma_m[measured]).mean())
+    own = float(np.nanmean(read.own_sigma_m[measured] ** 2))
+    return json_number(math.sqrt(shift**2 + own * min(1.0, CORRELATION_M**2 / area_m2)))
 
 
 def volume_answer(question: VolumeQuestion, ground: Ground) -> VolumeAnswer:
@@ -226,16 +250,21 @@ def volume_answer(question: VolumeQuestion, ground: Ground) -> VolumeAnswer:
     centre = np.array([[polygon.centroid.x, polygon.centroid.y]])
     return VolumeAnswer(
         above_m3=round(found.above_m3, 6),
+        sigma_above_m3=round(found.sigma_above_m3, 6),
         below_m3=round(found.below_m3, 6),
+        sigma_below_m3=round(found.sigma_below_m3, 6),
         net_m3=round(found.net_m3, 6),
         sigma_net_m3=round(found.sigma_m3, 6),
         map_area_m2=round(found.area_m2, 4),
         measured_share=round(found.measured_share, 4),
         highest_m=round(found.highest_m, 4),
+        sigma_highest_m=round(found.sigma_highest_m, 4),
         lowest_m=round(found.lowest_m, 4),
+        sigma_lowest_m=round(found.sigma_lowest_m, 4),
         base=question.base,
         base_elevation_m=round(float(base.elevations(centre)[0]), 4),
-        base_slope_deg=round(math.degrees(math.atan(np.hypot(*base.parameters[1:]))), 3),
+        base_slope_deg=round(math.degrees(base.slope), 3),
+        sigma_base_slope_deg=round(math.degrees(base.sigma_slope), 3),
         cell_m=round(cell, 6),
         layers=layers_used(read, ground),
     )

@@ -11,7 +11,8 @@ stated. The variance of V comes from three parts,
     A a_c mean(s_o^2)         their own errors, which places within an area a_c share,
     j' C j                    the base, where it was fitted: j = (A, A mean e, A mean n).
 
-A base that was fitted to the rim of the same model lies as high or low as the ground, so that the
+The volumes above and below have variances of the same form, of the part of A that they are of. A
+base that was fitted to the rim of the same model lies as high or low as the ground, so that the
 first part falls away.
 """
 
@@ -78,6 +79,25 @@ class BasePlane:
         """Elevation of the base."""
         return self.parameters[0] + (places - self.origin) @ self.parameters[1:]
 
+    def sigma(self, place: Float64[np.ndarray, " 2"]) -> float:
+        """Standard deviation of its elevation at a place, metres."""
+        j = np.array([1.0, *(place - self.origin)])
+        return float(np.sqrt(max(j @ self.covariance @ j, 0.0)))
+
+    @property
+    def slope(self) -> float:
+        """Radians."""
+        return float(np.arctan(np.hypot(*self.parameters[1:])))
+
+    @property
+    def sigma_slope(self) -> float:
+        """Of the slope, radians; of a level plane along the worst direction."""
+        gradient = float(np.hypot(*self.parameters[1:]))
+        if gradient == 0.0:
+            return float(np.sqrt(max(np.linalg.eigvalsh(self.covariance[1:, 1:])[-1], 0.0)))
+        j = self.parameters[1:] / gradient / (1.0 + gradient**2)
+        return float(np.sqrt(max(j @ self.covariance[1:, 1:] @ j, 0.0)))
+
 
 @dataclass(frozen=True, slots=True)
 class Volume:
@@ -86,14 +106,18 @@ class Volume:
     above_m3: float
     below_m3: float
     net_m3: float
+    sigma_above_m3: float
+    sigma_below_m3: float
     sigma_m3: float
     """Of the net volume."""
     area_m2: float
     measured_share: float
     highest_m: float
     """Ground over the base."""
+    sigma_highest_m: float
     lowest_m: float
     """Ground below the base, as a number that is not positive where there is any."""
+    sigma_lowest_m: float
 
 
 def volume(places: MapPoints, ground: GroundSamples, base: BasePlane, area_m2: float) -> Volume:
@@ -112,19 +136,33 @@ def volume(places: MapPoints, ground: GroundSamples, base: BasePlane, area_m2: f
     h = height[known]
     shift = 0.0 if base.follows_poses else float(np.nan_to_num(ground.pose_sigma_m[known]).mean())
     own = float(np.mean(np.nan_to_num(ground.own_sigma_m[known]) ** 2))
-    j = area_m2 * np.array([1.0, *(places[known] - base.origin).mean(axis=0)])
-    variance = (area_m2 * shift) ** 2 + area_m2 * CORRELATION_M**2 * own
-    variance += float(j @ base.covariance @ j)
+
+    def sigma_of(part: Flags) -> float:
+        if not part.any():
+            return 0.0
+        size = area_m2 * float(part.mean())
+        variance = (size * shift) ** 2 + size * CORRELATION_M**2 * own
+        centre = places[known][part].mean(axis=0)
+        return float(np.sqrt(variance + (size * base.sigma(centre)) ** 2))
+
+    def sigma_at(k: int) -> float:
+        sigma = float(np.nan_to_num(ground.own_sigma_m[known][k]))
+        return float(np.sqrt(sigma**2 + shift**2 + base.sigma(places[known][k]) ** 2))
+
     above, below = (area_m2 * float(np.maximum(sign * h, 0.0).mean()) for sign in (1.0, -1.0))
     return Volume(
         above,
         below,
         above - below,
-        float(np.sqrt(variance)),
+        sigma_of(h > 0.0),
+        sigma_of(h < 0.0),
+        sigma_of(np.ones(len(h), bool)),
         area_m2,
         share,
         float(h.max()),
+        sigma_at(int(h.argmax())),
         float(h.min()),
+        sigma_at(int(h.argmin())),
     )
 
 

@@ -59,6 +59,9 @@ def test_an_area_is_larger_on_the_slope(client):
     assert body["centre"] == [5.0, 5.0]
     assert body["elevation_mean_m"] == pytest.approx(elevation_at(5, 5), abs=1e-3)
     assert body["measured_share"] == 1.0
+    # Every place is known to 2 cm; of the mean, own errors of many places average out.
+    assert body["sigma_elevation_min_m"] == pytest.approx(0.02)
+    assert 0.0 <= body["sigma_elevation_mean_m"] < 0.02
 
 
 def test_a_plane_has_no_volume_over_its_rim_and_one_over_a_level(client):
@@ -67,6 +70,11 @@ def test_a_plane_has_no_volume_over_its_rim_and_one_over_a_level(client):
     assert level["net_m3"] == pytest.approx(100.0, abs=0.05)
     assert level["above_m3"] - level["below_m3"] == pytest.approx(level["net_m3"], abs=1e-5)
     assert level["sigma_net_m3"] > 0
+    # All but the lower edge of the square is above the base: the ground of either part varies.
+    parts = level["sigma_above_m3"], level["sigma_below_m3"]
+    assert level["sigma_net_m3"] <= sum(parts) + 1e-6
+    assert min(level["sigma_highest_m"], level["sigma_lowest_m"]) >= 0.019
+    assert level["sigma_base_slope_deg"] == 0.0
     lowest = ask(client, "volume", polygon=SQUARE, base="lowest")
     assert lowest["below_m3"] == pytest.approx(0.0, abs=0.01)
     assert lowest["base_elevation_m"] == pytest.approx(elevation_at(0, 0), abs=0.01)

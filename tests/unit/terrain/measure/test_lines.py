@@ -216,6 +216,8 @@ def test_a_pit_is_below_a_level_base():
     places, _ = places_inside(polygon_of(SQUARE), 0.1)
     found = volume(places, ground(np.full(len(places), -0.5)), BasePlane.level(0.0), 100.0)
     assert (found.above_m3, found.below_m3, found.net_m3) == pytest.approx((0.0, 50.0, -50.0))
+    assert found.sigma_above_m3 == 0.0  # of no ground
+    assert found.sigma_below_m3 == pytest.approx(found.sigma_m3)
 
 
 def test_the_stated_sigma_is_what_errors_of_elevation_do(rng):
