@@ -53,6 +53,8 @@ class ValueHere(BaseModel):
     value: float
     sigma: float | None
     unit: str | None
+    cell_m: float | None
+    """Of the layer."""
     label: str | None
     """What the value stands for, where it is a class: an image's name, a kind of ground."""
     bands: dict[str, float] = {}
@@ -163,6 +165,7 @@ def _value(
             value=first,
             sigma=sigma if math.isfinite(sigma) else None,
             unit=layer.unit,
+            cell_m=layer.cell_m,
             label=classes.get(round(first)),
             bands={name: value for name, value in bands.items() if math.isfinite(value)},
         )

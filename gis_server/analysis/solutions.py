@@ -8,6 +8,7 @@ way.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import lru_cache
 
 import numpy as np
@@ -67,10 +68,14 @@ class TraverseRow(BaseModel):
     """Reference less place, both traverses starting at the same stop."""
     horizontal_m: float
     """Accumulated difference in plan."""
+    sigma_horizontal_m: float
+    """Of the difference along its direction; telemetry, which states none, is taken as exact."""
     percent: float | None
     """Of the distance; null at the start."""
     leg_m: float | None
     """What the last leg alone adds."""
+    sigma_north_m: float
+    sigma_east_m: float
     sigma_up_m: float | None
     reference_sigma_up_m: float | None
     """Null for telemetry, which states none."""
@@ -169,11 +174,11 @@ def compare_traverses(
         )
     found = differences(common, adjusted)
     summary, by_sol = found.summary(), {row.stop for row in found.by_sol()}
-    sigmas = _sigmas(reference[1]) if reference else {}
+    others = _stops(reference[1]) if reference else {}
     return TraverseAnswer(
         solution=_name(named),
         reference=_name(reference),
-        rows=_rows(named[1], found, adjusted, common, sigmas),
+        rows=_rows(named[1], found, adjusted, common, others),
         end=len(common) - 1,
         worst=found.stops.index(summary.worst.stop),
         farthest=found.stops.index(summary.farthest.stop),
@@ -189,8 +194,22 @@ def _label(stop: AdjustedStop) -> str:
     return f"{stop.stop.site}/{stop.stop.drive}"
 
 
-def _sigmas(network: NetworkProduct) -> dict[str, float]:
-    return {_label(stop): float(stop.sigma_ned_m[2]) for stop in network.adjusted.stops}
+def _stops(network: NetworkProduct) -> dict[str, AdjustedStop]:
+    return {_label(stop): stop for stop in network.adjusted.stops}
+
+
+def _sigma_along(offset_m: np.ndarray, stops: Iterable[AdjustedStop | None]) -> float:
+    """Of the places of stops together, in the direction of an offset (east, north, up).
+
+    Of no offset: in the worst direction.
+    """
+    known = [stop.covariance[3:5, 3:5] for stop in stops if stop]
+    covariance: np.ndarray = np.sum(known, axis=0)
+    length = float(np.hypot(*offset_m[:2]))
+    if length > 0.0:
+        along = offset_m[[1, 0]] / length
+        return float(np.sqrt(max(along @ covariance @ along, 0.0)))
+    return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
 
 
 def _rows(
@@ -198,14 +217,16 @@ def _rows(
     found: Differences,
     adjusted: Traverse,
     reference: Traverse,
-    sigmas: dict[str, float],
+    others: dict[str, AdjustedStop],
 ) -> list[TraverseRow]:
-    stops = {_label(stop): stop for stop in network.adjusted.stops}
+    stops = _stops(network)
     legs = [None, *found.leg_m.tolist()]
     rows = []
     for k, label in enumerate(found.stops):
         stop = stops[label]
         (major, minor), azimuth = error_ellipse(stop)
+        north, east, up = stop.sigma_ned_m.tolist()
+        other = others.get(label)
         rows.append(
             TraverseRow(
                 stop=str(stop.stop),
@@ -216,10 +237,15 @@ def _rows(
                 reference=_place(reference.places_m[k]),
                 offset_m=_place(found.offset_m[k]),
                 horizontal_m=round(float(found.horizontal_m[k]), _DIGITS),
+                sigma_horizontal_m=round(_sigma_along(found.offset_m[k], (stop, other)), _DIGITS),
                 percent=json_number(float(found.percent[k]), 3),
                 leg_m=json_number(legs[k], _DIGITS),
-                sigma_up_m=round(float(stop.sigma_ned_m[2]), _DIGITS),
-                reference_sigma_up_m=json_number(sigmas.get(label), _DIGITS),
+                sigma_north_m=round(north, _DIGITS),
+                sigma_east_m=round(east, _DIGITS),
+                sigma_up_m=round(up, _DIGITS),
+                reference_sigma_up_m=json_number(
+                    float(other.sigma_ned_m[2]) if other else None, _DIGITS
+                ),
                 ellipse_semi_major_m=round(major, _DIGITS),
                 ellipse_semi_minor_m=round(minor, _DIGITS),
                 ellipse_azimuth_deg=round(azimuth, 1),
