@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -127,7 +128,7 @@ def test_in_a_bowl_every_place_sees_every_other(measuring):
 def test_a_profile_and_the_map_share_one_cursor(measuring):
     draw(measuring, "profile", [(-20.0, 0.0), (20.0, 0.0)])
     caption = measuring.locator(".below figcaption").inner_text()
-    assert "Elevation 0.00 to 4.0" in caption
+    assert re.search(r"Elevation \S+ ± 0.02\d* m to 4.\d+ ± 0.02\d* m\.", caption), caption
     assert "100 % measured" in caption
     measuring.locator('[data-mode="profile"]').click()  # the pointer is free again
     ready(measuring)

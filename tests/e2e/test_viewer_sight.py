@@ -219,7 +219,7 @@ def test_tie_points_have_the_colours_of_their_residuals_as_the_legend_says(page,
 
 
 @pytest.mark.parametrize(
-    ("number", "told"), [(3, "residual 0.500 px"), (5, "residual 26.000 px"), (6, "not known")]
+    ("number", "told"), [(3, "residual 0.50 px"), (5, "residual 26.00 px"), (6, "not known")]
 )
 def test_a_tie_point_under_the_pointer_tells_residual_kind_and_images(page, dome_url, number, told):
     look(page, dome_url + at(RESOLUTION, "mer2/orthophoto,mer2/tie-points"))

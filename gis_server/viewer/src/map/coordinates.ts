@@ -283,6 +283,7 @@ export function inFrames(
   [east, north]: MapPoint,
   elevation_m: number | null,
   frames: Pick<SceneStops, "stops" | "sites">,
+  decimals: number,
 ): readonly (readonly [frame: string, text: string])[] {
   const away = ({ place }: { readonly place: Place3 }) =>
     Math.hypot(place[0] - east, place[1] - north);
@@ -298,7 +299,7 @@ export function inFrames(
         (elevation_m ?? place[2]) - place[2],
       ] as const;
       const along = (k: 0 | 1 | 2) =>
-        fixed(rows[0][k] * off[0] + rows[1][k] * off[1] + rows[2][k] * off[2], 3);
+        fixed(rows[0][k] * off[0] + rows[1][k] * off[1] + rows[2][k] * off[2], decimals);
       const axes = elevation_m === null ? ([0, 1] as const) : ([0, 1, 2] as const);
       return [title, `${axes.map(along).join(", ")} m`] as const;
     });

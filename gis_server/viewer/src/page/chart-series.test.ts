@@ -24,7 +24,7 @@ test("the band has room on the axis", () => {
 });
 
 test("what is at the cursor is told with its uncertainty, or that it was not measured", () => {
-  expect(told(options, 20)).toBe("adjusted 3.00 ± 0.50 m, telemetry 4.00 m");
+  expect(told(options, 20)).toBe("adjusted 3.0 ± 0.5 m, telemetry 4.00 m");
   expect(told(options, 5)).toBe("adjusted not measured, telemetry 1.50 m");
 });
 

@@ -1,7 +1,7 @@
 /** What a chart shows, where its axes end, what it tells in words, and where keys move its cursor. */
 
 import { extentOf, type Interval, isNumber, type Values, valueAt, widened } from "./chart-scale";
-import { fixed } from "./format";
+import { measured } from "./format";
 
 export interface Series {
   readonly name: string;
@@ -17,7 +17,7 @@ export interface Series {
 export interface Axis {
   readonly title: string;
   readonly unit: string;
-  /** Decimals in what is told of the cursor. */
+  /** Decimals in what is told of the cursor, where no standard deviation says more or less. */
   readonly decimals: number;
 }
 
@@ -50,8 +50,7 @@ export function told({ series, y }: ChartOptions, x: number): string {
     const value = valueAt(xs, ys, x);
     const band = sigma && valueAt(xs, sigma, x);
     if (!isNumber(value)) return `${name} not measured`;
-    const plusMinus = isNumber(band) ? ` ± ${fixed(band, y.decimals)}` : "";
-    return `${name} ${fixed(value, y.decimals)}${plusMinus} ${y.unit}`;
+    return `${name} ${measured(value, y.unit, isNumber(band) ? band : null, 10 ** -y.decimals)}`;
   };
   return series.map(one).join(", ");
 }

@@ -21,6 +21,61 @@ export function compact(value: number | null | undefined, digits = 4): string {
   return signed(String(Number(value.toFixed(Math.min(decimals, 6)))));
 }
 
+/** Resolution of places that are held fixed: they have no standard deviation. */
+export const HELD_M = 0.01;
+
+const known = (sigma: number | null | undefined): sigma is number =>
+  typeof sigma === "number" && Number.isFinite(sigma) && sigma > 0;
+
+/**
+ * Decimals down to the last digit that a standard deviation leaves: two digits of it where the first is 1 or 2, else one
+ * (a simplification of the rule of the Particle Data Group). Negative where that digit stands before the point.
+ */
+export function decimalsOf(sigma: number): number {
+  const [first = "", exponent = ""] = sigma.toExponential(1).split("e");
+  return (first < "3" ? 1 : 0) - Number(exponent);
+}
+
+/** Decimals that tell lengths apart by a cell or pixel of so many metres, and no more. */
+export const decimalsFor = (resolution: number): number =>
+  Math.max(0, -Number(resolution.toExponential().split("e")[1]));
+
+function rounded(value: number | null | undefined, decimals: number): string {
+  if (decimals >= 0) return fixed(value, Math.min(decimals, MOST_DECIMALS));
+  const unit = 10 ** -decimals;
+  return fixed(typeof value === "number" ? Math.round(value / unit) * unit : value, 0);
+}
+const MOST_DECIMALS = 15;
+
+/** The standard deviation alone, with the digits that it has: `0.05 m`. */
+export const sigmaText = (sigma: number | null | undefined, unit = "m"): string =>
+  known(sigma) ? `${rounded(sigma, decimalsOf(sigma))}${unitSign(unit)}` : "\u2013";
+
+/** Digits of a value alone: by its standard deviation, else by what was resolved, else three. */
+export function digits(
+  value: number | null | undefined,
+  sigma?: number | null,
+  resolution?: number | null,
+): string {
+  if (known(sigma)) return rounded(value, decimalsOf(sigma));
+  return known(resolution) ? fixed(value, decimalsFor(resolution)) : compact(value, 3);
+}
+
+/**
+ * A measured value with its standard deviation, both to the last digit that this leaves: `12.34 ± 0.05 m`. One that is
+ * not known, or 0, is left out: then the digits are those of `resolution`, the cell or pixel that was measured on.
+ */
+export function measured(
+  value: number | null | undefined,
+  unit: string | null | undefined,
+  sigma?: number | null,
+  resolution?: number | null,
+): string {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "\u2013";
+  const plusMinus = known(sigma) ? ` \u00b1 ${digits(sigma, sigma)}` : "";
+  return `${digits(value, sigma, resolution)}${plusMinus}${unitSign(unit)}`;
+}
+
 /** A length with the unit that keeps it short: 2 cm, 40 m, 1.2 km. */
 export function metres(value: number, digits = 3): string {
   const size = Math.abs(value);
@@ -39,6 +94,7 @@ export function unitSign(unit: string | null | undefined): string {
     case "":
     case "1":
       return "";
+    case "\u00b0":
     case "degree":
     case "degrees":
     case "deg":

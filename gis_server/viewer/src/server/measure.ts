@@ -55,21 +55,29 @@ export interface AreaMeasured {
   readonly elevation_mean_m: number | null;
   readonly elevation_min_m: number | null;
   readonly elevation_max_m: number | null;
+  readonly sigma_elevation_mean_m: number | null;
+  readonly sigma_elevation_min_m: number | null;
+  readonly sigma_elevation_max_m: number | null;
   readonly measured_share: number;
   readonly layers: readonly LayerUsed[];
 }
 
 export interface VolumeMeasured {
   readonly above_m3: number;
+  readonly sigma_above_m3: number;
   readonly below_m3: number;
+  readonly sigma_below_m3: number;
   readonly net_m3: number;
   readonly sigma_net_m3: number;
   readonly map_area_m2: number;
   readonly measured_share: number;
   readonly highest_m: number;
+  readonly sigma_highest_m: number;
   readonly lowest_m: number;
+  readonly sigma_lowest_m: number;
   readonly base_elevation_m: number;
   readonly base_slope_deg: number;
+  readonly sigma_base_slope_deg: number;
   readonly layers: readonly LayerUsed[];
 }
 

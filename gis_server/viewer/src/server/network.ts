@@ -24,8 +24,11 @@ export interface TraverseRow {
   readonly reference: Place3;
   readonly offset_m: Place3;
   readonly horizontal_m: number;
+  readonly sigma_horizontal_m: number;
   readonly percent: number | null;
   readonly leg_m: number | null;
+  readonly sigma_north_m: number;
+  readonly sigma_east_m: number;
   readonly sigma_up_m: number | null;
   readonly reference_sigma_up_m: number | null;
   readonly held: boolean;

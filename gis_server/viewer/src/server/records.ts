@@ -112,6 +112,8 @@ export interface IdentifiedLayer {
   readonly kind: string;
   readonly scope: string;
   readonly value: number | null;
+  readonly sigma: number | null;
+  readonly cell_m: number | null;
   /** What the value stands for, where it is a class. */
   readonly label: string | null;
   readonly unit: string | null;

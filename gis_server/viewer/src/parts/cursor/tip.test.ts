@@ -6,7 +6,7 @@ const TIE = { kind: "cross-site", residual_px: 0.4213, sigma_m: 0.0312, pairs: [
 test("a tie point tells its kind, residual, uncertainty and images", () => {
   expect(tieTip(TIE)).toEqual({
     title: "tie point · cross-site",
-    facts: ["residual 0.421 px (rms)", "σ of its place 3.12 cm", "A", "B"],
+    facts: ["residual 0.42 px (rms)", "σ of its place 0.03 m", "A", "B"],
   });
   expect(tieTip({}).facts).toEqual(["residual not known"]);
 });

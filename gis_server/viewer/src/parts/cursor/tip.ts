@@ -1,6 +1,6 @@
 /** What is told beside the pointer of the feature that it touches. */
 
-import { fixed, metres, scopeTitle } from "../../page/format";
+import { measured, scopeTitle, sigmaText } from "../../page/format";
 
 export interface Tip {
   readonly title: string;
@@ -19,8 +19,10 @@ export function tieTip({ kind, residual_px, sigma_m, pairs }: Properties): Tip {
   return {
     title: `tie point${kind ? ` · ${String(kind)}` : ""}`,
     facts: [
-      residual === null ? "residual not known" : `residual ${fixed(residual, 3)} px (rms)`,
-      ...(sigma === null ? [] : [`σ of its place ${metres(sigma, 3)}`]),
+      residual === null
+        ? "residual not known"
+        : `residual ${measured(residual, "px", null, 0.01)} (rms)`,
+      ...(sigma === null ? [] : [`σ of its place ${sigmaText(sigma)}`]),
       ...images,
     ],
   };

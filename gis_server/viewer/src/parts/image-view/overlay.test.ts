@@ -36,7 +36,7 @@ test("what was set aside is red, whatever it joins", () => {
 
 test("a tie point is told in words", () => {
   expect(tieText(tie)).toBe(
-    "tie point 7, cross-site: residual 0.50 px, known to 0.123 m, also in 2NB",
+    "tie point 7, cross-site: residual 0.50 px, known to 0.12 m, also in 2NB",
   );
   expect(tieText({ ...tie, status: "blunder", pairs: [], sigma_m: null })).toBe(
     "tie point 7, cross-site, set aside: residual 0.50 px, in this pair alone",

@@ -1,5 +1,6 @@
 /** What is drawn over an image: tie points with their residuals, and the place that the cursor marks. */
 
+import { measured, sigmaText } from "../../page/format";
 import type { ImageTie } from "../../server/network";
 import type { PixelEllipse, Sight } from "../../server/projection";
 import { type ImagePoint, type ScreenPoint, toScreen, type Viewport } from "./viewport";
@@ -170,9 +171,11 @@ function drawCross(
 export function tieText(tie: ImageTie): string {
   const { point, kind, status, residual_sample_px: s, residual_line_px: l, sigma_m, pairs } = tie;
   const residual =
-    s === null || l === null ? "no residual" : `residual ${Math.hypot(s, l).toFixed(2)} px`;
+    s === null || l === null
+      ? "no residual"
+      : `residual ${measured(Math.hypot(s, l), "px", null, 0.01)}`;
   const state = status === "used" ? "" : `, ${status === "blunder" ? "set aside" : "not placed"}`;
-  const sure = sigma_m === null ? "" : `, known to ${sigma_m.toFixed(3)} m`;
+  const sure = sigma_m === null ? "" : `, known to ${sigmaText(sigma_m)}`;
   const seen = pairs.length > 0 ? `, also in ${pairs.join(", ")}` : ", in this pair alone";
   return `tie point ${point}, ${kind}${state}: ${residual}${sure}${seen}`;
 }

@@ -1,7 +1,7 @@
 /** One image in the dock: its picture, its ties, and the place that map and image show each other. */
 
 import { h } from "../../page/dom";
-import { fixed } from "../../page/format";
+import { fixed, HELD_M, measured } from "../../page/format";
 import { type ImageTie, network } from "../../server/network";
 import { type ImageToGround, projection, type Seen } from "../../server/projection";
 import type { ImageEntry, MapPoint } from "../../server/records";
@@ -159,14 +159,15 @@ export class ImageViewer {
 
 export function groundText({ ground, told_by }: ImageToGround): string {
   if (!ground) return "no mapped ground";
-  const { east, north, elevation_m, sigma_east_m, sigma_north_m } = ground;
-  const sigma = Math.hypot(sigma_east_m, sigma_north_m);
+  const one = (value: number, sigma: number) => measured(value, "m", sigma, HELD_M);
+  const north = one(ground.north, ground.sigma_north_m);
+  const east = one(ground.east, ground.sigma_east_m);
   const by = told_by === "parallax" ? "matched" : "on the terrain";
-  return `N ${fixed(north, 2)}, E ${fixed(east, 2)}, up ${fixed(elevation_m, 2)} m ± ${fixed(sigma, 2)} m (${by})`;
+  return `N ${north}, E ${east}, up ${one(ground.elevation_m, ground.sigma_up_m)} (${by})`;
 }
 
 export function crossText({ sample, line, sight, range_m, told_by }: Seen): string {
-  const place = `sample ${fixed(sample, 1)}, line ${fixed(line, 1)}, ${fixed(range_m, 1)} m away`;
+  const place = `sample ${fixed(sample, 1)}, line ${fixed(line, 1)}, ${measured(range_m, "m", null, 0.1)} away`;
   switch (sight) {
     case "visible":
       return `The place on the map: ${place}.`;

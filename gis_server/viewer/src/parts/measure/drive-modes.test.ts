@@ -20,11 +20,11 @@ test("a reach tells its ground, its longest drive and how long that takes", () =
     layers: [LAYER],
   };
   expect(reachQuantities(reach).map((one) => `${one.name}: ${quantityText(one)}`)).toEqual([
-    "ground reached: 1234.500 m²",
-    "longest drive: 49.500 m",
+    "ground reached: 1234.5 m²",
+    "longest drive: 49.5 m",
     "time at 36 m an hour: 1.25 h",
-    "isochrones every: 5.000 m",
-    "cell: 0.160 m",
+    "isochrones every: 5 m",
+    "cell: 0.16 m",
   ]);
 });
 
@@ -45,13 +45,13 @@ test("a route tells its length on the ground and its climb, and draws the ground
     layers: [LAYER],
   };
   expect(routeQuantities(route).map((one) => `${one.name}: ${quantityText(one)}`)).toEqual([
-    "drive: 22.500 m",
+    "drive: 22.5 m",
     "time at 36 m an hour: 0.75 h",
-    "straight on the map: 20.000 m",
-    "climb: 1.500 m",
-    "descent: 0.250 m",
+    "straight on the map: 20.0 m",
+    "climb: 1.5 m",
+    "descent: 0.3 m",
   ]);
-  expect(routeChart(route).summary).toBe("A drive of 22.50 m, 1.50 m up and 0.25 m down.");
+  expect(routeChart(route).summary).toBe("A drive of 22.5 m, 1.5 m up and 0.3 m down.");
 });
 
 test("ways are looked for with room for detours, within what the server allows", () => {

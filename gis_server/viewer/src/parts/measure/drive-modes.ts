@@ -1,10 +1,10 @@
 /** Driving: how far the ground around a place is to a rover, and the way to another place. */
 
-import { measure, measuredText } from "../../map/measure";
-import { fixed } from "../../page/format";
+import { countedSigma, measure, measuredText } from "../../map/measure";
+import { measured } from "../../page/format";
 import { driving, type Reachable, type Route } from "../../server/driving";
 import { found, type Found, type Mode, type NumberAsked } from "./mode";
-import type { Quantity } from "./quantities";
+import { cellOf, decimalsOn, type Quantity } from "./quantities";
 
 const GROUND = "#c2571b";
 /** Ways are looked for that are so much longer than the straight line. */
@@ -25,33 +25,52 @@ const GAP: NumberAsked = {
 };
 
 const hours = (value: number, metresAnHour: number): Quantity => ({
-  name: `time at ${fixed(metresAnHour, 0)} m an hour`,
+  name: `time at ${measured(metresAnHour, "m", null, 1)} an hour`,
   value,
+  resolution: 0.01,
   unit: "h",
 });
 
 export const reachQuantities = (reach: Reachable): Quantity[] => [
-  { name: "ground reached", value: reach.reached_m2, unit: "m²" },
-  { name: "longest drive", value: reach.longest_drive_m, unit: "m" },
+  {
+    name: "ground reached",
+    value: reach.reached_m2,
+    resolution: countedSigma(reach.reached_m2, reach.cell_m),
+    unit: "m²",
+  },
+  {
+    name: "longest drive",
+    value: reach.longest_drive_m,
+    resolution: reach.cell_m,
+    unit: "m",
+  },
   hours(reach.longest_drive_h, reach.speed_m_h),
   { name: "isochrones every", value: reach.interval_m, unit: "m" },
   { name: "cell", value: reach.cell_m, unit: "m" },
 ];
 
 export const routeQuantities = (route: Route): Quantity[] => [
-  { name: "drive", value: route.drive_m, unit: "m" },
+  { name: "drive", value: route.drive_m, resolution: cellOf(route.layers), unit: "m" },
   hours(route.drive_h, route.speed_m_h),
-  { name: "straight on the map", value: route.straight_m, unit: "m" },
-  { name: "climb", value: route.climb_m, unit: "m" },
-  { name: "descent", value: route.descent_m, unit: "m" },
+  {
+    name: "straight on the map",
+    value: route.straight_m,
+    resolution: cellOf(route.layers),
+    unit: "m",
+  },
+  { name: "climb", value: route.climb_m, resolution: cellOf(route.layers), unit: "m" },
+  { name: "descent", value: route.descent_m, resolution: cellOf(route.layers), unit: "m" },
 ];
+
+const lengthOf = (route: Route, name: "drive_m" | "climb_m" | "descent_m") =>
+  measured(route[name], "m", null, cellOf(route.layers));
 
 /** The ground below the wheels. */
 export const routeChart = (route: Route): NonNullable<Found["chart"]> => ({
   title: "Ground along the drive",
-  summary: `A drive of ${fixed(route.drive_m, 2)} m, ${fixed(route.climb_m, 2)} m up and ${fixed(route.descent_m, 2)} m down.`,
-  x: { title: "driven", unit: "m", decimals: 2 },
-  y: { title: "elevation", unit: "m", decimals: 3 },
+  summary: `A drive of ${lengthOf(route, "drive_m")}, ${lengthOf(route, "climb_m")} up and ${lengthOf(route, "descent_m")} down.`,
+  x: { title: "driven", unit: "m", decimals: decimalsOn(route.layers) },
+  y: { title: "elevation", unit: "m", decimals: decimalsOn(route.layers) },
   series: [{ name: "ground", colour: GROUND, xs: route.distance_m, ys: route.ground_m }],
 });
 

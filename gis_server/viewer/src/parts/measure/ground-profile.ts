@@ -2,10 +2,11 @@
 
 import { chart, type ChartOptions } from "../../page/chart";
 import { h } from "../../page/dom";
-import { fixed } from "../../page/format";
+import { measured } from "../../page/format";
 import type { Profile } from "../../server/measure";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
+import { decimalsOn } from "./quantities";
 import { LineLink } from "../../session/line-link";
 
 type Drawn = Omit<ChartOptions, "onCursor">;
@@ -16,14 +17,16 @@ const COLOUR = "#c2571b";
 export function profileOptions(profile: Profile, shown: Shown): Drawn {
   const { distance_m: xs, layers, slope_baseline_m } = profile;
   const known = profile.elevation_m.filter((value) => value !== null);
+  const decimals = decimalsOn(layers);
   const from = layers.length > 0 ? `From ${layers.map(({ id }) => id).join(", ")}. ` : "";
-  const [low, high] = [Math.min(...known), Math.max(...known)];
+  const told = (value: number) =>
+    measured(value, "m", profile.sigma_m[profile.elevation_m.indexOf(value)], 10 ** -decimals);
   const range =
     known.length > 0
-      ? `Elevation ${fixed(low, 2)} to ${fixed(high, 2)} m. `
+      ? `Elevation ${told(Math.min(...known))} to ${told(Math.max(...known))}. `
       : "Nothing was measured here. ";
-  const x = { title: "distance", unit: "m", decimals: 2 };
-  const share = `${fixed((100 * known.length) / Math.max(1, xs.length), 0)} % measured; the band is one sigma.`;
+  const x = { title: "distance", unit: "m", decimals };
+  const share = `${Math.round((100 * known.length) / Math.max(1, xs.length))} % measured; the band is one sigma.`;
   if (shown === "slope")
     return {
       title: "Slope along the line",
@@ -44,7 +47,7 @@ export function profileOptions(profile: Profile, shown: Shown): Drawn {
     title: "Profile of the ground",
     summary: `${from}${range}${share}`,
     x,
-    y: { title: "elevation", unit: "m", decimals: 3 },
+    y: { title: "elevation", unit: "m", decimals },
     series: [
       { name: "elevation", colour: COLOUR, xs, ys: profile.elevation_m, sigma: profile.sigma_m },
     ],

@@ -36,14 +36,14 @@ const ONE: Measurement = {
   number: 1,
   mode: DISTANCE,
   corners: CORNERS,
-  found: { quantities: lineQuantities(FOUND), main: 0, layers: [LAYER] },
+  found: { quantities: lineQuantities(FOUND, CORNERS), main: 0, layers: [LAYER] },
 };
 
 test("a quantity carries its unit and its uncertainty", () => {
   const of = (name: string) => ONE.found.quantities.find((one) => one.name === name);
   const text = (name: string) => quantityText(of(name) ?? { name, value: null, unit: "" });
-  expect(text("length on the map")).toBe("25.000 m");
-  expect(text("rise")).toBe("−2.125 ± 0.030 m");
+  expect(text("length on the map")).toBe("25.00 ± 0.03 m");
+  expect(text("rise")).toBe("−2.13 ± 0.03 m");
   expect(text("slope")).toBe("−4.86 ± 0.07°");
   expect(text("ground measured")).toBe("100 %");
   expect(quantityText({ name: "strike", value: null, unit: "°" })).toBe("–");
@@ -59,14 +59,22 @@ test("an area has the digits that the cells under its corners allow", () => {
   ];
   const found = {
     ...{ map_area_m2: 400, surface_area_m2: 404.1234, perimeter_m: 80, measured_share: 1 },
-    ...{ elevation_mean_m: 0, elevation_min_m: 0, elevation_max_m: 0 },
+    ...{ elevation_mean_m: 0.01, elevation_min_m: -0.2, elevation_max_m: 0.3 },
+    ...{ sigma_elevation_mean_m: 0.012, sigma_elevation_min_m: 0.06, sigma_elevation_max_m: null },
     layers: [{ ...LAYER, cell_m: 0.16 }],
   };
   // Every corner turns the area by half of the diagonal, 14.1 m, and is known to 16 cm / sqrt(12).
-  const [flat, ground] = areaQuantities(found, square);
+  const [flat, ground, perimeter, least, mean, most] = areaQuantities(found, square);
   expect(flat?.sigma).toBeCloseTo(2 * Math.sqrt(200) * (0.16 / Math.sqrt(12)), 9);
-  expect(flat && quantityText(flat)).toBe("400 ± 1 m²");
-  expect(ground && quantityText(ground)).toBe("404 ± 1 m²");
+  expect(flat && quantityText(flat)).toBe("400.0 ± 1.3 m²");
+  expect(ground && quantityText(ground)).toBe("404.1 ± 1.3 m²");
+  expect(perimeter && quantityText(perimeter)).toBe("80.00 ± 0.13 m");
+  // By what the server knows of them, else by the cell.
+  expect([least, mean, most].map((one) => one && quantityText(one))).toEqual([
+    "−0.20 ± 0.06 m",
+    "0.010 ± 0.012 m",
+    "0.3 m",
+  ]);
   const [sharp] = areaQuantities({ ...found, layers: [{ ...LAYER, cell_m: 0.01 }] }, square);
   expect(sharp && quantityText(sharp)).toBe("400.00 ± 0.08 m²");
   const [alone] = areaQuantities({ ...found, layers: [] }, square);
@@ -127,7 +135,7 @@ test("stations of a profile keep their source, and gaps stay empty", () => {
 
 test("a profile tells in words what it shows", () => {
   expect(profileOptions(PROFILE, "elevation").summary).toBe(
-    "From mer2/dtm. Elevation 1.00 to 3.00 m. 67 % measured; the band is one sigma.",
+    "From mer2/dtm. Elevation 1.00 ± 0.10 m to 3.00 ± 0.20 m. 67 % measured; the band is one sigma.",
   );
   expect(profileOptions(PROFILE, "slope").series[0]?.sigma).toEqual([0.1, null, 0.1]);
 });
@@ -164,9 +172,11 @@ const ZONE = {
 
 test("statistics carry the unit of the layer, and classes their shares", () => {
   const told = zoneQuantities(ZONE).map((one) => `${one.name} ${quantityText(one)}`);
-  expect(told).toContain("mean 12.00°");
-  expect(told).toContain("median 11.00°");
+  expect(told).toContain("mean 12.0°");
+  expect(told).toContain("median 11.0°");
   expect(told.at(-1)).toBe("ground measured 50 %");
   const classes = [{ name: "rock", area_m2: 2, share: 0.25 }];
-  expect(zoneQuantities({ ...ZONE, classes })).toEqual([{ name: "rock", value: 25, unit: "%" }]);
+  expect(zoneQuantities({ ...ZONE, classes })).toEqual([
+    { name: "rock", value: 25, resolution: 1, unit: "%" },
+  ]);
 });

@@ -1,7 +1,7 @@
 /** The kinds of measurement: what is drawn for each, and what the server makes of it. */
 
 import { measure, measuredText, polygonArea } from "../../map/measure";
-import { fixed } from "../../page/format";
+import { compact } from "../../page/format";
 import { measuring } from "../../server/measure";
 import type { MapPoint } from "../../server/records";
 import { DRIVE_MODES } from "./drive-modes";
@@ -19,14 +19,14 @@ const length = (corners: readonly MapPoint[]) => measuredText(measure(corners));
 const area = (corners: readonly MapPoint[]) =>
   corners.length < 3
     ? "click the corners; double-click or Enter ends, Esc stops"
-    : `${fixed(polygonArea(corners), 2)} m² on the map`;
+    : `${compact(polygonArea(corners), 3)} m² on the map`;
 
 async function line(mission: string, corners: readonly MapPoint[], main: string): Promise<Found> {
   const answer = await measuring.line(mission, corners);
   const note = answer.ends
     ? null
     : "An end lies on ground that was not measured: no rise, no slope.";
-  return found(lineQuantities(answer), main, answer.layers, { note });
+  return found(lineQuantities(answer, corners), main, answer.layers, { note });
 }
 
 export const MODES: readonly Mode[] = [
@@ -51,7 +51,9 @@ export const MODES: readonly Mode[] = [
         measuring.profile(mission, corners),
         measuring.line(mission, corners),
       ]);
-      return found(lineQuantities(whole), "length on the map", profile.layers, { profile });
+      return found(lineQuantities(whole, corners), "length on the map", profile.layers, {
+        profile,
+      });
     },
   },
   {

@@ -1,7 +1,7 @@
 /** What a measurement states, as quantities with unit and standard deviation, and how they are printed. */
 
-import { compact, fixed, metres } from "../../page/format";
-import { areaSigma } from "../../map/measure";
+import { decimalsFor, measured } from "../../page/format";
+import { areaSigma, lengthSigma, placeSigma } from "../../map/measure";
 import type {
   AreaMeasured,
   LayerUsed,
@@ -22,63 +22,57 @@ export interface Quantity {
   /** What is told in the place of a number. */
   readonly word?: string;
   readonly sigma?: number | null;
+  /** What was told apart, where there is no standard deviation: a cell. */
+  readonly resolution?: number | null;
   readonly unit: Unit;
 }
 
-const DECIMALS: Readonly<Record<Unit, number>> = {
-  m: 3,
-  "m²": 3,
-  "m³": 3,
-  "°": 2,
-  "%": 0,
-  h: 2,
-  "": 0,
-};
+/** `12.35 ± 0.02 m`; a dash for what was not measured. */
+export const quantityText = ({ value, word, sigma, resolution, unit }: Quantity): string =>
+  word ?? measured(value, unit, sigma, resolution);
 
-/** `12.346 ± 0.020 m`; a dash for what was not measured. */
-export function quantityText({ value, word, sigma, unit }: Quantity): string {
-  if (word) return word;
-  if (value === null) return "–";
-  const decimals = unit === "m²" && sigma ? decimalsOf(sigma) : DECIMALS[unit];
-  const sign = unit === "°" ? "°" : unit ? ` ${unit}` : "";
-  const plusMinus = sigma === null || sigma === undefined ? "" : ` ± ${fixed(sigma, decimals)}`;
-  if (unit === "m" && !plusMinus && Math.abs(value) >= 1000) return metres(value, 7);
-  if (unit.length === 2 && !plusMinus && value !== 0 && Math.abs(value) < 0.01)
-    return `${compact(value, 3)}${sign}`;
-  return `${fixed(value, decimals)}${plusMinus}${sign}`;
-}
-
-/** Decimals down to the first digit of a standard deviation. */
-const decimalsOf = (sigma: number) =>
-  Math.min(DECIMALS["m²"], Math.max(0, Math.ceil(-Math.log10(sigma))));
-
-const measured = (share: number): Quantity => ({
+const measuredShare = (share: number): Quantity => ({
   name: "ground measured",
   value: 100 * share,
+  resolution: 1,
   unit: "%",
 });
+/** Of the finest model; null: none was asked. */
+export const cellOf = ([layer]: readonly LayerUsed[]) => layer?.cell_m ?? null;
+/** Decimals of lengths that were read from terrain models. */
+export const decimalsOn = (layers: readonly LayerUsed[]) => decimalsFor(cellOf(layers) ?? 0.01);
 
-export function lineQuantities(found: LineMeasured): Quantity[] {
+export function lineQuantities(found: LineMeasured, corners: readonly MapPoint[]): Quantity[] {
   const { ends } = found;
+  const cell = cellOf(found.layers);
+  const sigma = cell && lengthSigma(corners, cell);
   const length: Quantity[] = [
-    { name: "length on the map", value: found.map_length_m, unit: "m" },
-    { name: "length along the ground", value: found.surface_length_m, unit: "m" },
-    measured(found.measured_share),
+    { name: "length on the map", value: found.map_length_m, sigma, unit: "m" },
+    { name: "length along the ground", value: found.surface_length_m, sigma, unit: "m" },
+    measuredShare(found.measured_share),
   ];
   if (!ends) return length;
+  const across = Math.SQRT2 * placeSigma(cell ?? 0); // of one end from the other, in any direction
+  const { map_distance_m, straight_m, rise_m, sigma_rise_m } = ends;
+  const straight = Math.hypot(map_distance_m * across, rise_m * sigma_rise_m) / straight_m;
+  const azimuth = ((across / map_distance_m) * 180) / Math.PI;
   return [
     ...length,
-    { name: "straight, in space", value: ends.straight_m, unit: "m" },
-    { name: "rise", value: ends.rise_m, sigma: ends.sigma_rise_m, unit: "m" },
+    { name: "straight, in space", value: straight_m, sigma: straight, unit: "m" },
+    { name: "rise", value: rise_m, sigma: sigma_rise_m, unit: "m" },
     { name: "slope", value: ends.slope_deg, sigma: ends.sigma_slope_deg, unit: "°" },
-    { name: "azimuth on the map", value: ends.azimuth_deg, unit: "°" },
-    { name: "azimuth from true north", value: ends.true_azimuth_deg, unit: "°" },
+    { name: "azimuth on the map", value: ends.azimuth_deg, sigma: azimuth, unit: "°" },
+    { name: "azimuth from true north", value: ends.true_azimuth_deg, sigma: azimuth, unit: "°" },
   ];
 }
 
 /** Areas are as good as the cells that their corners were placed on. */
-const sigmaOf = (corners: readonly MapPoint[], [layer]: readonly LayerUsed[]) =>
-  layer?.cell_m ? areaSigma(corners, layer.cell_m) : null;
+const sigmaOf = (corners: readonly MapPoint[], layers: readonly LayerUsed[], of = areaSigma) => {
+  const cell = cellOf(layers);
+  return cell === null ? null : of(corners, cell);
+};
+
+const closed = (corners: readonly MapPoint[]) => [...corners, ...corners.slice(0, 1)];
 
 export const areaQuantities = (found: AreaMeasured, corners: readonly MapPoint[]): Quantity[] => [
   {
@@ -93,19 +87,30 @@ export const areaQuantities = (found: AreaMeasured, corners: readonly MapPoint[]
     sigma: sigmaOf(corners, found.layers),
     unit: "m²",
   },
-  { name: "perimeter", value: found.perimeter_m, unit: "m" },
-  { name: "lowest ground", value: found.elevation_min_m, unit: "m" },
-  { name: "mean elevation", value: found.elevation_mean_m, unit: "m" },
-  { name: "highest ground", value: found.elevation_max_m, unit: "m" },
-  measured(found.measured_share),
+  {
+    name: "perimeter",
+    value: found.perimeter_m,
+    sigma: sigmaOf(closed(corners), found.layers, lengthSigma),
+    unit: "m",
+  },
+  ...(
+    [
+      ["lowest ground", found.elevation_min_m, found.sigma_elevation_min_m],
+      ["mean elevation", found.elevation_mean_m, found.sigma_elevation_mean_m],
+      ["highest ground", found.elevation_max_m, found.sigma_elevation_max_m],
+    ] as const
+  ).map(([name, value, sigma]): Quantity => {
+    return { name, value, sigma, resolution: cellOf(found.layers), unit: "m" };
+  }),
+  measuredShare(found.measured_share),
 ];
 
 export const volumeQuantities = (
   found: VolumeMeasured,
   corners: readonly MapPoint[],
 ): Quantity[] => [
-  { name: "above the base", value: found.above_m3, unit: "m³" },
-  { name: "below the base", value: found.below_m3, unit: "m³" },
+  { name: "above the base", value: found.above_m3, sigma: found.sigma_above_m3, unit: "m³" },
+  { name: "below the base", value: found.below_m3, sigma: found.sigma_below_m3, unit: "m³" },
   { name: "net", value: found.net_m3, sigma: found.sigma_net_m3, unit: "m³" },
   {
     name: "area on the map",
@@ -113,18 +118,38 @@ export const volumeQuantities = (
     sigma: sigmaOf(corners, found.layers),
     unit: "m²",
   },
-  { name: "highest over the base", value: found.highest_m, unit: "m" },
-  { name: "lowest over the base", value: found.lowest_m, unit: "m" },
-  { name: "slope of the base", value: found.base_slope_deg, unit: "°" },
-  measured(found.measured_share),
+  {
+    name: "highest over the base",
+    value: found.highest_m,
+    sigma: found.sigma_highest_m,
+    unit: "m",
+  },
+  { name: "lowest over the base", value: found.lowest_m, sigma: found.sigma_lowest_m, unit: "m" },
+  {
+    name: "slope of the base",
+    value: found.base_slope_deg,
+    sigma: found.sigma_base_slope_deg,
+    unit: "°",
+  },
+  measuredShare(found.measured_share),
 ];
 
 export const planeQuantities = (found: PlaneMeasured): Quantity[] => [
   { name: "strike", value: found.strike_deg, sigma: found.sigma_strike_deg, unit: "°" },
   { name: "dip", value: found.dip_deg, sigma: found.sigma_dip_deg, unit: "°" },
-  { name: "dip direction", value: found.dip_direction_deg, unit: "°" },
-  { name: "off the plane, rms", value: found.rms_m, unit: "m" },
-  { name: "points", value: found.points, unit: "" },
+  {
+    name: "dip direction",
+    value: found.dip_direction_deg,
+    sigma: found.sigma_strike_deg,
+    unit: "°",
+  },
+  {
+    name: "off the plane, rms",
+    value: found.rms_m,
+    sigma: found.rms_m / Math.sqrt(2 * Math.max(1, found.points - 3)),
+    unit: "m",
+  },
+  { name: "points", value: found.points, resolution: 1, unit: "" },
 ];
 
 /** Percentiles that a reader looks for, and what they are called. */
@@ -137,17 +162,22 @@ const TOLD_PERCENTILES = [
 export function zoneQuantities(found: ZoneMeasured): Quantity[] {
   const unit = OWN_UNITS[found.unit ?? ""] ?? "";
   if (found.classes.length > 0)
-    return found.classes.map(({ name, share }) => ({ name, value: 100 * share, unit: "%" }));
+    return found.classes.map(({ name, share }) => ({
+      ...{ name, value: 100 * share, resolution: 1 },
+      unit: "%",
+    }));
+  // The spread of the values, not the cell, tells which digits of them say something.
+  const resolution = found.std ? found.std / 10 : null;
   const one = (name: string, value: number | null | undefined): Quantity[] =>
-    value === null || value === undefined ? [] : [{ name, value, unit }];
+    value === null || value === undefined ? [] : [{ name, value, resolution, unit }];
   return [
     ...one("mean", found.mean),
     ...one("standard deviation", found.std),
     ...one("least", found.min),
     ...TOLD_PERCENTILES.flatMap(([percent, name]) => one(name, percentile(found, percent))),
     ...one("greatest", found.max),
-    { name: "cells", value: found.count, unit: "" },
-    measured(found.measured_share),
+    { name: "cells", value: found.count, resolution: 1, unit: "" },
+    measuredShare(found.measured_share),
   ];
 }
 

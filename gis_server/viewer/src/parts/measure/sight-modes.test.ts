@@ -32,13 +32,13 @@ const told = (line: SightLine) =>
 test("a line of sight that is blocked says where", () => {
   expect(told(BLOCKED)).toEqual([
     "line of sight: blocked",
-    "least height over the ground: −1.000 m",
-    "blocked after: 10.000 m",
-    "blocked at east: 0.000 m",
-    "blocked at north: 2.000 m",
-    "elevation there: 0.000 m",
-    "longest unmapped stretch: 0.080 m",
-    "length on the map: 20.000 m",
+    "least height over the ground: −1.00 m",
+    "blocked after: 10.00 m",
+    "blocked at east: 0.00 m",
+    "blocked at north: 2.00 m",
+    "elevation there: 0.00 m",
+    "longest unmapped stretch: 0.08 m",
+    "length on the map: 20.00 m",
   ]);
 });
 
@@ -78,7 +78,7 @@ test("a viewshed states what is seen, hidden and not known", () => {
     layers: [LAYER],
   };
   const texts = viewshedQuantities(seen).map(quantityText);
-  expect(texts.slice(0, 3)).toEqual(["746.000 m²", "7000.000 m²", "108.000 m²"]);
+  expect(texts.slice(0, 3)).toEqual(["746.0 m²", "7000.0 m²", "108.0 m²"]);
 });
 
 test("a number that is asked stays within what may be asked", () => {

@@ -1,11 +1,11 @@
 /** What can be seen: a line of sight between two places, and the ground that is seen from one. */
 
-import { measure, measuredText } from "../../map/measure";
-import { fixed } from "../../page/format";
+import { countedSigma, measure, measuredText } from "../../map/measure";
+import { measured } from "../../page/format";
 import { sight, type SightLine, type Viewshed } from "../../server/sight";
 import type { MapPoint } from "../../server/records";
 import { found, type Found, type Mode, type NumberAsked } from "./mode";
-import type { Quantity } from "./quantities";
+import { cellOf, decimalsOn, type Quantity } from "./quantities";
 
 const GROUND = "#c2571b";
 const LINE = "#1769e0";
@@ -34,20 +34,23 @@ export const SIGHT_WORDS = { visible: "free", hidden: "blocked", unknown: "not k
 
 export function sightQuantities(line: SightLine): Quantity[] {
   const { obstruction, obstruction_distance_m, clearance_m } = line;
+  const one = (name: string, value: number | null): Quantity => {
+    return { name, value, resolution: cellOf(line.layers), unit: "m" };
+  };
   const inTheWay: Quantity[] = obstruction
     ? [
-        { name: "blocked after", value: obstruction_distance_m, unit: "m" },
-        { name: "blocked at east", value: obstruction[0], unit: "m" },
-        { name: "blocked at north", value: obstruction[1], unit: "m" },
-        { name: "elevation there", value: obstruction[2], unit: "m" },
+        one("blocked after", obstruction_distance_m),
+        one("blocked at east", obstruction[0]),
+        one("blocked at north", obstruction[1]),
+        one("elevation there", obstruction[2]),
       ]
     : [];
   return [
     { name: "line of sight", value: null, word: SIGHT_WORDS[line.sight], unit: "" },
-    { name: "least height over the ground", value: clearance_m, unit: "m" },
+    one("least height over the ground", clearance_m),
     ...inTheWay,
-    { name: "longest unmapped stretch", value: line.unseen_m, unit: "m" },
-    { name: "length on the map", value: line.map_distance_m, unit: "m" },
+    one("longest unmapped stretch", line.unseen_m),
+    one("length on the map", line.map_distance_m),
   ];
 }
 
@@ -57,12 +60,12 @@ export function sightChart(line: SightLine): NonNullable<Found["chart"]> {
   const room =
     clearance_m === null
       ? "No ground is mapped on the way."
-      : `It runs ${fixed(Math.abs(clearance_m), 2)} m ${clearance_m < 0 ? "below" : "above"} the ground that is most in the way.`;
+      : `It runs ${measured(Math.abs(clearance_m), "m", null, cellOf(line.layers))} ${clearance_m < 0 ? "below" : "above"} the ground that is most in the way.`;
   return {
     title: "Line of sight",
     summary: `The line of sight is ${SIGHT_WORDS[seen]}. ${room}`,
-    x: { title: "distance", unit: "m", decimals: 2 },
-    y: { title: "elevation", unit: "m", decimals: 3 },
+    x: { title: "distance", unit: "m", decimals: decimalsOn(line.layers) },
+    y: { title: "elevation", unit: "m", decimals: decimalsOn(line.layers) },
     series: [
       { name: "ground", colour: GROUND, xs, ys: line.ground_m },
       { name: "line of sight", colour: LINE, xs, ys: line.line_m, isDashed: true },
@@ -79,11 +82,20 @@ function sightFound(line: SightLine): Found {
   return found(quantities, "line of sight", line.layers, { chart: sightChart(line), mark, note });
 }
 
+const counted = (name: string, value: number, cell_m: number): Quantity => {
+  return { name, value, resolution: countedSigma(value, cell_m), unit: "m²" };
+};
+
 export const viewshedQuantities = (seen: Viewshed): Quantity[] => [
-  { name: "ground seen", value: seen.visible_m2, unit: "m²" },
-  { name: "ground hidden", value: seen.hidden_m2, unit: "m²" },
-  { name: "not known", value: seen.unknown_m2, unit: "m²" },
-  { name: "elevation of the eye", value: seen.eye_elevation_m, unit: "m" },
+  counted("ground seen", seen.visible_m2, seen.cell_m),
+  counted("ground hidden", seen.hidden_m2, seen.cell_m),
+  counted("not known", seen.unknown_m2, seen.cell_m),
+  {
+    name: "elevation of the eye",
+    value: seen.eye_elevation_m,
+    resolution: cellOf(seen.layers),
+    unit: "m",
+  },
   { name: "radius", value: seen.radius_m, unit: "m" },
   { name: "cell", value: seen.cell_m, unit: "m" },
 ];

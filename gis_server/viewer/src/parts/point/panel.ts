@@ -2,8 +2,9 @@
 
 import { type CoordinateFormat, inFrames, lonLatText } from "../../map/coordinates";
 import { button, facts, h } from "../../page/dom";
-import { compact, fixed, scopeTitle, unitSign } from "../../page/format";
+import { decimalsFor, measured, scopeTitle } from "../../page/format";
 import { kindTitle } from "../../map/layers";
+import { isElevation } from "../../map/raster-style";
 import {
   type Identified,
   type IdentifiedLayer,
@@ -12,14 +13,20 @@ import {
 } from "../../server/records";
 import type { SceneStops } from "../../server/scene";
 
-export function elevationText({ elevation_m, elevation_sigma_m }: Identified): string {
+export function elevationText({ elevation_m, elevation_sigma_m, layers }: Identified): string {
   if (elevation_m === null) return "not measured";
-  const sigma = elevation_sigma_m === null ? "" : ` ± ${fixed(elevation_sigma_m, 3)}`;
-  return `${fixed(elevation_m, 3)}${sigma} m`;
+  return measured(elevation_m, "m", elevation_sigma_m, finestCell(layers));
 }
 
-export const valueText = ({ value, unit, label }: IdentifiedLayer) =>
-  label ?? (value === null ? "\u2013" : `${compact(value)}${unitSign(unit)}`);
+/** Of the layers that have a value at a place; of none, a centimetre. */
+function finestCell(layers: readonly IdentifiedLayer[]): number {
+  const cells = layers.flatMap(({ cell_m }) => cell_m ?? []);
+  return cells.length > 0 ? Math.min(...cells) : 0.01;
+}
+
+/** An elevation without standard deviation is as good as its cell. */
+export const valueText = ({ value, sigma, unit, label, kind, cell_m }: IdentifiedLayer) =>
+  label ?? measured(value, unit, sigma, isElevation({ kind }) ? cell_m : null);
 
 /** Names of the stops at the point. */
 function stopsAt({ features }: Identified): string[] {
@@ -58,20 +65,25 @@ export interface PointActions {
   readonly copy: (text: string) => void;
 }
 
+/** Decimals of a degree of Mars, of 59 km, that tell metres apart. */
+const METRE_DECIMALS = 5;
+
 /** A place in each way of naming it, as text that the search box reads. */
 export function coordinateRows(
-  { north, east, lon, lat, elevation_m }: Identified,
+  { north, east, lon, lat, elevation_m, layers }: Identified,
   format: CoordinateFormat,
   frames: SceneStops,
 ): readonly (readonly [name: string, text: string])[] {
+  const cell = finestCell(layers);
+  const decimals = decimalsFor(cell);
   const onMars: (readonly [string, string])[] =
     lon === null || lat === null
       ? []
-      : [["lat, lon", lonLatText([lon, lat], format, 7).join(", ")]];
+      : [["lat, lon", lonLatText([lon, lat], format, decimals + METRE_DECIMALS).join(", ")]];
   return [
     ...onMars,
-    ["map", `N ${fixed(north, 3)} m, E ${fixed(east, 3)} m`],
-    ...inFrames([east, north], elevation_m, frames),
+    ["map", `N ${measured(north, "m", null, cell)}, E ${measured(east, "m", null, cell)}`],
+    ...inFrames([east, north], elevation_m, frames, decimals),
   ];
 }
 

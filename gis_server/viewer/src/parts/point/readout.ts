@@ -2,7 +2,7 @@
 
 import { type CoordinateFormat, lonLatText } from "../../map/coordinates";
 import { h } from "../../page/dom";
-import { fixed } from "../../page/format";
+import { measured } from "../../page/format";
 import { kindTitle } from "../../map/layers";
 import { elevationText, valueText } from "./panel";
 import type { LocalMap } from "../../map/projection";
@@ -10,11 +10,6 @@ import type { Identified, MapPoint } from "../../server/records";
 
 function field(name: string, value: string, key: string): HTMLElement {
   return h("span", { class: "field", "data-field": key }, h("i", {}, name), h("b", {}, value));
-}
-
-/** Decimals worth showing when a pixel of the map is `resolution` metres. */
-export function decimalsFor(resolution: number): number {
-  return Math.min(3, Math.max(0, Math.ceil(-Math.log10(resolution))));
 }
 
 const isElevation = (kind: string) => ["dtm", "region-dtm", "far-dtm"].includes(kind);
@@ -42,11 +37,10 @@ export function readout(
   const [east, north] = point;
   const lonLat = local.toLonLat(point);
   const [lat, lon] = lonLatText(lonLat, format);
-  const decimals = decimalsFor(resolution);
   const value = uppermost(found, heightOf);
   return [
-    field("N", `${fixed(north, decimals)} m`, "north"),
-    field("E", `${fixed(east, decimals)} m`, "east"),
+    field("N", measured(north, "m", null, resolution), "north"),
+    field("E", measured(east, "m", null, resolution), "east"),
     ...(lonLat.some(Number.isNaN) ? [] : [field("lat", lat, "lat"), field("lon", lon, "lon")]),
     field("elevation", found ? elevationText(found) : "…", "elevation"),
     ...(value ? [field(kindTitle(value.kind).toLowerCase(), valueText(value), "value")] : []),

@@ -2,17 +2,16 @@
 
 import { kindTitle } from "../../map/layers";
 import { facts, h } from "../../page/dom";
-import { fixed, scopeTitle } from "../../page/format";
+import { HELD_M, measured, scopeTitle } from "../../page/format";
 import { urls } from "../../server/api";
 import type { TraverseRow } from "../../server/network";
+import { percentText } from "../traverse/differences";
 import type { ImageEntry, Layer } from "../../server/records";
 
 export interface StopFacts {
   readonly mission: string;
   readonly stop: string;
   readonly sols: readonly number[];
-  /** Semi-major axis of the error ellipse, one sigma; null: not known. */
-  readonly sigma_m: number | null;
   /** Null before the first adjustment. */
   readonly row: TraverseRow | null;
   readonly images: readonly ImageEntry[];
@@ -20,14 +19,15 @@ export interface StopFacts {
   readonly layers: readonly Layer[];
 }
 
-const plusMinus = (sigma: number | null) => (sigma === null ? "" : ` ± ${fixed(sigma, 3)}`);
-
 /** How far telemetry was off: on the map, and in space where both have an elevation. */
-export function telemetryError({ horizontal_m, percent, offset_m }: TraverseRow): string {
-  const share = percent === null ? "" : ` (${fixed(percent, 2)} % of the way)`;
-  const [, , up] = offset_m;
-  const inSpace = up === null ? "" : `, 3D ${fixed(Math.hypot(horizontal_m, up), 3)} m`;
-  return `horizontal ${fixed(horizontal_m, 3)} m${share}${inSpace}`;
+export function telemetryError(row: TraverseRow): string {
+  const { horizontal_m, sigma_horizontal_m, sigma_up_m, percent, offset_m } = row;
+  const share = percent === null ? "" : ` (${percentText(row)} of the way)`;
+  const up = offset_m[2] ?? 0;
+  const length = Math.hypot(horizontal_m, up);
+  const sigma = Math.hypot(horizontal_m * sigma_horizontal_m, up * (sigma_up_m ?? 0)) / length;
+  const inSpace = offset_m[2] === null ? "" : `, 3D ${measured(length, "m", sigma, HELD_M)}`;
+  return `horizontal ${measured(horizontal_m, "m", sigma_horizontal_m, HELD_M)}${share}${inSpace}`;
 }
 
 /** Local solar time of the first and of the last image. */
@@ -39,11 +39,11 @@ export function localTimes(images: readonly ImageEntry[]): string | null {
   return first === last ? first : `${first} to ${last}`;
 }
 
-function positionText({ row, sigma_m }: StopFacts): string | null {
-  if (!row) return null;
-  const [east, north, up] = row.place;
-  const height = up === null ? "" : `, ${fixed(up, 3)}${plusMinus(row.sigma_up_m)} m up`;
-  return `N ${fixed(north, 3)}, E ${fixed(east, 3)}${plusMinus(sigma_m)} m${height}`;
+export function positionText({ place, ...row }: TraverseRow): string {
+  const one = (value: number, sigma: number | null) => measured(value, "m", sigma, HELD_M);
+  const [east, north, up] = place;
+  const height = up === null ? "" : `, ${one(up, row.sigma_up_m)} up`;
+  return `N ${one(north, row.sigma_north_m)}, E ${one(east, row.sigma_east_m)}${height}`;
 }
 
 export interface StopAction {
@@ -67,7 +67,7 @@ export function stopCard(known: StopFacts, actions: readonly StopAction[]): HTML
     facts([
       ["sol", sols.join(", ") || null],
       ["local time", localTimes(images)],
-      ["position (1σ)", positionText(known)],
+      ["position (1σ)", row && positionText(row)],
       ["telemetry error", row && telemetryError(row)],
       ["held by", row?.held_by || null],
       ["images", `${images.length}, ${pairs} stereo pairs`],

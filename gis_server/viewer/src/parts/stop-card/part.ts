@@ -20,13 +20,11 @@ export function stopCardPart(context: Context): void {
         view.featuresOf(layers.widest("stops")),
       ]);
       const own = features.filter((feature) => feature.get("stop") === stop);
-      const major = own.map((feature) => Number(feature.get("ellipse_semi_major_m")));
       const sols = own.flatMap((feature) => (feature.get("sols") as number[] | undefined) ?? []);
       const known = {
         mission: mission.mission,
         stop,
         sols: [...new Set(sols)].sort((a, b) => a - b),
-        sigma_m: major.find((metres) => Number.isFinite(metres)) ?? null,
         row,
         images,
         layers: layers.all.filter(({ scope }) => scope === stop),

@@ -5,7 +5,7 @@ import { kindTitle } from "../../map/layers";
 import { legendOfColours } from "../../map/raster-style";
 import type { Statistics } from "../../map/statistics";
 import { h } from "../../page/dom";
-import { compact, scopeTitle, unitSign } from "../../page/format";
+import { measured, scopeTitle, sigmaText, unitSign } from "../../page/format";
 import { colourLegend } from "../../page/legend";
 import type { Layer } from "../../server/records";
 import { type Comparison, type Mode, MODES } from "./comparison";
@@ -96,7 +96,7 @@ export function differenceBox(
     onchange: () => setMost(Number(input.value) > 0 ? Number(input.value) : null),
   });
   const amounts = found
-    ? `mean ${compact(found.mean, 3)}${unit}, σ ${compact(found.sigma, 3)}${unit} on the screen`
+    ? `mean ${measured(found.mean, colouring.unit, null, found.sigma / 10)}, σ ${sigmaText(found.sigma, colouring.unit)} on the screen`
     : "the two have no ground in common on the screen";
   return h(
     "div",

@@ -13,6 +13,9 @@ const row = (
   sol,
   distance_m,
   horizontal_m,
+  sigma_horizontal_m: 0.04,
+  sigma_north_m: 0.03,
+  sigma_east_m: 0.03,
   place: [1, 2, 3],
   reference: [1, 2, null],
   offset_m: [horizontal_m, 0, null],
@@ -35,7 +38,7 @@ const answer: TraverseAnswer = {
 
 test("the end and the worst are told in metres and percent, as the paper does", () => {
   expect(summaryText(answer)).toBe(
-    "After 43.5 m telemetry is off by 40 cm, 0.92 %; at most by 1.5 m, 7.50 % at 1/5.",
+    "After 43.5 m telemetry is off by 0.40 ± 0.04 m, 0.92 %; at most by 1.50 ± 0.04 m, 7.50 % at 1/5.",
   );
 });
 
@@ -47,7 +50,7 @@ test("by sol the last stop of every sol stands", () => {
 test("a spreadsheet has every number, and nothing where nothing is known", () => {
   const [head, first] = differencesCsv(answer).split("\n");
   expect(first?.split(",")).toHaveLength(head?.split(",").length ?? 0);
-  expect(first).toBe("1/0,1,0,0,,0,0,,,1,2,3,0.02,mer2-sol0002/a,telemetry");
+  expect(first).toBe("1/0,1,0,0,,0,0,,,1,2,3,0.04,0.02,mer2-sol0002/a,telemetry");
 });
 
 test("solutions of one sol are told apart by when they were made", () => {

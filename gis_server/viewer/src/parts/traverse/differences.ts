@@ -1,7 +1,7 @@
 /** The table of accumulated differences (Di et al. 2008, section 3.3): metres, percent of the distance, their maximum. */
 
 import { h } from "../../page/dom";
-import { fixed, metres } from "../../page/format";
+import { digits, HELD_M, measured } from "../../page/format";
 import type { Solution, TraverseAnswer, TraverseRow } from "../../server/network";
 
 export const TELEMETRY_NAME = "telemetry";
@@ -16,15 +16,18 @@ export function solutionTitle(one: Solution, all: readonly Solution[]): string {
   return `${name}${made}${one.is_latest ? " (on the map)" : ""}`;
 }
 
-const percent = (row: TraverseRow) => (row.percent === null ? "–" : `${fixed(row.percent, 2)} %`);
+/** Percent of the distance, as sure as the metres. */
+export const percentText = ({ percent, sigma_horizontal_m, distance_m }: TraverseRow): string =>
+  percent === null ? "–" : `${digits(percent, (100 * sigma_horizontal_m) / distance_m, HELD_M)} %`;
 
 /** What the paper reports of a traverse, in one sentence. */
 export function summaryText(answer: TraverseAnswer): string {
   const [end, worst] = [answer.rows[answer.end], answer.rows[answer.worst]];
   if (!end || !worst) return "";
-  const at = (row: TraverseRow) => `${metres(row.horizontal_m)}, ${percent(row)}`;
+  const at = (row: TraverseRow) =>
+    `${measured(row.horizontal_m, "m", row.sigma_horizontal_m, HELD_M)}, ${percentText(row)}`;
   return (
-    `After ${fixed(end.distance_m, 1)} m ${answer.reference === TELEMETRY_NAME ? "telemetry" : "the other solution"} ` +
+    `After ${measured(end.distance_m, "m", null, 0.1)} ${answer.reference === TELEMETRY_NAME ? "telemetry" : "the other solution"} ` +
     `is off by ${at(end)}; at most by ${at(worst)} at ${worst.label}.`
   );
 }
@@ -56,10 +59,10 @@ export function differenceTable(
         h("button", { type: "button", class: "link", onclick: () => goTo(row) }, row.label),
       ),
       h("td", { class: "number" }, String(row.sol)),
-      h("td", { class: "number" }, fixed(row.distance_m, 1)),
-      h("td", { class: "number" }, fixed(row.horizontal_m, 3)),
-      h("td", { class: "number" }, percent(row)),
-      h("td", { class: "number" }, fixed(row.offset_m[2], 3)),
+      h("td", { class: "number" }, digits(row.distance_m, null, 0.1)),
+      h("td", { class: "number" }, digits(row.horizontal_m, row.sigma_horizontal_m, HELD_M)),
+      h("td", { class: "number" }, percentText(row)),
+      h("td", { class: "number" }, digits(row.offset_m[2], row.sigma_up_m, HELD_M)),
     );
   return h(
     "table",
@@ -72,7 +75,7 @@ export function differenceTable(
 /** The differences as a table for spreadsheets. */
 export function differencesCsv({ rows, solution, reference }: TraverseAnswer): string {
   const head =
-    "stop,sol,distance_m,horizontal_m,percent,east_m,north_m,up_m,leg_m,east,north,elevation_m,sigma_up_m,solution,reference";
+    "stop,sol,distance_m,horizontal_m,percent,east_m,north_m,up_m,leg_m,east,north,elevation_m,sigma_horizontal_m,sigma_up_m,solution,reference";
   const lines = rows.map((row) =>
     [
       row.label,
@@ -83,6 +86,7 @@ export function differencesCsv({ rows, solution, reference }: TraverseAnswer): s
       ...row.offset_m,
       row.leg_m,
       ...row.place,
+      row.sigma_horizontal_m,
       row.sigma_up_m,
       solution,
       reference,

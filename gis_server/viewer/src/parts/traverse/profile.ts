@@ -2,7 +2,7 @@
 
 import { ADJUSTED, TELEMETRY } from "../../map/styles";
 import { type Chart, chart, type Series } from "../../page/chart";
-import { fixed } from "../../page/format";
+import { HELD_M, measured } from "../../page/format";
 import type { TraverseAnswer } from "../../server/network";
 import type { Profile } from "../../server/measure";
 import { summaryText, TELEMETRY_NAME } from "./differences";
@@ -51,7 +51,9 @@ export function profileSummary(answer: TraverseAnswer): string {
   const end = answer.rows[answer.end];
   const height = end?.offset_m[2];
   const up =
-    height === null || height === undefined ? "" : ` In height it ends ${fixed(height, 2)} m off.`;
+    height === null || height === undefined
+      ? ""
+      : ` In height it ends ${measured(height, "m", end?.sigma_up_m, HELD_M)} off.`;
   return `${summaryText(answer)}${up} Bands are one sigma; elevations are of the rover's origin.`;
 }
 

@@ -3,7 +3,7 @@
 import type { FeatureLike } from "ol/Feature";
 import type Point from "ol/geom/Point";
 import { h } from "../../page/dom";
-import { fixed } from "../../page/format";
+import { digits, HELD_M, sigmaText } from "../../page/format";
 import type { MapPoint } from "../../server/records";
 import { isAdjusted, stopLabel } from "../../map/styles";
 
@@ -63,11 +63,15 @@ export function stopPanel(rows: readonly StopRow[], zoomTo: (at: MapPoint) => vo
         {},
         h("button", { type: "button", class: "link", onclick: () => zoomTo(row.at) }, row.label),
       ),
-      h("td", { class: "number" }, fixed(row.at[1], 2)),
-      h("td", { class: "number" }, fixed(row.at[0], 2)),
-      h("td", { class: "number" }, row.held ? "held" : fixed(row.sigma_north_m, 3)),
-      h("td", { class: "number" }, row.held ? "held" : fixed(row.sigma_east_m, 3)),
-      h("td", { class: "number" }, fixed(row.moved_m, 3)),
+      h("td", { class: "number" }, digits(row.at[1], row.sigma_north_m, HELD_M)),
+      h("td", { class: "number" }, digits(row.at[0], row.sigma_east_m, HELD_M)),
+      h("td", { class: "number" }, row.held ? "held" : sigmaText(row.sigma_north_m, "")),
+      h("td", { class: "number" }, row.held ? "held" : sigmaText(row.sigma_east_m, "")),
+      h(
+        "td",
+        { class: "number" },
+        digits(row.moved_m, Math.hypot(row.sigma_north_m ?? 0, row.sigma_east_m ?? 0), HELD_M),
+      ),
     );
   return h(
     "div",
