@@ -111,8 +111,8 @@ def test_the_pixel_under_the_pointer_is_marked_on_the_map(viewer, oriented, entr
     viewer.wait_for_timeout(300)
     after = screenshot(viewer, "image_to_map")
     text = status.inner_text().replace("−", "-")
-    north = float(text.split("N ")[1].split(",")[0])
-    east = float(text.split("E ")[1].split(",")[0])
+    north = float(text.split("N ")[1].split()[0])
+    east = float(text.split("E ")[1].split()[0])
     assert np.hypot(east - place[0], north - place[1]) < 0.15  # the canvas is read to a pixel
     x, y = pixel_of(viewer, east, north, RESOLUTION)
     arm = np.s_[round(y) - 10 : round(y) - 4, round(x) - 3 : round(x) + 4]

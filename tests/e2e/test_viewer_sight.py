@@ -226,7 +226,7 @@ def test_a_tie_point_under_the_pointer_tells_residual_kind_and_images(page, dome
     page.mouse.move(*pixel_of(page, *tie_place(number), RESOLUTION))
     tip = page.locator(".tip")
     until(page, lambda: told in tip.inner_text())
-    for part in ("cross-site", "3.12 cm", "2N1400L0M1", "2N1401L0M1"):
+    for part in ("cross-site", "0.03 m", "2N1400L0M1", "2N1401L0M1"):
         assert part in tip.inner_text()
     screenshot(page, f"ties_tip_{number}")
     page.mouse.move(*pixel_of(page, 0.0, -10.0, RESOLUTION))
