@@ -15,7 +15,7 @@ from starlette.middleware.cors import CORSMiddleware
 
 from solmap.config.settings import Settings
 from solmap.gis_server.budgets import FILES, QUESTIONS, Budgets, HeavyRequests
-from solmap.gis_server.collaboration import accounts, edits, runs
+from solmap.gis_server.collaboration import accounts, edits, engine, runs
 from solmap.gis_server.errors import install_error_table
 from solmap.gis_server.launcher import Launcher
 from solmap.gis_server.metrics import MeasureRequests, Metrics
@@ -132,6 +132,7 @@ def create_app(  # noqa: PLR0913, PLR0917 - all that differs from one server to 
         accounts,
         edits,
         runs,
+        engine,
         features,
         ogc_tiles,
         wmts,

@@ -148,6 +148,7 @@ def _error_statuses(path: str, operation: dict[str, Any]) -> Iterator[HTTPStatus
     if operation.get("requestBody"):
         yield from (HTTPStatus.BAD_REQUEST, HTTPStatus.UNPROCESSABLE_ENTITY)
         yield HTTPStatus.REQUEST_ENTITY_TOO_LARGE
+    if operation.get("requestBody") or (operation.get("security") and "{" in path):
         yield HTTPStatus.CONFLICT
     if kind_of(path) or path == "/api/events":
         yield HTTPStatus.TOO_MANY_REQUESTS

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from uuid import UUID
 
 from httpx import HTTPError
 from prefect import runtime
@@ -154,6 +155,19 @@ def format_sols(sols: Iterable[int]) -> str:
     if len(starts) > _SPANS:
         return f"{known[0]}-{known[-1]} ({len(known)} sols)"
     return ",".join(_span(a, b) for a, b in zip(starts, ends, strict=True))
+
+
+def deployed_run() -> tuple[str | None, dict[str, Any]]:
+    """The run of a deployment that this is a part of, with its parameters; None: of none."""
+    if FlowRunContext.get() is None:
+        return None, {}
+    try:
+        with get_client(sync_client=True) as client:
+            run = client.read_flow_run(UUID(runtime.flow_run.root_flow_run_id))
+    except HTTPError as error:
+        log.warning("which run of the engine this is is not known: %s", error)
+        return None, {}
+    return (str(run.id), run.parameters) if run.deployment_id else (None, {})
 
 
 def rename_run(name: str) -> None:

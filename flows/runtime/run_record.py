@@ -22,6 +22,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.flows.runtime.progress import Step, listen
+from solmap.flows.runtime.stopping import STOPPED
 from solmap.products.catalogue.maintenance.history import trim_history
 from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.workspace import Workspace
@@ -41,7 +42,7 @@ class RunRecord:
     def __init__(self, run: Run, book: RunRecords) -> None:
         self._run, self._book = run, book
         self._written_at = 0.0
-        self._has_failed = False
+        self._has_failed = self._is_stopped = False
         self._write()
 
     @property
@@ -67,9 +68,15 @@ class RunRecord:
         self._has_failed = self._has_failed or bool(failures)
         self.say([f"failed: {line}" for line in failures])
 
+    def stop(self) -> None:
+        """People stop the run before its end."""
+        self._is_stopped = True
+        self.say([STOPPED])
+
     def end(self) -> None:
         """The run is over."""
         state = RunState.FAILED if self._has_failed else RunState.SUCCEEDED
+        state = RunState.CANCELLED if self._is_stopped else state
         self._run = self._run.with_end(state)
         self._write()
 
@@ -109,10 +116,13 @@ def _trim_history(workspace: Workspace) -> None:
 def record_run(kind: str, subject: str, workspace: Workspace) -> Iterator[RunRecord]:
     """Keep a record of the run inside the block; an exception ends it as failed.
 
-    Nothing is pruned meanwhile.
+    A signal ends it as cancelled. Nothing is pruned meanwhile.
     """
+    from solmap.flows.runtime.run_page import deployed_run  # noqa: PLC0415 - imports Prefect
+
     log_to_store(workspace.store.root, "flows")
-    record = RunRecord(Run.start(kind, subject), RunRecords(workspace.catalogue.engine))
+    run = Run.start(kind, subject, *deployed_run())
+    record = RunRecord(run, RunRecords(workspace.catalogue.engine))
     try:
         with (
             workspace.run_turn(partial(log.info, "%s waits for maintenance of the store", kind)),
@@ -124,6 +134,10 @@ def record_run(kind: str, subject: str, workspace: Workspace) -> Iterator[RunRec
             yield record
             log.info("%s of %s ends", kind, subject)
     except BaseException as error:
+        if isinstance(error, KeyboardInterrupt) or hasattr(error, "signal"):  # Prefect's own
+            log.warning("%s of %s was stopped", kind, subject)
+            record.stop()
+            raise
         log.exception("%s of %s stopped", kind, subject)
         record.fail_if([f"{type(error).__name__}: {error}"])
         raise

@@ -6,28 +6,25 @@ parameters of a run: who may start runs cannot name files or programs by them.
 
 import multiprocessing
 from pathlib import Path
-from typing import Annotated, Literal
 
 from prefect import flow
-from pydantic import Field
 
 from solmap.config.records import ConfigError
+from solmap.config.run_parameters import Instrument, MissionName, Settling, Sols
 from solmap.config.settings import Settings
+from solmap.config.workspace import open_workspace
 from solmap.flows.downlink import process_downlink
 from solmap.flows.fetch import FetchReport, fetch_archive
 from solmap.flows.mission import refresh_regions
 from solmap.flows.overall import adjust_all
 from solmap.flows.runtime.children import die_with_parent
 from solmap.flows.runtime.run_page import mission_name
+from solmap.flows.runtime.run_record import record_run
 from solmap.flows.runtime.sol_report import DownlinkReport
-
-MissionName = Annotated[str, Field(pattern=r"^[A-Za-z0-9]{1,16}$")]
-Sols = Annotated[str, Field(pattern=r"^[0-9, -]{1,200}$")]
-Instrument = Literal["navcam", "pancam", "hazcam", "front_hazcam", "rear_hazcam"]
 
 
 @flow(name="downlink", flow_run_name="downlink of the inbox")
-def process_inbox(settle_s: Annotated[float, Field(ge=0.0, le=86_400.0)] = 20.0) -> DownlinkReport:
+def process_inbox(settle_s: Settling = 20.0) -> DownlinkReport:
     """Take the inbox to published layers; what was made before is looked up.
 
     Args:
@@ -79,8 +76,13 @@ def fetch_to_inbox(
         instruments: Any of navcam, pancam, hazcam, front_hazcam, rear_hazcam.
         dry_run: Only say what there is.
     """
-    inbox = _inbox(_settings())
-    return fetch_archive.fn(mission, sols, list(instruments), inbox, dry_run=dry_run)
+    settings = _settings()
+    inbox, workspace = _inbox(settings), open_workspace(settings.store)
+    with record_run("fetch", f"{mission} sol {sols}", workspace) as record:
+        report = fetch_archive.fn(mission, sols, list(instruments), inbox, dry_run=dry_run)
+        record.say([*report.warnings, *report.files])
+        record.fail_if(report.failures)
+    return report
 
 
 def _settings() -> Settings:

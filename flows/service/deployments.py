@@ -11,6 +11,7 @@ import contextlib
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from solmap.config.run_parameters import RUN_KINDS
 from solmap.config.settings import Settings
 from solmap.flows.runtime.children import lower_priority
 
@@ -18,10 +19,7 @@ if TYPE_CHECKING:
     from prefect import Flow
 
 DOWNLINK, OVERALL, REGION, FETCH = (
-    "downlink/inbox",
-    "overall-adjustment/weekly",
-    "refresh-region/on-demand",
-    "fetch-archive/on-demand",
+    RUN_KINDS[kind].deployment for kind in ("downlink", "overall adjustment", "region", "fetch")
 )
 """Names by which runs are asked for: flow and deployment."""
 

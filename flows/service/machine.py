@@ -6,6 +6,7 @@ inbox over when files have come whole, and stops all of it in order.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections.abc import Callable
@@ -97,6 +98,7 @@ class Machine:
             self._complain(f"{type(error).__name__}: {error}; tried again until it works")
         else:
             self._trouble = ""
+        self._write_engine_state()
 
     def stop(self) -> None:
         """Stop the map and the scheduler with its runs, then the engine; a few seconds in all."""
@@ -107,6 +109,20 @@ class Machine:
             child.stop(_STOP_S)
         for child in self._children.values():
             child.stop(_STOP_S / 2)
+
+    def _write_engine_state(self) -> None:
+        """Say on the map how the engine is; a state that is not written any more grows old."""
+        from solmap.flows.service import engine_watch  # noqa: PLC0415 - after the engine's settings
+
+        scheduler = self._children.get("scheduler")
+        is_alive = scheduler is not None and scheduler.is_alive
+        try:
+            engine_watch.write_state(
+                self.store, has_inbox=self._inbox is not None, is_scheduler_alive=is_alive
+            )
+        except Exception as error:  # noqa: BLE001 - as above
+            with contextlib.suppress(Exception):  # the disk is full, the catalogue away
+                engine_watch.write_trouble(self.store, f"the engine does not answer: {error}")
 
     def _complain(self, trouble: str) -> None:
         """Say what is wrong, once while it stays the same."""

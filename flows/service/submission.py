@@ -19,21 +19,21 @@ from prefect.client.schemas.filters import (
     FlowRunFilterStateType,
 )
 from prefect.client.schemas.objects import FlowRun, StateType
+from prefect.client.schemas.responses import OrchestrationResult, SetStateStatus
 from prefect.client.schemas.sorting import FlowRunSort
 from prefect.deployments import run_deployment
-from prefect.exceptions import ObjectNotFound
-from prefect.states import Crashed
+from prefect.exceptions import ObjectNotFound, PrefectHTTPStatusError
+from prefect.states import Cancelling, Crashed
 from prefect.types import DateTime
 
+from solmap.config.run_parameters import RUN_KINDS
 from solmap.config.workspace import open_catalogue
-from solmap.flows.service.deployments import DOWNLINK, OVERALL, REGION
+from solmap.flows.service.deployments import DOWNLINK
 from solmap.products.catalogue.edits import RequestKind, RequestState, RunRequest, RunRequests
 from solmap.products.catalogue.events import REQUESTS_CHANGED
 
-_DEPLOYMENT = {
-    RequestKind.OVERALL: OVERALL,
-    RequestKind.REGION: REGION,
-}
+_NEED_INBOX = (RequestKind.DOWNLINK, RequestKind.FETCH)
+_SERVER_FAILED = 500
 _TAKEN = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
 
 
@@ -57,12 +57,52 @@ def submit_requests(store: Path, *, has_inbox: bool) -> list[str]:
 
 
 def _submit(asked: RunRequest, *, has_inbox: bool) -> tuple[RequestState, str]:
-    if asked.kind is RequestKind.DOWNLINK:
-        if not has_inbox:
+    try:
+        match asked.kind:
+            case RequestKind.CANCEL:
+                return cancel_run(UUID(asked.parameters["run"]), asked.author)
+            case RequestKind.PAUSE | RequestKind.RESUME:
+                is_paused = asked.kind is RequestKind.PAUSE
+                return pause(asked.parameters["deployment"], is_paused=is_paused)
+        if asked.kind in _NEED_INBOX and not has_inbox:
             return RequestState.REFUSED, "no inbox is watched; start `solmap up --inbox`"
-        return RequestState.TAKEN, submit(DOWNLINK, {})
-    parameters = {"mission": asked.mission} if asked.mission else {}
-    return RequestState.TAKEN, submit(_DEPLOYMENT[asked.kind], parameters)
+        mission = {"mission": asked.mission} if asked.mission else {}
+        deployment = RUN_KINDS[asked.kind].deployment
+        return RequestState.TAKEN, submit(deployment, {**asked.parameters, **mission})
+    except (PrefectHTTPStatusError, ValueError) as error:
+        status = error.response.status_code if isinstance(error, PrefectHTTPStatusError) else 422
+        if status >= _SERVER_FAILED or isinstance(error, ObjectNotFound):
+            raise
+        return RequestState.REFUSED, f"the engine refuses it: {error}".splitlines()[0]
+
+
+def cancel_run(run: UUID, author: str) -> tuple[RequestState, str]:
+    """Have the engine end a run, with its processes; one that has not begun never does."""
+    with _client() as client:
+        try:
+            found = client.read_flow_run(run)
+        except ObjectNotFound:
+            return RequestState.REFUSED, "the engine does not know this run"
+        if found.state is not None and found.state.is_final():
+            return RequestState.REFUSED, f"it has ended already: {found.state.type.value.lower()}"
+        message = f"cancelled on the map by {author}"
+        answer: OrchestrationResult[object] = client.set_flow_run_state(
+            run, Cancelling(message=message)
+        )
+        if answer.status is SetStateStatus.ABORT:
+            return RequestState.REFUSED, f"the engine refuses it: {answer.details}"
+    return RequestState.TAKEN, f"{found.name} ends"
+
+
+def pause(deployment: str, *, is_paused: bool) -> tuple[RequestState, str]:
+    """Have a deployment start no scheduled runs, or start them again."""
+    with _client() as client:
+        found = client.read_deployment_by_name(deployment)
+        if is_paused:
+            client.pause_deployment(found.id)
+        else:
+            client.resume_deployment(found.id)
+    return RequestState.TAKEN, f"{deployment} {'is paused' if is_paused else 'goes on'}"
 
 
 @dataclass(frozen=True, slots=True)

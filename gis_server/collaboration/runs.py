@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Path, Query, Response
+from fastapi import APIRouter, HTTPException, Path, Query, Response
 from fastapi.responses import FileResponse
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
+from solmap.config.run_parameters import RUN_KINDS, DownlinkRun, RunKind, RunWish
 from solmap.gis_server.addresses import ServerPath
 from solmap.gis_server.collaboration.accounts import Operator
+from solmap.gis_server.collaboration.engine import add_request, require_engine
 from solmap.gis_server.parameters import AGAIN, FOREVER, Digest, ScopeName
 from solmap.gis_server.services import ServicesOf
 from solmap.products.catalogue.edits import RequestKind, RunRequest
-from solmap.products.catalogue.events import REQUESTS_CHANGED
-from solmap.products.catalogue.runs import Run, RunState
+from solmap.products.catalogue.engine_state import read_engine_state
+from solmap.products.catalogue.runs import RESTARTABLE, Run, RunState
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.model import ProductKind
 
@@ -37,6 +39,10 @@ class RunBody(BaseModel):
     total: int
     lines: tuple[str, ...]
     """What it said; only of a single run, else empty."""
+    parameters: dict[str, Any]
+    """Those it was asked for with."""
+    actions: tuple[Literal["cancel", "restart"], ...]
+    """What an operator may have done with it."""
 
 
 class ReportBody(BaseModel):
@@ -56,14 +62,20 @@ class Runs(BaseModel):
     reports: list[ReportBody]
 
 
-class Wish(BaseModel):
-    """What is to be run."""
+class RunKindBody(BaseModel):
+    """A kind of run that may be asked for."""
 
-    model_config = ConfigDict(extra="forbid")
+    kind: str
+    title: str
+    effect: str
+    """What will happen, in sentences."""
+    deployment: str
+    parameters: dict[str, Any]
+    """JSON schema of an object."""
 
-    kind: Literal["downlink", "overall adjustment", "region"]
-    mission: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")] | None = None
-    """Of one mission; of all where it is left out."""
+
+Wish = Annotated[RunWish, Field(discriminator="kind")]
+_WISH: TypeAdapter[RunWish] = TypeAdapter(Wish)
 
 
 @router.get("/runs")
@@ -94,16 +106,72 @@ def run(run: RunName, services: ServicesOf, response: Response) -> RunBody:
     return _run_body(services.runs.run(run))
 
 
+@router.get("/run-kinds")
+def run_kinds(response: Response) -> list[RunKindBody]:
+    """Kinds of runs that may be asked for: what they do, and the schema of their parameters."""
+    response.headers.update(AGAIN)
+    return [
+        RunKindBody(
+            kind=name,
+            title=kind.model.__doc__ or name,
+            effect=kind.effect,
+            deployment=kind.deployment,
+            parameters=_fields(kind),
+        )
+        for name, kind in RUN_KINDS.items()
+    ]
+
+
 @router.post("/runs", status_code=202)
 def request_run(wish: Wish, services: ServicesOf, who: Operator) -> RunRequest:
     """Ask for a run. It waits until `solmap up` takes it; the same wish is not kept twice."""
-    if wish.mission is not None:
+    if wish.mission is not None and wish.kind != "fetch":
         services.catalogue.mission(wish.mission)
-    asked = services.requests.add(RequestKind(wish.kind), wish.mission, who.name)
-    services.catalogue.append_event(
-        REQUESTS_CHANGED, {"request": asked.id, "state": str(asked.state)}
-    )
-    return asked
+    engine = read_engine_state(services.store.root)
+    if engine.is_up and not engine.has_inbox and wish.kind in {"downlink", "fetch"}:
+        raise HTTPException(409, "no inbox is watched: start `solmap up` with `--inbox FOLDER`")
+    parameters = {name: value for name, value in wish.parameters.items() if name != "mission"}
+    return add_request(services, RequestKind(wish.kind), wish.mission, who.name, parameters)
+
+
+@router.post("/runs/{run}/cancel", status_code=202)
+def cancel(run: RunName, services: ServicesOf, who: Operator) -> RunRequest:
+    """Cancel a run that is going on, or that waits in the engine.
+
+    Its processes are ended; products that exist are kept, and another run goes on from them.
+    """
+    engine = require_engine(services)
+    if any(queued.flow_run == run for queued in engine.queued):
+        flow_run: str | None = run
+    else:
+        found = services.runs.run(run)
+        if found.state is not RunState.RUNNING:
+            raise HTTPException(409, f"run {run} has ended already: {found.state}")
+        flow_run = found.flow_run
+    if flow_run is None:
+        raise HTTPException(409, f"run {run} was started by a command: stop it there with Ctrl-C")
+    return add_request(services, RequestKind.CANCEL, None, who.name, {"run": flow_run})
+
+
+@router.post("/runs/{run}/restart", status_code=202)
+def restart(run: RunName, services: ServicesOf, who: Operator) -> RunRequest:
+    """Run again, with the same parameters, what failed, was cancelled or lost.
+
+    What was made is looked up: only what failed or had not been reached is worked on.
+    """
+    require_engine(services)
+    found = services.runs.run(run)
+    if found.state not in RESTARTABLE:
+        raise HTTPException(409, f"run {run} is {found.state}: there is nothing to run again")
+    if found.flow_run is None:
+        raise HTTPException(409, f"run {run} was started by a command: say that command again")
+    try:
+        wish = _WISH.validate_python({"kind": found.kind, **found.parameters})
+    except ValidationError as error:
+        raise HTTPException(
+            409, f"the parameters of run {run} do not hold any more; start a new run"
+        ) from error
+    return request_run(wish, services, who)
 
 
 @router.get("/reports/{scope}/{digest}.html", response_class=FileResponse)
@@ -116,4 +184,23 @@ def report(scope: ScopeName, digest: Digest, services: ServicesOf) -> FileRespon
 
 
 def _run_body(found: Run) -> RunBody:
-    return RunBody.model_validate(found, from_attributes=True)
+    named = {name: getattr(found, name) for name in RunBody.model_fields if name != "actions"}
+    return RunBody(**named, actions=_actions(found))
+
+
+def _actions(found: Run) -> tuple[Literal["cancel", "restart"], ...]:
+    if found.flow_run is None:
+        return ()
+    if found.state is RunState.RUNNING:
+        return ("cancel",)
+    return ("restart",) if found.state in RESTARTABLE else ()
+
+
+def _fields(kind: RunKind) -> dict[str, Any]:
+    """The schema of the parameters of a kind, without those that it always has."""
+    schema = kind.model.model_json_schema()
+    fixed = ("kind", "mission") if kind.model is DownlinkRun else ("kind",)
+    for name in fixed:
+        schema["properties"].pop(name, None)
+    schema["required"] = [name for name in schema.get("required", ()) if name not in fixed]
+    return schema

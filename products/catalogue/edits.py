@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -43,7 +43,7 @@ CREATE TRIGGER IF NOT EXISTS edits_are BEFORE UPDATE ON edits
     BEGIN SELECT RAISE(ABORT, 'edits are never changed'); END;
 CREATE TABLE IF NOT EXISTS requests(
     id INTEGER PRIMARY KEY AUTOINCREMENT, kind TEXT NOT NULL, mission TEXT, author TEXT NOT NULL,
-    at TEXT NOT NULL, state TEXT NOT NULL, answer TEXT);
+    at TEXT NOT NULL, state TEXT NOT NULL, answer TEXT, parameters TEXT NOT NULL DEFAULT '{}');
 """
 
 
@@ -237,11 +237,8 @@ def _edit(row: tuple[Any, ...], counts: bool) -> Edit:  # noqa: FBT001 - a fact 
     return Edit(number, mission, EditKind(kind), known, author, at, note, undoes, counts)
 
 
-_COLUMNS = "id, kind, mission, author, at, state, answer"
-
-
 class RequestKind(StrEnum):
-    """What is to be run."""
+    """What is to be run, or done with a run or a deployment."""
 
     DOWNLINK = "downlink"
     """Process what is in the inbox."""
@@ -249,6 +246,14 @@ class RequestKind(StrEnum):
     """Adjust all stops of a mission, or of all, together."""
     REGION = "region"
     """Join stops to regions anew."""
+    FETCH = "fetch"
+    """Bring images of some sols from the archive to the inbox."""
+    CANCEL = "cancel"
+    """End the run of the engine that `run` names."""
+    PAUSE = "pause"
+    """Start no scheduled run of `deployment` any more."""
+    RESUME = "resume"
+    """Start them again."""
 
 
 class RequestState(StrEnum):
@@ -273,6 +278,7 @@ class RunRequest:
     state: RequestState
     answer: str | None
     """The name of the run, or why there is none."""
+    parameters: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,33 +292,39 @@ class RunRequests:
         """Those of the store at `root`; nothing is written before the first."""
         return cls(root / FILE)
 
-    def add(self, kind: RequestKind, mission: str | None, author: str) -> RunRequest:
+    def add(
+        self,
+        kind: RequestKind,
+        mission: str | None,
+        author: str,
+        parameters: Mapping[str, Any] | None = None,
+    ) -> RunRequest:
         """Add a request, unless the same is waiting already; the one that waits."""
+        given = json.dumps(parameters or {}, sort_keys=True)
         with transaction(self.path) as connection:
             connection.execute("BEGIN IMMEDIATE")
             same = connection.execute(
-                f"SELECT {_COLUMNS} FROM requests "  # noqa: S608 - our own words
-                "WHERE kind = ? AND mission IS ? AND state = ?",
-                (kind, mission, RequestState.WAITING),
+                "SELECT * FROM requests "
+                "WHERE kind = ? AND mission IS ? AND parameters = ? AND state = ?",
+                (kind, mission, given, RequestState.WAITING),
             ).fetchone()
             if same:
                 return _request(same)
             at = datetime.now(UTC).isoformat(timespec="milliseconds")
+            row = (kind, mission, author, at, RequestState.WAITING, None, given)
             number = connection.execute(
-                "INSERT INTO requests(kind, mission, author, at, state) VALUES(?,?,?,?,?)",
-                (kind, mission, author, at, RequestState.WAITING),
+                "INSERT INTO requests(kind, mission, author, at, state, answer, parameters) "
+                "VALUES(?,?,?,?,?,?,?)",
+                row,
             ).lastrowid
-        return RunRequest(number or 0, kind, mission, author, at, RequestState.WAITING, None)
+        return _request((number or 0, *row))
 
     def requests(self, limit: int = 50) -> list[RunRequest]:
         """The newest first."""
         if not self.path.is_file():
             return []
         with _reading(self.path) as connection:
-            rows = connection.execute(
-                f"SELECT {_COLUMNS} FROM requests ORDER BY id DESC LIMIT ?",  # noqa: S608
-                (limit,),
-            )
+            rows = connection.execute("SELECT * FROM requests ORDER BY id DESC LIMIT ?", (limit,))
             return [_request(row) for row in rows]
 
     def waiting(self) -> list[RunRequest]:
@@ -337,6 +349,19 @@ class RunRequests:
             )
 
 
-def _request(row: tuple[int, str, str | None, str, str, str, str | None]) -> RunRequest:
-    number, kind, mission, author, at, state, answer = row
-    return RunRequest(number, RequestKind(kind), mission, author, at, RequestState(state), answer)
+def _request(row: tuple[Any, ...]) -> RunRequest:
+    """A row; those of stores before version 2 have no parameters."""
+    number, kind, mission, author, at, state, answer, *rest = row
+    parameters = json.loads(rest[0]) if rest else {}
+    known = RequestKind(kind), mission, author, at, RequestState(state), answer
+    return RunRequest(number, *known, parameters)
+
+
+def add_parameters(path: Path) -> None:
+    """Give the requests of an older store their column of parameters, if they have none."""
+    with transaction(path) as connection:
+        names = {row[1] for row in connection.execute("PRAGMA table_info(requests)")}
+        if "parameters" not in names:
+            connection.execute(
+                "ALTER TABLE requests ADD COLUMN parameters TEXT NOT NULL DEFAULT '{}'"
+            )

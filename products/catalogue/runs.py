@@ -15,8 +15,8 @@ import dataclasses
 import os
 import secrets
 import socket
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -47,6 +47,12 @@ class RunState(StrEnum):
     SUCCEEDED = "succeeded"
     FAILED = "failed"
     LOST = "lost"
+    CANCELLED = "cancelled"
+    """Stopped by people before its end: on the map, by Ctrl-C, or together with the service."""
+
+
+RESTARTABLE = (RunState.FAILED, RunState.LOST, RunState.CANCELLED)
+"""States after which a run may be started again with the same parameters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +77,33 @@ class Run:
     """Messages, oldest first."""
     process: str = ""
     """Host and number of the process."""
+    flow_run: str | None = None
+    """The run of a deployment in the engine that it is; None: it was started by a command."""
+    parameters: dict[str, Any] = field(default_factory=dict)
+    """Those that the deployment was run with."""
 
     @classmethod
-    def start(cls, kind: str, subject: str) -> Run:
+    def start(
+        cls,
+        kind: str,
+        subject: str,
+        flow_run: str | None = None,
+        parameters: Mapping[str, Any] | None = None,
+    ) -> Run:
         """A run of this process that begins now."""
         now = _now()
         name = f"{now[:19].replace(':', '').replace('-', '')}-{secrets.token_hex(3)}"
-        return cls(name, kind, subject, RunState.RUNNING, now, now, process=_this_process())
+        return cls(
+            name,
+            kind,
+            subject,
+            RunState.RUNNING,
+            now,
+            now,
+            process=_this_process(),
+            flow_run=flow_run,
+            parameters=dict(parameters or {}),
+        )
 
     def with_progress(self, stage: str, done: int, total: int) -> Run:
         """The run, so far along."""

@@ -69,9 +69,15 @@ def _add_missing_tables(root: Path, connection: sa.Connection) -> None:
             pass
 
 
+def _add_parameters_of_requests(root: Path, _connection: sa.Connection) -> None:
+    """Requests for runs had none."""
+    if (root / edits.FILE).is_file():
+        edits.add_parameters(root / edits.FILE)
+
+
 Migration = Callable[[Path, sa.Connection], None]
 """Changes the folder of a store and its catalogue; it may be called again after a kill."""
-MIGRATIONS: list[Migration] = [_add_missing_tables]
+MIGRATIONS: list[Migration] = [_add_missing_tables, _add_parameters_of_requests]
 """In their order: the first leads to version 1. Append to them, and never change one."""
 OLDEST_READABLE = 0
 """Stores from this version on are read without migration where nothing may be written."""

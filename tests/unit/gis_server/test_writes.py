@@ -1,11 +1,14 @@
 """Writing takes a token and a role; what is written is checked, logged and can be taken back."""
 
+from datetime import UTC, datetime, timedelta
+
 import pytest
 from fastapi.testclient import TestClient
 
 from solmap.gis_server.app import create_app
 from solmap.gis_server.middleware import MOST_BYTES
-from solmap.products.catalogue.edits import EditLog, RunRequests
+from solmap.products.catalogue.edits import EditLog, RequestKind, RunRequests
+from solmap.products.catalogue.engine_state import OLD_S, DeploymentState, EngineState, QueuedRun
 from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.formats.documents.edit_requests import COLUMNS
@@ -46,6 +49,10 @@ WRITES = [
     (f"{EDITS}/annotations", NOTE),
     (f"{EDITS}/1/undo", {}),
     ("/api/runs", {"kind": "region"}),
+    ("/api/runs/a/cancel", {}),
+    ("/api/runs/a/restart", {}),
+    ("/api/engine/deployments/downlink/inbox/pause", {}),
+    ("/api/engine/deployments/downlink/inbox/resume", {}),
 ]
 
 
@@ -197,6 +204,147 @@ def test_an_operator_asks_for_a_run_and_an_analyst_may_not(client, token_of):
     nowhere = {**wish, "mission": "MER9"}
     operator = token_of(Role.OPERATOR)
     assert client.post("/api/runs", json=nowhere, headers=operator).status_code == 404
+
+
+FETCH = {"kind": "fetch", "mission": "MER2", "sols": "155-157"}
+
+
+@pytest.mark.parametrize(
+    ("wish", "told"),
+    [
+        ({"kind": "fetch", "mission": "MER2"}, "sols: Field required"),
+        ({**FETCH, "sols": "yesterday"}, "sols: String should match"),
+        ({**FETCH, "instruments": ["radar"]}, "instruments.0: Input should be"),
+        ({"kind": "downlink", "settle_s": -1}, "settle_s: Input should be greater"),
+        ({"kind": "downlink", "mission": "MER2"}, "leave the mission out"),
+        ({"kind": "downlink", "store": "/etc"}, "store: Extra inputs"),
+        ({"kind": "cancel"}, "kind"),
+    ],
+)
+def test_parameters_of_a_run_are_checked_before_it_is_asked_for(
+    client, token_of, own_world, wish, told
+):
+    answer = client.post("/api/runs", json=wish, headers=token_of(Role.OPERATOR))
+    assert answer.status_code == 422
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert told in answer.json()["detail"]
+    assert RunRequests.of(own_world.root).requests() == []
+
+
+def test_the_kinds_of_runs_have_schemas_and_say_what_happens(client):
+    kinds = {one["kind"]: one for one in client.get("/api/run-kinds").json()}
+    assert set(kinds) == {"downlink", "overall adjustment", "region", "fetch"}
+    assert set(kinds["downlink"]["parameters"]["properties"]) == {"settle_s"}
+    assert kinds["fetch"]["parameters"]["required"] == ["mission", "sols"]
+    assert all(one["effect"] for one in kinds.values())
+
+
+DEPLOYMENT = DeploymentState(
+    name="downlink/inbox",
+    description="",
+    is_paused=False,
+    schedules=("0 3 * * 0",),
+    next_run=None,
+    last_state=None,
+    last_ended_at=None,
+    pool=None,
+    is_ready=True,
+)
+
+
+def write_engine(own_world, age_s=0.0, **more):
+    at = datetime.now(UTC) - timedelta(seconds=age_s)
+    known = {"is_up": True, "has_inbox": True, "deployments": (DEPLOYMENT,), **more}
+    EngineState(at.isoformat(timespec="milliseconds"), **known).write(own_world.root)
+
+
+def write_run(own_world, state=None, flow_run="f-1", kind="downlink", parameters=None):
+    run = Run.start(kind, "inbox", flow_run, parameters or {"settle_s": 2.0})
+    RunRecords(own_world.catalogue.engine).write(run.with_end(state) if state else run)
+    return run.id
+
+
+def test_a_run_that_goes_on_is_cancelled_once_and_one_that_ended_is_not(
+    client, token_of, own_world
+):
+    operator = token_of(Role.OPERATOR)
+    write_engine(own_world)
+    going, ended = write_run(own_world), write_run(own_world, RunState.SUCCEEDED)
+    listed = {one["id"]: one for one in client.get("/api/runs").json()["runs"]}
+    assert (listed[going]["actions"], listed[ended]["actions"]) == (["cancel"], [])
+    for _ in range(2):
+        asked = client.post(f"/api/runs/{going}/cancel", headers=operator)
+        assert asked.status_code == 202
+    (kept,) = RunRequests.of(own_world.root).waiting()
+    assert (kept.kind, kept.parameters) == (RequestKind.CANCEL, {"run": "f-1"})
+    refused = client.post(f"/api/runs/{ended}/cancel", headers=operator)
+    assert refused.status_code == 409
+    assert refused.json()["detail"] == f"run {ended} has ended already: succeeded"
+    own = write_run(own_world, flow_run=None)
+    by_hand = client.post(f"/api/runs/{own}/cancel", headers=operator)
+    assert by_hand.status_code == 409
+    assert "Ctrl-C" in by_hand.json()["detail"]
+    assert client.post("/api/runs/none/cancel", headers=operator).status_code == 404
+
+
+def test_a_run_that_waits_in_the_engine_is_cancelled_by_its_name_there(client, token_of, own_world):
+    write_engine(own_world, queued=(QueuedRun("f-9", "downlink/inbox", "wise-lynx", None),))
+    asked = client.post("/api/runs/f-9/cancel", headers=token_of(Role.OPERATOR))
+    assert asked.json()["parameters"] == {"run": "f-9"}
+
+
+@pytest.mark.parametrize("state", [RunState.FAILED, RunState.CANCELLED])
+def test_a_run_that_did_not_get_there_is_asked_for_with_its_parameters(
+    client, token_of, own_world, state
+):
+    write_engine(own_world)
+    run = write_run(own_world, state)
+    asked = client.post(f"/api/runs/{run}/restart", headers=token_of(Role.OPERATOR)).json()
+    assert (asked["kind"], asked["parameters"]) == ("downlink", {"settle_s": 2.0})
+    done = write_run(own_world, RunState.SUCCEEDED)
+    again = client.post(f"/api/runs/{done}/restart", headers=token_of(Role.OPERATOR))
+    assert again.status_code == 409
+
+
+def test_deployments_are_paused_and_resumed_where_that_changes_something(
+    client, token_of, own_world
+):
+    operator = token_of(Role.OPERATOR)
+    write_engine(own_world)
+    address = "/api/engine/deployments/downlink/inbox"
+    assert client.get("/api/engine").json()["deployments"][0]["schedules"] == ["0 3 * * 0"]
+    assert client.post(f"{address}/pause", headers=operator).json()["parameters"] == {
+        "deployment": "downlink/inbox"
+    }
+    assert client.post(f"{address}/resume", headers=operator).status_code == 409
+    other = client.post("/api/engine/deployments/downlink/none/pause", headers=operator)
+    assert other.status_code == 404
+
+
+@pytest.mark.parametrize("age_s", [None, OLD_S + 1.0])
+def test_without_an_engine_nothing_is_cancelled_or_paused_and_a_run_waits(
+    client, token_of, own_world, age_s
+):
+    operator = token_of(Role.OPERATOR)
+    if age_s is not None:
+        write_engine(own_world, age_s)
+    run = write_run(own_world)
+    paths = [f"runs/{run}/cancel", f"runs/{run}/restart", "engine/deployments/downlink/inbox/pause"]
+    for path in paths:
+        answer = client.post(f"/api/{path}", headers=operator)
+        assert answer.status_code == 503
+        assert answer.headers["content-type"] == "application/problem+json"
+        assert "the engine is down: `solmap up`" in answer.json()["detail"]
+    assert client.get("/api/engine").json()["is_up"] is False
+    wish = {"kind": "downlink"}
+    assert client.post("/api/runs", json=wish, headers=operator).status_code == 202
+
+
+def test_a_downlink_is_refused_at_once_where_no_inbox_is_watched(client, token_of, own_world):
+    write_engine(own_world, has_inbox=False)
+    answer = client.post("/api/runs", json={"kind": "downlink"}, headers=token_of(Role.OPERATOR))
+    assert answer.status_code == 409
+    assert "no inbox is watched" in answer.json()["detail"]
 
 
 def test_runs_are_listed_with_progress_and_one_tells_what_it_said(client, own_world):

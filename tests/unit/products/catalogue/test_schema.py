@@ -42,7 +42,7 @@ def test_an_old_store_opens_after_migration_with_all_that_it_held(old_store):
     assert token is not None
     assert token.role is Role.ANALYST
     assert schema.version_of(old_store, workspace.catalogue.engine) == schema.latest_version()
-    assert {one.name for one in (old_store / "before-schema-1").iterdir()} == set(schema.DATABASES)
+    assert {one.name for one in (old_store / "before-schema-2").iterdir()} == set(schema.DATABASES)
     assert faults(old_store) == []
 
 
@@ -56,8 +56,8 @@ def test_a_store_is_migrated_once(old_store, monkeypatch):
 
 def test_a_new_store_has_the_latest_version_and_no_copies(tmp_path):
     workspace = Workspace.open(tmp_path / "store")
-    assert schema.version_of(tmp_path / "store", workspace.catalogue.engine) == 1
-    assert (tmp_path / "store" / "schema").read_text() == "1\n"
+    assert schema.version_of(tmp_path / "store", workspace.catalogue.engine) == schema.latest_version()
+    assert (tmp_path / "store" / "schema").read_text() == f"{schema.latest_version()}\n"
     assert not list((tmp_path / "store").glob("before-schema-*"))
 
 
@@ -81,7 +81,7 @@ def test_a_newer_store_is_refused(tmp_path, where):
     else:
         with workspace.catalogue.engine.begin() as connection:
             connection.execute(schema.STEPS.insert().values(version=7, at="2030"))
-    with pytest.raises(ProductError, match="has schema 7, this solmap reads up to 1: update"):
+    with pytest.raises(ProductError, match="has schema 7, this solmap reads up to 2: update"):
         Workspace.open(root)
 
 
@@ -144,7 +144,7 @@ def test_a_process_that_is_killed_while_it_migrates_leaves_the_work_to_the_next(
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     assert waiting.wait(60) == 0
-    assert schema.version_of(old_store, Workspace.open(old_store).catalogue.engine) == 1
+    assert schema.version_of(old_store, Workspace.open(old_store).catalogue.engine) == schema.latest_version()
     assert before.differences(Contents.of(old_store)) == []
 
 
@@ -169,7 +169,7 @@ def test_a_catalogue_in_postgresql_is_migrated_too(postgres, tmp_path):
         connection.exec_driver_sql("DROP TABLE ingested")
     (root / schema.FILE).unlink()
     engine = Workspace.open(root, url).catalogue.engine
-    assert schema.version_of(root, engine) == 1
+    assert schema.version_of(root, engine) == schema.latest_version()
     assert "ingested" in sa.inspect(engine).get_table_names()
 
 

@@ -243,7 +243,7 @@ def test_a_newer_backup_is_refused(workspace, tmp_path):
     folder = back_up(workspace, tmp_path / "backups").folder
     manifest = json.loads((folder / "manifest.json").read_text())
     (folder / "manifest.json").write_text(json.dumps(manifest | {"schema": 9}))
-    with pytest.raises(ProductError, match="has schema 9, this solmap reads up to 1: update"):
+    with pytest.raises(ProductError, match="has schema 9, this solmap reads up to 2: update"):
         restore(folder, tmp_path / "new")
 
 

@@ -1,0 +1,86 @@
+"""The engine: whether it lives, its deployments and runs that wait; pausing and resuming.
+
+The server gives the engine no orders: `solmap up` writes its state down and takes requests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from fastapi import APIRouter, HTTPException, Path, Response
+
+from solmap.gis_server.collaboration.accounts import Operator
+from solmap.gis_server.parameters import AGAIN
+from solmap.gis_server.services import Services, ServicesOf
+from solmap.products.catalogue.edits import RequestKind, RunRequest
+from solmap.products.catalogue.engine_state import (
+    DeploymentState,
+    EngineState,
+    read_engine_state,
+)
+from solmap.products.catalogue.events import REQUESTS_CHANGED
+
+router = APIRouter(prefix="/api/engine", tags=["runs"])
+Name = Annotated[str, Path(pattern=r"^[A-Za-z0-9-]{1,64}$")]
+
+
+@router.get("")
+def engine(services: ServicesOf, response: Response) -> EngineState:
+    """Whether the engine is up, its deployments with their schedules, and the runs that wait."""
+    response.headers.update(AGAIN)
+    return read_engine_state(services.store.root)
+
+
+@router.post("/deployments/{flow}/{name}/pause", status_code=202)
+def pause(flow: Name, name: Name, services: ServicesOf, who: Operator) -> RunRequest:
+    """Start no scheduled run of a deployment any more; runs may still be asked for."""
+    found = _deployment(f"{flow}/{name}", services)
+    if found.is_paused:
+        raise HTTPException(409, f"{found.name} is paused already")
+    given = {"deployment": found.name}
+    return add_request(services, RequestKind.PAUSE, None, who.name, given)
+
+
+@router.post("/deployments/{flow}/{name}/resume", status_code=202)
+def resume(flow: Name, name: Name, services: ServicesOf, who: Operator) -> RunRequest:
+    """Start the scheduled runs of a deployment again."""
+    found = _deployment(f"{flow}/{name}", services)
+    if not found.is_paused:
+        raise HTTPException(409, f"{found.name} is not paused")
+    given = {"deployment": found.name}
+    return add_request(services, RequestKind.RESUME, None, who.name, given)
+
+
+def require_engine(services: Services) -> EngineState:
+    """The state of the engine that is up.
+
+    Raises:
+        HTTPException: 503, it is not.
+    """
+    state = read_engine_state(services.store.root)
+    if not state.is_up:
+        raise HTTPException(503, f"the engine is down: {state.trouble}", {"Retry-After": "30"})
+    return state
+
+
+def add_request(
+    services: Services,
+    kind: RequestKind,
+    mission: str | None,
+    author: str,
+    parameters: Mapping[str, Any],
+) -> RunRequest:
+    """Keep a request for `solmap up`, with an event; one that waits already is not kept twice."""
+    asked = services.requests.add(kind, mission, author, parameters)
+    services.catalogue.append_event(
+        REQUESTS_CHANGED, {"request": asked.id, "state": str(asked.state)}
+    )
+    return asked
+
+
+def _deployment(name: str, services: Services) -> DeploymentState:
+    for found in require_engine(services).deployments:
+        if found.name == name:
+            return found
+    raise HTTPException(404, f"the engine has no deployment {name}")
