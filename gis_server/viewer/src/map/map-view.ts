@@ -8,6 +8,7 @@ import { defaults as defaultInteractions } from "ol/interaction/defaults";
 import OlVectorLayer from "ol/layer/Vector";
 import type OlMap from "ol/Map";
 import type MapBrowserEvent from "ol/MapBrowserEvent";
+import TileSource from "ol/source/Tile";
 import VectorSource from "ol/source/Vector";
 import View from "ol/View";
 import { CalmMap, TILES_ON_THEIR_WAY } from "./calm-map";
@@ -188,6 +189,15 @@ export class MapView {
     this.highlighted = features;
     this.highlight.source.clear();
     this.highlight.source.addFeatures(features.map((feature) => feature.clone()));
+  }
+
+  /** Asks again for what did not come while the server was away. */
+  reloadTiles(): void {
+    for (const layer of this.map.getAllLayers()) {
+      const source = layer.getSource();
+      if (source instanceof TileSource) source.refresh();
+      else source?.changed();
+    }
   }
 
   setMark(point: MapPoint | null): void {

@@ -21,6 +21,8 @@ export interface Shell {
   readonly readout: HTMLElement;
   /** At the end of the line below the map: the format of coordinates. */
   readonly formatBox: HTMLElement;
+  /** In the line below the map: whether server and engine are up. */
+  readonly statusBox: HTMLElement;
   /** Said while the server is not connected. */
   readonly connection: HTMLElement;
   readonly scale: HTMLElement;
@@ -73,6 +75,7 @@ export function shell(root: HTMLElement): Shell {
   const toolbar = h("div", { class: "toolbar", role: "toolbar", "aria-label": "map tools" });
   const readout = h("div", { class: "readout", "aria-live": "off" });
   const formatBox = h("div", {});
+  const statusBox = h("div", { class: "status" });
   const connection = h(
     "output",
     { class: "connection", hidden: true },
@@ -136,7 +139,7 @@ export function shell(root: HTMLElement): Shell {
       bench.element,
     ),
     h("aside", { class: "right", "aria-label": "side panel" }, right.bar, right.panels),
-    h("footer", {}, readout, connection, formatBox),
+    h("footer", {}, readout, connection, statusBox, formatBox),
     dialog,
   );
   return {
@@ -148,6 +151,7 @@ export function shell(root: HTMLElement): Shell {
     toolbar,
     readout,
     formatBox,
+    statusBox,
     connection,
     scale,
     legend,
@@ -180,6 +184,7 @@ export function shell(root: HTMLElement): Shell {
         legend,
         readout,
         formatBox,
+        statusBox,
       ])
         element.replaceChildren();
       for (const element of [ruler, tip]) element.hidden = true;

@@ -17,7 +17,12 @@ export interface Happenings {
     readonly total: number;
   };
   "edits.changed": { readonly mission: string; readonly edit: number; readonly kind: string };
-  "requests.changed": { readonly request: number; readonly state: string };
+  "requests.changed": {
+    readonly request: number;
+    readonly state: string;
+    readonly answer?: string;
+  };
+  "engine.changed": { readonly is_up: boolean };
   /** Events were missed: everything is to be asked anew. */
   reload: Readonly<Record<string, never>>;
 }
@@ -33,6 +38,7 @@ const KINDS: readonly Kind[] = [
   "run.changed",
   "edits.changed",
   "requests.changed",
+  "engine.changed",
   "reload",
 ];
 /** Comes first, and carries no more than the number of the last event. */

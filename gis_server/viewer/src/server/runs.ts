@@ -2,7 +2,7 @@
 
 import { get, post } from "./api";
 
-export type RunState = "running" | "succeeded" | "failed" | "lost";
+export type RunState = "running" | "succeeded" | "failed" | "lost" | "cancelled";
 
 export interface Run {
   readonly id: string;
@@ -17,7 +17,13 @@ export interface Run {
   readonly total: number;
   /** What it said; only of a single run, else empty. */
   readonly lines: readonly string[];
+  readonly parameters: Parameters;
+  /** What an operator may have done with it. */
+  readonly actions: readonly RunAction[];
 }
+
+export type Parameters = Readonly<Record<string, unknown>>;
+export type RunAction = "cancel" | "restart";
 
 export interface RunRequest {
   readonly id: number;
@@ -27,6 +33,59 @@ export interface RunRequest {
   readonly at: string;
   readonly state: "waiting" | "taken" | "refused";
   readonly answer: string | null;
+  readonly parameters: Parameters;
+}
+
+/** A parameter of a kind of run, as JSON Schema has it. */
+export interface ParameterSchema {
+  readonly title?: string;
+  readonly description?: string;
+  readonly type?: string;
+  readonly pattern?: string;
+  readonly minimum?: number;
+  readonly maximum?: number;
+  readonly default?: unknown;
+  readonly anyOf?: readonly ParameterSchema[];
+  readonly items?: { readonly enum?: readonly string[] };
+}
+
+export interface RunKind {
+  readonly kind: string;
+  readonly title: string;
+  readonly effect: string;
+  readonly deployment: string;
+  readonly parameters: {
+    readonly properties: Readonly<Record<string, ParameterSchema>>;
+    readonly required?: readonly string[];
+  };
+}
+
+export interface Deployment {
+  readonly name: string;
+  readonly description: string;
+  readonly is_paused: boolean;
+  readonly schedules: readonly string[];
+  readonly next_run: string | null;
+  readonly last_state: string | null;
+  readonly last_ended_at: string | null;
+  readonly pool: string | null;
+  readonly is_ready: boolean;
+}
+
+export interface QueuedRun {
+  readonly flow_run: string;
+  readonly deployment: string;
+  readonly name: string;
+  readonly expected_at: string | null;
+}
+
+export interface Engine {
+  readonly at: string;
+  readonly is_up: boolean;
+  readonly trouble: string | null;
+  readonly has_inbox: boolean;
+  readonly deployments: readonly Deployment[];
+  readonly queued: readonly QueuedRun[];
 }
 
 export interface Report {
@@ -41,12 +100,17 @@ export interface Runs {
   readonly reports: readonly Report[];
 }
 
-export const WISHES = ["downlink", "overall adjustment", "region"] as const;
-export type Wish = (typeof WISHES)[number];
-
 export const runs = {
   all: () => get<Runs>("api/runs"),
   one: (id: string) => get<Run>(`api/runs/${encodeURIComponent(id)}`),
-  ask: (kind: Wish, mission: string | null) => post<RunRequest>("api/runs", { kind, mission }),
+  kinds: () => get<readonly RunKind[]>("api/run-kinds"),
+  engine: () => get<Engine>("api/engine"),
+  ask: (kind: string, parameters: Parameters) =>
+    post<RunRequest>("api/runs", { ...parameters, kind }),
+  /** Cancels or restarts a run; a run that waits in the engine goes by its id there. */
+  have: (id: string, action: RunAction) =>
+    post<RunRequest>(`api/runs/${encodeURIComponent(id)}/${action}`, {}),
+  pause: ({ name, is_paused }: Deployment) =>
+    post<RunRequest>(`api/engine/deployments/${name}/${is_paused ? "resume" : "pause"}`, {}),
   report: async ({ page }: Report): Promise<string> => (await fetch(page)).text(),
 };

@@ -113,6 +113,7 @@ export class Session {
 
   dispose(): void {
     this.life.abort();
+    this.context.waiting.stop();
     this.context.view.dispose();
   }
 
@@ -133,6 +134,10 @@ export class Session {
     layers.replaced.on(() => frames.forget());
     coordinates.changed.on(keepFormat);
     signals.view.on(() => this.writeLink());
+    signals.reconnected.on(() => {
+      view.reloadTiles();
+      waiting.answered();
+    });
     signals.sol.on((sol) => {
       drawing.sol = sol;
       view.redraw();

@@ -1,10 +1,14 @@
 /** Waiting for the server, and saying what went wrong. `html[data-ready]` tells whether all has come. */
 
 import type { Shell } from "../page/shell";
-import { ApiError, UnreachableError } from "../server/api";
+import { ApiError, api, UnreachableError } from "../server/api";
 
 /** Mark in the browser's timeline of the moment when the first view of the map was drawn. */
 const MAP_PAINTED = "map painted";
+
+/** What failed is tried again when the server answers; it is asked after so long, then less and less often. */
+const FIRST_AGAIN_MS = 3000;
+const LAST_AGAIN_MS = 60_000;
 
 export class Waiting {
   /** The first view of the map is drawn, with all that it shows. */
@@ -13,6 +17,10 @@ export class Waiting {
   private pending = 0;
   private isWhole = false;
   private isAway = false;
+  /** What the server did not answer, and what is to be done again once it does. */
+  private readonly unanswered = new Set<() => Promise<void>>();
+  private timer: ReturnType<typeof setTimeout> | undefined;
+  private pause_ms = FIRST_AGAIN_MS;
 
   constructor(
     private readonly page: Shell,
@@ -23,12 +31,24 @@ export class Waiting {
     });
   }
 
-  /** Runs what needs the server; what goes wrong is said on the banner. */
+  /** Runs what reads from the server, again where it does not answer; what goes wrong is said on the banner. */
   run(work: () => Promise<void>): void {
+    this.await(work, true);
+  }
+
+  /** The same for what writes: it is done once, whether or not the server answers. */
+  act(work: () => Promise<void>): void {
+    this.await(work, false);
+  }
+
+  private await(work: () => Promise<void>, isRepeated: boolean): void {
     this.pending += 1;
     this.unsettle();
     work()
-      .catch((reason: unknown) => this.fail(reason))
+      .catch((reason: unknown) => {
+        if (isRepeated && reason instanceof UnreachableError) this.unanswered.add(work);
+        this.fail(reason);
+      })
       .finally(() => {
         this.pending -= 1;
         if (this.pending === 0) this.onDone();
@@ -38,10 +58,26 @@ export class Waiting {
   fail(reason: unknown): void {
     if (reason instanceof DOMException && reason.name === "AbortError") return;
     this.isAway = reason instanceof UnreachableError;
-    if (reason instanceof UnreachableError)
-      this.page.banner(reason.message, () => location.reload());
-    else if (reason instanceof ApiError) this.say(reason.message);
+    if (reason instanceof UnreachableError) {
+      this.page.banner(reason.message, () => void this.retry());
+      clearTimeout(this.timer);
+      this.timer = setTimeout(() => void this.retry(), this.pause_ms);
+    } else if (reason instanceof ApiError) this.say(reason.message);
     else throw reason;
+  }
+
+  /** Loads what failed, if the server answers now; the page stays as it is. */
+  private async retry(): Promise<void> {
+    clearTimeout(this.timer);
+    this.pause_ms = Math.min(2 * this.pause_ms, LAST_AGAIN_MS);
+    if (await api.isAlive()) this.answered();
+    else this.timer = setTimeout(() => void this.retry(), this.pause_ms);
+  }
+
+  /** The session ends: nothing is tried again. */
+  stop(): void {
+    clearTimeout(this.timer);
+    this.unanswered.clear();
   }
 
   /** Shows a message that goes away when it was read. */
@@ -49,10 +85,15 @@ export class Waiting {
     this.page.banner(message, () => this.page.banner(null), "Close");
   }
 
-  /** The server answered: if it was away, it no longer is. */
+  /** The server answered: if it was away, it no longer is, and what failed is loaded. */
   answered(): void {
+    clearTimeout(this.timer);
     if (this.isAway) this.page.banner(null);
     this.isAway = false;
+    const failed = [...this.unanswered];
+    this.unanswered.clear();
+    for (const work of failed) this.run(work);
+    if (failed.length === 0) this.pause_ms = FIRST_AGAIN_MS;
   }
 
   unsettle(): void {

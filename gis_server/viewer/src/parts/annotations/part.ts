@@ -148,7 +148,7 @@ class Annotations {
   send(): void {
     if (this.isSending || !this.mayWrite || this.outbox.all.length === 0) return;
     this.isSending = true;
-    this.context.waiting.run(async () => {
+    this.context.waiting.act(async () => {
       try {
         for (const one of this.outbox.all) await this.sendOne(one);
       } finally {
@@ -173,7 +173,7 @@ class Annotations {
 
   private remove(note: AnnotationFeature): void {
     const { waiting, mission, page } = this.context;
-    waiting.run(async () => {
+    waiting.act(async () => {
       await edits.undo(mission.mission, Number(note.id));
       await this.load();
       page.toast("The annotation was deleted; it stays in the log.");

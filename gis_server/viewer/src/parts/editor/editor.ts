@@ -107,7 +107,7 @@ export class Editor {
   }
 
   private run(work: () => Promise<void>): void {
-    this.context.waiting.run(work);
+    this.context.waiting.act(work);
   }
 
   private pane(images: readonly ImageEntry[], stop: string, name: "first" | "second"): Pane {

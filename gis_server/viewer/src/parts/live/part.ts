@@ -31,7 +31,7 @@ export function livePart(context: Context): void {
     signals.happened.emit(RELOAD);
   };
   const published = gathered<readonly string[]>(QUIET_MS, (all) =>
-    waiting.run(() => refresh(all.flat())),
+    waiting.act(() => refresh(all.flat())),
   );
   alive.addEventListener("abort", published.cancel);
   const hear = (happening: Happening) => {

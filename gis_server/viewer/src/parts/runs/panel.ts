@@ -2,19 +2,19 @@
 
 import { h } from "../../page/dom";
 import { time } from "../../page/format";
-import { type Report, type Run, type Runs, WISHES, type Wish } from "../../server/runs";
+import type { Report, Run, RunAction, RunKind, Runs } from "../../server/runs";
 import { durationText, requestText, share, stageText } from "./progress";
 
-const WISH_TEXTS: Readonly<Record<Wish, string>> = {
-  downlink: "Process the inbox",
-  "overall adjustment": "Adjust all stops",
-  region: "Join the regions",
+const ACTION_TEXTS: Readonly<Record<RunAction, string>> = {
+  cancel: "Cancel",
+  restart: "Retry what failed",
 };
 
 export interface RunActions {
   readonly open: (run: Run) => void;
   readonly openReport: (report: Report) => void;
-  readonly ask: (wish: Wish) => void;
+  readonly start: (kind: RunKind) => void;
+  readonly have: (run: Run, action: RunAction) => void;
 }
 
 function bar(run: Run): HTMLElement | null {
@@ -23,7 +23,7 @@ function bar(run: Run): HTMLElement | null {
   return h("progress", { max: 1, value: part, "aria-label": `${run.kind}: ${stageText(run)}` });
 }
 
-function row(run: Run, actions: RunActions): HTMLElement {
+function row(run: Run, mayAsk: boolean, actions: RunActions): HTMLElement {
   const title = `${run.kind}${run.subject ? `: ${run.subject}` : ""}`;
   return h(
     "li",
@@ -32,25 +32,45 @@ function row(run: Run, actions: RunActions): HTMLElement {
     h("small", {}, `${run.state} · ${time(run.started_at)} UTC · ${durationText(run, Date.now())}`),
     h("span", { class: "stage" }, stageText(run)),
     bar(run),
-  );
-}
-
-function wishes(mayAsk: boolean, actions: RunActions): HTMLElement {
-  if (!mayAsk) return h("p", { class: "hint" }, "Sign in as an operator to start runs from here.");
-  return h(
-    "div",
-    { class: "wishes" },
-    ...WISHES.map((wish) =>
+    ...(mayAsk ? run.actions : []).map((action) =>
       h(
         "button",
-        { type: "button", class: "primary", "data-wish": wish, onclick: () => actions.ask(wish) },
-        WISH_TEXTS[wish],
+        {
+          type: "button",
+          class: "link",
+          "data-action": action,
+          "aria-label": `${ACTION_TEXTS[action]}: ${title}`,
+          onclick: () => actions.have(run, action),
+        },
+        ACTION_TEXTS[action],
       ),
     ),
   );
 }
 
-export function runsPanel(known: Runs, mayAsk: boolean, actions: RunActions): HTMLElement {
+function wishes(kinds: readonly RunKind[], mayAsk: boolean, actions: RunActions): HTMLElement {
+  if (!mayAsk) return h("p", { class: "hint" }, "Sign in as an operator to start runs from here.");
+  const buttons = kinds.map((kind) =>
+    h(
+      "button",
+      {
+        type: "button",
+        class: "primary",
+        "data-wish": kind.kind,
+        onclick: () => actions.start(kind),
+      },
+      kind.title.replace(/\.$/, ""),
+    ),
+  );
+  return h("div", { class: "wishes" }, ...buttons);
+}
+
+export function runsPanel(
+  known: Runs,
+  kinds: readonly RunKind[],
+  mayAsk: boolean,
+  actions: RunActions,
+): HTMLElement {
   const waiting = known.requests.filter(({ state }) => state !== "taken").slice(0, 5);
   const reports = known.reports.map((report) =>
     h(
@@ -71,11 +91,11 @@ export function runsPanel(known: Runs, mayAsk: boolean, actions: RunActions): HT
   return h(
     "div",
     { class: "runs" },
-    wishes(mayAsk, actions),
+    wishes(kinds, mayAsk, actions),
     ...waiting.map((request) => h("p", { class: "request" }, requestText(request))),
     h("h3", {}, "Runs"),
     known.runs.length > 0
-      ? h("ul", { class: "plain" }, ...known.runs.map((run) => row(run, actions)))
+      ? h("ul", { class: "plain" }, ...known.runs.map((run) => row(run, mayAsk, actions)))
       : h("p", { class: "hint" }, "Nothing has run on this store yet."),
     h("h3", {}, "Quality of adjustments"),
     reports.length > 0

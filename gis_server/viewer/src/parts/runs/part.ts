@@ -3,15 +3,40 @@
 import "./runs.css";
 import { h } from "../../page/dom";
 import { mayAct } from "../../server/account";
-import { type Report, type Run, type Runs, runs, type Wish } from "../../server/runs";
+import {
+  type Engine,
+  type Parameters,
+  type Report,
+  type Run,
+  type RunAction,
+  type RunKind,
+  type RunRequest,
+  type Runs,
+  runs,
+} from "../../server/runs";
 import type { Context } from "../../session/context";
+import { enginePanel } from "./deployments";
 import { runsPanel } from "./panel";
 import { advanced } from "./progress";
+import { confirmation, startForm, valueText, whenText } from "./start";
+import { indicator } from "./status";
+
+/** The engine's state grows old by itself: it is asked for again after so long. */
+const LOOK_MS = 20_000;
+const CANCEL =
+  "The processes of the run are ended. What exists is kept; a later run continues from there.";
+const RESTART =
+  "It runs again with the same parameters. Products that exist are not computed again: only what failed or was not reached is.";
+const PAUSE = "No scheduled run of it begins any more. A run that is going on is not stopped.";
+const RESUME = "Its scheduled runs begin again.";
 
 export function runsPart(context: Context): void {
   const { page, account, signals, waiting, mission } = context;
   const panel = page.addTab("runs", "Runs");
   let known: Runs = { runs: [], requests: [], reports: [] };
+  let kinds: readonly RunKind[] = [];
+  let engine: Engine | null = null;
+  const status = indicator(context, () => page.showTab("runs"));
 
   const open = (run: Run) =>
     waiting.run(async () => {
@@ -25,23 +50,75 @@ export function runsPart(context: Context): void {
       const title = `Quality of ${report.scope}`;
       page.dialog(title, h("iframe", { class: "report", sandbox: "", title, srcdoc }));
     });
-  const ask = (wish: Wish) =>
-    waiting.run(async () => {
-      await runs.ask(wish, wish === "downlink" ? null : mission.mission);
-      await load();
-    });
-  const draw = () =>
-    panel.replaceChildren(
-      runsPanel(known, mayAct(account.value, "operator"), { open, openReport, ask }),
+  const confirmed = async (request: Promise<RunRequest>) => {
+    await request;
+    page.closeDialog();
+    waiting.run(load);
+  };
+  const start = (kind: RunKind, given: Parameters = { mission: mission.mission.split("-")[0] }) => {
+    const title = kind.title.replace(/\.$/, "");
+    const check = (parameters: Parameters) => {
+      const { properties } = kind.parameters;
+      const values = Object.entries(parameters).map(
+        ([name, value]) => [properties[name]?.title ?? name, valueText(value)] as const,
+      );
+      const going = known.runs.filter(({ state }) => state === "running").length;
+      const told = [kind.effect, ...(engine ? [whenText(engine, going)] : [])];
+      const ask = () => confirmed(runs.ask(kind.kind, parameters));
+      const back = () => start(kind, parameters);
+      dialog(`${title}: confirm`, confirmation(told, values, "Start", ask, back));
+    };
+    dialog(title, startForm(kind, given, check));
+  };
+  const dialog = (title: string, content: HTMLElement) => {
+    page.closeDialog();
+    page.dialog(title, content);
+  };
+  const have = (run: Run, action: RunAction) => {
+    const [what, label] =
+      action === "cancel" ? [CANCEL, "Cancel the run"] : [RESTART, "Retry what failed"];
+    const values = Object.entries(run.parameters).map(
+      ([name, value]) => [name, valueText(value)] as const,
     );
+    const act = () => confirmed(runs.have(run.id, action));
+    dialog(`${run.kind}: ${run.subject}`, confirmation([what], values, label, act));
+  };
+  const engineActions = {
+    pause: (deployment: Engine["deployments"][number]) => {
+      const [what, label] = deployment.is_paused ? [RESUME, "Resume"] : [PAUSE, "Pause"];
+      const act = () => confirmed(runs.pause(deployment));
+      dialog(deployment.name, confirmation([what], [], label, act));
+    },
+    cancelQueued: ({ flow_run, name }: Engine["queued"][number]) => {
+      const act = () => confirmed(runs.have(flow_run, "cancel"));
+      dialog(name, confirmation(["The run never begins."], [], "Cancel the run", act));
+    },
+  };
+  const draw = () => {
+    const mayAsk = mayAct(account.value, "operator");
+    panel.replaceChildren(runsPanel(known, kinds, mayAsk, { open, openReport, start, have }));
+    if (engine) panel.append(enginePanel(engine, mayAsk, engineActions));
+    status(engine);
+  };
   const load = async () => {
-    known = await runs.all();
+    [known, engine] = await Promise.all([runs.all(), runs.engine()]);
+    if (kinds.length === 0) kinds = await runs.kinds();
     draw();
   };
+  const look = async () => {
+    const before = JSON.stringify({ ...engine, at: "" });
+    engine = await runs.engine();
+    if (JSON.stringify({ ...engine, at: "" }) !== before) draw();
+  };
+  const timer = setInterval(() => void look().catch(() => undefined), LOOK_MS);
+  context.alive.addEventListener("abort", () => clearInterval(timer));
 
   account.changed.on(draw);
   signals.happened.on(({ kind, document }) => {
-    if (kind === "requests.changed" || kind === "reload") waiting.run(load);
+    if (kind === "requests.changed" && document.state === "refused")
+      page.toast(`Refused: ${document.answer ?? "no reason given"}`);
+    if (kind === "requests.changed" || kind === "engine.changed" || kind === "reload")
+      waiting.run(load);
     if (kind !== "run.changed") return;
     const moved = document.state === "running" ? advanced(known.runs, document) : null;
     if (moved) {

@@ -14,6 +14,8 @@ const RUN: Run = {
   done: 3,
   total: 12,
   lines: [],
+  parameters: {},
+  actions: [],
 };
 
 test("progress is a share of the stage", () => {
@@ -49,6 +51,7 @@ test("requests tell who wants what and what became of it", () => {
     at: "",
     state: "waiting",
     answer: null,
+    parameters: {},
   } as const;
   expect(requestText(request)).toBe(
     "region of MER2, asked for by Ann: waits for `solmap up` to take it",

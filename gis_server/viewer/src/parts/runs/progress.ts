@@ -8,6 +8,7 @@ export const share = ({ done, total }: Pick<Run, "done" | "total">): number | nu
   total > 0 ? Math.min(1, done / total) : null;
 
 export function stageText({ stage, done, total, state }: Run): string {
+  if (state === "cancelled") return "what was made is kept; a later run continues";
   if (state === "lost") return "its process ended without a word; the next run continues";
   if (state !== "running") return "";
   if (!stage) return "starting";
@@ -34,8 +35,10 @@ export function advanced(
   return runs.map((run) => (run.id === event.id ? { ...run, state, stage, done, total } : run));
 }
 
-export function requestText({ kind, mission, author, state, answer }: RunRequest): string {
-  const what = `${kind}${mission ? ` of ${mission}` : ""}, asked for by ${author}`;
+export function requestText(request: RunRequest): string {
+  const { kind, mission, author, state, answer, parameters } = request;
+  const of = mission ?? parameters["deployment"] ?? parameters["run"];
+  const what = `${kind}${of ? ` of ${String(of)}` : ""}, asked for by ${author}`;
   switch (state) {
     case "waiting":
       return `${what}: waits for \`solmap up\` to take it`;
