@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
 import pytest
 
-from solmap.products.catalogue.edits import EditKind, EditLog, RunRequests
+from solmap.products.catalogue.edits import EditKind, EditLog, RequestKind, RunRequests
+from solmap.products.catalogue.engine_state import DeploymentState, EngineState
+from solmap.products.catalogue.events import ENGINE_CHANGED
 from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.model import ProductKind, Recipe
@@ -54,18 +58,124 @@ def test_a_quality_report_opens_in_the_page(page, workspace, live):
     assert inner.inner_text() == "sigma0 0.97"
 
 
-def test_only_an_operator_asks_for_runs_and_once(page, workspace, live):
+def write_engine(workspace, **more):
+    at = datetime.now(UTC).isoformat(timespec="milliseconds")
+    weekly = DeploymentState(
+        name="overall-adjustment/weekly",
+        description="",
+        is_paused=False,
+        schedules=("0 3 * * 0",),
+        next_run="2026-11-29T03:00:00+00:00",
+        last_state="failed",
+        last_ended_at="2026-11-22T03:10:00+00:00",
+        pool=None,
+        is_ready=True,
+    )
+    known = {"is_up": True, "has_inbox": True, "deployments": (weekly,), **more}
+    EngineState(at, **known).write(workspace.store.root)
+    workspace.catalogue.append_event(ENGINE_CHANGED, {"is_up": known["is_up"]})
+
+
+def test_only_an_operator_asks_for_runs_confirms_and_once(page, workspace, live):
     look(page, live)
     page.locator('[data-tab="runs"]').click()
     assert page.locator("[data-wish]").count() == 0
     sign_in(page, workspace, Role.OPERATOR)
-    page.locator('[data-wish="region"]').click()
-    until(page, lambda: page.locator(".request").count() == 1)
+    for _ in range(2):
+        page.locator('[data-wish="region"]').click()
+        assert page.locator('dialog [name="mission"]').input_value() == "MER2"
+        page.locator('dialog button[type="submit"]').click()
+        assert "merged to regions again" in page.locator("dialog").inner_text()
+        assert "kept until `solmap up` runs" in page.locator("dialog").inner_text()
+        page.locator("[data-confirm]").click()
+        until(page, lambda: page.locator(".request").count() == 1)
+        ready(page)
     assert "region of MER2, asked for by Ann" in page.locator(".request").inner_text()
-    ready(page)
-    page.locator('[data-wish="region"]').click()
-    ready(page)
     assert len(RunRequests.of(workspace.store.root).requests()) == 1
+
+
+def test_wrong_parameters_are_not_taken_to_the_confirmation(page, workspace, live):
+    look(page, live)
+    page.locator('[data-tab="runs"]').click()
+    sign_in(page, workspace, Role.OPERATOR)
+    page.locator('[data-wish="fetch"]').click()
+    page.locator('dialog [name="sols"]').fill("yesterday")
+    page.locator('dialog button[type="submit"]').click()
+    assert page.locator("[data-confirm]").count() == 0
+    page.locator('dialog [name="sols"]').fill("155-157")
+    screenshot(page, "run-form")
+    page.locator('dialog button[type="submit"]').click()
+    page.locator("[data-confirm]").click()
+    until(page, lambda: page.locator(".request").count() == 1)
+    (asked,) = RunRequests.of(workspace.store.root).requests()
+    assert asked.mission == "MER2"
+    assert asked.parameters == {"sols": "155-157", "instruments": ["navcam"], "dry_run": False}
+
+
+def test_runs_are_cancelled_and_retried_and_deployments_paused(page, workspace, live):
+    write_engine(workspace)
+    book = RunRecords(workspace.catalogue.engine)
+    going = Run.start("downlink", "inbox", "f-1", {"settle_s": 2.0})
+    failed = Run.start("region", "MER2", "f-2").with_end(RunState.FAILED)
+    book.write(going)
+    book.write(failed)
+    look(page, live)
+    page.locator('[data-tab="runs"]').click()
+    assert page.locator("[data-action]").count() == 0
+    sign_in(page, workspace, Role.OPERATOR)
+    row = page.locator('[data-deployment="overall-adjustment/weekly"]')
+    assert "2026-11-29 03:00 UTC" in row.inner_text()
+    assert "failed, 2026-11-22 03:10 UTC" in row.inner_text()
+    screenshot(page, "run-control")
+    requests = RunRequests.of(workspace.store.root)
+    for place in (
+        f'[data-run="{going.id}"] [data-action]',
+        f'[data-run="{failed.id}"] [data-action]',
+    ):
+        page.locator(place).click()
+        page.locator("[data-confirm]").click()
+        page.locator("dialog[open]").wait_for(state="detached")
+    row.get_by_role("button", name="Pause").click()
+    page.locator("[data-confirm]").click()
+    until(page, lambda: len(requests.requests()) == 3)
+    assert [(one.kind, one.parameters) for one in requests.waiting()] == [
+        (RequestKind.CANCEL, {"run": "f-1"}),
+        (RequestKind.REGION, {}),
+        (RequestKind.PAUSE, {"deployment": "overall-adjustment/weekly"}),
+    ]
+
+
+def test_a_refusal_is_said_in_the_dialog_and_the_engine_is_shown(page, workspace, live):
+    write_engine(workspace)
+    run = Run.start("downlink", "inbox", "f-1")
+    RunRecords(workspace.catalogue.engine).write(run)
+    look(page, live)
+    page.locator('[data-tab="runs"]').click()
+    sign_in(page, workspace, Role.OPERATOR)
+    engine = page.locator('.status [data-part="engine"]')
+    until(page, lambda: engine.inner_text() == "Engine up")
+    page.locator(f'[data-run="{run.id}"] [data-action="cancel"]').click()
+    write_engine(workspace, is_up=False, trouble="it was stopped")
+    until(page, lambda: engine.inner_text() == "Engine down")
+    page.locator("[data-confirm]").click()
+    trouble = page.locator("dialog .trouble")
+    until(page, lambda: "the engine is down: it was stopped" in trouble.inner_text())
+
+
+def test_what_failed_to_load_comes_without_a_reload(page, workspace, live):
+    page.route("**/api/runs?*", lambda route: route.abort())
+    page.route("**/api/runs", lambda route: route.abort())
+    look(page, live)
+    page.evaluate("window.stillTheSame = true")
+    page.locator('[data-tab="runs"]').click()
+    until(page, lambda: "does not answer" in page.locator(".banner").inner_text())
+    assert page.get_by_role("heading", name="Runs").count() == 0
+    page.unroute("**/api/runs?*")
+    page.unroute("**/api/runs")
+    page.locator(".banner button").click()
+    until(page, lambda: page.get_by_role("heading", name="Runs", exact=True).count() == 1)
+    assert page.locator(".banner").is_hidden()
+    assert page.evaluate("window.stillTheSame")
 
 
 def test_a_wrong_token_is_said_to_be_so_and_not_kept(page, workspace, live):

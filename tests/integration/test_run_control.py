@@ -30,10 +30,12 @@ def up(tmp_path):
     write_downlink(tmp_path / "world", WorldParams("hills", TraverseParams(stops=2)), seed=11)
     machine = Up(tmp_path)
     process = machine.start()
-    until(machine.is_up, "map and deployments are there")
-    yield machine
-    process.send_signal(signal.SIGTERM)
-    process.wait(60)
+    try:
+        until(machine.is_up, "map and deployments are there")
+        yield machine
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.wait(60)
 
 
 def post(up, path, token, body=None):
