@@ -13,7 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 T = TypeVar("T")
 MissionName = Annotated[str, Field(pattern=r"^[A-Za-z0-9]{1,16}$")]
-Sols = Annotated[str, Field(pattern=r"^[0-9, -]{1,200}$")]
+Sols = Annotated[str, Field(pattern=r"^[0-9, \-]{1,200}$")]
 Instrument = Literal["navcam", "pancam", "hazcam", "front_hazcam", "rear_hazcam"]
 Settling = Annotated[float, Field(ge=0.0, le=86_400.0)]
 _OfMission = Annotated[

@@ -162,7 +162,7 @@ def test_a_refusal_is_said_in_the_dialog_and_the_engine_is_shown(page, workspace
     until(page, lambda: "the engine is down: it was stopped" in trouble.inner_text())
 
 
-def test_what_failed_to_load_comes_without_a_reload(page, workspace, live):
+def test_what_failed_to_load_comes_without_a_reload(page, live):
     page.route("**/api/runs?*", lambda route: route.abort())
     page.route("**/api/runs", lambda route: route.abort())
     look(page, live)
