@@ -67,6 +67,18 @@ def _options(name: str, description: str, tag: str, cron: str | None = None) -> 
     }
 
 
+def _is_paused(name: str) -> bool:
+    """Whether people have paused a deployment; one that is deployed again would go on."""
+    from prefect.client.orchestration import get_client  # noqa: PLC0415 - after its settings
+    from prefect.exceptions import ObjectNotFound  # noqa: PLC0415
+
+    with get_client(sync_client=True) as client:
+        try:
+            return client.read_deployment_by_name(name).paused
+        except ObjectNotFound:
+            return False
+
+
 def main() -> None:
     """Serve the deployments until told to stop.
 
@@ -79,7 +91,8 @@ def main() -> None:
     lower_priority()
     runner = Runner(name="solmap", limit=1, pause_on_shutdown=False)
     for flow, options in served(Settings()):
-        runner.add_flow(flow, **options)
+        name = f"{flow.name}/{options['name']}"
+        runner.add_flow(flow, **options, paused=_is_paused(name))
     with contextlib.suppress(KeyboardInterrupt):
         asyncio.run(runner.start())
 
