@@ -16,6 +16,7 @@ import { editorPart } from "../parts/editor/part";
 import { annotationsPart } from "../parts/annotations/part";
 import { runsPart } from "../parts/runs/part";
 import { placeMenuPart } from "../parts/place-menu/part";
+import { viewsPart } from "../parts/views/part";
 import { helpPart } from "../parts/help/part";
 import { accountPart } from "../parts/account/part";
 import { livePart } from "../parts/live/part";
@@ -38,6 +39,7 @@ export const LATER_PARTS: readonly Part[] = [
   annotationsPart,
   runsPart,
   placeMenuPart,
+  viewsPart,
   helpPart,
   accountPart,
   livePart,

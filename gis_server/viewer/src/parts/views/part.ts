@@ -1,0 +1,21 @@
+/** Saved views: names for links, kept in the browser. The dialog comes when it is asked for. */
+
+import { button } from "../../page/dom";
+import type { Context } from "../../session/context";
+import "./views.css";
+
+export function viewsPart({ page, keys, history, waiting }: Context): void {
+  const show = () =>
+    waiting.run(async () => {
+      const { viewsDialog } = await import("./list");
+      const open = (link: string) => {
+        page.closeDialog();
+        history.open(link);
+      };
+      const dialog = viewsDialog({ open, now: () => location.hash });
+      page.dialog("Saved views", dialog);
+      dialog.querySelector("input")?.select();
+    });
+  page.addTool(button("saved views (b)", "bookmark", show));
+  keys.add("b", "save and open views", show);
+}
