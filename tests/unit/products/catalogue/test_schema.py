@@ -56,7 +56,9 @@ def test_a_store_is_migrated_once(old_store, monkeypatch):
 
 def test_a_new_store_has_the_latest_version_and_no_copies(tmp_path):
     workspace = Workspace.open(tmp_path / "store")
-    assert schema.version_of(tmp_path / "store", workspace.catalogue.engine) == schema.latest_version()
+    assert (
+        schema.version_of(tmp_path / "store", workspace.catalogue.engine) == schema.latest_version()
+    )
     assert (tmp_path / "store" / "schema").read_text() == f"{schema.latest_version()}\n"
     assert not list((tmp_path / "store").glob("before-schema-*"))
 
@@ -144,7 +146,10 @@ def test_a_process_that_is_killed_while_it_migrates_leaves_the_work_to_the_next(
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     assert waiting.wait(60) == 0
-    assert schema.version_of(old_store, Workspace.open(old_store).catalogue.engine) == schema.latest_version()
+    assert (
+        schema.version_of(old_store, Workspace.open(old_store).catalogue.engine)
+        == schema.latest_version()
+    )
     assert before.differences(Contents.of(old_store)) == []
 
 
