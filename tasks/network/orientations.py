@@ -22,6 +22,7 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedPair
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams, ground_shift_m
 from solmap.photogrammetry.frames import LSL, Frame, Pose
 from solmap.photogrammetry.imagery import Eye
+from solmap.photogrammetry.matching.height_bias import NO_BIAS, HeightBias
 from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.matching.stereo.dense import SharedSigma
 from solmap.photogrammetry.terrain.dtm.records import PoseCovariance, TerrainView
@@ -60,6 +61,8 @@ class Orientation:
     together, against the held stop. Empty: the orientation is taken for true."""
     toe_in_sigma: float = 0.0
     """Standard deviation of the stereo rig's toe-in, radians, which all pairs of a camera share."""
+    height_bias: HeightBias = NO_BIAS
+    """By how much the ground around the stop is drawn too high."""
 
     @classmethod
     def of(cls, pair: AdjustedPair) -> Orientation:
@@ -125,6 +128,7 @@ def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
         sigma_px=np.hypot(dense.sigma_px, np.float32(toe_in.offset_px)),
         shared=toe_in,
         covariance=pair.orientation.covariance_6x6,
+        height_bias=pair.orientation.height_bias,
     )
     return mask_rover(view, files.stop.mission)
 
@@ -141,6 +145,8 @@ class MappedStop:
     """Whether it is mapped with other orientations than by the network before."""
     toe_in_sigmas: Mapping[str, float] = field(default_factory=dict)
     """Standard deviation of the toe-in of its stereo rigs, radians, by camera set."""
+    height_bias: HeightBias = NO_BIAS
+    """By how much its ground is drawn too high, as its links tell."""
 
 
 @stage(task_run_name="orientations-{network.scope}")
@@ -155,12 +161,20 @@ def choose_orientations(
 
     def write(path: Path) -> None:
         rigs = read_rig(store.path(rig)) if rig else RigProduct()
+        product = read_network(network, store)
         by_stop: dict[str, list[AdjustedPair]] = {}
-        for pair in read_network(network, store).adjusted.pairs:
+        for pair in product.adjusted.pairs:
             by_stop.setdefault(str(pair.stop), []).append(pair)
         before = read_orientations(previous, store, by_stop) if previous else {}
         chosen = [
-            choose_for_stop(stop, pairs, before.get(stop), params, rigs.toe_in_sigmas(stop))
+            choose_for_stop(
+                stop,
+                pairs,
+                before.get(stop),
+                params,
+                rigs.toe_in_sigmas(stop),
+                height_bias_of(stop, product.links),
+            )
             for stop, pairs in by_stop.items()
         ]
         known = orientation_references(previous, store) if previous else {}
@@ -181,12 +195,17 @@ def choose_for_stop(
     before: MappedStop | None,
     params: ReissueParams,
     toe_in_sigmas: Mapping[str, float] | None = None,
+    height_bias: HeightBias = NO_BIAS,
 ) -> MappedStop:
     """What a stop is to be mapped with: all of its adjusted pairs, or all as they were mapped."""
     adjusted = tuple(Orientation.of(pair) for pair in sorted(pairs, key=lambda p: p.pair_id))
+    sigmas = toe_in_sigmas or {}
+    new = MappedStop(
+        stop, adjusted, None, is_new=True, toe_in_sigmas=sigmas, height_bias=height_bias
+    )
     old = {o.pair_id: o for o in before.orientations} if before else {}
     if before is None or old.keys() != {o.pair_id for o in adjusted}:
-        return MappedStop(stop, adjusted, None, is_new=True, toe_in_sigmas=toe_in_sigmas or {})
+        return new
     moved_m = max(
         ground_shift_m(
             old[pair.pair_id].lsl_from(pair.lsl_from_pair.source),
@@ -195,9 +214,19 @@ def choose_for_stop(
         )
         for pair in pairs
     )
-    if moved_m > params.shift_m:
-        return MappedStop(stop, adjusted, moved_m, is_new=True, toe_in_sigmas=toe_in_sigmas or {})
+    if moved_m > params.shift_m or height_bias.differs_from(before.height_bias):
+        return replace(new, moved_m=moved_m)
     return replace(before, moved_m=moved_m, is_new=False)
+
+
+def height_bias_of(stop: str, links: Iterable[Mapping[str, Any]]) -> HeightBias:
+    """By how much the ground of a stop is drawn too high, as all of its links tell."""
+    figures = [link["figures"] for link in links if stop in (link["earlier"], link["later"])]
+    return HeightBias.pooled(
+        HeightBias(told["height_bias_lines"], told["height_bias_sigma"])
+        for told in figures
+        if told.get("height_bias_sigma")
+    )
 
 
 def read_orientations(
@@ -246,7 +275,8 @@ def _mapped_of(row: dict[str, Any]) -> MappedStop:
         for o in row["orientations"]
     )
     sigmas = row.get("toe_in_sigmas", {})
-    return MappedStop(row["stop"], orientations, row["moved_m"], row["is_new"], sigmas)
+    bias = HeightBias(**row.get("height_bias", {}))
+    return MappedStop(row["stop"], orientations, row["moved_m"], row["is_new"], sigmas, bias)
 
 
 def _untouched_stop(before: MappedStop) -> MappedStop:
@@ -285,11 +315,10 @@ def latest_rig(mission: str, workspace: Workspace, sol: int | None = None) -> Pr
 def orient_pairs(pairs: list[PairProducts], mapped: MappedStop | None) -> tuple[OrientedPair, ...]:
     """The pairs of a stop that the network has, looking from where the stop is mapped with them."""
     known = {o.pair_id: o for o in mapped.orientations} if mapped else {}
-    sigmas = mapped.toe_in_sigmas if mapped else {}
-    return tuple(
-        OrientedPair(
-            p, replace(known[p.files.id], toe_in_sigma=sigmas.get(p.files.instrument, 0.0))
-        )
-        for p in pairs
-        if p.files.id in known
-    )
+    sigmas, bias = (mapped.toe_in_sigmas, mapped.height_bias) if mapped else ({}, NO_BIAS)
+
+    def oriented(pair: PairProducts) -> Orientation:
+        toe_in_sigma = sigmas.get(pair.files.instrument, 0.0)
+        return replace(known[pair.files.id], toe_in_sigma=toe_in_sigma, height_bias=bias)
+
+    return tuple(OrientedPair(p, oriented(p)) for p in pairs if p.files.id in known)

@@ -213,7 +213,12 @@ def _link_by_shape(
     )
     figures = link_figures(one, other, fit, used, final)
     figures = replace(
-        figures, measured=len(trial.ties) + len(ties), handed_on=len(images), by_shape=len(ties)
+        figures,
+        measured=len(trial.ties) + len(ties),
+        handed_on=len(images),
+        by_shape=len(ties),
+        height_bias_lines=found.height_bias.lines,
+        height_bias_sigma=found.height_bias.sigma,
     )
     return SiteLink(
         one.id,

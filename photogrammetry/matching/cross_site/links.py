@@ -61,6 +61,10 @@ class SiteLinkFigures:
     """Of these, the ties of the link: they hardly share their ground."""
     by_shape: int = 0
     """Further, surface-matched ties of the link."""
+    height_bias_lines: float = float("nan")
+    """By how much the ground of both stops is drawn too high (`height_bias`),"""
+    height_bias_sigma: float = float("nan")
+    """and its standard deviation."""
     by_chance: int = 0
     """Ties that the strongest wrong hypothesis or decoy came to in the same way."""
     rms_px: float = float("nan")

@@ -22,17 +22,12 @@ twice as far as the other. Heights are compared cell by cell where both stops kn
 they differ by is smoothed; each smoothed on its own, ground that one stop cannot see behind a crest
 would be taken for as high as the crest.
 
-Crests spread upwards in the images, so all ground is drawn some tenths of a line too high, the more
-the further away it is and the smaller the angle under which it is seen: half a line in path-traced
-worlds, a tenth in simulated ones. Between two stops that look at it from either side this is a tilt
-of 0.05 to 0.1 degrees, and as each stop sees its own side of the relief under larger angles, a few
-centimetres of distance. The number of lines b, the same for both stops, is a seventh unknown,
+Ground seen at a grazing angle is drawn too high (`height_bias`). Between two stops that look at it
+from either side this is a tilt of 0.05 to 0.1 degrees, and as each stop sees its own side of the
+relief under larger angles, a few centimetres of distance. The number of lines b, the same for both
+stops, is a seventh unknown, which the ground tells from a tilt and from a shift:
 
-    r + b (l_later - l_earlier) = 0,        l = d / f (t / 0.1)^(-1/2),        b = 0 +- 1 line,
-
-with the distance d from the mast and the tangent t of the angle between ray and facet. (In
-`rendered_husband`, at 7, 11 and 15 m alike: 0.52, 0.45, 0.36, 0.29 and 0.2 lines where t is 0.045,
-0.08, 0.125, 0.2 and 0.4.) The ground tells b from a tilt and from a shift.
+    r + b (l_later - l_earlier) = 0,        b = 0 +- 1 line
 
 Neighbouring cells share stones, crests and windows, so residuals are far from independent. The
 covariance is therefore that of scores summed over blocks of ground (Liang and Zeger 1986,
@@ -52,6 +47,11 @@ from scipy.spatial.transform import Rotation as ScipyRotation
 from solmap.photogrammetry.arrays import Flags, Float64, ObjectPoints, PerPoint, Raster
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.height_bias import (
+    HeightBias,
+    mean_of_known,
+    metres_per_line,
+)
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 from solmap.photogrammetry.ranges import CellSize, Few, Metres, Pixels, PixelsOrZero
 from solmap.photogrammetry.robust import robust_sigma
@@ -94,12 +94,6 @@ GRADIENT_PX = 3
 
 RANGE_RATIO = 2.5
 """Ground that one stop sees from so many times as far as the other shows it other faces."""
-
-LEVEL_FACING = 0.1
-"""Tangent of the angle between ray and facet at which heights are b lines too high."""
-
-LEAST_TANGENT = 0.03
-"""Smaller tangents are within the noise of slopes and count as this."""
 
 KERNEL = 2.0
 """Standard deviations beyond which a cell counts nothing."""
@@ -182,21 +176,15 @@ class HeightGrid:
 
     def too_high_m(self, sigma_m: float) -> Raster:
         """By how much cells are drawn too high a line of b, with slopes through a Gaussian."""
-        up, (rows, cols) = self.smooth(sigma_m), np.indices(self.up.shape, dtype=np.float32)
         half = self.up.shape[0] / 2 - 0.5
-        north, east = (half - rows) * self.cell_m, (cols - half) * self.cell_m
-        away_m = np.maximum(np.hypot(north, east), self.cell_m)
-        by_row, by_col = np.gradient(up, self.cell_m)
-        level = self.mast_m / away_m
-        tangent = (self.mast_m - up + by_col * east - by_row * north) / away_m
-        tangent = np.maximum(np.where(np.isfinite(tangent), tangent, level), LEAST_TANGENT)
-        line_m = np.hypot(away_m, self.mast_m) / self.focal_px
-        return (line_m * (tangent / LEVEL_FACING) ** -0.5).astype(np.float32)
+        east = ((np.arange(self.up.shape[1]) - half) * self.cell_m).astype(np.float32)[None]
+        up = self.smooth(sigma_m)
+        return metres_per_line(up, -east.T, east, self.mast_m, self.focal_px)
 
     def smooth(self, sigma_m: float) -> Raster:
         """Heights through a Gaussian, NaN where it knows too little."""
         if sigma_m not in self.smoothed:
-            self.smoothed[sigma_m] = _mean_of_known(self.up, sigma_m / self.cell_m, LEAST_KNOWN)
+            self.smoothed[sigma_m] = mean_of_known(self.up, sigma_m / self.cell_m, LEAST_KNOWN)
         return self.smoothed[sigma_m]
 
     def at(self, raster: Raster, places: ObjectPoints) -> PerPoint:
@@ -216,16 +204,6 @@ class HeightGrid:
         row, col, half = step * row, step * col, heights.shape[0] / 2 - 0.5
         north, east = (half - row) * self.cell_m, (col - half) * self.cell_m
         return np.column_stack([north, east, -heights[row, col].astype(np.float64)])
-
-
-def _mean_of_known(raster: Raster, sigma_cells: float, least: float) -> Raster:
-    """A raster through a Gaussian, NaN where known cells have less than this share of it."""
-    known = np.isfinite(raster).astype(np.float32)
-    density = cv2.GaussianBlur(known, (0, 0), sigma_cells)
-    mean = cv2.GaussianBlur(np.nan_to_num(raster), (0, 0), sigma_cells)
-    mean /= np.maximum(density, 1e-6)
-    mean[density < least] = np.nan
-    return mean.astype(np.float32)
 
 
 def _seen_well(
@@ -299,6 +277,8 @@ class Registration:
     """Of the ground that both see."""
     cells: Cells
     """Where the motion was found, with weights that allow for what cells share."""
+    height_bias: HeightBias
+    """By how much both stops draw their ground too high; told where heights are compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -394,7 +374,7 @@ class _Surfaces:
             off[~(_alike(places, cells) & (share > MOSTLY))] = np.nan
         raster = np.full(known.shape, np.nan, np.float32)
         raster[known] = off
-        return _mean_of_known(raster, self.sigma_m / self.later.cell_m, LEAST_SHARED)
+        return mean_of_known(raster, self.sigma_m / self.later.cell_m, LEAST_SHARED)
 
     def correlation(self, pose: Pose) -> float:
         """Of the relief that both stops see."""
@@ -448,7 +428,8 @@ def register(
         return None
     covariance, cells = _covariance(cells, known, earlier, later, params)
     area_m2 = len(cells.weight) * max(sigma_m, earlier.cell_m) ** 2
-    return Registration(pose, covariance[:MOTION, :MOTION], correlation, area_m2, cells)
+    bias = HeightBias(float(moved[MOTION]), float(covariance[MOTION, MOTION] ** 0.5))
+    return Registration(pose, covariance[:MOTION, :MOTION], correlation, area_m2, cells, bias)
 
 
 def _levelled(pose: Pose, surfaces: _Surfaces) -> Pose:

@@ -11,6 +11,7 @@ from solmap.photogrammetry.arrays import Classes, Float64, GreyImage, Mask, Para
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.height_bias import NO_BIAS, HeightBias
 from solmap.photogrammetry.matching.stereo.dense import SharedSigma
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
@@ -35,6 +36,8 @@ class TerrainView:
     """The part of it that all points of the view share."""
     covariance: PoseCovariance | None = None
     """Of the pose, against the held stop; None where it is taken for true."""
+    height_bias: HeightBias = NO_BIAS
+    """By how much stereo draws the ground around the stop too high."""
 
 
 class GroundClass(IntEnum):

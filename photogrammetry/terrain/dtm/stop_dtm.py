@@ -29,6 +29,9 @@ of that uncertainty (uniform over the window) is added. It is 0 on level and on 
 
 `fusion` adds the variance of the poses and averages the views.
 
+Ground seen at a grazing angle is drawn too high by what it hides (`matching.height_bias`); where
+links of the stop tell by how much, the model is lowered by that.
+
 With `Gridding.TIN` gaps between measured cells are filled by triangles, as in the paper (section
 5). The measured cells, each the weighted mean of its points, are triangulated on the map
 (Delaunay). A cell without points takes the plane of its triangle if none of the triangle's
@@ -57,6 +60,11 @@ from scipy.spatial import Delaunay
 
 from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.matching.height_bias import (
+    NO_BIAS,
+    mean_of_known,
+    metres_per_line,
+)
 from solmap.photogrammetry.planes import Gradients, window_gradients
 from solmap.photogrammetry.ranges import (
     MOST_SIDE,
@@ -75,12 +83,17 @@ from solmap.photogrammetry.terrain.dtm.fusion import (
     variances,
 )
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
+from solmap.photogrammetry.terrain.dtm.ground import camera_on_map
 from solmap.photogrammetry.terrain.dtm.heights import ViewHeights, view_heights
 from solmap.photogrammetry.terrain.dtm.occlusion import mark_occluded
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainView
 
 STEEPEST = 1.0
 """Gradient above which a cell's own slope is not believed: beyond 45 degrees, a rock's side."""
+FACET_M = 0.1
+"""Standard deviation of the Gaussian that facets are smoothed with, as where stops are compared,"""
+LEAST_KNOWN = 0.15
+"""and the share of it that known cells must have."""
 LEAST_NODES = 4
 """A triangulation of fewer points is none."""
 Weights3 = Float64[np.ndarray, "n 3"]
@@ -160,7 +173,24 @@ def build_dtm(views: Sequence[TerrainView], params: DtmParams, grid: MapGrid | N
     dtm = _dtm(entries, fuse(entries, variances(entries, views, gradient, params)))
     ground = mark_occluded(dtm.ground, dtm.elevation, grid, views, params)
     dtm = replace(dtm, ground=ground)
-    return dtm if meshed else fill_by_triangles(dtm, params.max_gap_m, params.roughness)
+    dtm = dtm if meshed else fill_by_triangles(dtm, params.max_gap_m, params.roughness)
+    return _lowered(dtm, views)
+
+
+def _lowered(dtm: Dtm, views: Sequence[TerrainView]) -> Dtm:
+    """The model without the height bias of ground seen at a grazing angle, whose views share it."""
+    bias = views[0].height_bias
+    if bias == NO_BIAS:
+        return dtm
+    camera = np.mean([camera_on_map(view.lsl_from_pair) for view in views], axis=0)
+    east, north = (axis.astype(np.float32) for axis in dtm.grid.centres())
+    up = mean_of_known(dtm.elevation, FACET_M / dtm.grid.cell_m, LEAST_KNOWN)
+    focal_px = min(view.geometry.focal_px for view in views)
+    east, north = east - np.float32(camera[0]), north - np.float32(camera[1])
+    metres = metres_per_line(up, north[:, None], east[None], float(camera[2]), focal_px)
+    elevation = dtm.elevation - np.float32(bias.lines) * metres
+    sigma_m = np.hypot(dtm.sigma_m, np.float32(bias.sigma) * metres)
+    return replace(dtm, elevation=elevation, sigma_m=sigma_m)
 
 
 def _believable_gradient(entries: Entries, params: DtmParams) -> Gradients:

@@ -77,9 +77,15 @@ def test_stops_that_see_crests_from_either_side_stay_where_they_are(exact):
 
 
 def test_ground_that_is_drawn_a_line_too_high_tilts_no_stop(ground):
-    off_m, turn_deg, _ = registered(ground, lines=1.0)
+    off_m, turn_deg, found = registered(ground, lines=1.0)
     assert np.abs(off_m).max() < 0.003  # a line is 1 cm at 12 m
     assert np.abs(turn_deg).max() < 0.015
+    assert abs(found.height_bias.lines - 1.0) < 3 * found.height_bias.sigma < 0.3
+
+
+def test_ground_that_is_drawn_as_it_is_shows_no_height_bias(exact):
+    *_, found = exact
+    assert abs(found.height_bias.lines) < 3 * found.height_bias.sigma < 0.3
 
 
 def test_the_range_between_stops_is_as_uncertain_as_a_bias_of_parallax_makes_it(exact):

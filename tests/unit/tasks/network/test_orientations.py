@@ -9,7 +9,13 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedPair
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
 from solmap.photogrammetry.frames import LSL, Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import StopId
-from solmap.tasks.network.orientations import MappedStop, Orientation, choose_for_stop
+from solmap.photogrammetry.matching.height_bias import HeightBias
+from solmap.tasks.network.orientations import (
+    MappedStop,
+    Orientation,
+    choose_for_stop,
+    height_bias_of,
+)
 
 STOP = StopId("MER2", 10, 64)
 NAME = str(STOP)
@@ -55,6 +61,40 @@ def test_one_pair_that_moved_brings_the_whole_stop_anew():
     now = choose_for_stop(NAME, moved, before, PARAMS)
     assert now.orientations == tuple(Orientation.of(p) for p in moved)
     assert now.is_new
+
+
+def link(earlier: str, later: str, lines: float | None, sigma: float | None) -> dict:
+    figures = {"height_bias_lines": lines, "height_bias_sigma": sigma}
+    return {"earlier": earlier, "later": later, "figures": figures}
+
+
+def test_the_height_bias_of_a_stop_is_the_weighted_mean_of_its_links():
+    links = [
+        link("A", "B", 0.8, 0.1),
+        link("B", "C", 0.3, 0.2),
+        link("A", "C", None, None),  # by images alone
+        {"earlier": "A", "later": "B", "figures": {}},  # of an older version
+    ]
+    alone = height_bias_of("A", links)
+    np.testing.assert_allclose((alone.lines, alone.sigma), (0.8, 0.1))
+    found = height_bias_of("B", links)
+    np.testing.assert_allclose(found.lines, (0.8 / 0.01 + 0.3 / 0.04) / (1 / 0.01 + 1 / 0.04))
+    np.testing.assert_allclose(found.sigma, (1 / 0.01 + 1 / 0.04) ** -0.5)
+    assert height_bias_of("D", links) == HeightBias()
+    assert height_bias_of("E", [link("E", "F", -0.1, 0.1)]).lines == 0.0
+
+
+def test_a_stop_is_mapped_again_when_its_height_bias_is_clearly_another():
+    before = mapped(pair(1, 0.1))
+    unclear = choose_for_stop(NAME, [pair(1, 0.1)], before, PARAMS, None, HeightBias(0.4, 0.3))
+    assert unclear.height_bias == HeightBias()
+    assert not unclear.is_new
+    now = choose_for_stop(NAME, [pair(1, 0.1)], before, PARAMS, None, HeightBias(0.6, 0.1))
+    assert now.height_bias == HeightBias(0.6, 0.1)
+    assert now.is_new
+    again = choose_for_stop(NAME, [pair(1, 0.1)], now, PARAMS, None, HeightBias(0.5, 0.08))
+    assert not again.is_new
+    assert again.height_bias == HeightBias(0.6, 0.1)
 
 
 def test_small_movements_add_up_to_a_new_map():

@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.height_bias import HeightBias
 from solmap.photogrammetry.matching.stereo.dense import SharedSigma
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
 from solmap.photogrammetry.terrain.dtm.records import GroundClass
@@ -37,6 +39,22 @@ def test_a_plane_is_mapped_exactly(scenes, tilted_dtm):
     # a cell's points may all lie at its corner: half a cell along the slope of 0.11
     assert error[seen].max() < 0.5 * tilted_dtm.grid.cell_m * 0.15 + 1e-4
     assert np.median(error[seen]) < 1e-3
+
+
+def test_a_model_is_lowered_by_the_height_bias_of_its_views(scenes):
+    view = scenes.view_of(scenes.level)
+    drawn = build_dtm([view], PARAMS)
+    dtm = build_dtm([replace(view, height_bias=HeightBias(0.5, 0.2))], PARAMS)
+    seen = drawn.ground != UNSEEN
+    away_m = np.hypot(*on_map(dtm))
+    mast_m = -view.lsl_from_pair.translation_m[2]
+    line_m = np.hypot(away_m, mast_m) / view.geometry.focal_px
+    expected_m = line_m * (0.1 / (mast_m / away_m)) ** 0.5
+    clear = cv2.erode(seen.astype(np.uint8), np.ones((15, 15), np.uint8)) > 0
+    lowered_m = drawn.elevation - dtm.elevation
+    np.testing.assert_allclose(lowered_m[clear], 0.5 * expected_m[clear], rtol=0.05)
+    more_m = np.sqrt(dtm.sigma_m**2 - drawn.sigma_m**2)
+    np.testing.assert_allclose(more_m[clear], 0.2 * expected_m[clear], rtol=0.05)
 
 
 def test_cells_between_lines_of_continuous_ground_are_interpolated(tilted_dtm):

@@ -1,0 +1,98 @@
+"""By how much stereo draws ground too high that is seen at a grazing angle.
+
+Between two crests a camera sees the upper part of the ground only, and matching bridges what is
+hidden along the line of sight. So the surface that dense matching finds lies above the ground, the
+more the further away the ground is and the smaller the angle at which it is seen. In path-traced
+worlds the error in lines of the image depends on that angle alone, at 7, 11 and 15 m alike (0.52,
+0.45, 0.36, 0.29 and 0.2 lines where the tangent t is 0.045, 0.08, 0.125, 0.2 and 0.4):
+
+    b l,        l = d / f (t / 0.1)^(-1/2)
+
+with the distance d from the camera, the focal length f in pixels and the tangent t of the angle
+between ray and surface. Their number b at t = 0.1 depends on the roughness of the ground, from 0 on
+smooth to 0.8 on rough ground. Two stops that look at the same ground from either side tell it
+(`cross_site.surface_alignment`), and terrain models are lowered by it (`terrain.dtm`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from solmap.photogrammetry.arrays import Float32, Raster
+
+LEVEL_FACING = 0.1
+"""Tangent of the angle between ray and facet at which heights are b lines too high."""
+
+LEAST_TANGENT = 0.03
+"""Smaller tangents are within the noise of slopes and count as this."""
+
+LEAST_CHANGE = 0.25
+"""Lines: 3 mm of elevation at 15 m in Navcam images."""
+
+CLEARLY = 2.0
+"""Standard deviations."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeightBias:
+    """Number b of lines by which surfaces are too high, and its standard deviation."""
+
+    lines: float = 0.0
+    sigma: float = 0.0
+
+    @classmethod
+    def pooled(cls, estimates: Iterable[HeightBias]) -> HeightBias:
+        """The weighted mean of independent estimates; 0 without any, and never below."""
+        known = [one for one in estimates if np.isfinite(one.lines) and one.sigma > 0]
+        if not known:
+            return cls()
+        weight = np.array([one.sigma**-2.0 for one in known])
+        mean = float(weight @ [one.lines for one in known] / weight.sum())
+        return cls(max(mean, 0.0), float(weight.sum() ** -0.5))
+
+    def differs_from(self, other: HeightBias) -> bool:
+        """Whether it is so far from another one that terrain should be modelled again."""
+        return abs(self.lines - other.lines) > max(LEAST_CHANGE, CLEARLY * self.sigma)
+
+
+NO_BIAS = HeightBias()
+
+
+def metres_per_line(
+    up: Raster,
+    north_m: Float32[np.ndarray, "rows 1"],
+    east_m: Float32[np.ndarray, "1 cols"],
+    mast_m: float,
+    focal_px: float,
+) -> Raster:
+    """By how much a surface is too high for b = 1, metres; as on level ground where it is unknown.
+
+    Args:
+        up: Smoothed elevations, north up.
+        north_m: Of the cells from the camera,
+        east_m: and east.
+        mast_m: Elevation of the camera.
+        focal_px: Focal length, pixels.
+    """
+    cell_m = float(east_m[0, 1] - east_m[0, 0])
+    away_m = np.maximum(np.hypot(north_m, east_m), cell_m)
+    by_row, by_col = np.gradient(up, cell_m)
+    tangent = (mast_m - up + by_col * east_m - by_row * north_m) / away_m
+    tangent = np.where(np.isfinite(tangent), tangent, mast_m / away_m)
+    line_m = np.hypot(away_m, mast_m) / focal_px
+    facing = np.maximum(tangent, LEAST_TANGENT) / LEVEL_FACING
+    return (line_m * facing**-0.5).astype(np.float32)
+
+
+def mean_of_known(raster: Raster, sigma_cells: float, least: float) -> Raster:
+    """A raster through a Gaussian, NaN where known cells have less than this share of it."""
+    known = np.isfinite(raster).astype(np.float32)
+    density = cv2.GaussianBlur(known, (0, 0), sigma_cells)
+    mean = cv2.GaussianBlur(np.nan_to_num(raster), (0, 0), sigma_cells)
+    mean /= np.maximum(density, 1e-6)
+    mean[density < least] = np.nan
+    return mean.astype(np.float32)
