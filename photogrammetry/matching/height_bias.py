@@ -30,11 +30,8 @@ LEVEL_FACING = 0.1
 LEAST_TANGENT = 0.03
 """Smaller tangents are within the noise of slopes and count as this."""
 
-LEAST_CHANGE = 0.25
-"""Lines: 3 mm of elevation at 15 m in Navcam images."""
-
-CLEARLY = 2.0
-"""Standard deviations."""
+LEAST_CHANGE = 0.15
+"""Lines that are worth a new terrain model: 2 mm at 15 m in Navcam images."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +53,7 @@ class HeightBias:
 
     def differs_from(self, other: HeightBias) -> bool:
         """Whether it is so far from another one that terrain should be modelled again."""
-        return abs(self.lines - other.lines) > max(LEAST_CHANGE, CLEARLY * self.sigma)
+        return abs(self.lines - other.lines) > LEAST_CHANGE
 
 
 NO_BIAS = HeightBias()

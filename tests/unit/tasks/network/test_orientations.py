@@ -86,9 +86,9 @@ def test_the_height_bias_of_a_stop_is_the_weighted_mean_of_its_links():
 
 def test_a_stop_is_mapped_again_when_its_height_bias_is_clearly_another():
     before = mapped(pair(1, 0.1))
-    unclear = choose_for_stop(NAME, [pair(1, 0.1)], before, PARAMS, None, HeightBias(0.4, 0.3))
-    assert unclear.height_bias == HeightBias()
-    assert not unclear.is_new
+    little = choose_for_stop(NAME, [pair(1, 0.1)], before, PARAMS, None, HeightBias(0.1, 0.1))
+    assert little.height_bias == HeightBias()
+    assert not little.is_new
     now = choose_for_stop(NAME, [pair(1, 0.1)], before, PARAMS, None, HeightBias(0.6, 0.1))
     assert now.height_bias == HeightBias(0.6, 0.1)
     assert now.is_new
