@@ -8,6 +8,7 @@ hillshade is as crisp, and as right, at every zoom.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,7 +33,9 @@ from solmap.gis_server.rendering.styles import (
 from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.planes import Gradients, nine_cell_gradients, window_gradients
 from solmap.products.errors import ProductNotFoundError
-from solmap.products.formats.raster.raster import band_names
+from solmap.products.formats.raster.cog import RasterClass
+from solmap.products.formats.raster.orthophoto import source_colour
+from solmap.products.formats.raster.raster import band_names, class_names
 from solmap.products.formats.raster.styles import (
     STYLES,
     TileStyle,
@@ -181,6 +184,8 @@ def painter_of(
     if kind in PICTURES:
         return _paint_classes if style.is_classes else _paint_picture
     if kind in ELEVATIONS:
+        if style.is_classes:
+            return _paint_classes_of_band
         return _OF_TERRAIN.get(query.style, _paint_values)
     return _paint_values
 
@@ -201,6 +206,35 @@ def _paint_classes(canvas: Canvas) -> bytes | None:
         return None
     colours = canvas.dataset.colormap(1)
     return indexed_png(codes, np.array([colours[code][:3] for code in range(256)], np.uint8))
+
+
+def classes_in(dataset: rasterio.DatasetReader, style: TileStyle) -> tuple[RasterClass, ...]:
+    """The classes of a style: those that every layer of its kind has, else those of the file."""
+    if style.classes:
+        return style.classes
+    if style.band:
+        stops = json.loads(dataset.tags().get("STOPS", "[]"))
+        return tuple(RasterClass(k, name, source_colour(k + 1)) for k, name in enumerate(stops))
+    colours = dataset.colormap(1)
+    return tuple(
+        RasterClass(value, name, "#{:02x}{:02x}{:02x}".format(*colours[value][:3]))
+        for value, name in class_names(dataset).items()
+    )
+
+
+def _paint_classes_of_band(canvas: Canvas) -> bytes | None:
+    """Classes that a band of floats holds; where a pixel is of several, none is drawn."""
+    band = band_index(canvas.layer, canvas.dataset, canvas.style.band)
+    values = read_tile(canvas.dataset, canvas.address, band, Resampling.nearest)
+    if values is None:
+        return None
+    codes = np.zeros(values.shape, np.uint8)
+    palette = np.zeros((256, 3), np.uint8)
+    for index, one in enumerate(classes_in(canvas.dataset, canvas.style)):
+        code = index % 255 + 1  # 0 is transparent
+        codes[values == one.value] = code
+        palette[code] = palette_of((one.colour,) * 2)[1]
+    return indexed_png(codes, palette) if codes.any() else None
 
 
 def _paint_picture(canvas: Canvas) -> bytes | None:

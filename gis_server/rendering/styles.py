@@ -18,6 +18,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.raster.cog import RasterClass
 from solmap.products.formats.raster.styles import (
     GREY,
     INFERNO,
@@ -80,6 +81,11 @@ PICTURES = {
 """Kinds of eight bits; all others are rasters of 32-bit floats and have tiles of values."""
 
 _NORTH_FACING = TileStyle(RED_BLUE, (-20.0, 20.0), "degree", title="Slopes that face north")
+_GROUND = (
+    RasterClass(1, "measured", "#21918c"),
+    RasterClass(2, "interpolated", "#fde725"),
+    RasterClass(3, "occluded", "#440154"),
+)
 _OF_TERRAIN = {
     "hillshade": TileStyle(GREY, (0.0, 1.0), has_legend=False, title="Hillshade"),
     "shaded-relief": TileStyle(VIRIDIS, unit="m", title="Elevation, shaded"),
@@ -92,7 +98,22 @@ _OF_TERRAIN = {
     "uncertainty": TileStyle(
         INFERNO, (0.0, 0.5), "m", band="standard_deviation", title="Standard deviation of elevation"
     ),
+    "pose-deviation": TileStyle(
+        INFERNO, (0.0, 0.5), "m", band="pose_deviation", title="Standard deviation by pose"
+    ),
+    "observations": TileStyle(
+        VIRIDIS, (0.0, 100.0), band="observations", title="Number of observations"
+    ),
+    "class": TileStyle(
+        GREY, band="class", is_classes=True, classes=_GROUND, title="How the ground is known"
+    ),
     "contours": TileStyle(("#8c4a12",), has_legend=False, title="Contours"),
+}
+_OF_REGION = {
+    **_OF_TERRAIN,
+    "source": TileStyle(
+        GREY, band="nearest_stop", is_classes=True, has_legend=False, title="Source stop"
+    ),
 }
 _OF_SLOPE = {
     "uncertainty": TileStyle(
@@ -105,6 +126,7 @@ _OF_SLOPE = {
 }
 _MORE = {
     **dict.fromkeys(ELEVATIONS, _OF_TERRAIN),
+    ProductKind.REGION_DTM: _OF_REGION,
     ProductKind.SLOPE: _OF_SLOPE,
     ProductKind.REGION_SLOPE: _OF_SLOPE,
     ProductKind.NORTHERLY_TILT: {"north-facing": _NORTH_FACING},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from http import HTTPStatus
 from typing import Annotated, Any, Literal
 
@@ -13,6 +14,7 @@ from solmap.gis_server.addresses import ServerPath
 from solmap.gis_server.analysis.solutions import OVERALL
 from solmap.gis_server.parameters import AGAIN, FOREVER, BBox, LayerPath, ScopeName
 from solmap.gis_server.rendering.contours import contours_in, interval_of
+from solmap.gis_server.rendering.painting import classes_in
 from solmap.gis_server.rendering.styles import (
     ELEVATIONS,
     PICTURES,
@@ -293,20 +295,29 @@ def styles(layer: LayerPath, response: Response) -> Styles:
 
 
 @router.get("/{scope}/{kind}/{digest}/legend")
-def legend(layer: LayerPath, query: Drawn, response: Response) -> Legend:
+def legend(layer: LayerPath, query: Drawn, services: ServicesOf, response: Response) -> Legend:
     """Values and colours of the layer's tiles when they are asked for with the same query."""
     response.headers.update(FOREVER)
-    found = legend_of(layer, resolve_style(layer, query))
+    found = legend_of(layer, _style_with_classes(layer, query, services))
     if found is None:
         raise ProductNotFoundError(f"{layer.id} needs no legend in the style {query.style}")
     return found
 
 
 @router.get("/{scope}/{kind}/{digest}/legend.png", response_class=Response)
-def legend_picture(layer: LayerPath, query: Drawn) -> Response:
+def legend_picture(layer: LayerPath, query: Drawn, services: ServicesOf) -> Response:
     """The legend as a picture."""
-    body = draw_legend(layer, resolve_style(layer, query))
+    body = draw_legend(layer, _style_with_classes(layer, query, services))
     return Response(body, media_type="image/png", headers=FOREVER)
+
+
+def _style_with_classes(layer: Layer, query: StyleQuery, services: Services) -> TileStyle:
+    """The style of a layer, with the classes that its file names."""
+    style = resolve_style(layer, query)
+    if not style.is_classes or style.classes:
+        return style
+    with services.pool.reading(services.store.address(layer.ref)) as dataset:
+        return replace(style, classes=classes_in(dataset, style), has_legend=True)
 
 
 @router.get("/{scope}/{kind}/{digest}/contours.geojson", response_class=JSONResponse)

@@ -26,6 +26,10 @@ from tests.support.browsing import (
 
 STOP = STOPS[2][0]
 STOP_SOL = 156
+MEASURED = np.array([0x21, 0x91, 0x8C])
+"""Of the classes of the ground."""
+SIGMA_2_CM = np.array([0x21, 0x0C, 0x4A]) * 0.4 + np.array([0x57, 0x10, 0x6E]) * 0.6
+"""Of eight parts of 10 cm, 0.6 of the way through the second."""
 VIRIDIS = ((0x44, 0x01, 0x54), (0xFD, 0xE7, 0x25))
 
 
@@ -181,6 +185,47 @@ def test_values_below_a_floor_are_not_drawn(page, url):
     assert np.abs(drawn - NOTHING).max() > 20
 
 
+def test_the_standard_deviation_of_a_model_is_a_layer_with_a_legend(page, url):
+    resolution = 0.1
+    look(page, url + at(resolution, "mer2/dtm-sigma*1"))
+    row = page.locator('li[data-layer="mer2/dtm-sigma"].layer')
+    assert row.locator("input[type=checkbox]").first.is_checked()
+    name = "Elevation σ"
+    assert name in row.inner_text()
+    until(page, lambda: name in page.locator(".map-legend").inner_text())
+    shown = colour_at(screenshot(page, "sigma"), pixel_of(page, 5.0, 5.0, resolution))
+    assert np.abs(shown - SIGMA_2_CM).max() <= 4
+
+
+def test_classes_of_the_ground_are_a_layer_with_names(page, url):
+    resolution = 0.1
+    look(page, url + at(resolution, "mer2/dtm-class*1"))
+    until(page, lambda: "interpolated" in page.locator(".map-legend").inner_text())
+    shown = colour_at(screenshot(page, "classes"), pixel_of(page, 5.0, 5.0, resolution))
+    assert np.abs(shown - MEASURED).max() <= 2
+
+
+def test_a_model_fades_by_its_standard_deviation(page, url):
+    resolution = 0.1
+    look(page, url + at(resolution, "mer2/dtm*1"))
+    place = pixel_of(page, 5.0, 5.0, resolution)
+    whole = colour_at(screenshot(page, "whole"), place)
+    row = page.locator('li[data-layer="mer2/dtm"].layer')
+    row.locator(".more").click()
+    row.get_by_label("fade by standard deviation").check()
+    row.get_by_label("not drawn from this standard deviation on").fill("0.04")
+    row.get_by_label("not drawn from this standard deviation on").press("Enter")
+    ready(page)
+    until(page, lambda: "none from 0.04" in page.locator(".map-legend").inner_text())
+    page.wait_for_timeout(300)
+    half = colour_at(screenshot(page, "faded"), place)  # 2 cm of 4
+    assert np.abs(half - (whole + NOTHING) / 2).max() <= 4
+    assert "mer2/dtm~:::::::0.04" in page.url
+    page.reload()
+    ready(page)
+    assert np.abs(colour_at(screenshot(page, "again"), place) - half).max() <= 2
+
+
 def test_colours_spread_over_what_is_on_the_screen(page, url):
     look(page, url + at(0.02, "mer2/dtm", 20.0, 0.0))
     row = page.locator('li[data-layer="mer2/dtm"].layer')
@@ -223,7 +268,7 @@ def test_layers_are_filtered_by_name_and_group(page, url):
     page.get_by_label("filter layers").fill("elevation")
     until(page, lambda: listed.count() > 0)
     kinds = {one.get_attribute("data-kind") for one in listed.all()}
-    assert kinds <= {"dtm", "far-dtm", "region-dtm"}
+    assert {kind.removeprefix("far-").removeprefix("region-")[:3] for kind in kinds} == {"dtm"}
     page.get_by_label("filter layers").fill("elevation site drive")
     scopes = {one.get_attribute("data-layer").split("/")[0] for one in listed.all()}
     assert scopes == {STOP}

@@ -11,6 +11,7 @@ from solmap.gis_server.rendering.reading import RasterPool
 from solmap.gis_server.rendering.styles import (
     StyleQuery,
     indices_of,
+    legend_of,
     palette_of,
     styles_of,
 )
@@ -272,6 +273,15 @@ def asked(client, world, kind, **query):
     ref = world.catalogue.layer(STOP.name, kind).ref
     address = f"{INSIDE.zoom}/{INSIDE.column}/{INSIDE.row}.png"
     return client.get(f"/tiles/{ref.scope.name}/{kind}/{ref.digest}/{address}", params=query)
+
+
+def test_classes_of_the_ground_have_a_colour_each_and_a_legend(hilly, terrain):
+    picture = drawn(hilly, terrain, INSIDE, StyleQuery(style="class"))
+    seen = picture[..., 3] > 0
+    assert {tuple(colour) for colour in picture[seen][:, :3]} == {(0x21, 0x91, 0x8C)}  # measured
+    assert 0.9 < seen.mean() < 1.0  # the holes have none
+    classes = legend_of(terrain, styles_of(ProductKind.DTM)["class"]).classes
+    assert [one.name for one in classes] == ["measured", "interpolated", "occluded"]
 
 
 def test_a_style_is_asked_for_in_the_query(client, world):

@@ -1,5 +1,12 @@
 /** Kinds of layers: their names, and the order in which they lie and are listed. */
 
+import { ownStyle, QUALITIES, type Quantity, quantityTitle } from "./raster-style";
+
+/** Bands of terrain models that are layers of their own. */
+const BANDS = ["region-dtm", "dtm"].flatMap((kind) =>
+  [...QUALITIES, "source"].map((band) => `${kind}-${band}`),
+);
+
 /** From the bottom of the map to its top: what a layer says lies above what the ground looks like. */
 export const STACK = [
   "orbital",
@@ -13,7 +20,7 @@ export const STACK = [
   "sources",
   "region-dtm",
   "dtm",
-  "uncertainty",
+  ...BANDS,
   "region-slope",
   "slope",
   "region-aspect",
@@ -58,6 +65,7 @@ export const LISTED = [
   "sources",
   "hillshade",
   "dtm",
+  ...BANDS.filter((kind) => kind.startsWith("dtm")),
   "slope",
   "aspect",
   "northerly-tilt",
@@ -70,6 +78,7 @@ export const LISTED = [
   "region-orthophoto",
   "region-hillshade",
   "region-dtm",
+  ...BANDS.filter((kind) => kind.startsWith("region")),
   "region-slope",
   "region-aspect",
   "region-northerly-tilt",
@@ -97,6 +106,7 @@ export const ON = new Set([
   "mission-traverse",
 ]);
 export const OPACITY: Readonly<Record<string, number>> = {
+  ...Object.fromEntries(BANDS.map((kind) => [kind, 0.8])),
   orthophoto: 0.8,
   "region-orthophoto": 0.8,
   sources: 0.6,
@@ -121,6 +131,8 @@ export const OPACITY: Readonly<Record<string, number>> = {
 
 const KIND_TITLES: Readonly<Record<string, string>> = {
   dtm: "Elevation (DTM)",
+  sources: "Source image",
+  "region-dtm-source": "Source stop",
   orthophoto: "Orthophoto",
   slope: "Slope",
   aspect: "Aspect",
@@ -158,6 +170,15 @@ const KIND_TITLES: Readonly<Record<string, string>> = {
   dips: "Strike and dip",
 };
 
+const BAND_TITLES: Readonly<Partial<Record<Quantity, string>>> = {
+  sigma: "Elevation σ",
+  pose: "Elevation σ by pose",
+  observations: "Observations",
+  class: "Ground class",
+};
+
 export function kindTitle(kind: string): string {
+  const band = ownStyle(kind);
+  if (band) return BAND_TITLES[band.quantity] ?? quantityTitle(band.quantity);
   return KIND_TITLES[kind] ?? kind.charAt(0).toUpperCase() + kind.slice(1).replaceAll("-", " ");
 }

@@ -3,9 +3,9 @@
 import ImageTile from "ol/source/ImageTile";
 import type TileGrid from "ol/tilegrid/TileGrid";
 import type { RasterLayer, TileMatrixSet } from "../server/records";
-import { type Pen, pen, picture } from "./painting";
+import { fade, type Pen, pen, picture } from "./painting";
 import type { LocalMap } from "./projection";
-import { bandOf, colouringOf, type RasterStyle } from "./raster-style";
+import { bandOf, colouringOf, type Quantity, type RasterStyle } from "./raster-style";
 import { quantityOf, type SunPlace } from "./shading";
 import { SIDE, tileUrl, type ValueTile, valueTiles } from "./value-tiles";
 
@@ -17,6 +17,8 @@ export interface Painting {
   readonly key: string;
   readonly values: ValuesOf;
   readonly pen: Pen;
+  /** By which opacity falls to nothing at `most`. */
+  readonly fading?: { readonly sigmas: ValuesOf; readonly most: number };
 }
 
 export class PaintedTiles extends ImageTile {
@@ -43,9 +45,11 @@ export class PaintedTiles extends ImageTile {
   }
 
   private async paint(z: number, x: number, y: number): Promise<HTMLCanvasElement> {
-    const { values, pen: draw } = this.painting;
-    const found = await values(z, x, y);
-    return found ? picture(draw(found), SIDE) : empty();
+    const { values, pen: draw, fading } = this.painting;
+    const [found, sigmas] = await Promise.all([values(z, x, y), fading?.sigmas(z, x, y)]);
+    if (!found) return empty();
+    const pixels = draw(found);
+    return picture(fading ? fade(pixels, sigmas ?? null, fading.most) : pixels, SIDE);
   }
 }
 
@@ -74,15 +78,19 @@ export function styled(
   sun: SunPlace,
   set: TileMatrixSet,
 ): Painting {
-  const { quantity } = style;
+  const { quantity, fade: most } = style;
   const colouring = colouringOf(layer, style);
   const light = quantity === "relief" ? [sun.azimuthDeg, sun.elevationDeg] : [];
+  const of =
+    (one: Quantity): ValuesOf =>
+    async (z, x, y) => {
+      const tile = await valueTile(layer, set, [z, x, y], bandOf(one));
+      return tile && quantityOf(tile, one, sun);
+    };
   return {
-    key: JSON.stringify([layer.digest, quantity, colouring, light]),
+    key: JSON.stringify([layer.digest, quantity, colouring, light, most]),
     pen: pen(colouring),
-    values: async (z, x, y) => {
-      const tile = await valueTile(layer, set, [z, x, y], bandOf(quantity));
-      return tile && quantityOf(tile, quantity, sun);
-    },
+    values: of(quantity),
+    ...(most === null ? {} : { fading: { sigmas: of("sigma"), most } }),
   };
 }

@@ -22,6 +22,19 @@ export function pen({ colours, low, high, floor }: Colouring): Pen {
   };
 }
 
+/** Takes opacity from pixels in proportion to standard deviations: all of it from `most` on, or where none is known. */
+export function fade(
+  pixels: Uint8ClampedArray<ArrayBuffer>,
+  sigmas: Float32Array | null,
+  most: number,
+): Uint8ClampedArray<ArrayBuffer> {
+  for (let at = 3; at < pixels.length; at += 4) {
+    const share = 1 - (sigmas?.[at >> 2] ?? Number.NaN) / most;
+    pixels[at] = share > 0 ? (pixels[at] as number) * Math.min(1, share) : 0; // NaN is none
+  }
+  return pixels;
+}
+
 /** A picture of `side` x `side` pixels. */
 export function picture(pixels: Uint8ClampedArray<ArrayBuffer>, side: number): HTMLCanvasElement {
   const canvas = document.createElement("canvas");

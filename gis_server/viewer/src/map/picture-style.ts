@@ -1,5 +1,6 @@
 /** Pictures and classes that the server drew, in other shades, colours, or without some classes. */
 
+import { legendQuery } from "./bands";
 import type { Legend, RasterLayer } from "../server/records";
 import { lookup, RAMPS } from "./ramps";
 import { hasValues, isPlain, type RasterStyle } from "./raster-style";
@@ -47,7 +48,7 @@ function without(classes: NonNullable<Legend["classes"]>, hidden: readonly numbe
 export const classesOf = (layer: RasterLayer) => layer.legend?.classes ?? [];
 /** Whether its shades can be stretched: a picture, and not one of classes. */
 export const isPicture = (layer: RasterLayer) =>
-  !hasValues(layer) && classesOf(layer).length === 0 && layer.kind !== "sources";
+  !hasValues(layer) && classesOf(layer).length === 0 && legendQuery(layer) === null;
 
 /** What becomes of a layer's tiles in a style; null: nothing. */
 export function recolouring(layer: RasterLayer, style: RasterStyle | null): Recolour | null {

@@ -23,6 +23,7 @@ const dtm = {
 test.each<[string, RasterStyle]>([
   ["slope::0:25", { ...PLAIN, quantity: "slope", low: 0, high: 25 }],
   ["tilt::::5", { ...PLAIN, quantity: "tilt", floor: 5 }],
+  [":::::::0.2", { ...PLAIN, fade: 0.2 }],
   [":inferno:-1.25:3", { ...PLAIN, ramp: "inferno", low: -1.25, high: 3 }],
 ])("%s in a link says what is drawn", (text, style) => {
   expect(formatStyle(style)).toBe(text);
@@ -45,6 +46,11 @@ test("the legend follows the style", () => {
   expect(legend?.unit).toBe("degree");
   expect(legend?.stops[0]).toEqual([0, RAMPS.inferno[0]]);
   expect(legend?.stops.at(-1)).toEqual([20, RAMPS.inferno.at(-1)]);
+});
+
+test("a legend says by which standard deviation opacity falls", () => {
+  expect(legendFor(dtm, { ...PLAIN, fade: 0.2 })?.note).toMatch(/none from 0\.2.m on/);
+  expect(legendFor(dtm, { ...PLAIN, quantity: "slope" })?.note).toBeUndefined();
 });
 
 test("a range that is none is still drawn", () => {

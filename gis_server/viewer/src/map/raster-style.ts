@@ -1,19 +1,21 @@
 /**
  * How a raster's values are drawn here, in place of the picture that the server draws.
  *
- * In a link a style is `quantity:ramp:low:high:floor:gamma:hidden`, where nothing stands for the default: `slope::0:25`,
+ * In a link a style is `quantity:ramp:low:high:floor:gamma:hidden:fade`, where nothing stands for the default: `slope::0:25`,
  * `tilt::::5` (only tilts of 5 degrees and more). Of pictures low and high are shades of grey, 0 to 255; hidden are
  * numbers of classes, in the order of the legend, with points between.
  */
 
 import type { Layer, Legend, RasterLayer } from "../server/records";
+import { unitSign } from "../page/format";
 import { isRamp, RAMPS, type RampName } from "./ramps";
 
 /** What follows from elevations. */
 const DERIVED = ["relief", "slope", "aspect", "tilt"] as const;
 /** What the other bands of a raster tell of its values. */
-const QUALITIES = ["sigma", "pose", "observations", "class"] as const;
-const QUANTITIES = ["value", ...DERIVED, ...QUALITIES] as const;
+export const QUALITIES = ["sigma", "pose", "observations", "class"] as const;
+const OF_ELEVATIONS = ["value", ...DERIVED, ...QUALITIES] as const;
+const QUANTITIES = [...OF_ELEVATIONS, "sigmas"] as const;
 /** What is drawn: the values themselves, or one of the others. */
 export type Quantity = (typeof QUANTITIES)[number];
 
@@ -30,6 +32,8 @@ export interface RasterStyle {
   readonly gamma: number | null;
   /** Of classes: those that are not drawn, by their numbers in the legend. */
   readonly hidden: readonly number[];
+  /** Standard deviation from which on nothing is drawn, below in proportion; null: all is drawn. */
+  readonly fade: number | null;
 }
 
 export const PLAIN: RasterStyle = {
@@ -40,6 +44,7 @@ export const PLAIN: RasterStyle = {
   floor: null,
   gamma: null,
   hidden: [],
+  fade: null,
 };
 
 /** Colours and range of values, as they are drawn. */
@@ -97,7 +102,7 @@ const OWN: Readonly<Record<Exclude<Quantity, "value">, Own>> = {
     floor: 1,
   },
   class: {
-    title: "Measured, interpolated, occluded",
+    title: "Ground class",
     ramp: "viridis",
     range: [1, 3],
     unit: "",
@@ -108,6 +113,13 @@ const OWN: Readonly<Record<Exclude<Quantity, "value">, Own>> = {
       ["interpolated", "#fde725"],
       ["occluded", "#440154"],
     ],
+  },
+  sigmas: {
+    title: "Difference in standard deviations",
+    ramp: "inferno",
+    range: [0, 3],
+    unit: "σ",
+    band: "disagreement_in_sigmas",
   },
 };
 
@@ -127,9 +139,26 @@ const SLOPES = new Set(["slope", "region-slope"]);
 
 /** What may be drawn of a layer, the values themselves first. */
 export function quantitiesOf(layer: Pick<Layer, "kind">): readonly Quantity[] {
-  if (isElevation(layer)) return QUANTITIES;
+  if (isElevation(layer)) return OF_ELEVATIONS;
+  const own = ownStyle(layer.kind);
+  if (own) return [own.quantity];
+  if (layer.kind === "region-seams") return ["value", "sigmas"];
   return SLOPES.has(layer.kind) ? ["value", "sigma"] : ["value"];
 }
+
+/** Whether a layer's values have standard deviations, by which they may fade. */
+export const canFade = (layer: Pick<Layer, "kind">) =>
+  !ownStyle(layer.kind) && quantitiesOf(layer).includes("sigma");
+
+/** Style of a layer that is a band of a terrain model (`bands.ts`), by its kind or id; null: of other layers. */
+export function ownStyle(kind: string): RasterStyle | null {
+  const quantity = QUALITIES.find((one) => kind.endsWith(`dtm-${one}`));
+  return quantity ? { ...PLAIN, quantity } : null;
+}
+
+/** Standard deviation at which a layer's colours of it end. */
+export const mostSigma = (layer: Pick<Layer, "kind">): number =>
+  SLOPES.has(layer.kind) ? SIGMA_DEG[1] : OWN.sigma.range[1];
 
 /** Whether the browser can draw it from its values. */
 export function hasValues(layer: Layer): layer is RasterLayer & { readonly values: string } {
@@ -179,9 +208,13 @@ function ownOf(
 export function legendFor(layer: RasterLayer, style: RasterStyle | null): Legend | null {
   if (!style || isPlain(style) || !hasValues(layer)) return layer.legend;
   const { classes } = ownOf(layer, style.quantity);
-  if (classes && !style.ramp)
-    return { stops: [], unit: "", classes: classes.map(([name, colour]) => ({ name, colour })) };
-  return legendOfColours(colouringOf(layer, style));
+  const legend =
+    classes && !style.ramp
+      ? { stops: [], unit: "", classes: classes.map(([name, colour]) => ({ name, colour })) }
+      : legendOfColours(colouringOf(layer, style));
+  if (style.fade === null) return legend;
+  const most = `${text(style.fade)}${unitSign(unitOf(layer))}`;
+  return { ...legend, note: `Opacity falls with σ: full at 0, none from ${most} on.` };
 }
 
 export function legendOfColours({ colours, low, high, unit }: Colouring): Legend {
@@ -194,9 +227,10 @@ const text = (value: number | null) => (value === null ? "" : String(Number(valu
 
 /** Empty for the style that every layer has at first. */
 export function formatStyle(style: RasterStyle): string {
-  const { quantity, ramp, low, high, floor, gamma, hidden } = style;
+  const { quantity, ramp, low, high, floor, gamma, hidden, fade } = style;
   const parts = [quantity === "value" ? "" : quantity, ramp ?? "", text(low), text(high)];
-  return [...parts, text(floor), text(gamma), hidden.join(".")].join(":").replace(/:+$/, "");
+  const last = [text(floor), text(gamma), hidden.join("."), text(fade)];
+  return [...parts, ...last].join(":").replace(/:+$/, "");
 }
 
 /** Null where the text says nothing that can be drawn. */
@@ -214,6 +248,7 @@ export function parseStyle(link: string): RasterStyle | null {
     ...{ low, high, floor },
     gamma: gamma !== null && gamma > 0 ? gamma : null,
     hidden: hidden.map(Number),
+    fade: Number(rest[5]) > 0 && Number.isFinite(Number(rest[5])) ? Number(rest[5]) : null,
   };
   return isPlain(style) ? null : style;
 }

@@ -28,8 +28,10 @@ export function quantityOf(tile: ValueTile, quantity: Quantity, sun: SunPlace): 
     case "sigma":
     case "pose":
     case "observations":
-    case "class":
+    case "sigmas":
       return inner(tile);
+    case "class": // means of several classes, which overviews hold, are none
+      return inner(tile).map((value) => (Number.isInteger(value) ? value : Number.NaN));
     case "relief":
       return relief(tile, sun);
     case "slope":

@@ -9,12 +9,14 @@ export const swatch = (style: string, text: string) =>
 export const legend = (...rows: HTMLElement[]) => h("div", { class: "legend" }, ...rows);
 
 /** Colours with the values they stand for, or classes with their names; null where there is nothing to tell. */
-export function colourLegend({ stops, unit, classes }: Legend): HTMLElement | null {
+export function colourLegend({ stops, unit, classes, note }: Legend): HTMLElement | null {
+  const said = note ? [h("div", { class: "unit note" }, note)] : [];
   if (classes?.length)
     return legend(
       ...classes.map(({ name, colour }) =>
         swatch(`background:${colour};width:14px;height:14px`, name),
       ),
+      ...said,
     );
   const first = stops[0];
   const last = stops.at(-1);
@@ -31,5 +33,6 @@ export function colourLegend({ stops, unit, classes }: Legend): HTMLElement | nu
     h("div", { class: "ramp", style: `background:linear-gradient(90deg, ${parts.join(", ")})` }),
     h("div", { class: "ticks" }, ...ticks.map((tick) => h("span", {}, tick))),
     unit ? h("div", { class: "unit" }, unit) : null,
+    ...said,
   );
 }

@@ -10,6 +10,7 @@ import type {
   Identified,
   ImageEntry,
   Layer,
+  Legend,
   MapPoint,
   Start,
   VectorLayer,
@@ -158,6 +159,9 @@ export const api = {
     get<FeatureCollection>(
       `${layer.features}?${new URLSearchParams(names.map((name) => ["ids", name]))}`,
     ),
+  /** Of classes that the layer's file names. */
+  legend: ({ provenance }: Layer, query: string) =>
+    get<Legend>(provenance.replace(/provenance$/, "legend") + query),
   provenance: (layer: Layer) => get<unknown>(layer.provenance),
   isAlive: async () => {
     try {

@@ -40,6 +40,8 @@ export interface Legend {
   readonly unit: string | null;
   /** What classes mean, where values are classes; else empty. */
   readonly classes?: readonly { readonly name: string; readonly colour: string }[];
+  /** What else a reader has to know. */
+  readonly note?: string;
 }
 
 interface LayerFacts {

@@ -1,6 +1,8 @@
 /** The layers of a mission, how each is shown and which lies over which: the one place that knows. */
 
+import { bandsOf } from "../map/bands";
 import { firstState, type LayerState, zIndex } from "../map/layers";
+import { ownStyle } from "../map/raster-style";
 import type { Layer } from "../server/records";
 import { Signal } from "./signal";
 
@@ -23,6 +25,7 @@ export class LayerBook {
   private readonly versions = new Map<string, Layer>();
   private readonly states = new Map<string, LayerState>();
   private list: readonly Layer[];
+  private bands: readonly Layer[];
   /** Ids of all layers from the bottom of the map to its top. */
   private stack: readonly string[] = [];
   private heights: ReadonlyMap<string, number> = new Map();
@@ -37,7 +40,8 @@ export class LayerBook {
   ) {
     const on = linked;
     this.list = layers;
-    for (const layer of layers) {
+    this.bands = layers.flatMap(bandsOf);
+    for (const layer of this.listed) {
       const first = firstState(layer, layers);
       const said = on?.get(layer.id);
       this.states.set(layer.id, on ? { ...first, ...said, visible: said !== undefined } : first);
@@ -51,9 +55,14 @@ export class LayerBook {
     return this.list;
   }
 
-  /** The latest, and the earlier versions that were brought in. */
+  /** The latest, and their bands that are layers of their own. */
+  get listed(): readonly Layer[] {
+    return [...this.list, ...this.bands];
+  }
+
+  /** Those, and the earlier versions that were brought in. */
   get every(): readonly Layer[] {
-    return [...this.list, ...this.versions.values()];
+    return [...this.listed, ...this.versions.values()];
   }
 
   /** Shows what a link says, and nothing else. `stacked`: its order counts. */
@@ -112,7 +121,8 @@ export class LayerBook {
   }
 
   state({ id }: Pick<Layer, "id">): LayerState {
-    return this.states.get(id) ?? OFF;
+    const state = this.states.get(id) ?? OFF;
+    return state.style ? state : { ...state, style: ownStyle(id) };
   }
 
   change(layer: Layer, part: Partial<LayerState>): void {
@@ -188,7 +198,8 @@ export class LayerBook {
   replace(layers: readonly Layer[]): void {
     const order = this.byHand ? [...this.on.keys()] : [];
     this.list = layers;
-    for (const layer of layers)
+    this.bands = layers.flatMap(bandsOf);
+    for (const layer of this.listed)
       if (!this.states.has(layer.id)) this.states.set(layer.id, firstState(layer, layers));
     this.restack(order);
     this.replaced.emit(layers);

@@ -85,6 +85,7 @@ export class Session {
       lastEvent,
       alive: this.life.signal,
     };
+    view.setLayers(this.context.layers.every);
     if (link.place) view.goTo(link.place);
     else view.fit(firstBounds(layers) ?? mission.bounds, 0);
     this.listen();

@@ -9,12 +9,15 @@ import {
   UNPAIRED,
   VIEWING,
 } from "../../map/styles";
+import { isBand, legendQuery } from "../../map/bands";
 import { kindTitle } from "../../map/layers";
 import { legendFor, quantityTitle } from "../../map/raster-style";
 import { NO_RESIDUAL, RESIDUALS } from "../../map/tie-style";
 import { h } from "../../page/dom";
 import { colourLegend, legend, swatch } from "../../page/legend";
-import type { Layer, VectorLayer } from "../../server/records";
+import { api } from "../../server/api";
+import { scopeTitle } from "../../page/format";
+import type { Layer, Legend, VectorLayer } from "../../server/records";
 import type { LayerActions } from "./actions";
 
 const stroke = (width: number, kind: string, colour: string) =>
@@ -88,10 +91,28 @@ export function symbolLegend(
   }
 }
 
+/** Of classes that a layer's file names: fills itself when they have come. */
+function fileLegend(layer: Layer, query: string): HTMLElement {
+  const list = h("div", { class: "file-legend", "data-of": layer.digest });
+  const fill = ({ classes = [] }: Legend) => {
+    const named = classes.map(({ name, colour }) => ({
+      name: query ? scopeTitle(name) : name,
+      colour,
+    }));
+    list.append(
+      ...[colourLegend({ stops: [], unit: "", classes: named })].filter((one) => one !== null),
+    );
+  };
+  api.legend(layer, query).then(fill, () => list.append("The legend could not be fetched."));
+  return h("div", {}, list);
+}
+
 /** Of a layer as it is drawn now; null where there is nothing to tell. */
 export function legendOf(layer: Layer, actions: LayerActions): HTMLElement | null {
   if (layer.type === "vector")
     return symbolLegend(layer, actions.ellipseFactor(), actions.setEllipseFactor);
+  const query = legendQuery(layer);
+  if (query !== null) return fileLegend(layer, query);
   const shown = legendFor(layer, actions.stateOf(layer).style);
   return shown && colourLegend(shown);
 }
@@ -118,7 +139,7 @@ export function mapLegend(actions: LayerActions): MapLegend {
       const found = legendOf(layer, actions);
       if (!found) continue;
       const quantity = actions.stateOf(layer).style?.quantity ?? "value";
-      const of = quantity === "value" ? "" : `: ${quantityTitle(quantity)}`;
+      const of = quantity === "value" || isBand(layer) ? "" : `: ${quantityTitle(quantity)}`;
       const title = kindTitle(layer.kind) + of;
       entries.set(title + found.innerHTML, h("section", {}, h("h3", {}, title), found));
     }

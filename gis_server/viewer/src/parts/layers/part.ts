@@ -73,7 +73,7 @@ export function layersPart(context: Context): void {
   });
 
   const draw = () => {
-    tree = layerTree(layers.all, actionsOf(context, flicker, list));
+    tree = layerTree(layers.listed, actionsOf(context, flicker, list));
     filter = solFilter(solsOf(layers.all), reportOf, (sol) => signals.sol.emit(sol));
     filter.set(drawing.sol);
     tree.setSol(drawing.sol);

@@ -1,5 +1,6 @@
 /** A layer in the tree: its switch, and behind it all that can be done with it. */
 
+import { isBand } from "../../map/bands";
 import { kindTitle } from "../../map/layers";
 import { hasValues } from "../../map/raster-style";
 import { classesOf, isPicture } from "../../map/picture-style";
@@ -71,7 +72,7 @@ function details(layer: Layer, actions: LayerActions): Following {
       ),
       ...files(layer),
     ),
-    versionsOf(layer, actions),
+    isBand(layer) ? null : versionsOf(layer, actions),
   );
   const follow = () => {
     slider.value = String(actions.stateOf(layer).opacity);

@@ -4,7 +4,10 @@ import { kindTitle } from "../../map/layers";
 import { RAMP_NAMES, type RampName } from "../../map/ramps";
 import {
   colouringOf,
-  isPlain,
+  canFade,
+  formatStyle,
+  mostSigma,
+  ownStyle,
   PLAIN,
   quantitiesOf,
   type Quantity,
@@ -44,10 +47,12 @@ export function number(name: string, set: (value: number | null) => void): HTMLI
 const said = (value: number | null) => (value === null ? "" : String(Number(value.toPrecision(5))));
 
 export function styleEditor(layer: RasterLayer, actions: LayerActions): Following {
-  const style = () => actions.stateOf(layer).style ?? PLAIN;
+  const own = ownStyle(layer.kind) ?? PLAIN;
+  const isOwn = (one: RasterStyle) => formatStyle(one) === formatStyle(own);
+  const style = () => actions.stateOf(layer).style ?? own;
   const change = (part: Partial<RasterStyle>) => {
     const next = { ...style(), ...part };
-    actions.setStyle(layer, isPlain(next) ? null : next);
+    actions.setStyle(layer, isOwn(next) ? null : next);
   };
   const quantities = quantitiesOf(layer);
   const quantity = choice<Quantity>(
@@ -63,6 +68,14 @@ export function styleEditor(layer: RasterLayer, actions: LayerActions): Followin
   const low = number("lowest colour at", (value) => change({ low: value }));
   const high = number("highest colour at", (value) => change({ high: value }));
   const floor = number("hide values below", (value) => change({ floor: value }));
+  const fades = h("input", {
+    type: "checkbox",
+    onchange: () => change({ fade: fades.checked ? mostSigma(layer) : null }),
+  });
+  const most = number("not drawn from this standard deviation on", (value) =>
+    change({ fade: value !== null && value > 0 ? value : mostSigma(layer) }),
+  );
+  const fading = h("label", { class: "inline" }, "not drawn from σ", most);
   const stretch = h(
     "button",
     { type: "button", class: "text stretch", onclick: () => actions.stretch(layer) },
@@ -80,7 +93,10 @@ export function styleEditor(layer: RasterLayer, actions: LayerActions): Followin
     ramp.value = now.ramp ?? "";
     [low.value, high.value] = [said(shown.low), said(shown.high)];
     floor.value = said(now.floor);
-    reset.hidden = isPlain(now);
+    reset.hidden = isOwn(now);
+    fades.checked = now.fade !== null;
+    fading.hidden = now.fade === null;
+    most.value = said(now.fade);
   };
   follow();
   const element = h(
@@ -90,6 +106,9 @@ export function styleEditor(layer: RasterLayer, actions: LayerActions): Followin
     h("div", { class: "pair" }, ramp),
     h("div", { class: "pair" }, low, h("span", { class: "dim" }, "to"), high),
     h("label", { class: "inline" }, "hide below", floor),
+    ...(canFade(layer)
+      ? [h("label", { class: "inline" }, fades, "fade by standard deviation"), fading]
+      : []),
     h("div", { class: "actions" }, stretch, reset),
   );
   return { element, follow };

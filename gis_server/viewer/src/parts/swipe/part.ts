@@ -1,5 +1,6 @@
 /** Compares two layers: a divider between them, or their difference. The link keeps what is compared. */
 
+import { isBand } from "../../map/bands";
 import { h } from "../../page/dom";
 import type { Context } from "../../session/context";
 import { bringVersions } from "../../session/versions";
@@ -36,7 +37,7 @@ export function swipePart(context: Context): void {
     );
   };
   const draw = () => {
-    const rasters = layers.every.filter(({ type }) => type === "raster");
+    const rasters = layers.every.filter((layer) => layer.type === "raster" && !isBand(layer));
     const names = rasters.toSorted((a, b) =>
       layerName(a).localeCompare(layerName(b), "en", { numeric: true }),
     );
