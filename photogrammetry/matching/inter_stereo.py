@@ -51,7 +51,7 @@ RELIEF_SHARE = 0.5
 """q, and"""
 LINE_SHARE = 0.75
 """l: against the truth of one rendered stop, chosen on its Navcam; what others come to stands in
-docs/stages/tie.md."""
+docs/explanation/cross-site-ties.md."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@
     with solmap.open_store("STORE").latest("dtm", sol=156) as raster:
         elevation = raster.read(1)
 
-`docs/python.md` and the notebooks in `docs/notebooks` show more. Names are imported when they are
-first used: `import solmap` itself takes milliseconds.
+`docs/reference/python.md` and the notebooks in `docs/tutorials` show more. Names are imported
+when they are first used: `import solmap` itself takes milliseconds.
 """
 
 from __future__ import annotations

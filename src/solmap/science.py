@@ -3,7 +3,7 @@
 Thin over the functions that the pipeline calls, with the pipeline's parameters. Points may be given
 as lists or arrays. Lengths are metres, angles radians, image coordinates pixels as
 (sample, line) with (0, 0) at the centre of the first pixel; rasters and points have NaN where
-nothing was measured. Frames (`docs/conventions.md`):
+nothing was measured. Frames (`docs/reference/conventions.md`):
 
     rover   x forward, y right, z down, where the rover stood
     local   x north, y east, z down from the origin of a site: what `adjust` and `build_dtm` work in

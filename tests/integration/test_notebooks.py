@@ -7,7 +7,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-FOLDER = Path(__file__).resolve().parents[2] / "docs" / "notebooks"
+FOLDER = Path(__file__).resolve().parents[2] / "docs" / "tutorials"
 
 
 def run(name, monkeypatch):

@@ -1,7 +1,7 @@
 """QGIS opens what the server offers, over HTTP: what lies where, on which Mars, and what it draws.
 
 QGIS runs as the machine's own Python has it, apart from this environment's GDAL and PROJ. What
-QGIS 3.22 cannot is held too, so that `docs/stages/serve.md` says the truth: OGC API Features come
+QGIS 3.22 cannot is held too, as `docs/how-to/open-in-gis.md` says it: OGC API Features come
 as degrees of the Earth, and WMTS by its own provider without a reference system; by GDAL's driver,
 which QGIS has as well, WMTS has the right one.
 """

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from tests.support.real_files import FILES, HEAD, page
 
-PAGE = Path(__file__).parents[2] / "docs" / "real-files.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "real-files.md"
 
 
 def test_the_page_about_real_files_says_what_becomes_of_them(shared_data):

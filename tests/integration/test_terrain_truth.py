@@ -1,7 +1,7 @@
 """Terrain models of three simulated worlds against what is true of them, from matched pictures.
 
 Poses are the true ones, so that matching and gridding are judged; whole runs, with adjusted poses,
-are judged by `python -m tests.support.terrain.terrain_truth` and stated in docs/benchmarks.md.
+are judged by `python -m tests.support.terrain.terrain_truth`.
 """
 
 import numpy as np

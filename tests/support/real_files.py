@@ -1,6 +1,6 @@
-"""What becomes of real files: a table of label kind, mission and level, `docs/real-files.md`.
+"""What becomes of real files: a table of label kind, mission and level.
 
-python -m tests.support.real_files ../shared/data > docs/real-files.md
+python -m tests.support.real_files ../shared/data > docs/reference/real-files.md
 """
 
 import sys

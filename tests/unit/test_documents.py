@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-FEATURES = ROOT / "docs" / "features.md"
+FEATURES = ROOT / "docs" / "reference" / "features.md"
 TEST = re.compile(r"`(?P<file>[\w/-]+\.\w+)(?:::(?P<name>\w+))?`")
 
 
@@ -61,7 +61,7 @@ def _sources() -> list[Path]:
 
 
 def test_names_of_the_glossary_are_names_in_the_code():
-    lines = (ROOT / "docs" / "glossary.md").read_text().splitlines()
+    lines = (ROOT / "docs" / "reference" / "glossary.md").read_text().splitlines()
     cells = [line.split("|")[4] for line in lines if line.startswith("| ") and line.count("|") > 5]
     names = {name for cell in cells for name in re.findall(r"`([^`]+)`", cell)}
     files = [path for path in _sources() if path.parts[len(ROOT.parts)] != "tests"]

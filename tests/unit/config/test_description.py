@@ -18,7 +18,7 @@ from solmap.config.pipeline import PipelineConfig, load_pipeline
 from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
 from solmap.photogrammetry.terrain.dtm.stop_dtm import FarDtmParams
 
-DOCS = Path(__file__).parents[3] / "docs" / "configuration.md"
+DOCS = Path(__file__).parents[3] / "docs" / "reference" / "configuration.md"
 
 
 def written(config, tmp_path):
@@ -74,5 +74,5 @@ def test_values_are_written_as_toml_reads_them():
 
 
 def test_the_page_of_the_documentation_is_current():
-    told = "run `solmap config docs --out docs/configuration.md`"
+    told = "run `solmap config docs --out docs/reference/configuration.md`"
     assert DOCS.read_text(encoding="utf-8") == configuration_page(), told

@@ -144,7 +144,7 @@ def test_what_is_no_tile_of_values_is_refused(body):
         decode_values(body)
 
 
-DOCUMENTED = Path(__file__).parents[3] / "docs" / "stages" / "serve.md"
+DOCUMENTED = Path(__file__).parents[3] / "docs" / "reference" / "http-api.md"
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="Node runs the documented decoder")

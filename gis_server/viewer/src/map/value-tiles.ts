@@ -1,5 +1,5 @@
 /**
- * Tiles of values as the server sends them (`docs/stages/serve.md`): 258 x 258 values, the outermost of which
+ * Tiles of values as the server sends them (`docs/reference/http-api.md`): 258 x 258 values, the outermost of which
  * belong to the neighbours, so that what looks at the eight cells around has no seam.
  */
 
@@ -66,7 +66,7 @@ export function decode(body: ArrayBuffer): Float32Array {
   return values;
 }
 
-/** Gradient of the plane through the nine cells around each: `docs/stages/serve.md`. */
+/** Gradient of the plane through the nine cells around each: `docs/reference/http-api.md`. */
 export function gradientsOf(values: Float32Array, cell_m: number): Gradients {
   const east = new Float32Array(SIDE * SIDE);
   const north = new Float32Array(SIDE * SIDE);
