@@ -57,6 +57,7 @@ const ICONS = {
   layers: "M8 2 14.5 5.5 8 9 1.5 5.5zM1.5 8.5 8 12l6.5-3.5M1.5 11 8 14.5 14.5 11",
   panel: "M2 3h12v10H2zM10 3v10",
   bookmark: "M4 2h8v12l-4-3.5L4 14z",
+  table: "M2 3h12v10H2zM2 6.4h12M2 9.7h12M6.5 3v10",
   tree: "M3 3h4v3H3zM9 10h4v3H9zM5 6v5.5h4",
 } as const;
 

@@ -16,6 +16,7 @@ import { editorPart } from "../parts/editor/part";
 import { annotationsPart } from "../parts/annotations/part";
 import { runsPart } from "../parts/runs/part";
 import { placeMenuPart } from "../parts/place-menu/part";
+import { tablePart } from "../parts/table/part";
 import { viewsPart } from "../parts/views/part";
 import { helpPart } from "../parts/help/part";
 import { accountPart } from "../parts/account/part";
@@ -40,6 +41,7 @@ export const LATER_PARTS: readonly Part[] = [
   runsPart,
   placeMenuPart,
   viewsPart,
+  tablePart,
   helpPart,
   accountPart,
   livePart,

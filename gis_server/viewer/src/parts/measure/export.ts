@@ -1,6 +1,8 @@
 /** Measurements as files: a table for spreadsheets, and GeoJSON in degrees of Mars. */
 
+import { marsGeojson } from "../../map/mars-geojson";
 import type { LocalMap } from "../../map/projection";
+import { csvRow as row } from "../../page/csv";
 import type { MapPoint, Mission } from "../../server/records";
 import type { Found, Mode } from "./mode";
 
@@ -10,16 +12,6 @@ export interface Measurement {
   readonly corners: readonly MapPoint[];
   readonly found: Found;
 }
-
-/** As in the server's downloads: longitude and latitude are those of Mars, IAU 2015. */
-const MARS_CRS = {
-  type: "name",
-  properties: { name: "urn:ogc:def:crs:IAU:2015:49900" },
-} as const;
-
-const quoted = (text: string) => (/[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
-const row = (cells: readonly (string | number | null | undefined)[]) =>
-  cells.map((cell) => quoted(String(cell ?? ""))).join(",");
 
 /** One line a quantity, and one a corner. */
 export function measurementsCsv(all: readonly Measurement[]): string {
@@ -84,18 +76,10 @@ export function measurementsGeojson(
   mission: Pick<Mission, "mission" | "crs">,
   local: Pick<LocalMap, "toLonLat">,
 ): string {
-  const { proj4, wkt } = mission.crs;
   const features = all.map(({ number, mode, corners, found }) => ({
-    type: "Feature",
+    type: "Feature" as const,
     id: number,
-    geometry: geometry(
-      mode,
-      corners.map((corner) =>
-        proj4 === null
-          ? corner
-          : local.toLonLat(corner).map((degrees) => Number(degrees.toFixed(9))),
-      ),
-    ),
+    geometry: geometry(mode, corners),
     properties: {
       measured: mode.key,
       ...Object.fromEntries(
@@ -108,12 +92,5 @@ export function measurementsGeojson(
       corners_east_north_m: corners,
     },
   }));
-  const collection = {
-    type: "FeatureCollection",
-    crs: proj4 === null ? { type: "name", properties: { name: wkt } } : MARS_CRS,
-    "solmap:local_crs": proj4 ?? wkt,
-    mission: mission.mission,
-    features,
-  };
-  return JSON.stringify(collection, null, 1);
+  return marsGeojson(features, mission, local);
 }

@@ -1,0 +1,128 @@
+/**
+ * Rows of a table: which are listed, in which order, and what stands in a cell.
+ *
+ * The rows are filtered and sorted here and not by a table library: TanStack's took 0.57 s of processor and 200 MB for
+ * 150,000 rows, where this takes 5 ms and nothing.
+ */
+
+import { csvRow } from "../../page/csv";
+import type { GeoJsonFeature, GeoJsonGeometry } from "../../map/mars-geojson";
+import { digits, measured } from "../../page/format";
+
+export type Value = string | number | null;
+
+export interface Column {
+  /** Of the value, in files too. */
+  readonly key: string;
+  readonly title: string;
+  readonly unit?: string;
+  /** Key of the standard deviation of the value, which is shown with it and has no column of its own. */
+  readonly sigma?: string;
+  /** What the digits of a number without standard deviation tell apart; else it is shown as it is. */
+  readonly resolution?: number;
+  /** Whether rows can be chosen by one of its values. */
+  readonly isChoice?: boolean;
+  /** Room for so many characters. */
+  readonly width: number;
+}
+
+export interface Row {
+  readonly id: string;
+  readonly values: Readonly<Record<string, Value>>;
+  /** In metres of the local map; null: none, or it is fetched when it is needed. */
+  readonly geometry: GeoJsonGeometry | null;
+}
+
+/** What of a table is listed. */
+export interface Query {
+  readonly sort: string | null;
+  readonly isDescending: boolean;
+  /** All of these words stand in a row. */
+  readonly words: string;
+  /** Values that rows have in columns of choices. */
+  readonly choices: ReadonlyMap<string, string>;
+}
+
+export const ALL: Query = { sort: null, isDescending: false, words: "", choices: new Map() };
+
+const collator = new Intl.Collator("en", { numeric: true });
+/** Order of two values; what is not known comes last either way. */
+function compare(a: Value, b: Value, direction: 1 | -1): number {
+  if (a === null || b === null) return Number(a === null) - Number(b === null);
+  if (typeof a === "number" && typeof b === "number") return direction * (a - b);
+  return direction * collator.compare(String(a), String(b));
+}
+
+const texts = new WeakMap<Row, string>();
+function textOf(row: Row): string {
+  const known = texts.get(row);
+  if (known !== undefined) return known;
+  const text = Object.values(row.values).join(" ").toLowerCase();
+  texts.set(row, text);
+  return text;
+}
+
+export function listed(rows: readonly Row[], query: Query): readonly Row[] {
+  const words = query.words.toLowerCase().split(/\s+/).filter(Boolean);
+  const choices = [...query.choices];
+  const found = rows.filter(
+    (row) =>
+      choices.every(([key, value]) => String(row.values[key] ?? "") === value) &&
+      words.every((word) => textOf(row).includes(word)),
+  );
+  const { sort } = query;
+  if (sort === null) return found;
+  const direction = query.isDescending ? -1 : 1;
+  return found.sort((a, b) => compare(a.values[sort] ?? null, b.values[sort] ?? null, direction));
+}
+
+/** The values of a column that rows can be chosen by, in order. */
+export function choicesOf(rows: readonly Row[], { key }: Column): readonly string[] {
+  const values = new Set(rows.map((row) => String(row.values[key] ?? "")));
+  return [...values].filter(Boolean).sort(collator.compare);
+}
+
+export function cellText({ values }: Row, { key, sigma, resolution }: Column): string {
+  const value = values[key] ?? null;
+  if (typeof value !== "number") return value ?? "–";
+  const deviation = sigma === undefined ? null : values[sigma];
+  if (typeof deviation === "number") return measured(value, null, deviation, resolution);
+  return resolution === undefined ? String(value) : digits(value, null, resolution);
+}
+
+const keysOf = (columns: readonly Column[]) =>
+  columns.flatMap(({ key, sigma }) => (sigma ? [key, sigma] : [key]));
+
+/** With standard deviations in columns of their own, and all digits. */
+export function tableCsv(rows: readonly Row[], columns: readonly Column[]): string {
+  const keys = keysOf(columns);
+  const lines = rows.map(({ values }) => csvRow(keys.map((key) => values[key])));
+  return [csvRow(keys), ...lines, ""].join("\n");
+}
+
+export const tableFeatures = (rows: readonly Row[]): readonly GeoJsonFeature[] =>
+  rows.map(({ id, values, geometry }) => ({ type: "Feature", id, geometry, properties: values }));
+
+/** `of=images&sort=-sol&find=…&is.instrument=NAVCAM`: the table in a link. */
+export function formatTable(subject: string, query: Query): string {
+  const parts = new URLSearchParams({ of: subject });
+  if (query.sort) parts.set("sort", `${query.isDescending ? "-" : ""}${query.sort}`);
+  if (query.words) parts.set("find", query.words);
+  for (const [key, value] of query.choices) parts.set(`is.${key}`, value);
+  return parts.toString();
+}
+
+export function parseTable(text: string): { readonly subject: string; readonly query: Query } {
+  const parts = new URLSearchParams(text);
+  const sort = parts.get("sort");
+  const choices = [...parts].filter(([key]) => key.startsWith("is."));
+  return {
+    subject: parts.get("of") ?? "",
+    query: {
+      sort: sort?.replace(/^-/, "") ?? null,
+      isDescending: sort?.startsWith("-") ?? false,
+      words: parts.get("find") ?? "",
+      choices: new Map(choices.map(([key, value]) => [key.slice(3), value] as const)),
+    },
+  };
+}

@@ -1,0 +1,217 @@
+/** What tables are of: stops, images, tie points and annotations, their columns and where their rows come from. */
+
+import { HELD_M } from "../../page/format";
+import { api, ApiError } from "../../server/api";
+import { edits } from "../../server/edits";
+import type { Bounds, ImageEntry, Layer, VectorLayer } from "../../server/records";
+import type { Context } from "../../session/context";
+import { isAdjusted } from "../../map/styles";
+import type { GeoJsonFeature } from "../../map/mars-geojson";
+import type { Column, Row, Value } from "./rows";
+
+export interface Subject {
+  readonly key: string;
+  readonly title: string;
+  readonly columns: readonly Column[];
+  /** Property of a feature on the map that names the row it stands for. */
+  readonly named?: string;
+  /** `tell` hears how many rows have come so far. */
+  readonly load: (context: Context, tell: (count: number) => void) => Promise<readonly Row[]>;
+}
+
+const known = (value: unknown): Value =>
+  typeof value === "number" || typeof value === "string" ? value : null;
+
+function valuesOf(properties: Readonly<Record<string, unknown>>, keys: readonly string[]) {
+  return Object.fromEntries(keys.map((key) => [key, known(properties[key])] as const));
+}
+
+function placeOf({ geometry }: GeoJsonFeature) {
+  const [east_m, north_m, up_m] = (geometry?.coordinates ?? []) as readonly number[];
+  return { east_m: known(east_m), north_m: known(north_m), up_m: known(up_m) };
+}
+
+const vectors = (layers: readonly Layer[]) => layers.filter((layer) => layer.type === "vector");
+/** The server sends no more than so many features at once where no box is asked for. */
+const TOO_MANY = 413;
+/** A layer of more features comes in so many squares along each side. */
+const SQUARES = 4;
+/** Features lie on the edge of their layer to the rounding of their file. */
+const EDGE_M = 0.01;
+
+async function* inPieces(layer: VectorLayer): AsyncGenerator<readonly GeoJsonFeature[]> {
+  const ask = async (bounds?: Bounds) =>
+    (await api.features(layer, bounds)).features as readonly GeoJsonFeature[];
+  try {
+    yield await ask();
+    return;
+  } catch (reason) {
+    if (!(reason instanceof ApiError && reason.status === TOO_MANY)) throw reason;
+  }
+  const [west, south, east, north] = layer.bounds;
+  const [width, height] = [(east - west) / SQUARES, (north - south) / SQUARES];
+  for (let k = 0; k < SQUARES ** 2; k++) {
+    const [w, s] = [west + (k % SQUARES) * width, south + Math.floor(k / SQUARES) * height];
+    yield await ask([w - EDGE_M, s - EDGE_M, w + width + EDGE_M, s + height + EDGE_M]);
+  }
+}
+
+/** The rows of all features of some layers; what lies across the edge of a square is one row. */
+async function rowsOf(
+  layers: readonly Layer[],
+  row: (feature: GeoJsonFeature) => Row | null,
+  tell: (count: number) => void,
+): Promise<readonly Row[]> {
+  const rows = new Map<string, Row>();
+  for (const layer of vectors(layers))
+    for await (const features of inPieces(layer)) {
+      for (const feature of features) {
+        const made = row(feature);
+        if (made) rows.set(made.id, made);
+      }
+      tell(rows.size);
+    }
+  return [...rows.values()];
+}
+
+const NORTH: Column = { key: "north_m", title: "north", unit: "m", width: 15 };
+const EAST: Column = { key: "east_m", title: "east", unit: "m", width: 15 };
+const UP: Column = { key: "up_m", title: "up", unit: "m", width: 15 };
+const SOL: Column = { key: "sol", title: "sol", isChoice: true, width: 7 };
+
+const STOPS: Subject = {
+  key: "stops",
+  title: "Stops",
+  named: "stop",
+  columns: [
+    { key: "stop", title: "stop", width: 25 },
+    { key: "site", title: "site", isChoice: true, width: 7 },
+    { key: "drive", title: "drive", width: 7 },
+    SOL,
+    { ...NORTH, sigma: "sigma_north_m", resolution: HELD_M },
+    { ...EAST, sigma: "sigma_east_m", resolution: HELD_M },
+    { ...UP, sigma: "sigma_down_m", resolution: HELD_M },
+    {
+      key: "moved_m",
+      title: "telemetry error",
+      unit: "m",
+      sigma: "sigma_moved_m",
+      resolution: HELD_M,
+      width: 18,
+    },
+    { key: "held_by", title: "held by", width: 36 },
+  ],
+  load: ({ layers }, tell) =>
+    rowsOf(
+      layers.widest("stops"),
+      (feature) => {
+        const { properties, geometry } = feature;
+        if (!isAdjusted(properties["solution"])) return null;
+        const [sol] = (properties["sols"] as readonly number[] | undefined) ?? [];
+        const keys = ["stop", "site", "drive", "moved_m", "held_by"];
+        const sigmas = ["sigma_north_m", "sigma_east_m", "sigma_down_m"];
+        const {
+          sigma_north_m = null,
+          sigma_east_m = null,
+          ...more
+        } = valuesOf(properties, [...keys, ...sigmas]);
+        const sigma_moved_m = Math.hypot(Number(sigma_north_m), Number(sigma_east_m));
+        const sigma = { sigma_north_m, sigma_east_m, sigma_moved_m };
+        const values = { ...more, ...sigma, ...placeOf(feature), sol: known(sol) };
+        return { id: String(properties["stop"]), geometry, values };
+      },
+      tell,
+    ),
+};
+
+const imageRow = (image: ImageEntry): Row => ({
+  id: image.id,
+  geometry: null,
+  values: {
+    image: image.id,
+    ...valuesOf({ ...image }, [
+      ...["sol", "stop", "instrument", "eye", "product_type", "local_solar_time"],
+      ...["start_time", "partner", "unpaired_because"],
+    ]),
+    paired: image.partner ? "stereo pair" : "single",
+  },
+});
+
+const IMAGES: Subject = {
+  key: "images",
+  title: "Images",
+  named: "image",
+  columns: [
+    { key: "image", title: "image", width: 31 },
+    SOL,
+    { key: "stop", title: "stop", isChoice: true, width: 25 },
+    { key: "instrument", title: "instrument", isChoice: true, width: 13 },
+    { key: "eye", title: "eye", isChoice: true, width: 8 },
+    { key: "product_type", title: "product", isChoice: true, width: 9 },
+    { key: "local_solar_time", title: "local time", width: 11 },
+    { key: "start_time", title: "taken, UTC", width: 24 },
+    { key: "paired", title: "pair", isChoice: true, width: 12 },
+    { key: "partner", title: "partner", width: 31 },
+    { key: "unpaired_because", title: "without partner because", width: 40 },
+  ],
+  load: async ({ mission, alive }) =>
+    (await api.images(mission.mission, {}, alive)).map((image) => imageRow(image)),
+};
+
+const TIES: Subject = {
+  key: "ties",
+  title: "Tie points",
+  columns: [
+    { key: "point", title: "tie point", width: 10 },
+    { key: "kind", title: "kind", isChoice: true, width: 14 },
+    { key: "residual_px", title: "residual", unit: "px", width: 13 },
+    { key: "sigma_m", title: "position σ", unit: "m", width: 15, resolution: 0.001 },
+    { ...NORTH, sigma: "sigma_m" },
+    { ...EAST, sigma: "sigma_m" },
+    { ...UP, sigma: "sigma_m" },
+    { key: "pairs", title: "pairs", width: 60 },
+  ],
+  load: ({ layers }, tell) =>
+    rowsOf(
+      layers.widest("tie-points"),
+      (feature) => {
+        const { id, properties, geometry } = feature;
+        const pairs = (properties["pairs"] as readonly string[] | undefined) ?? [];
+        const values = valuesOf(properties, ["kind", "residual_px", "sigma_m"]);
+        return {
+          id: String(id),
+          geometry,
+          values: { point: Number(id), ...values, ...placeOf(feature), pairs: pairs.join(" ") },
+        };
+      },
+      tell,
+    ),
+};
+
+const ANNOTATIONS: Subject = {
+  key: "annotations",
+  title: "Annotations",
+  columns: [
+    { key: "number", title: "number", width: 9 },
+    { key: "category", title: "category", isChoice: true, width: 14 },
+    { key: "state", title: "state", isChoice: true, width: 11 },
+    { key: "text", title: "text", width: 50 },
+    { key: "author", title: "author", isChoice: true, width: 14 },
+    { key: "at", title: "written, UTC", width: 18 },
+    { key: "shape", title: "shape", isChoice: true, width: 12 },
+  ],
+  load: async ({ mission }) => {
+    const { features } = await edits.annotations(mission.mission);
+    return features.map(({ id, geometry, properties }) => ({
+      id,
+      geometry,
+      values: {
+        number: Number(id),
+        ...valuesOf({ ...properties }, ["category", "state", "text", "author", "at"]),
+        shape: geometry.type,
+      },
+    }));
+  },
+};
+
+export const SUBJECTS: readonly Subject[] = [STOPS, IMAGES, TIES, ANNOTATIONS];
