@@ -1,7 +1,7 @@
 """Requests for features of a mission of 500 stops, 10,000 images and 150,000 tie points.
 
 The time is that of the server's own work, in the process of the test: routing, the index, GeoJSON
-and its compression. `make bench` prints it; docs/reference/scorecard.md keeps it.
+and its compression. `make bench` prints it; docs/reference/measurements/server.md keeps it.
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ def test_a_flow_that_publishes_disturbs_nobody_who_looks_at_the_bowl(tmp_path):
     Workspace.open(root)
     command = [sys.executable, "-c", script, str(root)]
     told = under_load(root, command, tmp_path, 5.0)
-    print(json.dumps(told.figures(), indent=1))  # noqa: T201 - for docs/reference/scorecard.md
+    print(json.dumps(told.figures(), indent=1))  # noqa: T201 - for docs/reference/measurements/server.md
     assert not told.wrong, told.wrong[:5]
     assert len(told.tiles) > 10
     assert told.digests
@@ -87,7 +87,7 @@ def test_a_second_downlink_is_published_while_browsers_ask_for_tiles(tmp_path):
     before = len(list(ProductStore.open(root).refs()))
     command = [*run, "run", str(second), "--store", str(root)]
     told = under_load(root, command, tmp_path, AT_LEAST_S)
-    print(json.dumps(told.figures(), indent=1))  # noqa: T201 - for docs/reference/scorecard.md
+    print(json.dumps(told.figures(), indent=1))  # noqa: T201 - for docs/reference/measurements/server.md
     assert not told.wrong, told.wrong[:5]
     store = ProductStore.open(root)
     assert len(list(store.refs())) > before

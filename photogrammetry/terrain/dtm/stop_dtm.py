@@ -114,7 +114,7 @@ class DtmParams(FusionParams):
 
     method: Gridding = Gridding.GRID
     """The mesh knows where the image jumps and takes less than half of the time; elevations between
-    triangles are a tenth to a fifth more accurate (docs/reference/scorecard.md)."""
+    triangles are a tenth to a fifth more accurate (docs/reference/measurements/terrain.md)."""
 
     cell_m: CellSize = 0.04
     """Side of a cell: four orthophoto cells, and the spacing of Navcam samples at 50 m."""
@@ -139,7 +139,7 @@ class FarDtmParams(DtmParams):
     """A base of 10 m reaches ten percent beyond a kilometre: the radius ends the map before."""
     radius_m: Metres = 500.0
     """As far as the paper looks with two stops (section 5): errors in range are a twentieth there
-    with a base of 10 m (docs/reference/scorecard.md)."""
+    with a base of 10 m (docs/reference/measurements/matching.md)."""
     max_spike_px: Pixels = 5.0
     """Parallax changes by B / h a line, seven pixels with 10 m: by far more than with a bar."""
     max_gap_m: Metres = 8.0
