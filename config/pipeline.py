@@ -68,7 +68,7 @@ class Models:
     of_points: bool = True
     """The dense stereo points as they are: one PLY, and 3D Tiles."""
     dips_of_facets: bool = False
-    """Strike and dip of planar facets. Off: it is asked of few stops (`solmap dips`)."""
+    """Strike and dip of planar facets. Off: few stops need it (`solmap dip rocks`)."""
     terrain: ModelParams = field(default_factory=ModelParams)
     tiles: TilesetParams = field(default_factory=TilesetParams)
     views: ViewModelParams = field(default_factory=ViewModelParams)

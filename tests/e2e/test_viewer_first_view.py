@@ -74,7 +74,7 @@ def test_the_browser_has_nothing_to_complain_of(page, url):
 
 
 def test_the_first_view_takes_less_than_a_second_of_processor(view):
-    # The clock depends on who else uses the machine; on an idle one: docs/reference/measurements/viewer.md.
+    # By the clock, on an idle machine: docs/reference/measurements/viewer.md.
     assert view.main_thread_ms < 1000
 
 

@@ -1,9 +1,12 @@
 """What documents say of tests and files is true."""
 
+import functools
 import re
 from pathlib import Path
 
 import pytest
+
+from tests.support.pages import GENERATED, REFERENCE, all_commands, page
 
 ROOT = Path(__file__).resolve().parents[2]
 FEATURES = ROOT / "docs" / "reference" / "features.md"
@@ -34,6 +37,7 @@ def test_a_feature_that_is_claimed_is_shown_by_a_test_that_exists(row):
 DOCUMENTS = [
     ROOT / "README.md",
     ROOT / "ARCHITECTURE.md",
+    ROOT / "CONTRIBUTING.md",
     *(path for path in (ROOT / "docs").rglob("*.md") if path.parent.name != "decisions"),
 ]
 
@@ -50,6 +54,7 @@ def test_source_files_and_commands_that_documents_name_exist(document):
     assert {name for name in commands if name not in modules | {"tests.support"}} == set()
 
 
+@functools.cache
 def _sources() -> list[Path]:
     folders = ("config", "flows", "gis_server", "photogrammetry", "products", "tasks", "tests")
     return [
@@ -75,3 +80,65 @@ def test_names_of_the_glossary_are_names_in_the_code():
     }
     assert len(names) > 80
     assert missing == set()
+
+
+@pytest.mark.parametrize("name", GENERATED)
+def test_generated_parts_of_pages_are_current(name):
+    current = (REFERENCE / name).read_text(encoding="utf-8")
+    assert current == page(name), "run `python -m tests.support.pages`"
+
+
+FENCED = re.compile(r"^```\w*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+INDENTED = re.compile(r"^ {4}(\S.*)$", re.MULTILINE)
+INLINE = re.compile(r"`([^`]+)`")
+CALL = re.compile(r"(?:^|\s)(?:\.venv/bin/)?solmap ([a-z].*)")
+
+
+def command_lines(text: str) -> list[str]:
+    """What stands behind `solmap` in blocks of code and in code within a sentence."""
+    sentences = FENCED.sub("", text)
+    lines = "\n".join([*FENCED.findall(text), *INDENTED.findall(sentences)]).splitlines()
+    codes = [" ".join(code.split()) for code in INLINE.findall(INDENTED.sub("", sentences))]
+    return [found[1] for found in map(CALL.search, [*lines, *codes]) if found]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_commands_and_options_that_documents_name_exist(document):
+    known = {
+        name.removeprefix("solmap "): {word for one in command.params for word in one.opts}
+        for name, command in all_commands()
+    }
+    groups = {name.rpartition(" ")[0] for name in known} - {""}
+    for line in command_lines(document.read_text()):
+        words = [word.strip("[](),;:`") for word in re.split(r"\s[#|;>]", line)[0].split()]
+        name = max(
+            (n for n in known if words[: n.count(" ") + 1] == n.split()), default="", key=len
+        )
+        assert name or words[0] in groups | {"judge"}, f"{document.name}: solmap {line}"
+        options = {word.partition("=")[0] for word in words if word.startswith("--")} - {"--help"}
+        assert not name or options <= known[name], f"{document.name}: solmap {line}"
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_targets_of_make_and_test_files_that_documents_name_exist(document):
+    text = document.read_text()
+    targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    calls = re.findall(r"(?:^ {4}|`)make ([a-z][\w -]*)", text, re.MULTILINE)
+    named = {word for call in calls for word in call.split() if word.islower()}
+    assert named <= targets
+    assert [
+        path for path in re.findall(r"tests/[\w/]+\.py", text) if not (ROOT / path).is_file()
+    ] == []
+
+
+def test_links_of_pages_outside_of_the_site_lead_to_files():
+    for name in ("README.md", "ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md"):
+        links = re.findall(r"\]\((?!\w+:)([^)#]+)", (ROOT / name).read_text())
+        assert [link for link in links if not (ROOT / link).exists()] == [], name
+
+
+def test_a_page_that_abbreviates_the_local_frame_spells_it_out():
+    pages = [path for path in DOCUMENTS if re.search(r"\bLSL\b", path.read_text())]
+    assert [
+        p.name for p in pages if not re.search("landing-site local", p.read_text(), re.IGNORECASE)
+    ] == []

@@ -1,0 +1,99 @@
+"""The generated parts of the documentation: commands from the Typer app, routes from OpenAPI.
+
+python -m tests.support.pages
+
+writes what stands below the marker in `docs/reference/commands.md` and `http-api.md` anew;
+`tests/unit/test_documents.py` holds it current.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import typer
+from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
+
+from solmap.flows.cli import app
+from solmap.gis_server.app import create_app
+
+REFERENCE = Path(__file__).resolve().parents[2] / "docs" / "reference"
+MARKER = "<!-- generated from here on: python -m tests.support.pages -->\n"
+
+
+def all_commands(
+    group: TyperGroup | None = None, prefix: str = "solmap"
+) -> Iterator[tuple[str, TyperCommand]]:
+    """Full name and command of all that are not hidden; those of a group in its place."""
+    group = typer.main.get_group(app) if group is None else group
+    for name, command in group.commands.items():
+        if isinstance(command, TyperGroup):
+            yield from all_commands(command, f"{prefix} {name}")
+        elif isinstance(command, TyperCommand) and not command.hidden:
+            yield f"{prefix} {name}", command
+
+
+def commands_section() -> str:
+    """Heading, help, arguments and options of every command."""
+    return "\n".join(_described(name, command) for name, command in all_commands())
+
+
+def _described(name: str, command: TyperCommand) -> str:
+    rows = [_parameter(one) for one in command.params if not getattr(one, "hidden", False)]
+    head = ["| argument or option | default | meaning |", "| --- | --- | --- |"]
+    return "\n".join(
+        [f"## {name}", "", _line(command.help), "", *(head + rows if rows else []), ""]
+    )
+
+
+def _parameter(one: TyperOption | TyperArgument) -> str:
+    is_option = isinstance(one, TyperOption)
+    name = (
+        ", ".join([*one.opts, *one.secondary_opts])
+        if is_option
+        else (one.metavar or one.name).upper()
+    )
+    return f"| `{name}` | {_default(one)} | {_line(one.help)} |"
+
+
+def _default(one: TyperOption | TyperArgument) -> str:
+    if one.required:
+        return "required"
+    return "" if one.default in {None, False} else f"`{one.default}`"
+
+
+def _line(text: str | None) -> str:
+    return " ".join((text or "").split()).replace("|", "\\|")
+
+
+def routes_section() -> str:
+    """A table of addresses for each tag of the API's description."""
+    with tempfile.TemporaryDirectory() as folder:
+        described = create_app(Path(folder) / "store").openapi()
+    tables: dict[str, list[str]] = {}
+    for path, operations in described["paths"].items():
+        for method, operation in operations.items():
+            text = operation.get("description") or operation.get("summary", "")
+            tag = (operation.get("tags") or ["other"])[0]
+            row = f"| {method.upper()} | `{path}` | {_line(text.split(chr(10) * 2)[0])} |"
+            tables.setdefault(tag, []).append(row)
+    head = ["| method | address | answer |", "| --- | --- | --- |"]
+    return "\n".join("\n".join([f"## {tag}", "", *head, *rows, ""]) for tag, rows in tables.items())
+
+
+GENERATED: dict[str, Callable[[], str]] = {
+    "commands.md": commands_section,
+    "http-api.md": routes_section,
+}
+
+
+def page(name: str) -> str:
+    """The page as it should be: the part written by hand, the marker, the generated part."""
+    written, _, _ = (REFERENCE / name).read_text(encoding="utf-8").partition(MARKER)
+    return f"{written.rstrip()}\n\n{MARKER}\n{GENERATED[name]()}"
+
+
+if __name__ == "__main__":
+    for _name in GENERATED:
+        (REFERENCE / _name).write_text(page(_name), encoding="utf-8")
