@@ -241,14 +241,15 @@ def test_colours_spread_over_what_is_on_the_screen(page, url):
 def test_the_sol_slider_of_layers_hides_what_was_not_seen_then(page, url):
     look(page, url + at(0.1, f"mer2/orthophoto,{STOP}/dtm"))
     assert page.locator(f'details[data-scope="{STOP}"]').is_visible()
-    page.get_by_label("sol of layers").press("ArrowRight")
+    page.get_by_label("last sol").press("ArrowLeft")
     assert page.locator(f'details[data-scope="{STOP}"]').is_hidden()
     assert "sol=155" in page.url
     with page.expect_popup() as opened:
         page.get_by_role("link", name="report of sol 155").click()
     assert "sol 155" in opened.value.title()
-    page.get_by_label("sol of layers").press("ArrowRight")
+    page.get_by_label("last sol").press("ArrowRight")
     assert page.locator(f'details[data-scope="{STOP}"]').is_visible()
+    assert "sol=" not in page.url
 
 
 def test_sols_are_played_one_after_the_other_and_all_at_the_end(page, url):
@@ -316,7 +317,7 @@ def test_search_goes_to_a_stop_and_to_an_image(page, url):
     page.keyboard.press("Enter")
     until(page, lambda: "sol=156" in page.url)
     assert page.locator("input.sol").input_value() == "2"  # the images' own slider follows
-    assert page.get_by_label("sol of layers").input_value() == "2"
+    assert [page.get_by_label(f"{end} sol").input_value() for end in ("first", "last")] == ["1"] * 2
 
 
 def test_the_divider_has_one_layer_on_either_side(page, url):

@@ -159,3 +159,16 @@ def test_solutions_have_the_colours_of_the_paper(page, images_url, places):
     red, green, blue = colour_at(picture, pixel_of(page, middle[0], middle[1], RESOLUTION))
     assert red > 200
     assert max(green, blue) < 100
+
+
+def test_legs_and_stops_of_later_sols_are_not_drawn(page, images_url, places):
+    adjusted, _ = places
+    middle = adjusted[:, :2].mean(axis=0)
+    leg = adjusted[0, :2] + 0.6 * (adjusted[1, :2] - adjusted[0, :2])
+    for sols, is_drawn in (("155", False), ("150-155", False), ("155-156", True), ("156", True)):
+        link = f"/#m=MER2&at={middle[0]},{middle[1]},{RESOLUTION}&on=mer2/traverse,mer2/stops"
+        look(page, f"{images_url}{link}&sol={sols}")
+        picture = screenshot(page, f"legs-{sols}")
+        for place in (leg, adjusted[1, :2]):
+            at_place = colour_at(picture, pixel_of(page, *(place - middle), RESOLUTION))
+            assert (at_place[0] > at_place[2] + 60) == is_drawn, (sols, at_place)

@@ -8,7 +8,7 @@ import type { Layer } from "../server/records";
 
 const SET = MISSION.tile_matrix_set;
 const LOCAL = localMap(MISSION);
-const DRAWING = { sol: null, ellipseFactor: 1 };
+const DRAWING = { sols: null, ellipseFactor: 1, solsAt: new Map() };
 
 test("a raster becomes tiles and a vector becomes features", () => {
   expect(show(rasterLayer("mer2", "dtm"), SET, LOCAL, DRAWING).map).toBeInstanceOf(TileLayer);

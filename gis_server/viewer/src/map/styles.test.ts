@@ -14,7 +14,7 @@ import {
   UNPAIRED,
 } from "./styles";
 
-const STATE: DrawingState = { sol: null, ellipseFactor: 1 };
+const STATE: DrawingState = { sols: null, ellipseFactor: 1, solsAt: new Map() };
 const line = (properties: object) =>
   new Feature({
     geometry: new LineString([
@@ -68,7 +68,7 @@ test("an image without partner is drawn otherwise", () => {
 });
 
 test("only the chosen sol's images are drawn", () => {
-  const state = { sol: 156, ellipseFactor: 1 };
+  const state: DrawingState = { ...STATE, sols: [156, 156] };
   expect(stylesOf("footprints", line({ sol: 155 }), state)).toHaveLength(0);
   expect(stylesOf("footprints", line({ sol: 156 }), state)).toHaveLength(1);
 });

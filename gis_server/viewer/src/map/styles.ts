@@ -8,6 +8,7 @@
 import Feature, { type FeatureLike } from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";
 import LineString from "ol/geom/LineString";
+import MultiLineString from "ol/geom/MultiLineString";
 import Point from "ol/geom/Point";
 import Polygon from "ol/geom/Polygon";
 import CircleStyle from "ol/style/Circle";
@@ -17,6 +18,7 @@ import Stroke from "ol/style/Stroke";
 import Style from "ol/style/Style";
 import Text from "ol/style/Text";
 import { drawDip } from "./dip-style";
+import { areIn, isIn, type Sols } from "./sols";
 import { drawTie } from "./tie-style";
 import { compact } from "../page/format";
 import type { MapPoint } from "../server/records";
@@ -33,10 +35,12 @@ const FONT = "11px system-ui, sans-serif";
 
 /** What drawing depends on besides the feature. */
 export interface DrawingState {
-  /** Only this sol's images; null for all. */
-  sol: number | null;
+  /** Only what was seen on these. */
+  sols: Sols;
   /** Error ellipses are drawn this many times larger. */
   ellipseFactor: number;
+  /** Sols of the stops, by `placeKey`: a traverse is drawn as far as they go. */
+  solsAt: ReadonlyMap<string, readonly number[]>;
 }
 
 export type Draw = (feature: FeatureLike, resolution: number) => Style | Style[] | undefined;
@@ -96,8 +100,31 @@ const cased = (casing: number, stroke: Stroke) => [
 const ADJUSTED_LINE = cased(5, line(ADJUSTED, 2.5));
 const TELEMETRY_LINE = cased(4.5, line(TELEMETRY, 2, [7, 5]));
 
-const drawTraverse = (feature: FeatureLike): Style[] =>
-  isAdjusted(feature.get("solution")) ? ADJUSTED_LINE : TELEMETRY_LINE;
+/** Names a place by its centimetre. */
+export const placeKey = ([east = 0, north = 0]: readonly number[]): string =>
+  `${east.toFixed(2)},${north.toFixed(2)}`;
+
+function drawTraverse(feature: FeatureLike, { sols, solsAt }: DrawingState): Style[] {
+  const styles = isAdjusted(feature.get("solution")) ? ADJUSTED_LINE : TELEMETRY_LINE;
+  const line = feature.getGeometry();
+  if (sols === null || solsAt.size === 0 || !(line instanceof LineString)) return styles;
+  const geometry = drivenOn(line, (place) => areIn(solsAt.get(placeKey(place)) ?? [], sols));
+  return styles.map((style) => {
+    const cut = style.clone();
+    cut.setGeometry(geometry);
+    return cut;
+  });
+}
+
+/** The legs of a traverse that lead to stops which `isSeen` holds for. */
+export function drivenOn(
+  line: LineString,
+  isSeen: (place: readonly number[]) => boolean,
+): MultiLineString {
+  const places = line.getCoordinates();
+  const legs = places.slice(1).map((place, k) => [places[k] ?? place, place]);
+  return new MultiLineString(legs.filter(([, end]) => end && isSeen(end)));
+}
 
 export function stopLabel(feature: FeatureLike): string {
   const [site, drive] = [feature.get("site"), feature.get("drive")];
@@ -127,18 +154,17 @@ const AFAR = 0;
 /** Styles of a stop and the factor they were made for: a map that moves asks for them in every frame. */
 const stopStyles = new WeakMap<FeatureLike, { factor: number; styles: Style[] }>();
 
-/** Whether a feature was seen on the sol that is looked at; one that names no sol belongs to all. */
-function isOfSol(feature: FeatureLike, { sol }: DrawingState): boolean {
+const solsOf = (feature: FeatureLike): readonly number[] => {
   const sols = feature.get("sols") as unknown;
-  return sol === null || !Array.isArray(sols) || sols.includes(sol);
-}
+  return Array.isArray(sols) ? (sols as readonly number[]) : [];
+};
 
 function drawStop(
   feature: FeatureLike,
   state: DrawingState,
   resolution: number,
 ): Style[] | undefined {
-  if (!isOfSol(feature, state)) return undefined;
+  if (!areIn(solsOf(feature), state.sols)) return undefined;
   if (!isAdjusted(feature.get("solution"))) return BELIEVED_STOP;
   const factor = resolution > DOTS_FROM_M ? AFAR : state.ellipseFactor;
   const known = stopStyles.get(feature);
@@ -209,7 +235,7 @@ const PAIRED = new Style({ stroke: line(VIEWING, 1) });
 const ALONE = new Style({ stroke: line(UNPAIRED, 1.2, [3, 3]) });
 
 function drawViewing(feature: FeatureLike, state: DrawingState): Style | undefined {
-  if (state.sol !== null && number(feature.get("sol")) !== state.sol) return undefined;
+  if (!isIn(number(feature.get("sol")) ?? Number.NaN, state.sols)) return undefined;
   return isUnpaired(feature) ? ALONE : PAIRED;
 }
 
@@ -230,9 +256,12 @@ export function drawingOf(kind: string, state: DrawingState): Draw {
   switch (kind) {
     case "traverse":
     case "mission-traverse":
-      return (feature) => drawTraverse(feature);
+      return (feature) => drawTraverse(feature, state);
     case "mission-stops":
-      return (feature) => (isAdjusted(feature.get("solution")) ? PLACE : BELIEVED);
+      return (feature) => {
+        if (!areIn(solsOf(feature), state.sols)) return undefined;
+        return isAdjusted(feature.get("solution")) ? PLACE : BELIEVED;
+      };
     case "stops":
       return (feature, resolution) => drawStop(feature, state, resolution);
     case "contours":

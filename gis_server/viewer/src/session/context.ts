@@ -8,6 +8,7 @@ import type Geometry from "ol/geom/Geometry";
 import type { CoordinateFormat } from "../map/coordinates";
 import type { MapView } from "../map/map-view";
 import type { SunPlace } from "../map/shading";
+import type { Sols } from "../map/sols";
 import type { DrawingState } from "../map/styles";
 import type { Shell } from "../page/shell";
 import type { Account } from "../server/account";
@@ -52,8 +53,8 @@ export interface Signals {
   readonly panorama: Signal<string>;
   /** What every layer says about a place is asked for. */
   readonly identify: Signal<MapPoint>;
-  /** Another sol was chosen; it stands in `drawing`. */
-  readonly sol: Signal<number | null>;
+  /** Other sols were chosen; they stand in `drawing`. */
+  readonly sols: Signal<Sols>;
   /** Error ellipses are drawn so many times as large. */
   readonly ellipses: Signal<number>;
   /** Two layers are to be compared, by their ids. */

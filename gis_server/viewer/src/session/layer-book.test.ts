@@ -85,7 +85,7 @@ test("new products keep the order of layers", () => {
 test("one layer alone, or those of one sol, are drawn", () => {
   const old = { ...hillshade, sols: [154] };
   const book = new LayerBook([old, stops], null);
-  expect([old, stops].map((layer) => book.isDrawn(layer, 155))).toEqual([false, true]);
+  expect([old, stops].map((layer) => book.isDrawn(layer, [155, 155]))).toEqual([false, true]);
   book.setSolo(old);
   expect([old, stops].map((layer) => book.isDrawn(layer, null))).toEqual([true, false]);
   book.change(old, { visible: false });

@@ -3,6 +3,7 @@
 import { bandsOf } from "../map/bands";
 import { firstState, type LayerState, zIndex } from "../map/layers";
 import { ownStyle } from "../map/raster-style";
+import { areIn, type Sols } from "../map/sols";
 import type { Layer } from "../server/records";
 import { Signal } from "./signal";
 
@@ -178,10 +179,10 @@ export class LayerBook {
     this.rearranged.emit();
   }
 
-  /** Whether a layer is drawn when only products of a sol are looked at; null: of any. */
-  isDrawn(layer: Layer, sol: number | null): boolean {
+  /** Whether a layer is drawn when only products of some sols are looked at. */
+  isDrawn(layer: Layer, range: Sols): boolean {
     if (this.soloed !== null && this.soloed !== layer.id) return false;
-    return this.state(layer).visible && isOf(layer, sol);
+    return this.state(layer).visible && areIn(layer.sols, range);
   }
 
   /** How the layers that are on are shown, from the bottom of the map to its top. */
@@ -218,9 +219,4 @@ export class LayerBook {
     this.stack = ids;
     this.heights = new Map(ids.map((id, place) => [id, (TOP * place) / ids.length] as const));
   }
-}
-
-/** Whether a layer was seen on a sol; what belongs to no sol belongs to all. */
-export function isOf({ sols }: Pick<Layer, "sols">, sol: number | null): boolean {
-  return sol === null || sols.length === 0 || sols.includes(sol);
 }

@@ -12,7 +12,7 @@ test("a link says what was on the screen", () => {
       ["mer2/dtm", { opacity: 0.6, style: { ...PLAIN, quantity: "tilt", floor: 5 } }],
     ] as const),
     ordered: true,
-    sol: 156,
+    sols: [156, 156] as const,
     more: new Map([["sun", "sol:156,14.5"]]),
   };
   const text = formatPermalink(link);
@@ -29,7 +29,7 @@ test("an empty link leaves all to the viewer", () => {
     place: null,
     on: null,
     ordered: false,
-    sol: null,
+    sols: null,
     more: new Map(),
   });
 });

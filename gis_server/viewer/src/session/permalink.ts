@@ -8,6 +8,7 @@
  */
 
 import { formatStyle, parseStyle } from "../map/raster-style";
+import { formatSols, parseSols, type Sols } from "../map/sols";
 import type { LinkedLayers } from "./layer-book";
 
 export interface Place {
@@ -24,7 +25,7 @@ export interface Permalink {
   readonly on: LinkedLayers | null;
   /** Whether their order was chosen by hand. */
   readonly ordered: boolean;
-  readonly sol: number | null;
+  readonly sols: Sols;
   /** What the parts of the viewer keep, by their keys. */
   readonly more: ReadonlyMap<string, string>;
 }
@@ -32,8 +33,8 @@ export interface Permalink {
 /** Parts of a link that cannot be read, as they stand there. */
 export function unreadable(fragment: string): readonly string[] {
   const query = new URLSearchParams(fragment.replace(/^#/, ""));
-  const { place, sol } = parsePermalink(fragment);
-  const isLost = (key: string) => (key === "at" && !place) || (key === "sol" && sol === null);
+  const { place, sols } = parsePermalink(fragment);
+  const isLost = (key: string) => (key === "at" && !place) || (key === "sol" && sols === null);
   return [...query].filter(([key]) => isLost(key)).map(([key, value]) => `${key}=${value}`);
 }
 
@@ -75,19 +76,18 @@ function formatOn(on: LinkedLayers): string {
 
 export function parsePermalink(fragment: string): Permalink {
   const query = new URLSearchParams(fragment.replace(/^#/, ""));
-  const sol = query.get("sol");
   return {
     mission: query.get("m"),
     place: parsePlace(query.get("at")),
     on: parseOn(query.get("on")),
     ordered: query.get("order") === "1",
-    sol: sol !== null && /^\d+$/.test(sol) ? Number(sol) : null,
+    sols: parseSols(query.get("sol")),
     more: new Map([...query].filter(([key]) => !OWN.has(key))),
   };
 }
 
 export function formatPermalink(link: Permalink): string {
-  const { mission, place, on, sol } = link;
+  const { mission, place, on, sols } = link;
   const parts: string[] = [];
   if (mission) parts.push(`m=${encodeURIComponent(mission)}`);
   if (place) {
@@ -97,7 +97,7 @@ export function formatPermalink(link: Permalink): string {
   }
   if (on) parts.push(`on=${formatOn(on)}`);
   if (on && link.ordered) parts.push("order=1");
-  if (sol !== null) parts.push(`sol=${sol}`);
+  if (sols !== null) parts.push(`sol=${formatSols(sols)}`);
   for (const [key, value] of link.more) parts.push(`${key}=${readable(value)}`);
   return `#${parts.join("&")}`;
 }

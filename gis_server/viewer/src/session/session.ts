@@ -5,6 +5,7 @@ import { MapView } from "../map/map-view";
 import { keepFormat, keptFormat } from "../page/coordinate-format";
 import { localMap } from "../map/projection";
 import { CARTOGRAPHERS_SUN } from "../map/shading";
+import { isSame } from "../map/sols";
 import type { Shell } from "../page/shell";
 import { cursorPart } from "../parts/cursor/part";
 import { furniturePart } from "../parts/furniture/part";
@@ -42,7 +43,7 @@ const signals = (): Signals => ({
   imagesOf: new Signal(),
   panorama: new Signal(),
   identify: new Signal(),
-  sol: new Signal(),
+  sols: new Signal(),
   ellipses: new Signal(),
   compare: new HeldSignal(),
   happened: new Signal(),
@@ -64,7 +65,7 @@ export class Session {
     lastEvent: string | null,
   ) {
     page.clear();
-    const drawing = { sol: link.sol, ellipseFactor: 1 };
+    const drawing = { sols: link.sols, ellipseFactor: 1, solsAt: new Map() };
     const view = new MapView(page.map, mission, layers, localMap(mission), drawing);
     this.context = {
       page,
@@ -139,8 +140,8 @@ export class Session {
       view.reloadTiles();
       waiting.answered();
     });
-    signals.sol.on((sol) => {
-      drawing.sol = sol;
+    signals.sols.on((sols) => {
+      drawing.sols = sols;
       view.redraw();
       signals.view.emit();
     });
@@ -154,7 +155,7 @@ export class Session {
       place: view.place,
       on: layers.on,
       ordered: layers.isRearranged,
-      sol: drawing.sol,
+      sols: drawing.sols,
       more: link.all,
     });
     this.context.history.write(address);
@@ -168,7 +169,7 @@ export class Session {
     history.moved();
     if (said.place) view.goTo(said.place);
     if (said.on) layers.follow(said.on, said.ordered);
-    if (said.sol !== drawing.sol) signals.sol.emit(said.sol);
+    if (!isSame(said.sols, drawing.sols)) signals.sols.emit(said.sols);
     link.restore(said.more);
     this.noteUnknown(location.hash);
     return true;

@@ -15,6 +15,7 @@ export class Waiting {
   readonly painted: Promise<void>;
   private paint: (() => void) | null = null;
   private pending = 0;
+  private settling: (() => void)[] = [];
   private isWhole = false;
   private isAway = false;
   /** What the server did not answer, and what is to be done again once it does. */
@@ -96,6 +97,13 @@ export class Waiting {
     if (failed.length === 0) this.pause_ms = FIRST_AGAIN_MS;
   }
 
+  /** Resolves when nothing is awaited and the map is drawn. */
+  async settled(): Promise<void> {
+    const settled = new Promise<void>((resolve) => this.settling.push(resolve));
+    this.onDone(); // draws the map, for it may be drawn already
+    await settled;
+  }
+
   unsettle(): void {
     document.documentElement.dataset["ready"] = "false";
   }
@@ -113,6 +121,7 @@ export class Waiting {
       this.paint();
       this.paint = null;
     }
+    for (const tell of this.settling.splice(0)) tell();
     if (this.isWhole) document.documentElement.dataset["ready"] = "true";
   }
 }

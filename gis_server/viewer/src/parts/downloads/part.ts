@@ -17,6 +17,9 @@ import { drawSheet, type SheetTexts } from "./sheet-drawing";
 import { roundScale, sheetOf } from "./sheet";
 import { snapshot } from "./snapshot";
 
+/** Whose a picture of the map is, where nobody says otherwise. */
+export const CREDIT = "NASA/JPL-Caltech; map: solmap";
+
 export function downloadsPart(context: Context): void {
   const { page, layers, view, mission, waiting, keys, alive } = context;
   const tab = page.addTab("downloads", "Download");
@@ -92,7 +95,7 @@ function firstWish({ mission, view }: Context): PictureWish {
     dpi: 200,
     scale: roundScale(scale),
     title: mission.title,
-    credit: "NASA/JPL-Caltech; map: solmap",
+    credit: CREDIT,
   };
 }
 
@@ -112,11 +115,15 @@ async function takePicture(context: Context, wish: PictureWish): Promise<void> {
   }
 }
 
-function textsOf({ view, layers, mission, drawing }: Context, wish: PictureWish): SheetTexts {
+/** What stands below a picture of the map. */
+export function textsOf(
+  { view, layers, mission, drawing }: Context,
+  wish: Pick<PictureWish, "title" | "credit">,
+): SheetTexts {
   const { east, north, rotationDeg } = view.place;
   const [lon, lat] = view.local.toLonLat([east, north]);
   const degrees = mission.landing.origin ? "" : ` (${fixed(lat, 6)}°, ${fixed(lon, 6)}° E)`;
-  const drawn = layers.shown.filter((layer) => layers.isDrawn(layer, drawing.sol));
+  const drawn = layers.shown.filter((layer) => layers.isDrawn(layer, drawing.sols));
   const names = [...new Set(drawn.map(({ kind }) => kindTitle(kind)))].join(", ");
   return {
     title: wish.title,

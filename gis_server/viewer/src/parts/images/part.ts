@@ -1,6 +1,7 @@
 /** The tab of images: those of a sol or stop, one of them in full, and where on the map it looks. */
 
 import { ImageFeatures } from "../../map/image-features";
+import { isIn, type Sols, solsTitle } from "../../map/sols";
 import { h } from "../../page/dom";
 import { api } from "../../server/api";
 import { type ImageEntry, imagesAt, type MapPoint } from "../../server/records";
@@ -22,12 +23,10 @@ export function imagesPart(context: Context): void {
   let here: ReadonlySet<string> | null = null;
 
   const drawList = () => {
-    const { sol } = drawing;
+    const { sols } = drawing;
     const some = images.filter(
       ({ id, ...image }) =>
-        (here?.has(id) ?? true) &&
-        (sol === null || image.sol === sol) &&
-        (!stop || image.stop === stop),
+        (here?.has(id) ?? true) && isIn(image.sol, sols) && (!stop || image.stop === stop),
     );
     const actions = {
       open: (id: string) => signals.image.emit(id),
@@ -93,7 +92,7 @@ export function imagesPart(context: Context): void {
   layers.replaced.on(() => viewing.forget());
   signals.image.on(open);
   signals.imageHovered.on(showOnMap);
-  signals.sol.on(drawList);
+  signals.sols.on(drawList);
   signals.click.on(({ touched }) => {
     const image = touched?.feature.get("image");
     if (typeof image === "string") signals.image.emit(image);
@@ -116,27 +115,26 @@ function filters(
     images,
     layers.all.flatMap(({ sols }) => [...sols]),
   );
-  const place = drawing.sol === null ? 0 : days.indexOf(drawing.sol) + 1;
-  const nameOf = (sol: number | null) => (sol === null ? "all sols" : `sol ${sol}`);
-  const name = h("output", {}, nameOf(days[place - 1] ?? null));
+  /** A range of more than one sol has no place on the slider. */
+  const placeOf = (sols: Sols) => (sols && sols[0] === sols[1] ? days.indexOf(sols[0]) + 1 : 0);
+  const name = h("output", {}, solsTitle(drawing.sols));
   const slider = h("input", {
     type: "range",
     min: 0,
     max: days.length,
     step: 1,
-    value: place,
+    value: placeOf(drawing.sols),
     "aria-label": "sol",
     class: "sol",
     oninput: () => {
-      const sol = days[Number(slider.value) - 1] ?? null;
-      name.textContent = nameOf(sol);
-      signals.sol.emit(sol);
+      const sol = days[Number(slider.value) - 1];
+      signals.sols.emit(sol === undefined ? null : [sol, sol]);
     },
   });
-  const forget = signals.sol.on((sol) => {
+  const forget = signals.sols.on((sols) => {
     if (!slider.isConnected) return forget();
-    slider.value = String(sol === null ? 0 : days.indexOf(sol) + 1);
-    name.textContent = nameOf(sol);
+    slider.value = String(placeOf(sols));
+    name.textContent = solsTitle(sols);
   });
   const stops = h(
     "select",

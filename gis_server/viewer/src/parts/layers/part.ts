@@ -18,7 +18,7 @@ import { Flicker } from "./flicker";
 import "./layers.css";
 import { mapLegend } from "./legend";
 import { shownList } from "./shown-list";
-import { solFilter, solsOf } from "./sol-filter";
+import { type SolActions, solFilter, solsByPlace, solsOf } from "./sol-filter";
 import { layerTree } from "./tree";
 
 export function layersPart(context: Context): void {
@@ -39,7 +39,7 @@ export function layersPart(context: Context): void {
     const shown = view.shown.get(layer.id);
     if (!shown) return;
     const state = layers.state(layer);
-    const isDrawn = layers.isDrawn(layer, drawing.sol);
+    const isDrawn = layers.isDrawn(layer, drawing.sols);
     shown.map.setVisible(isDrawn);
     shown.map.setOpacity(state.opacity);
     shown.map.setZIndex(layers.height(layer));
@@ -62,8 +62,16 @@ export function layersPart(context: Context): void {
   };
 
   let tree = layerTree([], actionsOf(context, flicker, list));
-  const reportOf = (sol: number) => urls.solReport(mission.mission, sol);
-  let filter = solFilter([], reportOf, () => undefined);
+  const solActions: SolActions = {
+    reportOf: (sol) => urls.solReport(mission.mission, sol),
+    choose: (range) => signals.sols.emit(range),
+    record: (steps) =>
+      waiting.run(async () => {
+        const { recordingDialog } = await import("../playback/dialog");
+        page.dialog("Save the playback", recordingDialog(context, steps));
+      }),
+  };
+  let filter = solFilter([], solActions);
   const search = h("input", {
     type: "search",
     class: "layer-filter",
@@ -74,9 +82,9 @@ export function layersPart(context: Context): void {
 
   const draw = () => {
     tree = layerTree(layers.listed, actionsOf(context, flicker, list));
-    filter = solFilter(solsOf(layers.all), reportOf, (sol) => signals.sol.emit(sol));
-    filter.set(drawing.sol);
-    tree.setSol(drawing.sol);
+    filter = solFilter(solsOf(layers.all), solActions);
+    filter.set(drawing.sols);
+    tree.setSols(drawing.sols);
     page.legend.replaceChildren(legend.element);
     page.layers.replaceChildren(filter.element, onMap.element, search, tree.element);
     tree.find(search.value);
@@ -111,9 +119,23 @@ export function layersPart(context: Context): void {
     for (const layer of layers.shown)
       if (layers.state(layer).style?.quantity === "relief") put(layer);
   });
-  signals.sol.on((sol) => {
-    filter.set(sol);
-    tree.setSol(sol);
+  const learnSols = () => {
+    if (drawing.sols !== null && drawing.solsAt.size === 0)
+      waiting.run(async () => {
+        const stops = [...layers.widest("stops"), ...layers.widest("mission-stops")];
+        drawing.solsAt = solsByPlace(await view.featuresOf(stops));
+        view.redraw();
+      });
+  };
+  learnSols();
+  layers.replaced.on(() => {
+    drawing.solsAt = new Map();
+    learnSols();
+  });
+  signals.sols.on((range) => {
+    learnSols();
+    filter.set(range);
+    tree.setSols(range);
     putAll();
   });
   signals.ellipses.on(() => {
@@ -130,7 +152,7 @@ function actionsOf(context: Context, flicker: Flicker, list: () => void): LayerA
     flicker.toggle(layer);
     list();
     for (const one of layers.shown)
-      view.shown.get(one.id)?.map.setVisible(layers.isDrawn(one, drawing.sol));
+      view.shown.get(one.id)?.map.setVisible(layers.isDrawn(one, drawing.sols));
   };
   const bring = (version: Layer) => {
     layers.bring(version);

@@ -1,55 +1,97 @@
-/** The slider of sols over the layers: products, footprints and images of one sol, or of all; and its report. */
+/** Which sols are looked at: a first and a last one. They can be played one after the other. */
 
+import type Feature from "ol/Feature";
+import type Point from "ol/geom/Point";
+import type Geometry from "ol/geom/Geometry";
+import { type Sols, solsTitle } from "../../map/sols";
+import { placeKey } from "../../map/styles";
 import { h } from "../../page/dom";
 import type { Layer } from "../../server/records";
 
 /** A sol is shown so long when they are played. */
 const STEP_MS = 1500;
 
+export interface SolActions {
+  readonly reportOf: (sol: number) => string;
+  readonly choose: (range: Sols) => void;
+  /** Saves what these ranges show, one after the other, as a moving picture. */
+  readonly record: (steps: readonly Sols[]) => void;
+}
+
 export interface SolFilter {
   readonly element: HTMLElement;
-  readonly set: (sol: number | null) => void;
+  readonly set: (range: Sols) => void;
 }
 
 export function solsOf(layers: readonly Layer[]): readonly number[] {
   return [...new Set(layers.flatMap(({ sols }) => [...sols]))].sort((a, b) => a - b);
 }
 
-export function solFilter(
-  days: readonly number[],
-  reportOf: (sol: number) => string,
-  choose: (sol: number | null) => void,
-): SolFilter {
+/** Sols of stops by `placeKey`. */
+export const solsByPlace = (
+  stops: readonly Feature<Geometry>[],
+): ReadonlyMap<string, readonly number[]> =>
+  new Map(
+    stops.map((stop) => {
+      const place = (stop.getGeometry() as Point).getCoordinates();
+      return [placeKey(place), (stop.get("sols") as readonly number[] | undefined) ?? []] as const;
+    }),
+  );
+
+/** What is shown one after the other: every sol of a range alone, or all up to it. */
+export function stepsOf(days: readonly number[], range: Sols, isGrowing: boolean): readonly Sols[] {
+  const [from = 0, to = 0] = range ?? [days[0], days.at(-1)];
+  return days
+    .filter((day) => from <= day && day <= to)
+    .map((day): Sols => [isGrowing ? from : day, day]);
+}
+
+export function solFilter(days: readonly number[], actions: SolActions): SolFilter {
+  const { reportOf, choose, record } = actions;
+  const last = Math.max(0, days.length - 1);
   const name = h("output", {}, "all sols");
-  const chosen = () => days[Number(slider.value) - 1] ?? null;
-  const report = h("a", { class: "sol-report", target: "_blank", hidden: true });
-  const say = (sol: number | null) => {
-    name.textContent = sol === null ? "all sols" : `sol ${sol}`;
-    slider.setAttribute("aria-valuetext", name.textContent);
+  const report = h("a", { class: "text sol-report", target: "_blank", hidden: true });
+  const slider = (title: string, value: number) =>
+    h("input", {
+      type: "range",
+      min: 0,
+      max: last,
+      step: 1,
+      value,
+      "aria-label": title,
+      oninput: (event) => chosen(event.target as HTMLInputElement),
+    });
+  const [first, final] = [slider("first sol", 0), slider("last sol", last)];
+  const ends = [first, final] as const;
+  const range = (): Sols => {
+    const [from, to] = ends.map(({ value }) => Number(value)) as [number, number];
+    if (from === 0 && to === last) return null;
+    return [days[from] ?? 0, days[to] ?? 0];
+  };
+  /** The other end gives way. */
+  const chosen = (moved: HTMLInputElement) => {
+    if (Number(first.value) > Number(final.value))
+      for (const end of ends) if (end !== moved) end.value = moved.value;
+    stop();
+    choose(range());
+  };
+  const set = (sols: Sols) => {
+    const [from, to] = sols ?? [days[0] ?? 0, days.at(-1) ?? 0];
+    const at = [days.findIndex((day) => day >= from), days.findLastIndex((day) => day <= to)];
+    ends.forEach((end, k) => {
+      end.value = String(Math.max(0, at[k] ?? 0));
+      end.setAttribute("aria-valuetext", `sol ${days[Number(end.value)]}`);
+    });
+    name.textContent = solsTitle(sols);
     const [only = null] = days.length === 1 ? days : [];
-    const told = sol ?? only;
+    const told = sols && sols[0] === sols[1] ? sols[0] : only;
     report.hidden = told === null;
     if (told === null) return;
     report.href = reportOf(told);
     report.textContent = `report of sol ${told}`;
   };
-  const slider = h("input", {
-    type: "range",
-    class: "sol-of-layers",
-    min: 0,
-    max: days.length,
-    step: 1,
-    value: 0,
-    "aria-label": "sol of layers",
-    oninput: () => {
-      say(chosen());
-      choose(chosen());
-    },
-  });
-  const set = (sol: number | null) => {
-    slider.value = String(sol === null ? 0 : days.indexOf(sol) + 1);
-    say(sol);
-  };
+
+  const growing = h("input", { type: "checkbox", "aria-label": "keep earlier sols" });
   let playing: ReturnType<typeof setInterval> | undefined;
   const stop = () => {
     clearInterval(playing);
@@ -57,20 +99,19 @@ export function solFilter(
     play.textContent = "Play";
     play.setAttribute("aria-pressed", "false");
   };
-  /** Sol after sol, and all of them at the end. */
-  const step = () => {
-    if (!element.isConnected) return stop();
-    const next = days[days.indexOf(chosen() ?? Number.NaN) + 1] ?? null;
-    set(next);
-    choose(next);
-    if (next === null) stop();
-  };
-  const toggle = () => {
-    if (playing !== undefined) return stop();
-    playing = setInterval(step, STEP_MS);
+  /** Step after step, and what was chosen before at the end. */
+  const start = () => {
+    const before = range();
+    const steps = [...stepsOf(days, before, growing.checked), before];
+    const next = () => {
+      if (!element.isConnected) return stop();
+      choose(steps.shift() ?? null);
+      if (steps.length === 0) stop();
+    };
+    playing = setInterval(next, STEP_MS);
     play.textContent = "Stop";
     play.setAttribute("aria-pressed", "true");
-    step();
+    next();
   };
   const play = h(
     "button",
@@ -79,12 +120,36 @@ export function solFilter(
       class: "plain play",
       "aria-pressed": "false",
       title: "show sol after sol",
-      hidden: days.length < 2,
-      onclick: toggle,
+      onclick: () => (playing === undefined ? start() : stop()),
     },
     "Play",
   );
-  const choice = h("label", { class: "inline", hidden: days.length < 2 }, name, slider);
-  const element = h("div", { class: "sol-filter" }, choice, play, report);
+  const save = h(
+    "button",
+    {
+      type: "button",
+      class: "plain save",
+      title: "save the playback as a video or GIF",
+      onclick: () => record(stepsOf(days, range(), growing.checked)),
+    },
+    "Save…",
+  );
+  const element = h(
+    "div",
+    { class: "sol-filter" },
+    h("div", { class: "sol-told" }, days.length < 2 ? null : name, report),
+    h(
+      "div",
+      { class: "sol-range", hidden: days.length < 2 },
+      ...[h("span", {}, "from"), first, h("span", {}, "to"), final],
+    ),
+    h(
+      "div",
+      { class: "inline", hidden: days.length < 2 },
+      play,
+      h("label", { class: "inline" }, growing, "keep earlier"),
+      save,
+    ),
+  );
   return { element, set };
 }

@@ -1,10 +1,10 @@
 /** All layers: the region's, then those of every sol, then those of every stop. Rows are made when a group is opened. */
 
+import { areIn, type Sols } from "../../map/sols";
 import { groupLayers, kindTitle, type LayerGroup } from "../../map/layers";
 import { h } from "../../page/dom";
 import { sols } from "../../page/format";
 import type { Layer } from "../../server/records";
-import { isOf } from "../../session/layer-book";
 import type { Following, LayerActions } from "./actions";
 import { row } from "./row";
 
@@ -12,8 +12,8 @@ export interface LayerTree {
   readonly element: HTMLElement;
   /** Shows in a layer's row what became of it. */
   readonly follow: (layer: Layer) => void;
-  /** Lists only what was seen on a sol; null: all. */
-  readonly setSol: (sol: number | null) => void;
+  /** Lists only what was seen on some sols. */
+  readonly setSols: (range: Sols) => void;
   /** Lists only what has all of these words in its name or that of its group. */
   readonly find: (words: string) => void;
 }
@@ -22,7 +22,7 @@ interface Group {
   readonly element: HTMLDetailsElement;
   readonly item: LayerGroup;
   readonly rows: Map<string, Following>;
-  readonly setSol: (sol: number | null) => void;
+  readonly setSols: (range: Sols) => void;
   readonly find: (words: readonly string[]) => void;
 }
 
@@ -30,11 +30,11 @@ function group(item: LayerGroup, open: boolean, actions: LayerActions): Group {
   const days = item.level === "stop" ? sols(item.layers.flatMap((layer) => layer.sols)) : "";
   const rows = new Map<string, Following>();
   const list = h("ul");
-  let only: number | null = null;
+  let only: Sols = null;
   let wasOpen = open;
   let words: readonly string[] = [];
   const isListed = (layer: Layer) => {
-    if (!isOf(layer, only)) return false;
+    if (!areIn(layer.sols, only)) return false;
     if (words.length === 0) return true;
     const name = `${kindTitle(layer.kind)} ${item.title} ${days}`.toLowerCase();
     return words.every((word) => name.includes(word));
@@ -59,8 +59,8 @@ function group(item: LayerGroup, open: boolean, actions: LayerActions): Group {
     list,
   );
   fill();
-  const setSol = (sol: number | null) => {
-    only = sol;
+  const setSols = (range: Sols) => {
+    only = range;
     hide();
   };
   const find = (wanted: readonly string[]) => {
@@ -70,7 +70,7 @@ function group(item: LayerGroup, open: boolean, actions: LayerActions): Group {
     element.open = words.length === 0 ? wasOpen : !element.hidden;
     fill();
   };
-  return { element, item, rows, setSol, find };
+  return { element, item, rows, setSols, find };
 }
 
 export function layerTree(layers: readonly Layer[], actions: LayerActions): LayerTree {
@@ -84,8 +84,8 @@ export function layerTree(layers: readonly Layer[], actions: LayerActions): Laye
   return {
     element,
     follow: ({ id }) => owner.get(id)?.rows.get(id)?.follow(),
-    setSol: (sol) => {
-      for (const one of groups) one.setSol(sol);
+    setSols: (range) => {
+      for (const one of groups) one.setSols(range);
     },
     find: (text) => {
       const words = text.toLowerCase().split(/\s+/).filter(Boolean);

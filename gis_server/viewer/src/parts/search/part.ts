@@ -58,7 +58,7 @@ async function go(context: Context, goal: Goal): Promise<void> {
   const { signals } = context;
   switch (goal.to) {
     case "sol":
-      signals.sol.emit(goal.sol);
+      signals.sols.emit([goal.sol, goal.sol]);
       fitTo(context, solBounds(context, goal.sol) ?? (await stopsBounds(context, () => true)));
       return;
     case "site":

@@ -89,8 +89,8 @@ export function sunPart(context: Context): void {
   layers.replaced.on(draw);
   layers.rearranged.on(show);
   layers.changed.on(show);
-  signals.sol.on((sol) => {
-    if (sol !== null && sky.by === "time") setSky({ ...sky, sol });
+  signals.sols.on((sols) => {
+    if (sols !== null && sky.by === "time") setSky({ ...sky, sol: sols[1] });
   });
   alive.addEventListener("abort", () => overlays.clear());
   draw();

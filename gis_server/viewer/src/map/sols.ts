@@ -1,0 +1,29 @@
+/** Sols that are looked at: from a first to a last one, or all. */
+
+export type Sols = readonly [from: number, to: number] | null;
+
+export const isIn = (sol: number, range: Sols): boolean =>
+  range === null || (range[0] <= sol && sol <= range[1]);
+
+/** Whether something of some sols was seen in a range; what belongs to no sol belongs to all. */
+export const areIn = (sols: readonly number[], range: Sols): boolean =>
+  sols.length === 0 || sols.some((sol) => isIn(sol, range));
+
+export const isSame = (a: Sols, b: Sols): boolean => a?.[0] === b?.[0] && a?.[1] === b?.[1];
+
+/** `156` or `150-156`, as in a link. */
+export const formatSols = ([from, to]: readonly [number, number]): string =>
+  from === to ? String(from) : `${from}-${to}`;
+
+/** Null if the text is nothing of the kind. */
+export function parseSols(text: string | null): Sols {
+  const [, from, to = from] = /^(\d+)(?:-(\d+))?$/.exec(text ?? "") ?? [];
+  if (from === undefined) return null;
+  const [a, b] = [Number(from), Number(to)];
+  return [Math.min(a, b), Math.max(a, b)];
+}
+
+export function solsTitle(range: Sols): string {
+  if (range === null) return "all sols";
+  return range[0] === range[1] ? `sol ${range[0]}` : `sols ${range[0]}–${range[1]}`;
+}

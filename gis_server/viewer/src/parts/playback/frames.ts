@@ -1,0 +1,48 @@
+/** The map at one range of sols after the other, as pictures with title, scale and legends. */
+
+import { type Sols, solsTitle } from "../../map/sols";
+import type { Context } from "../../session/context";
+import { textsOf } from "../downloads/part";
+import { sheetOf } from "../downloads/sheet";
+import { drawSheet } from "../downloads/sheet-drawing";
+import { snapshot } from "../downloads/snapshot";
+
+/** Larger pictures are made smaller. */
+const MOST_PX = 1280;
+/** Encoders of video take whole blocks of so many pixels. */
+const BLOCK_PX = 2;
+
+const whole = (px: number) => BLOCK_PX * Math.round(px / BLOCK_PX);
+
+/** Shows the sols of every step until all of it is drawn; at the end those that were shown before. */
+export async function* framesOf(
+  context: Context,
+  steps: readonly Sols[],
+  credit: string,
+): AsyncGenerator<HTMLCanvasElement> {
+  const { view, mission, drawing, signals, waiting } = context;
+  const before = drawing.sols;
+  try {
+    for (const step of steps) {
+      signals.sols.emit(step);
+      await waiting.settled();
+      const [width = 1, height = 1] = view.map.getSize() ?? [];
+      const sheet = sheetOf("screen", 96, 1, [width, height], view.resolution);
+      const title = `${mission.title}, ${solsTitle(step)}`;
+      const map = await snapshot(view, sheet);
+      yield fitted(drawSheet(map, sheet, textsOf(context, { title, credit })));
+    }
+  } finally {
+    signals.sols.emit(before);
+  }
+}
+
+function fitted(picture: HTMLCanvasElement): HTMLCanvasElement {
+  const scale = Math.min(1, MOST_PX / Math.max(picture.width, picture.height));
+  const frame = document.createElement("canvas");
+  [frame.width, frame.height] = [whole(picture.width * scale), whole(picture.height * scale)];
+  const context = frame.getContext("2d");
+  if (!context) throw new Error("this browser draws no canvas");
+  context.drawImage(picture, 0, 0, frame.width, frame.height);
+  return frame;
+}
