@@ -13,6 +13,8 @@ export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
 export PREFECT_SERVER_ANALYTICS_ENABLED = false
 export DO_NOT_TRACK = 1
+# Compiled modules are kept, whatever the caller's environment says: tests start hundreds of processes.
+export PYTHONDONTWRITEBYTECODE =
 
 PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-deps
 

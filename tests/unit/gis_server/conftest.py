@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -134,19 +135,28 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> SmallWorld:
     return build(tmp_path_factory.mktemp("store"))
 
 
+@pytest.fixture(scope="session")
+def untouched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a world that no server has opened."""
+    return build(tmp_path_factory.mktemp("untouched") / "store").root
+
+
 @pytest.fixture
-def own_world(tmp_path: Path) -> SmallWorld:
+def own_world(untouched: Path, tmp_path: Path) -> SmallWorld:
     """A world to change."""
-    return build(tmp_path / "store")
+    return opened(shutil.copytree(untouched, tmp_path / "store"))
+
+
+def opened(root: Path) -> SmallWorld:
+    return SmallWorld(root, ProductStore.open(root), Catalogue.open(root))
 
 
 def build(root: Path) -> SmallWorld:
     root.mkdir(exist_ok=True)
-    store, catalogue = ProductStore.open(root), Catalogue.open(root)
-    small = SmallWorld(root, store, catalogue)
-    catalogue.publish(
+    small = opened(root)
+    small.catalogue.publish(
         missions=[MissionEntry("MER2", "Spirit, Gusev crater", LANDING, None)],
-        images=[image_of(store)],
+        images=[image_of(small.store)],
     )
     small.publish_raster(ProductKind.DTM, STOP, lambda path: write_dtm(path, dtm(), CRS))
     small.publish_raster(
