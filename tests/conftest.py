@@ -19,6 +19,14 @@ hypothesis.settings.load_profile("patient")  # no test asserts a time: other wor
 ROOT = Path(__file__).resolve().parents[1]
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """With `--dist loadgroup` a file stays on one worker, and so do all users of one downlink."""
+    for item in items:
+        is_mapped = "mapped" in getattr(item, "fixturenames", ())
+        group = "mapped" if is_mapped else item.nodeid.partition("::")[0]
+        item.add_marker(pytest.mark.xdist_group(group))
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     """Random numbers that are the same in every run."""
@@ -41,9 +49,9 @@ def shared_data(shared: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def test_vectors(shared: Path) -> dict[str, Any]:
-    """Numbers from JPL's own C code."""
-    return json.loads((shared / "facts" / "test-vectors.json").read_text())
+def test_vectors() -> dict[str, Any]:
+    """Numbers from JPL's own C code, and of labels that JPL wrote."""
+    return json.loads((ROOT / "tests" / "fixtures" / "jpl_vectors.json").read_text())
 
 
 @pytest.fixture(scope="session")

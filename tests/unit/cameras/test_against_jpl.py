@@ -1,4 +1,4 @@
-"""The numbers of JPL's own C library (facts, test-vectors.json)."""
+"""The numbers of JPL's own C library (tests/fixtures/jpl_vectors.json)."""
 
 import numpy as np
 import pytest
