@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from jaxtyping import TypeCheckError
 
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor, largest_square, undistort
@@ -21,6 +22,11 @@ def test_the_way_there_and_back_closes_for_every_camera_of_the_facts(unit_camera
         image_points = rng.uniform(0, 1, (500, 2)) * [1023, 505 if name == "di_li_2004" else 1023]
         points = camera.ray_origins(image_points) + 7.0 * camera.rays(image_points)
         np.testing.assert_allclose(camera.project(points), image_points, atol=1e-9, err_msg=name)
+
+
+def test_a_transposed_array_fails_at_the_call_that_received_it(navcam, rng):
+    with pytest.raises(TypeCheckError, match="points"):
+        navcam.project(rng.uniform(1, 2, (3, 200)))
 
 
 def test_rays_are_of_unit_length(model, rng):
