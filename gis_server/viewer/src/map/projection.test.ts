@@ -1,7 +1,7 @@
 import { getPointResolution } from "ol/proj";
 import { expect, test } from "vitest";
 import { MISSION, PROJ4 } from "../fixtures";
-import { localMap, ProjectionError, radiusOf } from "./projection";
+import { localMap, ProjectionError, planeOf } from "./projection";
 
 const local = localMap(MISSION);
 
@@ -49,7 +49,13 @@ test("a map that is not tied to the lander has no longitude and latitude", () =>
   expect(untied.projection.getUnits()).toBe("m");
 });
 
-test("a scale factor, which proj4js would ignore, is refused", () => {
-  expect(() => radiusOf(`${PROJ4} +k_0=0.999`)).toThrow(ProjectionError);
-  expect(() => radiusOf("+proj=ortho +ellps=WGS84")).toThrow(/needs \+R=/);
+test("the other side of the planet has no place on the map", () => {
+  expect(local.fromLonLat([355.4729, 14])).toEqual([Number.NaN, Number.NaN]);
+  expect(local.toLonLat([3396191, 0])[1]).toBeNaN();
+});
+
+test("a plane that would be drawn wrong is refused", () => {
+  expect(() => planeOf(`${PROJ4} +k_0=0.999`)).toThrow(ProjectionError);
+  expect(() => planeOf(PROJ4.replace("ortho", "stere"))).toThrow(/no plane that the viewer knows/);
+  expect(() => planeOf(PROJ4.replace("+R=3396190", "+ellps=WGS84"))).toThrow(/no number as \+R/);
 });

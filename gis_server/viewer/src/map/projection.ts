@@ -7,16 +7,21 @@
  *     lat = asin(cos c sin lat0 + north sin c cos lat0 / rho)
  *     lon = lon0 + atan2(east sin c, rho cos lat0 cos c - north sin lat0 sin c)
  *
- * (Snyder, Map Projections - A Working Manual, USGS PP 1395, section 20.) proj4js does this, exactly as
- * PROJ does, for `+proj=ortho +R=`; it ignores `+k_0`, and that is refused here.
+ *     east = R cos lat sin (lon - lon0)
+ *     north = R (cos lat0 sin lat - sin lat0 cos lat cos (lon - lon0))
+ *
+ * (Snyder, Map Projections - A Working Manual, USGS PP 1395, section 20; PROJ's `+proj=ortho +R=`.) It stands here
+ * because proj4js was a quarter of all that the browser fetched before it drew a map.
  *
  * OpenLayers believes that every plane is on the Earth: its point resolution, and so its scale bar, is
  * wrong by R_earth / R_mars = 1.88 unless the projection says that a map metre is a metre.
  */
 
 import Projection from "ol/proj/Projection";
-import proj4 from "proj4";
 import type { LonLat, MapPoint, Mission } from "../server/records";
+
+const RADIAN = Math.PI / 180;
+const NOWHERE = [Number.NaN, Number.NaN] as const;
 
 export class ProjectionError extends Error {
   override readonly name = "ProjectionError";
@@ -29,26 +34,45 @@ export interface LocalMap {
   fromLonLat(lonLat: LonLat): MapPoint;
 }
 
-/** Radius of the sphere a proj4 string speaks of, metres. */
-export function radiusOf(definition: string): number {
-  const radius = Number(/\+R=([\d.eE+]+)/.exec(definition)?.[1]);
-  if (!(radius > 0)) {
-    throw new ProjectionError(`"${definition}" gives no radius: a local map needs +R=<metres>`);
-  }
-  if (/\+k(_0)?=/.test(definition)) {
+/** Landing point in degrees and radius of the sphere in metres, of a PROJ string. */
+export function planeOf(definition: string): { lon: number; lat: number; radius: number } {
+  const number = (name: string) => {
+    const value = Number(new RegExp(`\\+${name}=(\\S+)`).exec(definition)?.[1]);
+    if (Number.isNaN(value)) throw new ProjectionError(`"${definition}" has no number as +${name}`);
+    return value;
+  };
+  const [kind] = /(?<=\+proj=)\S+/.exec(definition) ?? [];
+  const [unknown] = /\+(k|k_0|x_0|y_0)=\S+/.exec(definition) ?? [];
+  if (kind !== "ortho" || unknown)
     throw new ProjectionError(
-      `"${definition}" scales the map, which the browser's proj4 ignores: put the scale into +R`,
+      `"${definition}" is no plane that the viewer knows: +proj=ortho with +lat_0, +lon_0 and +R`,
     );
-  }
-  return radius;
+  return { lon: number("lon_0"), lat: number("lat_0"), radius: number("R") };
+}
+
+type Both = Pick<LocalMap, "toLonLat" | "fromLonLat">;
+
+function orthographic(definition: string): Both {
+  const { lon: lon0, lat: lat0, radius } = planeOf(definition);
+  const [sin0, cos0] = [Math.sin(lat0 * RADIAN), Math.cos(lat0 * RADIAN)];
+  return {
+    toLonLat([east, north]) {
+      const [x, y] = [east / radius, north / radius];
+      const cosC = Math.sqrt(1 - x * x - y * y);
+      const lon = lon0 + Math.atan2(x, cosC * cos0 - y * sin0) / RADIAN;
+      return [((lon % 360) + 360) % 360, Math.asin(cosC * sin0 + y * cos0) / RADIAN];
+    },
+    fromLonLat([lon, lat]) {
+      const [sin, cos] = [Math.sin(lat * RADIAN), Math.cos(lat * RADIAN)];
+      const turn = (lon - lon0) * RADIAN;
+      if (sin0 * sin + cos0 * cos * Math.cos(turn) < 0) return NOWHERE; // beyond the horizon
+      return [radius * cos * Math.sin(turn), radius * (cos0 * sin - sin0 * cos * Math.cos(turn))];
+    },
+  };
 }
 
 export function localMap(mission: Pick<Mission, "mission" | "crs" | "tile_matrix_set">): LocalMap {
   const { proj4: definition } = mission.crs;
-  const pair =
-    definition === null
-      ? null
-      : proj4(`+proj=longlat +R=${radiusOf(definition)} +no_defs`, definition);
   return {
     projection: new Projection({
       code: `solmap:${mission.mission}`,
@@ -56,13 +80,8 @@ export function localMap(mission: Pick<Mission, "mission" | "crs" | "tile_matrix
       extent: [...mission.tile_matrix_set.extent],
       getPointResolution: (resolution) => resolution,
     }),
-    toLonLat([east, north]) {
-      const [lon = Number.NaN, lat = Number.NaN] = pair?.inverse([east, north]) ?? [];
-      return [((lon % 360) + 360) % 360, lat];
-    },
-    fromLonLat([lon, lat]) {
-      const [east = Number.NaN, north = Number.NaN] = pair?.forward([lon, lat]) ?? [];
-      return [east, north];
-    },
+    ...(definition === null
+      ? { toLonLat: () => NOWHERE, fromLonLat: () => NOWHERE }
+      : orthographic(definition)),
   };
 }
