@@ -17,6 +17,7 @@ from solmap.gis_server.budgets import kind_of
 from solmap.gis_server.errors import PROBLEM
 
 JSON, HTML, GEOJSON, PNG = "application/json", "text/html", "application/geo+json", "image/png"
+WEBP = "image/webp"
 _FILES = (
     "image/tiff",
     GEOJSON,
@@ -27,6 +28,7 @@ _FILES = (
 )
 FORMS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (r"\.png$|/map/tiles/\{tms\}/\{zoom\}/\{row\}/\{column\}$", (PNG,)),
+    (r"\.webp$", (WEBP,)),
     (r"\.values$", ("application/vnd.solmap.values",)),
     (r"^/api/.*\.geojson$", (GEOJSON,)),
     (r"^/download/.*\.gpkg$", ("application/geopackage+sqlite3",)),
@@ -129,9 +131,9 @@ def _put_forms(path: str, operation: dict[str, Any]) -> None:
         return
     schema = answer.get("content", {}).get(JSON, {}).get("schema", {})
     answer["content"] = {form: {"schema": schema} if "json" in form else {} for form in forms}
-    if forms[0] == PNG or ".values" in path:
+    if forms[0] in {PNG, WEBP} or ".values" in path:
         operation["responses"]["304"] = {"description": "The client has it already"}
-    if ".values" in path:
+    if forms[0] == WEBP or ".values" in path:
         operation["responses"]["204"] = {"description": "Nothing was measured there"}
     if forms == _FILES:
         operation["responses"]["206"] = {"description": "The range that was asked for"}

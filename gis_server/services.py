@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Annotated
 
 from anyio import CapacityLimiter, to_thread
+from cachetools import LRUCache
 from fastapi import Depends, Request
 
 from solmap.gis_server.live import EventTail
@@ -37,6 +38,10 @@ GROWING = (ProductKind.FOOTPRINTS, ProductKind.POINTING, ProductKind.TIE_POINTS)
 _LAYERS = 1024
 _HEALTH_S = 1.0
 """Age at which what is known of the catalogue's health is old."""
+_SMALL_TILES = 32 << 20
+"""Bytes; a first view has 0.5 MB of them."""
+_ENTRY = 512
+"""Bytes that an entry of a cache takes beside its value."""
 _DRAWING = 1
 """Threads that draw tiles at a time: of two, one waits for the other most of the time, and answers
 at the 95th percentile take twice as long. Many users are served by several processes."""
@@ -101,6 +106,11 @@ class Services:
     health: CatalogueHealth
     drawing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(_DRAWING))
     """Of the threads that draw tiles."""
+    small_tiles: LRUCache[tuple[str, bytes], bytes] = field(
+        default_factory=lambda: LRUCache(_SMALL_TILES, lambda body: _ENTRY + len(body))
+    )
+    """Tiles as WebP by path and query, empty where nothing was measured: to encode one takes ten
+    times as long as to draw it."""
 
 
 def open_services(

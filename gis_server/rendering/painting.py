@@ -30,6 +30,7 @@ from solmap.gis_server.rendering.styles import (
     palette_of,
     stretch_palette,
 )
+from solmap.gis_server.rendering.webp import colour_webp, indexed_webp
 from solmap.photogrammetry.arrays import Raster
 from solmap.photogrammetry.planes import Gradients, nine_cell_gradients, window_gradients
 from solmap.products.errors import ProductNotFoundError
@@ -128,6 +129,21 @@ OF_TERRAIN: dict[str, Callable[[Gradients, StyleQuery], Raster]] = {
 """What follows from the gradient, by the name of the style."""
 
 
+@dataclass(frozen=True, slots=True)
+class PictureFormat:
+    """How a painted tile becomes bytes; index 0 and black, 0 0 0, are transparent."""
+
+    media_type: str
+    indexed: Callable[..., bytes]
+    """Of palette indices, a palette, and the opacity of the first indices."""
+    colour: Callable[[np.ndarray], bytes]
+    """Of red, green and blue."""
+
+
+PNG = PictureFormat("image/png", indexed_png, colour_png)
+WEBP = PictureFormat("image/webp", indexed_webp, colour_webp)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Canvas:
     """A tile to paint: of which layer, where, how, and from what."""
@@ -137,6 +153,7 @@ class Canvas:
     query: StyleQuery
     style: TileStyle
     dataset: rasterio.DatasetReader
+    form: PictureFormat = PNG
 
     @property
     def cell_m(self) -> float:
@@ -152,7 +169,8 @@ class Canvas:
     def encode(self, values: np.ndarray) -> bytes | None:
         """The picture of the values of every pixel; None where none is known."""
         indices = indices_of(values, *range_of(self.style, self.layer))
-        return indexed_png(indices, palette_of(self.style.colours)) if indices.any() else None
+        colours = palette_of(self.style.colours)
+        return self.form.indexed(indices, colours) if indices.any() else None
 
 
 def averaging(kind: ProductKind) -> Resampling:
@@ -196,7 +214,7 @@ def _paint_colour(canvas: Canvas) -> bytes | None:
     known = [band for band in bands if band is not None]
     if len(known) < len(bands) or not any(band.any() for band in known):
         return None
-    return colour_png(np.stack(known, axis=-1))
+    return canvas.form.colour(np.stack(known, axis=-1))
 
 
 def _paint_classes(canvas: Canvas) -> bytes | None:
@@ -205,7 +223,9 @@ def _paint_classes(canvas: Canvas) -> bytes | None:
     if codes is None or not codes.any():
         return None
     colours = canvas.dataset.colormap(1)
-    return indexed_png(codes, np.array([colours[code][:3] for code in range(256)], np.uint8))
+    return canvas.form.indexed(
+        codes, np.array([colours[code][:3] for code in range(256)], np.uint8)
+    )
 
 
 def classes_in(dataset: rasterio.DatasetReader, style: TileStyle) -> tuple[RasterClass, ...]:
@@ -234,7 +254,7 @@ def _paint_classes_of_band(canvas: Canvas) -> bytes | None:
         code = index % 255 + 1  # 0 is transparent
         codes[values == one.value] = code
         palette[code] = palette_of((one.colour,) * 2)[1]
-    return indexed_png(codes, palette) if codes.any() else None
+    return canvas.form.indexed(codes, palette) if codes.any() else None
 
 
 def _paint_picture(canvas: Canvas) -> bytes | None:
@@ -247,7 +267,7 @@ def _paint_picture(canvas: Canvas) -> bytes | None:
         scale, offset = canvas.dataset.scales[0], canvas.dataset.offsets[0]
         low, high = ((end - offset) / scale for end in canvas.style.range)
         palette = stretch_palette(palette, low, high)
-    return indexed_png(grey, palette)
+    return canvas.form.indexed(grey, palette)
 
 
 def _paint_values(canvas: Canvas) -> bytes | None:
@@ -288,7 +308,7 @@ def _paint_shaded(canvas: Canvas) -> bytes | None:
     shown = cv2.multiply(colours, cv2.merge([shades] * 3), scale=1.0 / _AS_IT_IS)
     np.maximum(shown, 1, out=shown)  # black would be transparent
     shown[indices == 0] = 0
-    return colour_png(shown)
+    return canvas.form.colour(shown)
 
 
 def _paint_contours(canvas: Canvas) -> bytes | None:
@@ -298,7 +318,7 @@ def _paint_contours(canvas: Canvas) -> bytes | None:
         return None
     cover = contour_cover(patch, interval_of(canvas.layer, canvas.query.interval))
     palette = np.broadcast_to(palette_of(canvas.style.colours)[1], (256, 3))
-    return indexed_png(cover, palette, _COVER) if cover.any() else None
+    return canvas.form.indexed(cover, palette, _COVER) if cover.any() else None
 
 
 _OF_TERRAIN = {

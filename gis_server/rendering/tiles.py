@@ -32,7 +32,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from solmap.gis_server.rendering.painting import Canvas, averaging, band_index, painter_of
+from solmap.gis_server.rendering.painting import (
+    PNG,
+    Canvas,
+    PictureFormat,
+    averaging,
+    band_index,
+    painter_of,
+)
 from solmap.gis_server.rendering.png import gzip_stream, indexed_png
 from solmap.gis_server.rendering.reading import RasterPool, read_patch
 from solmap.gis_server.rendering.styles import (
@@ -104,7 +111,19 @@ def render_tile(
     pool: RasterPool,
     query: StyleQuery = PLAIN,
 ) -> bytes:
-    """The PNG of a tile; transparent where nothing was measured.
+    """The PNG of a tile; transparent where nothing was measured. Raises as `draw_tile` does."""
+    return draw_tile(layer, address, store, pool, query, PNG) or empty_tile()
+
+
+def draw_tile(
+    layer: Layer,
+    address: TileAddress,
+    store: ProductStore,
+    pool: RasterPool,
+    query: StyleQuery,
+    form: PictureFormat,
+) -> bytes | None:
+    """The picture of a tile; None where nothing was measured.
 
     Raises:
         ProductNotFoundError: the layer has no tiles.
@@ -113,9 +132,9 @@ def render_tile(
     style = resolve_style(layer, query)
     paint = painter_of(layer, query, style)
     if not overlap(layer.bounds, address.bounds):
-        return empty_tile()
+        return None
     with pool.reading(store.address(layer.ref)) as dataset:
-        return paint(Canvas(layer, address, query, style, dataset)) or empty_tile()
+        return paint(Canvas(layer, address, query, style, dataset, form))
 
 
 @lru_cache(maxsize=1)

@@ -123,6 +123,7 @@ class MapLayer(BaseModel):
     sols: tuple[int, ...]
     made_at: str
     tiles: ServerPath | None
+    """As WebP; those that end in `.png` show the same without loss."""
     values: ServerPath | None
     """Tiles of values, for shading in the browser."""
     styles: ServerPath | None
@@ -155,7 +156,7 @@ def layer_body(layer: Layer) -> MapLayer:
         range=range_of(style, layer) if style and layer.range else layer.range,
         sols=layer.sols,
         made_at=layer.made_at,
-        tiles=f"/tiles/{place}/{{z}}/{{x}}/{{y}}.png" if style else None,
+        tiles=f"/tiles/{place}/{{z}}/{{x}}/{{y}}.webp" if style else None,
         values=_values_of(layer, place) if style else None,
         styles=f"/api/layers/{place}/styles" if style else None,
         features=f"/api/layers/{place}/features.geojson" if is_vector else None,

@@ -16,15 +16,17 @@ from typing import Annotated, Any, TypeVar
 from urllib.parse import parse_qsl
 
 from anyio import to_thread
+from cachetools import LRUCache
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ValidationError
 
 from solmap.gis_server.metrics import Metrics
 from solmap.gis_server.parameters import FOREVER, Digest, ScopeName, TileNumber, Zoom
+from solmap.gis_server.rendering.painting import PNG, WEBP, PictureFormat
 from solmap.gis_server.rendering.png import gunzip
 from solmap.gis_server.rendering.styles import StyleQuery
-from solmap.gis_server.rendering.tiles import MEDIA_TYPE, render_tile, render_values
+from solmap.gis_server.rendering.tiles import MEDIA_TYPE, draw_tile, empty_tile, render_values
 from solmap.gis_server.services import Services
 from solmap.products.formats.raster.tiling import TileAddress
 from solmap.products.model import ProductKind
@@ -97,18 +99,43 @@ async def tile(request: Request) -> Response:
 
     Which styles a layer has says `GET /api/layers/{scope}/{kind}/{digest}/styles`.
     """
+    body = await _drawn(request, PNG) or empty_tile()
+    return Response(body, media_type=PNG.media_type, headers=FOREVER)
+
+
+@router.get(
+    "/tiles/{scope}/{kind}/{digest}/{z}/{x}/{y}.webp",
+    response_class=Response,
+    openapi_extra=_parameters(StyleQuery),
+)
+async def small_tile(request: Request) -> Response:
+    """The same tile in fewer bytes; status 204 where nothing was measured.
+
+    Shades of grey and photographs are lossy; colours of a palette, and what is transparent, exact.
+    """
+    kept: LRUCache[tuple[str, bytes], bytes] = request.app.state.services.small_tiles
+    asked = request.scope["path"], request.scope["query_string"]
+    body = kept.get(asked)
+    if body is None:
+        body = await _drawn(request, WEBP) or b""
+        kept[asked] = body
+    if not body:
+        return Response(status_code=HTTPStatus.NO_CONTENT, headers=FOREVER)
+    return Response(body, media_type=WEBP.media_type, headers=FOREVER)
+
+
+async def _drawn(request: Request, form: PictureFormat) -> bytes | None:
     path = _validate(TilePath, request.path_params, "path")
     query = _checked_query(StyleQuery, request.scope["query_string"])
     services: Services = request.app.state.services
     metrics: Metrics = request.app.state.metrics
 
-    def draw() -> bytes:
+    def draw() -> bytes | None:
         layer, address = services.layer(path.scope, path.kind, path.digest), path.address
-        with metrics.drawing("png"):
-            return render_tile(layer, address, services.store, services.pool, query)
+        with metrics.drawing(form.media_type.removeprefix("image/")):
+            return draw_tile(layer, address, services.store, services.pool, query, form)
 
-    body = await to_thread.run_sync(draw, limiter=services.drawing)
-    return Response(body, media_type="image/png", headers=FOREVER)
+    return await to_thread.run_sync(draw, limiter=services.drawing)
 
 
 @router.get(

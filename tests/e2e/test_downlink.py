@@ -134,7 +134,7 @@ def test_the_server_shows_what_was_mapped(mapped):
         row = int((north - 5.0) / (sizes[zoom] * 256))
         url = ortho["tiles"].format(z=zoom, x=column, y=row)
         tile = client.get(url)
-        assert tile.headers["content-type"] == "image/png"
+        assert tile.headers["content-type"] == "image/webp"
         assert "immutable" in tile.headers["cache-control"]
         identified = client.get("/api/missions/MER2/identify?east=0&north=5").json()
         assert identified["elevation_m"] == pytest.approx(0.0, abs=3.0)

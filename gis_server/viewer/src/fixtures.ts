@@ -53,7 +53,7 @@ export function rasterLayer(scope: string, kind: string): RasterLayer {
     minzoom: 12,
     maxzoom: 17,
     type: "raster",
-    tiles: `/tiles/${scope}/${kind}/${FACTS.digest}/{z}/{x}/{y}.png`,
+    tiles: `/tiles/${scope}/${kind}/${FACTS.digest}/{z}/{x}/{y}.webp`,
     values: `/tiles/${scope}/${kind}/${FACTS.digest}/{z}/{x}/{y}.values`,
   };
 }

@@ -230,6 +230,7 @@ def ref_of(world: SmallWorld, kind: ProductKind, scope: Scope = STOP) -> Product
 
 
 def picture(body: bytes) -> np.ndarray:
-    """Red, green, blue and alpha of a PNG."""
+    """Red, green, blue and alpha of a PNG or WebP; the latter has no alpha where all is opaque."""
     decoded = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
-    return decoded[:, :, [2, 1, 0, 3]]
+    has_alpha = decoded.shape[2] == 4
+    return cv2.cvtColor(decoded, cv2.COLOR_BGRA2RGBA if has_alpha else cv2.COLOR_BGR2RGBA)

@@ -14,6 +14,7 @@ from solmap.gis_server.routes.missions import mission_body
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.formats.raster.raster import write_raster
 from solmap.products.model import Layer, ProductKind, Recipe
+from tests.support.tile_at import tile_at
 from tests.unit.gis_server.conftest import (
     CRS,
     GRID,
@@ -71,8 +72,9 @@ def test_every_address_of_every_layer_answers(client):
         assert client.get(layer["provenance"]).json()["recipe"]["kind"] == layer["kind"]
         assert client.get(layer["download"]).status_code == 200
         if layer["type"] == "raster":
-            address = layer["tiles"].format(z=layer["minzoom"], x=0, y=0)
-            assert client.get(address).headers["content-type"] == "image/png"
+            inside = tile_at(1.0, 1.0, layer["minzoom"])
+            address = layer["tiles"].format(z=inside.zoom, x=inside.column, y=inside.row)
+            assert client.get(address).headers["content-type"] == "image/webp"
             assert layer["features"] is None
         else:
             assert client.get(layer["features"]).json()["type"] == "FeatureCollection"

@@ -4,6 +4,7 @@ import ImageTile from "ol/source/ImageTile";
 import type TileGrid from "ol/tilegrid/TileGrid";
 import type { RasterLayer, TileMatrixSet } from "../server/records";
 import { fade, type Pen, pen, picture } from "./painting";
+import { emptyTile } from "./picture-tiles";
 import type { LocalMap } from "./projection";
 import { bandOf, colouringOf, type Quantity, type RasterStyle } from "./raster-style";
 import { quantityOf, type SunPlace } from "./shading";
@@ -47,16 +48,10 @@ export class PaintedTiles extends ImageTile {
   private async paint(z: number, x: number, y: number): Promise<HTMLCanvasElement> {
     const { values, pen: draw, fading } = this.painting;
     const [found, sigmas] = await Promise.all([values(z, x, y), fading?.sigmas(z, x, y)]);
-    if (!found) return empty();
+    if (!found) return emptyTile();
     const pixels = draw(found);
     return picture(fading ? fade(pixels, sigmas ?? null, fading.most) : pixels, SIDE);
   }
-}
-
-function empty(): HTMLCanvasElement {
-  const canvas = document.createElement("canvas");
-  canvas.width = canvas.height = SIDE;
-  return canvas;
 }
 
 /** Tile of a layer's values, or of another band's. */

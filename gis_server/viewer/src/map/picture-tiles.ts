@@ -18,7 +18,8 @@ export function pictureTiles(
 ) {
   return new ImageTile({
     loader: async (z, x, y, { signal }) => {
-      const drawn = await picture(tileUrl(template, z, x, y), signal);
+      const drawn = await pictureOf(tileUrl(template, z, x, y), signal);
+      if (!drawn) return emptyTile();
       return recolour ? recoloured(drawn, recolour) : drawn;
     },
     projection,
@@ -29,16 +30,22 @@ export function pictureTiles(
   });
 }
 
-async function picture(url: string, signal: AbortSignal): Promise<ImageBitmap> {
-  const answer = await fetch(url, { signal });
+/** What the server drew; null where nothing was measured. */
+async function pictureOf(url: string, signal?: AbortSignal): Promise<ImageBitmap | null> {
+  const answer = await fetch(url, signal ? { signal } : {});
+  if (answer.status === 204) return null;
   if (!answer.ok) throw new Error(`${url} was answered with ${answer.status}`);
   return createImageBitmap(await answer.blob());
 }
 
-function canvasOf(drawn: ImageBitmap): CanvasRenderingContext2D {
+export function emptyTile(): HTMLCanvasElement {
   const canvas = document.createElement("canvas");
   canvas.width = canvas.height = SIDE;
-  const context = canvas.getContext("2d", { willReadFrequently: true });
+  return canvas;
+}
+
+function canvasOf(drawn: ImageBitmap): CanvasRenderingContext2D {
+  const context = emptyTile().getContext("2d", { willReadFrequently: true });
   if (!context) throw new Error("the browser gives no canvas to recolour a tile on");
   context.drawImage(drawn, 0, 0);
   return context;
@@ -55,8 +62,9 @@ function recoloured(drawn: ImageBitmap, recolour: Recolour): HTMLCanvasElement {
 /** How many pixels of some tiles have which shade. */
 export async function shadesOf(addresses: readonly string[]): Promise<number[]> {
   const counts = Array.from({ length: 256 }, () => 0);
-  const { signal } = new AbortController();
-  for (const url of addresses)
-    count(canvasOf(await picture(url, signal)).getImageData(0, 0, SIDE, SIDE).data, counts);
+  for (const url of addresses) {
+    const drawn = await pictureOf(url);
+    if (drawn) count(canvasOf(drawn).getImageData(0, 0, SIDE, SIDE).data, counts);
+  }
   return counts;
 }

@@ -18,7 +18,7 @@ test("tiles cover the layer at the finest zoom that fits, each where it belongs"
     [0, 256],
     [256, 256],
   ]);
-  expect(tiles[0]?.url).toContain(`/17/${2 ** 16 - 1}/${2 ** 16 - 1}.png`);
+  expect(tiles[0]?.url).toContain(`/17/${2 ** 16 - 1}/${2 ** 16 - 1}.webp`);
 });
 
 test("a layer too large for the picture is taken from a coarser zoom", () => {

@@ -58,10 +58,9 @@ export async function loadMosaic(layer: RasterLayer, set: TileMatrixSet): Promis
   const paper = picture.getContext("2d");
   await Promise.all(
     plan.tiles.map(async ({ url, x, y }) => {
-      const image = new Image();
-      image.src = url;
-      await image.decode();
-      paper?.drawImage(image, x, y);
+      const tile = await fetch(url);
+      if (tile.status === 204) return; // nothing was measured there
+      paper?.drawImage(await createImageBitmap(await tile.blob()), x, y);
     }),
   );
   return { picture, bounds: layer.bounds, cellM: plan.cellM };
