@@ -55,8 +55,9 @@ $(VIEWER)/dist/index.html: $(NPM_INSTALLED) $(shell find $(VIEWER)/src $(VIEWER)
 	cd $(VIEWER) && $(NPM) ci --no-audit --no-fund --silent && $(NPM) run --silent build
 
 demo: setup viewer  ## A synthetic downlink through every stage to the map in the browser.
-	@test -f $(DOWNLINK)/truth/truth.json || $(BIN)/solmap simulate $(DOWNLINK) --stops 2 --seed 1
+	@test -f $(DOWNLINK)/orbital/orbital.tif || $(BIN)/solmap simulate $(DOWNLINK) --stops 2 --seed 1
 	$(BIN)/solmap run $(DOWNLINK) --store $(STORE)
+	$(BIN)/solmap orbital add $(DOWNLINK)/orbital/orbital.tif --no-control --store $(STORE)
 	$(BIN)/solmap positions --store $(STORE)
 	$(BIN)/solmap serve --store $(STORE) --port $(PORT)
 

@@ -1,13 +1,15 @@
 """Simulated data with known truth: a downlink of rendered images, or a whole mission without.
 
 A downlink is written file by file, each whole or absent; a second call with the same arguments
-continues where the first stopped. A mission goes straight into a store: traverse, stops, ties and
-footprints.
+continues where the first stopped. Beside it lies an orbital image of the same ground. A mission
+goes straight into a store: traverse, stops, ties and footprints.
 """
 
 from __future__ import annotations
 
+import json
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -28,12 +30,14 @@ from solmap.photogrammetry.synthetic.downlink import (
     text_files,
 )
 from solmap.photogrammetry.synthetic.mission import MISSION, MissionPlan
+from solmap.photogrammetry.synthetic.orbital import orbital_picture
 from solmap.photogrammetry.synthetic.scene import World, WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.catalogue.catalogue import MissionEntry, Outcome
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import local_crs
 from solmap.products.errors import ProductError
+from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.formats.raster.raster import write_raster
 from solmap.products.model import ProductKind, ProductRef
 from solmap.tasks.mission.publish import publish
@@ -72,7 +76,8 @@ def write_downlink(out_dir: Path, params: WorldParams, seed: int) -> int:
         for number, _ in enumerate(done, 1):
             report("render pictures", number, len(jobs))
     _write_true_terrain(world, out_dir / "truth" / "dtm.tif")
-    return len(texts) + len(jobs) + 1
+    _write_orbital(world, out_dir)
+    return len(texts) + len(jobs) + 3
 
 
 def _refuse_another_world(out_dir: Path, texts: list[DownlinkFile]) -> None:
@@ -105,6 +110,21 @@ def _write_true_terrain(world: World, path: Path) -> None:
     landing = landing_site(world.stops[0].id.mission).landing
     elevation = world.true_elevation(grid)
     write_raster(draft, grid, {"elevation": elevation}, local_crs(landing), unit="m")
+    draft.replace(path)
+
+
+def _write_orbital(world: World, out_dir: Path) -> None:
+    """The orbital image, and how far its georeference is off, in the form of `rendered_husband`."""
+    path = out_dir / "orbital" / "orbital.tif"
+    if path.exists():
+        return
+    picture = orbital_picture(world)
+    error = json.dumps({"georeference_error": asdict(picture.error)}, indent=1)
+    _write(out_dir, DownlinkFile("truth/orbital.json", error.encode()))
+    path.parent.mkdir(exist_ok=True)
+    draft = path.with_name("draft.tif")
+    landing = landing_site(world.stops[0].id.mission).landing
+    write_orthophoto(draft, picture.grid, picture.brightness, local_crs(landing))
     draft.replace(path)
 
 

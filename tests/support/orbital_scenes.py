@@ -24,6 +24,7 @@ from solmap.photogrammetry.orbital.records import GroundMap, OrbitalDtm, Orbital
 from solmap.photogrammetry.orbital.registration import register
 from solmap.photogrammetry.synthetic.lattice import Window
 from solmap.photogrammetry.synthetic.lighting import Sun, ground_radiance
+from solmap.photogrammetry.synthetic.orbital import resampled, turn
 from solmap.photogrammetry.synthetic.terrain import TERRAINS, Terrain
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
@@ -93,8 +94,7 @@ def scene(seed: int, *, uncontrolled: bool = False) -> Scene:
 
 def enlarged(rotation_deg: float, scale: float) -> np.ndarray:
     """A rotation with a change of scale."""
-    c, s = np.cos(np.radians(rotation_deg)), np.sin(np.radians(rotation_deg))
-    return (1 + scale) * np.array([[c, -s], [s, c]])
+    return (1 + scale) * turn(rotation_deg)
 
 
 def place_error(found: Registration, one: Scene | DtmScene) -> np.ndarray:
@@ -168,15 +168,7 @@ def _resampled(
     shift: np.ndarray | tuple[float, float] = (0.0, 0.0),
 ) -> np.ndarray:
     """Mean of the nodes over the cells of a grid that is turned, enlarged and shifted."""
-    blurred = cv2.GaussianBlur(nodes.astype(np.float32), (0, 0), 0.5 * grid.cell_m / window.cell_m)
-    east, north = grid.centres()
-    (c, minus_s), (s, _) = enlarged(*similarity)
-    at_east = c * east[None, :] + minus_s * north[:, None] + shift[0]
-    at_north = s * east[None, :] + c * north[:, None] + shift[1]
-    rows, cols = window.nodes_of(at_north, at_east)
-    return cv2.remap(
-        blurred, cols.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR
-    ).astype(np.float64)
+    return resampled(nodes, window, grid, enlarged(*similarity), shift).astype(np.float64)
 
 
 def _seen(elevation: np.ndarray, grid: MapGrid, rng: np.random.Generator) -> np.ndarray:
