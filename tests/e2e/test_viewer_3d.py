@@ -189,6 +189,29 @@ def test_standing_at_the_stop_one_looks_where_the_rover_headed(scene):
     assert not np.allclose(far[:2], place[:2], atol=1.0)
 
 
+def test_outlines_are_off_where_one_stands_at_a_stop_and_on_again_in_flight(scene):
+    outlines = [
+        scene.locator(f'.scene input[name="{name}"]')
+        for name in ("cameras", "traverse", "ellipsoids")
+    ]
+    assert all(one.is_checked() for one in outlines)
+    scene.locator('.scene button[name="stand"]').click()
+    until(scene, lambda: not any(one.is_checked() for one in outlines))
+    scene.locator(".scene-view canvas").press("Escape")
+    until(scene, lambda: all(one.is_checked() for one in outlines))
+
+
+def test_one_who_stands_at_a_stop_sees_a_sky_above_the_ground(scene):
+    only_ground(scene)
+    scene.locator('.scene button[name="stand"]').click()
+    picture = settled_picture(scene, "sky")
+    x, y, width, _ = canvas(scene)
+    above = picture[int(y) + 4, int(x + width / 2)]
+    dark, bright = np.array([0xA9, 0x8F, 0x78]), np.array([0xDC, 0xC9, 0xAF])  # zenith, horizon
+    assert (dark - 3 <= above).all()
+    assert (above <= bright + 3).all()
+
+
 def test_arrow_keys_turn_the_view_about_what_is_looked_at(scene):
     only_ground(scene)
     x, y = middle(scene)

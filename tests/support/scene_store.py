@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -23,6 +25,7 @@ from solmap.photogrammetry.imagery import Eye, StopId, TiePoints
 from solmap.photogrammetry.synthetic.edr import Exposure, edr_bytes
 from solmap.photogrammetry.synthetic.lighting import Sun
 from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
+from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams
 from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloud, cloud_tiles
 from solmap.photogrammetry.terrain.mesh.surface_mesh import ModelParams, TilesetParams
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
@@ -34,6 +37,7 @@ from solmap.products.formats.mesh.models import extent_of_model
 from solmap.products.formats.mesh.tiles3d import TilesetWriter
 from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.formats.raster.raster import write_dtm
+from solmap.products.formats.raster.region import RegionFiles, RegionSource, write_region
 from solmap.products.formats.vector.geojson import Feature
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from tests.support.bowl_store import (
@@ -238,11 +242,13 @@ def _keep(path, data: bytes) -> None:
     path.write_bytes(data)
 
 
-def _publish_models(workspace: Workspace) -> None:
+def _publish_models(workspace: Workspace, stop: str = LAST, raised_m: float = 0.0) -> ProductRef:
+    """Tiles and model of the bowl as a stop sees it; its terrain model."""
     from solmap.tasks.maps.models import model_terrain, tile_terrain  # noqa: PLC0415 - slow to import
 
-    store, scope = workspace.store, Scope(ScopeLevel.STOP, LAST)
-    ground = store.make(Recipe(ProductKind.DTM, scope), lambda path: write_dtm(path, dtm(), CRS))
+    store, scope = workspace.store, Scope(ScopeLevel.STOP, stop)
+    seen = replace(dtm(), elevation=dtm().elevation + np.float32(raised_m))
+    ground = store.make(Recipe(ProductKind.DTM, scope), lambda path: write_dtm(path, seen, CRS))
     image = store.make(Recipe(ProductKind.ORTHOPHOTO, scope), _orthophoto)
     tiles = TilesetParams(texture_px=512, draco=True)
     for ref in (
@@ -250,6 +256,31 @@ def _publish_models(workspace: Workspace) -> None:
         model_terrain.fn(ground, image, ModelParams(max_texture_px=1024), LANDING, store),
     ):
         workspace.catalogue.publish(layers=[_layer(ref, workspace)])
+    return ground
+
+
+RAISED_M = 1.0
+"""The first stop sees the bowl so much higher than the last one."""
+
+
+def fill_overlapping_scene(workspace: Workspace) -> None:
+    """The scene with two stops that see the same ground, and the map that merges them."""
+    fill_scene(workspace)
+    grounds = {
+        name: _publish_models(workspace, name, raised_m)
+        for name, raised_m in ((STOPS[0][0], RAISED_M), (LAST, 0.0))
+    }
+    places = {name: at for name, _, _, at, _ in STOPS}
+    sources = [
+        RegionSource(name, places[name], workspace.store.path(ref)) for name, ref in grounds.items()
+    ]
+
+    def write(path: Path) -> None:
+        seams = path.with_suffix(".seams.tif")
+        write_region(RegionFiles(path, seams), sources, RegionParams(), CRS)
+        seams.unlink()
+
+    Shop(workspace).raster(ProductKind.REGION_DTM, write)
 
 
 POINTS = 6_000

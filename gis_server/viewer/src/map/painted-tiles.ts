@@ -4,9 +4,11 @@ import ImageTile from "ol/source/ImageTile";
 import type TileGrid from "ol/tilegrid/TileGrid";
 import type { RasterLayer, TileMatrixSet } from "../server/records";
 import { fade, type Pen, pen, picture } from "./painting";
-import { emptyTile } from "./picture-tiles";
+import type { TilePicture } from "./mosaic";
+import { recolouring } from "./picture-style";
+import { emptyTile, pictureOf, recoloured } from "./picture-tiles";
 import type { LocalMap } from "./projection";
-import { bandOf, colouringOf, type Quantity, type RasterStyle } from "./raster-style";
+import { bandOf, colouringOf, hasValues, type Quantity, type RasterStyle } from "./raster-style";
 import { quantityOf, type SunPlace } from "./shading";
 import { SIDE, tileUrl, type ValueTile, valueTiles } from "./value-tiles";
 
@@ -29,7 +31,7 @@ export class PaintedTiles extends ImageTile {
     { projection }: LocalMap,
   ) {
     super({
-      loader: (z, x, y) => this.paint(z, x, y),
+      loader: async (z, x, y) => (await paint(this.painting, z, x, y)) ?? emptyTile(),
       projection,
       tileGrid: grid,
       transition: 0,
@@ -44,14 +46,13 @@ export class PaintedTiles extends ImageTile {
     this.painting = painting;
     this.setKey(painting.key);
   }
+}
 
-  private async paint(z: number, x: number, y: number): Promise<HTMLCanvasElement> {
-    const { values, pen: draw, fading } = this.painting;
-    const [found, sigmas] = await Promise.all([values(z, x, y), fading?.sigmas(z, x, y)]);
-    if (!found) return emptyTile();
-    const pixels = draw(found);
-    return picture(fading ? fade(pixels, sigmas ?? null, fading.most) : pixels, SIDE);
-  }
+async function paint({ values, pen: draw, fading }: Painting, z: number, x: number, y: number) {
+  const [found, sigmas] = await Promise.all([values(z, x, y), fading?.sigmas(z, x, y)]);
+  if (!found) return null;
+  const pixels = draw(found);
+  return picture(fading ? fade(pixels, sigmas ?? null, fading.most) : pixels, SIDE);
 }
 
 /** Tile of a layer's values, or of another band's. */
@@ -87,5 +88,23 @@ export function styled(
     pen: pen(colouring),
     values: of(quantity),
     ...(most === null ? {} : { fading: { sigmas: of("sigma"), most } }),
+  };
+}
+
+/** Tiles of a layer as the map shows them in a style; null: in the server's. */
+export function tilesOf(
+  layer: RasterLayer,
+  style: RasterStyle | null,
+  sun: SunPlace,
+  set: TileMatrixSet,
+): TilePicture {
+  if (style && hasValues(layer)) {
+    const painting = styled(layer, style, sun, set);
+    return (z, x, y) => paint(painting, z, x, y);
+  }
+  const recolour = recolouring(layer, style);
+  return async (z, x, y) => {
+    const drawn = await pictureOf(tileUrl(layer.tiles, z, x, y));
+    return drawn && recolour ? recoloured(drawn, recolour) : drawn;
   };
 }

@@ -31,7 +31,7 @@ export function pictureTiles(
 }
 
 /** What the server drew; null where nothing was measured. */
-async function pictureOf(url: string, signal?: AbortSignal): Promise<ImageBitmap | null> {
+export async function pictureOf(url: string, signal?: AbortSignal): Promise<ImageBitmap | null> {
   const answer = await fetch(url, signal ? { signal } : {});
   if (answer.status === 204) return null;
   if (!answer.ok) throw new Error(`${url} was answered with ${answer.status}`);
@@ -51,7 +51,7 @@ function canvasOf(drawn: ImageBitmap): CanvasRenderingContext2D {
   return context;
 }
 
-function recoloured(drawn: ImageBitmap, recolour: Recolour): HTMLCanvasElement {
+export function recoloured(drawn: ImageBitmap, recolour: Recolour): HTMLCanvasElement {
   const context = canvasOf(drawn);
   const pixels = context.getImageData(0, 0, SIDE, SIDE);
   recolour(pixels.data);

@@ -53,6 +53,8 @@ export interface Signals {
   readonly panorama: Signal<string>;
   /** What every layer says about a place is asked for. */
   readonly identify: Signal<MapPoint>;
+  /** The way between places is to be measured: `box` is room for what is found. */
+  readonly measure: Signal<{ readonly corners: readonly MapPoint[]; readonly box: HTMLElement }>;
   /** Other sols were chosen; they stand in `drawing`. */
   readonly sols: Signal<Sols>;
   /** Error ellipses are drawn so many times as large. */

@@ -24,7 +24,7 @@ import {
   without,
   withSecond,
 } from "./draft";
-import { loadMosaic } from "./mosaic";
+import { loadMosaic } from "../../map/mosaic";
 import { OrthoOverlay } from "./ortho-overlay";
 import { Pane } from "./pane";
 import { editorPanel } from "./panel";

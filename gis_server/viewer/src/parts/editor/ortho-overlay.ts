@@ -3,7 +3,7 @@
 import { h } from "../../page/dom";
 import { fixed } from "../../page/format";
 import type { MapPoint } from "../../server/records";
-import type { Mosaic } from "./mosaic";
+import type { Mosaic } from "../../map/mosaic";
 import { AS_MAPPED, type Laid, movedBy, turnedBy, under } from "./overlay-transform";
 
 const CLICK_PX = 4;

@@ -3,7 +3,7 @@
 import "./measure.css";
 import { kindTitle } from "../../map/layers";
 import { isForMap, Sketch } from "../../map/sketch";
-import { button } from "../../page/dom";
+import { button, facts } from "../../page/dom";
 import { scopeTitle } from "../../page/format";
 import { saveText } from "../../page/save";
 import type { MapPoint } from "../../server/records";
@@ -17,12 +17,16 @@ import type { Found, Mode } from "./mode";
 import { MODES } from "./modes";
 import { ChosenNumbers } from "./numbers";
 import { measurePanel } from "./panel";
+import { quantityText } from "./quantities";
 
 /** Of the measurements in the link: `distance:0,0;3,4/area:0,0;3,0;3,4`. */
 const KEY = "measure";
 
+/** What is told of a line that was drawn elsewhere. */
+const BETWEEN = ["straight, in space", "length on the map", "rise", "slope"];
+
 export function measurePart(context: Context): void {
-  const { page, keys, places, link, alive } = context;
+  const { page, keys, places, link, signals, alive } = context;
   const panel = page.addTab("measure", "Measure");
   const tool = button("measure (m)", "ruler", () => measuring.toggle(), {
     class: "measure",
@@ -38,6 +42,7 @@ export function measurePart(context: Context): void {
       title: "Measure from here",
       run: (point) => measuring.start(distance, point),
     });
+  if (distance) signals.measure.on(({ corners, box }) => measuring.between(distance, corners, box));
   if (viewshed)
     places.add({ title: "Viewshed from here", run: (point) => measuring.at(viewshed, point) });
   link.follow(KEY, (text) => measuring.restore(text ?? ""));
@@ -86,6 +91,20 @@ class Measuring {
     this.stop();
     this.context.page.showTab("measure");
     this.find(mode, [point]);
+  }
+
+  /** Measures a line that was drawn elsewhere, and says in a box what was found. */
+  between(mode: Mode, corners: readonly MapPoint[], box: HTMLElement): void {
+    const { mission, waiting, link } = this.context;
+    waiting.run(async () => {
+      const asked = { layer: this.layer, numbers: this.numbers.of(mode) };
+      const found = await orPlanar(mode, corners, mode.find(mission.mission, corners, asked));
+      this.keep(mode, corners, found);
+      link.write(KEY, this.linked);
+      const told = found.quantities.filter(({ name }) => BETWEEN.includes(name));
+      box.replaceChildren(facts(told.map((one) => [one.name, quantityText(one)] as const)));
+      if (found.note) box.append(found.note);
+    });
   }
 
   /** Begins to draw, at a place if one is given. */

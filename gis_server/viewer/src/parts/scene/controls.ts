@@ -7,6 +7,8 @@ export interface Choices {
   /** Ground and cameras of one stop; null for all stops' ground. */
   stop: string | null;
   look: "photograph" | "lit" | "relief";
+  /** Kind of the layer that is draped over the ground; empty: none. */
+  drape: string;
   exaggeration: number;
   rover: boolean;
   cameras: boolean;
@@ -18,12 +20,15 @@ export interface Choices {
   points: boolean;
   /** Of a point, screen pixels. */
   pointSize: number;
+  /** Along the traverse, metres a second. */
+  walkSpeed: number;
   anaglyph: boolean;
 }
 
 export const FIRST: Choices = {
   stop: null,
   look: "photograph",
+  drape: "",
   exaggeration: 1,
   rover: true,
   cameras: true,
@@ -34,14 +39,20 @@ export const FIRST: Choices = {
   ground: true,
   points: false,
   pointSize: 2,
+  walkSpeed: 2,
   anaglyph: false,
 };
+
+/** Switched for an eye that flies and for one on the ground on their own; off at first for one on the ground. */
+const OUTLINES = ["cameras", "traverse", "ellipsoids"] as const;
 
 export interface Actions {
   readonly changed: (choices: Readonly<Choices>, name: keyof Choices) => void;
   readonly lit: (sun: SunPlace) => void;
   readonly overview: () => void;
   readonly stand: () => void;
+  readonly walk: () => void;
+  readonly measure: () => void;
   readonly fullScreen: () => void;
 }
 
@@ -50,6 +61,11 @@ export interface Board {
   readonly choices: Readonly<Choices>;
   /** The sun was moved elsewhere. */
   readonly putSun: (sun: SunPlace) => void;
+  /** Where the eye is from now on. */
+  readonly putEye: (at: "flying" | "standing" | "walking") => void;
+  readonly putMeasuring: (isMeasuring: boolean) => void;
+  /** Chooses stop and layer without telling. */
+  readonly choose: (chosen: Pick<Choices, "stop" | "drape">) => void;
 }
 
 const SWITCHES = [
@@ -69,14 +85,19 @@ const LOOKS = [
   ["relief", "relief, lit by the sun"],
 ] as const;
 
+type Named = readonly (readonly [value: string, title: string])[];
+
 export function controls(
-  stops: readonly (readonly [stop: string, title: string])[],
+  stops: Named,
+  /** Kinds of layers that may be draped over the ground. */
+  layers: Named,
   sun: SunPlace,
   actions: Actions,
 ): Board {
   const choices = { ...FIRST };
   const set = <K extends keyof Choices>(name: K, value: Choices[K]) => {
     choices[name] = value;
+    points.row.hidden = !choices.points;
     actions.changed(choices, name);
   };
   const stop = h(
@@ -93,6 +114,16 @@ export function controls(
       onchange: () => set("look", look.value as Choices["look"]),
     },
     ...LOOKS.map(([value, title]) => h("option", { value }, title)),
+  );
+  const drape = h(
+    "select",
+    {
+      "aria-label": "layer over the ground",
+      name: "drape",
+      onchange: () => set("drape", drape.value),
+    },
+    h("option", { value: "" }, "no layer over it"),
+    ...layers.map(([kind, title]) => h("option", { value: kind }, title)),
   );
   const slider = (
     name: string,
@@ -127,6 +158,10 @@ export function controls(
   const points = slider("pointSize", "point size", [1, 8, 1], " px", FIRST.pointSize, (size) =>
     set("pointSize", size),
   );
+  const walking = slider("walkSpeed", "walking speed", [0.5, 10, 0.5], " m/s", 2, (speed) =>
+    set("walkSpeed", speed),
+  );
+  points.row.hidden = true;
   let shining = sun;
   const shine = (part: Partial<SunPlace>) => actions.lit({ ...shining, ...part });
   const from = slider("azimuth", "sun from", [0, 355, 5], "°", sun.azimuthDeg, (azimuthDeg) =>
@@ -152,26 +187,52 @@ export function controls(
       checked: FIRST[name],
       onchange: () => set(name, input.checked),
     });
-    return h("label", {}, input, title);
+    return { name, input, label: h("label", {}, input, title) };
   });
+  let isOnGround = false;
+  let other: Partial<Choices> = { cameras: false, traverse: false, ellipsoids: false };
+  const putEye = (at: "flying" | "standing" | "walking") => {
+    walk.setAttribute("aria-pressed", String(at === "walking"));
+    walk.textContent = at === "walking" ? "stop walking" : "walk the traverse";
+    if (isOnGround === (at !== "flying")) return;
+    isOnGround = !isOnGround;
+    const wanted = other;
+    other = Object.fromEntries(OUTLINES.map((name) => [name, choices[name]]));
+    Object.assign(choices, wanted);
+    for (const { name, input } of toggles) input.checked = choices[name];
+    actions.changed(choices, "cameras");
+  };
+  const putMeasuring = (isMeasuring: boolean) =>
+    measure.setAttribute("aria-pressed", String(isMeasuring));
+  const choose = (chosen: Pick<Choices, "stop" | "drape">) => {
+    Object.assign(choices, chosen);
+    stop.value = chosen.stop ?? "";
+    drape.value = chosen.drape;
+  };
   const act = (name: string, title: string, run: () => void) =>
     h("button", { type: "button", class: "plain", name, onclick: run }, title);
+  const walk = act("walk", "walk the traverse", actions.walk);
+  walk.disabled = stops.length < 2;
+  const measure = act("measure", "measure", actions.measure);
   const element = h(
     "form",
     { class: "scene-controls", onsubmit: (event) => event.preventDefault() },
-    h("div", { class: "row" }, stop, look),
+    h("div", { class: "row" }, stop, look, drape),
     h(
       "div",
       { class: "row" },
       act("overview", "overview", actions.overview),
       act("stand", "stand at the stop", actions.stand),
+      walk,
+      measure,
       act("full", "full screen", actions.fullScreen),
     ),
-    h("div", { class: "row switches" }, ...toggles),
-    heights.row,
-    points.row,
-    from.row,
-    above.row,
+    h("div", { class: "row switches" }, ...toggles.map(({ label }) => label)),
+    h(
+      "div",
+      { class: "sliders" },
+      ...[heights, walking, points, from, above].map(({ row }) => row),
+    ),
   );
-  return { element, choices, putSun };
+  return { element, choices, putSun, putEye, putMeasuring, choose };
 }

@@ -84,16 +84,16 @@ export function orbited(
   return [level * Math.cos(azimuth), level * Math.sin(azimuth), distance * Math.sin(held)];
 }
 
-/** The middle of bounds and elevations: what coordinates are drawn relative to, in whole metres. */
+/** The middle of bounds and elevations: what coordinates are drawn relative to, in whole metres; the lowest elevation. */
 export function middle(
   boxes: readonly {
     readonly bounds: readonly [number, number, number, number];
     readonly range: readonly [number, number] | null;
   }[],
-): { readonly origin: Place3; readonly size: number } {
+): { readonly origin: Place3; readonly size: number; readonly lowest: number } {
   const least = (values: readonly number[]) => Math.min(...values);
   const most = (values: readonly number[]) => Math.max(...values);
-  if (boxes.length === 0) return { origin: [0, 0, 0], size: 50 };
+  if (boxes.length === 0) return { origin: [0, 0, 0], size: 50, lowest: 0 };
   const [west, south] = [
     least(boxes.map((b) => b.bounds[0])),
     least(boxes.map((b) => b.bounds[1])),
@@ -104,5 +104,6 @@ export function middle(
   return {
     origin: [Math.round((west + east) / 2), Math.round((south + north) / 2), Math.round(up)],
     size: Math.hypot(east - west, north - south),
+    lowest: ups.length ? least(ups) : 0,
   };
 }

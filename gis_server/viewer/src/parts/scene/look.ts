@@ -1,4 +1,7 @@
-/** Where the 3D view is seen from, in the link: `east,north,up` of the eye and of what it looks at, metres. */
+/**
+ * The 3D view in the link: `view3d` is `east,north,up` of the eye and of what it looks at, metres; `show3d` is what is
+ * shown besides, `layer/stop/stand`: the kind of layer over the ground, the stop if one is chosen, whether the eye stands there.
+ */
 
 import type { Place3 } from "../../server/scene";
 
@@ -7,7 +10,14 @@ export interface Look {
   readonly to: Place3;
 }
 
+export interface Shown {
+  readonly drape: string;
+  readonly stop: string | null;
+  readonly isStanding: boolean;
+}
+
 const CENTIMETRES = 2;
+const STAND = "stand";
 
 export const formatLook = ({ from, to }: Look): string =>
   [...from, ...to].map((metres) => Number(metres.toFixed(CENTIMETRES))).join(",");
@@ -18,4 +28,13 @@ export function parseLook(text: string | null): Look | null {
   if (numbers.length !== 6 || !numbers.every(Number.isFinite)) return null;
   const [a = 0, b = 0, c = 0, d = 0, e = 0, f = 0] = numbers;
   return { from: [a, b, c], to: [d, e, f] };
+}
+
+/** Nothing for what is shown at first. */
+export const formatShown = ({ drape, stop, isStanding }: Shown): string =>
+  [drape, stop ?? "", isStanding ? STAND : ""].join("/").replace(/\/+$/, "");
+
+export function parseShown(text: string | null): Shown {
+  const [drape = "", stop = "", stand = ""] = (text ?? "").split("/");
+  return { drape, stop: stop || null, isStanding: stand === STAND };
 }

@@ -5,7 +5,7 @@ import type { MapPoint } from "../../server/records";
 import type { Place3 } from "../../server/scene";
 import { discard, segments } from "./drawings";
 import type { Stage } from "./stage";
-import type { Terrain } from "./terrain";
+import type { Terrain } from "./surface/terrain";
 
 const HIGH_M = 1000;
 /** Height of the pole as a share of its distance from the eye. */

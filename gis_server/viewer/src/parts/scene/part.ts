@@ -4,11 +4,12 @@ import { button, h } from "../../page/dom";
 import { sceneApi } from "../../server/scene";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
-import { formatLook, type Look, parseLook } from "./look";
+import { formatLook, formatShown, type Look, parseLook, parseShown, type Shown } from "./look";
 import { showOutlines } from "./outlines";
 import type { SceneView } from "./view";
 
 const KEY = "view3d";
+const SHOWN_KEY = "show3d";
 
 export function scenePart(context: Context): void {
   const { page, mission, waiting, keys, places, frames, link, alive } = context;
@@ -33,8 +34,12 @@ export function scenePart(context: Context): void {
       waiting.say("no stop of this mission has a 3D model yet: see `[models]` of the pipeline");
       return;
     }
-    const remember = (look: Look) => link.write(KEY, formatLook(look));
-    const view = build(() => new View(context, models, stops, linked, remember));
+    const told = {
+      look: (look: Look) => link.write(KEY, formatLook(look)),
+      shown: (to: Shown) => link.write(SHOWN_KEY, formatShown(to)),
+    };
+    const begin = { look: linked, shown: parseShown(link.read(SHOWN_KEY)) };
+    const view = build(() => new View(context, models, stops, begin, told));
     page.beside.open("3D view", view?.element ?? withoutGraphics(), () => {
       view?.dispose();
       close();
@@ -46,6 +51,7 @@ export function scenePart(context: Context): void {
     isOpen = false;
     [shown, wanted, linked] = [null, null, null];
     link.write(KEY, null);
+    link.write(SHOWN_KEY, null);
     tool.setAttribute("aria-pressed", "false");
   };
   function toggle(): void {
@@ -73,6 +79,7 @@ export function scenePart(context: Context): void {
     linked = look;
     if (look) toggle();
   });
+  link.onRestored(SHOWN_KEY, () => shown?.show(parseShown(link.read(SHOWN_KEY))));
   page.addTool(tool);
   places.add({ title: "3D here", run: visit });
   keys.add("3", "3D view", toggle);

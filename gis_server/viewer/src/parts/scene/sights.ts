@@ -5,7 +5,7 @@ import type { Place3, SceneCamera } from "../../server/scene";
 import { discard, segments } from "./drawings";
 import { pyramid, sum } from "./geometry";
 import type { Stage } from "./stage";
-import type { Terrain } from "./terrain";
+import type { Terrain } from "./surface/terrain";
 
 const REACH_M = 0.6;
 /** Where a camera looks over the ground, its line ends as that of the map does. */

@@ -5,7 +5,6 @@
 
 import {
   AmbientLight,
-  Color,
   DirectionalLight,
   Group,
   PerspectiveCamera,
@@ -19,6 +18,7 @@ import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { AnaglyphEffect } from "three/examples/jsm/effects/AnaglyphEffect.js";
 import type { Place3 } from "../../server/scene";
 import { orbited, sunDirection } from "./geometry";
+import { Backdrop } from "./surface/backdrop";
 
 const FIELD_DEG = 45;
 /** Half of the diagonal of a ground that is empty at its corners. */
@@ -37,19 +37,22 @@ export class Stage {
   private readonly scene = new Scene();
   private readonly sun = new DirectionalLight(0xffffff, 2.6);
   private readonly resized: ResizeObserver;
+  private readonly backdrop: Backdrop;
   private anaglyph: AnaglyphEffect | null = null;
   private asked = 0;
 
   constructor(
     readonly host: HTMLElement,
     readonly origin: Place3,
+    /** Elevation of level ground beyond the data. */
+    private readonly lowest: number,
   ) {
     this.renderer = new WebGLRenderer({ antialias: true });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     const canvas = this.renderer.domElement;
     host.append(canvas);
-    this.scene.background = new Color("#cdb59a");
-    this.scene.add(this.world, this.sun, new AmbientLight(0xffffff, 0.55));
+    this.backdrop = new Backdrop(host, this.ask);
+    this.scene.add(this.backdrop.sphere, this.world, this.sun, new AmbientLight(0xffffff, 0.55));
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", this.ask);
@@ -140,6 +143,7 @@ export class Stage {
     this.asked = -1; // nothing is drawn any more
     this.resized.disconnect();
     this.anaglyph?.dispose();
+    this.backdrop.dispose();
     this.controls.dispose();
     this.renderer.dispose();
     this.renderer.domElement.remove();
@@ -156,6 +160,7 @@ export class Stage {
   }
 
   private draw(): void {
+    this.backdrop.level = (this.lowest - this.origin[2]) * this.exaggeration;
     this.scene.updateMatrixWorld();
     this.camera.updateMatrixWorld();
     this.onFrame();

@@ -2,29 +2,34 @@
 
 import { Group, type Points } from "three";
 import type { SunPlace } from "../../map/shading";
+import { legendFor } from "../../map/raster-style";
 import { h } from "../../page/dom";
 import { fixed } from "../../page/format";
+import { colourLegend } from "../../page/legend";
 import type { MapPoint } from "../../server/records";
 import { type Model, type Place3, type SceneStops, sceneApi } from "../../server/scene";
 import type { Context } from "../../session/context";
-import { Cloud } from "./cloud";
+import { Cloud } from "./surface/cloud";
 import { type Board, type Choices, controls } from "./controls";
 import { dots } from "./drawings";
-import { Flight } from "./flight";
+import { Flight } from "./eye/flight";
 import { middle } from "./geometry";
-import { type Side, takeInHand } from "./hand";
-import type { Look } from "./look";
+import { type Side, takeInHand } from "./eye/hand";
+import type { Look, Shown } from "./look";
 import { Marker } from "./marker";
 import { roverModel, stand } from "./rover";
 import { Route } from "./route";
 import "./scene.css";
 import { Sights } from "./sights";
 import { Stage } from "./stage";
-import { Terrain } from "./terrain";
+import { drapable, drapeOf, layerFor } from "./surface/drape";
+import { Partition } from "./surface/partition";
+import { Terrain } from "./surface/terrain";
+import { Tape } from "./tape";
 import { tiePlaces } from "./ties";
 
 const TIE = "#7a4dd8";
-/** The camera rests when it has not moved for so long. */
+/** The camera rests when it has not moved for so long; after so long without a frame it is looked whether all has come. */
 const REST_MS = 300;
 
 /** The ground of every stop: tiles where there are, else one file. */
@@ -40,15 +45,20 @@ export class SceneView {
   private readonly host = h("div", { class: "scene-view" });
   private readonly said = h("output", { class: "scene-place" }, "loading the ground");
   private readonly card = h("div", { class: "scene-card", hidden: true });
+  private readonly measured = h("div", { class: "scene-card measured", hidden: true });
+  private readonly legend = h("div", { class: "scene-legend", hidden: true });
   private readonly stage: Stage;
   private readonly terrain: Terrain;
   private readonly marker: Marker;
   private readonly sights: Sights;
   private readonly route: Route;
   private readonly rover = new Group();
+  private readonly board: Board;
   private readonly choices: Readonly<Choices>;
+  private readonly tape: Tape;
   private readonly closing = new AbortController();
   private readonly flight: Flight;
+  private awaiting: ReturnType<typeof setTimeout> | undefined;
   private views: Terrain | null = null;
   private wanted: MapPoint | null = null;
   private cloud: Cloud | null = null;
@@ -58,41 +68,58 @@ export class SceneView {
     private readonly context: Context,
     private readonly models: readonly Model[],
     private readonly stops: SceneStops,
-    /** Where it is seen from at first; null: from above all of it. */
-    private linked: Look | null,
-    private readonly looked: (look: Look) => void,
+    /** Where it is seen from at first, null: from above all of it; and what is shown. */
+    private readonly linked: { readonly look: Look | null; readonly shown: Shown },
+    private readonly told: {
+      readonly look: (look: Look) => void;
+      readonly shown: (shown: Shown) => void;
+    },
   ) {
-    const { origin, size } = middle(groundOf(models));
-    this.stage = new Stage(this.host, origin);
+    const { origin, size, lowest } = middle(groundOf(models));
+    this.stage = new Stage(this.host, origin, lowest);
     this.terrain = this.newTerrain();
     this.marker = new Marker(this.stage, this.terrain);
     this.sights = new Sights(this.stage, this.terrain);
-    this.flight = new Flight(this.stage, this.marker, this.rover, size);
+    this.flight = new Flight(this.stage, this.marker, this.rover, size, (at) => {
+      board.putEye(at);
+      this.tellShown(at === "standing");
+    });
+    this.tape = new Tape(this.stage, this.measured, (corners, box) =>
+      context.signals.measure.emit({ corners, box }),
+    );
     this.route = new Route(stops.stops, origin);
     this.route.enlarge(context.drawing.ellipseFactor);
     const { traverse, ellipsoids } = this.route;
     this.stage.world.add(traverse, ellipsoids, this.rover, this.sights.group);
     if (stops.body) this.rover.add(roverModel(stops.body));
     const names = stops.stops.map((s) => [s.stop, `stop ${s.site}/${s.drive}`] as const);
-    const board = controls(names, context.sun.value, {
+    const board = controls(names, drapable(context), context.sun.value, {
       lit: (sun) => context.sun.set(sun),
       changed: (_, name) => this.changed(name),
       overview: () => this.flight.over(),
-      stand: () => this.stop && this.flight.stand(this.stop, stops.body),
+      stand: () => this.stand(),
+      walk: () => this.walk(),
+      measure: () => this.toggleTape(),
       fullScreen: () => void this.element.requestFullscreen(),
     });
+    this.board = board;
     this.choices = board.choices;
     this.shine(board);
-    this.host.append(this.said, this.card);
+    this.host.append(this.said, this.card, this.measured, this.legend);
     this.element = h("div", { class: "scene", "data-settled": "false" }, this.host, board.element);
     this.stage.onFrame = () => {
       this.terrain.update(this.stage.camera, this.stage.renderer);
       this.views?.update(this.stage.camera, this.stage.renderer);
       this.cloud?.update(this.stage.camera, this.stage.renderer);
       this.fly();
+      this.await();
     };
     this.terrain.add(groundOf(models));
+    context.waiting.run(() => this.terrain.part(Partition.all(context)));
     this.listen();
+    const { drape, stop } = linked.shown;
+    board.choose({ drape, stop });
+    if (drape) this.drape();
     this.chooseStop();
     this.begin();
   }
@@ -102,9 +129,61 @@ export class SceneView {
     this.stage.look(from, to);
   }
 
+  /** Shows what another link says. */
+  show({ drape, stop, isStanding }: Shown): void {
+    this.board.choose({ drape, stop });
+    this.drape();
+    this.chooseStop();
+    if (isStanding) this.stand();
+    else this.flight.leave();
+  }
+
   private begin(): void {
-    if (this.linked) this.look(this.linked);
+    if (this.linked.look) this.look(this.linked.look);
     else this.flight.over();
+  }
+
+  private stand(): void {
+    if (this.stop) this.flight.stand(this.stop, this.stops.body);
+  }
+
+  private walk(): void {
+    if (this.choices.stop) {
+      this.board.choose({ ...this.choices, stop: null });
+      this.chooseStop();
+    }
+    const at = (place: Place3) => this.tell(place);
+    const { stops, body } = this.stops;
+    if (this.flight.isWalking) this.flight.halt();
+    else this.flight.walk(stops, body, { speed: () => this.choices.walkSpeed, at });
+  }
+
+  private toggleTape(): void {
+    this.tape.toggle();
+    this.board.putMeasuring(this.tape.isOn);
+  }
+
+  /** Drapes the chosen kind of layer over the ground, and says what its colours mean. */
+  private drape(): void {
+    const { context, choices, terrain, legend } = this;
+    const { drape: kind, stop } = choices;
+    terrain.drape(
+      kind,
+      kind
+        ? async (scope, bounds) => {
+            const layer = layerFor(context, kind, scope, choices.stop !== null, bounds);
+            return layer && (await drapeOf(context, layer, bounds));
+          }
+        : null,
+    );
+    const layer = kind ? layerFor(context, kind, stop ?? "", stop !== null) : null;
+    const meaning = layer && legendFor(layer, context.layers.state(layer).style);
+    const drawn = meaning && colourLegend(meaning);
+    legend.hidden = !drawn;
+    legend.replaceChildren(...(drawn ? [drawn] : []));
+    this.element.dataset["settled"] = "false";
+    this.stage.ask();
+    this.settled();
   }
 
   /** Looks at a place of the map, as soon as its ground is drawn. */
@@ -125,6 +204,7 @@ export class SceneView {
 
   dispose(): void {
     this.closing.abort();
+    clearTimeout(this.awaiting);
     this.context.signals.cursor.emit(null);
     this.terrain.dispose();
     this.views?.dispose();
@@ -156,12 +236,23 @@ export class SceneView {
     return terrain;
   }
 
+  /** Looks again and again whether all has come: a download that ends without a tile to show asks for no frame. */
+  private await(): void {
+    clearTimeout(this.awaiting);
+    if (this.element.dataset["settled"] === "true") return;
+    this.settled();
+    this.awaiting = setTimeout(this.stage.ask, REST_MS);
+  }
+
   private settled(): void {
     if (!this.terrain.isSettled || (this.views && !this.views.isSettled)) return;
-    if (!this.element.dataset["triangles"]) this.begin(); // now there is ground to look at
+    if (!this.element.dataset["triangles"]) {
+      this.said.textContent = "";
+      this.begin(); // now there is ground to look at
+      if (this.linked.shown.isStanding) this.stand();
+    }
     this.element.dataset["settled"] = "true";
     this.element.dataset["triangles"] = String(this.terrain.triangles);
-    this.said.textContent = "";
     this.sights.draw();
     this.stage.ask();
   }
@@ -171,11 +262,19 @@ export class SceneView {
     switch (name) {
       case "stop":
         this.chooseStop();
+        this.drape();
         if (choices.stop && this.stop) this.flight.near(this.stop.place);
         else this.flight.over();
+        this.tellShown();
         return;
       case "look":
         this.terrain.look = choices.look;
+        return;
+      case "drape":
+        this.drape();
+        this.tellShown();
+        return;
+      case "walkSpeed":
         return;
       case "exaggeration":
         stage.exaggeration = choices.exaggeration;
@@ -295,8 +394,10 @@ export class SceneView {
     const hand = {
       over: (place: Place3 | null) => this.tell(place),
       image: (id: string, side: Side) => this.choose(id, side),
-      leave: () => this.flight.leave(),
-      isStanding: () => this.flight.isStanding,
+      ground: (place: Place3) => this.clicked(place),
+      leave: () => this.leave(),
+      isOnGround: () => this.flight.isOnGround,
+      isMeasuring: () => this.tape.isOn,
     };
     takeInHand(this.stage, this.terrain, this.sights, hand, this.closing.signal);
   }
@@ -313,10 +414,26 @@ export class SceneView {
     );
   }
 
+  private clicked(place: Place3): void {
+    if (this.tape.isOn) this.tape.at(place);
+    else this.context.signals.identify.emit([place[0], place[1]]);
+  }
+
+  private leave(): boolean {
+    if (!this.tape.isOn) return this.flight.leave();
+    this.toggleTape();
+    return true;
+  }
+
+  private tellShown(isStanding = false): void {
+    const { drape, stop } = this.choices;
+    this.told.shown({ drape, stop: isStanding ? (this.stop?.stop ?? null) : stop, isStanding });
+  }
+
   private tellLook(): void {
-    if (this.element.dataset["settled"] !== "true" || this.flight.isStanding) return;
+    if (this.element.dataset["settled"] !== "true" || this.flight.isOnGround) return;
     const { camera, controls } = this.stage;
-    this.looked({
+    this.told.look({
       from: this.stage.place(camera.position),
       to: this.stage.place(controls.target),
     });

@@ -9,7 +9,7 @@ import {
   PointsMaterial,
   type WebGLRenderer,
 } from "three";
-import type { Model, Place3 } from "../../server/scene";
+import type { Model, Place3 } from "../../../server/scene";
 
 interface Part {
   readonly model: Model;

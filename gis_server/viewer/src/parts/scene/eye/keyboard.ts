@@ -1,7 +1,7 @@
 /** The 3D view by keyboard: arrows turn about what is looked at, with Shift they move it, + and - come nearer and go away. */
 
 import { Vector3 } from "three";
-import type { Stage } from "./stage";
+import type { Stage } from "../stage";
 
 const TURN = Math.PI / 36;
 const NEARER = 0.85;

@@ -1,9 +1,9 @@
 /** Looking around from where the rover's cameras were: at mast height, ahead. */
 
-import type { Body, SceneStop } from "../../server/scene";
-import { headingDeg, onMap, sum, sunDirection } from "./geometry";
-import { mastHead } from "./rover";
-import type { Stage } from "./stage";
+import type { Body, SceneStop } from "../../../server/scene";
+import { headingDeg, onMap, sum, sunDirection } from "../geometry";
+import { mastHead } from "../rover";
+import type { Stage } from "../stage";
 
 /** What is "orbited" lies so near to the eye that orbiting is looking around. */
 const NEAR_M = 0.02;

@@ -1,0 +1,98 @@
+/** A raster layer, or a part of it, as one picture that is put together from its tiles. */
+
+import type { Bounds, RasterLayer, TileMatrixSet } from "../server/records";
+import { pictureOf } from "./picture-tiles";
+import { tileUrl } from "./value-tiles";
+
+/** Pixels of the longer side: finer than a screen shows needs no one here. */
+const MOST_PX = 1600;
+
+/** A tile as it is drawn; null where nothing was measured. */
+export type TilePicture = (z: number, x: number, y: number) => Promise<CanvasImageSource | null>;
+
+interface TilePlace {
+  readonly column: number;
+  readonly row: number;
+  /** Where its upper left corner lies in the picture, pixels. */
+  readonly x: number;
+  readonly y: number;
+}
+
+export interface MosaicPlan {
+  readonly zoom: number;
+  readonly cellM: number;
+  /** Of whole cells that hold all that was asked for. */
+  readonly bounds: Bounds;
+  readonly width: number;
+  readonly height: number;
+  readonly tiles: readonly TilePlace[];
+}
+
+/** The tiles of the finest zoom at which bounds fit into a picture of so many pixels. */
+export function mosaicPlan(
+  layer: Pick<RasterLayer, "bounds" | "minzoom" | "maxzoom">,
+  set: TileMatrixSet,
+  asked: Bounds = layer.bounds,
+  mostPx = MOST_PX,
+): MosaicPlan {
+  const finest = layer.maxzoom ?? set.cell_sizes.length - 1;
+  const longest = Math.max(asked[2] - asked[0], asked[3] - asked[1]);
+  const fits = (zoom: number) => longest / (set.cell_sizes[zoom] ?? 1) <= mostPx;
+  let zoom = finest;
+  while (zoom > (layer.minzoom ?? 0) && !fits(zoom)) zoom -= 1;
+  const cellM = set.cell_sizes[zoom] ?? 1;
+  const [left, , , top] = set.extent;
+  const cells = (metres: number, round: (value: number) => number) =>
+    round(Number((metres / cellM).toFixed(3)));
+  const [west, north] = [cells(asked[0] - left, Math.floor), cells(top - asked[3], Math.floor)];
+  const [east, south] = [cells(asked[2] - left, Math.ceil), cells(top - asked[1], Math.ceil)];
+  const side = set.tile_size;
+  const tiles: TilePlace[] = [];
+  for (let row = Math.floor(north / side); row * side < south; row += 1)
+    for (let column = Math.floor(west / side); column * side < east; column += 1)
+      tiles.push({ column, row, x: column * side - west, y: row * side - north });
+  const bounds = [
+    left + west * cellM,
+    top - south * cellM,
+    left + east * cellM,
+    top - north * cellM,
+  ];
+  const [w = 0, s = 0, e = 0, n = 0] = bounds;
+  return {
+    zoom,
+    cellM,
+    bounds: [w, s, e, n],
+    width: east - west,
+    height: south - north,
+    tiles,
+  };
+}
+
+export interface Mosaic {
+  readonly picture: OffscreenCanvas;
+  readonly bounds: Bounds;
+  readonly cellM: number;
+}
+
+/** Tiles as the server draws them. */
+const drawn =
+  ({ tiles }: RasterLayer): TilePicture =>
+  (z, x, y) =>
+    pictureOf(tileUrl(tiles, z, x, y));
+
+export async function loadMosaic(
+  layer: RasterLayer,
+  set: TileMatrixSet,
+  plan: MosaicPlan = mosaicPlan(layer, set),
+  tile: TilePicture = drawn(layer),
+): Promise<Mosaic> {
+  const canvas = new OffscreenCanvas(plan.width, plan.height);
+  const paper = canvas.getContext("2d");
+  await Promise.all(
+    plan.tiles.map(async ({ column, row, x, y }) => {
+      const image = await tile(plan.zoom, column, row);
+      if (image) paper?.drawImage(image, x, y);
+    }),
+  );
+  return { picture: canvas, bounds: plan.bounds, cellM: plan.cellM };
+}

@@ -1,0 +1,280 @@
+/** The ground: 3D tiles of every stop with levels of detail, and models that are one file. */
+
+import { TilesRenderer } from "3d-tiles-renderer/three";
+import { GLTFExtensionsPlugin } from "3d-tiles-renderer/three/plugins";
+import {
+  Box3,
+  Group,
+  type Intersection,
+  type Material,
+  Matrix4,
+  Mesh,
+  MeshBasicMaterial,
+  MeshLambertMaterial,
+  type Object3D,
+  type Raycaster,
+} from "three";
+import decoderWasm from "three/examples/jsm/libs/draco/gltf/draco_decoder.wasm?url";
+import decoderWrapper from "three/examples/jsm/libs/draco/gltf/draco_wasm_wrapper.js?url";
+import { DRACOLoader } from "three/examples/jsm/loaders/DRACOLoader.js";
+import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
+import type { Bounds } from "../../../server/records";
+import type { Model, Place3 } from "../../../server/scene";
+import { Cover } from "./cover";
+import type { Draped } from "./drape";
+import type { Partition } from "./partition";
+
+/** As photographed; the photograph in another light besides its own; grey in that light alone. */
+export type Look = "photograph" | "lit" | "relief";
+
+interface Ground {
+  readonly model: Model;
+  readonly group: Object3D;
+  readonly tiles: TilesRenderer | null;
+}
+
+interface Clothes {
+  readonly photograph: Material;
+  readonly lit: Material;
+  readonly relief: Material;
+  readonly cover: Cover;
+  /** What the cover is draped with. */
+  draped: string;
+}
+
+function clothesOf(mesh: Mesh, origin: Place3): Clothes {
+  const known = mesh.userData["clothes"] as Clothes | undefined;
+  if (known) return known;
+  const worn = mesh.material as MeshBasicMaterial;
+  const cover = new Cover(origin);
+  const clothes: Clothes = {
+    photograph: cover.put(new MeshBasicMaterial({ map: worn.map, side: worn.side })),
+    lit: cover.put(new MeshLambertMaterial({ map: worn.map, side: worn.side })),
+    relief: cover.put(new MeshLambertMaterial({ color: 0xb9a48f, side: worn.side })),
+    cover,
+    draped: "",
+  };
+  mesh.userData["clothes"] = clothes;
+  return clothes;
+}
+
+/** Bounds on the map of a mesh below a group whose coordinates are the map's; null: it is not shown there. */
+function boundsOf(mesh: Mesh, group: Object3D): Bounds | null {
+  const map = new Matrix4();
+  let part: Object3D | null = mesh;
+  for (; part && part !== group; part = part.parent) {
+    if (part.matrixAutoUpdate) part.updateMatrix();
+    map.premultiply(part.matrix);
+  }
+  if (!part) return null;
+  mesh.geometry.computeBoundingBox();
+  const { min, max } = (mesh.geometry.boundingBox ?? new Box3()).clone().applyMatrix4(map);
+  return [min.x, min.y, max.x, max.y];
+}
+
+/** What is draped over a mesh of a stop's ground; null: nothing. */
+export type Draping = (scope: string, bounds: Bounds) => Promise<Draped | null>;
+
+export class Terrain {
+  readonly group = new Group();
+  private readonly draco = new DRACOLoader();
+  private readonly grounds: Ground[] = [];
+  private waiting = 0;
+  private worn: Look = "photograph";
+  private stop: string | null = null;
+  private draping: { readonly name: string; readonly of: Draping } | null = null;
+  private partitions: readonly Partition[] = [];
+
+  constructor(
+    readonly origin: Place3,
+    private readonly ask: () => void,
+    private readonly onSettled: () => void,
+    private readonly onError: (reason: Error) => void,
+  ) {
+    this.draco.setDecoderPath({ js: decoderWrapper, wasm: decoderWasm });
+  }
+
+  /** Adds the models of one kind that belong together; tilesets and single files alike. */
+  add(models: readonly Model[]): void {
+    for (const model of models)
+      this.grounds.push(model.kind === "tileset" ? this.tileset(model) : this.file(model));
+    this.ask();
+  }
+
+  /** Shows the ground of one stop, or of all. */
+  show(scope: string | null): void {
+    this.stop = scope;
+    for (const { group, model } of this.grounds)
+      group.visible = scope === null || model.scope === scope;
+    this.dressAll();
+  }
+
+  /** Shows one surface at every place of some partitions when the ground of all stops is shown. */
+  async part(coming: Promise<readonly Partition[]>): Promise<void> {
+    this.waiting += 1;
+    try {
+      this.partitions = await coming;
+      this.dressAll();
+    } finally {
+      this.waiting -= 1;
+      this.ask();
+    }
+  }
+
+  set look(look: Look) {
+    this.worn = look;
+    this.dressAll();
+  }
+
+  /** Drapes a layer over the ground, under a name that is another for another layer; null takes it away. */
+  drape(name: string, of: Draping | null): void {
+    this.draping = of && { name, of };
+    this.dressAll();
+  }
+
+  get isSettled(): boolean {
+    const loading = this.grounds.some(
+      ({ tiles, group }) =>
+        tiles !== null && group.visible && (tiles.root === null || tiles.loadProgress < 1),
+    );
+    return this.waiting === 0 && !loading;
+  }
+
+  /** Chooses the levels of detail for what the camera sees. */
+  update(camera: import("three").PerspectiveCamera, renderer: import("three").WebGLRenderer): void {
+    for (const { tiles, group } of this.grounds) {
+      if (!tiles || !group.visible) continue;
+      tiles.setCamera(camera);
+      tiles.setResolutionFromRenderer(camera, renderer);
+      tiles.update();
+    }
+  }
+
+  /** The first ground that a ray meets and that is shown. */
+  hit(ray: Raycaster): Intersection | null {
+    const [east, north] = this.origin;
+    const first = ({ group, model: { scope } }: Ground) => {
+      const partition = this.partitionOf(scope);
+      const isShown = ({ object, point }: Intersection) =>
+        object instanceof Mesh &&
+        (partition?.shows(scope, [point.x + east, point.y + north]) ?? true);
+      return ray.intersectObject(group, true).find(isShown);
+    };
+    const met = this.grounds.filter(({ group }) => group.visible).map(first);
+    const [nearest] = met
+      .filter((one) => one !== undefined)
+      .sort((a, b) => a.distance - b.distance);
+    return nearest ?? null;
+  }
+
+  get triangles(): number {
+    let count = 0;
+    this.group.traverseVisible((thing) => {
+      if (thing instanceof Mesh) count += (thing.geometry.index?.count ?? 0) / 3;
+    });
+    return count;
+  }
+
+  dispose(): void {
+    for (const { tiles } of this.grounds) tiles?.dispose();
+    for (const partition of this.partitions) partition.dispose();
+    this.draco.dispose();
+  }
+
+  private tileset(model: Model): Ground {
+    const tiles = new TilesRenderer(new URL(model.open, location.href).toString());
+    tiles.registerPlugin(new GLTFExtensionsPlugin({ dracoLoader: this.draco, autoDispose: false }));
+    const ground: Ground = { model, group: tiles.group, tiles };
+    tiles.addEventListener("load-model", ({ scene }) => this.dressPart(ground, scene));
+    tiles.addEventListener("dispose-model", ({ scene }) => {
+      scene.traverse((thing) => {
+        if (thing instanceof Mesh) clothesOf(thing, this.origin).cover.drape(null, null);
+      });
+    });
+    tiles.addEventListener("needs-update", this.ask);
+    tiles.addEventListener("load-root-tileset", this.ask);
+    tiles.addEventListener("tile-visibility-change", ({ scene, visible }) => {
+      if (visible && scene) this.dressPart(ground, scene);
+      this.ask();
+    });
+    tiles.addEventListener("load-error", ({ error }) => this.onError(error));
+    tiles.addEventListener("tiles-load-end", () => {
+      this.ask();
+      this.onSettled();
+    });
+    return this.placed(ground);
+  }
+
+  private file(model: Model): Ground {
+    const group = new Group();
+    const ground: Ground = { model, group, tiles: null };
+    const loader = new GLTFLoader().setDRACOLoader(this.draco);
+    this.waiting += 1;
+    const end = () => {
+      this.waiting -= 1;
+      this.ask();
+      this.onSettled();
+    };
+    loader
+      .loadAsync(model.open)
+      .then(({ scene }) => {
+        scene.rotation.x = Math.PI / 2; // y up in the file, z up here
+        group.add(scene);
+        this.dressPart(ground, scene);
+      })
+      .catch((reason: unknown) => this.onError(reason as Error))
+      .finally(end);
+    return this.placed(ground);
+  }
+
+  private placed(ground: Ground): Ground {
+    const [east, north, up] = this.origin;
+    ground.group.position.set(-east, -north, -up);
+    this.group.add(ground.group);
+    return ground;
+  }
+
+  private partitionOf(scope: string): Partition | null {
+    return (this.stop === null && this.partitions.find((one) => one.has(scope))) || null;
+  }
+
+  private dressAll(): void {
+    for (const ground of this.grounds) this.dressPart(ground, ground.group);
+  }
+
+  private dressPart(ground: Ground, part: Object3D): void {
+    part.traverse((thing) => {
+      if (thing instanceof Mesh) this.dress(thing, ground);
+    });
+    this.ask();
+  }
+
+  private dress(mesh: Mesh, { model: { scope }, group }: Ground): void {
+    const clothes = clothesOf(mesh, this.origin);
+    mesh.material = clothes[this.worn];
+    clothes.cover.part(this.partitionOf(scope), scope);
+    const name = this.draping ? `${this.draping.name} ${this.stop === null}` : "";
+    if (clothes.draped === name) return;
+    const bounds = boundsOf(mesh, group);
+    if (!bounds) return;
+    clothes.draped = name;
+    if (!this.draping) clothes.cover.drape(null, null);
+    else void this.drapeOver(clothes, this.draping.of(scope, bounds), name);
+  }
+
+  private async drapeOver(clothes: Clothes, coming: Promise<Draped | null>, name: string) {
+    this.waiting += 1;
+    try {
+      const draped = await coming;
+      if (clothes.draped === name)
+        clothes.cover.drape(draped?.texture ?? null, draped?.bounds ?? null);
+      else draped?.texture.dispose();
+    } catch (reason) {
+      this.onError(reason as Error);
+    } finally {
+      this.waiting -= 1;
+      this.ask();
+      this.onSettled();
+    }
+  }
+}
