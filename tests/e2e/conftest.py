@@ -12,7 +12,7 @@ from solmap.photogrammetry.synthetic.scene import WorldParams
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.workspace import Workspace
 from tests.support.bowl_store import fill
-from tests.support.browsing import Server, open_browser, open_page
+from tests.support.browsing import Server, launch_chromium, launch_firefox, open_driver, open_page
 from tests.support.stereo_viewer import fill as fill_with_images
 from tests.unit.gis_server.stereo.stereo_store import StereoStore
 
@@ -57,11 +57,37 @@ def mapped(
     return Mapped(world, store, process_downlink(world, store))
 
 
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run what is marked `both_browsers` in Firefox too; Playwright hears of no downloads there."""
+    if metafunc.definition.get_closest_marker("both_browsers"):
+        metafunc.parametrize("browser", ["chromium", "firefox"], indirect=True)
+
+
 @pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
-    """A headless Chromium."""
-    with open_browser() as opened:
+def driver() -> Iterator[Any]:
+    """Playwright, which is started once a process."""
+    with open_driver() as opened:
         yield opened
+
+
+@pytest.fixture(scope="session")
+def chromium(driver: Any) -> Iterator[Any]:
+    """A headless Chromium."""
+    with launch_chromium(driver) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="session")
+def firefox(driver: Any) -> Iterator[Any]:
+    """A headless Firefox."""
+    with launch_firefox(driver) as opened:
+        yield opened
+
+
+@pytest.fixture
+def browser(request: pytest.FixtureRequest) -> Any:
+    """The browser of a test: Chromium, and in tests that are marked `both_browsers` Firefox too."""
+    return request.getfixturevalue(getattr(request, "param", "chromium"))
 
 
 @pytest.fixture

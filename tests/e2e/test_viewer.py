@@ -36,6 +36,7 @@ from tests.support.browsing import (
 )
 
 
+@pytest.mark.both_browsers
 def test_relief_image_contours_stops_and_traverse_are_shown_at_first(page, url):
     look(page, url)
     screenshot(page, "first")
@@ -47,6 +48,7 @@ def test_relief_image_contours_stops_and_traverse_are_shown_at_first(page, url):
     assert "Columbia Memorial Station" in page.locator(".mission").inner_text()
 
 
+@pytest.mark.both_browsers
 def test_squares_of_the_orthophoto_lie_where_they_are_on_the_ground(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/orthophoto"))
@@ -100,6 +102,7 @@ def test_the_wheel_zooms_about_the_pointer_before_any_click(page, url):
     assert float(field(page, "north").split()[0]) == pytest.approx(4.0, abs=0.2)
 
 
+@pytest.mark.both_browsers
 def test_the_pointer_reads_metres_degrees_and_the_measured_elevation(page, url):
     resolution = 0.05
     look(page, url + at(resolution, "mer2/slope"))
@@ -119,6 +122,7 @@ def test_the_pointer_reads_metres_degrees_and_the_measured_elevation(page, url):
     assert float(field(page, "value").split("°")[0]) == pytest.approx(steep, abs=0.2)
 
 
+@pytest.mark.both_browsers
 def test_a_click_tells_every_layer_and_the_images_that_see_the_place(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/orthophoto"))
@@ -135,6 +139,7 @@ def test_a_click_tells_every_layer_and_the_images_that_see_the_place(page, url):
     assert name
 
 
+@pytest.mark.both_browsers
 def test_a_click_on_a_pointing_line_opens_its_image(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/pointing"))

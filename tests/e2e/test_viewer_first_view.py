@@ -15,9 +15,9 @@ LATEST_MS = 4000
 
 
 @pytest.fixture(scope="module")
-def view(browser, url):
-    first_view(browser, url)  # the server has read its files
-    return first_view(browser, url)
+def view(chromium, url):
+    first_view(chromium, url)  # the server has read its files
+    return first_view(chromium, url)
 
 
 def test_what_the_map_shows_is_all_that_is_asked_for_before_it_is_drawn(view):
@@ -25,7 +25,6 @@ def test_what_the_map_shows_is_all_that_is_asked_for_before_it_is_drawn(view):
     data = [path for path in view.first_asked if path.startswith("/api/")]
     tiles = [path for path in view.first_asked if path.startswith("/tiles/")]
     assert {PurePosixPath(path).suffix for path in page} == {".css", ".js"}
-    assert len(page) <= 6  # the script, its style, and what it shares with the rest of the page
     assert not [path for path in page if "later-parts" in path or "editor" in path]
     assert data[0] == "/api/start"
     shown = {"stops", "traverse", "contours"}
@@ -90,6 +89,11 @@ def test_script_and_style_come_compressed_by_the_build_and_are_kept_forever(view
         with urllib.request.urlopen(url + path) as plain:
             assert "content-encoding" not in plain.headers
             assert plain.read() == (DIST / path[1:]).read_bytes()
+
+
+def test_scripts_until_the_map_is_drawn_are_at_most_160_kb(view):
+    scripts = {one["path"]: one["bytes"] for one in view.asked if one["path"].endswith(".js")}
+    assert 0 < sum(scripts[path] for path in scripts if path in view.first_asked) <= 160_000
 
 
 def test_the_page_itself_is_asked_for_again(url):

@@ -30,6 +30,7 @@ def box(page, kind: str):
     return page.locator(f".layers [data-kind='{kind}'] input[type=checkbox]").first
 
 
+@pytest.mark.both_browsers
 def test_back_and_forward_restore_layers_and_place(bowl):
     box(bowl, "slope").check()
     until(bowl, lambda: "/slope" in fragment(bowl))
@@ -65,6 +66,7 @@ def test_undo_does_not_leave_the_page(bowl):
     assert "at=0,0,0.05" in fragment(bowl)
 
 
+@pytest.mark.both_browsers
 def test_a_link_restores_place_tab_and_measurements(page, url):
     asked = "&pt=2,1&measure=distance:0,0;3,4&tab=measure"
     look(page, url + at(0.05, "mer2/orthophoto") + asked)

@@ -67,6 +67,7 @@ def shown_order(page) -> list[str]:
     return [row.get_attribute("data-layer") for row in rows.all()]
 
 
+@pytest.mark.both_browsers
 def test_a_layer_moves_over_the_next_one_and_the_link_keeps_that(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto"))
@@ -119,6 +120,7 @@ def test_a_flickering_layer_comes_and_goes(page, url):
     assert seen == {True, False}
 
 
+@pytest.mark.both_browsers
 def test_slope_drawn_here_is_slope_drawn_by_the_server(page, url):
     resolution = 0.16
     look(page, url + at(resolution, "mer2/slope"))

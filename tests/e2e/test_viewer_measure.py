@@ -125,6 +125,7 @@ def test_in_a_bowl_every_place_sees_every_other(measuring):
     assert value(item, "not known")[0] == pytest.approx(not_known, rel=0.01)
 
 
+@pytest.mark.both_browsers
 def test_a_profile_and_the_map_share_one_cursor(measuring):
     draw(measuring, "profile", [(-20.0, 0.0), (20.0, 0.0)])
     caption = measuring.locator(".below figcaption").inner_text()

@@ -17,9 +17,9 @@ RESOLUTION = 0.03
 
 
 @pytest.fixture(scope="module")
-def known(images_url, browser):
+def known(images_url, chromium):
     """The first stop's panorama as the server tells of it."""
-    page = browser.new_page()
+    page = chromium.new_page()
     answer = page.request.get(f"{images_url}/api/missions/MER2/panoramas").json()
     page.close()
     return answer[0]

@@ -72,6 +72,7 @@ def pasted(page) -> str:
     return text
 
 
+@pytest.mark.both_browsers
 def test_latitude_and_longitude_lead_to_their_place(page, url):
     look(page, url + at(RESOLUTION))
     for form, place in (("{:.7f} {:.7f}", (10.0, -8.0)), ("S{s:.7f} W{w:.7f}", (-9.0, 5.0))):

@@ -217,6 +217,7 @@ def test_a_note_is_written_seen_by_others_and_deleted(page, browser, workspace, 
     other.close()
 
 
+@pytest.mark.both_browsers
 def test_an_annotation_has_a_category_and_is_a_draft_until_it_is_published(page, workspace, live):
     look(page, live + at(RESOLUTION, "mer2/hillshade"))
     page.locator('[data-tab="notes"]').click()

@@ -51,6 +51,7 @@ def centre(page) -> list[float]:
     return [float(value) for value in page.url.split("at=")[1].split("&")[0].split(",")[:2]]
 
 
+@pytest.mark.both_browsers
 def test_stops_have_their_uncertainty_and_are_sorted_by_how_far_telemetry_was_off(page, url):
     look(page, url + at(0.1, "mer2/stops"))
     open_table(page, "stops")

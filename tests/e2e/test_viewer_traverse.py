@@ -91,6 +91,7 @@ def test_difference_vectors_point_to_where_telemetry_has_the_stop(traverse, plac
         assert np.abs(before[patch].astype(int) - VECTOR).sum(axis=-1).min() > 150
 
 
+@pytest.mark.both_browsers
 def test_the_vertical_profile_and_the_map_share_one_cursor(traverse, places):
     adjusted, _ = places
     traverse.locator(".comparison .profile").click()

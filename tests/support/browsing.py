@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import socket
+import sys
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -21,7 +23,8 @@ from solmap.gis_server.app import create_app
 ROOT = Path(__file__).resolve().parents[2]
 DIST = Path(os.environ.get("SOLMAP_VIEWER", ROOT / "gis_server" / "viewer" / "dist"))
 """The built viewer; SOLMAP_VIEWER names another build of it."""
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+FIREFOX = ("firefox-esr", "firefox")
 ARGUMENTS = (
     "--no-sandbox",
     "--disable-gpu",
@@ -67,17 +70,48 @@ class Server:
 
 @contextmanager
 def open_browser() -> Iterator:
-    """A headless Chromium; the test is skipped where there is none or no viewer to look at."""
+    """A headless Chromium of its own."""
+    with open_driver() as driver, launch_chromium(driver) as opened:
+        yield opened
+
+
+@contextmanager
+def open_driver() -> Iterator:
+    """Playwright, once a process; the test is skipped where it or the built viewer is missing."""
     playwright = pytest.importorskip("playwright.sync_api")
-    path = next(filter(None, map(shutil.which, NAMES)), None)
-    if path is None:
-        pytest.skip(f"no browser on this machine: none of {', '.join(NAMES)} is installed")
     if not (DIST / "index.html").is_file():
         pytest.skip("the viewer is not built: run `make viewer`")
     with playwright.sync_playwright() as driver:
-        opened = driver.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+        yield driver
+
+
+@contextmanager
+def launch_chromium(driver) -> Iterator:
+    """A headless Chromium; the test is skipped where there is none."""
+    opened = driver.chromium.launch(executable_path=_installed(CHROMIUM), args=list(ARGUMENTS))
+    yield opened
+    opened.close()
+
+
+@contextmanager
+def launch_firefox(driver) -> Iterator:
+    """A headless Firefox as the machine has it; the test is skipped where there is none."""
+    start, path = Path(__file__).with_name("firefox.py"), _installed(FIREFOX)
+    with tempfile.TemporaryDirectory() as folder:
+        command = Path(folder) / "firefox"
+        command.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{start}" "{path}" "$@"\n')
+        command.chmod(0o755)
+        opened = driver.firefox.launch(channel="moz-firefox", executable_path=command)
         yield opened
         opened.close()
+
+
+def _installed(names: tuple[str, ...]) -> str:
+    """Path of a browser."""
+    path = next(filter(None, map(shutil.which, names)), None)
+    if path is None:
+        pytest.skip(f"no browser on this machine: none of {', '.join(names)} is installed")
+    return path
 
 
 @contextmanager

@@ -1,0 +1,64 @@
+"""Firefox for Playwright, which starts this in its place: `python firefox.py FIREFOX ARGUMENT...`.
+
+Playwright drives a Firefox that it did not build over WebDriver BiDi, and begins every page with a
+command that Firefox ESR 153 does not know (`emulation.setMediaFeaturesOverride`) and that tests in
+Firefox do not need. It is answered here; all else is handed on between the two.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import signal
+import sys
+from functools import partial
+
+from websockets.asyncio.client import connect
+from websockets.asyncio.server import serve
+
+UNKNOWN = "emulation.setMediaFeaturesOverride"
+LISTENS = re.compile(r"WebDriver BiDi listening on (ws://\S+)")
+NO_LIMIT = None
+
+
+async def hand_on(client, browser: str) -> None:
+    """Hand on what one client and the browser say to each other, until either hangs up."""
+    async with connect(browser + client.request.path, max_size=NO_LIMIT, proxy=None) as server:
+
+        async def ask() -> None:
+            async for message in client:
+                asked = json.loads(message)
+                if asked["method"] == UNKNOWN:
+                    answer = {"type": "success", "id": asked["id"], "result": {}}
+                    await client.send(json.dumps(answer))
+                else:
+                    await server.send(message)
+
+        async def answer() -> None:
+            async for message in server:
+                await client.send(message)
+
+        both = [asyncio.ensure_future(each()) for each in (ask, answer)]
+        await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+
+
+async def run(command: list[str]) -> int:
+    """Start Firefox, and tell the reader of its log to connect to this process instead of it."""
+    firefox = await asyncio.create_subprocess_exec(*command, stderr=asyncio.subprocess.PIPE)
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, firefox.terminate)
+    async for line in firefox.stderr:
+        said = line.decode()
+        if found := LISTENS.search(said):
+            talk = partial(hand_on, browser=found[1])
+            proxy = await serve(talk, "127.0.0.1", 0, max_size=NO_LIMIT)
+            said = (
+                f"WebDriver BiDi listening on ws://127.0.0.1:{proxy.sockets[0].getsockname()[1]}\n"
+            )
+        sys.stderr.write(said)
+        sys.stderr.flush()
+    return await firefox.wait()
+
+
+if __name__ == "__main__":
+    sys.exit(asyncio.run(run(sys.argv[1:])))
