@@ -142,7 +142,7 @@ class StoreCollector:
             counts = {
                 "images": len(images),
                 "stops": len({image.stop for image in images}),
-                "layers": len(catalogue.layers(mission.mission)),
+                "layers": catalogue.layer_count(mission.mission),
             }
             for thing, count in counts.items():
                 things.add_metric((mission.mission, thing), count)

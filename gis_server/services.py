@@ -145,7 +145,10 @@ ServicesOf = Annotated[Services, Depends(_services)]
 """The services of the app that a request came to."""
 
 
+ON_THE_MAP = ("raster", "vector")
+"""Types of layers; models and panoramas are looked at elsewhere."""
+
+
 def map_layers(mission: str, services: Services) -> list[Layer]:
-    """The latest layers that are on the map: models and panoramas are looked at elsewhere."""
-    latest = services.catalogue.layers(mission)
-    return [layer for layer in latest if layer.type in {"raster", "vector"}]
+    """The latest layers that are on the map."""
+    return services.catalogue.layers(mission, types=ON_THE_MAP)

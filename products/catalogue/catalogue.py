@@ -48,6 +48,7 @@ from solmap.products.model import Layer, ProductKind, ProductRef, Scope, ScopeLe
 
 if TYPE_CHECKING:
     from solmap.photogrammetry.imagery import StopId
+    from solmap.photogrammetry.terrain.dtm.grid import Bounds
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +159,50 @@ def _ref(document: dict[str, Any]) -> ProductRef:
     return ProductRef(ProductKind(document["kind"]), scope, document["digest"])
 
 
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Which rows of a list are wanted."""
+
+    limit: int | None = None
+    offset: int = 0
+
+    def of(self, query: sa.Select[Any]) -> sa.Select[Any]:
+        """The query of these rows alone."""
+        return query if self.limit is None else query.limit(self.limit).offset(self.offset)
+
+
+WHOLE = Part()
+
+
+def _image_terms(
+    mission: str | None, stop: str | None, sol: int | None
+) -> list[sa.ColumnElement[bool]]:
+    asked = ((IMAGES.c.mission, mission), (IMAGES.c.stop, stop), (IMAGES.c.sol, sol))
+    return [column == value for column, value in asked if value is not None]
+
+
+def _latest(
+    query: sa.Select[Any],
+    mission: str | None,
+    kinds: Collection[ProductKind] | None = None,
+    types: Collection[str] | None = None,
+) -> sa.Select[Any]:
+    """A query of the latest versions of layers."""
+    query = query.select_from(LAYERS).join(
+        LATEST,
+        (LATEST.c.scope == LAYERS.c.scope)
+        & (LATEST.c.kind == LAYERS.c.kind)
+        & (LATEST.c.digest == LAYERS.c.digest),
+    )
+    if mission is not None:  # not by its index: rows come in the order of the key, unsorted
+        query = query.where(LAYERS.c.mission.concat("") == mission)
+    if kinds is not None:
+        query = query.where(LAYERS.c.kind.in_([str(kind) for kind in kinds]))
+    if types is not None:
+        query = query.where(LAYERS.c.document["type"].as_string().in_(types))
+    return query
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Catalogue:
     """The database of what has been published."""
@@ -195,18 +240,23 @@ class Catalogue:
         raise ProductNotFoundError(f"no mission {name!r} is in the store")
 
     def images(
-        self, mission: str | None = None, stop: str | None = None, sol: int | None = None
+        self,
+        mission: str | None = None,
+        stop: str | None = None,
+        sol: int | None = None,
+        part: Part = WHOLE,
     ) -> list[ImageEntry]:
         """Images, by identifier; all, or those of a mission, stop or sol."""
-        query = sa.select(IMAGES.c.document).order_by(IMAGES.c.id)
-        for column, value in (
-            (IMAGES.c.mission, mission),
-            (IMAGES.c.stop, stop),
-            (IMAGES.c.sol, sol),
-        ):
-            if value is not None:
-                query = query.where(column == value)
+        query = part.of(sa.select(IMAGES.c.document).order_by(IMAGES.c.id))
+        query = query.where(*_image_terms(mission, stop, sol))
         return [image_entry(row) for row in self._documents(query)]
+
+    def image_count(self, mission: str, stop: str | None = None, sol: int | None = None) -> int:
+        """How many images `images` lists."""
+        query = sa.select(sa.func.count()).select_from(IMAGES)
+        with self.engine.connect() as connection:
+            terms = _image_terms(mission, stop, sol)
+            return int(connection.execute(query.where(*terms)).scalar_one())
 
     def image(self, image_id: str) -> ImageEntry:
         """One image.
@@ -234,21 +284,35 @@ class Catalogue:
             return f"{count}-{times_ingested(connection, mission)}"
 
     def layers(
-        self, mission: str | None = None, kinds: Collection[ProductKind] | None = None
+        self,
+        mission: str | None = None,
+        kinds: Collection[ProductKind] | None = None,
+        types: Collection[str] | None = None,
+        part: Part = WHOLE,
     ) -> list[Layer]:
-        """The latest layer of every scope and kind; all, or those of a mission or of some kinds."""
-        query = sa.select(LAYERS.c.document).join(
-            LATEST,
-            (LATEST.c.scope == LAYERS.c.scope)
-            & (LATEST.c.kind == LAYERS.c.kind)
-            & (LATEST.c.digest == LAYERS.c.digest),
-        )
-        if mission is not None:
-            query = query.where(LAYERS.c.mission == mission)
-        if kinds is not None:
-            query = query.where(LAYERS.c.kind.in_([str(kind) for kind in kinds]))
-        query = query.order_by(LAYERS.c.scope, LAYERS.c.kind)
+        """The latest layer of every scope and kind; all, or those of a mission, kinds or types."""
+        query = _latest(sa.select(LAYERS.c.document), mission, kinds, types)
+        query = part.of(query.order_by(LATEST.c.scope, LATEST.c.kind))
         return [layer_of(row) for row in self._documents(query)]
+
+    def layer_count(self, mission: str, types: Collection[str] | None = None) -> int:
+        """How many layers of a mission `layers` lists."""
+        query = _latest(sa.select(sa.func.count()), mission, None, types)
+        with self.engine.connect() as connection:
+            return int(connection.execute(query).scalar_one())
+
+    def extent(self, mission: str) -> Bounds | None:
+        """(west, south, east, north) of all latest layers, metres; None where there are none."""
+        west, south, east, north = (
+            LAYERS.c.document["bounds"][side].as_float() for side in range(4)
+        )
+        low, high = sa.func.min, sa.func.max
+        query = _latest(sa.select(low(west), low(south), high(east), high(north)), mission)
+        # a layer without features is published as 0 0 0 0
+        query = query.where(sa.or_(west != 0, south != 0, east != 0, north != 0))
+        with self.engine.connect() as connection:
+            sides = connection.execute(query).one()
+        return None if sides[0] is None else (sides[0], sides[1], sides[2], sides[3])
 
     def layer(self, scope: str, kind: ProductKind, digest: str | None = None) -> Layer:
         """One layer: the version with `digest`, or the latest.

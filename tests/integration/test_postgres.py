@@ -5,14 +5,16 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 import sqlalchemy as sa
 
 from solmap.products.catalogue import events
-from solmap.products.catalogue.catalogue import Catalogue
+from solmap.products.catalogue.catalogue import Catalogue, Part
 from solmap.products.catalogue.database import close_pools, write_transaction
 from solmap.products.errors import ProductError, StoreAwayError
+from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel
 from tests.unit.products.catalogue.test_catalogue import MISSION, a_layer, an_image
 
 pytestmark = pytest.mark.timeout(120)
@@ -116,6 +118,32 @@ def test_names_are_sorted_by_their_bytes_in_both(tmp_path, catalogue_url):
     names = ["a_1", "B1", "a-2", "A3", "ä"]
     catalogue.publish(images=[an_image(name) for name in names])
     assert [image.id for image in catalogue.images()] == ["A3", "B1", "a-2", "a_1", "ä"]
+
+
+def test_pages_types_and_extent_of_layers_are_those_of_both(tmp_path, catalogue_url):
+    catalogue = Catalogue.open(tmp_path, catalogue_url)
+    assert catalogue.extent("MER2") is None
+    named = {
+        name: replace(
+            a_layer(), ref=ProductRef(ProductKind.DTM, Scope(ScopeLevel.STOP, name), "a" * 16)
+        )
+        for name in (
+            "mer2-site0001-drive0002",
+            "mer2-site0001-drive0001",
+            "mer2-site0002-drive0000",
+        )
+    }
+    model, west, empty = named.values()
+    layers = [
+        replace(model, type="model"),
+        replace(west, bounds=(-5.5, 1.0, 2.0, 3.0)),
+        replace(empty, bounds=(0.0, 0.0, 0.0, 0.0)),
+    ]
+    catalogue.publish(layers=layers)
+    assert catalogue.layers("MER2", types=("raster",)) == layers[1:]
+    assert catalogue.layers("MER2", part=Part(2, 1)) == [layers[0], layers[2]]
+    assert catalogue.layer_count("MER2", ("raster", "vector")) == 2
+    assert catalogue.extent("MER2") == (-5.5, 0.0, 10.24, 10.24)
 
 
 def test_a_connection_that_the_server_dropped_is_made_anew(postgres, tmp_path):

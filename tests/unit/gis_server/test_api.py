@@ -10,8 +10,7 @@ from fastapi.testclient import TestClient
 from pyproj import CRS as ProjCrs
 
 from solmap.gis_server.app import create_app
-from solmap.gis_server.routes.missions import mission_body
-from solmap.products.catalogue.catalogue import MissionEntry
+from solmap.products.catalogue.catalogue import Catalogue, MissionEntry
 from solmap.products.formats.raster.raster import write_raster
 from solmap.products.model import Layer, ProductKind, Recipe
 from tests.support.tile_at import tile_at
@@ -51,7 +50,7 @@ def test_a_mission_says_where_on_mars_its_map_is(client):
         assert tiles["tile_size"] * cell_m * 2**zoom == pytest.approx(side)
 
 
-def test_a_layer_without_features_does_not_pull_the_map_to_the_lander():
+def test_a_layer_without_features_does_not_pull_the_map_to_the_lander(tmp_path):
     far = (1000.0, 2000.0, 1040.0, 2050.0)
     layers = [
         Layer(ref, "MER2", "a title", "vector", bounds, None, None, None, (), "2026-01-01")
@@ -61,8 +60,14 @@ def test_a_layer_without_features_does_not_pull_the_map_to_the_lander():
         )
     ]
     entry = MissionEntry("MER2", "a title", LANDING, None)
-    assert mission_body(entry, layers).bounds == far
-    assert mission_body(entry, layers[1:]).bounds == (-50.0, -50.0, 50.0, 50.0)
+    catalogue = Catalogue.open(tmp_path)
+    catalogue.publish(missions=[entry], layers=layers[1:])
+    with TestClient(create_app(tmp_path)) as client:
+        (empty,) = client.get("/api/missions").json()
+        catalogue.publish(layers=layers[:1])
+        (filled,) = client.get("/api/missions").json()
+    assert empty["bounds"] == [-50.0, -50.0, 50.0, 50.0]
+    assert filled["bounds"] == list(far)
 
 
 def test_every_address_of_every_layer_answers(client):

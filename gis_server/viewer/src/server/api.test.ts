@@ -48,3 +48,32 @@ test("something else than a list is an error that shows it", async () => {
   answer(200, { detail: "hello" });
   await expect(api.layers("MER2")).rejects.toThrow(/expected a list of layers.*hello/);
 });
+
+test("a list is read from its first page to its last", async () => {
+  const asked: string[] = [];
+  vi.stubGlobal("fetch", async (url: string) => {
+    asked.push(url);
+    const link = '<?limit=2&offset=0>; rel="prev", <?limit=2&offset=2>; rel="next"';
+    return new Response(JSON.stringify([asked.length]), {
+      headers: asked.length === 1 ? { Link: link } : {},
+    });
+  });
+  expect(await api.layers("MER2")).toEqual([1, 2]);
+  expect(asked).toEqual(["api/missions/MER2/layers", "api/missions/MER2/layers?limit=2&offset=2"]);
+});
+
+test("the layers that the start has no room for are read after it", async () => {
+  const asked: string[] = [];
+  vi.stubGlobal("fetch", async (url: string) => {
+    asked.push(url);
+    if (url !== "api/start") return new Response('["second"]');
+    return new Response(JSON.stringify({ missions: [], mission: "MER2", layers: ["first"] }), {
+      headers: {
+        Link: '<missions/MER2/layers?limit=1&offset=1>; rel="next"',
+        "Last-Event-ID": "7",
+      },
+    });
+  });
+  expect(await api.start()).toMatchObject({ layers: ["first", "second"], lastEvent: "7" });
+  expect(asked[1]).toBe("api/missions/MER2/layers?limit=1&offset=1");
+});

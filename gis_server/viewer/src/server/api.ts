@@ -139,16 +139,42 @@ function list<T>(
   throw new ApiError(`expected a list of ${key}, got ${JSON.stringify(answer).slice(0, 120)}`);
 }
 
+/** Where the next page of an answer is, if there is one (RFC 8288). */
+function nextOf(answer: Response, url: string): string | null {
+  const link = /<([^>]*)>; rel="next"/.exec(answer.headers.get("Link") ?? "")?.[1];
+  if (link === undefined) return null;
+  const { pathname, search } = new URL(link, `http://server/${url}`);
+  return pathname.slice(1) + search;
+}
+
+/** A list from its page at an address to its last. */
+async function pages<T>(
+  from: string | null,
+  key: string,
+  signal?: AbortSignal,
+): Promise<readonly T[]> {
+  const found: T[] = [];
+  for (let url = from; url !== null; ) {
+    const options = { headers: authorization(), ...(signal ? { signal } : {}) };
+    const answer: Response = await answered(url, options);
+    found.push(...list<T>(await answer.json(), key));
+    url = nextOf(answer, url);
+  }
+  return found;
+}
+
 export const api = {
   /** All missions and the layers of one; the page asks for it before its script has come. */
   start: async (): Promise<Start> => {
     const answer = await answered(urls.start(), {});
     const known = (await answer.json()) as Omit<Start, "lastEvent">;
-    return { ...known, lastEvent: answer.headers.get("Last-Event-ID") };
+    const more = await pages<Layer>(nextOf(answer, urls.start()), "layers");
+    const lastEvent = answer.headers.get("Last-Event-ID");
+    return { ...known, layers: [...known.layers, ...more], lastEvent };
   },
-  layers: async (mission: string) => list<Layer>(await get(urls.layers(mission)), "layers"),
-  images: async (mission: string, filter: ImageFilter, signal?: AbortSignal) =>
-    list<ImageEntry>(await get(urls.images(mission, filter), signal), "images"),
+  layers: (mission: string) => pages<Layer>(urls.layers(mission), "layers"),
+  images: (mission: string, filter: ImageFilter, signal?: AbortSignal) =>
+    pages<ImageEntry>(urls.images(mission, filter), "images", signal),
   identify: (mission: string, at: MapPoint, signal?: AbortSignal) =>
     get<Identified>(urls.identify(mission, at), signal),
   /** All features of a layer, or those that meet some bounds. */
