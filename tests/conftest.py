@@ -19,11 +19,15 @@ hypothesis.settings.load_profile("patient")  # no test asserts a time: other wor
 ROOT = Path(__file__).resolve().parents[1]
 
 
+SHARED = ("mapped", "stereo", "true_images")
+"""Fixtures of a session that take ten seconds and more to make."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """With `--dist loadgroup` a file stays on one worker, and so do all users of one downlink."""
+    """With `--dist loadgroup` a file stays on one worker; so do all users of one of `SHARED`."""
     for item in items:
-        is_mapped = "mapped" in getattr(item, "fixturenames", ())
-        group = "mapped" if is_mapped else item.nodeid.partition("::")[0]
+        used = [name for name in SHARED if name in getattr(item, "fixturenames", ())]
+        group = used[0] if used else item.nodeid.partition("::")[0]
         item.add_marker(pytest.mark.xdist_group(group))
 
 
