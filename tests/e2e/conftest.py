@@ -36,11 +36,11 @@ class Mapped:
 
 @pytest.fixture(scope="session")
 def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A synthetic downlink of two stops with full panoramas."""
+    """A synthetic downlink of two stops with full panoramas, of pictures of half the size."""
     from solmap.flows.simulation import write_downlink  # noqa: PLC0415 - slow to import
 
     folder = tmp_path_factory.mktemp("world")
-    write_downlink(folder, WorldParams("hills", TraverseParams(stops=2)), seed=11)
+    write_downlink(folder, WorldParams("hills", TraverseParams(stops=2), averaging=2), seed=11)
     return folder
 
 

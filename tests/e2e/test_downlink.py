@@ -12,7 +12,7 @@ from solmap.flows.cli import app
 from solmap.flows.cli.tables import position_rows, product_rows
 from solmap.flows.dips import dips_of_rocks
 from solmap.photogrammetry.terrain.dtm.records import GroundClass
-from solmap.photogrammetry.terrain.measure.facets import FacetParams
+from solmap.photogrammetry.terrain.measure.facets import FacetParams, PlanarRegionParams
 from solmap.products.formats.mesh.models import extent_of_model
 from solmap.products.formats.mesh.tiles3d import box_of, read_tileset
 from solmap.products.formats.raster.raster import read_dtm, read_raster
@@ -22,6 +22,14 @@ from tests.support.gltf_validator import validate_glb
 STOP_KINDS = {"dtm", "orthophoto", "sources", "slope", "aspect", "hillshade", "contours"}
 STOP_KINDS |= {"model", "view-model", "tileset", "points", "point-tiles", "panorama"}
 REGION_KINDS = {"traverse", "stops", "footprints", "pointing", "tie-points"}
+
+OF_HALF_SIZE = FacetParams(
+    max_relative_sigma=0.02,
+    regions=PlanarRegionParams(window_px=9, step_px=2),
+    max_sigma_deg=20.0,
+    shared_px=12.5,
+)
+"""As many degrees of the view as the defaults have of pictures of full size."""
 
 
 def error_m(row: dict, truth: dict, solution: str) -> float:
@@ -61,9 +69,9 @@ def test_a_stop_is_modelled_and_its_rocks_have_strike_and_dip(mapped):
     np.testing.assert_allclose(tiles, (west, south, east, north), atol=0.01)
     seen = extent_of_model(paths["view-model"])[0]
     assert max(west - seen[0], south - seen[1], seen[2] - east, seen[3] - north) < 0.5
-    facets = dips_of_rocks(stop, FacetParams(), mapped.workspace)
+    facets = dips_of_rocks(stop, OF_HALF_SIZE, mapped.workspace)
     assert facets
-    assert all(max(f["sigma_strike_deg"], f["sigma_dip_deg"]) <= 10 for f in facets)
+    assert all(max(f["sigma_strike_deg"], f["sigma_dip_deg"]) <= 20 for f in facets)
     assert mapped.workspace.catalogue.layer(stop, ProductKind.DIPS).type == "vector"
 
 
