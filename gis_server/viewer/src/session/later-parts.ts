@@ -16,6 +16,7 @@ import { editorPart } from "../parts/editor/part";
 import { annotationsPart } from "../parts/annotations/part";
 import { runsPart } from "../parts/runs/part";
 import { placeMenuPart } from "../parts/place-menu/part";
+import { localFilesPart } from "../parts/local-files/part";
 import { tablePart } from "../parts/table/part";
 import { viewsPart } from "../parts/views/part";
 import { helpPart } from "../parts/help/part";
@@ -42,6 +43,7 @@ export const LATER_PARTS: readonly Part[] = [
   placeMenuPart,
   viewsPart,
   tablePart,
+  localFilesPart,
   helpPart,
   accountPart,
   livePart,
