@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+from collections.abc import Collection, Sequence, Set
 from pathlib import Path
 
 from solmap.config.landing import landing_site
@@ -24,7 +24,7 @@ from solmap.tasks.maps.suitability import map_hazards, map_insolation
 from solmap.tasks.maps.terrain import map_relief, shade_relief, trace_contours
 from solmap.tasks.mission.localisation import localise, traverse_products
 from solmap.tasks.mission.publish import publish, withdraw
-from solmap.tasks.mission.vectors import draw_vectors
+from solmap.tasks.mission.vectors import VECTORS, draw_vectors
 
 LEAST_STOPS = 2
 """A region is more than the map of one stop."""
@@ -42,21 +42,13 @@ def draw_mission(
     `failed` gains what could not be made, and why.
     """
     read = read_map(mission, workspace)
-    landing, telemetry = read.entry.landing, read.telemetry
-    entries = workspace.catalogue.images(mission)
-    config = load_pipeline(pipeline)
-    layers: list[ProductRef] = []
+    layers: list[tuple[ProductRef, tuple[int, ...]]] = []
     traverse: list[ProductRef] = []
     with keep_going(failed, "vector layers"):
-        slip = config.adjustment.slip
-        sigmas_m = {s.stop: telemetry.sigma_from_origin_m(s.stop, slip) for s in telemetry.stops}
-        layers = draw_vectors(
-            mission, network, entries, config.footprints, landing, workspace, sigmas_m=sigmas_m
-        )
+        layers = draw_network(mission, network, workspace, load_pipeline(pipeline), VECTORS)
     with keep_going(failed, "traverse"):
-        traverse = localise(network, telemetry, landing, workspace.store)
-    sols = tuple(sorted({entry.sol for entry in entries}))
-    published = publish(read.entry, [(ref, sols) for ref in layers], traverse, (), workspace)
+        traverse = localise(network, read.telemetry, read.entry.landing, workspace.store)
+    published = publish(read.entry, layers, traverse, (), workspace)
     failed |= published.failures
     made = {(ref.kind, ref.scope) for ref in traverse}
     gone = [
@@ -65,6 +57,31 @@ def draw_mission(
     if traverse and gone:  # of sites that are on another map now
         workspace.catalogue.withdraw((), gone)
     return read.entry.lsl_note
+
+
+def draw_network(
+    mission: str,
+    network: ProductRef,
+    workspace: Workspace,
+    config: PipelineConfig,
+    kinds: Collection[ProductKind],
+) -> list[tuple[ProductRef, tuple[int, ...]]]:
+    """Vector layers of a mission as a network has it, with the sols that they show."""
+    read, entries = read_map(mission, workspace), workspace.catalogue.images(mission)
+    telemetry, slip = read.telemetry, config.adjustment.slip
+    sigmas_m = {s.stop: telemetry.sigma_from_origin_m(s.stop, slip) for s in telemetry.stops}
+    drawn = draw_vectors(
+        mission,
+        network,
+        entries,
+        config.footprints,
+        read.entry.landing,
+        workspace,
+        kinds=kinds,
+        sigmas_m=sigmas_m,
+    )
+    sols = tuple(sorted({entry.sol for entry in entries}))
+    return [(ref, sols) for ref in drawn]
 
 
 def map_regions(

@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
 
 from prefect import flow
-from prefect.futures import PrefectFuture
 
 from solmap.flows.runtime.failures import keep_going, keep_outcome, wait_for
+from solmap.flows.runtime.jobs import Job, run_jobs
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol_inputs import SolInputs, gather
-from solmap.flows.sol_maps import draw_panoramas, map_far_ground, map_stops, model_stops
+from solmap.flows.sol_maps import (
+    Key,
+    Matched,
+    map_far_ground,
+    map_jobs,
+    model_jobs,
+    panorama_jobs,
+    preview_jobs,
+)
 from solmap.flows.sol_matching import match_pairs
 from solmap.flows.sol_network import adjust_stops
+from solmap.flows.sol_waves import Waves, outcome_of
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
-from solmap.photogrammetry.imagery import StopId
-from solmap.products.catalogue.catalogue import Outcome
+from solmap.photogrammetry.errors import TerrainError
 from solmap.products.formats.documents.network import read_network
-from solmap.products.model import ProductRef, Scope
-from solmap.tasks.images.pairs import PairProducts
-from solmap.tasks.mission.publish import publish
+from solmap.products.model import ProductRef
 from solmap.tasks.network.orientations import (
     MappedStop,
     Standing,
@@ -28,7 +34,6 @@ from solmap.tasks.network.orientations import (
     read_orientations,
 )
 from solmap.tasks.network.report import report_quality
-from solmap.tasks.scopes import network_scope
 
 
 @flow(name="sol", flow_run_name="{mission} sol {sol}")
@@ -49,7 +54,7 @@ def process_sol(
         map_what_moved(inputs, previous, report)
     else:  # none of the sol's stops can be placed
         report.add_failures("read", inputs.unread)
-        keep_outcome(_outcome(inputs, report), inputs.workspace)
+        keep_outcome(outcome_of(inputs, report), inputs.workspace)
     return report
 
 
@@ -57,28 +62,65 @@ def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolRepo
     """Match, adjust, map what is new or moved, and publish; the report is filled on the way."""
     report.add_failures("read", inputs.unread)
     matched, rig = match_pairs(inputs, previous, report)
-    made: list[ProductRef] = [rig] if rig else []
-    layers: dict[StopId, list[ProductRef]] = {}
+    waves = Waves.of(inputs, report)
+    waves.pointers += [rig] if rig else []
+    waves.pointers += [ref for pairs in matched.values() for pair in pairs for ref in pair.made]
     network = adjust_stops(inputs, previous, matched, report, rig)
     if network is not None:
-        made.append(network)
-        quality = _submit_quality(network, matched, inputs)
+        waves.pointers.append(network)
         report.standing = _choose_orientations(network, rig, previous, inputs, report)
-        if report.standing is not None:
-            made.append(report.standing.orientations)
-            made += _map_layers(inputs, report.standing, matched, layers, report)
-        stated, failed = wait_for(f"sol {inputs.sol}: report the quality", quality)
-        report.add_failures("report", failed)
-        made += [ref for refs in stated.values() for ref in refs]
-    _publish(inputs, made, layers, matched, report)
+    if report.standing is not None:
+        waves.pointers.append(report.standing.orientations)
+        waves.show_positions(report.standing)
+    _make(waves, network, matched)
+    failed: dict[str, str] = {}
+    if report.standing is not None:
+        with keep_going(failed, "its findings"):
+            report.notes += _findings(inputs, report.standing)
+    report.add_failures("read", failed)
+    waves.close()
 
 
-def _submit_quality(
-    network: ProductRef, matched: dict[StopId, list[PairProducts]], inputs: SolInputs
-) -> dict[Scope, PrefectFuture[list[ProductRef]]]:
+def _make(waves: Waves, network: ProductRef | None, matched: Matched) -> None:
+    """Make the layers of the stops, publish those of new stops, and draw what is only looked at."""
+    inputs, report, standing = waves.inputs, waves.report, waves.report.standing
+    unasked: dict[str, str] = {}
+    jobs: dict[Key, Job] = {}
+    if standing is not None:
+        with keep_going(unasked, "maps"):
+            first, more = map_jobs(inputs, standing.orientations, matched, waves.new)
+            models = model_jobs(inputs, standing.orientations, matched)
+            models |= panorama_jobs(inputs, standing.orientations, matched)
+            waves.plan(first, more, models)
+            jobs = first | more | models
+    if network is not None:
+        jobs |= _quality_job(network, matched, inputs)
+    jobs |= preview_jobs(inputs, matched, mapped={stop for stop, what in jobs if what == "dtm"})
+    _note_failures(report, jobs, run_jobs(jobs, waves.settled)[1])
+    if standing is not None:
+        with keep_going(unasked, "far ground"):
+            for stop, far in map_far_ground(inputs, standing, matched, report).items():
+                waves.layers.setdefault(stop, []).extend(far)
+    report.add_failures("make", unasked)
+
+
+def _quality_job(network: ProductRef, matched: Matched, inputs: SolInputs) -> dict[Key, Job]:
     pairs = tuple(pair for of_stop in matched.values() for pair in of_stop)
-    store = inputs.workspace.store
-    return {network.scope: report_quality.submit(network, pairs, inputs.config.quality, store)}
+    params, store = inputs.config.quality, inputs.workspace.store
+    stage = f"sol {inputs.sol}: report the quality"
+    job = Job(stage, lambda _: report_quality.submit(network, pairs, params, store))
+    return {(network.scope, "quality"): job}
+
+
+def _note_failures(report: SolReport, jobs: Mapping[Key, Job], failed: Mapping[Key, str]) -> None:
+    """Take down what jobs could not make, by the verb of their stages."""
+    by_verb: dict[str, dict[str, str]] = {}
+    for (subject, what), cause in failed.items():
+        verb = jobs[subject, what].stage.partition(": ")[2].split()[0]
+        by_verb.setdefault(verb, {})[f"{what} of {subject}"] = cause
+    for verb, causes in by_verb.items():
+        findings = (TerrainError,) if verb in {"model", "draw"} else ()
+        report.add_findings(verb, causes, "no", *findings)
 
 
 def _choose_orientations(
@@ -95,76 +137,6 @@ def _choose_orientations(
     done, failed = wait_for(stage, {network.scope: chosen})
     report.add_failures("choose the orientations of", failed)
     return Standing(network, done[network.scope], rig) if done else None
-
-
-def _map_layers(
-    inputs: SolInputs,
-    standing: Standing,
-    matched: dict[StopId, list[PairProducts]],
-    layers: dict[StopId, list[ProductRef]],
-    report: SolReport,
-) -> list[ProductRef]:
-    """Make the layers of the stops, by stop; what was made besides that is no layer."""
-    orientations = standing.orientations
-    failed: dict[str, str] = {}
-    grounds: list[ProductRef] = []
-    with keep_going(failed, "maps"):
-        layers |= map_stops(inputs, orientations, matched, report)
-    with keep_going(failed, "models"):
-        for stop, models in model_stops(inputs, orientations, matched, layers, report).items():
-            layers.setdefault(stop, []).extend(models)
-    with keep_going(failed, "panoramas"):
-        drawn = draw_panoramas(inputs, orientations, matched, layers, report)
-        for stop, (panorama, ground) in drawn.items():
-            layers.setdefault(stop, []).append(panorama)
-            grounds.append(ground)
-    with keep_going(failed, "far ground"):
-        for stop, far in map_far_ground(inputs, standing, matched, report).items():
-            layers.setdefault(stop, []).extend(far)
-    report.add_failures("make", failed)
-    return grounds
-
-
-def _publish(
-    inputs: SolInputs,
-    made: list[ProductRef],
-    layers: dict[StopId, list[ProductRef]],
-    matched: dict[StopId, list[PairProducts]],
-    report: SolReport,
-) -> None:
-    """Move the catalogue to what was made, in one transaction."""
-    failed: dict[str, str] = {}
-    if report.standing is not None:
-        with keep_going(failed, "its findings"):
-            report.notes += _findings(inputs, report.standing)
-    report.add_failures("read", failed)
-    sols = {stop.stop: stop.sols for stop in inputs.telemetry.stops}
-    pointed = (*made, *_match_products(matched.values()))
-    unpublished: dict[str, str] = {}
-    with keep_going(unpublished, "layers"):
-        published = publish(
-            inputs.mission,
-            [(ref, sols[stop]) for stop, refs in layers.items() for ref in refs],
-            pointed,
-            [_outcome(inputs, report)],
-            inputs.workspace,
-        )
-        unpublished |= published.failures
-        report.pointed = pointed
-        report.layers = len(published.layers)
-        report.published = tuple(layer.ref for layer in published.layers)
-    if unpublished:
-        report.add_failures("publish", unpublished)
-        keep_outcome(_outcome(inputs, report), inputs.workspace)
-
-
-def _outcome(inputs: SolInputs, report: SolReport) -> Outcome:
-    """How the sol ended, for `solmap status`."""
-    return Outcome.now(
-        network_scope(report.mission, inputs.sol, inputs.mode).name,
-        (*report.failures, *report.notes),
-        is_failure=bool(report.failures),
-    )
 
 
 def _findings(inputs: SolInputs, standing: Standing) -> list[str]:
@@ -192,7 +164,3 @@ def _remapped_line(stop: MappedStop, params: ReissueParams) -> str:
 def _link_line(link: dict[str, object]) -> str:
     verdict = "linked" if link["linked"] else "not linked"
     return f"{link['earlier']} - {link['later']}: {verdict}, {link['reason']}"
-
-
-def _match_products(matched: Iterable[list[PairProducts]]) -> list[ProductRef]:
-    return [ref for pairs in matched for pair in pairs for ref in pair.made]

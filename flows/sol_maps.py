@@ -1,33 +1,28 @@
 """The layers of a sol's stops: maps, models in three dimensions, panoramas and far ground.
 
-Each function submits one task per stop and product, waits, and adds to the report what could not be
-made; what did not change is looked up.
+Those of a stop are jobs, one a product, in the order in which people wait for them; what did not
+change is looked up. Far ground, which few ask for, follows when they are done.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from prefect import Task
 from prefect.futures import PrefectFuture
 
-from solmap.config.pipeline import PipelineConfig
-from solmap.flows.runtime.failures import (
-    as_argument,
-    group_by_first,
-    group_layers,
-    keep_going,
-    wait_for,
-)
+from solmap.config.pipeline import Models
+from solmap.flows.runtime.failures import group_by_first, keep_going, wait_for
+from solmap.flows.runtime.jobs import Job, run_jobs
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol_inputs import SolInputs
 from solmap.photogrammetry.errors import MatchingError, TerrainError
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.terrain.relief.contours import ContourParams
 from solmap.products.crs import LandingPoint
 from solmap.products.formats.documents.network import read_network
-from solmap.products.model import ProductKind, ProductRef
+from solmap.products.model import ProductRef
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts
 from solmap.tasks.maps.far_ground import (
@@ -48,147 +43,113 @@ from solmap.tasks.network.orientations import (
     orient_pairs,
     read_orientations,
 )
-from solmap.tasks.network.previews import preview_terrain
+from solmap.tasks.network.previews import preview_pair, preview_terrain
 
-NO_LAYER = "preview"
-"""What is made of a stop only to be looked at beside the products."""
-Futures = dict[str, PrefectFuture[Any]]
-"""By what is made: one product, or several at once."""
+Matched = Mapping[StopId, list[PairProducts]]
+Key = tuple[Any, str]
+"""Of a job: what it is about, a stop mostly, and what it makes."""
+Made = Mapping[Key, Any]
+FIRST = ("dtm", "orthophoto", "contours", "hillshade")
+"""What a stop is shown with as soon as it is made."""
 LACKING, FINDINGS = "no far ground,", (MatchingError, TerrainError)
 """Message and errors of a stop whose images do not allow far ground."""
 
 
-def map_stops(
-    inputs: SolInputs,
-    orientations: ProductRef,
-    matched: dict[StopId, list[PairProducts]],
-    report: SolReport,
-) -> dict[StopId, list[ProductRef]]:
-    """Map every stop of the window from its adjusted pairs; what did not move is looked up."""
+def map_jobs(
+    inputs: SolInputs, orientations: ProductRef, matched: Matched, first: Collection[StopId]
+) -> tuple[dict[Key, Job], dict[Key, Job]]:
+    """The maps of every stop of the window from its adjusted pairs: those of `FIRST`, and others.
+
+    `first` are stops that go before the others.
+    """
     mapped = read_orientations(
         orientations, inputs.workspace.store, [str(stop) for stop in matched]
     )
-    futures: dict[tuple[StopId, str], PrefectFuture[Any]] = {}
-    unasked: dict[tuple[StopId, str], str] = {}
-    for stop, pairs in matched.items():
-        oriented = orient_pairs(pairs, mapped.get(str(stop)))
-        if oriented:
-            made = _submit_stop(stop, oriented, inputs, unasked)
-            futures |= {(stop, what): future for what, future in made.items()}
-    done, failed = wait_for(f"sol {report.sol}: map the stops", futures)
-    failed |= unasked
-    report.add_failures(
-        "map", {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()}
-    )
-    return group_layers({key: made for key, made in done.items() if key[1] != NO_LAYER})
+    at_first: dict[Key, Job] = {}
+    later: dict[Key, Job] = {}
+    for stop in sorted(matched, key=lambda stop: stop not in first):
+        oriented = orient_pairs(matched[stop], mapped.get(str(stop)))
+        for what, job in _maps_of_stop(stop, oriented, inputs).items() if oriented else ():
+            (at_first if what in FIRST else later)[stop, what] = job
+    return at_first, later
 
 
-def _submit_stop(
-    stop: StopId,
-    oriented: tuple[OrientedPair, ...],
-    inputs: SolInputs,
-    unasked: dict[tuple[StopId, str], str],
-) -> Futures:
-    """All maps of one stop; `unasked` gains what cannot even be asked for, and why."""
+def _maps_of_stop(
+    stop: StopId, oriented: tuple[OrientedPair, ...], inputs: SolInputs
+) -> dict[str, Job]:
     config, store, landing = inputs.config, inputs.workspace.store, inputs.landing
-    dtm = build_dtm.submit(stop, oriented, config.dtm, landing, store)
-    terrain = as_argument(dtm)
-    futures: Futures = {
-        "dtm": dtm,
-        "orthophoto": render_orthophoto.submit(
-            terrain, oriented, config.orthophoto, landing, store
-        ),
-        **submit_relief(terrain, config.contour, config, landing, store),
-        **submit_suitability(terrain, config, landing, store),
-        "viewshed": map_viewshed.submit(
-            terrain, highest_camera(oriented), config.viewshed, landing, store
-        ),
-        NO_LAYER: preview_terrain.submit(terrain, store),
-    }
-    with keep_going(unasked, (stop, "colour")):
+    stage, dtm = f"sol {inputs.sol}: map the stops", (stop, "dtm")
+
+    def on_terrain(submit: Callable[[ProductRef], PrefectFuture[Any] | None]) -> Job:
+        return Job(stage, lambda made: submit(made[dtm]), needs=[dtm])
+
+    def surface(task: Task[..., Any], *params: object) -> Job:
+        return on_terrain(lambda terrain: task.submit(terrain, *params, landing, store))
+
+    def submit_colour(terrain: ProductRef) -> PrefectFuture[Any] | None:
         images = inputs.workspace.catalogue.images(stop=str(stop))
         frames = colour_frames(oriented, images, inputs.workspace)
-        if frames:
-            colour = render_colour.submit(terrain, frames, config.orthophoto, landing, store)
-            futures["colour"] = colour
-    return futures
+        if not frames:
+            return None
+        return render_colour.submit(terrain, frames, config.orthophoto, landing, store)
 
-
-def submit_relief(
-    terrain: ProductRef,
-    contour: ContourParams,
-    config: PipelineConfig,
-    landing: LandingPoint,
-    store: ProductStore,
-) -> Futures:
-    """What shows the shape of the ground to the eye: for any terrain model."""
-    return {
-        "hillshade": shade_relief.submit(terrain, config.hillshade, landing, store),
-        "contours": trace_contours.submit(terrain, contour, landing, store),
+    jobs = {
+        "dtm": Job(stage, lambda _: build_dtm.submit(stop, oriented, config.dtm, landing, store)),
+        "orthophoto": surface(render_orthophoto, oriented, config.orthophoto),
+        "contours": surface(trace_contours, config.contour),
+        "hillshade": surface(shade_relief, config.hillshade),
+        "relief": surface(map_relief, config.slope),
+        "hazard": surface(map_hazards, config.hazard),
+        "viewshed": surface(map_viewshed, highest_camera(oriented), config.viewshed),
+        "colour": on_terrain(submit_colour),
     }
+    if landing.is_on_mars:  # the sun of Mars shines nowhere else
+        jobs["insolation"] = surface(map_insolation, config.insolation, config.havens)
+    return jobs
 
 
-def submit_suitability(
-    terrain: ProductRef, config: PipelineConfig, landing: LandingPoint, store: ProductStore
-) -> Futures:
-    """What the ground means to a rover on it: for terrain models as fine as a rover feels."""
-    return {
-        "relief": map_relief.submit(terrain, config.slope, landing, store),
-        "hazard": map_hazards.submit(terrain, config.hazard, landing, store),
-        **(
-            {
-                "insolation": map_insolation.submit(
-                    terrain, config.insolation, config.havens, landing, store
-                )
-            }
-            if landing.is_on_mars  # the sun of Mars shines nowhere else
-            else {}
-        ),
-    }
-
-
-def model_stops(
-    inputs: SolInputs,
-    orientations: ProductRef,
-    matched: Mapping[StopId, list[PairProducts]],
-    mapped: Mapping[StopId, list[ProductRef]],
-    report: SolReport,
-) -> dict[StopId, list[ProductRef]]:
+def model_jobs(inputs: SolInputs, orientations: ProductRef, matched: Matched) -> dict[Key, Job]:
     """Models of every stop that has been mapped, and of what the pairs of every stop see."""
     wanted, store, landing = inputs.config.models, inputs.workspace.store, inputs.landing
     poses = read_orientations(orientations, store, [str(stop) for stop in matched])
-    futures: dict[tuple[StopId, str], PrefectFuture[Any]] = {}
+    jobs: dict[Key, Job] = {}
     for stop in matched:
-        of = {ref.kind: ref for ref in mapped.get(stop, ())}
-        ground = of.get(ProductKind.DTM), of.get(ProductKind.ORTHOPHOTO)
-        if ground[0] and ground[1] and wanted.of_terrain:
-            terrain = (ground[0], ground[1])
-            futures[stop, "model"] = model_terrain.submit(*terrain, wanted.terrain, landing, store)
-            futures[stop, "3D tiles"] = tile_terrain.submit(*terrain, wanted.tiles, landing, store)
         pairs = orient_pairs(matched[stop], poses.get(str(stop)))
-        if not pairs:
-            continue
-        if wanted.of_views:
-            futures[stop, "model of what pairs see"] = model_views.submit(
-                stop, pairs, wanted.views, landing, store
-            )
-        if wanted.of_points:
-            futures[stop, "points"] = make_points.submit(stop, pairs, wanted.points, landing, store)
-        if wanted.dips_of_facets:
-            futures[stop, "dips"] = map_dips.submit(stop, pairs, wanted.facets, landing, store)
-    done, failed = wait_for(f"sol {report.sol}: model the stops", futures)
-    causes = {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()}
-    report.add_findings("model", causes, "no", TerrainError)
-    return group_layers(done)
+        if pairs:
+            jobs |= {
+                (stop, what): Job(f"sol {inputs.sol}: model the stops", submit, needs)
+                for what, submit, needs, is_wanted in _models_of_stop(
+                    stop, pairs, wanted, landing, store
+                )
+                if is_wanted
+            }
+    return jobs
 
 
-def draw_panoramas(
-    inputs: SolInputs,
-    orientations: ProductRef,
-    matched: Mapping[StopId, list[PairProducts]],
-    mapped: Mapping[StopId, list[ProductRef]],
-    report: SolReport,
-) -> dict[StopId, tuple[ProductRef, ProductRef]]:
+def _models_of_stop(
+    stop: StopId,
+    pairs: tuple[OrientedPair, ...],
+    wanted: Models,
+    landing: LandingPoint,
+    store: ProductStore,
+) -> Iterator[tuple[str, Callable[[Made], PrefectFuture[Any]], Sequence[Key], bool]]:
+    """What is made, how, what it needs, and whether it is wanted."""
+    ground = (stop, "dtm"), (stop, "orthophoto")
+
+    def on_ground(task: Task[..., Any], params: object) -> Callable[[Made], PrefectFuture[Any]]:
+        return lambda made: task.submit(made[ground[0]], made[ground[1]][0], params, landing, store)
+
+    def of_pairs(task: Task[..., Any], params: object) -> Callable[[Made], PrefectFuture[Any]]:
+        return lambda _: task.submit(stop, pairs, params, landing, store)
+
+    yield "model", on_ground(model_terrain, wanted.terrain), ground, wanted.of_terrain
+    yield "3D tiles", on_ground(tile_terrain, wanted.tiles), ground, wanted.of_terrain
+    yield "model of what pairs see", of_pairs(model_views, wanted.views), (), wanted.of_views
+    yield "points", of_pairs(make_points, wanted.points), (), wanted.of_points
+    yield "dips", of_pairs(map_dips, wanted.facets), (), wanted.dips_of_facets
+
+
+def panorama_jobs(inputs: SolInputs, orientations: ProductRef, matched: Matched) -> dict[Key, Job]:
     """The panorama of every stop of the window, and what it knows of the ground."""
     wanted, workspace = inputs.config.panoramas, inputs.workspace
     if not wanted.enabled:
@@ -196,10 +157,9 @@ def draw_panoramas(
     poses = read_orientations(
         orientations, workspace.store, [str(one.stop) for one in inputs.window]
     )
-    futures: dict[StopId, PrefectFuture[Any]] = {}
-    unasked: dict[StopId, str] = {}
-    for stop in (one.stop for one in inputs.window if str(one.stop) in poses):
-        with keep_going(unasked, stop):
+
+    def job(stop: StopId) -> Job:
+        def submit(made: Made) -> PrefectFuture[Any] | None:
             entries = workspace.catalogue.images(inputs.mission.mission, stop=str(stop))
             frames = oriented_frames(
                 [entry for entry in entries if entry.sol <= inputs.sol],
@@ -208,45 +168,71 @@ def draw_panoramas(
                 wanted.drawing.eye,
                 workspace,
             )
-            dtm = {ref.kind: ref for ref in mapped.get(stop, ())}.get(ProductKind.DTM)
-            if frames:
-                futures[stop] = draw_panorama.submit(
-                    stop, frames, dtm, wanted.drawing, inputs.landing, workspace.store
-                )
-    done, failed = wait_for(f"sol {report.sol}: draw the panoramas", futures)
-    causes = {f"panorama of {stop}": cause for stop, cause in (failed | unasked).items()}
-    report.add_findings("draw", causes, "no", TerrainError)
-    return done
+            if not frames:
+                return None
+            dtm, params = made.get((stop, "dtm")), wanted.drawing
+            return draw_panorama.submit(stop, frames, dtm, params, inputs.landing, workspace.store)
+
+        return Job(f"sol {inputs.sol}: draw the panoramas", submit, after=[(stop, "dtm")])
+
+    stops = [one.stop for one in inputs.window if str(one.stop) in poses]
+    return {(stop, "panorama"): job(stop) for stop in stops}
+
+
+def preview_jobs(inputs: SolInputs, matched: Matched, mapped: Collection[StopId]) -> dict[Key, Job]:
+    """Pictures of the terrain of mapped stops and of the matches of all pairs: no layers."""
+    stage, store = f"sol {inputs.sol}: preview terrain and matches", inputs.workspace.store
+
+    def of_terrain(dtm: Key) -> Job:
+        return Job(stage, lambda made: preview_terrain.submit(made[dtm], store), needs=[dtm])
+
+    def of_pair(pair: PairProducts) -> Job:
+        return Job(stage, lambda _: preview_pair.submit(pair, inputs.config.sparse, store))
+
+    terrain = {(stop, "picture"): of_terrain((stop, "dtm")) for stop in mapped}
+    pairs = [pair for of_stop in matched.values() for pair in of_stop]
+    return terrain | {(pair.files.id, "picture"): of_pair(pair) for pair in pairs}
 
 
 def map_far_ground(
     inputs: SolInputs,
     standing: Standing,
-    matched: Mapping[StopId, list[PairProducts]],
+    matched: Matched,
     report: SolReport,
 ) -> dict[StopId, list[ProductRef]]:
     """A map of far ground for every stop that is linked with earlier ones, if that is wanted."""
     if not inputs.config.wide.enabled:
         return {}
     pairs = _match_wide_pairs(inputs, standing, matched, report)
-    config, store, landing = inputs.config, inputs.workspace.store, inputs.landing
-    futures = {}
+    jobs: dict[Key, Job] = {}
     for stop, views in pairs.items():
-        dtm = build_far_dtm.submit(stop, tuple(views), config.wide.dtm, landing, store)
-        terrain = as_argument(dtm)
-        futures[stop, "elevation"] = dtm
-        shape = submit_relief(terrain, config.wide.contour, config, landing, store)
-        futures |= {(stop, what): surface for what, surface in shape.items()}
-    done, failed = wait_for(f"sol {report.sol}: map far ground", futures)
+        jobs |= _far_maps(stop, tuple(views), inputs)
+    done, failed = run_jobs(jobs)
     causes = {f"{kind} of {stop}": cause for (stop, kind), cause in failed.items()}
     report.add_findings("map far ground", causes, LACKING, *FINDINGS)
     return group_by_first(done)
 
 
+def _far_maps(stop: StopId, views: tuple[WidePair, ...], inputs: SolInputs) -> dict[Key, Job]:
+    config, store, landing = inputs.config, inputs.workspace.store, inputs.landing
+    stage, far = f"sol {inputs.sol}: map far ground", (stop, "elevation")
+
+    def on_terrain(task: Task[..., Any], params: object) -> Job:
+        return Job(stage, lambda made: task.submit(made[far], params, landing, store), needs=[far])
+
+    return {
+        far: Job(
+            stage, lambda _: build_far_dtm.submit(stop, views, config.wide.dtm, landing, store)
+        ),
+        (stop, "hillshade"): on_terrain(shade_relief, config.hillshade),
+        (stop, "contours"): on_terrain(trace_contours, config.wide.contour),
+    }
+
+
 def _match_wide_pairs(
     inputs: SolInputs,
     standing: Standing,
-    matched: Mapping[StopId, list[PairProducts]],
+    matched: Matched,
     report: SolReport,
 ) -> dict[StopId, list[WidePair]]:
     """What was matched between the pairs of linked stops, by the later stop."""
@@ -284,7 +270,7 @@ def _one_finding_a_stop(
 
 
 def _linked_stops(
-    standing: Standing, matched: Mapping[StopId, list[PairProducts]], inputs: SolInputs
+    standing: Standing, matched: Matched, inputs: SolInputs
 ) -> list[tuple[StopId, StopId]]:
     """Stops of the window that ties join, the earlier one first."""
     names = {str(stop): stop for stop in matched}

@@ -18,7 +18,6 @@ from solmap.tasks.images.pairs import PairFiles, PairProducts, pairs_of
 from solmap.tasks.network.adjust import NetworkParams
 from solmap.tasks.network.match import MatchParams, Turn, match_stereo_pair, measure_rows
 from solmap.tasks.network.orientations import Standing
-from solmap.tasks.network.previews import preview_pair
 from solmap.tasks.network.rig import StopTies, pool_rig, refine_rig, turn_of_pair
 from solmap.tasks.network.tie import StopProducts, tie_stop
 
@@ -49,15 +48,9 @@ def match_pairs(
         better = _turns(rows, rig, inputs)
         if better != turns:
             turns, matched = better, _match(pairs, better, inputs, report)
-    previews = {
-        pair.files.id: preview_pair.submit(pair, inputs.config.sparse, inputs.workspace.store)
-        for of_stop in matched.values()
-        for pair in of_stop
-    }
-    for pair in previews.keys() & unmeasured.keys():  # of others one line is enough
+    ids = {pair.files.id for of_stop in matched.values() for pair in of_stop}
+    for pair in ids & unmeasured.keys():  # of others one line is enough
         report.add_failures("measure the rows of", {pair: unmeasured[pair]})
-    failed = wait_for(f"sol {inputs.sol}: preview the matches", previews)[1]
-    report.add_failures("preview", failed)
     report.notes += _notes(rows, rig, inputs)
     return matched, rig
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Iterator, Mapping, MutableMapping
 from contextlib import contextmanager
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from prefect.exceptions import UnfinishedRun
 from prefect.futures import PrefectFuture
@@ -14,7 +14,6 @@ from solmap.flows.runtime.progress import report
 from solmap.products.catalogue.catalogue import Outcome
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import StoreFullError, cause_of
-from solmap.products.model import ProductRef
 from solmap.products.store.faults import is_disk_full
 
 log = logging.getLogger(__name__)
@@ -94,27 +93,12 @@ def clear_failure(subject: str, workspace: Workspace) -> None:
         keep_outcome(Outcome.now(subject, ()), workspace)
 
 
-def as_argument(future: PrefectFuture[T]) -> T:
-    """A future as the argument of another task: Prefect waits for it and hands on its result."""
-    return cast("T", future)
-
-
 def group_by_first(results: Mapping[tuple[K, Any], T]) -> dict[K, list[T]]:
     """Results with keys of two parts, listed by the first part."""
     listed: dict[K, list[T]] = {}
     for (first, _), result in results.items():
         listed.setdefault(first, []).append(result)
     return listed
-
-
-def group_layers(
-    results: Mapping[tuple[K, Any], ProductRef | Sequence[ProductRef]],
-) -> dict[K, list[ProductRef]]:
-    """The same for products, of which a task makes one or several at once."""
-    layers: dict[K, list[ProductRef]] = {}
-    for (first, _), made in results.items():
-        layers.setdefault(first, []).extend([made] if isinstance(made, ProductRef) else made)
-    return layers
 
 
 def wait_for(
@@ -130,18 +114,29 @@ def wait_for(
     """
     results, failures = {}, {}
     for done, (key, future) in enumerate(futures.items(), 1):
-        try:
-            result = future.result(raise_on_failure=False)
-        except UnfinishedRun:  # never ran: what it waited for failed
-            failures[key] = ""
-        except Exception as error:  # noqa: BLE001 - its worker was killed, again and again
-            failures[key] = cause_of(error, is_named=True)
+        result, cause = result_of(future)
+        if cause is None:
+            results[key] = result
         else:
-            if isinstance(result, StoreFullError):
-                raise result
-            if isinstance(result, BaseException):
-                failures[key] = cause_of(result, is_named=True)
-            else:
-                results[key] = result
+            failures[key] = cause
         report(stage, done, len(futures))
     return results, failures
+
+
+def result_of(future: PrefectFuture[T]) -> tuple[T | None, str | None]:
+    """Wait for a task: its result, or why there is none; without words where another's is said.
+
+    Raises:
+        StoreFullError: it found the disk full.
+    """
+    try:
+        result = future.result(raise_on_failure=False)
+    except UnfinishedRun:  # never ran: what it waited for failed
+        return None, ""
+    except Exception as error:  # noqa: BLE001 - its worker was killed, again and again
+        return None, cause_of(error, is_named=True)
+    if isinstance(result, StoreFullError):
+        raise result
+    if isinstance(result, BaseException):
+        return None, cause_of(result, is_named=True)
+    return result, None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import sys
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
@@ -35,6 +36,12 @@ def on_workers(flow: Flow[P, R]) -> Flow[P, R]:
         ConfigError: Dask is wanted but not installed.
     """
     return flow.with_options(task_runner=_runner(Settings()))
+
+
+def places() -> int:
+    """How many tasks are worth submitting at a time: one for each worker, and one to follow."""
+    settings = Settings()
+    return sys.maxsize if settings.dask_address else settings.task_workers + 1
 
 
 def _runner(settings: Settings) -> Runner:

@@ -137,10 +137,13 @@ def publish(
     pointers: Iterable[ProductRef],
     outcomes: Iterable[Outcome],
     workspace: Workspace,
+    *,
+    is_last: bool = True,
 ) -> Published:
     """Publish products with the sols that they show; readers see all of it or nothing.
 
-    A product that cannot be read is left out: what was published of its kind stays.
+    A product that cannot be read is left out: what was published of its kind stays. Of several
+    publications that belong together the STAC catalogue follows the last, which is all of them.
     """
     described: list[Layer] = []
     failures: dict[str, str] = {}
@@ -151,8 +154,9 @@ def publish(
     workspace.catalogue.publish(
         missions=[mission], layers=described, pointers=pointers, outcomes=outcomes
     )
-    with _note_failure(failures, "STAC catalogue", workspace):
-        retry_transient(lambda: update_stac(mission, described, workspace))
+    if is_last:
+        with _note_failure(failures, "STAC catalogue", workspace):
+            retry_transient(lambda: update_stac(mission, described, workspace))
     _index(mission.mission, {layer.ref.kind for layer in described}, workspace)
     return Published(tuple(described), failures)
 

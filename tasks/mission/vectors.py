@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,9 @@ log = logging.getLogger(__name__)
 WHEELS_M = 0.294
 """The ground below the rover origin when it stands level (VICAR's default ground plane)."""
 
+POSITIONS = (ProductKind.TRAVERSE, ProductKind.STOPS)
+VECTORS = (*POSITIONS, ProductKind.TIE_POINTS, ProductKind.FOOTPRINTS, ProductKind.POINTING)
+
 
 @stage(task_run_name="vectors-{mission}")
 def draw_vectors(  # noqa: PLR0913 - all that features tell of
@@ -48,9 +51,10 @@ def draw_vectors(  # noqa: PLR0913 - all that features tell of
     landing: LandingPoint,
     workspace: Workspace,
     *,
+    kinds: Collection[ProductKind] = VECTORS,
     sigmas_m: Mapping[StopId, float] | None = None,
 ) -> list[ProductRef]:
-    """Draw the vector layers of a mission from its network and images.
+    """Draw the vector layers of a mission, or some of them, from its network and images.
 
     `sigmas_m` are standard deviations of telemetry's places relative to the map's origin.
     """
@@ -66,6 +70,8 @@ def draw_vectors(  # noqa: PLR0913 - all that features tell of
         (ProductKind.FOOTPRINTS, images, pairing, lambda: read.outlines(footprint_feature, params)),
         (ProductKind.POINTING, images, pairing, lambda: read.outlines(pointing_feature, params)),
     ):
+        if kind not in kinds:
+            continue
         recipe = Recipe(kind, region_scope(mission), (network, *inputs), (params, landing, extra))
 
         def write(path: Path, features: Any = features) -> None:  # noqa: ANN401 - a thunk

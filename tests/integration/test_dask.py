@@ -23,18 +23,28 @@ def _one_cluster():
 
 
 def outcome(engine: str, store: ProductStore):
-    """What comes of good tasks, of one that fails, and of one that waits for it."""
-    from solmap.flows.runtime.failures import as_argument, wait_for  # noqa: PLC0415 - imports Prefect
+    """What comes of good tasks, of one that fails, of one that needs it, and one after both."""
+    from solmap.flows.runtime.jobs import Job, run_jobs  # noqa: PLC0415 - imports Prefect
     from solmap.flows.runtime.progress import listen  # noqa: PLC0415
 
     task, steps = stages(), []
 
     def body():
-        bad = task["broken"].submit(7, store)
-        good = {f"good {number}": task["nothing"].submit(number, store) for number in range(6)}
-        later = task["nothing"].submit(as_argument(bad), store)
+        def job(what, number, **order):
+            return Job("try", lambda _: task[what].submit(number, store), **order)
+
+        jobs = {f"good {number}": job("nothing", number) for number in range(6)}
+        jobs["bad"] = job("broken", 7)
+        jobs["later"] = job("nothing", 8, needs=["good 1", "bad"])
+        jobs["after"] = Job(
+            "try",
+            lambda made: task["nothing"].submit(sorted(map(str, made)), store),
+            needs=["good 1"],
+            after=["bad", "later", *jobs],
+        )
+        jobs["none"] = Job("try", lambda _: None)
         with listen(steps.append):
-            return wait_for("try", {**good, "bad": bad, "later": later})
+            return run_jobs(jobs)
 
     done, failed = run_on(engine, body)
     return done, failed, steps
@@ -50,10 +60,12 @@ def test_workers_give_the_same_results_and_say_the_same_of_failures(tmp_path):
     assert {key: value[0] for key, value in there.items()} == {
         key: value[0] for key, value in here.items()
     }
+    assert here["after"][0] == [f"good {number}" for number in range(6)]  # and all others are done
+    assert {"none", "later"}.isdisjoint(here)
     assert {value[1] for value in here.values()} == {os.getpid()}
     assert os.getpid() not in {value[1] for value in there.values()}
     assert told_there == told_here  # progress arrives as it does from threads
-    assert [(step.done, step.total) for step in told_there] == [(n, 8) for n in range(1, 9)]
+    assert [(step.done, step.total) for step in told_there] == [(n, 10) for n in range(1, 11)]
 
 
 def test_a_full_disk_stops_the_flow_on_workers_too():

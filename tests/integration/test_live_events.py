@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import queue
 import subprocess
 import sys
-import threading
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-import httpx
 import numpy as np
 import pytest
 
 from solmap.products.catalogue.catalogue import Catalogue
-from tests.support.live_server import serving
+from tests.support.live_server import listening, serving
 
 _TELL = """
 import sys, time
@@ -34,39 +28,6 @@ for number in range(int(sys.argv[2])):
 def root(tmp_path: Path) -> Path:
     Catalogue.open(tmp_path)
     return tmp_path
-
-
-@contextmanager
-def listening(address: str, **headers: str) -> Iterator[queue.Queue]:
-    """Events as (kind, id, data, time of arrival), as they come."""
-    heard: queue.Queue = queue.Queue()
-    client = httpx.Client(timeout=httpx.Timeout(20.0))
-    response = client.send(client.build_request("GET", address, headers=headers), stream=True)
-    assert response.status_code == 200
-    assert response.headers["content-type"].startswith("text/event-stream")
-
-    def listen() -> None:
-        fields: dict[str, str] = {}
-        try:
-            for line in response.iter_lines():
-                name, colon, value = line.partition(": ")
-                if colon and name:
-                    fields[name] = value
-                elif not line and "event" in fields:
-                    data = json.loads(fields["data"])
-                    heard.put((fields["event"], int(fields["id"]), data, time.time()))
-                    fields = {}
-        except (httpx.HTTPError, httpx.StreamError, OSError):
-            pass  # the test has ended
-
-    thread = threading.Thread(target=listen, daemon=True)
-    thread.start()
-    try:
-        yield heard
-    finally:
-        response.close()
-        client.close()
-        thread.join(5)
 
 
 def tell(root: Path, count: int) -> None:

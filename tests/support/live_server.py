@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
+import queue
 import socket
 import subprocess
 import sys
+import threading
 import time
 import urllib.request
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+
+import httpx
 
 _SERVE = (
     "import sys, pathlib, uvicorn; from solmap.gis_server.app import create_app; "
@@ -65,3 +70,36 @@ def _is_ready(address: str) -> bool:
             return bool(answer.status == 200)
     except OSError:
         return False
+
+
+@contextlib.contextmanager
+def listening(address: str, **headers: str) -> Iterator[queue.Queue]:
+    """Events as (kind, id, data, time of arrival), as they come."""
+    heard: queue.Queue = queue.Queue()
+    client = httpx.Client(timeout=httpx.Timeout(20.0))
+    response = client.send(client.build_request("GET", address, headers=headers), stream=True)
+    assert response.status_code == 200
+    assert response.headers["content-type"].startswith("text/event-stream")
+
+    def listen() -> None:
+        fields: dict[str, str] = {}
+        try:
+            for line in response.iter_lines():
+                name, colon, value = line.partition(": ")
+                if colon and name:
+                    fields[name] = value
+                elif not line and "event" in fields:
+                    data = json.loads(fields["data"])
+                    heard.put((fields["event"], int(fields["id"]), data, time.time()))
+                    fields = {}
+        except (httpx.HTTPError, httpx.StreamError, OSError):
+            pass  # the test has ended
+
+    thread = threading.Thread(target=listen, daemon=True)
+    thread.start()
+    try:
+        yield heard
+    finally:
+        response.close()
+        client.close()
+        thread.join(5)

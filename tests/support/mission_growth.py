@@ -93,7 +93,6 @@ STAGES = {
         "match_stereo_pair",
         "tie_stop",
         "refine_rig",
-        "preview_pair",
     ),
     "sol_network": ("tie_stop", "link_stops", "adjust_network"),
 }
@@ -103,19 +102,19 @@ STAGES = {
 @contextmanager
 def without_engine() -> Iterator[None]:
     """Have stages run at once, where only what they leave is asked for."""
-    from solmap.flows import sol, sol_matching, sol_network  # noqa: PLC0415
+    from solmap.flows import sol_matching, sol_network, sol_waves  # noqa: PLC0415
 
     modules = {"sol_matching": sol_matching, "sol_network": sol_network}
     calls = [(modules[name], stage) for name, stages in STAGES.items() for stage in stages]
     before = [getattr(module, name) for module, name in calls]
-    publish = sol.publish
+    publish = sol_waves.publish
     for (module, name), stage in zip(calls, before, strict=True):
         setattr(module, name, AtOnce(stage))
-    sol.publish = publish.fn
+    sol_waves.publish = publish.fn
     try:
         yield
     finally:
-        sol.publish = publish
+        sol_waves.publish = publish
         for (module, name), stage in zip(calls, before, strict=True):
             setattr(module, name, stage)
 
@@ -124,12 +123,12 @@ def network_of_sol(*, on_engine: bool) -> Callable[..., Any]:
     """The flow of a sol up to what is known of its network; imported where the engine runs."""
     from prefect import flow  # noqa: PLC0415
 
-    from solmap.flows import sol as sols  # noqa: PLC0415
     from solmap.flows.runtime.runners import on_workers  # noqa: PLC0415
     from solmap.flows.runtime.sol_report import SolReport  # noqa: PLC0415
     from solmap.flows.sol_inputs import gather  # noqa: PLC0415
     from solmap.flows.sol_matching import match_pairs  # noqa: PLC0415
     from solmap.flows.sol_network import adjust_stops  # noqa: PLC0415
+    from solmap.flows.sol_waves import Waves  # noqa: PLC0415
     from solmap.tasks.network.orientations import Standing, choose_orientations  # noqa: PLC0415
     from solmap.tasks.network.report import report_quality  # noqa: PLC0415
 
@@ -154,8 +153,10 @@ def network_of_sol(*, on_engine: bool) -> Callable[..., Any]:
         with costs.of("report"):
             told = stated(network, pairs, inputs.config.quality, inputs.workspace.store)
         with costs.of("publish"):
-            known = (rig,) if rig else ()
-            sols._publish(inputs, [network, oriented, *known, *told], {}, matched, report)
+            waves = Waves.of(inputs, report)
+            waves.pointers += [network, oriented, *([rig] if rig else []), *told]
+            waves.pointers += [ref for pair in pairs for ref in pair.made]
+            waves.close()
         if report.failures:
             raise RuntimeError(f"sol {sol}: {report.failures}")
         return report.standing

@@ -1,0 +1,103 @@
+"""Jobs: tasks of a flow that are submitted when what they need is made, the first listed first.
+
+A task that is submitted with the future of another occupies a worker while it waits for it, and one
+that is submitted early is carried out early. So only as many are submitted as there are workers,
+and one to follow.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from queue import SimpleQueue
+from typing import Any, TypeVar
+
+from prefect.futures import PrefectFuture
+
+from solmap.flows.runtime.failures import keep_going, result_of
+from solmap.flows.runtime.progress import report
+from solmap.flows.runtime.runners import places
+
+K = TypeVar("K")
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A task that is to be submitted."""
+
+    stage: str
+    """What progress is reported of."""
+    submit: Callable[[Mapping[Any, Any]], PrefectFuture[Any] | None]
+    """Submits it, given all results by then; None: there is nothing to be made."""
+    needs: Sequence[Any] = ()
+    """Keys of jobs listed before it, without whose results it cannot be done."""
+    after: Sequence[Any] = ()
+    """Keys of jobs listed before it that it waits for, be there a result or not."""
+
+
+def run_jobs(
+    jobs: Mapping[K, Job], settled: Callable[[K, Mapping[K, Any]], None] | None = None
+) -> tuple[dict[K, Any], dict[K, str]]:
+    """Carry out jobs, each as soon as it can be; results by key, and what went wrong by key.
+
+    A job that needed a failed one is among the failures too, without a line of its own.
+
+    Args:
+        jobs: By key; of those that are ready the first listed is submitted first.
+        settled: Called with the key of each job that has come to an end, and all results by then.
+
+    Raises:
+        StoreFullError: a task found the disk full; whatever else is tried would find it full too.
+    """
+    waiting, running = dict(jobs), dict[K, PrefectFuture[Any]]()
+    results, failures = dict[K, Any](), dict[K, str]()
+    finished, most = SimpleQueue[K](), places()
+    of_stage, done = Counter(job.stage for job in jobs.values()), Counter[str]()
+
+    def settle(key: K) -> None:
+        stage = jobs[key].stage
+        done[stage] += 1
+        report(stage, done[stage], of_stage[stage])
+        if settled:
+            settled(key, results)
+
+    while waiting or running:
+        for key, job in list(waiting.items()):
+            if len(running) >= most:
+                break
+            if any(other in waiting or other in running for other in (*job.needs, *job.after)):
+                continue
+            del waiting[key]
+            future = _submitted(key, job, results, failures)
+            if future is None:
+                settle(key)
+            else:
+                running[key] = future
+                future.add_done_callback(partial(_put, finished, key))
+        if running:
+            key = finished.get()
+            result, cause = result_of(running.pop(key))
+            if cause is None:
+                results[key] = result
+            else:
+                failures[key] = cause
+            settle(key)
+    return results, failures
+
+
+def _submitted(
+    key: K, job: Job, results: Mapping[K, Any], failures: MutableMapping[K, str]
+) -> PrefectFuture[Any] | None:
+    """The task of a job; None where there is none, which is a failure if something is lacking."""
+    if not results.keys() >= set(job.needs):
+        failures[key] = ""
+        return None
+    with keep_going(failures, key):
+        return job.submit(results)
+    return None
+
+
+def _put(finished: SimpleQueue[K], key: K, _: PrefectFuture[Any]) -> None:
+    finished.put(key)
