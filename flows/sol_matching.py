@@ -14,9 +14,9 @@ from solmap.photogrammetry.archive.rig import INSTRUMENT
 from solmap.photogrammetry.imagery import StopId
 from solmap.products.formats.documents.rig import PairRows, RigProduct, read_pair_rows, read_rig
 from solmap.products.model import ProductRef
-from solmap.tasks.images.pairs import PairFiles, PairProducts, pairs_of
+from solmap.tasks.images.pairs import PairFiles, PairProducts, Turn, pairs_of
 from solmap.tasks.network.adjust import NetworkParams
-from solmap.tasks.network.match import MatchParams, Turn, match_stereo_pair, measure_rows
+from solmap.tasks.network.match import MatchParams, match_stereo_pair, measure_rows
 from solmap.tasks.network.orientations import Standing
 from solmap.tasks.network.rig import StopTies, pool_rig, refine_rig, turn_of_pair
 from solmap.tasks.network.tie import StopProducts, tie_stop

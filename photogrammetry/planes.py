@@ -296,12 +296,20 @@ def window_gradients(
     elevation: Raster, cell_m: float, baseline_m: float, min_share: float = 0.5
 ) -> Gradients:
     """Gradient of the plane through the cells of a window of side `baseline_m` around each cell."""
-    half = half_window(elevation.shape, cell_m, baseline_m)
     found = np.full((2, *elevation.shape), np.nan, np.float32)
+    for own, gradient in gradient_blocks(elevation, cell_m, baseline_m, min_share):
+        found[(slice(None), *own)] = gradient
+    return found
+
+
+def gradient_blocks(
+    elevation: Raster, cell_m: float, baseline_m: float, min_share: float = 0.5
+) -> Iterator[tuple[tuple[slice, slice], Gradients]]:
+    """The same block by block, and where each lies; of blocks without elevation nothing."""
+    half = half_window(elevation.shape, cell_m, baseline_m)
     for block in _raster_blocks(elevation, half):
         sums = _Sums.of(elevation[block.around], half, min_share)
-        found[(slice(None), *block.own)] = sums.gradient[(slice(None), *block.inner)]
-    return found / np.float32(cell_m)
+        yield block.own, sums.gradient[(slice(None), *block.inner)] / np.float32(cell_m)
 
 
 def fit_window_planes(

@@ -23,7 +23,10 @@ DARKEST = 0.35
 def relief_figure(dtm: Dtm, shading: HillshadeParams, max_side: int = 1024) -> Picture:
     """Elevation in colour, lit by a sun; clear where nothing was seen."""
     small = slice(None, None, step_for(dtm.elevation.shape, max_side))
-    elevation, light = dtm.elevation[small, small], hillshade(dtm, shading)[small, small]
+    elevation, light = (
+        dtm.elevation[small, small],
+        hillshade(dtm.elevation, dtm.grid.cell_m, shading)[small, small],
+    )
     known = np.isfinite(elevation)
     low, high = np.percentile(elevation[known], (2, 98)) if known.any() else (0.0, 1.0)
     grey = _stretch(elevation, float(low), float(high))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from solmap.photogrammetry.adjustment.model.network import StopPrior
 from solmap.photogrammetry.archive.file_names import camera_string, tile_number
 from solmap.photogrammetry.archive.images.reading import ReadImage
-from solmap.photogrammetry.cameras.epipolar import EpipolarPair
+from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
 from solmap.photogrammetry.frames import Frame, FrameKind
 from solmap.photogrammetry.imagery import Eye, RoverImage, StopId
 from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair, MatchedStop
@@ -28,6 +29,10 @@ from solmap.products.store.product_store import ProductStore
 
 CAMERAS = ("NAVCAM", "PANCAM", "MASTCAM", "FRONT_HAZCAM", "REAR_HAZCAM")
 """Instruments in the order that numbers a pair's frame."""
+PAIRS_KEPT = 20
+"""Pairs that a process keeps the images of, 10 MB each: those of two stops that are linked."""
+Turn = tuple[float, float, float]
+"""A rotation vector in the rover frame, radians."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,13 +99,25 @@ def pair_frame(image: RoverImage) -> Frame:
     return Frame(FrameKind.PAIR, (*exposure, tile) if tile else exposure)
 
 
-def turn_right_camera(right: ReadImage, turn: tuple[float, float, float] | None) -> ReadImage:
+def turn_right_camera(right: ReadImage, turn: Turn | None) -> ReadImage:
     """The right image with its camera as matching found it to stand; as labelled without a turn."""
     if turn is None:
         return right
     image = right.image
     camera = turn_in_place(image.camera, image.stop.frame, np.array(turn))
     return replace(right, image=replace(image, camera=camera))
+
+
+def pair_geometry(left: RoverImage, right: RoverImage) -> EpipolarPair:
+    """The epipolar geometry of a pair, in the rover frame of its stop."""
+    return epipolar_pair(
+        left.camera,
+        right.camera,
+        (left.samples, left.lines),
+        (right.samples, right.lines),
+        left.stop.frame,
+        pair_frame(left),
+    )
 
 
 def resample_pair(left: ReadImage, right: ReadImage, geometry: EpipolarPair) -> EpipolarImages:
@@ -112,18 +129,36 @@ def resample_pair(left: ReadImage, right: ReadImage, geometry: EpipolarPair) -> 
     )
 
 
+@lru_cache(maxsize=PAIRS_KEPT)
+def read_epipolar(
+    pair: PairFiles, turn: Turn | None, store: ProductStore
+) -> tuple[RoverImage, EpipolarImages]:
+    """The left image of a pair, and both in its geometry; their arrays are read only.
+
+    Args:
+        pair: The images.
+        turn: By which the right camera stands off its label.
+        store: Where they lie.
+    """
+    left, labelled = read_pair(pair, store)
+    right = turn_right_camera(labelled, turn)
+    images = resample_pair(left, right, pair_geometry(left.image, right.image))
+    for array in (images.left, images.left_mask, images.right, images.right_mask):
+        array.setflags(write=False)
+    return left.image, images
+
+
 def read_matched_pair(pair: PairProducts, store: ProductStore) -> MatchedPair:
     """A pair with its epipolar images and all that was matched in it."""
     path = store.path(pair.matches)
-    geometry, matches = read_matches(path)
-    left, right = read_pair(pair.files, store)
+    left, images = read_epipolar(pair.files, read_right_turn(path), store)
     return MatchedPair(
         pair_id=pair.files.id,
         instrument=pair.files.instrument,
-        images=resample_pair(left, turn_right_camera(right, read_right_turn(path)), geometry),
-        matches=matches,
+        images=images,
+        matches=read_matches(path)[1],
         parallax=read_parallax(store.path(pair.parallax)),
-        sun=left.image.sun,
+        sun=left.sun,
     )
 
 

@@ -25,6 +25,7 @@ from solmap.products.formats.raster.raster import (
     HAZARD_CLASSES,
     VISIBILITY_CLASSES,
     read_dtm,
+    read_elevation,
     write_classes,
     write_raster,
 )
@@ -49,8 +50,7 @@ def map_insolation(
 
     @cache
     def insolation() -> Insolation:
-        terrain = read_dtm(store.path(dtm))
-        return insolation_of(terrain.elevation, terrain.grid, latitude, params)
+        return insolation_of(*read_elevation(store.path(dtm)), latitude, params)
 
     map_recipe = Recipe(dtm.map_kind(ProductKind.INSOLATION), dtm.scope, (dtm,), (params, landing))
     haven_recipe = Recipe(

@@ -24,7 +24,12 @@ from solmap.photogrammetry.terrain.relief.slope import (
     slope_of,
 )
 from solmap.products.crs import LandingPoint, local_crs
-from solmap.products.formats.raster.raster import read_dtm, write_dtm, write_raster
+from solmap.products.formats.raster.raster import (
+    read_dtm,
+    read_elevation,
+    write_dtm,
+    write_raster,
+)
 from solmap.products.formats.vector.geojson import contour_feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
@@ -77,8 +82,7 @@ def trace_contours(
     """Trace the contours of a terrain model."""
 
     def write(path: Path) -> None:
-        terrain = read_dtm(store.path(dtm))
-        contours = trace(terrain.elevation, terrain.grid, params)
+        contours = trace(*read_elevation(store.path(dtm)), params)
         write_features(path, map(contour_feature, contours), landing)
 
     kind = dtm.map_kind(ProductKind.CONTOURS)
@@ -118,8 +122,8 @@ def shade_relief(
     recipe = Recipe(dtm.map_kind(ProductKind.HILLSHADE), dtm.scope, (dtm,), (params, landing))
 
     def write(path: Path) -> None:
-        terrain = read_dtm(store.path(dtm))
-        bands = {"hillshade": hillshade(terrain, params)}
-        write_raster(path, terrain.grid, bands, local_crs(landing), tags=raster_tags(recipe, store))
+        elevation, grid = read_elevation(store.path(dtm))
+        bands = {"hillshade": hillshade(elevation, grid.cell_m, params)}
+        write_raster(path, grid, bands, local_crs(landing), tags=raster_tags(recipe, store))
 
     return store.make(recipe, write)

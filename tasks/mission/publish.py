@@ -6,11 +6,11 @@ The STAC catalogue follows with what was just published.
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
-from typing import Literal
+from functools import lru_cache, partial
+from typing import Any, Literal
 
 from solmap.products.catalogue.catalogue import MissionEntry, Outcome
 from solmap.products.catalogue.workspace import Workspace
@@ -23,6 +23,7 @@ from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import Layer, ProductKind, ProductRef
 from solmap.products.reports.stac import AcquisitionTimes, write_catalogue, write_items
 from solmap.products.store.faults import is_disk_full, retry_transient
+from solmap.products.store.product_store import ProductStore
 from solmap.tasks.stage import stage
 
 log = logging.getLogger(__name__)
@@ -197,7 +198,20 @@ def _index(mission: str, kinds: Collection[ProductKind], workspace: Workspace) -
 
 def layer_of(mission: str, ref: ProductRef, sols: tuple[int, ...], workspace: Workspace) -> Layer:
     """What the map needs to know of a product."""
-    path = workspace.store.path(ref)
+    return Layer(
+        ref=ref,
+        mission=mission,
+        title=TITLES[ref.kind],
+        type=_type_of(ref.kind),
+        sols=sols,
+        **_facts_of(ref, workspace.store),
+    )
+
+
+@lru_cache(maxsize=1024)  # a layer is published in its wave, and again with all of its sol
+def _facts_of(ref: ProductRef, store: ProductStore) -> Mapping[str, Any]:
+    """What a layer takes from its file."""
+    path = store.path(ref)
     cell_m: float | None = None
     unit: str | None = None
     value_range: tuple[float, float] | None = None
@@ -212,18 +226,13 @@ def layer_of(mission: str, ref: ProductRef, sols: tuple[int, ...], workspace: Wo
         unit = "m"
     else:
         bounds = read_features(path).bounds or (0.0, 0.0, 0.0, 0.0)
-    return Layer(
-        ref=ref,
-        mission=mission,
-        title=TITLES[ref.kind],
-        type=_type_of(ref.kind),
-        bounds=bounds,
-        cell_m=cell_m,
-        unit=unit,
-        range=value_range,
-        sols=sols,
-        made_at=workspace.store.made_at(ref),
-    )
+    return {
+        "bounds": bounds,
+        "cell_m": cell_m,
+        "unit": unit,
+        "range": value_range,
+        "made_at": store.made_at(ref),
+    }
 
 
 def _type_of(kind: ProductKind) -> Literal["raster", "vector", "model", "panorama"]:

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 
 from solmap.photogrammetry.adjustment.modes.rig_pooling import CameraRows
-from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
-from solmap.photogrammetry.imagery import RoverImage
-from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.stereo.dense import DenseParams, match_densely
 from solmap.photogrammetry.matching.stereo.orientation import (
     FEWEST_POINTS,
@@ -18,24 +15,25 @@ from solmap.photogrammetry.matching.stereo.orientation import (
     straightened,
     vertical_parallax,
 )
-from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_sparsely
+from solmap.photogrammetry.matching.stereo.sparse import (
+    Candidates,
+    SparseParams,
+    match_interest_points,
+    refine_candidates,
+)
 from solmap.products.formats.documents.archives import write_dense, write_matches
 from solmap.products.formats.documents.rig import PairRows, write_pair_rows
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import (
+    PAIRS_KEPT,
     PairFiles,
     PairProducts,
-    pair_frame,
-    read_pair,
-    resample_pair,
-    turn_right_camera,
+    Turn,
+    read_epipolar,
 )
 from solmap.tasks.scopes import pair_scope
 from solmap.tasks.stage import stage
-
-Turn = tuple[float, float, float]
-"""A rotation vector in the rover frame, radians."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,17 +49,16 @@ def measure_rows(pair: PairFiles, store: ProductStore) -> ProductRef:
     """Measure how the rows of a stereo pair correspond, with the rig as labelled."""
 
     def write(path: Path) -> None:
-        left, right = read_pair(pair, store)
-        geometry = pair_geometry(left.image, right.image)
-        measured = vertical_parallax(resample_pair(left, right, geometry))
+        left, images = read_epipolar(pair, None, store)
+        measured = vertical_parallax(images)
         rows = rows_of_pair(measured)
         found = PairRows(
             pair.id,
             str(pair.stop),
             pair.instrument,
             str(measured),
-            geometry.rover_from_pair.rotation,
-            replace(rows, celsius=left.image.camera_celsius) if rows else None,
+            images.geometry.rover_from_pair.rotation,
+            replace(rows, celsius=left.camera_celsius) if rows else None,
         )
         write_pair_rows(path, found)
 
@@ -90,19 +87,14 @@ def match_stereo_pair(
         turn: By which the right camera stands off its label.
     """
 
-    @cache
-    def read() -> tuple[RoverImage, EpipolarImages]:
-        left, labelled = read_pair(pair, store)
-        right = turn_right_camera(labelled, turn)
-        return left.image, resample_pair(left, right, pair_geometry(left.image, right.image))
-
     def write_sparse(path: Path) -> None:
-        left, images = read()
-        matches = match_sparsely(pair.id, images, params.sparse)
+        left, images = read_epipolar(pair, turn, store)
+        candidates = find_candidates(pair, turn, params.sparse, store)
+        matches = refine_candidates(pair.id, images, candidates, params.sparse)
         write_matches(path, images.geometry, matches, left.mast_in_rover, turn)
 
     def write_parallax(path: Path) -> None:
-        write_dense(path, match_densely(read()[1], params.dense))
+        write_dense(path, match_densely(read_epipolar(pair, turn, store)[1], params.dense))
 
     inputs, scope = pair.inputs, pair_scope(pair.id)
     sparse, dense = ((one, turn) if turn else one for one in (params.sparse, params.dense))
@@ -113,13 +105,9 @@ def match_stereo_pair(
     )
 
 
-def pair_geometry(left: RoverImage, right: RoverImage) -> EpipolarPair:
-    """The epipolar geometry of a pair, in the rover frame of its stop."""
-    return epipolar_pair(
-        left.camera,
-        right.camera,
-        (left.samples, left.lines),
-        (right.samples, right.lines),
-        left.stop.frame,
-        pair_frame(left),
-    )
+@lru_cache(maxsize=PAIRS_KEPT)
+def find_candidates(
+    pair: PairFiles, turn: Turn | None, params: SparseParams, store: ProductStore
+) -> Candidates:
+    """The interest points of a pair that may correspond; kept for the picture of its matches."""
+    return match_interest_points(read_epipolar(pair, turn, store)[1], params)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ import numpy as np
 
 from solmap.photogrammetry.adjustment.model.adjusted_network import AdjustedPair
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams, ground_shift_m
+from solmap.photogrammetry.arrays import ParallaxMap
 from solmap.photogrammetry.frames import LSL, Frame, Pose
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.height_bias import NO_BIAS, HeightBias
@@ -39,7 +41,7 @@ from solmap.products.formats.documents.network import (
 from solmap.products.formats.documents.rig import RigProduct, read_rig
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images.pairs import PairProducts
+from solmap.tasks.images.pairs import PAIRS_KEPT, PairProducts
 from solmap.tasks.scopes import is_of_mission, sol_of
 from solmap.tasks.stage import stage
 
@@ -110,27 +112,42 @@ def read_views(pairs: Iterable[OrientedPair], store: ProductStore) -> list[Terra
 
 
 def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
-    """Only the left image is resampled: the right one has given its parallax."""
-    files = pair.products.files
-    geometry, _ = read_matches(store.path(pair.products.matches))
-    left = read_product_image(files.left, store)
-    dense = read_dense(store.path(pair.products.parallax))
-    image, mask = resample(left.pixels, left.mask, left.image.camera, geometry, Eye.LEFT)
-    toe_in = SharedSigma(geometry.focal_px * pair.orientation.toe_in_sigma)
-    view = TerrainView(
-        pair_id=files.id,
-        instrument=files.instrument,
-        lsl_from_pair=pair.orientation.lsl_from(geometry.rover_from_pair.source),
-        geometry=geometry,
-        parallax=dense.parallax_px,
-        image=image,
-        mask=mask,
-        sigma_px=np.hypot(dense.sigma_px, np.float32(toe_in.offset_px)),
+    view, sigma_px = _read_in_place(pair.products, store)
+    toe_in = SharedSigma(view.geometry.focal_px * pair.orientation.toe_in_sigma)
+    return replace(
+        view,
+        lsl_from_pair=pair.orientation.lsl_from(view.geometry.rover_from_pair.source),
+        sigma_px=np.hypot(sigma_px, np.float32(toe_in.offset_px)),
         shared=toe_in,
         covariance=pair.orientation.covariance_6x6,
         height_bias=pair.orientation.height_bias,
     )
-    return mask_rover(view, files.stop.mission)
+
+
+@lru_cache(maxsize=PAIRS_KEPT)  # maps, models and points of a stop read the same
+def _read_in_place(products: PairProducts, store: ProductStore) -> tuple[TerrainView, ParallaxMap]:
+    """The view of a pair that stands at the origin, and the sigmas of its parallax; not to change.
+
+    Only the left image is resampled: the right one has given its parallax.
+    """
+    files = products.files
+    geometry, _ = read_matches(store.path(products.matches))
+    left = read_product_image(files.left, store)
+    dense = read_dense(store.path(products.parallax))
+    image, mask = resample(left.pixels, left.mask, left.image.camera, geometry, Eye.LEFT)
+    view = TerrainView(
+        pair_id=files.id,
+        instrument=files.instrument,
+        lsl_from_pair=Pose.identity(LSL, geometry.rover_from_pair.source),
+        geometry=geometry,
+        parallax=dense.parallax_px,
+        image=image,
+        mask=mask,
+    )
+    view = mask_rover(view, files.stop.mission)
+    for array in (view.parallax, view.image, view.mask, dense.sigma_px):
+        array.setflags(write=False)
+    return view, dense.sigma_px
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,10 +20,10 @@ from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
 from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams
 from solmap.photogrammetry.matching.cross_site.links import SiteLink
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop, Ties
-from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_interest_points
+from solmap.photogrammetry.matching.stereo.sparse import SparseParams
 from solmap.photogrammetry.terrain.relief.slope import HillshadeParams
 from solmap.products.errors import ProductError
-from solmap.products.formats.documents.archives import read_dense
+from solmap.products.formats.documents.archives import read_dense, read_right_turn
 from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.reports.matching_figures import (
@@ -37,13 +37,14 @@ from solmap.products.reports.matching_figures import (
 from solmap.products.reports.terrain_figures import class_figure, relief_figure
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import PairProducts, read_matched_pair
+from solmap.tasks.network.match import find_candidates
 from solmap.tasks.scopes import pair_scope
 from solmap.tasks.stage import stage
 
-MAX_WIDTH = 1536
-"""Of a picture, pixels: a screen's width."""
-LEVEL = 3
-"""Of compression: 6 takes more than twice as long for one percent of the size."""
+MAX_WIDTH = 1024
+"""Of a picture, pixels: two images side by side at half their width."""
+LEVEL = 1
+"""Of compression: 3 takes a third longer for seven percent of the size."""
 FROM_ABOVE = (
     "relief, then grey values, from above, north up: earlier stop in red, later in cyan, grey "
     "where they agree"
@@ -56,7 +57,8 @@ def preview_pair(pair: PairProducts, params: SparseParams, store: ProductStore) 
 
     def write(path: Path) -> None:
         matched = read_matched_pair(pair, store)
-        candidates = match_interest_points(matched.images, params)
+        turn = read_right_turn(store.path(pair.matches))
+        candidates = find_candidates(pair.files, turn, params, store)
         dense = read_dense(store.path(pair.parallax))
         sheet = draw_pair(matched.images, candidates, matched.matches, dense, params.verification)
         write_preview(path, sheet)

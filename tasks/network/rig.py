@@ -47,8 +47,8 @@ from solmap.products.formats.documents.rig import (
 )
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
+from solmap.tasks.images.pairs import Turn
 from solmap.tasks.network.adjust import NetworkParams
-from solmap.tasks.network.match import Turn
 from solmap.tasks.network.tie import StopProducts
 from solmap.tasks.scopes import sol_scope
 from solmap.tasks.stage import stage

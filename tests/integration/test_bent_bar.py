@@ -34,8 +34,8 @@ from solmap.products.formats.documents.rig import (
 )
 from solmap.products.model import ProductKind, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images.pairs import resample_pair, turn_right_camera
-from solmap.tasks.network.match import pair_geometry, rows_of_pair
+from solmap.tasks.images.pairs import pair_geometry, resample_pair, turn_right_camera
+from solmap.tasks.network.match import rows_of_pair
 from solmap.tasks.network.rig import pool_rig, turn_of_pair
 from solmap.tasks.scopes import pair_scope
 from tests.support.stop_networks import RENDERED_MAST_M

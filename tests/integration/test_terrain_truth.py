@@ -16,8 +16,7 @@ from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams
-from solmap.tasks.images.pairs import resample_pair
-from solmap.tasks.network.match import pair_geometry
+from solmap.tasks.images.pairs import pair_geometry, resample_pair
 from tests.support.terrain.terrain_truth import Judgement, StopInTruth, Truth, judge
 
 WORLDS = (("plains", 301), ("hills", 302), ("crater", 303))

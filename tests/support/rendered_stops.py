@@ -17,8 +17,7 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 from solmap.photogrammetry.matching.stereo.dense import match_densely
 from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_sparsely
-from solmap.tasks.images.pairs import resample_pair
-from solmap.tasks.network.match import pair_geometry
+from solmap.tasks.images.pairs import pair_geometry, resample_pair
 from tests.support.simulated_stops import CACHE, SimulatedStop, WorldOfStops, code_digest
 
 HUSBAND = WorldOfStops("husband", (0.0, 0.0), seed=0, stops=3)

@@ -22,8 +22,7 @@ from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_spa
 from solmap.photogrammetry.synthetic.downlink import RenderJob
 from solmap.photogrammetry.synthetic.scene import Shot, World, WorldParams, make_world
 from solmap.photogrammetry.synthetic.truth import true_parallax
-from solmap.tasks.images.pairs import resample_pair
-from solmap.tasks.network.match import pair_geometry
+from solmap.tasks.images.pairs import pair_geometry, resample_pair
 
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = ROOT / ".cache" / "cross_site"

@@ -27,10 +27,11 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import Float32, Raster
 from solmap.photogrammetry.planes import (
+    BLOCK,
     Gradients,
     fit_window_planes,
+    gradient_blocks,
     half_window,
-    window_gradients,
     window_mean,
 )
 from solmap.photogrammetry.ranges import (
@@ -120,19 +121,21 @@ def northerly_tilt_of(normal: Normals) -> Raster:
     return np.degrees(np.arcsin(np.clip(normal[0], -1, 1)))
 
 
-def hillshade(dtm: Dtm, params: HillshadeParams) -> Raster:
+def hillshade(elevation: Raster, cell_m: float, params: HillshadeParams) -> Raster:
     """Brightness, 0 to 1, of the ground lit by a sun as given; 0 on slopes turned away."""
-    baseline_m = HILLSHADE_BASELINE_CELLS * dtm.grid.cell_m
-    gradient = window_gradients(dtm.elevation, dtm.grid.cell_m, baseline_m) * params.exaggeration
-    azimuth, elevation = np.radians([params.sun_azimuth_deg, params.sun_elevation_deg])
+    azimuth, height = np.radians([params.sun_azimuth_deg, params.sun_elevation_deg])
     sun = np.array(
         [
-            np.cos(elevation) * np.cos(azimuth),
-            np.cos(elevation) * np.sin(azimuth),
-            -np.sin(elevation),
+            np.cos(height) * np.cos(azimuth),
+            np.cos(height) * np.sin(azimuth),
+            -np.sin(height),
         ]
     )
-    return np.clip(np.einsum("i,ijk->jk", sun, normals_of(gradient)), 0.0, 1.0).astype(np.float32)
+    light = np.full(elevation.shape, np.nan, np.float32)
+    for own, gradient in gradient_blocks(elevation, cell_m, HILLSHADE_BASELINE_CELLS * cell_m):
+        normal = normals_of(gradient * params.exaggeration)
+        light[own] = np.clip(np.einsum("i,ijk->jk", sun, normal), 0.0, 1.0)
+    return light
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,24 +199,35 @@ def relief_map(dtm: Dtm, params: SlopeParams) -> tuple[Relief, MapGrid]:
     margin = half_window(dtm.grid.shape, dtm.grid.cell_m, params.baseline_m)
     for top in range(0, dtm.grid.rows, STRIP):
         rows = min(STRIP, dtm.grid.rows - top)
+        cols = _seen_blocks(dtm.elevation[top : top + rows])
+        if cols is None:
+            continue
         above = min(top, margin)
-        around = _strip(dtm, top - above, rows + above + margin)
-        own = (slice(above, above + rows), slice(None))
+        around = _part(dtm, slice(top - above, top + rows + margin), cols)
         fine = relief(around, params)
+        grid = dtm.grid.part(top, cols.start, rows, around.grid.cols)
         for whole, part in zip(layers, fine.layers, strict=True):
-            place_means(whole, place, part[own], dtm.grid.part(top, 0, rows, dtm.grid.cols))
+            place_means(whole, place, part[above : above + rows], grid)
     north, east, down, sigma, rough = layers
     length = np.sqrt(north**2 + east**2 + down**2)
     return Relief(np.stack([north, east, down]) / length, sigma, rough), place
 
 
-def _strip(dtm: Dtm, top: int, rows: int) -> Dtm:
-    """Some rows of a terrain model, fewer at its lower edge."""
-    rows = min(rows, dtm.grid.rows - top)
-    own = slice(top, top + rows)
+def _seen_blocks(elevation: Raster) -> slice | None:
+    """The columns of a strip from a block before its first elevation to one after its last."""
+    seen = np.flatnonzero(np.isfinite(elevation).any(axis=0))
+    if not len(seen):
+        return None
+    first, last = (int(col) // BLOCK for col in (seen[0], seen[-1]))
+    return slice(max(0, (first - 1) * BLOCK), min(elevation.shape[1], (last + 2) * BLOCK))
+
+
+def _part(dtm: Dtm, rows: slice, cols: slice) -> Dtm:
+    """Some rows and columns of a terrain model, fewer rows at its lower edge."""
+    own = (slice(rows.start, min(rows.stop, dtm.grid.rows)), cols)
     pose = None if dtm.pose_sigma_m is None else dtm.pose_sigma_m[own]
     return Dtm(
-        dtm.grid.part(top, 0, rows, dtm.grid.cols),
+        dtm.grid.part(own[0].start, cols.start, own[0].stop - own[0].start, cols.stop - cols.start),
         dtm.elevation[own],
         dtm.sigma_m[own],
         dtm.observations[own],

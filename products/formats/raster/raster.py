@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, get_args
@@ -184,8 +184,10 @@ def grid_of(dataset: rasterio.DatasetReader) -> MapGrid:
     return MapGrid(transform.c, transform.f, transform.a, dataset.height, dataset.width)
 
 
-def read_raster(path: Path) -> tuple[MapGrid, dict[str, np.ndarray]]:
-    """The grid and the stored values of every band, by name: what `write_raster` was given.
+def read_raster(
+    path: Path, wanted: Collection[str] | None = None
+) -> tuple[MapGrid, dict[str, np.ndarray]]:
+    """The grid and the stored values of bands by name, of all or of those that are wanted.
 
     Raises:
         ProductNotFoundError: there is no such file.
@@ -193,10 +195,14 @@ def read_raster(path: Path) -> tuple[MapGrid, dict[str, np.ndarray]]:
     """
     with open_raster(path) as dataset:
         try:
-            stack = dataset.read()
+            bands = {
+                name: dataset.read(number)
+                for number, name in enumerate(band_names(dataset), start=1)
+                if wanted is None or name in wanted
+            }
         except RasterioError as error:
             raise read_error(path, error) from error
-        return grid_of(dataset), dict(zip(band_names(dataset), stack, strict=True))
+        return grid_of(dataset), bands
 
 
 def band_names(dataset: rasterio.DatasetReader) -> list[str]:
@@ -255,18 +261,36 @@ def read_dtm(path: Path) -> Dtm:
     Raises:
         ProductError: the file is no terrain model.
     """
-    grid, bands = read_raster(path)
-    missing = [name for name in _DTM_UNITS if name not in bands]
-    if missing:
-        raise ProductError(f"{path.name} is no terrain model: it has no band {missing[0]}")
+    grid, bands = _read_terrain(path, _DTM_UNITS.keys(), _POSE_DEVIATION)
     return Dtm(
         grid=grid,
         elevation=bands["elevation"],
         sigma_m=bands["standard_deviation"],
-        observations=np.nan_to_num(bands["observations"]),  # blocks that hold nothing are not kept
-        ground=np.nan_to_num(bands["class"]).astype(np.uint8),
+        # blocks that hold nothing are not kept
+        observations=np.nan_to_num(bands["observations"], copy=False),
+        ground=np.nan_to_num(bands.pop("class"), copy=False).astype(np.uint8),
         pose_sigma_m=bands.get(_POSE_DEVIATION),
     )
+
+
+def read_elevation(path: Path) -> tuple[Raster, MapGrid]:
+    """The elevations of a terrain model alone, and where they lie.
+
+    Raises:
+        ProductError: the file is no terrain model.
+    """
+    grid, bands = _read_terrain(path, ("elevation",))
+    return bands["elevation"], grid
+
+
+def _read_terrain(
+    path: Path, needed: Collection[str], *others: str
+) -> tuple[MapGrid, dict[str, np.ndarray]]:
+    grid, bands = read_raster(path, {*needed, *others})
+    missing = [name for name in needed if name not in bands]
+    if missing:
+        raise ProductError(f"{path.name} is no terrain model: it has no band {missing[0]}")
+    return grid, bands
 
 
 def values_in(

@@ -18,7 +18,7 @@ import rasterio
 from pyproj import CRS
 from rasterio.windows import Window
 
-from solmap.photogrammetry.terrain.dtm.grid import MapGrid, overlap
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid, overlap
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.dtm.region_dtm import (
     RegionBlock,
@@ -155,9 +155,20 @@ def _fuse_tile(
     inside = (slice(halo, halo + rows), slice(halo, halo + cols))
     block = fuse_block(stops, params)
     counter.add(stops, inside)
-    window = Window(col, row, cols, rows)
     for dataset, layers in zip(out, _layers(block), strict=True):
-        dataset.write(np.stack([layer[inside] for layer in layers]), window=window)
+        _write_blocks(dataset, np.stack([layer[inside] for layer in layers]), (row, col))
+
+
+def _write_blocks(
+    dataset: rasterio.io.DatasetWriter, layers: np.ndarray, corner: tuple[int, int]
+) -> None:
+    """Write the blocks of a tile in which anything is known: neither NaN nor zero."""
+    for row in range(0, layers.shape[1], BLOCK):
+        for col in range(0, layers.shape[2], BLOCK):
+            part = layers[:, row : row + BLOCK, col : col + BLOCK]
+            if np.nan_to_num(part).any():
+                window = Window(corner[1] + col, corner[0] + row, part.shape[2], part.shape[1])
+                dataset.write(part, window=window)
 
 
 def _layers(block: RegionBlock) -> tuple[list[np.ndarray], list[np.ndarray]]:

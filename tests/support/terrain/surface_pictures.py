@@ -77,7 +77,7 @@ def world_model(terrain: str, seed: int) -> Dtm:
 
 def pictures(dtm: Dtm) -> dict[str, Picture]:
     """One picture of each kind, over the hillshade."""
-    light = _shown(hillshade(dtm, HillshadeParams()), dtm.grid)
+    light = _shown(hillshade(dtm.elevation, dtm.grid.cell_m, HillshadeParams()), dtm.grid)
     relief, relief_grid = relief_map(dtm, SlopeParams())
     lit = insolation(dtm.elevation, dtm.grid, LATITUDE, InsolationParams())
     havens = winter_havens(lit, LATITUDE, HavenParams())

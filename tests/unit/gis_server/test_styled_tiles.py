@@ -83,7 +83,9 @@ def block_of(whole: np.ndarray, address: TileAddress) -> np.ndarray:
 
 
 OF_WHOLE_MODEL = {
-    "hillshade": lambda dtm: hillshade(dtm, HillshadeParams(200.0, 30.0)),
+    "hillshade": lambda dtm: hillshade(
+        dtm.elevation, dtm.grid.cell_m, HillshadeParams(200.0, 30.0)
+    ),
     "slope": lambda dtm: slope_of(relief(dtm, SlopeParams(3 * CELL_M)).normal),
     "aspect": lambda dtm: aspect_of(relief(dtm, SlopeParams(3 * CELL_M)).normal),
     "northerly-tilt": lambda dtm: northerly_tilt_of(relief(dtm, SlopeParams(3 * CELL_M)).normal),

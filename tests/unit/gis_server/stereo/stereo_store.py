@@ -46,7 +46,7 @@ from solmap.products.formats.documents.archives import (
 )
 from solmap.products.formats.raster.raster import read_dtm, summarise, write_dtm
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.tasks.network.match import pair_geometry
+from solmap.tasks.images.pairs import pair_geometry
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 PARAMS = WorldParams(
