@@ -8,6 +8,7 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+import yaml
 
 from tests.support.structure import ROOT, folders, modules
 
@@ -79,3 +80,10 @@ def test_no_test_or_benchmark_has_a_figure_of_the_documentation_to_write_to():
 def test_the_version_is_written_once():
     assert "version" in PROJECT["dynamic"]
     assert "__version__" in Path(ROOT / "src" / "solmap" / "__init__.py").read_text()
+
+
+def test_hooks_before_a_commit_run_the_tools_of_make_check():
+    hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"][0]["hooks"]
+    rules = (ROOT / "Makefile").read_text().partition("\ncheck: develop")[2].partition("\n\n")[0]
+    called = re.findall(r"\$\(BIN\)/([\w-]+(?: check| format --check)?)", rules)
+    assert [hook["entry"].removeprefix(".venv/bin/") for hook in hooks] == called
