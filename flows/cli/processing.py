@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -81,12 +81,43 @@ def run(
             pass
     root = (store_of(store) if downlink else existing_store(store)).absolute()
     folder, recipe = downlink.resolve() if downlink else None, _pipeline_of(pipeline)
+    if folder and not stated and not _holds_anything_of_use(folder):
+        _note_faults(folder, root, as_json=as_json)
     with _engine_of(root):
         from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - Prefect is ready now
 
         report = process_downlink(folder, root, recipe, places=stated)
     lines = [*report.lines, f"the store is {root}"]
     _print_report(report.warnings, report.failures, lines, as_json=as_json)
+
+
+def _holds_anything_of_use(folder: Path) -> bool:
+    """Whether a folder has more than files that cannot be described."""
+    from solmap.photogrammetry.archive.rig import RIG_FILE  # noqa: PLC0415 - slow to import
+    from solmap.tasks.images.files import may_be_of_use  # noqa: PLC0415
+    from solmap.tasks.images.folders import files_of  # noqa: PLC0415
+
+    files = files_of(folder)
+    return any(may_be_of_use(file, folder) for file in files) or any(folder.rglob(RIG_FILE))
+
+
+def _note_faults(folder: Path, root: Path, *, as_json: bool) -> NoReturn:
+    """Note in the store what is wrong with each file of a folder, which needs no engine."""
+    from solmap.config.radiometry import load_radiometry  # noqa: PLC0415 - slow to import
+    from solmap.config.settings import Settings  # noqa: PLC0415
+    from solmap.config.workspace import open_workspace  # noqa: PLC0415
+    from solmap.flows.runtime.engine import import_prefect  # noqa: PLC0415
+
+    import_prefect()
+    from solmap.tasks.images.ingest import ingest_downlink  # noqa: PLC0415 - imports Prefect
+
+    workspace = open_workspace(root)
+    with workspace.run_turn():
+        taken = ingest_downlink.fn(folder, workspace, load_radiometry(Settings().instruments))
+    failure = f"nothing to process in {folder}: none of its {taken.files} files is a mapping image"
+    notes = [note for fault in taken.faults for note in fault.notes]
+    _print_report(notes, [failure], [f"the store is {root}"], as_json=as_json)
+    raise typer.Exit(1)
 
 
 def adjust(

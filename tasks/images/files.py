@@ -14,6 +14,7 @@ from solmap.photogrammetry.archive.file_names import parse_file_name
 from solmap.photogrammetry.archive.images.derived_rasters import KINDS
 from solmap.photogrammetry.archive.images.pixels import is_picture
 from solmap.photogrammetry.archive.images.reading import (
+    describe_image,
     has_attached_label,
 )
 from solmap.photogrammetry.archive.labels.detached import MAX_DETACHED_BYTES, join_label
@@ -88,6 +89,17 @@ def image_bytes(path: Path, folder: Path | None = None) -> bytes:
             f"; {remedy(name) or OWN_RIG}"
         )
     return data
+
+
+def may_be_of_use(path: Path, downlink: Path) -> bool:
+    """Whether a file of a downlink is anything but an image that cannot be described."""
+    if path.suffix.lower() not in IMAGE_SUFFIXES | PICTURE_SUFFIXES:
+        return True
+    try:
+        describe_image(image_bytes(path, downlink), plain_name(path.name))
+    except Exception:  # noqa: BLE001 - whoever takes the file says what is wrong with it
+        return False
+    return True
 
 
 def _labels_beside(path: Path) -> Iterator[Path]:

@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from solmap.flows.simulation import write_downlink
 from solmap.photogrammetry.synthetic.scene import WorldParams
@@ -143,3 +144,19 @@ def test_every_legal_time_gives_all_maps(tmp_path):
     assert kinds[0] == kinds[1]
     starts = {row["start_time"] for row in stores["odd"].rows["images"].values()}
     assert {None, "2004-06-10T08:00:36.816", "2005-01-01T00:00:00.000"} <= starts
+
+
+def test_a_folder_of_files_that_are_no_images_is_refused_without_an_engine(tmp_path, monkeypatch):
+    from solmap.flows.cli import app, processing  # noqa: PLC0415 - slow to import
+
+    monkeypatch.setattr(processing, "_engine_of", None)
+    folder, root = tmp_path / "downlink", tmp_path / "store"
+    folder.mkdir()
+    (folder / "notes.img").write_text("not an image at all\n")
+    (folder / "empty.IMG").write_bytes(b"")
+    ended = CliRunner().invoke(app, ["run", str(folder), "--store", str(root)])
+    assert ended.exit_code == 1, ended.output
+    failed = f"failed nothing to process in {folder}: none of its 2 files is a mapping image"
+    assert failed in ended.output.splitlines()
+    outcomes = {one.subject: one.is_failure for one in Workspace.open(root).catalogue.outcomes()}
+    assert outcomes == {"notes.img": True, "empty.IMG": True}
