@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int32, UInt8
 
 Vector3: TypeAlias = Float64[np.ndarray, " 3"]
-"""One vector, in metres or without unit, in the frame that the name gives."""
+"""One vector, in metres or without unit, in the frame in its name."""
 
 Rotation: TypeAlias = Float64[np.ndarray, "3 3"]
 """A proper rotation matrix, acting on column vectors from the left."""
@@ -34,13 +34,13 @@ Covariances3: TypeAlias = Float64[np.ndarray, "n 3 3"]
 """Covariance matrices of object points, square metres."""
 
 PerPoint: TypeAlias = Float64[np.ndarray, " n"]
-"""One number a point, in the unit that the name gives."""
+"""One number per point, in the unit in its name."""
 
 Flags: TypeAlias = Bool[np.ndarray, " n"]
-"""One truth value a point."""
+"""One truth value per point."""
 
 GreyImage: TypeAlias = Float32[np.ndarray, "lines samples"]
-"""Grey values (DN or radiance); rows run down the image. Look at the mask before using a value."""
+"""Grey values (DN or radiance); rows run down the image. Check the mask before using a value."""
 
 Mask: TypeAlias = Bool[np.ndarray, "lines samples"]
 """True where the pixel was measured and may be used."""
@@ -49,7 +49,7 @@ ParallaxMap: TypeAlias = Float32[np.ndarray, "lines samples"]
 """Left sample minus right sample on the epipolar line, in pixels; NaN where not matched."""
 
 Picture: TypeAlias = UInt8[np.ndarray, "lines samples *bands"]
-"""An eight-bit picture for people to look at."""
+"""An eight-bit image for display."""
 
 Raster: TypeAlias = Float32[np.ndarray, "rows cols"]
 """Cell values of a map; row 0 is the northernmost. NaN where nothing was measured."""

@@ -1,28 +1,28 @@
-"""The errors of the science, raised where the facts are known."""
+"""The errors of the science packages."""
 
 
 class PhotogrammetryError(Exception):
-    """Something about the data that the computation cannot go on from."""
+    """The data do not permit the computation."""
 
 
 class LabelError(PhotogrammetryError):
-    """A label is broken or lacks what is needed; names the keyword and what was expected."""
+    """A label is broken or incomplete; the message names the keyword and the expected value."""
 
 
 class PixelError(PhotogrammetryError):
-    """The pixels are not where or what the label says."""
+    """The pixels contradict the label."""
 
 
 class VectorFileError(PhotogrammetryError):
-    """A site or rover vector file is broken; names the element."""
+    """A site or rover vector file is broken; the message names the element."""
 
 
 class CameraError(PhotogrammetryError):
-    """A camera model is impossible or was asked for something it cannot do."""
+    """A camera model is impossible or does not support the operation."""
 
 
 class FrameError(PhotogrammetryError):
-    """Two poses do not meet in a frame, or a frame cannot be reached."""
+    """Two poses do not share a frame, or a frame is not connected."""
 
 
 class MatchingError(PhotogrammetryError):
@@ -38,8 +38,8 @@ class TerrainError(PhotogrammetryError):
 
 
 class TraverseError(PhotogrammetryError):
-    """Traverses that cannot be compared or put on the map."""
+    """Traverses that cannot be compared or located on the map."""
 
 
 class OrbitalError(PhotogrammetryError):
-    """Orbital images and rover maps that cannot be laid on each other."""
+    """Orbital images and rover maps that cannot be registered."""

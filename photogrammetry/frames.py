@@ -7,7 +7,7 @@ A rover's images pass through a chain of right-handed Cartesian frames (Di et al
     site    origin where the site was declared, x north, y east, z down
     LSL     landing site local: the site frame at the lander (site 0)
 
-A pose is the motion that carries a point of its source frame into its target frame,
+A pose is the rigid motion that transforms a point of its source frame to its target frame,
 
     p_target = R p_source + t,      R = R(q),  q = (s, v1, v2, v3)  scalar first,
 
@@ -55,10 +55,10 @@ class FrameKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A frame and the counters that tell it from others of its kind.
+    """A frame, with the counters that distinguish it from others of its kind.
 
     `index` is (site, drive) for the rover, (site,) for a site, empty for the LSL, and (site, drive,
-    spacecraft clock, ...) or whatever identifies it for a camera or stereo pair.
+    spacecraft clock, ...) or another identifier for a camera or stereo pair.
     """
 
     kind: FrameKind
@@ -77,7 +77,7 @@ def site_frame(site: int) -> Frame:
 
 
 def rover_frame(site: int, drive: int) -> Frame:
-    """The frame of the rover where it stood at (site, drive)."""
+    """The frame of the rover at (site, drive)."""
     return Frame(FrameKind.ROVER, (site, drive))
 
 
@@ -87,14 +87,14 @@ UNIT_TOLERANCE = 0.01
 
 @cache
 def _scipy_rotation() -> type[Any]:
-    """SciPy's rotations, imported when first used: a command that lists files needs none."""
+    """SciPy's rotations, imported when first used, because file listings do not need them."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - takes 0.3 s
 
     return Rotation
 
 
 def rotation_of_quaternion(quaternion: Quaternion) -> Rotation:
-    """Rotation matrix of a quaternion, scalar first; labels round, so it is normalised here."""
+    """Rotation matrix of a quaternion, scalar first; normalised here, since labels are rounded."""
     norm = float(np.linalg.norm(quaternion))
     if not abs(norm - 1.0) <= UNIT_TOLERANCE:
         raise FrameError(f"{quaternion} is not a unit quaternion: its length is {norm:.3g}")
@@ -130,11 +130,11 @@ def read_only(
 
 
 ORTHONORMAL = 1e-9
-"""How far scalar products of a rotation's rows may be from zero and one."""
+"""Largest deviation of the scalar products of a rotation's rows from zero and one."""
 
 
 def _is_proper_rotation(matrix: Rotation) -> bool:
-    """Whether rows are orthonormal and right-handed; networks have poses by the thousand."""
+    """Whether rows are orthonormal and right-handed; fast, for thousands of poses."""
     (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
     off = max(
         abs(a * a + b * b + c * c - 1.0), abs(d * d + e * e + f * f - 1.0),
@@ -147,7 +147,7 @@ def _is_proper_rotation(matrix: Rotation) -> bool:
 
 
 def _are_proper_rotations(matrices: Float64[np.ndarray, "n 3 3"]) -> bool:
-    """The same of many."""
+    """The same for many rotations."""
     off = np.abs(matrices @ matrices.mT.copy() - np.eye(3))  # NaN where anything is not finite
     a, b, c, d, e, f, g, h, i = matrices.reshape(-1, 9).T
     volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
@@ -181,11 +181,12 @@ class Pose:
         rotations: Float64[np.ndarray, "n 3 3"],
         translations_m: Float64[np.ndarray, "n 3"],
     ) -> list[Pose]:
-        """Poses by (target, source), checked all at once: networks have them by the thousand."""
+        """Poses by (target, source), checked all at once, because networks have thousands."""
         between = list(frames)
         if not (np.isfinite(translations_m).all() and _are_proper_rotations(rotations)):
             both = zip(between, rotations, translations_m, strict=True)
-            return [cls(*ends, R, t) for ends, R, t in both]  # one of them says what is wrong
+            # # checking one by one raises the error of the wrong one
+            return [cls(*ends, R, t) for ends, R, t in both]
         R, t = rotations.copy(), translations_m.copy()
         R.setflags(write=False)
         t.setflags(write=False)
@@ -208,7 +209,7 @@ class Pose:
 
     @classmethod
     def identity(cls, target: Frame, source: Frame) -> Pose:
-        """Two frames that coincide."""
+        """The pose of two frames that coincide."""
         return cls(target, source, np.eye(3), np.zeros(3))
 
     @property
@@ -218,17 +219,17 @@ class Pose:
 
     @property
     def inverse(self) -> Pose:
-        """The motion back."""
+        """The inverse motion."""
         return Pose(
             self.source, self.target, self.rotation.T, -self.rotation.T @ self.translation_m
         )
 
     def apply(self, points: ObjectPoints) -> ObjectPoints:
-        """Carry points of the source frame into the target frame, metres."""
+        """Transform points of the source frame to the target frame, metres."""
         return points @ self.rotation.T + self.translation_m
 
     def turn(self, directions: Directions) -> Directions:
-        """Carry directions of the source frame into the target frame."""
+        """Rotate directions of the source frame to the target frame."""
         return directions @ self.rotation.T
 
     def __matmul__(self, other: Pose) -> Pose:
@@ -247,7 +248,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class FrameTree:
-    """Every frame's pose in its parent; the way between two frames runs through their ancestors."""
+    """Every frame's pose in its parent; frames are connected through their ancestors."""
 
     parent_from: Mapping[Frame, Pose] = field(default_factory=dict)
 
@@ -264,7 +265,7 @@ class FrameTree:
         """`target_from_source`, through the nearest common ancestor.
 
         Raises:
-            FrameError: no chain of poses connects the two; says where each chain ends.
+            FrameError: no chain of poses connects the two; the message names the end of each chain.
         """
         up_from_source = self._ancestry(source)
         up_from_target = self._ancestry(target)
@@ -287,7 +288,7 @@ class FrameTree:
         while here in self.parent_from:
             step = self.parent_from[here]
             if step.target in up:
-                raise FrameError(f"the chain of frames from {frame} runs in a circle at {here}")
+                raise FrameError(f"the chain of frames from {frame} forms a loop at {here}")
             up[step.target] = step @ up[here]
             here = step.target
         return up

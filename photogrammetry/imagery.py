@@ -1,4 +1,4 @@
-"""Images, stereo pairs and tie points, and what identifies them."""
+"""Images, stereo pairs and tie points, with their identifiers."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ MAX_CLOCK = 1 << 32
 MAX_PIXELS = 1 << 25
 """Nearly twice the 5120 x 3840 pixels of the largest rover camera."""
 MAX_FROM_SITE_M = 100_000.0
-"""Of stops and of other sites: twice as far as any rover has driven in all its years."""
+"""For stops and other sites: twice as far as any rover has driven."""
 MAX_IN_ROVER_M = 10.0
-"""No camera or mast of a rover is farther from its origin between the wheels."""
+"""Every camera or mast of a rover is nearer to its origin between the wheels."""
 _IDENTIFIER = re.compile(r"[A-Z0-9][A-Z0-9_.()+ -]{0,99}", re.ASCII)
 _MAX_TEXT = 100
 
@@ -41,7 +41,7 @@ class Eye(StrEnum):
 
 @dataclass(frozen=True, slots=True, order=True)
 class StopId:
-    """Where the rover stood: every image with the same site and drive counter shares one pose."""
+    """A position of the rover: all images with the same site and drive counter share one pose."""
 
     mission: str
     site: int
@@ -58,10 +58,10 @@ class StopId:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoverImage:
-    """One exposure of one camera, as its label describes it; the pixels travel beside it.
+    """One exposure of one camera, from its label; the pixels are kept separately.
 
-    `camera` lives in the rover frame of `stop` and already belongs to the image as stored
-    (sub-framed, averaged). `site_from_rover` is the telemetry solution of the label.
+    `camera` is in the rover frame of `stop` and already belongs to the image as stored (sub-framed,
+    averaged). `site_from_rover` is the telemetry solution of the label.
     """
 
     id: str
@@ -90,19 +90,20 @@ class RoverImage:
     sun_azimuth: float | None
     """Radians, clockwise from north in the site frame."""
     sun_elevation: float | None
-    """Radians above the horizon, sign already put right."""
+    """Radians above the horizon, with corrected sign."""
     mast_in_rover: tuple[float, float, float] | None = None
-    """The mast head, about which its pointing errors turn the cameras; None on the body."""
+    """The mast head, about which its pointing errors rotate the cameras; None for cameras on the
+    body."""
     parent_from_site: Pose | None = None
-    """Where the site lies in the one it was declared in, where the label says so (after MER)."""
+    """Position of the site in the site where it was declared, if the label gives it (after MER)."""
     created: str | None = None
-    """PRODUCT_CREATION_TIME: when the file was made on Earth, for one may be made anew."""
+    """PRODUCT_CREATION_TIME: when the file was made on Earth; products may be made again."""
     camera_celsius: float | None = None
-    """Mean temperature of detectors on the mast; None on the body or where the label has none."""
+    """Mean temperature of detectors on the mast; None for cameras on the body or without value."""
 
     @property
     def sun(self) -> Vector3 | None:
-        """Unit vector towards the Sun in the site frame (north, east, down); None: not stated."""
+        """Unit vector towards the Sun in the site frame (north, east, down); None: not known."""
         if self.sun_azimuth is None or self.sun_elevation is None:
             return None
         level = math.cos(self.sun_elevation)
@@ -124,14 +125,16 @@ class RoverImage:
 
 
 def _check_image(image: RoverImage) -> None:
-    """Refuse what cannot be true of a rover's image, for its file came from elsewhere."""
+    """Reject impossible values of a rover's image, because its file comes from elsewhere."""
     if not _IDENTIFIER.fullmatch(image.id):
         raise LabelError(
             f"the product identifier {image.id[:40]!a} should be up to 100 letters, digits and "
             "_ . - + ( ), of which a letter or digit is the first"
         )
     if image.lines < 1 or image.samples < 1:
-        raise LabelError(f"{image.id} is {image.samples} x {image.lines} pixels: no image")
+        raise LabelError(
+            f"{image.id}: {image.samples} x {image.lines} pixels is not a valid image size"
+        )
     _check_range(image.id, "lines and samples", (image.lines, image.samples), MAX_PIXELS)
     _check_range(image.id, "pixels", (image.lines * image.samples,), MAX_PIXELS)
     _check_range(image.id, "the sol", (image.sol,), MAX_SOL)
@@ -142,8 +145,8 @@ def _check_image(image: RoverImage) -> None:
         distance_m = 0.0 if pose is None else float(np.linalg.norm(pose.translation_m))
         if not distance_m <= MAX_FROM_SITE_M:
             raise LabelError(
-                f"{image.id}: rover and sites should be within {MAX_FROM_SITE_M:,.0f} m of the "
-                f"site that they are placed in, but {distance_m:.6g} m are given"
+                f"{image.id}: rover and sites should be within {MAX_FROM_SITE_M:,.0f} m of their "
+                f"reference site, but {distance_m:.6g} m are given"
             )
     in_rover = [image.camera.centre.tolist(), image.mast_in_rover or ()]
     if not all(abs(metres) <= MAX_IN_ROVER_M for place in in_rover for metres in place):
@@ -153,11 +156,13 @@ def _check_image(image: RoverImage) -> None:
         )
     angles = (image.sun_azimuth, image.sun_elevation)
     if not all(angle is None or abs(angle) <= math.tau for angle in angles):
-        raise LabelError(f"{image.id}: the Sun should be at angles of one turn, but is at {angles}")
+        raise LabelError(
+            f"{image.id}: the Sun's angles should be within one turn, but are {angles}"
+        )
     texts = (image.sequence, image.product_type, image.attitude_measured_by)
     for text in texts:
         if len(text) > _MAX_TEXT or not text.isprintable():
-            raise LabelError(f"{image.id}: {text[:40]!a} is no plain text of one line")
+            raise LabelError(f"{image.id}: {text[:40]!a} is not a plain text of one line")
 
 
 def _check_range(image_id: str, what: str, values: Iterable[int | float], most: int) -> None:
@@ -178,23 +183,23 @@ class StereoPair:
     def __post_init__(self) -> None:
         if self.left.stop != self.right.stop:
             raise FrameError(
-                f"a stereo pair lives in one frame, but {self.left.id} is at {self.left.stop} and "
-                f"{self.right.id} at {self.right.stop}"
+                f"both images of a stereo pair must be at the same stop, but {self.left.id} is at "
+                f"{self.left.stop} and {self.right.id} at {self.right.stop}"
             )
 
     @property
     def id(self) -> str:
-        """The left image's identifier stands for the pair."""
+        """The pair is identified by its left image."""
         return self.left.id
 
     @property
     def stop(self) -> StopId:
-        """Where both were taken."""
+        """The stop where both were taken."""
         return self.left.stop
 
 
 class TieKind(StrEnum):
-    """Which images a tie point joins."""
+    """Kind of images that a tie point joins."""
 
     INTRA_STEREO = "intra-stereo"
     INTER_STEREO = "inter-stereo"
@@ -219,18 +224,18 @@ class StereoMatches:
 
     @classmethod
     def none(cls, pair_id: str) -> StereoMatches:
-        """No match at all, as of an image without partner."""
+        """No matches, as for an image without partner."""
         return cls(pair_id, np.zeros((0, 2)), np.zeros(0), np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TiePoints:
-    """Tie points of a network, one row an observation of a point in a stereo pair.
+    """Tie points of a network, one row per observation of a point in a stereo pair.
 
     Observation k sees tie point `point[k]` in pair `pair_ids[pair[k]]` at the left epipolar image
     point `left[k]` with parallax `parallax_px[k]`. A point seen in one pair only is an intra-stereo
     tie; in several pairs of a stop, an inter-stereo tie; from several stops, a cross-site tie.
-    `parallax_px` is NaN where the point was measured in the left image alone. Standard deviations
+    `parallax_px` is NaN where the point was measured in the left image only. Standard deviations
     are of the sample (`sigma_px`), the parallax and the line.
     """
 
@@ -243,7 +248,7 @@ class TiePoints:
     sigma_parallax_px: PerPoint
     sigma_line_px: PerPoint
     by_shape: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    """Measured by the shape of the ground, not by image patches; nothing given: none is."""
+    """Whether surface-matched rather than image-matched; if not given, none is."""
 
     def __post_init__(self) -> None:
         if not len(self.by_shape):

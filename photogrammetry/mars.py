@@ -1,8 +1,8 @@
 """Mars: its ellipsoid, latitudes on it, and the map of the landing site local frame.
 
-The LSL is Cartesian, so what it calls level leaves the sphere by D^2 / 2R at the distance D from
-its origin: 0.15 m at 1 km, 15 m at 10 km. Seen from above its points make the orthographic map of
-the tangent plane, east = y and north = x, exactly.
+The LSL is Cartesian, so its horizontal plane departs from the sphere by D^2 / 2R at the distance D
+from its origin: 0.15 m at 1 km, 15 m at 10 km. Projected vertically its points form the
+orthographic map of the tangent plane, east = y and north = x, exactly.
 
 R of IAU_2015:49900 and of most Mars maps is 3396190 m. Longitudes run east. With the axes a and c
 of the ellipsoid, tan(planetographic latitude) = tan(planetocentric latitude) a²/c²: at Gusev crater

@@ -17,8 +17,8 @@ minimises
     sum r^2,    r = (n.P - d) / sigma,    sigma^2 = n'C n
 
 over unit normals n and distances d: total least squares with an error ellipsoid for every point. It
-is found by Gauss-Newton. With t perpendicular to n, a small turn of n towards t changes r by
-t.Q/sigma, where Q = P - C n r/sigma is the place on the plane that P most likely came from, and
+is found by Gauss-Newton. With t perpendicular to n, a small rotation of n towards t changes r by
+t.Q/sigma, where Q = P - C n r/sigma is the most likely true point of P on the plane, and
 
     N = sum a a' / sigma^2,    a = (t1.Q, t2.Q, -1)
 
@@ -29,8 +29,8 @@ subtracted,
 
     sum t' (C - C n n'C / sigma^2) t / sigma^2
 
-For points along a line or in one spot nothing is left; such points are refused. Where points
-scatter by more than their covariances state, the covariance of the plane is multiplied by sigma0^2.
+For points along a line or in one spot nothing remains; an error is raised. Where points scatter by
+more than their covariances state, the covariance of the plane is multiplied by sigma0^2.
 
 **Windows of a raster.** Around every cell a plane h = a + g_e e + g_n n is fitted by least squares
 to the cells with a value inside a square window, whose side is called the baseline. With the
@@ -46,8 +46,8 @@ centred sums C_xy = S_xy - S_x S_y / S_1 the values scatter around the plane by
 
     s^2 = (C_hh - g_e C_eh - g_n C_nh) / (S_1 - 3)
 
-and errors of the cells with the mean variance v, of which k neighbours share one, give the gradient
-the covariance k v C^-1. The raster is processed block by block with the window's margin, each block
+and errors of the cells with the mean variance v, common to k neighbours each, give the gradient the
+covariance k v C^-1. The raster is processed block by block with the window's margin, each block
 relative to its own mean plane: memory does not grow with the map, and single precision resolves a
 tenth of a millimetre anywhere.
 
@@ -83,25 +83,25 @@ Shapes = Float32[np.ndarray, "3 rows cols"]
 
 SHARED_PX = 25.0
 """Side of the square of pixels whose dense parallaxes count as one for the tilt of a plane: three
-matching windows. Against the truth of the rendered and of a simulated traverse planes of 0.3 to 1 m
-are as far off as this has it; with one window they would claim half or a third of their error."""
+matching windows. Compared with the truth of the rendered and of a simulated traverse this gives the
+right errors for planes of 0.3 to 1 m; with one window a half or a third would be stated."""
 LEAST_POINTS = 3
 ROUNDS = 50
 REWEIGHTINGS = 15
-"""Rounds of least squares that approach least absolute deviations."""
+"""Rounds of reweighted least squares that approach least absolute deviations."""
 CONVERGED = 1e-10
-"""Radians and extents of the points, by which the last round may have moved the plane."""
+"""Largest movement of the plane in the last round, in radians and extents of the points."""
 LARGEST_SIGMA = np.radians(15.0)
-"""Standard deviation of the normal above which points are no plane but a line or a cloud."""
+"""Standard deviation of the normal above which points do not define a plane."""
 CHANCE = 4.0
-"""Standard deviations, sqrt(2 / n) of it, by which noise may make more of the normal matrix."""
+"""Standard deviations, each sqrt(2 / n), by which noise may enlarge the normal matrix."""
 SINGULAR = 1e-12
-"""Part of the largest eigenvalue below which another one counts as zero."""
+"""Fraction of the largest eigenvalue below which another one counts as zero."""
 LEAST_SPREAD = 0.02
 """Second moment of the cells used, along their thinnest direction, over that of a full window. A
-strip of cells a seventh as wide as the window is the least that holds a plane."""
+strip of cells a seventh as wide as the window is the narrowest that defines a plane."""
 BLOCK = 256
-"""Side of the blocks in cells: what is worked on fits a processor's cache."""
+"""Side of the blocks in cells, which fit a processor's cache."""
 _STEP = np.array([-1.0, 0.0, 1.0], np.float32)
 _ONES = np.ones(3, np.float32)
 _AROUND = np.array([(n, e) for n in (1, 0, -1) for e in (-1, 0, 1)], np.float32)
@@ -116,17 +116,17 @@ class PlaneFit:
     """A plane fitted to points, (east, north, up) in metres."""
 
     centre: Vector3
-    """Mean of the points, dropped onto the plane."""
+    """Mean of the points, projected to the plane."""
     normal: Vector3
     """Unit normal, pointing up."""
     covariance: Covariance3
     """Of the normal, square radians: singular along the normal itself."""
     sigma_m: float
-    """Standard deviation of the plane's place at its centre, along the normal."""
+    """Standard deviation of the plane's position at its centre, along the normal."""
     rms_m: float
     """Root mean square distance of the points from the plane."""
     sigma0: float
-    """Scatter of the points over what their covariances claim; 1 without redundancy."""
+    """Scatter of the points over that of their covariances; 1 without redundancy."""
     points: int
 
 
@@ -138,7 +138,7 @@ def fit_plane(
     Args:
         points: (east, north, up), metres.
         covariances: Of each point on its own, square metres.
-        turning: Covariance of a small rotation (east, north, up; radians) that all points share,
+        turning: Covariance of a small rotation (east, north, up; radians) common to all points,
             such as that of the camera's pointing; none by default.
 
     Raises:
@@ -169,8 +169,8 @@ def fit_plane(
     surely = N[:2, :2] - CHANCE * np.sqrt(2 / len(points)) * noise
     if not np.linalg.eigvalsh(surely)[0] > 1 / LARGEST_SIGMA**2:
         raise TerrainError(
-            f"{len(points)} points over {extent:.3g} m (root mean square) do not hold a plane: it "
-            "may turn about the line along which they lie; pick points to the side of it"
+            f"{len(points)} points over {extent:.3g} m (root mean square) do not define a plane: "
+            "it may rotate about the line along which they lie; pick points to the side of it"
         )
     inverse = np.linalg.inv(N)
     t = _across(n)
@@ -191,7 +191,7 @@ def fit_plane(
 
 
 def _first_plane(P: ObjectPoints, covariances: Covariances3) -> Vector3:
-    """Normal of the plane through points that weigh by their size of error, all round alike."""
+    """Normal of the plane through points, each with the same error in all directions."""
     weight = 1 / np.trace(covariances, axis1=1, axis2=2)
     centred = P - np.average(P, axis=0, weights=weight)
     return np.linalg.eigh((weight[:, None] * centred).T @ centred)[1][:, 0]
@@ -218,13 +218,13 @@ def _normal_equations(
 
 
 def _step(N: Covariance3, right: Vector3) -> tuple[Float64[np.ndarray, " 2"], float]:
-    """Solution of the normal equations; what they do not hold stays as it is."""
+    """Solution of the normal equations; undetermined unknowns are unchanged."""
     step = np.linalg.pinv(N, rcond=SINGULAR, hermitian=True) @ right
     return step[:2], float(step[2])
 
 
 def _noise_part(covariances: Covariances3, n: Vector3) -> Float64[np.ndarray, "2 2"]:
-    """The part of the normal matrix of both angles that points in one spot would have, too."""
+    """The part of the normal matrix of both angles that points in one spot would also have."""
     t = _across(n)
     towards = np.einsum("nij,j->ni", covariances, n)
     variance = towards @ n
@@ -254,11 +254,11 @@ def least_squares_plane_with_cofactors(
     """The same plane by its normal equations, their inverse, and the variance of unit weight.
 
     Raises:
-        TerrainError: the places lie on a line.
+        TerrainError: the points lie on a line.
     """
     design = np.column_stack([np.ones(len(values)), x, y])
     if np.linalg.matrix_rank(design) < design.shape[1]:
-        raise TerrainError("the measured places lie on a line: they hold no plane")
+        raise TerrainError("the measured points lie on a line: they do not define a plane")
     cofactors = np.linalg.inv(design.T @ design)
     plane = cofactors @ design.T @ values
     residuals = values - design @ plane
@@ -329,7 +329,7 @@ def fit_window_planes(
 
 
 def window_mean(values: Raster, cell_m: float, baseline_m: float) -> Raster:
-    """Mean over the same windows of what is known; NaN where nothing is."""
+    """Mean of known values over the same windows; NaN where there are none."""
     half = half_window(values.shape, cell_m, baseline_m)
     known = np.isfinite(values)
     side = (2 * half + 1, 2 * half + 1)
@@ -342,7 +342,7 @@ def window_mean(values: Raster, cell_m: float, baseline_m: float) -> Raster:
 
 
 def half_window(shape: tuple[int, ...], cell_m: float, baseline_m: float) -> int:
-    """Cells that a window of side `baseline_m` reaches to either side of its middle one.
+    """Cells of a window of side `baseline_m` to either side of its middle one.
 
     Raises:
         TerrainError: the window is larger than the terrain model.
@@ -351,19 +351,19 @@ def half_window(shape: tuple[int, ...], cell_m: float, baseline_m: float) -> int
     if 2 * half + 1 > min(shape) * 2:
         raise TerrainError(
             f"a baseline of {baseline_m} m is {2 * half + 1} cells of {cell_m} m, but the terrain "
-            f"model has only {shape}: take a shorter baseline"
+            f"model has only {shape}: use a shorter baseline"
         )
     return half
 
 
 @dataclass(frozen=True, slots=True)
 class _Block:
-    """A part of a raster, with the margin that its windows reach into."""
+    """A part of a raster, with the margin that its windows need."""
 
     own: tuple[slice, slice]
     around: tuple[slice, slice]
     inner: tuple[slice, slice]
-    """The part's own cells in what is around it."""
+    """The part's own cells within the margin."""
 
 
 def _raster_blocks(elevation: Raster, half: int) -> Iterator[_Block]:
@@ -386,13 +386,13 @@ class _Sums:
     """Centred sums over the windows of one block, lengths in cells."""
 
     bent: Gradients
-    """Gradient over that of the block's mean plane."""
+    """Gradient relative to that of the block's mean plane."""
     trend: Float32[np.ndarray, "2 1 1"]
     """Gradient of the block's mean plane."""
     shape: Shapes
     count: Raster
     height: Raster
-    """Elevation over the block's mean plane; 0 where unknown."""
+    """Elevation above the block's mean plane; 0 where unknown."""
     half: int
     rise: tuple[Raster, Raster, Raster]
     """S_h, C_eh and C_nh."""
@@ -415,7 +415,7 @@ class _Sums:
 
     @property
     def gradient(self) -> Gradients:
-        """Rise a cell towards east and north."""
+        """Rise per cell towards east and north."""
         return self.bent + self.trend
 
     def scatter(self) -> Raster:
@@ -430,7 +430,7 @@ class _Sums:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Solution:
-    """The plane of every window, and the centred sums that it follows from."""
+    """The plane of every window, and the centred sums from which it follows."""
 
     gradient: np.ndarray
     """Towards east and north."""
@@ -460,7 +460,7 @@ def _solve(first: _Sums3, second: _Sums3, values: _Sums3) -> _Solution:
 def _detrend(
     elevation: Raster, known: Bool[np.ndarray, "rows cols"]
 ) -> tuple[Float32[np.ndarray, "2 1 1"], Raster]:
-    """Gradient of the mean plane, rise a cell to east and north, and what lies over that plane."""
+    """Gradient of the mean plane, rise per cell to east and north, and heights above that plane."""
     row, col = np.argwhere(known).T
     some = slice(None, None, max(1, len(row) // 1000))
     row, col = row[some], col[some]
@@ -504,14 +504,14 @@ def nine_cell_gradients(elevation: Raster, cell_m: float) -> Gradients:
 
 
 def _nine(heights: Raster, row: np.ndarray, col: np.ndarray) -> Float32[np.ndarray, "9 n"]:
-    """The nine cells from (row, col) on, over the one in the middle."""
+    """The nine cells from (row, col) on, relative to the one in the middle."""
     down, right = np.divmod(np.arange(9), 3)
     nine = heights[row + down[:, None], col + right[:, None]]
     return nine - nine[4]
 
 
 def _fit_nine(nine: Float32[np.ndarray, "9 n"]) -> Float32[np.ndarray, "2 n"]:
-    """Rise a cell of the planes through what is known; NaN where that holds none."""
+    """Rise per cell of the planes through known cells; NaN where they do not define one."""
     known: Bool[np.ndarray, "9 n"] = np.isfinite(nine)
     m, h = known.astype(np.float32), np.where(known, nine, np.float32(0))
     n, e = _AROUND[:, :1], _AROUND[:, 1:]
@@ -526,7 +526,7 @@ def _fit_nine(nine: Float32[np.ndarray, "9 n"]) -> Float32[np.ndarray, "2 n"]:
 def filled_gradients(elevation: Raster, cell_m: float, half: int) -> Gradients:
     """Rise per metre towards east and north over windows of `half` cells either way.
 
-    Without care for missing cells: they count as 0.
+    Missing cells are not excluded: they count as 0.
     """
     steps = np.arange(-half, half + 1, dtype=np.float32)
     slope = steps / np.float32((steps**2).sum() * cell_m)

@@ -1,8 +1,8 @@
-"""Ranges of parameters: what a pipeline file may set each of them to.
+"""Ranges of parameters: the permitted values in pipeline files.
 
-A parameter record names the range of a field as its type, `cell_m: CellSize = 0.04`. What reads a
-file (`config.records`) refuses values outside, and the documentation shows the range. Upper limits
-are far above what makes sense: they keep a slip of the pen from filling the memory.
+A parameter record names the range of a field as its type, `cell_m: CellSize = 0.04`. The reader of
+files (`config.records`) rejects values outside, and the documentation shows the range. Upper limits
+are far above sensible values: they prevent a typing error from filling the memory.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from annotated_types import Interval, Predicate
 
 
 def is_odd(value: int) -> bool:
-    """Whether a number is odd, as sides of windows with a middle are."""
+    """Whether a number is odd, as for sides of windows with a middle."""
     return value % 2 == 1
 
 
@@ -27,18 +27,18 @@ FactorOrZero = Annotated[float, Interval(ge=0.0, le=1000.0)]
 FactorFromOne = Annotated[float, Interval(ge=1.0, le=1000.0)]
 
 MOST_SIDE = 20_000
-"""Cells along a map that is held in memory; each layer of so many squared takes 1.6 GB."""
+"""Cells per side of a map that is held in memory; each layer of this size takes 1.6 GB."""
 
 CellSize = Annotated[float, Interval(ge=0.005, le=100.0)]
 """Side of a cell on the map, metres."""
 Metres = Annotated[float, Interval(gt=0.0, le=10_000.0)]
 MetresOrZero = Annotated[float, Interval(ge=0.0, le=10_000.0)]
 ShortMetres = Annotated[float, Interval(gt=0.0, le=100.0)]
-"""What a window of cells spans."""
+"""Side of a window of cells."""
 ShortMetresOrZero = Annotated[float, Interval(ge=0.0, le=100.0)]
 SquareMetres = Annotated[float, Interval(gt=0.0, le=1e6)]
 NearestMetres = Annotated[float, Interval(ge=0.1, le=1000.0)]
-"""From a camera to the nearest ground; sets how far is searched."""
+"""From a camera to the nearest ground; limits the search range."""
 ContourInterval = Annotated[float, Interval(ge=0.001, le=1000.0)]
 
 Pixels = Annotated[float, Interval(gt=0.0, le=1000.0)]

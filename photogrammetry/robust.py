@@ -1,4 +1,4 @@
-"""Robust statistics: spread and weights of residuals among which some are blunders."""
+"""Robust statistics: spread and weights of residuals that include blunders."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float, PerPoint
 
 MAD_TO_SIGMA = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
+"""Ratio of the standard deviation of a normal distribution to its median absolute deviation."""
 
 
 def robust_sigma(residuals: Float[np.ndarray, "*shape"]) -> float:
-    """Standard deviation about zero by the median absolute residual, in its unit; 0 of none."""
+    """Standard deviation about zero by the median absolute residual, in its unit; 0 if empty."""
     return MAD_TO_SIGMA * float(np.median(np.abs(residuals))) if residuals.size else 0.0
 
 

@@ -1,4 +1,4 @@
-"""Grey values of any range as a picture of eight bits."""
+"""Grey values of any range converted to an image of eight bits."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float, GreyImage, Mask, Picture
 
 BLACK_AND_WHITE_PERCENT = (0.5, 99.5)
-"""Percentiles of the brightness of maps, panoramas and models that become black and white."""
+"""Percentiles of the brightness of maps, panoramas and models that are shown as black and white."""
 
 
 def stretch(
@@ -24,6 +24,6 @@ def stretch(
 
 
 def black_and_white(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Values to show as black and as white: two percentiles, never equal; (0, 1) of none."""
+    """Values shown as black and as white: two percentiles, never equal; (0, 1) without values."""
     low, high = np.percentile(values, BLACK_AND_WHITE_PERCENT) if len(values) else (0.0, 1.0)
     return float(low), float(max(high, low + 1e-6))

@@ -7,8 +7,8 @@
                           (M1 D1 M2 D2 R T, as `stereo_calib` writes them), or of one camera
                           (`camera_matrix`, `distortion_coefficients`, as OpenCV and ROS do)
 
-The frame of a rig is that of a rover: x forward, y right, z down. A .tsai file states its camera in
-it; of the others the left camera, or the only one, stands at its origin and looks along x.
+The frame of a rig is that of a rover: x forward, y right, z down. A .tsai file gives its camera in
+this frame; in the others the left camera, or the only one, is at the origin and points along x.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from solmap.photogrammetry.errors import CameraError, LabelError
 
 Camera = Cahv | CalibratedCamera
 FORWARD_RIGHT_DOWN = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-"""Right, down and forward of a camera that looks along x of the rig, as rows."""
+"""Right, down and forward of a camera that points along x of the rig, as rows."""
 MODELS = ("pinhole", "brown-conrady", "fisheye")
 _OTHER_NAMES = {
     "none": "pinhole",
@@ -42,7 +42,7 @@ _OTHER_NAMES = {
     "kannala_brandt": "fisheye",
 }
 NEARLY_ORTHONORMAL = 1e-3
-"""Rotations that were written with three decimals are taken, and put right."""
+"""Rotations written with only three decimals are accepted and orthonormalised."""
 MAX_CHARACTERS = 1 << 20
 _TSAI_DISTORTION = ("k1", "k2", "p1", "p2", "k3")
 _TSAI_DIRECTIONS = {"u_direction": (1, 0, 0), "v_direction": (0, 1, 0), "w_direction": (0, 0, 1)}
@@ -54,7 +54,7 @@ class CalibratedEye:
 
     camera: Camera
     size: tuple[int, int] | None
-    """(samples, lines); None where the calibration does not say."""
+    """(samples, lines); None where the calibration does not state it."""
 
 
 def read_calibration(text: str, source: str) -> tuple[CalibratedEye, ...]:
@@ -62,10 +62,10 @@ def read_calibration(text: str, source: str) -> tuple[CalibratedEye, ...]:
 
     Args:
         text: the file.
-        source: its name; its ending says what it is.
+        source: its name; the ending gives the format.
 
     Raises:
-        LabelError: it cannot be read, or its camera model is none of the known ones.
+        LabelError: it cannot be read, or its camera model is unknown.
     """
     if len(text) > MAX_CHARACTERS:
         raise LabelError(f"{source}: {len(text)} characters are too many for a calibration")
@@ -79,10 +79,10 @@ def read_calibration(text: str, source: str) -> tuple[CalibratedEye, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Lens:
-    """Interior orientation as calibrations state it."""
+    """Interior orientation as given in a calibration."""
 
     model: str
-    """pinhole, brown-conrady or fisheye, or what other programs call them."""
+    """pinhole, brown-conrady or fisheye, or their names in other programs."""
     focal_px: Sequence[float]
     principal_px: Sequence[float]
     distortion: Sequence[float] = ()
@@ -116,11 +116,11 @@ def camera_of(lens: Lens, centre: Vector3, axes: Rotation, source: str) -> Camer
 
 
 def _right_angled(axes: Rotation, source: str) -> Rotation:
-    """The rotation nearest to one that was written with some decimals."""
+    """The rotation nearest to one written with a few decimals."""
     u, _, vt = np.linalg.svd(axes)
     nearest = u @ vt
     if not (np.abs(nearest - axes).max() < NEARLY_ORTHONORMAL and np.linalg.det(nearest) > 0):
-        raise LabelError(f"{source}: the rotation of its camera is no rotation matrix")
+        raise LabelError(f"{source}: the rotation of its camera is not a rotation matrix")
     return nearest
 
 
@@ -130,8 +130,8 @@ def _of_tsai(text: str, source: str) -> CalibratedEye:
     unknown = sorted(words - {"PINHOLE", "TSAI", "NULL"})
     if unknown:
         raise LabelError(
-            f"{source}: the distortion {unknown[0][:40]!a} is not known; write it anew with TSAI "
-            "or NULL"
+            f"{source}: the distortion {unknown[0][:40]!a} is not known; write the file again "
+            "with TSAI or NULL"
         )
 
     def numbers(name: str, count: int) -> list[float]:
@@ -151,7 +151,7 @@ def _of_tsai(text: str, source: str) -> CalibratedEye:
 
 
 def _of_tree(tree: Mapping[str, Any], source: str) -> tuple[CalibratedEye, ...]:
-    """Of Kalibr, of OpenCV's stereo calibration or of one camera."""
+    """The cameras of Kalibr, of OpenCV's stereo calibration, or one camera."""
     if "cam0" in tree:
         first, second = (_of_kalibr(tree, name, source) for name in ("cam0", "cam1"))
         step = [_numbers(row, 4, f"{source}: T_cn_cnm1") for row in tree["cam1"]["T_cn_cnm1"]]
@@ -163,15 +163,15 @@ def _of_tree(tree: Mapping[str, Any], source: str) -> tuple[CalibratedEye, ...]:
     if "camera_matrix" in tree:
         return (_of_opencv(tree, "camera_matrix", "distortion_coefficients", source),)
     raise LabelError(
-        f"{source}: no calibration that is known: it has neither cam0 (Kalibr) nor M1, M2, R, T "
-        "nor camera_matrix (OpenCV)"
+        f"{source}: not a known calibration: it has neither cam0 (Kalibr) nor M1, M2, R, T nor "
+        "camera_matrix (OpenCV)"
     )
 
 
 def _second(
     eye: CalibratedEye, second_from_first: Float64[np.ndarray, "_ 4"], source: str
 ) -> CalibratedEye:
-    """The second camera of a rig by its motion from the first, which stands at the origin."""
+    """The second camera of a rig by its motion from the first, which is at the origin."""
     turn = _right_angled(second_from_first[:3, :3], source)
     axes = turn @ FORWARD_RIGHT_DOWN
     centre = -axes.T @ second_from_first[:3, 3]
@@ -208,7 +208,7 @@ def _of_opencv(
 ) -> CalibratedEye:
     (fx, skew, x), (_, fy, y), _ = _matrix(tree, matrix, 9, source)
     if skew != 0:
-        raise LabelError(f"{source}: {matrix} has skew, which no camera model here has")
+        raise LabelError(f"{source}: {matrix} has skew, which no camera model here supports")
     values = tree.get(coefficients, {"data": []})
     distortion = _numbers(_data(values), None, f"{source}: {coefficients}")
     if len(distortion) > 8 and not np.any(distortion[8:]):  # noqa: PLR2004 - thin prisms and tilt
@@ -232,7 +232,7 @@ def _data(matrix: Any) -> Any:  # noqa: ANN401 - as a file has it
 
 
 def _numbers(values: Any, count: int | None, what: str) -> list[float]:  # noqa: ANN401 - as above
-    """So many finite numbers; any number of them for None."""
+    """That many finite numbers; None: any number of them."""
     given = list(values) if isinstance(values, list) else []
     try:
         numbers = [float(value) for value in given]
@@ -247,7 +247,7 @@ def _numbers(values: Any, count: int | None, what: str) -> list[float]:  # noqa:
 def _tree(text: str, source: str) -> dict[str, Any]:
     """The values of a YAML or XML file, read by OpenCV.
 
-    Its YAML wants a first line of its own and items of lists farther in than their key.
+    OpenCV's YAML needs a first line of its own and list items indented below their key.
     """
     if not text.lstrip().startswith(("%YAML", "<?xml")):
         text = "%YAML:1.0\n---\n" + re.sub(r"^( *)- ", r"\1    - ", text, flags=re.MULTILINE)

@@ -1,18 +1,18 @@
-"""What the archive's file names say: spacecraft, instrument, clock, product, site and drive.
+"""Parse archive file names: spacecraft, instrument, clock, product, site and drive.
 
 MER names have 27 characters, 2N292280938EFFB100P0703L0M1: spacecraft, instrument, clock (9),
 product type (3), site (2), drive (2), sequence (5), eye, filter, producer, version. Site and drive
 are coded: 00-99; A0-ZZ = 100 + 36 letter + digit (10 + letter); 0A-9Z = 1036 + 26 digit + letter;
-## and __ are 1296 and more, which only the label tells.
+## and __ are 1296 and more, which only the label gives.
 
 MSL names have 36, NLB_517261274EDR_F0541610CCAM15900M1: camera and eye, clock, product type,
 geometry (L linearised), frame, site (3), drive (4), sequence (9), producer, version.
 
 Those of Mars 2020 have 54, NLF_0629_0722782785_631ECM_N0301344NCAM00427_06_095J01: camera and eye,
 colour, sol, clock with its thousandths, product type, geometry (L linearised), frame, site, drive,
-sequence, four characters that each camera uses its own way (Navcam and Hazcam: tile and averaging,
+sequence, four characters with a meaning for each camera (Navcam and Hazcam: tile and averaging,
 Mastcam-Z: focal length in millimetres and averaging), compression, producer, version. The public
-site and PDS4 identifiers leave the version out.
+site and PDS4 identifiers omit the version.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ MSL_INSTRUMENTS = {"N": "NAVCAM", "F": "FRONT_HAZCAM", "R": "REAR_HAZCAM"}
 
 @dataclass(frozen=True, slots=True)
 class FileName:
-    """A file name taken apart."""
+    """The parts of a file name."""
 
     product_id: str
     """The name without folder and extension, upper case."""
@@ -82,30 +82,30 @@ class FileName:
     clock: int
     product_type: str
     site: int | None
-    """None where only the label knows: 1296 and more."""
+    """None where only the label gives it: 1296 and more."""
     drive: int | None
     sequence: str
-    """Lower case, as labels write it."""
+    """Lower case, as in labels."""
     eye: str
     """L, R, M or N."""
     filter_number: int
     """0 where the camera has no filter wheel of its own."""
     producer: str
     version: str
-    """Empty where the name leaves it out."""
+    """Empty where the name omits it."""
     frame: str = ""
-    """After MER: F or N whole, T thumbnail, S sub-frame, D down-sampled."""
+    """As for MER: F or N whole, T thumbnail, S sub-frame, D down-sampled."""
     sol: int | None = None
-    """As the name has it (Mars 2020), or of its clock; None of test rovers."""
+    """From the name (Mars 2020), or from its clock; None for test rovers."""
     part: str = ""
     """Of Mars 2020: tile or focal length, and averaging."""
 
 
 def parse_file_name(name: str) -> FileName:
-    """Take the name of an image file apart; folder, extension and case do not matter.
+    """Parse the name of an image file; folder, extension and case are ignored.
 
     Raises:
-        LabelError: the name follows the pattern of no mission.
+        LabelError: the name matches no mission's pattern.
     """
     product_id = _stem(name)
     if match := _MER.match(product_id):
@@ -160,8 +160,8 @@ def parse_file_name(name: str) -> FileName:
             part=match["part"] + match["averaging"],
         )
     raise LabelError(
-        f"{name[:100]!a} follows no known pattern of image names; "
-        "expected one like 2N292280938EFFB100P0703L0M1.IMG"
+        f"{name[:100]!a} matches no known pattern of image names; expected one like "
+        "2N292280938EFFB100P0703L0M1.IMG"
     )
 
 
@@ -172,10 +172,10 @@ def _sol(mission: str, clock: int) -> int | None:
 
 
 def camera_string(product_id: str) -> str:
-    """What tells the rigs of one instrument apart; empty where there is one.
+    """Distinguishes the rigs of one instrument; empty where there is only one.
 
-    A or B of Curiosity's two sets of engineering cameras; of Mastcam-Z the focal length in
-    millimetres (026 to 110), for each has an interior orientation of its own.
+    A or B of Curiosity's two sets of engineering cameras; for Mastcam-Z the focal length in
+    millimetres (026 to 110), because each has its own interior orientation.
     """
     stem = _stem(product_id)
     if (zoom := _M2020.match(stem)) and zoom["instrument"] == "Z":
@@ -185,9 +185,9 @@ def camera_string(product_id: str) -> str:
 
 
 def tile_number(product_id: str) -> int:
-    """Which part of the detector an image of Perseverance's Navcam or Hazcam shows, from 1.
+    """Part of the detector in an image of Perseverance's Navcam or Hazcam, from 1.
 
-    0 where the image is the whole frame or not of these cameras.
+    0 where the image is the whole frame or of another camera.
     """
     match = _M2020.match(_stem(product_id))
     if match is None or match["instrument"] == "Z":
@@ -197,10 +197,10 @@ def tile_number(product_id: str) -> int:
 
 
 def decode_counter(code: str) -> int | None:
-    """Site or drive of its two-character code; None for 1296 and more (## or __)."""
+    """Site or drive from its two-character code; None for 1296 and more (## or __)."""
     code = code.upper()
     if not re.fullmatch(_CODE, code, re.ASCII):
-        raise LabelError(f"{code!a} is no site or drive code: expected two of 0-9, A-Z, or ##")
+        raise LabelError(f"{code!a} is not a site or drive code: expected two of 0-9, A-Z, or ##")
     if code in {"##", "__"}:
         return None
     first, second = code[0], code[1]
@@ -214,7 +214,7 @@ def decode_counter(code: str) -> int | None:
 def encode_counter(counter: int) -> str:
     """Two-character code of a site or drive; the twin of `decode_counter`."""
     if counter < 0:
-        raise LabelError(f"a site or drive counter is not negative, but {counter}")
+        raise LabelError(f"a site or drive counter must not be negative, but is {counter}")
     if counter < 100:  # noqa: PLR2004 - the limits of the code, see the module
         return f"{counter:02d}"
     if counter < 1036:  # noqa: PLR2004
@@ -227,7 +227,7 @@ def encode_counter(counter: int) -> str:
 
 
 def _plain_counter(code: str) -> int | None:
-    """A counter in digits; None for the codes of larger ones, which only the label tells."""
+    """A counter in digits; None for the codes of larger ones, which only the label gives."""
     return int(code) if code.isdigit() else None
 
 

@@ -1,6 +1,6 @@
-"""What differs from mission to mission: names of instruments, frames and groups, stereo filters.
+"""Differences between missions: names of instruments, frames and groups, stereo filters.
 
-A new mission is one more record here: readers of labels have no mission's name in their code.
+A new mission is one more record here: no reader of labels contains a mission's name.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ class Mission:
     instruments: Mapping[str, tuple[str, Eye]]
     """INSTRUMENT_ID -> instrument without the eye, and the eye."""
     mast_group: str
-    """Group of the mast's frame in the rover: its x axis is the direction in the label."""
+    """Group of the mast's frame in the rover: its x axis is the pointing direction in the label."""
     stereo_filters: Mapping[str, frozenset[tuple[int, int]]]
-    """Instruments with filter wheels -> (left, right) filters that see one band."""
+    """Instruments with filter wheels -> (left, right) filters of the same band."""
     mapping_products: frozenset[str] | None
-    """Product types whose pixels are grey values of the scene; None: DERIVED_IMAGE_TYPE tells."""
+    """Product types whose pixels are grey values of the scene; None: DERIVED_IMAGE_TYPE decides."""
     edr_types: tuple[str, ...] = ()
     """Product types of the archive's EDRs that are mapped; of several the first is fetched."""
     leaves_out_half_pixel: bool = False
@@ -79,7 +79,7 @@ MSL = Mission(
         "CHEMCAM_RMI": ("CHEMCAM_RMI", Eye.MONO),
     },
     mast_group="RSM_COORDINATE_SYSTEM",
-    # The eyes of Mastcam have focal lengths of 34 and 100 mm: no pair for one matching window.
+    # # The eyes of Mastcam have focal lengths of 34 and 100 mm: not a pair for one matching window.
     stereo_filters={"MASTCAM": frozenset()},
     mapping_products=None,
     edr_types=("EDR",),
@@ -122,18 +122,18 @@ _OTHER_NAMES = {
     "M2020": "M20",
     "MARS2020": "M20",
 }
-"""What people and labels call a spacecraft, capital letters and digits alone -> its identifier."""
+"""Common names of a spacecraft, capital letters and digits only -> its identifier."""
 
 
 def mission_id(name: str) -> str:
-    """The identifier of a mission by any of its names: MER2 of `mer2`, `Spirit` and `MER-A`.
+    """The identifier of a mission from any of its names: MER2 for `mer2`, `Spirit` and `MER-A`.
 
-    Another name is taken as an identifier: its capital letters.
+    Any other name becomes an identifier: its letters as capitals.
     """
     letters = re.sub(r"[^A-Z0-9]", "", name.upper())
     return _OTHER_NAMES.get(letters, name.strip().upper())
 
 
 def mission_of_host(host: str, missions: Sequence[Mission] = MISSIONS) -> Mission | None:
-    """The mission that a spacecraft belongs to, or None if nobody described it."""
+    """The mission of a spacecraft, or None if it is not described here."""
     return next((mission for mission in missions if host in mission.hosts), None)

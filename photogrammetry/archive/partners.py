@@ -1,23 +1,24 @@
 """Stereo partners, found by label.
 
-Left and right shutter fire together, so the frames of a pair have the same mission, instrument,
-motion counter, kind of product and geometry, and clocks within a second. Either eye may be a
-sub-frame: its camera model knows. One exposure often comes as several products. It is one
-observation, so one of each eye and filter is used, also where there is no pair:
+Both shutters open together, so the frames of a pair have the same mission, instrument, motion
+counter, kind of product and geometry, and clocks within a second. Either eye may be a sub-frame,
+which its camera model includes. One exposure often has several products. It is one observation, so
+one product of each eye and filter is used, even without a pair:
 
-  - raw before linearised: the archive's linearisation has rows that correspond only nearly;
-  - of frames averaged differently the finest that together show at least 90 percent of what any
-    show: all tiles at full resolution before the whole frame averaged, and that before some tiles;
+  - raw before linearised: rows of the archive's linearised images correspond only approximately;
+  - of frames with different averaging the finest that together cover at least 90 percent of the
+    view of any: all tiles at full resolution before the whole frame averaged, and that before some
+    tiles;
   - the larger frames before sub-frames;
   - radiometrically corrected ones (RAD) first, then inverse-LUT (ILF, ISF, INN), EDR (EFF, ESF,
     EDN), anything else, of a pair the first kind that both eyes have;
   - of these the highest version of each.
 
-Images of one exposure that do not show each other's middle, such as tiles, are observations of
-their own: tiles of one number are a pair each.
+Images of one exposure that do not contain each other's middle, such as tiles, are separate
+observations: tiles of the same number form a pair.
 
-Filters of a pair must see one band (Pancam L2 with R2, L7 with R1) and zoom lenses stand at one
-focal length. Whatever is left over is named with its reason.
+Filters of a pair must have the same band (Pancam L2 with R2, L7 with R1), and zoom lenses the same
+focal length. Every image without a pair is listed with the reason.
 """
 
 from __future__ import annotations
@@ -44,21 +45,21 @@ PRODUCT_ORDER = (
     *("RAD", "MRD", "RSD", "RFD", "IOF", "IFF", "CCD", "CFD"),  # radiometrically corrected
     *("ILF", "ILT", "EFF", "EDR"),
 )
-"""From the first to the last that is taken for matching."""
+"""Order of preference for matching."""
 
 FULL_FRAME = {"ESF": "EFF", "EDN": "EFF", "ISF": "ILF", "INN": "ILF", "SFL": "FFL", "DNL": "FFL"}
 """Sub-framed and down-sampled products, and the full-frame product of the same kind."""
 
 
 SAME_COVERAGE = 0.9
-"""Share of the view that frames of one averaging must show to stand for those of any other."""
+"""Fraction of the view that frames of one averaging must cover to replace those of any other."""
 
 Shot = TypeVar("Shot")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoPairing:
-    """The pairs of a downlink, and why every other frame is in none."""
+    """The pairs of a downlink, and the reason why every other frame has no partner."""
 
     pairs: tuple[StereoPair, ...]
     unpaired: dict[str, str]
@@ -68,7 +69,7 @@ class StereoPairing:
 
 
 def find_stereo_pairs(images: Sequence[RoverImage]) -> StereoPairing:
-    """Put the frames of an exposure together."""
+    """Pair the frames of every exposure."""
     pairs: list[StereoPair] = []
     unpaired: dict[str, str] = {}
     repeats: dict[str, str] = {}
@@ -107,7 +108,7 @@ def _around(image: RoverImage, by_clock: Mapping[int, list[RoverImage]]) -> list
 
 
 def _exposures(images: Sequence[RoverImage]) -> list[list[RoverImage]]:
-    """Frames whose shutters opened together: groups along the clock, for each place and camera."""
+    """Frames exposed together: groups along the clock, for each position and camera."""
     by_place: dict[tuple[object, ...], list[RoverImage]] = defaultdict(list)
     for image in images:
         by_place[image.stop, image.instrument, image.motion_counter].append(image)
@@ -120,7 +121,7 @@ def _exposures(images: Sequence[RoverImage]) -> list[list[RoverImage]]:
 def group_by_clock(
     frames: Iterable[Shot], when: Callable[[Shot], tuple[float, str]]
 ) -> list[list[Shot]]:
-    """Groups of frames within `MAX_CLOCK_DIFFERENCE` of the first; `when` is clock and name."""
+    """Groups of frames within `MAX_CLOCK_DIFFERENCE` of the first; `when` gives clock and name."""
     groups: list[list[Shot]] = []
     first = 0.0
     for frame in sorted(frames, key=when):
@@ -162,7 +163,7 @@ def _pairs(exposure: Sequence[RoverImage]) -> list[StereoPair]:
 
 
 def _resolution_ranks(exposure: Sequence[RoverImage]) -> dict[str, int]:
-    """Image id -> rank of its averaging; 0 is that of the frames to use first."""
+    """Image id -> rank of its averaging; frames of rank 0 are preferred."""
     if len({(image.eye, image.filter_number) for image in exposure}) == len(exposure):
         return dict.fromkeys((image.id for image in exposure), 0)
     focal_px = {image.id: _focal_px(image) for image in exposure}
@@ -183,7 +184,7 @@ def _resolution_ranks(exposure: Sequence[RoverImage]) -> dict[str, int]:
 
 
 def _focal_px(image: RoverImage) -> float:
-    """Focal length, which averaging shortens; 1 of cameras that are no CAHV, never averaged."""
+    """Focal length, which averaging shortens; 1 for cameras other than CAHV, never averaged."""
     camera = image.camera
     if not isinstance(camera, Cahv | Cahvor | Cahvore):
         return 1.0
@@ -191,7 +192,7 @@ def _focal_px(image: RoverImage) -> float:
 
 
 def _tiles_agree(left: RoverImage, right: RoverImage, ranks: Mapping[str, int]) -> bool:
-    """Whether both show one part of the detector; averaged frames are cut otherwise."""
+    """Whether both show the same part of the detector; averaged frames are cut otherwise."""
     tiles = tile_number(left.id), tile_number(right.id)
     return tiles[0] == tiles[1] and (tiles[0] == 0 or ranks[left.id] == ranks[right.id])
 
@@ -207,7 +208,7 @@ def _preference(
 
 
 def _rank(image: RoverImage) -> tuple[object, ...]:
-    """The same of an image alone."""
+    """The same for a single image."""
     size = image.lines * image.samples
     return image.is_linearised, -size, *_order(image), -_version(image), image.id
 
@@ -218,7 +219,7 @@ def _order(image: RoverImage) -> tuple[int, str]:
 
 
 def _kind(image: RoverImage) -> str:
-    """The product type, as if of a full frame."""
+    """The product type of the corresponding full frame."""
     return FULL_FRAME.get(image.product_type, image.product_type)
 
 
@@ -229,7 +230,7 @@ def _version(image: RoverImage) -> int:
 
 
 def _filters_agree(left: RoverImage, right: RoverImage) -> bool:
-    """Whether both eyes see one band; cameras without filter wheel always do."""
+    """Whether both filters have the same band; true for cameras without filter wheel."""
     allowed = _allowed_filters(left).get(left.instrument)
     if allowed is None or left.filter_number is None or right.filter_number is None:
         return allowed != frozenset()
@@ -244,7 +245,7 @@ def _allowed_filters(
 
 
 def _is_same_observation(image: RoverImage, other: RoverImage) -> bool:
-    """Whether images of one exposure show the same scene, one the middle of the other at least."""
+    """Whether images of one exposure show the same scene: one contains the middle of the other."""
     if (image.eye, image.filter_number) != (other.eye, other.filter_number):
         return False
     return _shows_middle(image, other) or _shows_middle(other, image)
@@ -259,7 +260,7 @@ def _shows_middle(image: RoverImage, other: RoverImage) -> bool:
 def _why_alone(  # noqa: PLR0911 - a reason each
     image: RoverImage, images: Sequence[RoverImage]
 ) -> str:
-    """What is missing for a pair."""
+    """The reason why an image has no partner."""
     if image.eye is Eye.MONO:
         return f"{image.instrument} has one eye"
     other = Eye.RIGHT if image.eye is Eye.LEFT else Eye.LEFT
@@ -283,7 +284,7 @@ def _why_alone(  # noqa: PLR0911 - a reason each
     if not _filters_agree(left, right):
         return (
             f"the filters of {left.id} (L{left.filter_number}) and {right.id} "
-            f"(R{right.filter_number}) see different bands"
+            f"(R{right.filter_number}) have different bands"
         )
     if camera_string(left.id) != camera_string(right.id):
         return (

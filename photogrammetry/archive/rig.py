@@ -1,4 +1,4 @@
-"""Your own stereo rig: `rig.toml`, pairs of pictures, and where they were taken.
+"""Your own stereo rig: `rig.toml`, image pairs, and their poses.
 
     mission = "K10"                 # letters and digits: what maps and files are called after
     sol = 1                         # the day; pictures of one folder belong to one, 1 by default
@@ -23,10 +23,10 @@
     position_m = [0.1, 0.0, -0.9]
     pitch_deg = -20.0
 
-Every pair stands at a stop of its own: drive is the number in its name, or where names are no
-numbers its place among them. Poses are those of the rover in the frame of the site, north, east,
-down. Without poses the first pair is the origin, level and looking north, and every other pair is
-on a map of its own, for nothing says where it is.
+Every pair is a separate stop: drive is the number in its name, or its index where names contain no
+numbers. Poses are those of the rover in the frame of the site, north, east, down. Without poses the
+first pair is the origin, level and facing north, and every other pair has its own map, because its
+position is unknown.
 """
 
 from __future__ import annotations
@@ -70,14 +70,15 @@ _LENS = ("model", "size_px", "focal_px", "principal_px", "distortion")
 _EYE = ("images", "calibration", *_LENS, *_PLACE)
 _RIG = ("mission", "sol", "site", "poses", "calibration", "mount", "left", "right")
 SECONDS_APART = 10.0
-"""Between the clocks of pairs, which nobody states: more than images of one exposure may differ."""
+"""Clock difference assigned to consecutive pairs: larger than the limit for images of one
+exposure."""
 OFF_MIDDLE = 0.15
-"""Share of its size that the principal point may lie off the middle of an image."""
+"""Most distance of the principal point from the middle of an image, as a fraction of its size."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """What `rig.toml` says."""
+    """Content of `rig.toml`."""
 
     mission: str
     sol: int
@@ -85,7 +86,7 @@ class Rig:
     poses: str | None
     """Name of the poses CSV; None: `POSES_FILE`, if there is one."""
     images: Mapping[Eye, str]
-    """How the pictures of each camera are called."""
+    """File name patterns of each camera."""
     cameras: Mapping[Eye, CalibratedEye]
     """In the rover frame."""
     source: str
@@ -93,7 +94,7 @@ class Rig:
 
 @dataclass(frozen=True, slots=True)
 class RigShot:
-    """A picture of a rig: all that its record says but its size."""
+    """An image of a rig, with everything its record needs except its size."""
 
     rig: Rig
     eye: Eye
@@ -108,11 +109,11 @@ class RigShot:
 
         Args:
             data: the file.
-            name: its name, for complaints.
+            name: its name, for messages.
             created: when calibration and poses were written.
 
         Raises:
-            PixelError: it is no picture.
+            PixelError: it is not an image.
             LabelError: it has another size than its camera was calibrated for.
         """
         samples, lines = picture_size(data, name)
@@ -143,15 +144,16 @@ class RigShot:
 
 
 def read_rig(text: str, source: str, read: Callable[[str], str]) -> Rig:
-    """What a `rig.toml` says, its calibrations read.
+    """Read a `rig.toml` and its calibrations.
 
     Args:
         text: the file.
-        source: its name, for complaints.
-        read: gives the text of a file that it names.
+        source: its name, for messages.
+        read: returns the text of a file named in it.
 
     Raises:
-        LabelError: it cannot be read, or lacks something; names the key and what is expected.
+        LabelError: it cannot be read, or is incomplete; the message names the key and what is
+            expected.
     """
     try:
         tree = tomllib.loads(text)
@@ -178,7 +180,7 @@ def read_rig(text: str, source: str, read: Callable[[str], str]) -> Rig:
     base_m = np.linalg.norm(cameras[Eye.RIGHT].camera.centre - cameras[Eye.LEFT].camera.centre)
     if not base_m > 0:
         raise LabelError(
-            f"{source}: both cameras stand at one place; give position_m of [right], or a "
+            f"{source}: both cameras have the same position; give position_m of [right], or a "
             "calibration of both cameras"
         )
     images = {eye: _pattern(table, eye, source) for eye, table in eyes.items()}
@@ -191,11 +193,11 @@ def read_rig(text: str, source: str, read: Callable[[str], str]) -> Rig:
 def rig_shots(
     rig: Rig, files: Sequence[str], poses: Sequence[PoseRow] | None
 ) -> tuple[dict[str, RigShot], dict[str, str]]:
-    """The pictures of a rig's folder, and what is wrong with others, by the names of the files.
+    """The images of a rig's folder, and the reasons why others are rejected, by file name.
 
     Args:
-        rig: what `rig.toml` says.
-        files: all pictures below its folder, with `/` between folders.
+        rig: content of `rig.toml`.
+        files: all image files below its folder, with `/` between folders.
         poses: rows of the poses CSV; None where there is none.
     """
     shots: dict[str, RigShot] = {}
@@ -241,7 +243,7 @@ def _place(
     """Stop, sol and pose of a pair.
 
     Raises:
-        LabelError: there are poses, but none of it, or one without attitude.
+        LabelError: there are poses, but none for it, or one without attitude.
     """
     if poses is None:
         stop = StopId(rig.mission, rig.site + place, number)
@@ -252,7 +254,7 @@ def _place(
     if not rows:
         first = min(names).lower()
         raise LabelError(
-            f"no row of the poses CSV is about it; add one with image = {first}, or with site = "
+            f"no row of the poses CSV matches it; add one with image = {first}, or with site = "
             f"{rig.site} and drive = {number}"
         )
     row = rows[0]
@@ -266,7 +268,7 @@ def _place(
 
 
 def _numbers(names: Iterable[str]) -> dict[str, int]:
-    """A number for every pair: that in its name, or its place where they are no such numbers."""
+    """A number for every pair: that in its name, or else its index."""
     known = sorted(names)
     stated = [int(name) for name in known if re.fullmatch(r"\d{1,7}", name, re.ASCII)]
     if len(set(stated)) == len(known) and max(stated, default=0) < MAX_COUNTER:
@@ -288,7 +290,8 @@ def _check_size(eye: CalibratedEye, samples: int, lines: int, name: str, source:
         if eye.size != (samples, lines):
             raise LabelError(
                 f"{name}: {samples} x {lines} pixels, but its camera in {source} is calibrated "
-                f"for {eye.size[0]} x {eye.size[1]}; deliver images of that size, or calibrate anew"
+                f"for {eye.size[0]} x {eye.size[1]}; deliver images of that size, or calibrate "
+                "again"
             )
         return
     ahead = eye.camera.rays(np.array([[(samples - 1) / 2, (lines - 1) / 2]]))
@@ -314,7 +317,7 @@ def _cameras(
     source: str,
     read: Callable[[str], str],
 ) -> dict[Eye, CalibratedEye]:
-    """The cameras in the rig: of a calibration of both, of one each, or of the numbers given."""
+    """The cameras in the rig: from a common calibration, one each, or the given numbers."""
     if "calibration" in tree:
         name = _text(tree, "calibration", source)
         both = read_calibration(read(name), name)
@@ -352,7 +355,7 @@ def _of_numbers(table: Mapping[str, Any], where: str) -> CalibratedEye:
 
 
 def _pose(table: Mapping[str, Any], where: str) -> Pose:
-    """Where a camera is in its rig, or the rig on its rover."""
+    """Pose of a camera in its rig, or of the rig on its rover."""
     position_m = _list(table, "position_m", 3, where) if "position_m" in table else np.zeros(3)
     angles = [np.radians(_number(table, f"{name}_deg", where)) for name in ("roll", "pitch", "yaw")]
     rover, camera = Frame(FrameKind.ROVER), Frame(FrameKind.CAMERA)
@@ -363,8 +366,8 @@ def _pattern(table: Mapping[str, Any], eye: Eye, source: str) -> str:
     pattern = _text(table, "images", f"{source}: [{eye}]")
     if pattern.count("*") != 1:
         raise LabelError(
-            f"{source}: images of [{eye}] should hold one *, which stands for what both pictures "
-            f"of a pair have in common, but is {pattern[:40]!a}"
+            f"{source}: images of [{eye}] should contain one *, the common part of both names of "
+            f"a pair, but is {pattern[:40]!a}"
         )
     return pattern.removeprefix("./")
 
@@ -404,7 +407,7 @@ def _number(table: Mapping[str, Any], key: str, where: str) -> float:
 
 
 def _list(table: Mapping[str, Any], key: str, count: int | None, where: str) -> list[float]:
-    """So many finite numbers; any number of them for None."""
+    """That many finite numbers; None: any number of them."""
     value = table.get(key)
     given = value if isinstance(value, list) else []
     numbers = [float(one) for one in given if type(one) in (int, float)]

@@ -1,14 +1,14 @@
-"""Times of labels, in every form that the PDS standards allow.
+"""Times of labels, in every form allowed by the PDS standards.
 
-    2004-06-10T08:00:36.816        calendar, and the same with a Z behind
+    2004-06-10T08:00:36.816        calendar, and the same followed by Z
     2004-162T08:00:36.816          day of the year
     2005-12-31T23:59:60.5          a leap second; it counts as the first second of the next day
     2004-06-10T24:00:00            midnight at the end of a day
     2004, 2004-06, 2004-06-10T08   shortened: the beginning of what is named
     UNK, UNKNOWN, N/A, NULL, ""    not known
 
-All are UTC. What is none of these is no time and counts as not known: no image is refused and no
-map is left out for it.
+All are UTC. Any other text counts as unknown: it causes no image to be rejected and no map to be
+left out.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _TIME = re.compile(
 
 
 def utc_of(text: str | None) -> datetime | None:
-    """The moment that a time of a label names; None where it names none."""
+    """The moment of a label's time; None where it is not a time."""
     text = "" if text is None else text.strip()
     if len(text) > MAX_CHARACTERS:
         return None
@@ -39,7 +39,7 @@ def utc_of(text: str | None) -> datetime | None:
 
 
 def time_text(text: str | None) -> str | None:
-    """A time of a label in a form that sorts: as it stands there where that is ISO 8601."""
+    """A time of a label in a form that sorts: unchanged where it is ISO 8601."""
     moment = utc_of(text)
     if text is None or moment is None:
         return None
@@ -53,7 +53,7 @@ def time_text(text: str | None) -> str | None:
 
 
 def _of_pds(text: str) -> datetime | None:
-    """The forms that ISO 8601, or Python's reading of it, leaves out."""
+    """The forms outside ISO 8601, or outside Python's reading of it."""
     match = _TIME.fullmatch(text)
     if match is None:
         return None

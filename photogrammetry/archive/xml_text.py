@@ -1,4 +1,4 @@
-"""XML that may come from anywhere, parsed without its dangers."""
+"""Parse XML from untrusted sources safely."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ET
 from solmap.photogrammetry.errors import PhotogrammetryError
 
 MAX_CHARACTERS = 1 << 24
-"""The longest master file known, of 138 sites, has 55 kB, the longest PDS4 label 120 kB."""
+"""The longest known master file, of 138 sites, has 55 kB, the longest PDS4 label 120 kB."""
 MAX_ELEMENTS = 1 << 20
 MAX_DEPTH = 32
 """Labels have some 3,000 elements, 15 deep."""
@@ -16,7 +16,7 @@ _FORBIDDEN = re.compile(r"<!\s*(DOCTYPE|ENTITY)", re.IGNORECASE)
 
 
 class _Builder(ET.TreeBuilder):
-    """Builds elements without namespaces, and no more of them than a file of ours has."""
+    """Builds elements without namespaces, up to the limits of known files."""
 
     def __init__(self, most: int) -> None:
         super().__init__()
@@ -48,7 +48,7 @@ def xml_root(
     *,
     most_elements: int = MAX_ELEMENTS,
 ) -> ET.Element:
-    """The root element of an XML text; namespaces are left off.
+    """The root element of an XML text; namespaces are removed.
 
     Raises:
         error: it is too long, too deep, declares entities, or is not well-formed XML under `tag`.
@@ -59,10 +59,10 @@ def xml_root(
     if forbidden:
         line = text.count("\n", 0, forbidden.start()) + 1
         raise error(
-            f"{source}: line {line}: <!{forbidden[1].upper()} is refused; {what} files have none"
+            f"{source}: line {line}: <!{forbidden[1].upper()} is not allowed in {what} files"
         )
     try:
-        # Entities, the one danger of this parser, were refused above.
+        # # Entities, the one risk of this parser, were rejected above.
         root = ET.fromstring(text, ET.XMLParser(target=_Builder(most_elements)))  # noqa: S314 - see above
     except ET.ParseError as fault:
         raise error(f"{source}: not well-formed XML: {fault}") from fault

@@ -1,21 +1,22 @@
 """CAHV: the perspective camera of JPL's rovers (Yakimovsky & Cunningham 1978).
 
-Four vectors describe it: the projection centre C (metres), the unit axis A normal to the image, and
-H and V (pixels), which hold the scales, the directions and the image of the axis in one:
+Its four vectors are the projection centre C (metres), the unit axis A normal to the image, and H
+and V (pixels), which combine the scales, the directions of rows and columns and the image of the
+axis:
 
     d = P - C        x = d.H / d.A        y = d.V / d.A        (d.A > 0 in front)
     dx/dP = (H - x A) / d.A               dy/dP = (V - y A) / d.A
     ray(x, y) ~ (V - y A) x (H - x A) = V x H - x (V x A) - y (A x H),   reversed if (V x H).A < 0
 
-The interior orientation hidden in them is h_c = A.H, v_c = A.V (image of the axis), h_s = |A x H|,
-v_s = |A x V| (focal lengths in pixels). A label's A is rounded to six digits; it is used as it
-stands, as JPL's own library does, and only taken as a unit vector where that is said.
+Their interior orientation is h_c = A.H, v_c = A.V (image of the axis), h_s = |A x H|, v_s = |A x V|
+(focal lengths in pixels). A label's A is rounded to six digits; it is used unchanged, as in JPL's
+own library, and only treated as a unit vector where stated.
 
-Cutting out a sub-frame that starts at pixel (i, j) and averaging blocks of n x m pixels turn
+A sub-frame that starts at pixel (i, j), and averaging of blocks of n x m pixels, change
 
     H -> H - i A,   V -> V - j A,        H -> (H + A/2) / n - A/2,   V -> (V + A/2) / m - A/2,
 
-because integer coordinates are pixel centres. MER labels leave out the halves (facts 1.6).
+because integer coordinates are pixel centres. MER labels omit the halves (facts 1.6).
 """
 
 from __future__ import annotations
@@ -29,15 +30,15 @@ from solmap.photogrammetry.errors import CameraError, FrameError
 from solmap.photogrammetry.frames import Pose, read_only
 
 Partials = Float64[np.ndarray, "n 2 3"]
-"""d(sample, line)/dP in pixels a metre: one 2 x 3 matrix a point."""
+"""d(sample, line)/dP in pixels per metre: one 2 x 3 matrix per point."""
 
 UNIT_TOLERANCE = 1e-3
-"""Six digits in a label leave a unit vector within 1e-6; beyond this it is none."""
+"""With the six digits of a label the length of a unit vector is within 1e-6; this is the limit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cahv:
-    """A perspective camera; its image is a plane, its rays meet in C."""
+    """A perspective camera; its image is a plane, all its rays pass through C."""
 
     c: Vector3
     a: Vector3
@@ -69,7 +70,7 @@ class Cahv:
         return perspective_rays(self.a, self.h, self.v, image_points)
 
     def ray_origins(self, image_points: ImagePoints) -> ObjectPoints:
-        """Where the rays start, metres: at C for every image point."""
+        """Origins of the rays, metres: C for every image point."""
         return np.broadcast_to(self.c, (len(image_points), 3))
 
     def transform(self, target_from_model: Pose) -> Cahv:
@@ -102,7 +103,7 @@ class InteriorOrientation:
 
 
 def interior_orientation(a: Vector3, h: Vector3, v: Vector3) -> InteriorOrientation:
-    """What H and V hold; about -90 degrees of theta for an image with x right and y down."""
+    """Interior orientation from H and V; theta is about -90 degrees for x right and y down."""
     a_x_h, a_x_v = np.cross(a, h), np.cross(a, v)
     theta = np.arctan2(np.cross(v, h) @ a, a_x_v @ a_x_h)
     return InteriorOrientation(
@@ -115,7 +116,7 @@ def interior_orientation(a: Vector3, h: Vector3, v: Vector3) -> InteriorOrientat
 
 
 def freeze_vectors(model: object, names: tuple[str, ...]) -> None:
-    """Replace the vectors of a record at birth by checked, read-only copies."""
+    """Replace the vectors of a new record by checked, read-only copies."""
     for name in names:
         try:
             vector = read_only(getattr(model, name), (3,), f"{name.upper()} of a camera model")
@@ -125,14 +126,16 @@ def freeze_vectors(model: object, names: tuple[str, ...]) -> None:
 
 
 def check_unit(vector: Vector3, name: str) -> None:
-    """Refuse a direction that is not of unit length within the rounding of a label."""
+    """Reject a direction whose length differs from one by more than the rounding of a label."""
     length = float(np.linalg.norm(vector))
     if abs(length - 1.0) > UNIT_TOLERANCE:
-        raise CameraError(f"{name} of a camera model is a unit vector, not one of {length:.6g}")
+        raise CameraError(
+            f"{name} of a camera model should be a unit vector, but has length {length:.6g}"
+        )
 
 
 def check_perspective(a: Vector3, h: Vector3, v: Vector3) -> None:
-    """Refuse axes that span no image plane."""
+    """Reject axes that span no image plane."""
     check_unit(a, "A")
     volume = abs(float(np.cross(v, h) @ a))
     if not volume > 1e-9 * float(np.linalg.norm(h) * np.linalg.norm(v)):
@@ -150,7 +153,7 @@ def perspective_rays(a: Vector3, h: Vector3, v: Vector3, image_points: ImagePoin
 def perspective_partials(
     model: Cahv, from_centre: ObjectPoints, image_points: ImagePoints
 ) -> Partials:
-    """(H - x A) / d.A and (V - y A) / d.A for points given from the centre."""
+    """(H - x A) / d.A and (V - y A) / d.A for points relative to the centre."""
     depth = from_centre @ model.a
     scales = np.stack([model.h, model.v])
     return (scales - image_points[:, :, None] * model.a) / depth[:, None, None]
@@ -159,5 +162,5 @@ def perspective_partials(
 def averaged_scale(scale: Vector3, pixels: int, half_axis: Vector3) -> Vector3:
     """H or V of an image averaged over `pixels` columns or lines; `half_axis` is A/2 or 0."""
     if pixels < 1:
-        raise CameraError(f"pixels are averaged over at least one, not {pixels}")
+        raise CameraError(f"pixels must be averaged over at least one, not {pixels}")
     return (scale + half_axis) / pixels - half_axis

@@ -1,7 +1,7 @@
 """CAHVOR: CAHV with radial distortion about an axis O of its own (Gennery 2001, 2006).
 
-With d = P - C, w = d.O and the part of d across the axis, l = d - w O, the point is moved outwards
-before a CAHV camera sees it,
+With d = P - C, w = d.O and the component of d perpendicular to the axis, l = d - w O, the point is
+moved outwards before it is projected by a CAHV camera,
 
     tau = l.l / w^2        mu = R0 + R1 tau + R2 tau^2        d' = d + mu l = (1 + mu) d - mu w O,
 
@@ -9,15 +9,15 @@ so that only the four products of d with H, V, A, O and its length are needed:
 
     x = ((1 + mu) d.H - mu w O.H) / ((1 + mu) d.A - mu w O.A),     y with V for H.
 
-Backwards, a CAHV ray r' has the tangent tan' = |l'| / w' and the true one solves
-tan (1 + R0 + R1 tan^2 + R2 tan^4) = tan'. R0 is not zero in flight models and O may lie degrees
-from A (7.5 for Spirit's left Navcam), so the usual principal point with k1, k2 will not do.
+Backwards, a CAHV ray r' has the tangent tan' = |l'| / w' and the true one solves tan (1 + R0 + R1
+tan^2 + R2 tan^4) = tan'. R0 is not zero in flight models and O may lie degrees from A (7.5 for
+Spirit's left Navcam), so the usual principal point with k1, k2 is not sufficient.
 
     dd'/dP = I + mu (I - O O') + l [ (R1 + 2 R2 tau) ((2 / w^2) l' (I - O O') - (2 tau / w) O') ]
 
-O is used as it stands: with the six digits of a label it is a unit vector within 1e-6, and the way
-there and back closes within 1e-7 px (1e-3 px for CAHVORE); with a true unit vector it closes within
-rounding, so whoever reads a label takes O / |O|.
+O is used unchanged: with the six digits of a label its length is one within 1e-6, and projecting
+and back-projecting agree within 1e-7 px (1e-3 px for CAHVORE). With a true unit vector they agree
+within rounding, so readers of labels use O / |O|.
 
 CAHVOR and CAHVORE share the radial polynomial, its inverse and the limit of its use. A point at the
 distance chi from the distortion axis (a tangent for CAHVOR, an angle-like quantity for CAHVORE) is
@@ -25,8 +25,8 @@ imaged at the distance
 
     chi' = chi (1 + R0 + R1 chi^2 + R2 chi^4).
 
-Beyond the first zero of d(chi')/d(chi) = 1 + R0 + 3 R1 chi^2 + 5 R2 chi^4 the polynomial turns
-back: points far outside the field would reappear in the image. They have no image.
+Beyond the first zero of d(chi')/d(chi) = 1 + R0 + 3 R1 chi^2 + 5 R2 chi^4 the polynomial is not
+monotonic: points far outside the field would reappear in the image. Such points have no image.
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ CHUNK = 16_384
 
 
 def check_radial(r: Vector3) -> None:
-    """Refuse a polynomial that mirrors or collapses the image on its axis."""
+    """Reject a polynomial that mirrors or collapses the image on its axis."""
     if not 1.0 + r[0] > 0:
         raise CameraError(f"R0 = {r[0]:g} of a camera model: the scale 1 + R0 must be above zero")
 
 
 def largest_square(r: Vector3) -> float:
-    """Square of the largest chi that the polynomial maps uniquely; infinity if it never turns."""
+    """Square of the largest chi that the polynomial maps uniquely; infinity if it is monotonic."""
     linear, quadratic, constant = 3.0 * r[1], 5.0 * r[2], 1.0 + r[0]
     if quadratic == 0.0:
         with np.errstate(over="ignore"):
@@ -81,7 +81,8 @@ def largest_square(r: Vector3) -> float:
 def undistort(distorted: PerPoint, r: Vector3) -> PerPoint:
     """Solve chi (1 + R0 + R1 chi^2 + R2 chi^4) = chi' by Newton's method; NaN where it fails.
 
-    Where the polynomial is far from linear Newton may leave the branch; such rows are NaN, too.
+    Where the polynomial is far from linear, Newton's method may leave the branch; such rows are
+    NaN, too.
     """
     limit = np.sqrt(largest_square(r))
     chi = np.minimum(distorted / (1.0 + r[0]), 0.999 * limit)
@@ -123,11 +124,11 @@ class Cahvor:
 
     @property
     def perspective(self) -> Cahv:
-        """The camera behind the distortion."""
+        """The perspective camera without the distortion."""
         return Cahv(self.c, self.a, self.h, self.v)
 
     def project(self, points: ObjectPoints) -> ImagePoints:
-        """Image of object points; NaN behind the camera and beyond the use of the distortion."""
+        """Image of object points; NaN behind the camera and beyond the range of the distortion."""
         image_points = np.empty((len(points), 2))
         axes = np.stack([self.h, self.v, self.a, self.o])
         limit = largest_square(self.r)
@@ -162,7 +163,7 @@ class Cahvor:
             return image_points, by_moved @ moved_by_p
 
     def _moved_outwards(self, d: ObjectPoints) -> tuple[ObjectPoints, np.ndarray]:
-        """Points d' of points given from C, and d(d')/dP, one 3 x 3 matrix a point."""
+        """Points d' for points relative to C, and d(d')/dP, one 3 x 3 matrix per point."""
         w = d @ self.o
         l = d - w[:, None] * self.o
         tau = np.einsum("ij,ij->i", l, l) / w**2
@@ -188,14 +189,14 @@ class Cahvor:
         w = seen @ self.o
         l = seen - w[:, None] * self.o
         tangent = np.sqrt(np.einsum("ij,ij->i", l, l)) / np.where(w > 0, w, np.nan)
-        on_axis = tangent == 0.0  # no direction across left to scale
+        on_axis = tangent == 0.0  # # on the axis: no perpendicular component to scale
         ratio = undistort(tangent, self.r) / np.where(on_axis, 1.0, tangent)
         ratio = np.where(on_axis, 1.0 / (1.0 + self.r[0]), ratio)
         rays = w[:, None] * self.o + ratio[:, None] * l
         return rays / np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]
 
     def ray_origins(self, image_points: ImagePoints) -> ObjectPoints:
-        """Where the rays start, metres: at C for every image point."""
+        """Origins of the rays, metres: C for every image point."""
         return np.broadcast_to(self.c, (len(image_points), 3))
 
     def transform(self, target_from_model: Pose) -> Cahvor:

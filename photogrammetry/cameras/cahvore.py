@@ -1,4 +1,4 @@
-"""CAHVORE: the fisheye of the Hazcams, whose entrance pupil moves (Gennery 2006).
+"""CAHVORE: the fisheye model of the Hazcams, with a moving entrance pupil (Gennery 2006).
 
 A ray at the angle theta from the axis O starts at C + s(theta) O,
 
@@ -8,12 +8,12 @@ For an object point with d = P - C, z = d.O, l = d - z O and lambda = |l|, theta
 
     f(theta) = z sin - lambda cos - (theta - sin)(E0 + E1 theta^2 + E2 theta^4) = 0,
 
-and is then drawn together by the linearity L of the model type (1 perspective: L = 1, 2 fisheye:
-L = 0, 3 general: L = P, 0.37 on MER),
+and is then compressed by the linearity L of the model type (1 perspective: L = 1, 2 fisheye: L = 0,
+3 general: L = P, 0.37 on MER),
 
     chi = tan(L theta) / L  (L > 0),   theta  (L = 0),   sin(L theta) / L  (L < 0),
 
-distorted, mu = R0 + R1 chi^2 + R2 chi^4, and seen by a CAHV camera at the point
+distorted, mu = R0 + R1 chi^2 + R2 chi^4, and projected by a CAHV camera from the point
 
     r = z' O + (1 + mu) l,      z' = lambda / chi.
 
@@ -55,7 +55,7 @@ ON_AXIS = 1e-8
 """Tangent below which a point counts as on the axis, as in JPL's library."""
 
 LINEARITY = {1: 1.0, 2: 0.0}
-"""Linearity of the perspective and the fisheye type; type 3 brings its own."""
+"""Linearity of the perspective and the fisheye type; type 3 has a parameter for it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,9 +78,11 @@ class Cahvore:
         check_unit(self.o, "O")
         check_radial(self.r)
         if self.type not in (1, 2, 3):
-            raise CameraError(f"a CAHVORE model is of type 1, 2 or 3, not {self.type}")
+            raise CameraError(f"a CAHVORE model must be of type 1, 2 or 3, not {self.type}")
         if not abs(self.parameter) <= 1:
-            raise CameraError(f"P of a CAHVORE model is within -1 and 1, not {self.parameter}")
+            raise CameraError(
+                f"P of a CAHVORE model must be between -1 and 1, not {self.parameter}"
+            )
 
     @property
     def centre(self) -> Vector3:
@@ -94,11 +96,11 @@ class Cahvore:
 
     @property
     def perspective(self) -> Cahv:
-        """The CAHV camera that looks at the drawn-together points."""
+        """The CAHV camera that projects the compressed points."""
         return Cahv(self.c, self.a, self.h, self.v)
 
     def project(self, points: ObjectPoints) -> ImagePoints:
-        """Image of object points; NaN behind the camera and beyond the use of the distortion."""
+        """Image of object points; NaN behind the camera and beyond the range of the distortion."""
         image_points = np.empty((len(points), 2))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             for start in range(0, len(points), CHUNK):
@@ -123,7 +125,7 @@ class Cahvore:
         return np.sin(theta)[:, None] * sideways + np.cos(theta)[:, None] * self.o
 
     def ray_origins(self, image_points: ImagePoints) -> ObjectPoints:
-        """Where the rays start, metres: the pupil C + s(theta) O."""
+        """Origins of the rays, metres: the pupil C + s(theta) O."""
         theta, _ = self._angles(image_points)
         square = theta * theta
         pupil = self.e[0] + square * (self.e[1] + square * self.e[2])
@@ -150,7 +152,7 @@ class Cahvore:
         )
 
     def _distort(self, d: ObjectPoints) -> _Drawn:
-        """Angles of points given from C, and where the CAHV camera sees them."""
+        """Angles of points relative to C, and the points that the CAHV camera projects."""
         z = d @ self.o
         l = d - z[:, None] * self.o
         lam = np.sqrt(np.einsum("ij,ij->i", l, l))
@@ -165,7 +167,7 @@ class Cahvore:
         return _Drawn(r=r, l=l, lam=lam, theta=theta, theta_slope=theta_slope, chi=chi, mu=mu)
 
     def _theta(self, z: PerPoint, lam: PerPoint) -> tuple[PerPoint, PerPoint]:
-        """Solve f(theta) = 0 by Newton's method; the angle and the slope of f there."""
+        """Solve f(theta) = 0 by Newton's method; returns the angle and the slope of f there."""
         e0, e1, e2 = self.e
         theta = np.arctan2(lam, z)
         for _ in range(NEWTON_STEPS):
@@ -183,7 +185,7 @@ class Cahvore:
         return np.where(sound, np.maximum(theta, 0.0), np.nan), slope
 
     def _chi(self, theta: PerPoint) -> PerPoint:
-        """Draw the angle together by the linearity of the model."""
+        """Compress the angle by the linearity of the model."""
         linearity = self.linearity
         if linearity > 0:
             return np.tan(linearity * theta) / linearity
@@ -201,7 +203,7 @@ class Cahvore:
         return np.ones_like(theta)
 
     def _angles(self, image_points: ImagePoints) -> tuple[PerPoint, Directions]:
-        """Angle from the axis of the rays through image points, and the way they lean."""
+        """Angle from the axis of the rays through image points, and their direction about it."""
         seen = perspective_rays(self.a, self.h, self.v, image_points)
         z = seen @ self.o
         l = seen - z[:, None] * self.o
@@ -218,7 +220,7 @@ class Cahvore:
         return theta, l / np.where(lam > 0, lam, 1.0)[:, None]
 
     def _r_by_p(self, drawn: _Drawn) -> np.ndarray:
-        """d(r)/dP, one 3 x 3 matrix a point."""
+        """d(r)/dP, one 3 x 3 matrix per point."""
         on_axis = drawn.chi < ON_AXIS
         chi = np.where(on_axis, 1.0, drawn.chi)
         toward = drawn.l / np.where(drawn.lam > 0, drawn.lam, 1.0)[:, None]
@@ -239,7 +241,7 @@ class Cahvore:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drawn:
-    """Points on their way through the fisheye; the letters of the module's formulas."""
+    """Intermediate results of projecting points; letters as in the module's formulas."""
 
     r: ObjectPoints
     l: ObjectPoints

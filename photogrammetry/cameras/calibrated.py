@@ -1,8 +1,8 @@
-"""Cameras as calibration tools give them: Brown-Conrady and fisheye (Kannala-Brandt).
+"""Cameras of calibration tools: Brown-Conrady and fisheye (Kannala-Brandt).
 
-A point P is seen by a camera at C with the unit vectors right, down and forward at
-(X, Y, Z) = ((P - C).right, (P - C).down, (P - C).forward). The lens images it in the plane at unit
-distance, and focal lengths f and principal point c (pixels) make a pixel of that:
+A point P has, for a camera at C with the unit vectors right, down and forward the coordinates (X,
+Y, Z) = ((P - C).right, (P - C).down, (P - C).forward). The lens maps it to (u, v) in the plane at
+unit distance, and focal lengths f and principal point c (pixels) convert that to a pixel:
 
     sample = f_x u + c_x        line = f_y v + c_y
 
@@ -17,8 +17,8 @@ with theta the angle from the forward axis and rho = sqrt(X² + Y²):
 
     (u, v) = theta (1 + k1 theta² + k2 theta⁴ + k3 theta⁶ + k4 theta⁸) (X, Y) / rho
 
-Where a polynomial turns back, points far outside of the field would reappear in the image: beyond
-its first turn they have none (NaN). A camera without distortion is a `Cahv`.
+Beyond the first extremum of the polynomial, points far outside the field would reappear in the
+image; such points have no image (NaN). A camera without distortion is a `Cahv`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ NEWTON_STEPS = 50
 SETTLED = 1e-12
 """Largest last step of an inverse, in units of the focal length."""
 NEAR_LIMIT = 0.999
-"""Share of the largest distance from the axis that iterations start below."""
+"""Fraction of the largest distance from the axis below which iterations start."""
 ORTHONORMAL = 1e-9
 
 PlanePoints = Float64[np.ndarray, "n 2"]
@@ -57,12 +57,12 @@ PlanePartials = Float64[np.ndarray, "n 2 3"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedCamera:
-    """What both models have in common: place, directions, focal lengths and principal point."""
+    """Common part of both models: position, directions, focal lengths and principal point."""
 
     centre: Vector3
     """Projection centre C, metres."""
     axes: Rotation
-    """Rows right, down, forward, in the frame that the model lives in."""
+    """Rows right, down, forward, in the model's frame."""
     focal_px: tuple[float, float]
     """Across and down."""
     principal_px: tuple[float, float]
@@ -70,7 +70,7 @@ class CalibratedCamera:
     distortion: tuple[float, ...]
 
     coefficient_counts: ClassVar[tuple[int, ...]] = ()
-    """Numbers of coefficients that a model may have."""
+    """Possible numbers of coefficients of a model."""
 
     def __post_init__(self) -> None:
         try:
@@ -80,10 +80,14 @@ class CalibratedCamera:
             raise CameraError(str(error)) from None
         off = np.abs(self.axes @ self.axes.T - np.eye(3)).max()
         if not (off <= ORTHONORMAL and np.linalg.det(self.axes) > 0):
-            raise CameraError("the axes of a camera are right, down and forward, at right angles")
+            raise CameraError(
+                "the axes of a camera must be right, down and forward, at right angles"
+            )
         numbers = (*self.focal_px, *self.principal_px, *self.distortion)
         if not (np.isfinite(numbers).all() and min(self.focal_px) > 0):
-            raise CameraError(f"focal lengths are above zero and all numbers finite, not {numbers}")
+            raise CameraError(
+                f"focal lengths must be above zero and all numbers finite, not {numbers}"
+            )
         if len(self.distortion) not in self.coefficient_counts:
             counts = " or ".join(map(str, self.coefficient_counts))
             raise CameraError(
@@ -91,7 +95,7 @@ class CalibratedCamera:
             )
 
     def project(self, points: ObjectPoints) -> ImagePoints:
-        """Image of object points; NaN behind the camera and beyond the use of the distortion."""
+        """Image of object points; NaN behind the camera and beyond the range of the distortion."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             plane, _ = self._distort((points - self.centre) @ self.axes.T)
         return plane * self.focal_px + self.principal_px
@@ -110,7 +114,7 @@ class CalibratedCamera:
         return rays / np.linalg.norm(rays, axis=1, keepdims=True) @ self.axes
 
     def ray_origins(self, image_points: ImagePoints) -> ObjectPoints:
-        """Where the rays start, metres: at C for every image point."""
+        """Origins of the rays, metres: C for every image point."""
         return np.broadcast_to(self.centre, (len(image_points), 3))
 
     def transform(self, target_from_model: Pose) -> CalibratedCamera:
@@ -130,11 +134,11 @@ class CalibratedCamera:
         return replace(self, focal_px=(fx / width, fy / height), principal_px=principal)
 
     def _distort(self, d: ObjectPoints) -> tuple[PlanePoints, PlanePartials]:
-        """Plane points of (right, down, forward) from C, and their derivatives."""
+        """Plane points of (right, down, forward) relative to C, and their derivatives."""
         raise NotImplementedError
 
     def _undistort(self, plane: PlanePoints) -> ObjectPoints:
-        """Directions (right, down, forward), of any length, that plane points are seen in."""
+        """Directions (right, down, forward), of any length, of plane points."""
         raise NotImplementedError
 
 
@@ -155,7 +159,7 @@ class BrownConrady(CalibratedCamera):
         return plane, slopes @ ideal_by_d
 
     def _undistort(self, plane: PlanePoints) -> ObjectPoints:
-        """By Newton's method, from where the plane points are."""
+        """By Newton's method, starting from the plane points."""
         longest = NEAR_LIMIT * np.sqrt(self._largest_square())
         ideal, step = _shortened(plane, longest), np.full_like(plane, np.inf)
         for _ in range(NEWTON_STEPS):
@@ -176,7 +180,7 @@ class BrownConrady(CalibratedCamera):
         return np.column_stack([ideal, np.ones(len(ideal))])
 
     def _bend(self, ideal: PlanePoints) -> tuple[PlanePoints, Float64[np.ndarray, "n 2 2"]]:
-        """Where the lens images points of the plane, and the derivatives."""
+        """Distorted points of the plane, and the derivatives."""
         k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion, 0.0, 0.0, 0.0, 0.0)[:8]
         x, y = ideal.T
         s = x * x + y * y
@@ -197,7 +201,7 @@ class BrownConrady(CalibratedCamera):
         return plane, slopes
 
     def _largest_square(self) -> float:
-        """Square of the largest r up to which r q(r) grows."""
+        """Square of the largest r up to which r q(r) increases."""
         k1, k2, _, _, k3, k4, k5, k6 = (*self.distortion, 0.0, 0.0, 0.0, 0.0)[:8]
         above, below = np.array([1.0, k1, k2, k3]), np.array([1.0, k4, k5, k6])
         twice = np.array([0.0, 2.0])  # 2 s
@@ -211,7 +215,7 @@ class BrownConrady(CalibratedCamera):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fisheye(CalibratedCamera):
-    """A camera whose images grow with the angle from its axis: k1 k2 k3 k4."""
+    """A camera whose image radius increases with the angle from its axis: k1 k2 k3 k4."""
 
     coefficient_counts: ClassVar[tuple[int, ...]] = (4,)
 
@@ -253,7 +257,7 @@ class Fisheye(CalibratedCamera):
         return radius, 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4)))
 
     def _largest_angle(self) -> float:
-        """Up to where images grow with the angle, radians; 180 degrees at most."""
+        """Angle up to which the image radius increases, radians; 180 degrees at most."""
         k1, k2, k3, k4 = self.distortion
         square = _first_root(np.array([1.0, 3 * k1, 5 * k2, 7 * k3, 9 * k4]))
         return float(min(np.sqrt(square), np.pi))
@@ -268,6 +272,6 @@ def _first_root(coefficients: Float64[np.ndarray, " _"]) -> float:
 
 
 def _shortened(plane: PlanePoints, longest: float) -> PlanePoints:
-    """Points drawn towards the axis where they lie farther from it than `longest`."""
+    """Points moved towards the axis where they are farther from it than `longest`."""
     length = np.linalg.norm(plane, axis=1, keepdims=True)
     return plane * np.minimum(1.0, longest / np.where(length > 0, length, 1.0))

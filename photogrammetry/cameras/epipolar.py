@@ -1,31 +1,32 @@
-"""The normal case of stereo: both images of a pair resampled onto one plane along the base.
+"""The normal case of stereo: both images of a pair resampled to one plane along the baseline.
 
-With the projection centres C_l, C_r, the base b = C_r - C_l of length B and the unit vector of the
-base e = b / B, the common axis is the mean viewing direction made perpendicular to the base,
+With the projection centres C_l, C_r, the baseline b = C_r - C_l of length B and its unit vector e =
+b / B, the common axis is the mean viewing direction made perpendicular to the baseline,
 
     z = unit(a - (a.e) e),        x = e,        y = z x e          (right, down, forward)
 
-and one focal length f (pixels) serves both axes and both images, so that rows correspond exactly:
+and one focal length f (pixels) is used for both axes and both images, so that rows correspond
+exactly:
 
     x_l = c_x + f X/Z        y_l = c_y + f Y/Z        x_r = x_l - p        p = f B / Z
 
-for a point (X, Y, Z) in the pair's frame (origin C_l). This is the "linearised" product of JPL with
-square pixels, an axis perpendicular to the base and therefore no vertical parallax at all; the
-archived products have neither (Di et al. 2008, section 2).
+for a point (X, Y, Z) in the pair's frame (origin C_l). It corresponds to JPL's "linearised"
+product, but with square pixels and an axis perpendicular to the baseline, so that there is no
+vertical parallax; the archived products have neither (Di et al. 2008, section 2).
 
 Size and centre follow from the projected borders of both images. A point in front of the cameras
-has p > 0, so of the left image only x_l >= min x_r can have a partner and of the right one only
-x_r <= max x_l: rows run over what both see, samples over the left image and as far to the left as
-the right image reaches. The focal length is the mean scale of both cameras at the middle of their
-images, so that pixels are neither squeezed nor made up. A wide or badly turned field is cut at
-`LARGEST_FIELD` times the longer side of the originals.
+has p > 0, so of the left image only x_l >= min x_r can have a partner and of the right one only x_r
+<= max x_l: rows cover what both images show, samples the left image and as far to the left as the
+right image reaches. The focal length is the mean scale of both cameras at the middle of their
+images, so that resolution is preserved. A wide or strongly rotated field is cut at `LARGEST_FIELD`
+times the longer side of the originals.
 
 The ideal camera of a single image: square pixels, no distortion, rows level with the camera's.
 
-An image without a stereo partner takes part in ties and adjustment as the left half of a pair whose
-right half is never measured: axis A of the camera (right, down, forward = H', A x H', A), focal
-length and size those of the original. `NO_BASE_M` stands where a pair has its base; it is the unit
-of a parallax that nothing observes.
+An image without a stereo partner is used in matching and adjustment as the left image of a pair
+whose right image is never measured: axis A of the camera (right, down, forward = H', A x H', A),
+focal length and size those of the original. `NO_BASE_M` takes the place of the baseline; it is the
+unit of a parallax that is never observed.
 """
 
 from __future__ import annotations
@@ -51,26 +52,27 @@ from solmap.photogrammetry.errors import CameraError
 from solmap.photogrammetry.frames import Frame, Pose
 
 LARGEST_FIELD = 2.0
-"""Longest side of epipolar images, in longer sides of the originals."""
+"""Longest side of epipolar images, relative to the longer side of the originals."""
 
 STEEPEST_VIEW = np.sin(np.radians(10.0))
-"""Sine of the smallest angle between base and view: below it, parallax says little of distance."""
+"""Sine of the smallest angle between baseline and view: below it, parallax hardly determines
+distance."""
 
 WIDEST_RAY = np.radians(80.0)
-"""Angle from the common axis beyond which a ray is not drawn onto the image plane."""
+"""Angle from the common axis beyond which a ray is not projected to the image plane."""
 CameraOfSize = tuple[CameraModel, tuple[int, int]]
 NO_BASE_M = 1.0
-"""Any length would do."""
+"""Arbitrary; any length gives the same result."""
 STEP_PX = 4.0
-"""Over which directions are differenced in the middle of the image."""
+"""Step of the differences of directions in the middle of the image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpipolarPair:
-    """The ideal stereo camera that an exposure was resampled to.
+    """The ideal stereo camera to which an exposure was resampled.
 
-    `rover_from_pair` carries (right, down, forward) coordinates with origin at the left camera into
-    the rover frame. Image sizes are those of both resampled images.
+    `rover_from_pair` transforms (right, down, forward) coordinates with origin at the left camera
+    to the rover frame. Image sizes are those of both resampled images.
     """
 
     rover_from_pair: Pose
@@ -83,7 +85,7 @@ class EpipolarPair:
     def __post_init__(self) -> None:
         if not (self.base_m > 0 and self.focal_px > 0 and self.samples > 0 and self.lines > 0):
             raise CameraError(
-                f"a stereo pair needs a base, a focal length and a size above zero, not "
+                "a stereo pair needs a baseline, a focal length and a size above zero, not "
                 f"{self.base_m} m, {self.focal_px} px, {self.samples} x {self.lines}"
             )
 
@@ -115,7 +117,7 @@ class EpipolarPair:
     ) -> Covariances3:
         """Covariance of triangulated points in the pair's frame, square metres.
 
-        Range along the ray goes with the square of the distance: sigma_Z = Z^2 sigma_p / (B f).
+        The error of the range grows with the square of the distance: sigma_Z = Z^2 sigma_p / (B f).
         """
         points = self.triangulate(left, parallax_px)
         z = points[:, 2]
@@ -127,7 +129,7 @@ class EpipolarPair:
         return covariances
 
     def shows(self, image_points: ImagePoints) -> Flags:
-        """Whether points lie on the resampled images; NaN does not."""
+        """Whether points lie on the resampled images; false for NaN."""
         last = np.array([self.samples, self.lines]) - 1
         with np.errstate(invalid="ignore"):
             within = (image_points >= 0) & (image_points <= last)
@@ -168,7 +170,9 @@ def epipolar_pair(
     base = right.centre - left.centre
     base_m = float(np.linalg.norm(base))
     if not base_m > 0:
-        raise CameraError(f"two cameras at one place, {left.centre}, have no base: no stereo pair")
+        raise CameraError(
+            f"two cameras at one position, {left.centre}, have no baseline: not a stereo pair"
+        )
     eyes = ((left, left_size), (right, right_size))
     rotation = _rover_from_pair(base / base_m, eyes)
     focal_px = float(np.mean([_scale_at_middle(camera, size) for camera, size in eyes]))
@@ -192,7 +196,7 @@ def projection_partials(
 ) -> Float64[np.ndarray, "n 3 3"]:
     """Derivatives of (left sample, left line, parallax) by points in the pair's frame, px/m.
 
-    Focal length and base are those of one pair or of every point's; NaN behind the camera.
+    Focal length and baseline are common or given for each point; NaN behind the camera.
     """
     x, y, z = points_in_pair.T
     z = np.where(z > 0, z, np.nan)
@@ -214,8 +218,9 @@ def _rover_from_pair(e: Vector3, eyes: tuple[CameraOfSize, CameraOfSize]) -> Rot
     z = a - (a @ e) * e
     if not np.linalg.norm(z) > STEEPEST_VIEW:
         raise CameraError(
-            f"the cameras look along their base (view {a.round(3)}, base {e.round(3)}): "
-            "there is no common image plane; take a pair that looks across its base"
+            f"the viewing direction is along the baseline (view {a.round(3)}, baseline "
+            f"{e.round(3)}): there is no common image plane; use a pair that looks across its "
+            "baseline"
         )
     z /= np.linalg.norm(z)
     return np.column_stack([e, np.cross(z, e), z])
@@ -239,7 +244,7 @@ def border_points(size: tuple[int, int], points: int = 33) -> ImagePoints:
 
 
 def _on_plane(rays_in_pair: Directions) -> ImagePoints:
-    """Where rays meet the plane at distance one; rays far off the axis stop at the widest one."""
+    """Intersections of rays with the plane at distance one; rays far off the axis are limited."""
     across = np.linalg.norm(rays_in_pair[:, :2], axis=1)
     angle = np.minimum(np.arctan2(across, rays_in_pair[:, 2]), WIDEST_RAY)
     return rays_in_pair[:, :2] * (np.tan(angle) / np.maximum(across, 1e-300))[:, None]
@@ -255,7 +260,7 @@ def _extent(
     lines = _interval(max(left_low[1], right_low[1]), min(left_high[1], right_high[1]), longest)
     if right_low[0] >= left_high[0] or lines[1] < 1:
         raise CameraError(
-            f"the images share no field of view: left spans {left_low.round()} to "
+            f"the images have no common field of view: left spans {left_low.round()} to "
             f"{left_high.round()} px about the common axis, right {right_low.round()} to "
             f"{right_high.round()}; are they of one exposure?"
         )
@@ -272,9 +277,9 @@ def _interval(low: float, high: float, longest: float) -> tuple[float, int]:
 def single_image(
     camera: CameraModel, size: tuple[int, int], rover: Frame, frame: Frame
 ) -> EpipolarPair:
-    """The geometry that an image without partner is resampled to; `size` is (samples, lines).
+    """The geometry for resampling an image without partner; `size` is (samples, lines).
 
-    `camera` lives in the rover frame; the result covers all that the image shows.
+    `camera` is in the rover frame; the result covers the whole image.
 
     Raises:
         CameraError: the image spans 180 degrees or more.
@@ -304,9 +309,10 @@ def single_image(
 
 
 def _on_unit_plane(rays: Directions, camera: CameraModel) -> ImagePoints:
-    """Where rays meet the plane at distance one."""
+    """Intersections of rays with the plane at distance one."""
     if (rays[:, 2] <= 0).any():
         raise CameraError(
-            f"the camera at {camera.centre} sees more than 180 degrees: no plane holds its image"
+            f"the camera at {camera.centre} has a field of more than 180 degrees, which no image "
+            "plane can hold"
         )
     return rays[:, :2] / rays[:, 2:]

@@ -1,7 +1,8 @@
-"""JPL's linearisation of 2002: the CAHV models behind the archived FFL, RSL ... products.
+"""JPL's linearisation of 2002: the CAHV models of the archived FFL, RSL ... products.
 
-Both cameras of a pair get one image plane. Its axis is the mean of the two central rays r_1, r_2,
-its rows run along the base b = C_2 - C_1 (turned so that b.H_1 > 0) as seen from that axis,
+Both cameras of a pair get a common image plane. Its axis is the mean of the two central rays r_1,
+r_2, its rows are parallel to the baseline b = C_2 - C_1 (with the sign such that b.H_1 > 0)
+projected along that axis,
 
     A = unit(r_1 + r_2)      v' = unit(A x b)      h' = unit(v' x A),
 
@@ -13,9 +14,9 @@ or largest (Pancam) |A x ray| of both cameras over the left and right edges,
 for n samples, and likewise for V with the lines and the upper and lower edges. A is not quite
 perpendicular to the base, so rows of such a pair correspond only approximately, and the pixels are
 not square. Source: `cmod_cahvor_warp_models` of the MER era, checked against two archived labels.
-Grey values between pixels are bilinear; what the original does not show is masked, as JPL writes 0.
+Grey values are interpolated bilinearly; pixels outside the original are masked, where JPL writes 0.
 
-For maps `photogrammetry.cameras.epipolar` is used instead; this rule is for comparing with archived
+Mapping uses `photogrammetry.cameras.epipolar` instead; this rule is for comparison with archived
 products and for viewers that expect them.
 """
 
@@ -32,11 +33,11 @@ from solmap.photogrammetry.cameras.cahvor import Cahvor
 from solmap.photogrammetry.errors import CameraError
 
 WHOLE = 0.999
-"""Weight of four usable neighbours, less rounding."""
+"""Weight of four usable neighbours, minus rounding."""
 
 
 class Field(StrEnum):
-    """Which field of view the common image plane takes over."""
+    """Field of view of the common image plane."""
 
     SMALLEST = "smallest"
     """No empty edges; Navcam products."""
@@ -50,7 +51,7 @@ def linearise_pair(
     """The CAHV models of both eyes, each with its own centre and one common image plane.
 
     Raises:
-        CameraError: the cameras have no base, or see nothing in common.
+        CameraError: the cameras have no baseline, or no common field of view.
     """
     axis, down, right = _common_axes(first, second, samples, lines)
     cameras = (first, second)
@@ -65,16 +66,16 @@ def linearise_pair(
 def linearise_image(
     image: GreyImage, mask: Mask, camera: Cahvor, linear: Cahv
 ) -> tuple[GreyImage, Mask]:
-    """An image as a linear camera at the same place would have taken it.
+    """Resample an image as taken by a linear camera at the same position.
 
     Args:
         image: grey values of the original.
         mask: its usable pixels.
         camera: its camera model.
-        linear: the model of the result, which has as many lines and samples.
+        linear: the model of the result, with the same size.
 
     Returns:
-        Grey values, 0 where masked, and the mask of what only usable pixels contribute to.
+        Grey values, 0 where masked, and the mask of pixels to which only usable ones contribute.
     """
     lines, samples = image.shape
     x, y = np.meshgrid(np.arange(float(samples)), np.arange(float(lines)))
@@ -93,7 +94,7 @@ def _common_axes(
     """Unit vectors forward, down and right of the common image plane."""
     base = second.c - first.c
     if not np.linalg.norm(base) > 0:
-        raise CameraError("two cameras at one place have no base to linearise along")
+        raise CameraError("two cameras at one position have no baseline to linearise along")
     base = base if base @ first.h >= 0 else -base
     middle = np.array([[samples / 2, lines / 2]])
     axis = _unit(first.rays(middle)[0] + second.rays(middle)[0])

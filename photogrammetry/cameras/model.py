@@ -1,4 +1,4 @@
-"""What every camera model can do."""
+"""The common interface of camera models."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from solmap.photogrammetry.frames import Pose
 class CameraModel(Protocol):
     """Maps between image and object space; `Cahv`, `Cahvor`, `Cahvore`, `BrownConrady`, `Fisheye`.
 
-    A model lives in one frame, usually that of the rover; who holds the model knows which.
+    A model is in one frame, usually that of the rover; the model itself does not store which.
     """
 
     @property
@@ -26,7 +26,7 @@ class CameraModel(Protocol):
         """Unit directions from the camera through image points."""
 
     def ray_origins(self, image_points: ImagePoints) -> ObjectPoints:
-        """Where these rays start, metres: at the centre, unless the entrance pupil moves."""
+        """Origins of these rays, metres: the centre, unless the entrance pupil moves."""
 
     def transform(self, target_from_model: Pose) -> CameraModel:
         """The same camera, expressed in the target frame of a pose."""

@@ -4,12 +4,12 @@ With A of unit length, H' = (H - h_c A) / h_s, V' = (V - v_c A) / v_s and the pi
 
     f = ps h_s      x_0 = ps (h_c - cols/2)      y_0 = -ps (v_c - rows/2)      M = [H'; -V'; -A]
 
-where M carries object space into a photo frame with x right, y up, z back, and
+where M transforms object space to a photo frame with x right, y up, z back, and
 
     phi = asin m_31      omega = atan2(-m_32, m_33)      kappa = atan2(-m_21, m_11).
 
-Published that way the conversion is not exact: H' and V' of real models are not quite at right
-angles (0.3 px at the edge of Spirit's left Navcam). Here the shear is kept, in
+The published conversion is not exact: H' and V' of real models are not quite at right angles (0.3
+px at the edge of Spirit's left Navcam). Here the shear is kept, in
 
     [H; V; A] = K R,    K = [[h_s, 0, h_c], [v_s V'.H', v_s V'.(A x H'), v_c], [0, 0, 1]],
 
@@ -40,7 +40,7 @@ class Photogrammetric:
     centre: Vector3
     calibration: Calibration
     camera_from_frame: Rotation
-    """Rows right, down, forward in the frame that the model lives in."""
+    """Rows right, down, forward in the model's frame."""
 
     def __post_init__(self) -> None:
         for name, shape in (
@@ -74,7 +74,7 @@ class Photogrammetric:
 
     @property
     def omega_phi_kappa(self) -> tuple[float, float, float]:
-        """Angles of M, radians; singular where phi is +-90 degrees, so for printing only."""
+        """Angles of M, radians; singular where phi is +-90 degrees, so only for output."""
         m = self.photo_from_frame
         return (
             float(np.arctan2(-m[2, 1], m[2, 2])),
@@ -97,7 +97,7 @@ def photogrammetric(camera: Cahv | Cahvor) -> Photogrammetric:
     """Photogrammetric parameters of the perspective part of a camera model.
 
     Raises:
-        CameraError: the image is mirrored, which no rotation can express.
+        CameraError: the image is mirrored, which cannot be expressed by a rotation.
     """
     check_unit(camera.a, "A")
     length = float(np.linalg.norm(camera.a))

@@ -1,24 +1,25 @@
-"""Robust alignment of stereo pairs by their ties, and the geometric verdict on every tie.
+"""Robust alignment of stereo pairs by their ties, and the geometric test of every tie.
 
-A tie gives a point twice: X_s from the left point and parallax of its first pair, and the left
+A tie measures a point twice: X_s from the left point and parallax of its first pair, and the left
 point and parallax (x, y, p) measured in its second pair. With the pointing corrections theta of
-both pairs (rotation vectors about the left cameras: the mast points to 0.1-0.2 degrees only) and
-the pose of the second rover in the first, E = R L + t, the first measurement predicts the second,
+both pairs (rotation vectors about the left cameras: the pointing of the mast is accurate to 0.1-0.2
+degrees only) and the pose of the second rover in the first, E = R L + t, the first measurement
+predicts the second,
 
     X_t = exp(-theta_t) R_t' ( R' (R_s exp(theta_s) X_s + c_s - t) - c_t ),   v = (x, y, p) - h(X_t)
 
 with h the normal case (`EpipolarPair.project`). The residuals are weighted with the covariance of
-both measurements, the first one's carried through the map,
+both measurements, the first one's propagated,
 
     C_v = diag(s_x^2, s_y^2, s_p^2) + J diag(s_x^2, s_y^2, s_p^2)_first J',
 
-so that an uncertain range counts little along the ray and an accurate direction much across it.
-There is no scale (Di et al. 2008, section 3.2: rotation and translation only). Unknowns with a
-prior are held to it by its covariance. The robust estimate is graduated non-convexity with the
+so that along the ray the uncertain range has little weight and across it the accurate direction
+much. There is no scale (Di et al. 2008, section 3.2: rotation and translation only). Unknowns with
+a prior are weighted by its covariance. The robust estimate is graduated non-convexity with the
 Geman-McClure kernel (Yang et al. 2020), w = (k c^2 / (v' C_v^-1 v + k c^2))^2, k falling to 1.
 
-The verdict is the squared Mahalanobis length v' C_v^-1 v against the chi-square of 3 degrees of
-freedom: one test for ray distance, reprojection and range, each in units of what is known of it.
+Ties are tested by the squared Mahalanobis length v' C_v^-1 v against chi-square of 3 degrees of
+freedom: one test for ray distance, reprojection and range, each in units of its uncertainty.
 """
 
 from __future__ import annotations
@@ -37,19 +38,19 @@ from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.ranges import Factor, Radians
 
 ROUNDS = 14
-"""Of weighting, the last three with the kernel of the verdict."""
+"""Rounds of weighting, the last three with the kernel of the test."""
 
 
 FIRST_SCALE = 64.0
-"""k at the start: a tie 8 times further off than the limit still pulls with a quarter."""
+"""Initial k: a tie 8 times further off than the limit still has a quarter of its weight."""
 
 
 @dataclass(frozen=True, slots=True)
 class AlignmentParams:
-    """How ties are held against each other."""
+    """How ties are weighted and tested."""
 
     pointing_sigma: Radians = 0.0026
-    """Radians (0.15 degrees) an axis: the mast's pointing from image to image."""
+    """Radians (0.15 degrees) per axis: error of the mast's pointing from image to image."""
     chi_square: Factor = 11.34
     """99 % point of chi-square with 3 degrees of freedom."""
 
@@ -60,7 +61,7 @@ class AlignmentParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """Where the second rover stands in the first, by ties."""
+    """Pose of the second rover in the first, by ties."""
 
     first_from_second: Pose
     covariance: Float64[np.ndarray, "6 6"]
@@ -71,14 +72,14 @@ class Alignment:
     """Squared Mahalanobis length of every tie's residual; infinite where it has none."""
     agrees: Flags
     sigma0: float
-    """Standard deviation of unit weight over the ties that agree."""
+    """Standard deviation of unit weight over the accepted ties."""
     rms_px: float
-    """Root mean square of the left image residuals of the ties that agree."""
+    """Root mean square of the left image residuals of the accepted ties."""
 
 
 @dataclass(slots=True, eq=False)
 class _System:
-    """What stays the same from round to round: tie k's geometry, gathered from its pairs."""
+    """Constants of the iteration: tie k's geometry, gathered from its pairs."""
 
     ties: Ties
     rows: tuple[np.ndarray, np.ndarray]
@@ -99,11 +100,11 @@ def align(
 ) -> Alignment:
     """Align by ties; `start` is first_from_second, its prior covariance None where it is known.
 
-    Pairs of one stop share the rover frame: `start` is then the identity and stays. The pointing of
+    Pairs of one stop share the rover frame: `start` is then the identity and fixed. The pointing of
     every pair is free within its prior.
     """
     if not len(ties):
-        raise MatchingError("an alignment needs ties, and there are none")
+        raise MatchingError("an alignment needs at least one tie")
     used = np.unique(np.concatenate([ties.first, ties.second]))
     system = _system(ties, geometries, used)
     free_pose = 6 if pose_prior is not None else 0
@@ -163,7 +164,7 @@ def _cross(points: ObjectPoints) -> Float64[np.ndarray, "n 3 3"]:
 
 
 def _apply(rotations: np.ndarray, points: ObjectPoints) -> ObjectPoints:
-    """Every point through its own matrix."""
+    """Every point times its own matrix."""
     return (rotations @ points[:, :, None])[:, :, 0]
 
 
@@ -225,7 +226,7 @@ def _project(points: ObjectPoints, system: _System) -> ObjectPoints:
 
 
 def _move(pose: Pose, change: Float64[np.ndarray, " 6"]) -> Pose:
-    """A pose turned by a rotation vector about the source's origin and then shifted."""
+    """A pose rotated by a rotation vector about the source's origin and then shifted."""
     turn = ScipyRotation.from_rotvec(change[:3]).as_matrix()
     rotation = ScipyRotation.from_matrix(turn @ pose.rotation).as_matrix()
     return Pose(pose.target, pose.source, rotation, pose.translation_m + change[3:])
@@ -240,7 +241,7 @@ def _result(  # noqa: PLR0913, PLR0917 - gathers one result
     used: np.ndarray,
     params: AlignmentParams,
 ) -> Alignment:
-    """The alignment at the solution, with the verdict on every tie."""
+    """The alignment at the solution, with the test of every tie."""
     v, _, weight = _linearise(system, x, start, free_pose)
     length2 = np.einsum("ni,nij,nj->n", v, weight, v)
     length2 = np.where(np.isfinite(length2), length2, np.inf)

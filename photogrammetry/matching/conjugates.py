@@ -1,23 +1,22 @@
-"""Conjugates of image points in another view, by patches carried over the local surface.
+"""Conjugates of image points in another view, by patches transformed over the local surface.
 
-Between stops a Navcam patch is seen turned by up to 180 degrees, at another range and at another
-grazing angle. The patch is therefore carried through the homography H of its local surface
-(`parallax_planes`), and both images are drawn on a common grid whose cells are as large as the
-pixel of either image in every direction, because detail can be averaged but not made up: with J the
+Another stop may see a Navcam patch rotated by up to 180 degrees, at another range and at another
+grazing angle. The patch is therefore transformed by the homography H of its local surface
+(`parallax_planes`), and both images are resampled to a common grid whose cells are as large as the
+larger pixel of the two images in every direction, because detail can only be averaged: with J the
 derivative of H, a pixel of the target covers the ellipse (J'J)^-1 of the source, and the grid is
 
     source = point + G grid,      G = V diag(sqrt(max(1, l_i))) V',      (J'J)^-1 = V diag(l_i) V'.
 
-At 10 m a Navcam pixel measures 1 x 5 cm on the ground; two stops that look at right angles to each
-other see square cells of 5 cm in common and nothing finer. On the grid the patch is found by
-normalised cross-correlation inside a window, which a second, nearly as good place makes ambiguous
-(Di et al. 2008, section 5, ask for uniqueness), and refined by least-squares matching
-(`least_squares`).
+At 10 m a Navcam pixel covers 1 x 5 cm of ground; two stops whose views are at right angles have
+square cells of 5 cm in common and nothing finer. On the grid the patch is found by normalised
+cross-correlation inside a window; a second, nearly equal peak makes it ambiguous (Di et al. 2008,
+section 5, require uniqueness). It is refined by least-squares matching (`least_squares`).
 
 A conjugate found in the left image of a pair (`TieView`) is a tie once its parallax is known. The
-dense parallax gives the local surface; the parallax itself is measured anew at the very point, by
-least-squares matching of the left patch in the right image over that surface, so that a tie does
-not inherit the smoothing and the pixel-locking of the dense matcher.
+dense parallax gives the local surface; the parallax itself is measured at the point, by
+least-squares matching of the left patch in the right image over that surface, so that a tie is free
+of the smoothing and pixel-locking of the dense matcher.
 """
 
 from __future__ import annotations
@@ -50,40 +49,41 @@ from solmap.photogrammetry.matching.records import MatchedPair
 from solmap.photogrammetry.ranges import HalfWindow, PixelsOrZero, Share
 
 PYRAMID_LEVELS = 5
-"""Of an image, each half as wide as the one before."""
+"""Number of images, each half as wide as the one before."""
 MOST_SAMPLES = 8
 """A cell of the grid is the mean of at most 8 x 8 samples of a finer image."""
 
 LARGEST_CELL_PX = 24.0
-"""A cell that covers more pixels of the source is too coarse to be of use there."""
+"""Beyond this number of source pixels a cell is too coarse."""
 
 SMALLEST_SPREAD = 0.5
-"""Grey values (DN) by which a patch must vary: below it there is only noise of rounding."""
+"""Least variation of a patch in grey values (DN): below it there is only rounding noise."""
 
 STILL_MOVING = 0.2
-"""Cells that the last iteration moved a patch: more, and it has not converged."""
+"""Movement of a patch in the last iteration, in cells, above which it has not converged."""
 
 LARGEST_Y_PX = 1.0
-"""Vertical parallax at which a match in the right image is not the same point."""
+"""Vertical parallax above which a match in the right image is not the same point."""
 
 DEFINED_PX = 0.02
-"""An interest point is where it is by definition; what is left is the resampling of its image."""
+"""Interest points define the tie; the only error is the resampling of their image."""
 
 DENSE_AGREES_PX = 1.5
-"""The measured parallax may differ this much, and three times the surface's roughness, from it."""
+"""Largest difference between measured and dense parallax, plus three times the surface's
+roughness."""
 
 ITERATIONS = 6
-"""Of least-squares matching."""
+"""Iterations of least-squares matching."""
 
 LARGEST_SHIFT_PX = 2.5
-"""Refinement may not walk further from the correlation peak."""
+"""Largest distance of the refined point from the correlation peak."""
 
 LARGEST_STRETCH = 0.35
-"""Refinement may not change the patch's shape more than this."""
+"""Largest change of the patch's shape by refinement."""
 
 
 def image_pyramid(image: np.ndarray) -> list[np.ndarray]:
-    """An image and its halves, each the mean of 2 x 2 pixels of the one before."""
+    """An image and its reductions, each the mean of 2 x 2 pixels of the one before."""
     pyramid = [np.ascontiguousarray(image, dtype=np.float32)]
     for _ in range(PYRAMID_LEVELS - 1):
         last = pyramid[-1]
@@ -98,19 +98,19 @@ def image_pyramid(image: np.ndarray) -> list[np.ndarray]:
 
 @dataclass(frozen=True, slots=True)
 class ConjugateParams:
-    """How conjugate points are found and refined."""
+    """Parameters of finding and refining conjugate points."""
 
     half_px: HalfWindow = 10
     """Half the patch: 21 x 21 cells of the common grid."""
     threshold: Share = 0.75
     """Least correlation after refinement. The paper's 0.8 is for one stereo pair."""
     ambiguity: Share = 0.92
-    """A second place may correlate at most this well, as a share of the best."""
+    """Largest correlation of a second peak, as a fraction of the best."""
     sigma_floor_px: PixelsOrZero = 0.1
-    """Least-squares matching is not better than this, whatever it says of itself."""
+    """Lower limit of the standard deviation of least-squares matching."""
     parallax_floor_px: PixelsOrZero = 0.2
-    """Nor a measured parallax than this: 0.1-0.2 px on good texture, 0.32 px in JPL's test
-    (NASA Tech Brief NPO-42487)."""
+    """Lower limit for a measured parallax: 0.1-0.2 px on good texture, 0.32 px in JPL's test (NASA
+    Tech Brief NPO-42487)."""
 
     def __post_init__(self) -> None:
         if not (self.half_px >= 3 and 0 < self.threshold < 1 and 0 < self.ambiguity <= 1):  # noqa: PLR2004
@@ -122,7 +122,7 @@ class ConjugateParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """An image to look for conjugates in, with its pyramid."""
+    """An image to be searched for conjugates, with its pyramid."""
 
     image: GreyImage
     mask: Mask
@@ -136,7 +136,7 @@ class View:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Conjugates:
-    """What was found for n source points; rows not `found` hold no meaning."""
+    """Results for n source points; rows not `found` are undefined."""
 
     found: Flags
     points: ImagePoints
@@ -150,7 +150,7 @@ class Conjugates:
 
 @dataclass(frozen=True, eq=False)
 class TieView:
-    """A matched pair with what tying needs of it, worked out once."""
+    """A matched pair with precomputed data for finding ties."""
 
     pair: MatchedPair
     left: View
@@ -160,7 +160,7 @@ class TieView:
 
     @classmethod
     def of(cls, pair: MatchedPair, half_px: int = 10) -> TieView:
-        """Make a pair ready."""
+        """Precompute the data of a pair."""
         images = pair.images
         return cls(
             pair,
@@ -218,7 +218,7 @@ def match_patches(
 ) -> tuple[Flags, Float64[np.ndarray, "n 2"], PerPoint, PerPoint]:
     """(found, offset of column and row, its sigma, correlation) of templates in search patches.
 
-    Search patches are wider than templates by the reach and three more cells on every side.
+    On every side, search patches are wider than templates by the reach and three more cells.
     """
     reach = (searches.shape[1] - templates.shape[1]) // 2 - 3
     offset, peak, second = _correlation_peaks(templates, searches, usable, reach)
@@ -255,7 +255,7 @@ def measure_parallax(
 
 
 def in_view(view: TieView, left: ImagePoints, margin_px: int) -> Flags:
-    """Whether image points lie on usable pixels, away from the frame."""
+    """Whether image points lie on usable pixels, away from the image border."""
     g = view.geometry
     with np.errstate(invalid="ignore"):
         inside = (
@@ -292,7 +292,7 @@ def common_grids(
 def _patch(view: View, image_from_grid: Float64[np.ndarray, "3 3"], half: int) -> GreyImage | None:
     """The view on a square grid around the origin, averaged to the grid's resolution.
 
-    None where the middle of the patch is not in the image.
+    None where the middle of the patch is outside the image.
     """
     ring = np.array([[0, 0], [-1, -1], [1, -1], [1, 1], [-1, 1]]) * min(float(half), 8.0)
     on_image, derivative = map_points(np.broadcast_to(image_from_grid, (5, 3, 3)).copy(), ring)
@@ -324,7 +324,7 @@ def _patch(view: View, image_from_grid: Float64[np.ndarray, "3 3"], half: int) -
 
 
 def _visible(mask: Mask, points: ImagePoints) -> bool:
-    """Whether all points fall on usable pixels."""
+    """Whether all points lie on usable pixels."""
     col, row = np.round(points).astype(np.int64).T
     lines, samples = mask.shape
     if (row < 0).any() or (col < 0).any() or (row >= lines).any() or (col >= samples).any():
@@ -338,7 +338,7 @@ def _correlation_peaks(
     usable: Flags,
     reach: int,
 ) -> tuple[Float64[np.ndarray, "n 2"], PerPoint, PerPoint]:
-    """(offset, coefficient) of the best place and the coefficient of the second best one.
+    """(offset, coefficient) of the best peak and the coefficient of the second best one.
 
     The second best lies outside the main peak, which is as wide as a quarter of the patch.
     """
@@ -355,7 +355,7 @@ def _correlation_peaks(
         surface[max(i - lobe, 0) : i + lobe + 1, max(j - lobe, 0) : j + lobe + 1] = -1
         second[k] = surface.max()
         if not (0 < i < surface.shape[0] - 1 and 0 < j < surface.shape[1] - 1):
-            second[k] = 1.0  # a peak on the rim of the window is no peak
+            second[k] = 1.0  # # a maximum on the border of the window is not a peak
     return offset, peak, second
 
 
@@ -366,7 +366,7 @@ def _least_squares(
     wanted: Flags,
     params: ConjugateParams,
 ) -> tuple[Float64[np.ndarray, "n 2"], PerPoint, PerPoint, Flags]:
-    """Least-squares matching of every wanted template: (offset, sigma, correlation, settled)."""
+    """Least-squares matching of requested templates: (offset, sigma, correlation, converged)."""
     n = len(templates)
     offset, sigma, correlation = start.copy(), np.full(n, np.nan), np.zeros(n)
     settled = np.zeros(n, dtype=bool)

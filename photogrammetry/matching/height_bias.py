@@ -1,17 +1,17 @@
-"""By how much stereo draws ground too high that is seen at a grazing angle.
+"""Height bias of stereo on ground seen at a grazing angle.
 
-Between two crests a camera sees the upper part of the ground only, and matching bridges what is
-hidden along the line of sight. So the surface that dense matching finds lies above the ground, the
-more the further away the ground is and the smaller the angle at which it is seen. In path-traced
-worlds the error in lines of the image depends on that angle alone, at 7, 11 and 15 m alike (0.52,
-0.45, 0.36, 0.29 and 0.2 lines where the tangent t is 0.045, 0.08, 0.125, 0.2 and 0.4):
+Between two crests a camera sees only the upper part of the ground, and matching interpolates the
+hidden part along the line of sight. The surface of dense matching therefore lies above the ground,
+more so at longer range and smaller viewing angle. In path-traced worlds the error in lines of the
+image depends only on that angle, at 7, 11 and 15 m alike (0.52, 0.45, 0.36, 0.29 and 0.2 lines
+where the tangent t is 0.045, 0.08, 0.125, 0.2 and 0.4):
 
     b l,        l = d / f (t / 0.1)^(-1/2)
 
 with the distance d from the camera, the focal length f in pixels and the tangent t of the angle
-between ray and surface. Their number b at t = 0.1 depends on the roughness of the ground, from 0 on
-smooth to 0.8 on rough ground. Two stops that look at the same ground from either side tell it
-(`cross_site.surface_alignment`), and terrain models are lowered by it (`terrain.dtm`).
+between ray and surface. The bias b in lines at t = 0.1 depends on the roughness of the ground, from
+0 on smooth to 0.8 on rough ground. It is estimated from two stops on either side of the same ground
+(`cross_site.surface_alignment`), and subtracted from terrain models (`terrain.dtm`).
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float32, Raster
 
 LEVEL_FACING = 0.1
-"""Tangent of the angle between ray and facet at which heights are b lines too high."""
+"""Tangent of the angle between ray and facet at which the bias is b lines."""
 
 LEAST_TANGENT = 0.03
-"""Smaller tangents are within the noise of slopes and count as this."""
+"""Lower limit of the tangent; smaller ones are within the noise of slopes."""
 
 LEAST_CHANGE = 0.15
-"""Lines that are worth a new terrain model: 2 mm at 15 m in Navcam images."""
+"""Change of b that requires a new terrain model: 2 mm at 15 m in Navcam images."""
 
 
 @dataclass(frozen=True, slots=True)
 class HeightBias:
-    """Number b of lines by which surfaces are too high, and its standard deviation."""
+    """Height bias b in lines, and its standard deviation."""
 
     lines: float = 0.0
     sigma: float = 0.0
 
     @classmethod
     def pooled(cls, estimates: Iterable[HeightBias]) -> HeightBias:
-        """The weighted mean of independent estimates; 0 without any, and never below."""
+        """The weighted mean of independent estimates, at least 0; 0 without any."""
         known = [one for one in estimates if np.isfinite(one.lines) and one.sigma > 0]
         if not known:
             return cls()
@@ -52,7 +52,7 @@ class HeightBias:
         return cls(max(mean, 0.0), float(weight.sum() ** -0.5))
 
     def differs_from(self, other: HeightBias) -> bool:
-        """Whether it is so far from another one that terrain should be modelled again."""
+        """Whether the difference to another one requires a new terrain model."""
         return abs(self.lines - other.lines) > LEAST_CHANGE
 
 
@@ -66,7 +66,7 @@ def metres_per_line(
     mast_m: float,
     focal_px: float,
 ) -> Raster:
-    """By how much a surface is too high for b = 1, metres; as on level ground where it is unknown.
+    """Height bias for b = 1, metres; that of level ground where the slope is unknown.
 
     Args:
         up: Smoothed elevations, north up.
@@ -86,7 +86,7 @@ def metres_per_line(
 
 
 def mean_of_known(raster: Raster, sigma_cells: float, least: float) -> Raster:
-    """A raster through a Gaussian, NaN where known cells have less than this share of it."""
+    """A raster smoothed by a Gaussian, NaN where known cells have less of its weight than this."""
     known = np.isfinite(raster).astype(np.float32)
     density = cv2.GaussianBlur(known, (0, 0), sigma_cells)
     mean = cv2.GaussianBlur(np.nan_to_num(raster), (0, 0), sigma_cells)

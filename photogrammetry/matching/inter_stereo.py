@@ -1,17 +1,18 @@
-"""Inter-stereo ties: points that several pairs of one stop see (Di et al. 2008, section 3.1).
+"""Inter-stereo ties: points seen by several pairs of one stop (Di et al. 2008, section 3.1).
 
-Every sparse match of a pair has its place in the rover frame; the mast's kinematics says where the
-other pairs see it. What is left is the pointing error: with 0.15 degrees an axis and pair, the
-conjugate lies within 3 sqrt(2) x 0.15 degrees, 14 Navcam pixels, of its prediction. Navcam and
-Pancam meet in the geometry of the Navcam (`conjugates`: always the coarser image). All ties of the
-stop are then aligned at once with the pointing of every pair free (`alignment`), so that a tie must
-agree with all the other ties of its pair, and pointing agrees around the panorama.
+Every sparse match of a pair has a position in the rover frame; the mast's kinematics predicts its
+image in the other pairs. The remaining difference is the pointing error: with 0.15 degrees per axis
+and pair, the conjugate lies within 3 sqrt(2) x 0.15 degrees, 14 Navcam pixels, of its prediction.
+Navcam and Pancam are matched in the geometry of the Navcam (`conjugates`: always the coarser
+image). All ties of the stop are then aligned at once with the pointing of every pair free
+(`alignment`), so that a tie must agree with all other ties of its pair, and pointing is consistent
+around the panorama.
 
-Least-squares matching says how well a patch is found as a whole. Relief inside it, by which dense
-parallax scatters r about the plane of the patch, weighs differently in each image: the parallax of
-its middle is off by a share q of r, and its sample by q r b/B, since the left cameras of two pairs
-are b apart (the mast swings them) where the cameras of one are B apart. Lines feel next to nothing
-of it, and err by less than is said. So, with the standard deviation s of least squares,
+Least-squares matching gives the standard deviation s of a patch as a whole. Relief inside it, of
+the standard deviation r in dense parallax about the plane of the patch, has a different effect in
+each image: the error of the parallax of its middle is a fraction q of r, and that of its sample q r
+b/B, where b is the distance between the left cameras of the two pairs (as the mast rotates) and B
+the baseline. Lines are hardly affected, and their errors are smaller than s. Hence,
 
     s_x^2 = s^2 + (q r b/B)^2      s_y = l s      s_p^2 = s^2 + (q r)^2.
 """
@@ -48,9 +49,9 @@ from solmap.photogrammetry.ranges import Count, Metres, WholePixels
 REACH_SIGMAS = 3.0
 
 RELIEF_SHARE = 0.5
-"""q, and"""
+"""q (see the module), and"""
 LINE_SHARE = 0.75
-"""l: against the truth of one rendered stop, chosen on its Navcam; what others come to stands in
+"""l: fitted to the truth of one rendered stop, on its Navcam; results for other stops are in
 docs/explanation/cross-site-ties.md."""
 
 
@@ -61,11 +62,11 @@ class InterStereoParams:
     conjugates: ConjugateParams = field(
         default_factory=lambda: ConjugateParams(sigma_floor_px=0.02, parallax_floor_px=0.03)
     )
-    """The eyes of one mast see the ground alike: against truth least squares say how good a
-    conjugate is, to half as good again, on smooth ground (0.03 px) and on rough (0.1 px)."""
+    """The images of one mast see the ground alike: compared with truth, least squares state the
+    error of a conjugate to within a half, on smooth ground (0.03 px) and on rough (0.1 px)."""
     alignment: AlignmentParams = field(default_factory=AlignmentParams)
     candidates: Count = 150
-    """Most matches of a pair that are looked for in another one."""
+    """Most matches of a pair that are searched for in another one."""
     cell_px: WholePixels = 40
     """One candidate, the most certain, in every cell of this size."""
     least_overlap: Count = 12
@@ -80,7 +81,7 @@ class InterStereoParams:
 
 @dataclass(frozen=True, slots=True)
 class PairLink:
-    """What came of two overlapping pairs of a stop."""
+    """Result for two overlapping pairs of a stop."""
 
     first_id: str
     second_id: str
@@ -88,12 +89,12 @@ class PairLink:
     measured: int
     """Conjugates found with their parallax."""
     ties: int
-    """Those that agree with the geometry of the stop."""
+    """Those consistent with the geometry of the stop."""
 
     def __str__(self) -> str:
         return (
             f"{self.first_id} - {self.second_id}: {self.ties} ties of {self.measured} measured, "
-            f"{self.candidates} looked for"
+            f"{self.candidates} searched"
         )
 
 
@@ -106,7 +107,7 @@ class PairTies:
     links: tuple[PairLink, ...]
     """One for every two pairs that overlap."""
     pointing: dict[str, Float64[np.ndarray, " 3"]]
-    """How the pointing of a pair was found to be off: a rotation vector in its frame, radians."""
+    """Pointing error found for each pair: a rotation vector in its frame, radians."""
     rms_px: float
     """Of the left image residuals after pointing, over the ties kept; NaN without ties."""
 
@@ -147,7 +148,7 @@ def _between(source: TieView, target: TieView) -> Pose:
 
 
 def _reach_px(source: TieView, target: TieView, params: InterStereoParams) -> int:
-    """How far pointing errors move a conjugate, in pixels of the coarser image."""
+    """Displacement of a conjugate by pointing errors, in pixels of the coarser image."""
     focal = min(source.geometry.focal_px, target.geometry.focal_px)
     spread = np.sqrt(2.0) * params.alignment.pointing_sigma
     return int(np.ceil(REACH_SIGMAS * spread * focal))
@@ -156,7 +157,7 @@ def _reach_px(source: TieView, target: TieView, params: InterStereoParams) -> in
 def _overlap(
     one: TieView, other: TieView, params: InterStereoParams
 ) -> tuple[TieView, TieView, Int32[np.ndarray, " n"]]:
-    """(source, target, candidate matches): the source is the pair with the finer scale or more."""
+    """(source, target, candidate matches): the source has the finer scale, or more matches."""
     there, back = _visible(one, other, params), _visible(other, one, params)
     if one.geometry.focal_px != other.geometry.focal_px:
         forth = one.geometry.focal_px > other.geometry.focal_px
@@ -182,7 +183,7 @@ def _visible(source: TieView, target: TieView, params: InterStereoParams) -> Fla
 def _select_candidates(
     source: TieView, rows: Int32[np.ndarray, " n"] | np.ndarray, params: InterStereoParams
 ) -> Int32[np.ndarray, " n"]:
-    """The most certain match of every cell; with too many cells, those evenly through the image."""
+    """The most certain match of every cell; with too many cells, spread evenly over the image."""
     matches = source.pair.matches
     order = rows[np.argsort(matches.sigma_px[rows], kind="stable")]
     cells = _cells(matches.left[order], params.cell_px)
@@ -221,7 +222,7 @@ def _tie_pair(  # noqa: PLR0913, PLR0917 - two views, what joins them, which mat
     params: ConjugateParams,
     pair_ids: tuple[str, ...],
 ) -> Ties:
-    """Ties between sparse matches `rows` of the source pair and wherever they are in the target."""
+    """Ties between sparse matches `rows` of the source pair and their conjugates in the target."""
     matches = source.pair.matches
     planes = ParallaxPlanes(
         matches.parallax_px[rows], source.planes.gradient[rows], source.planes.residual_px[rows]
@@ -300,9 +301,9 @@ def _verify(
 
 
 def point_pairs(stop: MatchedStop, ties: Ties, params: AlignmentParams) -> MatchedStop:
-    """The stop with its pairs pointed as its inter-stereo ties tell: one rigid panorama.
+    """The stop with pair pointings corrected by its inter-stereo ties: one rigid panorama.
 
-    What ties leave open, how all of them together are turned, stays as the labels have it.
+    The common rotation, which ties do not determine, stays that of the labels.
     """
     if not len(ties):
         return stop
@@ -315,7 +316,7 @@ def point_pairs(stop: MatchedStop, ties: Ties, params: AlignmentParams) -> Match
 
 
 def _turned(pair: MatchedPair, pointing: Float64[np.ndarray, " 3"] | None) -> MatchedPair:
-    """A pair turned about its left camera by a rotation vector of its own frame."""
+    """A pair rotated about its left camera by a rotation vector of its own frame."""
     if pointing is None:
         return pair
     geometry, turn = pair.images.geometry, ScipyRotation.from_rotvec(pointing).as_matrix()

@@ -6,15 +6,15 @@ the window, as on a plane, and a change of brightness and contrast,
 
     L(x0 + dx, y0 + dy) + v = k0 + k1 R(x0 + dx - p - a dx - b dy, y0 + dy)
 
-(Ackermann 1984; Grün 1985, with the shift across the line taken out: rows correspond exactly). The
-normal matrix is built from the slopes of the left window, which do not change from one step to
-the next (Baker & Matthews 2004), and its inverse times the residual variance is the covariance,
+(Ackermann 1984; Grün 1985, without the shift across the line: rows correspond exactly). The normal
+matrix is built from the slopes of the left window, which do not change from one step to the next
+(Baker & Matthews 2004), and its inverse times the residual variance is the covariance,
 
     sigma_p^2 = s0^2 (N^-1)_pp,      s0^2 = v'v / (n - 5).
 
 Neighbouring residuals are correlated, because resampling spreads the noise of a pixel over its
-neighbours; `CORRELATION` widens sigma by that. It is the sigma of the plane in the window: that of
-the ground at its middle is wider by relief (`stereo.sparse`).
+neighbours; `CORRELATION` enlarges sigma accordingly. It is the sigma of the plane in the window:
+that of the ground at its middle is larger because of relief (`stereo.sparse`).
 
 **By a shift along and across** (`match_offsets`), with the slopes of the left window as well.
 
@@ -24,18 +24,17 @@ patch, over cells x around the middle,
     a(x) + v = r_0 + r_1 b(A x + d)                                               (Gruen 1985)
 
 is solved for the shift d, the affine matrix A and the radiometry r_0, r_1. In each step the search
-patch is drawn under the present approximation, w(x) = b(A x + d), and its remaining small motion is
-estimated,
+patch is resampled with the present approximation, w(x) = b(A x + d), and its remaining small motion
+is estimated,
 
     a - r_1 w + v = r_0 + (dr_1) w + r_1 (grad w)' (e + E x),     d <- d + A e,     A <- A (I + E).
 
-The slopes are differences of w that are odd about the middle, of fourth order, so that texture of a
-few cells is not taken for less steep than it is. Odd matters: a slope that is made of the very grey
-value it is multiplied with, as the difference of two neighbours is between them, does not let the
-noise n average out but pulls by n^2 (2 u - 1) / (slope)^2 at the fraction u of a cell, and started
-at whole cells it pushed every match the same way: by 0.05 px in rendered images of Mars, 3 cm of
-range at 12 m. The standard deviation of d is sigma0 sqrt(Q_dd), with as many observations as are
-independent.
+The slopes are odd differences of w about the middle, of fourth order, so that slopes of texture of
+a few cells are not underestimated. They must be odd: a slope that contains the grey value it is
+multiplied with, like the difference of two neighbours, biases the shift by n^2 (2 u - 1) /
+(slope)^2 for the noise n at the fraction u of a cell. Started at whole cells, this shifted every
+match in the same direction: by 0.05 px in rendered images of Mars, 3 cm of range at 12 m. The
+standard deviation of d is sigma0 sqrt(Q_dd), with as many observations as are independent.
 """
 
 from __future__ import annotations
@@ -69,35 +68,35 @@ OFFSET_STEPS = 6
 """Gauss-Newton steps of a shift; three to five are usual."""
 
 CHUNK = 2048
-"""Windows at a time: bounds memory, and OpenCV samples no more than 32767 rows at once."""
+"""Windows processed together: bounds memory, and OpenCV samples no more than 32767 rows."""
 
 CORRELATION = 1.2
-"""Ratio of the true to the formal sigma: cubic splines at random sub-pixel places pass noise of
-neighbours on with a correlation of about 0.2, each residual having two such neighbours in its row
-and two in its column."""
+"""Ratio of the true to the formal sigma: cubic splines at random sub-pixel positions correlate the
+noise of neighbours by about 0.2; each residual has two such neighbours in its row and two in its
+column."""
 
 UNKNOWNS = 8
 """Shift of two, affine change of four, brightness and contrast."""
 
 STIFFNESS = 1e-6
-"""Enough on the diagonal, as a share of it, that a patch without texture has a solution."""
+"""Relative addition to the diagonal, so that a patch without texture has a solution."""
 
 LONGEST_STRETCH = 0.2
-"""Change of shape that one step may make."""
+"""Largest change of shape in one step."""
 
 RIM = 2
-"""Cells around a patch that slopes of fourth order need."""
+"""Cells around a patch needed by slopes of fourth order."""
 
 TINY = 1e-9
-"""Contrast that stands for none."""
+"""Contrast treated as zero."""
 
 
 SETTLED_PX = 0.005
-"""A step below this ends the iteration: a tenth of the precision that can be had."""
+"""Step that ends the iteration: a tenth of the attainable precision."""
 
 
 FURTHEST_PX = 1.5
-"""A point that moves further has left the maximum it started from."""
+"""Largest movement of a point; beyond it, it has left its initial maximum."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,14 +104,14 @@ class LeastSquaresParams:
     """How windows are refined."""
 
     window_px: OddPixels = 15
-    """Side of the square window, odd: the one of the correlation (Di et al. 2008, section 5)."""
+    """Side of the square window, odd: that of the correlation (Di et al. 2008, section 5)."""
     steps: Few = 8
     """Most Gauss-Newton steps; three to five are usual."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinedParallax:
-    """Result of least-squares matching, one row a point."""
+    """Result of least-squares matching, one row per point."""
 
     parallax_px: PerPoint
     sigma_px: PerPoint
@@ -124,7 +123,7 @@ class RefinedParallax:
 
 
 class LeastSquaresMatcher:
-    """Refines parallaxes between two images; keeps what does not depend on the points."""
+    """Refines parallaxes between two images; precomputes data independent of the points."""
 
     def __init__(self, left: GreyImage, right: GreyImage, params: LeastSquaresParams) -> None:
         self.left = left
@@ -139,14 +138,14 @@ class LeastSquaresMatcher:
         return other
 
     def use(self, params: LeastSquaresParams) -> None:
-        """Take the window of other parameters."""
+        """Use the window of other parameters."""
         self.params = params
         half = params.window_px // 2
         dy, dx = np.mgrid[-half : half + 1, -half : half + 1]
         self.dx, self.dy = dx.ravel().astype(np.int32), dy.ravel().astype(np.int32)
 
     def refine(self, pixels: Int32[np.ndarray, "n 2"], parallax_px: PerPoint) -> RefinedParallax:
-        """Parallax of left pixels, whose windows lie inside the image, from approximate values."""
+        """Parallax of left pixels with windows inside the image, from approximate values."""
         if not len(pixels):
             nothing = np.empty(0)
             return RefinedParallax(nothing, nothing, nothing, np.empty((0, 2)), nothing > 0)
@@ -191,10 +190,10 @@ class LeastSquaresMatcher:
         return geometry[:, 0], sigma, correlation, geometry[:, 1:], settled & ~far
 
     def _design(self, slope: np.ndarray) -> np.ndarray:
-        """Derivatives of the residual by (p, a, b); the mean is taken out of each column.
+        """Derivatives of the residual by (p, a, b); the mean of each column is subtracted.
 
         Moving the right window by dp changes the prediction by -R_x dp, and R_x is taken from the
-        left window. Taking out the mean stands for the brightness k0.
+        left window. Subtracting the mean eliminates the brightness k0.
         """
         columns = -np.stack([slope, slope * self.dx, slope * self.dy], axis=2).astype(np.float64)
         return columns - columns.mean(axis=1, keepdims=True)
@@ -216,7 +215,7 @@ def _centre(windows: np.ndarray) -> np.ndarray:
 
 
 def _regularisation(design: np.ndarray) -> np.ndarray:
-    """Enough on the diagonal that a window without texture has an inverse, and a huge sigma."""
+    """Addition to the diagonal that gives a window without texture an inverse, and a huge sigma."""
     scale = 1e-9 * np.einsum("nki,nki->n", design, design)[:, None, None] + 1e-12
     return scale * np.eye(design.shape[2])
 
@@ -253,7 +252,7 @@ def match_offsets(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchFits:
-    """Where n templates lie in their search patches, in cells from the middle."""
+    """Positions of n templates in their search patches, in cells from the middle."""
 
     shift: Float64[np.ndarray, "n 2"]
     """Column and row."""
@@ -262,7 +261,7 @@ class PatchFits:
     affine: Float64[np.ndarray, "n 2 2"]
     correlation: PerPoint
     last_step: PerPoint
-    """By how much the last iteration still moved: the larger of both."""
+    """Movement in the last iteration: the larger of both axes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -281,7 +280,7 @@ class _Step:
         drawn: Float64[np.ndarray, "n b b"],
         x: Float64[np.ndarray, "m 2"],
     ) -> _Step:
-        """Solve for the motion of search patches as they are drawn; means of zero, and a rim."""
+        """Solve for the motion of resampled search patches; with means of zero, and a rim."""
         n, (u, v) = len(templates), x.T
         gain = templates.std(axis=(1, 2)) / np.maximum(_core(drawn).std(axis=(1, 2)), TINY)
         drawn = drawn * gain[:, None, None]
@@ -299,7 +298,7 @@ class _Step:
 
     @property
     def moves(self) -> tuple[np.ndarray, np.ndarray]:
-        """Shifts (n, 2) and affine changes (n, 2, 2), no longer than they can be trusted."""
+        """Shifts (n, 2) and affine changes (n, 2, 2), limited in length."""
         change = np.clip(self.solution[:, 2:6], -LONGEST_STRETCH, LONGEST_STRETCH)
         return np.clip(self.solution[:, :2], -1, 1), change.reshape(-1, 2, 2)
 
@@ -356,10 +355,10 @@ def _slopes(patches: Float64[np.ndarray, "n b b"]) -> tuple[np.ndarray, np.ndarr
 
 
 def correlation_factor(residuals: Float64[np.ndarray, "n a a"]) -> PerPoint:
-    """How many neighbouring residuals count as one, by their correlation at a distance of one.
+    """Number of correlated neighbouring residuals that are equivalent to one.
 
-    Smeared and interpolated patches leave residuals that go up and down together; for residuals of
-    first order (1 + r) / (1 - r) of them, along each axis, say what one says.
+    Smoothed and interpolated patches leave correlated residuals; for a first-order process (1 + r)
+    / (1 - r) of them, along each axis, have the information of one.
     """
     power = np.maximum((residuals**2).mean(axis=(1, 2)), 1e-12)
     along = (residuals[:, :, 1:] * residuals[:, :, :-1]).mean(axis=(1, 2)) / power
@@ -374,7 +373,7 @@ def _draw(
     affine: Float64[np.ndarray, "n 2 2"],
     x: Float64[np.ndarray, "m 2"],
 ) -> Float64[np.ndarray, "n b b"]:
-    """Search patches on the moved grid, the mean within their rim taken out."""
+    """Search patches on the moved grid, with the mean within their rim subtracted."""
     n, size, _ = searches.shape
     at = x @ affine.swapaxes(1, 2) + (shift + (size - 1) / 2)[:, None]
     at = np.clip(at, 1.0, size - 2.001)

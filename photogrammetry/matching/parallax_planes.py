@@ -1,10 +1,10 @@
-"""Planes of parallax at points, all over an image or of the whole ground, and their homographies.
+"""Planes of parallax at points, all over an image or for its whole ground, and their homographies.
 
 In the normal case of stereo the parallax of a plane is a linear function of the image coordinates,
 
     p = p_0 + g_x (x - x_0) + g_y (y - y_0),                 p = f B / Z,
 
-so a plane fitted to the dense parallax around a point is the local surface, in the pair's frame
+so a plane fitted to the dense parallax around a point gives the local surface in the pair's frame
 
     n . X = 1,        n = (g_x f, g_y f, p_0 - g_x (x_0 - c_x) - g_y (y_0 - c_y)) / (f B).
 
@@ -12,11 +12,11 @@ A second camera at X' = R X + t sees that plane through the homography
 
     H = K' (R + t n') K^-1,                                  K = [f 0 c_x; 0 f c_y; 0 0 1].
 
-For a pure turn (t = 0, another pair of the same panorama) the plane drops out, as it should.
+For a pure rotation (t = 0, another pair of the same panorama) H does not depend on the plane.
 
 `parallax_planes` fits windows around image points, without outliers; `whole_window_planes` fits
-those without gaps all over the image at once, from running sums; `fit_robust_plane` fits one plane
-of least absolute deviations to the ground of a whole image.
+those without gaps all over the image at once, by running sums; `fit_robust_plane` fits one plane of
+least absolute deviations to the ground of a whole image.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.planes import least_deviations_plane
 
 LEAST_SHARE = 0.5
-"""A plane needs parallax at half of the pixels around the point."""
+"""Fraction of the pixels around the point that must have parallax."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +62,7 @@ class ParallaxPlanes:
         return ParallaxPlanes(self.parallax_px[rows], self.gradient[rows], self.residual_px[rows])
 
     def normals(self, points: ImagePoints, geometry: EpipolarPair) -> Float64[np.ndarray, "n 3"]:
-        """The planes n . X = 1 of the pair's frame, 1/metres, by the image points they are about.
+        """The planes n . X = 1 in the pair's frame, 1/metres, at their image points.
 
         They point away from the camera.
         """
@@ -88,8 +88,8 @@ class ParallaxPlane:
 def parallax_planes(parallax: ParallaxMap, points: ImagePoints, half_px: int) -> ParallaxPlanes:
     """Fit planes to the dense parallax in a square window around image points.
 
-    Two rounds: pixels further from the first plane than 2.5 standard deviations stay out of the
-    second, so that a rock's edge does not tilt the ground behind it.
+    Two rounds: pixels more than 2.5 standard deviations off the first plane are excluded from the
+    second, so that a rock's edge does not tilt the plane of the ground behind it.
     """
     steps = np.arange(-half_px, half_px + 1, max(1, half_px // 5))
     dy, dx = (o.ravel() for o in np.meshgrid(steps, steps, indexing="ij"))
@@ -109,7 +109,7 @@ def parallax_planes(parallax: ParallaxMap, points: ImagePoints, half_px: int) ->
     near[enough] = np.abs(value[enough] - np.reshape(median, (-1, 1))) < 0.3 * np.reshape(
         np.abs(median) + 1.0, (-1, 1)
     )
-    weight *= near  # a third of the range away is another surface
+    weight *= near  # # a third of the range away is another surface
     for _ in range(2):
         coefficients, residual = _fit_windows(design, value, weight)
         sigma = np.sqrt((weight * residual**2).sum(axis=1) / np.maximum(weight.sum(axis=1) - 3, 1))
@@ -137,10 +137,10 @@ def _fit_windows(
 def fit_robust_plane(
     points: Float64[np.ndarray, "n 2"], parallax_px: Float64[np.ndarray, " n"]
 ) -> ParallaxPlane:
-    """The plane of least absolute deviations, by repeated weighting."""
+    """The plane of least absolute deviations, by iterative reweighting."""
     x, y = (points / 1000.0).T
     solution = least_deviations_plane(x, y, parallax_px, 0.1)
-    # the right image is shifted by the plane: it may be stretched, never folded
+    # # the right image is shifted by the plane: it may be stretched, but not folded
     per_sample = float(np.clip(solution[1] / 1000.0, -0.5, 0.5))
     at = float(
         np.median(parallax_px - per_sample * points[:, 0] - solution[2] / 1e3 * points[:, 1])
@@ -161,7 +161,7 @@ def plane_homographies(
     points: ImagePoints,
     planes: ParallaxPlanes,
 ) -> Float64[np.ndarray, "n 3 3"]:
-    """Maps of the left image of `source` onto that of `target` over each point's local surface."""
+    """Maps of the left image of `source` to that of `target` over each point's local surface."""
     normal = planes.normals(points, source)
     between = target_from_source.rotation + (
         target_from_source.translation_m[None, :, None] * normal[:, None, :]
@@ -172,7 +172,7 @@ def plane_homographies(
 def stereo_homographies(
     points: ImagePoints, planes: ParallaxPlanes
 ) -> Float64[np.ndarray, "n 3 3"]:
-    """Maps of the left image of a pair onto its right one over each point's local surface."""
+    """Maps of the left image of a pair to its right one over each point's local surface."""
     gx, gy = planes.gradient.T
     maps = np.tile(np.eye(3), (len(points), 1, 1))
     maps[:, 0, 0] -= gx
@@ -184,7 +184,7 @@ def stereo_homographies(
 def map_points(
     homographies: Float64[np.ndarray, "n 3 3"], points: ImagePoints
 ) -> tuple[ImagePoints, Float64[np.ndarray, "n 2 2"]]:
-    """Each point through its own homography, and the derivative of the map there."""
+    """Each point transformed by its own homography, and the derivative of the map there."""
     h = (homographies @ np.column_stack([points, np.ones(len(points))])[:, :, None])[:, :, 0]
     w = np.where(h[:, 2] > 0, h[:, 2], np.nan)
     image = h[:, :2] / w[:, None]
@@ -199,8 +199,8 @@ def whole_window_planes(
 ) -> tuple[Float32[np.ndarray, "3 lines samples"], ParallaxMap]:
     """Plane of parallax around every pixel, and the root mean square distance from it.
 
-    The plane is (a, b, c) of a + b x + c y, x and y counted from the pixel itself. NaN where less
-    than the whole window was matched: a plane over part of it leans on an edge.
+    The plane is (a, b, c) of a + b x + c y, x and y counted from the pixel itself. NaN unless the
+    whole window was matched: a plane over part of it would be biased by the edge.
     """
     half = window_px // 2
     steps = np.arange(-half, half + 1, dtype=np.float32)

@@ -1,6 +1,6 @@
 """Records of matching: epipolar images, matched pairs and stops, and ties between pairs.
 
-A tie is one feature measured in two images, each time with its parallax where a pair gave one.
+A tie is one feature measured in two images, with its parallax in each that belongs to a pair.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class EpipolarImages:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatchedPair:
-    """A stereo pair with all that was matched in it."""
+    """A stereo pair with all its matches."""
 
     pair_id: str
     instrument: str
@@ -62,7 +62,7 @@ class MatchedPair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatchedStop:
-    """All matched pairs of a stop, and where telemetry (or a former adjustment) says it stood."""
+    """All matched pairs of a stop, and its pose by telemetry (or an earlier adjustment)."""
 
     stop: StopId
     pairs: tuple[MatchedPair, ...]
@@ -75,8 +75,8 @@ class MatchedStop:
 class Ties:
     """n features, each measured in the pairs `pair_ids[first[k]]` and `pair_ids[second[k]]`.
 
-    Sigmas are standard deviations, in pixels, of the sample, of the parallax and of the line: what
-    is found along grazing ground is less sure of its sample than of its line.
+    Sigmas are standard deviations, in pixels, of the sample, of the parallax and of the line: on
+    grazing ground the sample is less certain than the line.
     """
 
     pair_ids: tuple[str, ...]
@@ -93,7 +93,7 @@ class Ties:
     first_sigma_line_px: PerPoint
     second_sigma_line_px: PerPoint
     by_shape: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    """Found by the shape of the ground, not by image patches; nothing given: none is."""
+    """Whether surface-matched rather than image-matched; if not given, none is."""
 
     def __post_init__(self) -> None:
         if not len(self.by_shape):

@@ -1,25 +1,24 @@
 """Resampling of an original image to the epipolar geometry of its pair.
 
-Each pixel (x, y) of the epipolar image looks along a known direction; its original pixel is the
-image of a point on that ray, (u, v) = project(C + d r(x, y)). For CAHV and CAHVOR the distance d
-does not matter; with CAHVORE, whose entrance pupil moves, d is that of the ground.
+Each pixel (x, y) of the epipolar image has a known direction; its original pixel is the image of a
+point on that ray, (u, v) = project(C + d r(x, y)). For CAHV and CAHVOR the distance d does not
+matter; with CAHVORE, whose entrance pupil moves, d is that of the ground.
 
 The map (u, v) is smooth, so it is computed on a coarse grid and interpolated by cubic splines. The
-exact map half-way between grid lines, where splines are worst, proves that the error is below
-`MAP_TOLERANCE_PX`; if it is not, the grid is halved until it is. Grey values come from the cubic
-B-spline through all pixels (Unser 1999), which unlike cubic convolution or Lanczos kernels leaves
-sub-pixel positions unbiased, as matching needs.
+error is checked with the exact map half-way between grid lines, where it is largest; the grid is
+halved until it is below `MAP_TOLERANCE_PX`. Grey values come from the cubic B-spline through all
+pixels (Unser 1999), which, unlike cubic convolution or Lanczos kernels, does not bias sub-pixel
+positions.
 
 With the spline coefficients c of a row, c * (1, 4, 1)/6 = I, the value at x = i + f is a weighted
-mean of c[i-1] .. c[i+2]. Each two of them are fetched by one linear interpolation (Sigg & Hadwiger
-2005),
+mean of c[i-1] .. c[i+2]. Two of them at a time are fetched by one linear interpolation (Sigg &
+Hadwiger 2005),
 
     I(x) = g0 c(i - 1 + w1/g0) + g1 c(i + 1 + w3/g1),     g0 = w0 + w1,  g1 = w2 + w3,
 
-which is as exact as the sum of four; in two directions four fetches stand for sixteen. At a pixel
-the slope of the spline is (c[i+1] - c[i-1]) / 2. The coefficients come from the inverse of (1, 4,
-1)/6, sqrt(3) z^|k| with z = sqrt(3) - 2 (Unser 1999), which is cut off where single precision no
-longer sees it.
+which is as exact as the sum of four; in two directions four fetches replace sixteen. At a pixel the
+slope of the spline is (c[i+1] - c[i-1]) / 2. The coefficients come from the inverse of (1, 4, 1)/6,
+sqrt(3) z^|k| with z = sqrt(3) - 2 (Unser 1999), which is truncated below single precision.
 """
 
 from __future__ import annotations
@@ -37,12 +36,12 @@ from solmap.photogrammetry.matching.records import EpipolarImages
 
 SampleGrid = Float32[np.ndarray, "rows cols"]
 REACH = 14
-"""Pixels after which z^|k| is below 1e-8."""
+"""Pixels beyond which z^|k| is below 1e-8."""
 _INVERSE = (np.sqrt(3) * (np.sqrt(3) - 2) ** np.abs(np.arange(-REACH, REACH + 1))).astype(
     np.float32
 )
 STRIP = 32
-"""Rows sampled at a time: what is needed of them stays in the processor's cache."""
+"""Rows sampled together, so that their data fit the processor's cache."""
 
 
 def spline_coefficients(image: GreyImage) -> GreyImage:
@@ -86,7 +85,7 @@ def _mix(share: SampleGrid, first: SampleGrid, second: SampleGrid) -> SampleGrid
 
 
 def _fetch_places(x: SampleGrid) -> tuple[SampleGrid, SampleGrid, SampleGrid]:
-    """Weight of the first of two fetches, and where both are made."""
+    """Weight of the first of two fetches, and positions of both."""
     i = np.floor(x)
     f = x - i
     rest, square = 1 - f, f * f
@@ -109,13 +108,14 @@ COARSEST_STEP_PX = 32
 """Width of the grid on which the map is first computed."""
 
 REACH_PX = 3
-"""Pixels around a bad one that its spline still touches by more than 2 percent of its error."""
+"""Distance in pixels beyond which a bad pixel affects its spline by less than 2 percent."""
 
 ImageMap = Float64[np.ndarray, "rows cols 2"]
 """(sample, line) in the original image of every epipolar pixel."""
 
 Source = tuple[Float32[np.ndarray, "_ _"], Bool[np.ndarray, "_ _"], CameraModel]
-"""An original image, its mask and its camera in the rover frame; eyes may differ in size."""
+"""An original image, its mask and its camera in the rover frame; left and right may differ in
+size."""
 
 EpipolarImage = Float32[np.ndarray, "rows cols"]
 EpipolarMask = Bool[np.ndarray, "rows cols"]
@@ -124,7 +124,7 @@ EpipolarMask = Bool[np.ndarray, "rows cols"]
 def resample(
     image: GreyImage, mask: Mask, camera: CameraModel, geometry: EpipolarPair, eye: Eye
 ) -> tuple[EpipolarImage, EpipolarMask]:
-    """One image of a pair in its epipolar geometry, and where it is usable.
+    """One image of a pair in its epipolar geometry, and its mask of usable pixels.
 
     `camera` is the model of the original image, in the rover frame of `geometry`.
     """
@@ -132,7 +132,7 @@ def resample(
     source = original_points(camera, geometry)
     u, v = (np.ascontiguousarray(source[:, :, k], dtype=np.float32) for k in (0, 1))
     lines, samples = image.shape
-    inside = (u >= 0) & (u <= samples - 1) & (v >= 0) & (v <= lines - 1)  # NaN is not
+    inside = (u >= 0) & (u <= samples - 1) & (v >= 0) & (v <= lines - 1)  # # NaN does not
     if not inside.all():
         u, v = (np.where(inside, w, np.float32(0)) for w in (u, v))
     usable = _warp_mask(mask, u, v) & inside
@@ -145,14 +145,14 @@ def epipolar_images(
     left: Source,
     right: Source,
 ) -> EpipolarImages:
-    """Both images of a pair in its epipolar geometry; each comes with its mask and camera."""
+    """Both images of a pair in its epipolar geometry, from original images with mask and camera."""
     return EpipolarImages(
         geometry, *resample(*left, geometry, Eye.LEFT), *resample(*right, geometry, Eye.RIGHT)
     )
 
 
 def shift_rows(image: GreyImage, mask: Mask, by: GreyImage) -> tuple[GreyImage, Mask]:
-    """An image whose pixel (x, y) is that of (x - by, y), and where it is usable."""
+    """An image whose pixel (x, y) is that of (x - by, y), and its mask of usable pixels."""
     grid = np.indices(image.shape, dtype=np.float32)
     place = (grid[1] - by, grid[0])
     grey = cv2.remap(image, *place, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
@@ -163,7 +163,7 @@ def shift_rows(image: GreyImage, mask: Mask, by: GreyImage) -> tuple[GreyImage, 
 
 
 def original_points(camera: CameraModel, geometry: EpipolarPair) -> ImageMap:
-    """Where each epipolar pixel lies in the original image; NaN behind the camera."""
+    """Positions of epipolar pixels in the original image; NaN behind the camera."""
     step = COARSEST_STEP_PX
     while step > 1:
         x, y = _nodes(geometry.samples, step), _nodes(geometry.lines, step)
@@ -204,7 +204,7 @@ def _interpolate(
 def _error_px(
     coarse: np.ndarray, x: np.ndarray, y: np.ndarray, camera: CameraModel, geometry: EpipolarPair
 ) -> float:
-    """Largest error of the spline half-way between the nodes; infinite where not all is seen."""
+    """Largest error of the spline half-way between the nodes; infinite where one is not visible."""
     half_x, half_y = (x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2
     exact = _project(camera, geometry, half_x, half_y)
     error = np.abs(_interpolate(coarse, x, y, half_x, half_y) - exact).max()
@@ -223,7 +223,7 @@ def _warp_mask(mask: Mask, u: np.ndarray, v: np.ndarray) -> EpipolarMask:
 
 
 def _fill_bad_pixels(image: GreyImage, mask: Mask) -> GreyImage:
-    """Bad pixels replaced by the mean of their good neighbours, so that their splines stay calm."""
+    """Bad pixels replaced by the mean of good neighbours, so that splines do not oscillate."""
     if mask.all():
         return image
     if not mask.any():
@@ -237,13 +237,13 @@ def _fill_bad_pixels(image: GreyImage, mask: Mask) -> GreyImage:
 
 
 def _check_eye(camera: CameraModel, geometry: EpipolarPair, eye: Eye) -> None:
-    """The camera of the stated eye stands where the geometry has that eye."""
+    """Check that the camera of an eye is at that eye's position in the geometry."""
     if eye is Eye.MONO:
-        raise MatchingError("an epipolar image belongs to the left or the right eye, not to mono")
+        raise MatchingError("an epipolar image must be of the left or the right eye, not mono")
     expected = geometry.cameras()[0 if eye is Eye.LEFT else 1].centre
     apart_m = float(np.linalg.norm(camera.centre - expected))
     if apart_m > 1e-3 * geometry.base_m + 1e-6:
         raise MatchingError(
-            f"the {eye} camera stands {apart_m:.4f} m from where the epipolar pair has it: "
-            "are the eyes exchanged, or the models in different frames?"
+            f"the {eye} camera is {apart_m:.4f} m from its position in the epipolar pair: are the "
+            "eyes exchanged, or the models in different frames?"
         )

@@ -1,13 +1,13 @@
 """From ties between two pairs to the tie points of a network.
 
 Ties that share a measurement show the same feature: measurements of one pair closer than half a
-pixel are one, ties and measurements are joined by union-find, and every connected set is a tie
-point. A set that holds two different measurements of one pair is a contradiction somewhere along
-it; it cannot be said where, so the whole set is dropped.
+pixel are merged, ties and measurements are joined by union-find, and every connected set is a tie
+point. A set with two different measurements of one pair contains a wrong tie; it cannot be decided
+which, so the whole set is dropped.
 
-Ties between pairs carry the geometry of the network and are all kept. Points seen in one pair only
-say nothing about its pose, the stereo base being fixed; they are thinned to the most certain one
-in every cell of a grid (Di et al. 2008, section 3.1: selection by gridding; about 300 a stop).
+Ties between pairs determine the geometry of the network and are all kept. Points seen in only one
+pair do not constrain its pose, because the baseline is fixed; they are thinned to the most certain
+one in every cell of a grid (Di et al. 2008, section 3.1: selection by gridding; about 300 a stop).
 """
 
 from __future__ import annotations
@@ -28,17 +28,18 @@ from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.ranges import Pixels, WholePixels
 
 MEASURED = ("parallax_px", "sigma_px", "sigma_parallax_px", "sigma_line_px")
-"""Columns that a tie has for both of its pairs, and tie points for every observation."""
+"""Columns of a tie for each of its pairs, and tie points for every observation."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrackParams:
-    """How tie points are put together."""
+    """How tie points are assembled."""
 
     same_px: Pixels = 0.5
-    """Measurements of one pair that are closer are of one feature."""
+    """Measurements of one pair closer than this are of one feature."""
     intra_cell_px: WholePixels = 160
-    """One intra-stereo point is kept in every cell: some 40 a pair, 300 and more a panorama."""
+    """One intra-stereo point is kept in every cell: about 40 per pair, 300 and more per
+    panorama."""
 
     def __post_init__(self) -> None:
         if not (self.same_px > 0 and self.intra_cell_px > 0):
@@ -47,7 +48,7 @@ class TrackParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Measurements:
-    """All measurements that ties are made of, two to a tie."""
+    """All measurements of ties, two per tie."""
 
     pair: Int32[np.ndarray, " n"]
     left: ImagePoints
@@ -63,7 +64,7 @@ def build_tie_points(
 ) -> TiePoints:
     """Tie points of a network of pairs, from their own matches and the ties between them.
 
-    `matches` lists the pairs of the network; ties with a pair that is not among them are left out.
+    `matches` lists the pairs of the network; ties with other pairs are ignored.
     """
     pair_ids = tuple(m.pair_id for m in matches)
     if len(set(pair_ids)) < len(pair_ids):
@@ -131,7 +132,7 @@ def _points(
     n = len(measured.pair)
     if not n:
         return np.zeros(0, np.int32), np.zeros(0, np.int32)
-    apart = 4.0 * np.abs(measured.left).max() + 4.0  # pairs side by side, far from each other
+    apart = 4.0 * np.abs(measured.left).max() + 4.0  # # pairs side by side, at a large distance
     places = measured.left + np.column_stack([apart * measured.pair, np.zeros(n)])
     same = cKDTree(places).query_pairs(same_px, output_type="ndarray")
     feature = _connected_sets(n, same)
@@ -149,13 +150,13 @@ def _points(
 
 
 def _connected_sets(n: int, links: np.ndarray) -> np.ndarray:
-    """A number for the connected set of each of n things."""
+    """A number for the connected set of each of n items."""
     ones = np.ones(len(links), dtype=np.int8)
     return connected_components(coo_matrix((ones, (links[:, 0], links[:, 1])), shape=(n, n)))[1]
 
 
 def _thin(matches: StereoMatches, taken: ImagePoints, params: TrackParams) -> np.ndarray:
-    """Rows of the most certain match of every cell, away from points that are there already."""
+    """Rows of the most certain match of every cell, away from existing points."""
     free = np.ones(len(matches), dtype=bool)
     if len(taken) and len(matches):
         free = cKDTree(taken).query(matches.left)[0] > params.same_px

@@ -1,5 +1,5 @@
-"""Rover maps and orbital images or terrain models: where the one lies in the other.
+"""Registration of rover maps with orbital images or terrain models.
 
-A map of the ground and an orbital raster come in; a correction of the raster's georeference goes
-out, or the reason why there is none. May import terrain and adjustment, and not matching.
+Enter: a map of the ground and an orbital raster. Leaves: a correction of the raster's georeference,
+or the reason why there is none. May import terrain and adjustment, and not matching.
 """

@@ -1,15 +1,15 @@
-"""Lay an orbital terrain model on the rover's own: heights compared with heights.
+"""Register an orbital terrain model to the rover's own, by heights.
 
-No sun is in heights, so what is said of `registration` is simpler here: the orbital heights are
-predicted by the rover's, and by a plane, for either model may lean. Judged is what the rover's
-heights explain beyond the plane,
+Heights do not depend on the sun, so this is simpler than `registration`: the orbital heights are
+predicted by the rover's and by a plane, since either model may be tilted. The criterion is the
+variance that the rover's heights explain beyond the plane,
 
     explained = (R^2 with heights and plane - R^2 with the plane) / (1 - R^2 with the plane)
 
-and they must come out as large as the rover's, not twice as large and not upside down. Orbital
-models are smooth over several of their cells, so places count as different ones from farther on,
-and the halves of the ground are larger squares. What remains at the place, the median difference of
-heights, is the level that the orbital model refers to.
+and the relief must be about as high as the rover's, not twice as high and not inverted. Orbital
+models are smooth over several of their cells, so positions must be further apart to count as
+different, and the halves of the ground are larger squares. The median difference of heights at the
+solution is the height offset of the orbital model.
 """
 
 from __future__ import annotations
@@ -48,44 +48,43 @@ from solmap.photogrammetry.orbital.search import (
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 OTHER_PLACE_CELLS = 8.0
-"""Places so far apart are different ones."""
+"""Distance from which positions count as different."""
 MATCHED_CELLS = 1.0
-"""Over so many cells a model from stereo matching is smooth."""
+"""Cells over which a model from stereo matching is smooth."""
 SMOOTH_CELLS = 2.0
-"""Over so many it is smoothed here: slopes of its noise would hide those of the ground."""
+"""Cells over which it is smoothed here, so that noise does not dominate its slopes."""
 CLUSTER_CELLS = 10.0
-"""Side of the squares whose residuals may depend on each other: twice as wide as what both models
-are smoothed over."""
+"""Side of the squares whose residuals may be correlated: twice the width over which both models are
+smoothed."""
 MODEL_CELLS = 0.35
-"""Standard deviation, in cells, of what ground that is seen in part only pulls either coordinate
-(RMS over simulated scenes), and the map's edge by a rotation."""
+"""Standard deviation, in cells, of the bias of either coordinate by partly visible ground (RMS over
+simulated scenes), and of the map's edge by a rotation."""
 LEAST_CONTRAST = 2.5
-"""By how much more stays unexplained at any other place: of smooth ground much is explained
-anywhere near."""
+"""Margin of unexplained variance over any other position: on smooth ground neighbours fit well
+too."""
 MOSTLY_SEEN = 0.9
-"""Share of its surroundings that must be seen for a cell to count: means of slopes that are seen in
-part only are off."""
+"""Fraction of a cell's surroundings that must be visible; slopes averaged over fewer are biased."""
 LEAST_RELIEF, MOST_RELIEF = 0.5, 1.5
-"""Height of what the orbital model shows, as a part of what the rover sees of it."""
+"""Range of the ratio of the orbital model's relief to the rover's."""
 MAD_TO_SIGMA = 1.4826
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Heights:
-    """What both models have at the same places."""
+    """Heights of both models at the same points."""
 
     ground: Float64[np.ndarray, " n"]
     orbital: Float64[np.ndarray, " n"]
     relief: float
-    """Relief of the orbital model, as a part of the rover's."""
+    """Relief of the orbital model, relative to the rover's."""
     squares: int
-    """How many squares of ground they are from: neighbours belong together."""
+    """Number of squares of ground they are from: neighbours are correlated."""
 
 
 def register_elevations(
     ground: GroundMap, model: OrbitalDtm, params: RegistrationParams | None = None
 ) -> Registration:
-    """Find where an orbital terrain model lies on the rover's map, and how high.
+    """Find the horizontal and vertical position of an orbital terrain model on the rover's map.
 
     Raises:
         OrbitalError: the rasters have cells of different size.
@@ -93,7 +92,7 @@ def register_elevations(
     params, cell_m = params or RegistrationParams(), model.grid.cell_m
     if abs(ground.grid.cell_m / cell_m - 1) > 1e-6:  # noqa: PLR2004 - rounding
         raise OrbitalError(
-            f"cells of {ground.grid.cell_m} m on the ground, {cell_m} m in the orbital model: "
+            f"cells are {ground.grid.cell_m} m on the ground, {cell_m} m in the orbital model: "
             "resample the rover's map to the model's cells"
         )
     wide_m = OTHER_PLACE_CELLS * cell_m
@@ -110,13 +109,13 @@ def register_elevations(
         return found
     both = _compare_heights(ground, model, predicted, found.correction)
     if not LEAST_RELIEF < both.relief < MOST_RELIEF:
-        reason = f"cannot tell: heights fit best with {both.relief:.2f} times the rover's relief"
+        reason = f"undecided: the best fit has {both.relief:.2f} times the rover's relief"
         return replace(found, correction=None, reason=reason)
     return replace(found, correction=_with_height(found.correction, both))
 
 
 def _predict_heights(ground: GroundMap) -> Predicted:
-    """Heights as smooth as an orbital model has them, and a plane."""
+    """Heights as smooth as an orbital model, and a plane."""
     sigma_cells = float(np.hypot(MATCHED_CELLS, SMOOTH_CELLS))
     own = smooth(ground.elevation.astype(np.float64), sigma_cells, MOSTLY_SEEN)
     planes = np.broadcast_arrays(*_mesh(ground.grid))
@@ -135,7 +134,7 @@ def _orbital_relief(model: OrbitalDtm) -> Contrast:
 
 
 def _beyond_plane(predicted: Predicted, contrast: Contrast, params: SearchParams) -> Landscape:
-    """What heights explain beyond the plane."""
+    """Variance explained by heights beyond the plane."""
     both = search(predicted, contrast, params)
     plane = search(replace(predicted, stack=predicted.stack[1:]), contrast, params).explained
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -144,17 +143,17 @@ def _beyond_plane(predicted: Predicted, contrast: Contrast, params: SearchParams
 
 
 def _leads(best: float, other: float) -> bool:
-    """Whether what stays unexplained is clearly less than at any other place."""
+    """Whether the unexplained variance is clearly less than at any other position."""
     return 1.0 - other >= LEAST_CONTRAST * (1.0 - best)
 
 
 def _refine_place(
     predicted: Predicted, contrast: Contrast, start: Place
 ) -> tuple[Float64[np.ndarray, " 4"], Float64[np.ndarray, "4 4"]]:
-    """The place to a fraction of a cell, by least squares on the slopes of the rover's heights.
+    """The position to a fraction of a cell, by least squares on the slopes of the rover's heights.
 
-    Those of the orbital model would not do: they are the steeper the noisier it is, and Gauss-
-    Newton's steps the shorter.
+    Those of the orbital model are not suitable: noise makes them steeper, and Gauss-Newton's steps
+    shorter.
     """
     grid, known = predicted.grid, predicted.known
     own = np.where(known, predicted.stack[0], np.nan)
@@ -186,7 +185,7 @@ def _refine_place(
         found, C = with_likely_scale(before + solved[:UNKNOWNS], C)
         if np.abs((found - before) * steps).max() < CONVERGED:
             return found, C
-    raise OrbitalError("the map does not come to rest in the orbital model: no place for it")
+    raise OrbitalError("the position of the map in the orbital model does not converge")
 
 
 def _mesh(grid: MapGrid) -> tuple[np.ndarray, np.ndarray]:
@@ -223,7 +222,7 @@ def interpolate(
     """Values of a raster at places (east, north); NaN beyond it."""
     sample, line = samples_of(grid, places[:, 0], places[:, 1])
     found = np.full(len(places), np.nan)
-    for begin in range(0, len(places), 30_000):  # OpenCV takes pictures of fewer than 32768 rows
+    for begin in range(0, len(places), 30_000):  # # OpenCV accepts images of fewer than 32768 rows
         part = slice(begin, begin + 30_000)
         found[part] = cv2.remap(
             raster.astype(np.float32), sample[part, None], line[part, None], cv2.INTER_LINEAR,
@@ -233,10 +232,10 @@ def interpolate(
 
 
 def _with_height(correction: Correction, both: _Heights) -> Correction:
-    """The median difference of heights, and how sure it is: by squares of ground, not by cells."""
+    """The median difference of heights, with its standard deviation by squares of ground."""
     off = both.ground - both.orbital
     up_m = float(np.median(off))
     spread = MAD_TO_SIGMA * float(np.median(np.abs(off - up_m)))
-    # sqrt(pi / 2): a median knows less than a mean
+    # # sqrt(pi / 2): a median is less efficient than a mean
     sigma_m = spread * np.sqrt(np.pi / 2 / max(both.squares, 1))
     return replace(correction, up_m=up_m, sigma_up_m=max(float(sigma_m), 1e-3))

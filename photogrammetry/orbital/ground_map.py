@@ -1,15 +1,15 @@
-"""The map of several stops, and what it predicts of the ground's brightness from orbit.
+"""The map of several stops, and its prediction of the ground's brightness from orbit.
 
-Under a sun in direction s a matt ground of normal n and albedo a has the brightness a (n . s). For
+Under a sun in direction s, matt ground of normal n and albedo a has the brightness a (n . s). For
 gentle slopes that is linear in the slopes: a (s_z - s_e dz/de - s_n dz/dn). Neither the sun nor the
-contrast of the orbital camera need to be known if its brightness is fitted, place by place, as a
-linear combination of the slopes and of the brightness that the rover saw:
+contrast of the orbital camera need to be known if its brightness is fitted, at every position, as a
+linear combination of the slopes and of the rover's brightness:
 
     orbital = b0 + b1 dz/de + b2 dz/dn + b3 (rover's brightness) + b4 (height above surroundings)
 
-The last stands for rocks and hollows, whose shadows no linear term of the slope foresees. All is
-compared after the mean of the surroundings is taken out, so that haze, shading by large slopes and
-changes of albedo over tens of metres do not count.
+The last represents rocks and hollows, whose shadows no linear term of the slope predicts. All
+quantities are compared after subtracting the mean of the surroundings, so that haze, shading by
+large slopes and changes of albedo over tens of metres have no effect.
 
 Of several stops the map is the mean of theirs; brightness is relative to its surroundings at every
 stop.
@@ -29,22 +29,23 @@ from solmap.photogrammetry.orbital.records import GroundMap, OrbitalImage
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 SURROUNDINGS_M = 6.0
-"""Standard deviation of the Gaussian whose mean is taken out: some rocks and ripples wide."""
+"""Standard deviation of the Gaussian whose mean is subtracted: the size of some rocks and
+ripples."""
 MIXING = 0.5
-"""Standard deviation, in cells, by which an orbital detector blurs what falls on its cells."""
+"""Standard deviation, in cells, of the blur of an orbital detector."""
 LEAST_SEEN = 0.3
-"""Share of the surroundings that must be seen for their mean to count."""
+"""Fraction of the surroundings that must be visible for their mean."""
 
 Stack = Float64[np.ndarray, "predictors rows cols"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Predicted:
-    """What may show from orbit."""
+    """Predictors of what is visible from orbit."""
 
     grid: MapGrid
     stack: Stack
-    """Zero where it is not known."""
+    """Zero where unknown."""
     known: Mask
 
     def within(self, part: Mask) -> Predicted:
@@ -54,16 +55,16 @@ class Predicted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contrast:
-    """What shows from orbit: brightness less that of its surroundings."""
+    """Contrast of the orbital image: brightness minus that of its surroundings."""
 
     grid: MapGrid
     values: Raster
-    """Zero where it is not known."""
+    """Zero where unknown."""
     known: Mask
 
 
 def predictors(ground: GroundMap) -> Predicted:
-    """What a rover's map says of the orbital image."""
+    """Predictors of the orbital image from a rover's map."""
     cell_m = ground.grid.cell_m
     surroundings = SURROUNDINGS_M / cell_m
     elevation, brightness = (
@@ -79,7 +80,7 @@ def predictors(ground: GroundMap) -> Predicted:
 
 
 def local_contrast(image: OrbitalImage) -> Contrast:
-    """The orbital brightness less that of its surroundings."""
+    """The orbital brightness minus that of its surroundings."""
     contrast = _local(image.brightness.astype(np.float64), SURROUNDINGS_M / image.grid.cell_m)
     known = np.isfinite(contrast)
     return Contrast(image.grid, np.where(known, contrast, 0.0).astype(np.float32), known)
@@ -90,7 +91,7 @@ def _local(raster: np.ndarray, sigma_cells: float) -> np.ndarray:
 
 
 def smooth(raster: np.ndarray, sigma_cells: float, least: float = 0.0) -> np.ndarray:
-    """Gaussian mean of what is known; NaN where nothing is, or less than `least` around it."""
+    """Gaussian mean of known values; NaN where they have less than `least` of the weight."""
     known = np.isfinite(raster)
     weight = cv2.GaussianBlur(known.astype(np.float64), (0, 0), sigma_cells)
     total = cv2.GaussianBlur(np.where(known, raster, 0.0), (0, 0), sigma_cells)
@@ -125,6 +126,6 @@ def _mean(rasters: Iterable[Raster]) -> Raster:
         total += np.where(seen, raster, 0.0)
         count += seen
     if total is None:
-        raise OrbitalError("no stop is mapped: there is no ground to find in an orbital image")
+        raise OrbitalError("no stop is mapped: there is no ground to register an orbital image to")
     with np.errstate(invalid="ignore", divide="ignore"):
         return (total / count).astype(np.float32)

@@ -1,4 +1,4 @@
-"""What registration works on and what it finds."""
+"""Input and results of registration."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrbitalImage:
-    """A georeferenced orbital image on the local map, where its georeference claims it to lie."""
+    """An orbital image on the local map, at the position of its georeference."""
 
     grid: MapGrid
     brightness: Raster
-    """NaN where it shows nothing."""
+    """NaN where it has no data."""
 
     def __post_init__(self) -> None:
         _check("brightness", self.brightness, self.grid)
@@ -25,11 +25,11 @@ class OrbitalImage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrbitalDtm:
-    """A georeferenced orbital terrain model on the local map, where it claims to lie."""
+    """An orbital terrain model on the local map, at the position of its georeference."""
 
     grid: MapGrid
     elevation: Raster
-    """Metres above any level; NaN where unknown."""
+    """Metres above any datum; NaN where unknown."""
 
     def __post_init__(self) -> None:
         _check("elevation", self.elevation, self.grid)
@@ -50,10 +50,10 @@ class GroundMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correction:
-    """How an orbital image must be moved to lie on the rover's map.
+    """Correction that moves an orbital image to its position on the rover's map.
 
-    A point that the georeference puts at p truly lies at c + (1 + `scale`) R (p - c) + t, with the
-    centre c, the rotation R by `rotation_deg` counter-clockwise and t = (east, north).
+    A point at p by the georeference is truly at c + (1 + `scale`) R (p - c) + t, with the centre c,
+    the rotation R by `rotation_deg` counter-clockwise and t = (east, north).
     """
 
     east_m: float
@@ -63,9 +63,9 @@ class Correction:
     covariance: Float64[np.ndarray, "4 4"]
     """Of (east m, north m, rotation rad, scale)."""
     scale: float = 0.0
-    """By how much it must be enlarged."""
+    """Change of scale."""
     up_m: float | None = None
-    """By which heights of an orbital terrain model must be raised; None for images."""
+    """Offset to be added to the heights of an orbital terrain model; None for images."""
     sigma_up_m: float | None = None
 
     @property
@@ -79,11 +79,11 @@ class Correction:
         return float(np.degrees(np.sqrt(self.covariance[2, 2])))
 
     def apply(self, points_m: Float64[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n 2"]:
-        """Where points of the orbital image truly lie, (east, north)."""
+        """True positions of points of the orbital image, (east, north)."""
         return (points_m - self.centre_m) @ self._enlarged.T + self.centre_m + self._shift
 
     def apply_inverse(self, points_m: Float64[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n 2"]:
-        """Where the orbital image puts what truly lies at points: `apply` undone."""
+        """Positions in the orbital image's georeference of true points: inverse of `apply`."""
         back = np.linalg.inv(self._enlarged)
         return (points_m - self.centre_m - self._shift) @ back.T + self.centre_m
 
@@ -99,17 +99,18 @@ class Correction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """What came of a registration: a correction, or the reason why there is none."""
+    """Result of a registration: a correction, or the reason why there is none."""
 
     correction: Correction | None
     reason: str
-    """Why not; empty with a correction."""
+    """Reason; empty with a correction."""
     explained: float
-    """Share of the orbital brightness, locally, that the rover's map explains at the best place."""
+    """Fraction of the local orbital brightness explained by the rover's map at the best
+    position."""
     runner_up: float
-    """The same at the best place that is another one."""
+    """The same at the best of the other positions."""
     halves_apart_m: float
-    """Distance between the places that both halves of the ground find on their own."""
+    """Distance between the positions found separately by both halves of the ground."""
 
 
 def _check(name: str, raster: Raster, grid: MapGrid) -> None:

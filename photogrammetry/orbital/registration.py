@@ -1,33 +1,33 @@
-"""Lay an orbital image on the rover's map, or say that it cannot be told where it lies.
+"""Register an orbital image to the rover's map, or decide that its position is undetermined.
 
-Every place and rotation within reach is tried, the best refined to a fraction of a cell (`search`).
-A fit is believed if
+Every position and rotation within reach is tested, the best refined to a fraction of a cell
+(`search`). A fit is accepted if
 
-- it explains clearly more of the image than the best fit anywhere else does;
-- both halves of the ground, squares like the fields of a chessboard, find the same place on their
-  own, within what they themselves state;
+- it explains clearly more of the image than the best fit anywhere else;
+- both halves of the ground, in chessboard squares, give the same position separately, within their
+  own standard deviations;
 - its standard deviations are smaller than a cell.
 
-On ground without features all places fit alike, and the answer is that it cannot be told. A wrong
-place is worse than none.
+On ground without features all positions fit equally, and the result is undecided. A wrong position
+is worse than none.
 
-What is claimed to be far off is looked for near its claimed place first, then everywhere in larger
-cells, and near the place found there again.
+An image with a large stated error is searched near its stated position first, then everywhere in
+larger cells, and again near the position found there.
 
 A single stop whose own map is registered, as if it were the only one, becomes control for the
-adjustment. A correction (see `records.Correction`) carries what the image claims, p, to where the
-rover's map has it,
+adjustment. A correction (see `records.Correction`) transforms p in the image's georeference to its
+position on the rover's map,
 
     x = c + m R (p - c) + t
 
-so the rover itself, at x with azimuth A, lies in the image at
+so the rover itself, at x with azimuth A, is in the image at
 
     p = c + R' (x - c - t) / m          azimuth A + rotation
 
-with the covariance of (t, rotation, m) carried over, and in an orbital terrain model its height
-too. The place depends on how the map lies about the rover, and no longer on where the adjustment
-had put both. The map is turned against the rover by what its pairs' mast pointings are off in the
-mean, which the covariance holds.
+with the covariance of (t, rotation, m) propagated, and for an orbital terrain model its height too.
+The position depends on the map relative to the rover, and no longer on the adjusted pose of both.
+The map is rotated against the rover by the mean mast pointing error of its pairs, which is included
+in the covariance.
 """
 
 from __future__ import annotations
@@ -62,20 +62,20 @@ from solmap.photogrammetry.orbital.search import (
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 LEAST_LEAD = 1.5
-"""By how much more of the image the best place explains than any other: where nothing fits, the
-best of thousands of places leads the second best by some percent."""
+"""Margin of the explained variance over any other position: where nothing fits, the best of
+thousands of positions exceeds the second best by some percent."""
 OTHER_PLACE_M = 2.0
-"""Places that far apart are different ones."""
+"""Distance from which positions count as different."""
 HALF_SQUARE_M = 8.0
-"""Side of the squares that go to either half of the ground in turn."""
+"""Side of the squares that are assigned to either half of the ground in turn."""
 HALVES_APART_CELLS = 3.0
-"""How far the halves may disagree."""
+"""Largest difference between the halves."""
 LARGEST_SIGMA_CELLS = 1.0
-"""Standard deviation of either coordinate beyond which a place is not believed."""
+"""Standard deviation of either coordinate above which a position is rejected."""
 Place = tuple[float, float, float]
-"""(east m, north m, rotation deg) by which the map lies off in the image."""
+"""(east m, north m, rotation deg) displacement of the map in the image."""
 STRIP = 2048
-"""Rows and columns looked up at a time; OpenCV takes fewer than 32768."""
+"""Rows and columns interpolated together; OpenCV accepts fewer than 32768."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ class RegistrationParams:
 def register(
     ground: GroundMap, image: OrbitalImage, params: RegistrationParams | None = None
 ) -> Registration:
-    """Find where an orbital image lies on the rover's map.
+    """Find the position of an orbital image on the rover's map.
 
     Raises:
         OrbitalError: the rasters have cells of different size.
@@ -96,7 +96,7 @@ def register(
     params = params or RegistrationParams()
     if abs(ground.grid.cell_m / image.grid.cell_m - 1) > 1e-6:  # noqa: PLR2004 - rounding
         raise OrbitalError(
-            f"cells of {ground.grid.cell_m} m on the ground, {image.grid.cell_m} m in the image: "
+            f"cells are {ground.grid.cell_m} m on the ground, {image.grid.cell_m} m in the image: "
             "resample the rover's map to the image's cells"
         )
     method = Method(search, refine, lambda best, other: best >= LEAST_LEAD * other)
@@ -110,7 +110,7 @@ class Method:
     search: Callable[[Predicted, Contrast, SearchParams], Landscape]
     refine: Callable[[Predicted, Contrast, Place], tuple[np.ndarray, np.ndarray]]
     leads: Callable[[float, float], bool]
-    """Whether the best place explains clearly more than the best other one."""
+    """Whether the best position explains clearly more than the best other one."""
     other_place_m: float = OTHER_PLACE_M
     half_square_m: float = HALF_SQUARE_M
 
@@ -118,7 +118,7 @@ class Method:
 def best_place(
     predicted: Predicted, contrast: Contrast, params: RegistrationParams, method: Method
 ) -> Registration:
-    """Where what a map predicts lies in what an image shows, if it can be told."""
+    """Position in an image of what a map predicts, if determined."""
     near = params.search.near()
     found = _best_near(predicted, contrast, near, method)
     if found.correction is not None or params.search.reach_m <= near.reach_m:
@@ -139,7 +139,7 @@ def best_place(
 def _best_near(
     predicted: Predicted, contrast: Contrast, params: SearchParams, method: Method
 ) -> Registration:
-    """The best place in the image's own cells."""
+    """The best position in the image's own cells."""
     try:
         landscape = method.search(predicted, contrast, params)
         explained, east, north, rotation_deg = landscape.best()
@@ -164,7 +164,7 @@ class _Fit:
     runner_up: float
     apart_m: float
     found: np.ndarray
-    """(east m, north m, rotation rad, scale) by which the map's centre lies off in the image."""
+    """(east m, north m, rotation rad, scale) displacement of the map's centre in the image."""
     covariance: np.ndarray
 
 
@@ -184,24 +184,24 @@ def _halves(grid: MapGrid, square_m: float) -> tuple[Mask, Mask]:
 
 def _no_lead(explained: float, runner_up: float) -> str:
     return (
-        f"cannot tell: the best place explains {explained:.1%} of the image's contrast, "
-        f"another one {runner_up:.1%}"
+        f"undecided: the best position explains {explained:.1%} of the image's contrast, another "
+        f"one {runner_up:.1%}"
     )
 
 
 def _doubt(fit: _Fit, cell_m: float, params: SearchParams, method: Method) -> str:
-    """Why the place is not believed; empty if it is."""
+    """The reason why the position is rejected; empty if it is not."""
     if not method.leads(fit.explained, fit.runner_up):
         return _no_lead(fit.explained, fit.runner_up)
     if fit.apart_m > HALVES_APART_CELLS * cell_m:
-        return f"cannot tell: both halves of the ground find places {fit.apart_m:.1f} m apart"
+        return f"undecided: both halves of the ground give positions {fit.apart_m:.1f} m apart"
     if np.hypot(*(fit.found[:2] - params.around_m)) > params.reach_m:
-        return f"cannot tell: the best place lies beyond {params.reach_m} m"
+        return f"undecided: the best position lies beyond {params.reach_m} m"
     if abs(np.degrees(fit.found[2])) > REACH_DEG:
-        return f"cannot tell: the best place is turned by more than {REACH_DEG} deg"
+        return f"undecided: the best position is rotated by more than {REACH_DEG} deg"
     sigma_m = float(np.sqrt(np.diagonal(fit.covariance)[:2].max()))
     if sigma_m > LARGEST_SIGMA_CELLS * cell_m:
-        return f"cannot tell: the place is only known to {sigma_m:.2f} m"
+        return f"undecided: the standard deviation of the position is {sigma_m:.2f} m"
     return ""
 
 
@@ -231,14 +231,14 @@ def stop_in_image(
     frame: str,
     sigma_turn_deg: float = 0.0,
 ) -> StopControl:
-    """Where an image shows a stop whose map it was registered to.
+    """Position in an image of a stop to whose map it was registered.
 
     Args:
         stop: its name.
-        lsl_from_rover: the pose that its map was made with.
-        correction: of the image, onto that map alone.
+        lsl_from_rover: the pose with which its map was made.
+        correction: of the image to that map.
         frame: the name of the image.
-        sigma_turn_deg: by how much the map may be turned against the rover.
+        sigma_turn_deg: standard deviation of the map's rotation against the rover.
     """
     north, east, _ = lsl_from_rover.translation_m.tolist()
     theta, m = np.radians(correction.rotation_deg), 1 + correction.scale

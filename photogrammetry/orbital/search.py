@@ -1,22 +1,22 @@
-"""Where in an orbital image a rover's map fits: to a cell by search, then to a fraction of it.
+"""Position of a rover's map in an orbital image: to a cell by search, then to a fraction of it.
 
-All places and rotations are tried by multiple correlation. For a shift d of the orbital image I,
-with the predictors r_k of the map over its n known cells,
+All positions and rotations are tested by multiple correlation. For a shift d of the orbital image
+I, with the predictors r_k of the map over its n known cells,
 
     c_k(d) = sum r_k(x) I(x + d),       explained(d) = c(d)' S^-1 c(d) / variance of I under the map
 
 where the r_k are centred and S = sum r r'. That is the coefficient of determination (R squared) of
 a linear regression of the image on the predictors, for all shifts at once by FFT, since S does not
-depend on the shift. A map turned by theta against the image is found by turning the image. Wide
-ground is searched in larger cells, of which each predictor, and the image, is the mean.
+depend on the shift. A map rotated by theta against the image is found by rotating the image. Wide
+areas are searched in larger cells, with means of the predictors and of the image.
 
 The last fraction of a cell comes from least-squares matching. Unknown are shift, rotation and scale
 of the image and the coefficients of the predictors; Gauss-Newton on the residuals of the map's
-known cells. Residuals of neighbouring cells belong together (a rock that the map has not seen is
-several cells wide), so the covariance is not that of independent cells but the cluster-robust one:
-scores are summed over squares of ground before their products are. Shadows and what else the linear
-terms cannot model pull the place by up to a third of a cell, mostly away from the rover's sun; for
-these `MODEL_CELLS` is added (`tests/support/orbital_scenes.py`).
+known cells. Residuals of neighbouring cells are correlated (a rock missing in the map is several
+cells wide), so the covariance is not that of independent cells but the cluster-robust one: scores
+are summed over squares of ground before their products. Shadows and other effects outside the
+linear terms bias the position by up to a third of a cell, mostly away from the rover's sun;
+`MODEL_CELLS` is added for them (`tests/support/orbital_scenes.py`).
 """
 
 from __future__ import annotations
@@ -35,49 +35,50 @@ from solmap.photogrammetry.orbital.ground_map import Contrast, Predicted, Stack
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 FEWEST_CELLS = 400
-"""Of a map: fewer say nothing about a place (10 m by 10 m at HiRISE's best)."""
+"""Fewest cells of a map: fewer do not determine a position (10 m by 10 m at HiRISE's best)."""
 ALL = 0.999
-"""Weight of a look-up all of whose neighbours are known, less rounding."""
+"""Weight of an interpolation with all neighbours known, minus rounding."""
 LEAST_SHOWN_OF_MAP = 0.9
-"""Share of the map's cells that the image must show at a place that is judged."""
+"""Fraction of the map's cells that the image must show at a position."""
 
 
 REACH_DEG = 4.5
-"""How far the image may be turned against the map, in each direction: an uncontrolled mosaic by
-three degrees, the azimuth of a stop that telemetry alone holds by some more."""
+"""Range of rotations of the image against the map, in each direction: an uncontrolled mosaic by
+three degrees, the azimuth of a stop at telemetry by somewhat more."""
 NEAR_M = 12.0
-"""Searched first, and in the image's own cells: telemetry off by some percent of a drive, a
-georeference by some cells."""
+"""Searched first, in the image's own cells: telemetry errors of some percent of a drive,
+georeference errors of some cells."""
 MOST_LAGS = 300
-"""Shifts tried in each direction: cells are made larger for a wider search."""
+"""Most shifts in each direction: cells are made larger for a wider search."""
 SCALE_SIGMA = 0.01
-"""Of an uncontrolled mosaic, and of a map whose ranges are off by what stereo rigs are."""
+"""Standard deviation of the scale of an uncontrolled mosaic, and of a map by the error of a stereo
+rig."""
 STEP_DEG_PER_M, WIDEST_STEP_DEG = 1.0, 1.0
-"""Between rotations tried, for each metre of a cell: at 40 m, the radius of a stop's map, a step
-moves the edge by 0.7 cells."""
+"""Step of rotations per metre of a cell: at 40 m, the radius of a stop's map, a step moves the edge
+by 0.7 cells."""
 CLUSTER_M = 5.0
-"""Side of the squares whose residuals may depend on each other: wider than any rock's shadow."""
+"""Side of the squares whose residuals may be correlated: wider than any rock's shadow."""
 MODEL_CELLS = 0.15
-"""Standard deviation, in cells, of the pull of shadows on either coordinate, and on the map's edge
+"""Standard deviation, in cells, of the bias of either coordinate by shadows, and of the map's edge
 by a rotation: RMS over simulated scenes, three kinds of ground and suns of 25 to 65 degrees."""
 UNKNOWNS = 4
-"""Unknowns of a place: shift east and north, rotation and scale."""
+"""Unknowns of a position: shift east and north, rotation and scale."""
 ITERATIONS = 20
 ROW = 1024
 CONVERGED = 3e-3
-"""Cells: no step moves the map's edge by more."""
+"""Largest movement of the map's edge in a step, cells."""
 LEAST_SHOWN = 0.5
-"""Share of the map that the image must show."""
+"""Fraction of the map that the image must show."""
 
 
 @dataclass(frozen=True, slots=True)
 class SearchParams:
-    """How far the georeference may be wrong."""
+    """Possible error of the georeference."""
 
     reach_m: float = 300.0
     """In each direction; an uncontrolled mosaic may be off by hundreds of metres."""
     around_m: tuple[float, float] = (0.0, 0.0)
-    """About which shift of the map in the image, (east, north)."""
+    """Centre of the search: shift of the map in the image, (east, north)."""
 
     def near(self, around_m: tuple[float, float] | None = None) -> SearchParams:
         """A search in the image's own cells, about a shift."""
@@ -86,10 +87,11 @@ class SearchParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Landscape:
-    """How well the map fits at every rotation and shift."""
+    """Fit of the map at every rotation and shift."""
 
     explained: Float64[np.ndarray, "turns lags lags"]
-    """Shifts of the map by (i - reach) rows down and (j - reach) columns right, NaN: not shown."""
+    """Shifts of the map by (i - reach) rows down and (j - reach) columns right, NaN: not
+    visible."""
     turns_deg: Float64[np.ndarray, " turns"]
     cell_m: float
     around_m: tuple[float, float] = (0.0, 0.0)
@@ -100,16 +102,16 @@ class Landscape:
         return self.explained.shape[1] // 2
 
     def best(self) -> tuple[float, float, float, float]:
-        """(explained, east, north, rotation deg): by how much the map lies off in the image."""
+        """(explained, east, north, rotation deg) of the map's best displacement in the image."""
         if np.isnan(self.explained).all():
-            raise OrbitalError("the image does not show the ground: nothing to compare")
+            raise OrbitalError("the image does not show the ground of the map")
         turn, row, col = np.unravel_index(np.nanargmax(self.explained), self.explained.shape)
         east, north = (float(shifts[row, col]) for shifts in self._shifts(int(turn)))
         explained = float(self.explained[turn, row, col])
         return explained, east, north, float(self.turns_deg[turn])
 
     def runner_up(self, apart_m: float) -> float:
-        """How well the best place fits that lies at least so far from the best, at any rotation."""
+        """Fit of the best position at least that far from the best, at any rotation."""
         _, east, north, _ = self.best()
         best = 0.0
         for turn, explained in enumerate(self.explained):
@@ -121,7 +123,7 @@ class Landscape:
         return best
 
     def _shifts(self, turn: int) -> tuple[np.ndarray, np.ndarray]:
-        """By how much the map's centre lies off in the image, at all shifts of the turned map."""
+        """Displacements of the map's centre in the image, at all shifts of the rotated map."""
         lags = (np.arange(2 * self.reach + 1) - self.reach) * self.cell_m
         c, s = (f(np.radians(self.turns_deg[turn])) for f in (np.cos, np.sin))
         east, north = lags[None, :], -lags[:, None]
@@ -132,10 +134,10 @@ class Landscape:
 
 
 def search(predicted: Predicted, contrast: Contrast, params: SearchParams) -> Landscape:
-    """How well the map fits, for all rotations and shifts within reach.
+    """Fit of the map for all rotations and shifts within reach.
 
     Raises:
-        OrbitalError: the map is too small, or flat and plain: nothing in it could show.
+        OrbitalError: the map is too small, or flat and without contrast.
     """
     grid, known = predicted.grid, predicted.known
     reach = int(np.ceil(params.reach_m / grid.cell_m))
@@ -158,7 +160,7 @@ def search(predicted: Predicted, contrast: Contrast, params: SearchParams) -> La
 def in_larger_cells(
     predicted: Predicted, contrast: Contrast, reach_m: float
 ) -> tuple[Predicted, Contrast]:
-    """Both in cells so large that `reach_m` is at most `MOST_LAGS` of them."""
+    """Both in cells large enough that `reach_m` is at most `MOST_LAGS` of them."""
     factor = int(np.ceil(reach_m / (MOST_LAGS * predicted.grid.cell_m)))
     if factor <= 1:
         return predicted, contrast
@@ -170,7 +172,7 @@ def in_larger_cells(
 def _means(
     grid: MapGrid, known: np.ndarray, layers: np.ndarray, factor: int
 ) -> tuple[MapGrid, np.ndarray, Stack]:
-    """Means over squares of so many cells, and where more than half of them are known."""
+    """Means over squares of n x n cells, and where more than half of them are known."""
     rows, cols = grid.rows // factor, grid.cols // factor
     cut = np.s_[..., : rows * factor, : cols * factor]
     shape = (rows, factor, cols, factor)
@@ -191,14 +193,14 @@ def whiten(predicted: Predicted) -> Stack:
     rows = predicted.stack[:, known]
     if rows.shape[1] < FEWEST_CELLS:
         raise OrbitalError(
-            f"{rows.shape[1]} cells of ground are too few to be found from orbit: "
-            f"at least {FEWEST_CELLS} are needed"
+            f"{rows.shape[1]} cells of ground are too few to register: at least {FEWEST_CELLS} "
+            "are needed"
         )
     rows = rows - rows.mean(axis=1, keepdims=True)
     scale = np.sqrt((rows**2).mean(axis=1))
     varied = scale > 0
     if not varied.any():
-        raise OrbitalError("the ground is flat and plain: nothing in it could show from orbit")
+        raise OrbitalError("the ground is flat and without contrast: there is nothing to register")
     rows = rows[varied] / scale[varied, None]
     normal = rows @ rows.T / rows.shape[1] + 1e-6 * np.eye(len(rows))
     orthonormal = solve_triangular(cholesky(normal, lower=True), rows, lower=True)
@@ -210,10 +212,10 @@ def whiten(predicted: Predicted) -> Stack:
 def _turn_image(
     contrast: Contrast, grid: MapGrid, reach: int, place: tuple[float, float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The image on the map's grid with a margin of `reach` cells, looked up at turned places.
+    """The image on the map's grid with a margin of `reach` cells, interpolated after rotation.
 
-    Cell x shows what the image has at c + d + R' (x - c), with the centre c of the map, and d and
-    the rotation R of the image onto the map by `place` (m, m, deg).
+    Cell x has the value of the image at c + d + R' (x - c), with the centre c of the map, and d and
+    the rotation R from the image to the map by `place` (m, m, deg).
     """
     cell_m = grid.cell_m
     rows, cols = grid.rows + 2 * reach, grid.cols + 2 * reach
@@ -229,7 +231,7 @@ def _turn_image(
 
 
 def samples_of(grid: MapGrid, east: np.ndarray, north: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(column, row) of places, as OpenCV looks them up."""
+    """(column, row) of positions, as in OpenCV's images."""
     column = (east - grid.west) / grid.cell_m - 0.5
     row = (grid.north - north) / grid.cell_m - 0.5
     return column.astype(np.float32), row.astype(np.float32)
@@ -238,10 +240,10 @@ def samples_of(grid: MapGrid, east: np.ndarray, north: np.ndarray) -> tuple[np.n
 def map_to_image(
     grid: MapGrid, place: Float64[np.ndarray, " 4"], east: np.ndarray, north: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where the image shows places of the map whose centre lies off in it.
+    """Positions in the image of points of the map whose centre is displaced in it.
 
-    The image has at c + d + R' (x - c) / m what the map has at x, with the map's centre c, and d,
-    the rotation R, and m - 1 by `place` (m, m, rad, scale).
+    The point x of the map is at c + d + R' (x - c) / m in the image, with the map's centre c, and
+    d, the rotation R, and m - 1 by `place` (m, m, rad, scale).
     """
     west, south, right, top = grid.bounds
     centre = ((west + right) / 2, (south + top) / 2)
@@ -253,7 +255,7 @@ def map_to_image(
 def _explained_share(
     spectra: Sequence[np.ndarray], image: tuple[np.ndarray, np.ndarray], known: Mask
 ) -> np.ndarray:
-    """R squared for every shift of the map over a turned image; useful up to twice the margin."""
+    """R squared for every shift of the map over a rotated image; valid up to twice the margin."""
     values, shown = (layer.astype(np.float64) for layer in image)
     shape = shown.shape[0], shown.shape[1]
     size = tuple(fft.next_fast_len(n, real=True) for n in shape)
@@ -273,15 +275,15 @@ def _explained_share(
 def refine(
     predicted: Predicted, contrast: Contrast, start: tuple[float, float, float]
 ) -> tuple[Float64[np.ndarray, " 4"], Float64[np.ndarray, "4 4"]]:
-    """(east m, north m, rotation rad, scale) of the map in the image, and its covariance.
+    """(east m, north m, rotation rad, scale) of the map in the image, and the covariance.
 
     Args:
-        predicted: What the map says of the image.
-        contrast: What the image shows.
-        start: (east m, north m, rotation deg), right to a cell or two.
+        predicted: Predictors from the map.
+        contrast: Contrast of the image.
+        start: (east m, north m, rotation deg), accurate to a cell or two.
 
     Raises:
-        OrbitalError: the map slides off the image, or does not come to rest.
+        OrbitalError: the map leaves the image, or the position does not converge.
     """
     grid = predicted.grid
     rows, cols = np.nonzero(predicted.known)
@@ -305,18 +307,18 @@ def refine(
         covariance += np.diag((MODEL_CELLS / steps) ** 2)
         place, covariance = with_likely_scale(found + solved[:UNKNOWNS], covariance)
         unexplained = _unexplained_share(layers[:, use], value[use])
-        if unexplained > least:  # went too far: half the way back
+        if unexplained > least:  # # too far: half the way back
             step /= 2
             found = found - step
         else:
             least, step, found = unexplained, place - found, place
         if np.abs(step * steps).max() < CONVERGED:
             return found, covariance
-    raise OrbitalError("the map does not come to rest in the orbital image: no place for it")
+    raise OrbitalError("the position of the map in the orbital image does not converge")
 
 
 def steps_in_cells(east: np.ndarray, north: np.ndarray, cell_m: float) -> Float64[np.ndarray, " 4"]:
-    """By how many cells a unit of each unknown of a place moves the edge of a map."""
+    """Movement of the map's edge, in cells, by a unit of each unknown."""
     extent = np.hypot(np.ptp(east), np.ptp(north)) / 2
     return np.array([1.0, 1.0, extent, extent]) / cell_m
 
@@ -324,20 +326,20 @@ def steps_in_cells(east: np.ndarray, north: np.ndarray, cell_m: float) -> Float6
 def with_likely_scale(
     place: Float64[np.ndarray, " 4"], covariance: Float64[np.ndarray, "4 4"]
 ) -> tuple[Float64[np.ndarray, " 4"], Float64[np.ndarray, "4 4"]]:
-    """A place and its covariance with what is known of the scale beforehand."""
+    """A position and its covariance, combined with the prior of the scale."""
     gain = covariance[:, -1] / (covariance[-1, -1] + SCALE_SIGMA**2)
     return place - gain * place[-1], covariance - np.outer(gain, covariance[-1])
 
 
 def _unexplained_share(layers: np.ndarray, value: np.ndarray) -> float:
-    """Share of what the image shows that no combination of the predictors explains."""
+    """Fraction of the image's contrast that no combination of the predictors explains."""
     fitted, *_ = np.linalg.lstsq(layers.T, value, rcond=None)
     return float(np.var(value - layers.T @ fitted) / np.var(value))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _View:
-    """The image with its slopes per metre east and north, looked up from places on the map."""
+    """The image with its slopes per metre east and north, interpolated at points of the map."""
 
     pictures: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     image: MapGrid
@@ -353,7 +355,7 @@ class _View:
     def at(
         self, place: Float64[np.ndarray, " 4"], east: np.ndarray, north: np.ndarray
     ) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray]:
-        """What the image shows of the map, how it changes with `place`, and where it is known."""
+        """Image values at the map's points, derivatives by `place`, and where they are known."""
         at = map_to_image(self.ground, place, east, north)
         value, d_e, d_n, shown = (
             _looked_up(picture, *samples_of(self.image, *at)) for picture in self.pictures
@@ -365,7 +367,7 @@ class _View:
 
 
 def _looked_up(picture: np.ndarray, sample: np.ndarray, line: np.ndarray) -> np.ndarray:
-    """A picture at some places; OpenCV takes them as a picture of fewer than 32768 columns."""
+    """An image at some points, in rows of fewer than 32768, which OpenCV requires."""
     rows = -(-len(sample) // ROW)
     columns, lines = (
         np.pad(k, (0, rows * ROW - len(k))).reshape(rows, ROW) for k in (sample, line)
@@ -381,7 +383,7 @@ def clustered_covariance(
     north: np.ndarray,
     cluster_m: float = CLUSTER_M,
 ) -> Float64[np.ndarray, "4 4"]:
-    """Cluster-robust covariance of the place (Liang and Zeger 1986)."""
+    """Cluster-robust covariance of the position (Liang and Zeger 1986)."""
     bread = np.linalg.inv(design.T @ design)
     squares = np.column_stack([np.floor(east / cluster_m), np.floor(north / cluster_m)])
     _, cluster = np.unique(squares, axis=0, return_inverse=True)

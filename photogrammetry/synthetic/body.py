@@ -1,13 +1,13 @@
-"""The rover itself: boxes that stand in the view of its cameras and cast a shadow on the ground.
+"""The rover itself: boxes that are visible to its cameras and cast a shadow on the ground.
 
-The boxes lie in the rover frame (x forward, y right, z down) and have the size of a Mars
+The boxes are given in the rover frame (x forward, y right, z down) and have the size of a Mars
 Exploration Rover, 1.6 m long and 2.3 m wide over its solar panels, which are 0.6 m above the
-ground. A ray x = c + t d enters a box where the last of its three slabs is entered,
+ground. A ray x = c + t d enters a box where it enters the last of its three slabs,
 
     t_in = max over axes of min((low - c) / d, (high - c) / d),
 
-if that is before the first one is left, and not behind c. What is entered first is seen; a point is
-in the shadow of the rover where its ray to the sun enters any box.
+if that is before it leaves the first one, and not behind c. The first box entered is visible; a
+point is in the rover's shadow if its ray to the sun enters any box.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ CELL_M = (0.04, 0.07)
 """Solar cells, along and across the rover, with a bright line between."""
 LINE_M = 0.004
 ANTENNA_ALBEDO, CELL_ALBEDO, LINE_ALBEDO = 0.9, 0.35, 0.8
-"""As shares of the soil's: panels are dark and dusty."""
+"""Relative to the soil's: panels are dark and dusty."""
 PANEL_TOP_M = -0.306
 
 Vectors = Float32[np.ndarray, "n 3"]
@@ -46,20 +46,20 @@ BODY = (
     Box((-0.42, -0.38, -0.78), (-0.38, -0.10, -0.50)),  # high-gain antenna and its mast
     Box((-0.41, -0.26, -0.50), (-0.37, -0.22, PANEL_TOP_M)),
 )
-"""What the cameras can see."""
+"""Parts visible to the cameras."""
 MAST = (
     Box((0.42, -0.01, -1.10), (0.50, 0.07, PANEL_TOP_M)),
-    Box((0.38, -0.15, -1.32), (0.54, 0.21, -1.20)),  # stereo bar
+    Box((0.38, -0.15, -1.32), (0.54, 0.21, -1.20)),  # # bar of the stereo cameras
 )
-"""What carries the cameras and casts shadows only."""
+"""Parts that carry the cameras and only cast shadows."""
 
 
 def entered(
     origin: Vector3 | Vectors, rays: Vectors, boxes: tuple[Box, ...] = BODY
 ) -> tuple[PerRay, Vectors]:
-    """(distance, normal): where rays of length 1 enter boxes first, and the side of entrance.
+    """(distance, normal): first intersections of unit rays with boxes, and the sides entered.
 
-    The distance of a ray that misses them is infinite.
+    The distance of a ray that misses all boxes is infinite.
     """
     nearest = np.full(len(rays), np.inf, np.float32)
     normals = np.zeros((len(rays), 3), np.float32)

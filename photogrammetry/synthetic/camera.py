@@ -1,16 +1,16 @@
-"""What optics, detector and coding do to the light that reaches a camera.
+"""Effects of optics, detector and coding on an image.
 
-Towards the edges less light arrives. With r the distance from the middle in half widths of the
-image, the flat fields of Curiosity's Navcams (mean of both eyes, up to 0.03) are
+Light decreases towards the edges. With r the distance from the middle in half widths of the image,
+the flat fields of Curiosity's Navcams (mean of both eyes, up to 0.03) are
 
     v(r) = 1 - 0.129 r^2 - 0.107 r^4 + 0.048 r^6,
 
-0.91 at the middle of an edge in the mean, 0.66 in the corners. Dust on the optics darkens discs at
-the same place in all images of a camera, the smaller the darker. Pixels count electrons:
+0.91 at the middle of an edge on average, 0.66 in the corners. Dust on the optics darkens discs at
+the same position in all images of a camera, smaller ones more. Pixels count electrons:
 
     DN = signal + noise,     variance = signal / 41.5 + 0.6^2     (full well 170,000 e-, 25 e-).
 
-At last images are coded by wavelets to a number of bits a pixel, as ICER does; here by JPEG 2000.
+Finally, images are coded by wavelets to a number of bits per pixel, like ICER; here by JPEG 2000.
 """
 
 from __future__ import annotations
@@ -26,43 +26,44 @@ from solmap.photogrammetry.errors import PixelError
 from solmap.photogrammetry.synthetic.lattice import stream_of
 
 SHARPEST_PX = 0.43
-"""Standard deviation of a point by the area of pixels and the sampling of the panorama alone."""
+"""Standard deviation of a point's image by the area of pixels and the sampling of the panorama
+only."""
 FALLOFF = (-0.129, -0.107, 0.048)
-"""Of the vignetting, by even powers of the distance from the middle."""
+"""Coefficients of the vignetting, by even powers of the distance from the middle."""
 DUST_PX = (1.5, 25.0)
-"""Radii of dust specks on a full frame, spread evenly over their logarithm."""
+"""Radii of dust specks on a full frame, distributed evenly over their logarithm."""
 ELECTRONS_PER_DN = 41.5
 READ_DN = 0.6
 BRIGHTEST_DN = 4095
 CONTAINER_BITS = 16
-"""Of a pixel before coding, by which the coder counts its ratio."""
+"""Bits of a pixel before coding, which define the coder's ratio."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraParams:
-    """How far from perfect all cameras are."""
+    """Imperfections common to all cameras."""
 
     psf_px: float = SHARPEST_PX
-    """Standard deviation of the image of a point, the pixel's own area included."""
+    """Standard deviation of the image of a point, including the pixel's own area."""
     vignetting: float = 0.0
-    """Share of the falloff of Curiosity's Navcams."""
+    """Fraction of the vignetting of Curiosity's Navcams."""
     dust_specks: int = 0
-    """On every camera."""
+    """Number of dust specks on every camera."""
     bits_per_pixel: float = 0.0
-    """Of the wavelet coding; 0: none."""
+    """Bits per pixel of the wavelet coding; 0: none."""
 
     def __post_init__(self) -> None:
         if self.psf_px < SHARPEST_PX or not 0 <= self.bits_per_pixel <= CONTAINER_BITS:
             raise PixelError(
-                f"points are at least {SHARPEST_PX} px wide and pixels coded in at most "
-                f"{CONTAINER_BITS} bits, not {self.psf_px} px and {self.bits_per_pixel} bits"
+                f"psf_px must be at least {SHARPEST_PX} and bits_per_pixel at most "
+                f"{CONTAINER_BITS}, not {self.psf_px} and {self.bits_per_pixel}"
             )
 
 
 def expose(
     signal: GreyImage, transmission: GreyImage, averaging: int, rng: np.random.Generator
 ) -> Int32[np.ndarray, "lines samples"]:
-    """The numbers that the converter gives for a mean signal without noise."""
+    """The counts of the converter for a mean signal without noise."""
     signal = signal * transmission
     noise = rng.standard_normal(signal.shape, dtype=np.float32)
     share = np.float32(1 / (ELECTRONS_PER_DN * averaging**2))
@@ -73,12 +74,12 @@ def expose(
 
 @lru_cache(maxsize=4)
 def transmission(params: CameraParams, side: int, *name: int) -> GreyImage:
-    """Share of the light that optics and dust let through to every pixel of a camera.
+    """Fraction of the light that optics and dust transmit to every pixel of a camera.
 
     Args:
-        params: what the optics are like.
+        params: of the optics.
         side: samples and lines of the image.
-        name: tells cameras apart whose dust lies elsewhere.
+        name: of the camera; each has its own dust.
     """
     row, column = np.mgrid[:side, :side].astype(np.float32)
     middle = (side - 1) / 2

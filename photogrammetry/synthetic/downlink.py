@@ -1,15 +1,15 @@
-"""The downlink of a rover that drives through a world with known truth: the entrance.
+"""The downlink of a rover that drives through a world with known truth.
 
     world = make_world(WorldParams(terrain="hills"), rng_seed=4)
     files = [*text_files(world), *(job.run(world) for job in render_jobs(world))]
 
 One seed fixes landscape, traverse, telemetry and mast errors, and the noise of every image, each
-from a stream of its own: files come out the same one by one, in threads, or in processes.
+from its own random stream: files are the same whether made one by one, in threads, or in processes.
 
-Beside the images come the vector files with the telemetry solution, as the archive keeps it: one
-SVF a rover holds the origin of every site in the site before; one RVF a site holds the pose of the
-rover at every motion counter (facts 4.3). The first site is given in site 0 with no offset, so that
-the LSL begins at the first stop. Numbers have six digits, as in the archive.
+The downlink includes vector files with the telemetry solution, as in the archive: one SVF per rover
+with the origin of every site in the previous one; one RVF per site with the pose of the rover at
+every motion counter (facts 4.3). The first site is given in site 0 with no offset, so that the
+origin of the LSL is the first stop. Numbers have six digits, as in the archive.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def site_vector_file(stops: Sequence[Stop], added: datetime) -> str:
-    """The SVF: every site in the one before it."""
+    """The SVF: every site in the previous one."""
     sites = {stop.id.site: stop.lsl_from_site.translation_m for stop in stops}
     solutions, before = [], (0, np.zeros(3))
     for site, origin in sites.items():
@@ -81,30 +81,30 @@ class DownlinkFile:
 
 @dataclass(frozen=True, slots=True)
 class RenderJob:
-    """One picture still to be taken. Jobs depend on nothing but the world."""
+    """One image to be rendered. Jobs depend only on the world."""
 
     shot: Shot
     eye: Eye
 
     def path(self, world: World) -> str:
-        """Where the picture belongs in the downlink."""
+        """Path of the image in the downlink."""
         exposure = world.exposure(self.shot, self.eye)
         return f"sol{exposure.sol:04d}/edr/{exposure.file_name}"
 
     def run(self, world: World) -> DownlinkFile:
-        """Take the picture."""
+        """Render the image."""
         exposure = world.exposure(self.shot, self.eye)
         data = edr_bytes(exposure, photograph(world, self.shot, self.eye))
         return DownlinkFile(self.path(world), data)
 
 
 def render_jobs(world: World) -> list[RenderJob]:
-    """Every picture of the downlink, stop after stop."""
+    """All images of the downlink, stop by stop."""
     return [RenderJob(shot, eye) for shot in world.shots for eye in (Eye.LEFT, Eye.RIGHT)]
 
 
 def simulate_downlink(params: WorldParams, rng_seed: int) -> Iterator[DownlinkFile]:
-    """The files of a downlink, one after the other: vector files, truth, pictures."""
+    """The files of a downlink, one after the other: vector files, truth, images."""
     world = make_world(params, rng_seed)
     yield from text_files(world)
     for job in render_jobs(world):

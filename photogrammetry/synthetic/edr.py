@@ -1,8 +1,9 @@
-"""Experiment data records: pixels with a flight-like PDS3 label, under the archive's file names.
+"""Experiment data records: pixels with a flight-like PDS3 label, and the archive's file names.
 
-The label is that of a flight image (Spirit, sol 1869) with the values of this image put in: every
-group of the archive is there, numbers have six significant digits as on the ground, records hold
-one image line, and the pixels are 16-bit big-endian integers of 12 bits. There is no VICAR label.
+The label is that of a flight image (Spirit, sol 1869) with the values of this image put in: it has
+every group of the archive, numbers have six significant digits as in ground products, records
+contain one image line, and the pixels are 16-bit big-endian integers of 12 bits. There is no VICAR
+label.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from solmap.photogrammetry.synthetic.rig import (
 )
 
 CLOCK_ZERO = datetime(2000, 1, 1, 11, 58, 55, 816000)  # noqa: DTZ001 - UTC, written without zone
-"""UTC at which the spacecraft clock stood at 0 (it drifts some minutes a year; not here)."""
+"""UTC of clock count 0 (the real clock drifts some minutes a year; this one does not)."""
 EXPOSURE_S = 0.32
 INSTRUMENT_NAMES = {
     Instrument.NAVCAM: "NAVIGATION CAMERA",
@@ -41,7 +42,7 @@ INSTRUMENT_NAMES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exposure:
-    """All that the label of one image says."""
+    """Data for the label of one image."""
 
     stop: StopId
     sol: int
@@ -53,7 +54,7 @@ class Exposure:
     eye: Eye
     pointing: Pointing
     camera: Cahvor
-    """In the rover frame, as mast angles and calibration give it."""
+    """In the rover frame, by mast angles and calibration."""
     clock: int
     pma: int
     sequence: str
@@ -61,11 +62,11 @@ class Exposure:
     celsius: float = 0.0
     """Temperature of the detectors."""
     bits_per_pixel: float = 0.0
-    """Of lossy coding; 0: none."""
+    """Bits per pixel of lossy coding; 0: none."""
 
     @property
     def unit(self) -> CameraUnit:
-        """The camera that took it."""
+        """The camera of the image."""
         return CAMERAS[self.instrument, self.eye]
 
     @property
@@ -93,7 +94,7 @@ def edr_bytes(exposure: Exposure, pixels: Int32[np.ndarray, "lines samples"]) ->
     side = FULL_FRAME // exposure.averaging
     if pixels.shape != (side, side) or pixels.min() < 0 or pixels.max() > 4095:  # noqa: PLR2004
         raise PixelError(
-            f"{exposure.product_id} takes {side} x {side} pixels from 0 to 4095, not "
+            f"{exposure.product_id} needs {side} x {side} pixels from 0 to 4095, not "
             f"{pixels.shape} from {pixels.min()} to {pixels.max()}"
         )
     record_bytes = 2 * side
@@ -102,7 +103,7 @@ def edr_bytes(exposure: Exposure, pixels: Int32[np.ndarray, "lines samples"]) ->
 
 
 def label_bytes(exposure: Exposure) -> bytes:
-    """The file of one image without its pixels: a label that says all but what was seen."""
+    """The file of one image without its pixels: only the label."""
     record_bytes = 2 * FULL_FRAME // exposure.averaging
     side = FULL_FRAME // exposure.averaging
     nothing = np.zeros((1, 1), dtype=np.int32)
@@ -111,7 +112,7 @@ def label_bytes(exposure: Exposure) -> bytes:
 
 
 def _label(values: Mapping[str, object], record_bytes: int, image_records: int) -> bytes:
-    """The label filled in and padded to whole records, which it counts itself."""
+    """The label filled in and padded to whole records, whose number it includes."""
     template = (
         resources.files("solmap.photogrammetry.synthetic").joinpath("edr.lbl").read_text("ascii")
     )
@@ -170,7 +171,7 @@ def _values(exposure: Exposure) -> dict[str, object]:
 
 
 def _compression(bits_per_pixel: float) -> str:
-    """How the image was coded, as flight labels have it."""
+    """Keywords of the image coding, as in flight labels."""
     rows = {"DESC": '"No compression"', "MODE": "0", "NAME": '"NONE"', "RATIO": "1.0"}
     if bits_per_pixel:
         rows = {
@@ -230,11 +231,11 @@ def _statistics(pixels: np.ndarray) -> dict[str, str]:
 
 
 def format_number(value: float) -> str:
-    """Six significant digits, and a real number at a glance."""
+    """Six significant digits, always recognisable as a real number."""
     text = f"{value:.6g}"
     return text if any(sign in text for sign in ".e") else f"{text}.0"
 
 
 def format_vector(values: Iterable[float]) -> str:
-    """(x,y,z) as labels write it."""
+    """(x,y,z) as in labels."""
     return "(" + ",".join(format_number(float(value)) for value in values) + ")"

@@ -1,14 +1,14 @@
-"""Windows of an endless lattice, and fractal relief on it that no window changes.
+"""Windows of an endless lattice, and fractal relief that does not depend on the window.
 
-Nodes of level k stand 0.02 m * 2^k apart, at whole multiples of that from the LSL origin. A fractal
+Nodes of level k are 0.02 m * 2^k apart, at whole multiples of that from the LSL origin. A fractal
 is made from coarse to fine: the nodes of level k + 1 are subdivided as a cubic B-spline (the
 binomial kernel 1 4 6 4 1 on every second node), and every new node is displaced at random,
 
     z_k = subdivide(z_{k+1}) + sigma_k n_k,        sigma_k = sigma (cell_k / 1 m)^H
 
 which is successive random addition (Saupe 1988) with Hurst exponent H. The numbers n_k come from
-blocks of nodes, each with a stream of its own, so that a window computed today for one stop and one
-computed later for another hold the same ground.
+blocks of nodes, each with its own random stream, so that windows computed at different times for
+different stops have the same ground.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from solmap.photogrammetry.arrays import Float32, Float64
 from solmap.photogrammetry.errors import TerrainError
 
 FINEST_NODE_M = 0.02
-"""Node distance of level 0: some ten Navcam pixels at 2 m, one at 20 m."""
+"""Node distance of level 0: about ten Navcam pixels at 2 m, one at 20 m."""
 COARSEST = 13
-"""Level at which a fractal starts: 164 m."""
+"""Coarsest level of a fractal: 164 m."""
 NOISE_BLOCK = 128
-"""Nodes along the side of a block that shares one stream of random numbers."""
+"""Nodes along the side of a block with one random stream."""
 
 Nodes = Float32[np.ndarray, "rows cols"]
-"""One value a node; rows run north, columns east."""
+"""One value per node; rows run north, columns east."""
 
 
 def node_distance_m(level: int) -> float:
-    """Distance of neighbouring nodes of a level, metres."""
+    """Distance between neighbouring nodes of a level, metres."""
     return FINEST_NODE_M * 2**level
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A rectangle of nodes: row i, column j stands at (first_row + i, first_col + j) cells."""
+    """A rectangle of nodes: row i, column j is at (first_row + i, first_col + j) cells."""
 
     level: int
     first_row: int
@@ -50,11 +50,11 @@ class Window:
 
     def __post_init__(self) -> None:
         if self.rows < 2 or self.cols < 2:  # noqa: PLR2004 - one cell
-            raise TerrainError(f"a window of {self.rows} x {self.cols} nodes holds no cell")
+            raise TerrainError(f"a window of {self.rows} x {self.cols} nodes contains no cell")
 
     @classmethod
     def around(cls, level: int, north: float, east: float, half_m: float) -> Window:
-        """The square window that reaches `half_m` from a point, and one cell more."""
+        """The square window of half side `half_m` around a point, plus one cell."""
         cell_m = node_distance_m(level)
         half = math.ceil(half_m / cell_m) + 1
         row, col = round(north / cell_m), round(east / cell_m)
@@ -70,7 +70,7 @@ class Window:
 
     @property
     def cell_m(self) -> float:
-        """Distance of neighbouring nodes, metres."""
+        """Distance between neighbouring nodes, metres."""
         return node_distance_m(self.level)
 
     @property
@@ -102,11 +102,11 @@ def bilinear(values: Nodes, row: np.ndarray, col: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class Fractal:
-    """Random relief (or mottling) with a power law of its own."""
+    """Random relief (or mottling) with its own power law."""
 
     seed: int
     stream: int
-    """Tells relief from mottling of one seed."""
+    """Distinguishes relief from mottling of the same seed."""
     sigma: float
     """Standard deviation of the displacement at nodes 1 m apart."""
     hurst: float
@@ -119,7 +119,7 @@ class Fractal:
         return displacement
 
     def displacement(self, window: Window) -> Nodes:
-        """What the window's own level adds to the subdivided nodes of the coarser one."""
+        """The random part that the window's level adds to subdivided nodes of the coarser one."""
         values = np.empty((window.rows, window.cols), np.float32)
         last_row, last_col = window.first_row + window.rows, window.first_col + window.cols
         for i in range(window.first_row // NOISE_BLOCK, -(-last_row // NOISE_BLOCK)):
@@ -137,12 +137,12 @@ class Fractal:
 
 
 def stream_of(*key: int) -> np.random.Generator:
-    """Random numbers that belong to a key of whole numbers, whatever was drawn before."""
+    """Random numbers for a key of whole numbers, independent of any others drawn before."""
     return np.random.Generator(np.random.SFC64([part % 2**32 for part in key]))
 
 
 def parent_window(window: Window) -> Window:
-    """The window of the next coarser level that a window is subdivided from."""
+    """The window of the next coarser level from which a window is subdivided."""
     return Window(
         window.level + 1,
         window.first_row // 2 - 1,

@@ -1,15 +1,15 @@
-"""The ground as the sun of one stop shows it: shading and cast shadows, baked into a picture.
+"""The ground lit by the sun of one stop: shading and cast shadows, rendered to a texture.
 
-With the unit normal n, the unit vector s towards the sun, the share k of the sky's light and the
-albedo w, the radiance of a node is
+With the unit normal n, the unit vector s towards the sun, the fraction k of skylight and the albedo
+w, the radiance of a node is
 
     L = w (max(n.s, 0) V + k (1 + n_z) / 2),       V = 1 in the sun, 0 in shadow.
 
-For shadow the ground is turned so that light runs along its rows: with u the way from the sun, a
-node sees it unless an earlier one of its row has a larger z + u tan(elevation), a running maximum.
-The shadow of the rover, if it is there, is that of its boxes (`body`).
-What is finer than the nodes is a picture as well: a square of 8.19 m of grains and pebbles 4 mm
-and up, lit in the same way and laid everywhere; it has no height in the truth.
+For shadows the ground is rotated so that light runs along its rows: with u the distance from the
+sun along a row, a node is lit unless an earlier one of its row has a larger z + u tan(elevation), a
+running maximum. The shadow of the rover, if included, is that of its boxes (`body`). Detail finer
+than the nodes is a texture too: a square of 8.19 m of grains and pebbles of 4 mm and more, lit in
+the same way and repeated everywhere; it has no height in the truth.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from solmap.photogrammetry.synthetic.lattice import Nodes, Window, stream_of
 from solmap.photogrammetry.synthetic.terrain import Patch, Terrain, raise_rocks
 
 SKY_LIGHT = 0.22
-"""Light of the dusty sky, as a share of the sun's at right angles."""
+"""Skylight of the dusty sky, as a fraction of direct sunlight at right angles."""
 GRAIN_M = 0.004
 GRAINS = 2048
 """Nodes along the side of the square of grains: 8.19 m."""
@@ -37,13 +37,13 @@ PENUMBRA_M = 0.01
 LAYERS = ((0, 24.0, 27.0), (1, 42.0, 45.0), (3, 120.0, 130.0), (6, 1000.0, 1024.0))
 """Level, reach and half width in metres, from the camera outwards."""
 ROVER_SHADOW_M = 12.0
-"""Half the side of the square of ground that is searched for the shadow of the rover."""
+"""Half the side of the square of ground in which the rover's shadow is searched."""
 _baking = threading.Lock()
 
 
 @dataclass(frozen=True, slots=True)
 class Sun:
-    """Where the sun stands, radians: azimuth clockwise from north, elevation above the horizon."""
+    """Direction of the sun, radians: azimuth clockwise from north, elevation above the horizon."""
 
     azimuth: float
     elevation: float
@@ -63,7 +63,7 @@ class Sun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
-    """Ground of one node distance, used up to a distance from the camera."""
+    """Ground of one node distance, used up to some distance from the camera."""
 
     window: Window
     elevation: Nodes
@@ -73,12 +73,13 @@ class Layer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LitGround:
-    """All that is seen from a stop: ever coarser layers outwards, and the grains of the soil."""
+    """Everything visible from a stop: coarser layers outwards, and the grains of the soil."""
 
     sun: Sun
     layers: tuple[Layer, ...]
     grains: tuple[np.ndarray, ...]
-    """Radiance ratio of the grains at 4, 8 and 16 mm, one more row and column than the period."""
+    """Ratio of the radiance by grains at 4, 8 and 16 mm, one more row and column than the
+    period."""
 
     def sky(self, tangent: np.ndarray) -> np.ndarray:
         """Radiance of the sky over the tangent of the elevation: brightest at the horizon."""
@@ -89,14 +90,14 @@ class LitGround:
 def light_ground(
     terrain: Terrain, north: float, east: float, sun: Sun, rover: Pose | None = None
 ) -> LitGround:
-    """The lit ground around a stop; kept for as long as one of the last two is asked for again.
+    """The lit ground around a stop; the last two are cached.
 
     Args:
         terrain: the ground.
         north: of the stop.
         east: of the stop.
-        sun: where it stands.
-        rover: its true pose in the LSL, if its shadow is to be seen.
+        sun: its direction.
+        rover: its true pose in the LSL, if its shadow is to be included.
     """
     with _baking:
         return _light(terrain, north, east, sun, rover)
@@ -115,7 +116,7 @@ def _light(terrain: Terrain, north: float, east: float, sun: Sun, rover: Pose | 
 
 
 def _beside_shadow(patch: Patch, sun: Sun, rover: Pose) -> Nodes:
-    """1 where a node is beside the rover's shadow, 0 in it."""
+    """1 where a node is outside the rover's shadow, 0 inside."""
     window, beside = patch.window, np.ones_like(patch.elevation)
     rows = np.flatnonzero(np.abs(window.north - rover.translation_m[0]) < ROVER_SHADOW_M)
     cols = np.flatnonzero(np.abs(window.east - rover.translation_m[1]) < ROVER_SHADOW_M)
@@ -134,11 +135,11 @@ def _beside_shadow(patch: Patch, sun: Sun, rover: Pose) -> Nodes:
 def ground_radiance(
     elevation: Nodes, cell_m: float, sun: Sun, sunlit: Nodes | None = None
 ) -> Nodes:
-    """Radiance of ground of albedo 1; `sunlit` is what other things than the ground let through."""
+    """Radiance of ground of albedo 1; `sunlit` is the fraction transmitted by other objects."""
     to_north, to_east, up = (float(part) for part in sun.direction)
     north: np.ndarray = cv2.Sobel(elevation, cv2.CV_32F, 0, 1, ksize=1, scale=-0.5 / cell_m)
     east: np.ndarray = cv2.Sobel(elevation, cv2.CV_32F, 1, 0, ksize=1, scale=-0.5 / cell_m)
-    upright = 1 / np.sqrt(north * north + east * east + 1)  # n = (north, east, 1) upright
+    upright = 1 / np.sqrt(north * north + east * east + 1)  # # n = (north, east, 1), not normalised
     north *= np.float32(to_north)
     east *= np.float32(to_east)
     north += east
@@ -155,10 +156,10 @@ def ground_radiance(
 
 
 def _sunlit_share(elevation: Nodes, cell_m: float, sun: Sun) -> Nodes:
-    """Share of the sun's disc that every node sees."""
+    """Fraction of the sun's disc visible from every node."""
     rows, cols = elevation.shape
     side = int(np.ceil(np.hypot(rows, cols)))
-    # Turned picture: x runs from the sun, (x, y) = (side - 1) / 2 + turn (col - c, row - r).
+    # # Rotated raster: x runs away from the sun, (x, y) = (side - 1) / 2 + turn (col - c, row - r).
     from_sun = np.array([-np.sin(sun.azimuth), -np.cos(sun.azimuth)])  # (col, row)
     turn = np.array([from_sun, [-from_sun[1], from_sun[0]]])
     middle = np.array([(cols - 1) / 2, (rows - 1) / 2])
@@ -217,7 +218,7 @@ class _GrainWindow(Window):
 
 
 def _ring_noise(rng: np.random.Generator, cells: int, octaves: int, sigma: float) -> Nodes:
-    """Random numbers on a square that repeats itself, subdivided some octaves."""
+    """Random numbers on a periodic square, subdivided some octaves."""
     noise: np.ndarray = rng.standard_normal((cells, cells), dtype=np.float32) * np.float32(sigma)
     for _ in range(octaves):
         ringed = cv2.copyMakeBorder(noise, 2, 2, 2, 2, cv2.BORDER_WRAP)

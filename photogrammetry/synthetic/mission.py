@@ -1,24 +1,24 @@
-"""A traverse at mission scale whose truth is known: slip by terrain, gaps, orbital control.
+"""A traverse at mission scale with known truth: slip by terrain, gaps, orbital control.
 
-There are no images, only what would have been measured in them (`networks`). A rover drives
-`distance_m` in equal parts with panoramas between. Wheels slip by terrain: stretches of
-`terrain_stops` drives have a slip of their own between `LEAST_SLIP` and `MOST_SLIP` (log-uniform:
-bedrock more often than sand), single drives half as much to half as much again; what wheels count
-is always too far. On top come the random errors of `networks` with a slip of `LEAST_SLIP`.
+There are no images, only simulated measurements (`networks`). A rover drives `distance_m` in equal
+parts with panoramas between. Wheels slip by terrain: stretches of `terrain_stops` drives have their
+own slip between `LEAST_SLIP` and `MOST_SLIP` (log-uniform: bedrock more often than sand), single
+drives 0.5 to 1.5 times that; odometry always overestimates. Added to this are the random errors of
+`networks` with a slip of `LEAST_SLIP`.
 
-Gaps are drives over which images tie nothing (on the way out of Eagle Crater there were no images
-at all): what lies on both sides hangs together by telemetry, or by the orbital image that shows
-every `control_every`th stop to `CONTROL_SIGMA_M`. The place of that image is unknown
+Gaps are drives without tie points (on the way out of Eagle Crater there were no images at all):
+both sides are connected only by telemetry, or by the orbital image that gives every
+`control_every`th stop to `CONTROL_SIGMA_M`. The position of that image is unknown
 (`ControlFrame.from_sigmas`), or certain where the image is the map itself.
 
-The orbital image is shifted, turned and scaled as its georeference may be
-(`ControlFrame.covariance`), and every place in it is off by what its registration states.
+The orbital image is shifted, rotated and scaled within the errors of its georeference
+(`ControlFrame.covariance`), and every position in it has the stated error of its registration.
 
 The images of the mission are labels without pixels. Stops are drives of one site, so that telemetry
-needs no chain of sites; a stop takes a panorama of Navcam pairs a sol, and its first exposure names
-the pair in the network. The label's cameras are those of the mast (`rig`), turned as the network's
-pairs are; their axes differ from those of the simulated pairs by a degree or two, so footprints are
-a rover's and tie points are the simulation's.
+needs no chain of sites; each stop has a panorama of Navcam pairs per sol, and its first exposure
+names the pair in the network. The label's cameras are those of the mast (`rig`), rotated like the
+network's pairs; their axes differ from those of the simulated pairs by a degree or two, so
+footprints are realistic and tie points are simulated.
 """
 
 from __future__ import annotations
@@ -51,19 +51,19 @@ from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
 from solmap.photogrammetry.synthetic.traverse import solar_longitude, sun_at
 
 CROSS_TIES, FAR_CROSS_TIES = 20, 6
-"""Between each stop and the next, and between each stop and the one after the next."""
+"""Cross-site ties between consecutive stops, and between stops two apart."""
 LEAST_SLIP, MOST_SLIP = 0.01, 0.2
 GAP_DRIVES = 2
-"""Drives of a gap."""
+"""Number of drives of a gap."""
 FINE_EVERY = 10
-"""The sun is sighted at every so many stops."""
+"""Interval in stops of sun sightings."""
 CONTROL_SIGMA_M = 0.25
 """A pixel of HiRISE."""
 MISSION = "MER2"
 SITE, DRIVES = 0, 2
-"""The site of all stops, and by how much their drive counter goes up."""
+"""The site of all stops, and the increment of their drive counter."""
 MOST_STOPS = 500
-"""Beyond a drive counter of 1295 file names cannot tell stops apart."""
+"""Beyond a drive counter of 1295 file names cannot distinguish stops."""
 FIRST_CLOCK, SOL_S, PAIR_S = 126_000_000, 88_775, 60
 HOUR = 12.0
 SEQUENCE = "P0703"
@@ -71,7 +71,7 @@ SEQUENCE = "P0703"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedControl:
-    """An orbital image, what it shows, and where it truly lies."""
+    """An orbital image, the stops in it, and its true position."""
 
     frame: ControlFrame
     control: tuple[StopControl, ...]
@@ -91,18 +91,18 @@ def simulate_control(  # noqa: PLR0913 - one keyword for each thing that a test 
     sigma_azimuth_deg: float | None = None,
     noise: float = 1.0,
 ) -> SimulatedControl:
-    """Where an orbital image shows some stops of a network.
+    """Positions of some stops of a network in an orbital image.
 
     Args:
         rng: source of all randomness.
         network: of which `truth` is true.
-        truth: where its stops are.
-        stops: numbers of those that the image shows.
-        frame: what is known of the image's place; its true place is drawn from that.
-        sigma_m: of each coordinate of a place.
+        truth: true poses of its stops.
+        stops: numbers of those in the image.
+        frame: prior of the image's position; its true position is drawn from it.
+        sigma_m: of each coordinate of a position.
         sigma_up_m: of heights, if there are any.
         sigma_azimuth_deg: of azimuths, if there are any.
-        noise: multiplies the errors of places, not those of the image's own place.
+        noise: multiplies the errors of positions, not those of the image's own position.
     """
     centres = np.array([pose.translation_m for pose in truth.lsl_from_rover])
     north, east = centres[:, :2].mean(axis=0).tolist()
@@ -136,7 +136,7 @@ def simulate_control(  # noqa: PLR0913 - one keyword for each thing that a test 
 def _place_in_image(
     pose: Pose, frame: ControlFrame, place: np.ndarray
 ) -> Float64[np.ndarray, " 4"]:
-    """East, north, up and azimuth of a rover as the image has them."""
+    """East, north, up and azimuth of a rover in the image."""
     shift, (b, a) = place[:3], place[3:FRAME_UNKNOWNS]
     centre = np.array(frame.centre_m)
     north, east, down = pose.translation_m.tolist()
@@ -148,7 +148,7 @@ def _place_in_image(
 
 @dataclass(frozen=True, slots=True)
 class MissionPlan:
-    """What a mission is like; the defaults are the network that issue and paper speak of."""
+    """Parameters of a mission; the defaults are the network of the paper."""
 
     stops: int = 500
     distance_m: float = 7000.0
@@ -156,12 +156,12 @@ class MissionPlan:
     inter_ties: int = 100
     intra_ties: int = 174
     terrain_stops: int = 20
-    """Drives over which the ground, and the slip with it, stays the same."""
+    """Number of drives over which the ground, and with it the slip, stays the same."""
     gaps: int = 10
-    """Places where images tie nothing over `GAP_DRIVES` drives."""
+    """Number of gaps of `GAP_DRIVES` drives without tie points."""
     control_every: int = 10
-    """Every so many stops is found in the orbital image, the first and the last too, and those at
-    both ends of drives without ties, which only it can join; 0: none."""
+    """Interval of stops found in the orbital image; always included are the first, the last, and
+    both ends of drives without ties, which only the image can join. 0: none."""
 
     def __post_init__(self) -> None:
         needed = self.gaps * (GAP_DRIVES + 2) + 2
@@ -174,14 +174,14 @@ class MissionPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedMission:
-    """A mission and all that is true of it."""
+    """A simulated mission with its truth."""
 
     network: Network
     truth: NetworkTruth
     slips: Float64[np.ndarray, " drives"]
-    """Share of each drive by which wheels turned too far."""
+    """Slip of each drive, as a fraction."""
     untied: frozenset[int]
-    """Drives that images do not bridge, by the number of the stop that they end at."""
+    """Drives without ties, by the number of the stop at which they end."""
     control: SimulatedControl | None
 
     @property
@@ -194,7 +194,7 @@ class SimulatedMission:
 
 @dataclass(frozen=True, slots=True)
 class Names:
-    """How stops and pairs of a simulated mission are called."""
+    """Names of stops and pairs of a simulated mission."""
 
     stop: Callable[[int], StopId] = numbered_stop
     pair: Callable[[int, int], str] = numbered_pair
@@ -206,7 +206,7 @@ def simulate_mission(
     frame: ControlFrame | None = None,
     names: Names | None = None,
 ) -> SimulatedMission:
-    """A mission by plan; `frame` is what is known of the place of its orbital image."""
+    """Simulate a mission by a plan; `frame` is the prior of the position of its orbital image."""
     names = names or Names()
     slips, untied = _slips(rng, plan), _gaps(rng, plan)
     network, truth = simulate_network(
@@ -242,7 +242,7 @@ def _slips(rng: np.random.Generator, plan: MissionPlan) -> Float64[np.ndarray, "
 
 
 def _gaps(rng: np.random.Generator, plan: MissionPlan) -> frozenset[int]:
-    """Drives without ties: gaps shared out over the traverse, one somewhere in each part of it."""
+    """Drives without ties: gaps distributed over the traverse, one in each part of it."""
     if not plan.gaps:
         return frozenset()
     bounds = np.linspace(2, plan.stops - 1, plan.gaps + 1).astype(int)
@@ -254,20 +254,21 @@ def _gaps(rng: np.random.Generator, plan: MissionPlan) -> frozenset[int]:
 
 
 def mission_names(plan: MissionPlan) -> Names:
-    """Names of stops and pairs as the archive has them: pairs are called as their left images.
+    """Names of stops and pairs as in the archive: pairs have the names of their left images.
 
     Raises:
-        PhotogrammetryError: more stops than file names can tell apart.
+        PhotogrammetryError: more stops than file names can distinguish.
     """
     if plan.stops > MOST_STOPS:
         raise PhotogrammetryError(
-            f"file names of {MISSION} tell {MOST_STOPS} stops of a site apart, not {plan.stops}"
+            f"file names of {MISSION} can distinguish {MOST_STOPS} stops of a site, not "
+            f"{plan.stops}"
         )
     return Names(_stop, lambda stop, pair: _exposure(stop, pair, plan, Eye.LEFT).product_id)
 
 
 def exposures(mission: SimulatedMission, plan: MissionPlan) -> Iterator[tuple[Exposure, Exposure]]:
-    """Left and right exposure of every pair, with the attitude and place that telemetry reports."""
+    """Left and right exposure of every pair, with the attitude and position by telemetry."""
     for stop, prior in enumerate(mission.network.stops):
         told = prior.lsl_from_rover
         pose = Pose(site_frame(SITE), told.source, told.rotation, told.translation_m)

@@ -1,11 +1,10 @@
-"""Image networks whose truth is known: no images, only what would have been measured in them.
+"""Image networks with known truth: no images, only simulated measurements.
 
 A rover with Navcam-like stereo pairs (45 degrees, 1024 pixels, baseline of 0.2 m, 1.5 m above the
-ground) drives over gently rolling ground and takes a panorama at each stop. Telemetry reports
-every drive with an error of wheel odometry, an azimuth that drifts and a noisy tilt; the mast
-points wrongly by a small rotation per pair. All errors are normal with the standard deviations
-that `AdjustmentParams` assumes, unless `TelemetryErrors` says otherwise, so that the statistics
-of an adjustment can be put to the test.
+ground) drives over gently rolling ground and takes a panorama at each stop. Telemetry reports every
+drive with an error of wheel odometry, an azimuth that drifts and a noisy tilt; mast pointing has a
+small error per pair. All errors are normal with the standard deviations of `AdjustmentParams`,
+unless `TelemetryErrors` gives others, so that the statistics of an adjustment can be tested.
 """
 
 from __future__ import annotations
@@ -31,14 +30,14 @@ FOCAL_PX = 1236.0
 BASE_M = 0.2
 MAST_M = 1.5
 ELEVATION_DEG = -18.0
-"""That all pairs of a panorama look at."""
+"""Number of points that all pairs of a panorama see."""
 RANGE_M = 60.0
 """Farthest tie point: a parallax of about four pixels."""
 
 
 @dataclass(frozen=True, slots=True)
 class TelemetryErrors:
-    """Standard deviations of what telemetry gets wrong, and a slip that is systematic."""
+    """Standard deviations of telemetry errors, and systematic slip."""
 
     slip: float = 0.1
     position_floor_m: float = 0.1
@@ -47,15 +46,15 @@ class TelemetryErrors:
     pointing_deg: float = 0.1
     azimuth_fine_deg: float = 1.0
     mean_slip: float = 0.0
-    """Fraction of each drive by which the wheels turned too far."""
+    """Slip of the wheels, as a fraction of each drive."""
     drive_slips: tuple[float, ...] = ()
-    """The same of every single drive, if not of all alike."""
+    """The same for every single drive, if not common to all."""
     mast_deg: float = 0.0
-    """Of elevation zero and tilts of the azimuth axis, the same for all pairs of all stops."""
+    """Elevation zero and tilts of the azimuth axis, the same for all pairs of all stops."""
 
     @classmethod
     def assumed_by(cls, params: AdjustmentParams) -> TelemetryErrors:
-        """The errors that an adjustment with these parameters believes in."""
+        """The errors assumed by an adjustment with these parameters."""
         return cls(
             params.slip,
             params.position_floor_m,
@@ -69,19 +68,19 @@ class TelemetryErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NetworkTruth:
-    """What is true of a simulated network."""
+    """The truth of a simulated network."""
 
     lsl_from_rover: tuple[Pose, ...]
     pointings: Float64[np.ndarray, "pairs 3"]
     points: ObjectPoints
     blunders: Float64[np.ndarray, " rows"]
-    """Size of the blunder put into each observation, pixels; zero for good ones."""
+    """Size of the blunder added to each observation, pixels; zero for good ones."""
     blunders_px: Float64[np.ndarray, "rows 3"]
-    """What it added to sample, line and parallax."""
+    """Blunder in sample, line and parallax."""
 
 
 def numbered_stop(k: int) -> StopId:
-    """The name of a stop by its number: fifty to a site."""
+    """The name of a stop by its number: fifty per site."""
     return StopId("TEST", 1 + k // 50, 10 * (k % 50))
 
 
@@ -112,26 +111,26 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
     stop_name: Callable[[int], StopId] = numbered_stop,
     pair_name: Callable[[int, int], str] = numbered_pair,
 ) -> tuple[Network, NetworkTruth]:
-    """A traverse and what telemetry and matching would say of it.
+    """A traverse with simulated telemetry and matching.
 
     Args:
         rng: source of all randomness.
         stops: how many.
-        pairs_per_stop: pairs of a panorama, evenly turned.
+        pairs_per_stop: pairs of a panorama, at equal angles.
         cross_ties: ties between each stop and the next.
         far_cross_ties: ties between each stop and the one after the next.
         inter_ties: ties between neighbouring pairs of a stop.
         intra_ties: ties inside single pairs, per stop.
         spacing_m: length of a drive.
         sigma_px: of every image coordinate and parallax, as matching states it.
-        tie_noise: how many times as large errors of image coordinates and parallaxes are.
+        tie_noise: factor on the errors of image coordinates and parallaxes.
         errors: of the telemetry; those that `AdjustmentParams` assumes by default.
-        blunders: fraction of cross-site observations that are of something else.
-        noise: multiplies all errors; 0 gives a network without contradiction.
-        loop: bend the traverse into a circle, so that the last stops meet the first ones again.
+        blunders: fraction of cross-site observations of wrong points.
+        noise: multiplies all errors; 0 gives a consistent network.
+        loop: bend the traverse into a circle, so that the last stops are at the first ones again.
         laps: times that a loop is driven; each stop is tied to the one a lap before.
         fine_every: the azimuth is measured at every so many stops (FINE); 0: never.
-        untied: drives that images do not bridge, by the number of the stop that they end at.
+        untied: drives without ties, by the number of the stop at which they end.
         stop_name: of a stop by its number.
         pair_name: of a pair by the number of its stop, and its own in the panorama.
     """
@@ -145,7 +144,7 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
     )
     pointings = rng.normal(0, np.radians(errors.pointing_deg) * noise, (len(pairs), 3))
     if errors.mast_deg:
-        own = rng.spawn(1)[0]  # all else is drawn as without
+        own = rng.spawn(1)[0]  # # all other values are drawn as without blunders
         mast = own.normal(0, np.radians(errors.mast_deg) * noise, 3)
         pointings += mast_partials(pairs) @ mast
     views = [_true_view(truth, pairs, pointings, k, pairs_per_stop) for k in range(len(pairs))]
@@ -184,7 +183,7 @@ def _is_fine(k: int, fine_every: int) -> bool:
 
 
 def _height(xy: Float64[np.ndarray, "n 2"]) -> PerPoint:
-    """Down coordinate of the ground: swells of some tens of metres, up to 3 m high."""
+    """Down coordinate of the ground: undulations of some tens of metres, up to 3 m high."""
     x, y = xy.T
     return 1.0 * np.sin(x / 17.0) * np.cos(y / 23.0) + 0.3 * np.sin(x / 4.1 + y / 5.3) - 0.02 * x
 
@@ -192,7 +191,7 @@ def _height(xy: Float64[np.ndarray, "n 2"]) -> PerPoint:
 def _traverse(
     rng: np.random.Generator, names: list[StopId], spacing_m: float, laps: int
 ) -> tuple[Pose, ...]:
-    """True poses; the first at the origin, level up to the ground's tilt. No laps: open."""
+    """True poses; the first at the origin, level except for the ground's tilt. No laps: open."""
     stops = len(names)
     turn = np.full(stops, 2 * np.pi * laps / stops) if laps else rng.normal(0, 0.2, stops)
     heading = rng.uniform(-np.pi, np.pi) + np.cumsum(turn)
@@ -200,7 +199,7 @@ def _traverse(
     along = np.column_stack([np.cos(heading), np.sin(heading)]) * (spacing_m if laps else steps)
     xy = np.vstack([[0.0, 0.0], np.cumsum(along, axis=0)])[:stops]
     if laps > 1:
-        xy += rng.normal(0, 1.0, xy.shape)  # no rover stops twice at one place
+        xy += rng.normal(0, 1.0, xy.shape)  # # all stops are at different positions
     down = _height(xy) - _height(xy[:1])
     tilts = rng.normal(0, np.radians(4.0), (stops, 2))
     return tuple(
@@ -221,12 +220,12 @@ def _telemetry(
     noise: float,
     fine_every: int,
 ) -> list[Pose]:
-    """What the rover reports: each drive from where it believes it was, the first stop exact."""
+    """Telemetry of the rover: each drive starts at the last reported pose, the first is exact."""
     poses, azimuth = [truth[0]], 0.0
     for k, (before, here) in enumerate(pairwise(truth), start=1):
         step = before.rotation.T @ (here.translation_m - before.translation_m)
         length = float(np.linalg.norm(step))
-        # the standard deviation that an adjustment derives from the *reported* length
+        # # the standard deviation that an adjustment computes from the *reported* length
         sigma = noise * (errors.slip * length + errors.position_floor_m)
         slip = errors.drive_slips[k - 1] if errors.drive_slips else errors.mean_slip
         reported = step * (1 + slip * noise) + rng.normal(0, sigma, 3)
@@ -241,7 +240,7 @@ def _telemetry(
 
 
 def _panorama(stop: StopId, names: list[str]) -> list[PairGeometry]:
-    """Nominal pairs of a panorama: evenly turned, 18 degrees down."""
+    """Nominal pairs of a panorama: at equal angles, 18 degrees down."""
     pairs, rover = [], stop.frame
     for k, name in enumerate(names):
         azimuth, elevation = 2 * np.pi * k / len(names), np.radians(ELEVATION_DEG)
@@ -280,7 +279,7 @@ def _true_view(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Wanted:
-    """Candidate points, and which stops shall see so many of them in so many pairs."""
+    """Candidate points, and the required numbers of stops and pairs that see them."""
 
     candidates: ObjectPoints
     stops: tuple[int, ...]
@@ -328,14 +327,14 @@ def _ground(
 
 
 def _lift(rng: np.random.Generator, xy: np.ndarray) -> PerPoint:
-    """Ground and rocks up to some decimetres on it, where the first stop stands at zero."""
+    """Ground and rocks up to some decimetres on it, in heights relative to the first stop."""
     return _height(xy) - _height(np.zeros((1, 2))) - rng.exponential(0.1, len(xy))
 
 
 def _observe(
     views: list[Pose], wanted: list[_Wanted], per_stop: int
 ) -> tuple[ObjectPoints, np.ndarray]:
-    """The chosen points, and rows (point, pair) of who sees them."""
+    """The chosen points, and rows (point, pair) of their observations."""
     chosen: list[ObjectPoints] = []
     seen: list[tuple[int, int]] = []
     number = 0

@@ -1,25 +1,24 @@
 """Images of a heightfield: a swept cylindrical panorama, resampled into the camera.
 
-Around a camera at height z_c every azimuth is a profile. A point of the profile at distance r is
-seen in the direction with the tangent of elevation and the running maximum
+Around a camera at height z_c every azimuth is a profile. A point of the profile at distance r has
+the tangent of elevation m, with the running maximum M,
 
     m(r) = (z(r) - z_c) / r          M(r) = max over r' <= r of m(r'),
 
-and hidden exactly where m < M. So M, which only grows, is the horizon's way up the picture, and
-with the radiance L the light collected below the tangent m' is the integral of L over M,
+and is hidden exactly where m < M. So M, which only grows, is the elevation of the horizon up to r,
+and with the radiance L the light collected below the tangent m' is the integral of L over M,
 
     P(M(r_i)) = sum over j <= i of L_j (M_j - M_{j-1}),
 
-piecewise linear in M. What a picture element between two tangents receives is the difference of P
-divided by that of the tangents: an area integral, with occlusion, in which nothing aliases however
-far away. Steps of r cover less than a panorama element near by and one cell of the ground at most.
+piecewise linear in M. The value of a pixel between two tangents is the difference of P divided by
+that of the tangents: an area integral, with occlusion, without aliasing at any distance. Steps of r
+cover less than a panorama element nearby and at most one cell of the ground.
 
-The panorama (half a pixel an element) is smoothed to the width of a pixel and looked up along the
-camera's rays. Both eyes and all stops look at one surface, the bilinear one of the lattice.
+The panorama (elements of half a pixel) is smoothed to the width of a pixel and interpolated along
+the camera's rays. Both cameras and all stops use the same surface, the bilinear one of the lattice.
 
-The rover's own body, if it is there, covers what is behind it (`body`). The exposure brings level
-ground to some 1800 of 4095; with the radiance L the camera (`camera`) is given the signal g L B, of
-which
+The rover's own body, if included, covers the ground behind it (`body`). The exposure gives level
+ground about 1800 of 4095; with the radiance L the signal of the camera (`camera`) is g L B, where
 
     B = 1 + 0.35 / (1 + tan(phase / 2) / 0.12)
 
@@ -46,10 +45,10 @@ from solmap.photogrammetry.synthetic.rig import CAMERAS, FULL_FRAME, Instrument,
 from solmap.photogrammetry.synthetic.scene import Shot, World
 
 CHUNK = 64
-"""Azimuths swept together, so that their profiles stay in the processor's cache."""
+"""Azimuths processed together, so that their profiles fit the processor's cache."""
 STEEPEST = np.deg2rad(75.0)
 GRAIN_REACH_M = (6.0, 12.0, 24.0)
-"""Up to where the grains are looked up at 4, 8, 16 mm."""
+"""Distances up to which the grains are sampled at 4, 8, 16 mm."""
 
 Rays = Float32[np.ndarray, "3 lines samples"]
 """(north, east, down) of the unit direction of every pixel."""
@@ -58,7 +57,7 @@ LEVEL_DN = 1800.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """Where the pixels of one picture look, as azimuth from its middle and tangent of elevation."""
+    """Directions of an image's pixels, as azimuth from its middle and tangent of elevation."""
 
     centre: Vector3
     """(north, east, down) of the camera in the LSL."""
@@ -70,10 +69,10 @@ class View:
 
     @classmethod
     def of_rays(cls, centre: Vector3, rays: Rays, pixel_rad: float) -> View:
-        """The view of a camera whose pixels look along `rays`.
+        """The view of a camera whose pixels have the directions `rays`.
 
         Raises:
-            CameraError: a ray points steeper down than a panorama can hold.
+            CameraError: a ray points steeper down than a panorama covers.
         """
         north, east, down = rays
         middle = rays[:, rays.shape[1] // 2, rays.shape[2] // 2].astype(np.float64)
@@ -84,8 +83,8 @@ class View:
         elevation = np.arctan2(-down, np.sqrt(forward * forward + right * right))
         if elevation.min() < -STEEPEST:
             raise CameraError(
-                f"a ray points {np.rad2deg(-elevation.min()):.0f} degrees down; the panorama holds "
-                f"{np.rad2deg(STEEPEST):.0f} at most: raise the mast's elevation"
+                f"a ray points {np.rad2deg(-elevation.min()):.0f} degrees down; the panorama "
+                f"covers {np.rad2deg(STEEPEST):.0f} at most: raise the mast's elevation"
             )
         return cls(centre, heading, azimuth, elevation, 0.5 * pixel_rad)
 
@@ -106,7 +105,7 @@ class View:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Profiles:
-    """Some azimuths' way over the ground: distances, horizon and radiance."""
+    """Profiles over the ground at some azimuths: distances, horizon and radiance."""
 
     distance_m: Float64[np.ndarray, " steps"]
     horizon: Float32[np.ndarray, "columns steps"]
@@ -114,7 +113,7 @@ class Profiles:
 
 
 def rotate_rays(pose: Pose, rays: Rays) -> Rays:
-    """Rays carried into the target frame of a pose, sum by sum, so that no library orders them."""
+    """Rays in the target frame of a pose, summed in a fixed order on every platform."""
     r = pose.rotation.astype(np.float32)
     return np.stack([r[i, 0] * rays[0] + r[i, 1] * rays[1] + r[i, 2] * rays[2] for i in range(3)])
 
@@ -136,7 +135,7 @@ def render_radiance(ground: LitGround, view: View, psf_px: float = SHARPEST_PX) 
 
 
 def _spread(panorama: GreyImage, psf_px: float) -> GreyImage:
-    """The panorama smoothed so that a point's image is as wide as asked for.
+    """The panorama smoothed to the requested width of a point's image.
 
     Elements of half a pixel and the bilinear sampling between them add 1/12 + 1/6 of an element's
     square to the variance, and the narrowest kernel 1/2: `SHARPEST_PX`.
@@ -210,7 +209,8 @@ def _lay_grains(
         if last > first:
             grain_m, period = GRAIN_M * 2**octave, GRAINS >> octave
             along = (r[first:last] / grain_m).astype(np.float32)
-            # Middle of a coarse grain lies half a coarse grain from its edge, as of a fine one.
+            # # The middle of a coarse grain is half a coarse grain from its edge, like that of a
+            # fine one.
             shift = 0.5 * (1 - 2.0**-octave)
             at = [
                 part.astype(np.float32)[:, None] * along + np.float32(offset / grain_m % period)
@@ -222,7 +222,7 @@ def _lay_grains(
 
 
 def _wrap_node(node: np.ndarray, period: int) -> np.ndarray:
-    """Where a node lies in a picture that repeats itself."""
+    """Index of a node in a periodic texture."""
     node -= np.floor(node * np.float32(1 / period)) * np.float32(period)
     return node
 
@@ -246,7 +246,7 @@ def _collect_light(ground: LitGround, profiles: Profiles, tangents: np.ndarray) 
 
 
 def first_hits(ground: LitGround, view: View) -> ObjectPoints:
-    """Where every pixel's ray meets the ground, (north, east, down) in the LSL, pixel by pixel.
+    """Intersections of the pixels' rays with the ground, (north, east, down) in the LSL.
 
     Rows are NaN for the sky, and where no point of the ground was found on the ray to 0.5 mm,
     which happens at outlines only.
@@ -271,7 +271,7 @@ def first_hits(ground: LitGround, view: View) -> ObjectPoints:
 def _refine_hits(
     ground: LitGround, view: View, tangent: np.ndarray, bracket: np.ndarray
 ) -> ObjectPoints:
-    """The zero of z(r) - z_c - m r along every ray, in the bracket of samples where it was met."""
+    """The zero of z(r) - z_c - m r along every ray, in its bracket of samples."""
     azimuth = view.heading + view.azimuth.astype(np.float64).ravel()
     c, s = np.cos(azimuth), np.sin(azimuth)
     behind, near, ahead = bracket
@@ -281,7 +281,7 @@ def _refine_hits(
         return z + view.centre[2] - tangent * r
 
     f_behind, f_ahead = gap(behind), gap(ahead)
-    for _ in range(7):  # bisection: the ground is smooth piece by piece only
+    for _ in range(7):  # # bisection: the ground is only piecewise smooth
         middle = 0.5 * (behind + ahead)
         f = gap(middle)
         above = f < 0
@@ -308,7 +308,7 @@ def _elevation(
 
 
 def photograph(world: World, shot: Shot, eye: Eye) -> Int32[np.ndarray, "lines samples"]:
-    """The pixels of one image."""
+    """Render the pixels of one image."""
     sun, camera = world.stops[shot.stop].sun, world.params.camera
     view, rays = view_of(world, shot, eye)
     gain = LEVEL_DN / (np.sin(sun.elevation) + SKY_LIGHT)
@@ -326,7 +326,7 @@ def photograph(world: World, shot: Shot, eye: Eye) -> Int32[np.ndarray, "lines s
 
 
 def _draw_rover(signal: GreyImage, centre: Vector3, rays: Rays, world: World, shot: Shot) -> None:
-    """Cover what the rover hides by the rover itself, edges as wide as the image of a point."""
+    """Draw the rover over the ground it hides, with edges as wide as the image of a point."""
     stop = world.stops[shot.stop]
     rover_from_lsl = stop.lsl_from_rover.inverse
     origin = rover_from_lsl.apply(centre[None])[0]
@@ -354,7 +354,7 @@ def _opposition(rays: Rays, sun: Sun) -> GreyImage:
 
 
 def view_of(world: World, shot: Shot, eye: Eye) -> tuple[View, Rays]:
-    """Where the pixels of one image truly look."""
+    """True directions of the pixels of one image."""
     pose = world.true_lsl_from_mast(shot)
     rig, celsius, averaging = world.params.rig, world.celsius(shot.stop), world.params.averaging
     in_mast = _rays_in_mast(rig, celsius, shot.instrument, eye, averaging)

@@ -1,22 +1,23 @@
-"""The mast and the cameras on it: where every camera stands and looks for a pointing of the mast.
+"""The mast and its cameras: pose of every camera for a pointing of the mast.
 
-The mast head turns by azimuth and elevation (positive turn about +y lifts x) at a fixed place,
+The mast head rotates by azimuth and elevation (a positive rotation about +y lifts x) at a fixed
+position,
 
     rover_from_mast = (Rz(az) Ry(el), T_pma),      az = az_motor + d_az,   el = el_motor + d_el,
 
 which gives the camera centres of 15 flight labels to 4 micrometres. The Navcam rig is Spirit's own,
-from the labels of both eyes of sol 767. Of the Pancams only Opportunity's left one (L2) was found:
-it stands here on Spirit's mast, and the right one is SYNTHETIC, its mirror image about the plane
-y = 0.0125 m: with S = diag(1, -1, 1), A, O, V go to S A, S O, S V, C to S C + (0, 0.025, 0), and
-H to 1023 S A - S H, so that samples still run to the right.
+from the labels of both eyes of sol 767. Of the Pancams only Opportunity's left one (L2) was
+available: it is used here on Spirit's mast, and the right one is SYNTHETIC, its mirror image about
+the plane y = 0.0125 m: with S = diag(1, -1, 1), A, O, V go to S A, S O, S V, C to S C + (0, 0.025,
+0), and H to 1023 S A - S H, so that samples still run to the right.
 
-Labels know the rig as it was calibrated. The one that takes the pictures may differ: the bar bends
-with temperature, so that the right cameras are turned about their centres, and the mast has zeros
-and an axis of its own,
+Labels describe the rig as calibrated. The true one may differ: the rig bends with temperature, so
+that the right cameras are rotated about their centres, and the mast has zero errors and a tilted
+axis,
 
     R_true = R_axis Rz(az + zero_az) Ry(el + zero_el) R_noise,
 
-the noise a small turn of the mast head, drawn anew for every pair and shared by both eyes.
+with the noise a small rotation of the mast head, drawn for every pair and common to both cameras.
 """
 
 from __future__ import annotations
@@ -42,11 +43,11 @@ from solmap.photogrammetry.imagery import Eye, StopId
 FULL_FRAME = 1024
 """Samples and lines of the detector."""
 T_PMA_M = (0.45781, 0.02779, -1.09668)
-"""Where the mast head turns, in Spirit's rover frame."""
+"""Position of the mast head in Spirit's rover frame."""
 D_AZ, D_EL = np.deg2rad(0.2133), np.deg2rad(3.080)
 """Mast axis minus motor angle, Spirit."""
 CALIBRATED_AT_C = 5.0
-"""Temperature at which labels have the stereo bar right, but for `RigErrors.bend`."""
+"""Temperature at which labels describe the stereo rig correctly, except for `RigErrors.bend`."""
 GROUND_M = 0.294
 """Level ground below the rover origin."""
 _NAVCAM_FILTER = "PANCAM_L8_440NM_SOL_ND5"
@@ -61,7 +62,7 @@ class Instrument(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CameraUnit:
-    """One camera, as the labels name it, and its model in the mast frame."""
+    """One camera, as named in labels, and its model in the mast frame."""
 
     serial_number: int
     calibration: str
@@ -139,18 +140,18 @@ class Pointing:
 
     @property
     def motors(self) -> tuple[float, float]:
-        """What the motors of the mast report."""
+        """Motor angles of the mast."""
         return (self.azimuth - D_AZ) % (2 * np.pi), self.elevation - D_EL
 
     @property
     def rotation(self) -> Rotation:
-        """Turns directions of the mast frame into the rover frame."""
+        """Rotates directions of the mast frame to the rover frame."""
         return rotation_of_roll_pitch_yaw(0.0, self.elevation, self.azimuth)
 
     def rover_from_mast(self, stop: StopId, *, turned_by: Vector3 | None = None) -> Pose:
         """The mast in the rover frame.
 
-        `turned_by` are small roll, pitch and yaw of the mast head that no motor reports.
+        `turned_by` are small roll, pitch and yaw of the mast head that the motors do not report.
         """
         rotation = self.rotation
         if turned_by is not None:
@@ -160,7 +161,7 @@ class Pointing:
 
 @dataclass(frozen=True, slots=True)
 class RigErrors:
-    """How mast and stereo bar truly differ from what labels say, radians."""
+    """True errors of mast and stereo rig against the labels, radians."""
 
     pointing: float = float(np.deg2rad(0.12))
     """Standard deviation of a pair's azimuth and elevation; its roll has half."""
@@ -173,7 +174,7 @@ class RigErrors:
     bend_per_kelvin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def draw_miss(self, pointing: Pointing, rng: np.random.Generator) -> tuple[float, float, float]:
-        """Roll, pitch, yaw of the mast head beyond what the motors report, for one pair."""
+        """Roll, pitch, yaw of the mast head that the motors do not report, for one pair."""
         roll, pitch, yaw = map(float, rng.normal(0.0, self.pointing, 3) * (0.5, 1.0, 1.0))
         if not any(self.mast_zero + self.mast_axis):
             return roll, pitch, yaw
@@ -186,7 +187,7 @@ class RigErrors:
         return roll_pitch_yaw_of_rotation(pointing.rotation.T @ true)
 
     def camera_in_mast(self, instrument: Instrument, eye: Eye, celsius: float) -> Cahvor:
-        """The camera as it is at a temperature: the right ones turned about their centres."""
+        """The true camera at a temperature: right ones are rotated about their centres."""
         camera = CAMERAS[instrument, eye].in_mast
         kelvin = celsius - CALIBRATED_AT_C
         bend = np.add(self.bend, np.multiply(self.bend_per_kelvin, kelvin))
@@ -197,7 +198,7 @@ class RigErrors:
 
 
 def rig_temperature(local_solar_hour: float) -> float:
-    """Of cameras and bar, degrees Celsius: coldest at two in the night, warmest twelve hours on."""
+    """Temperature of cameras and rig, degrees Celsius: lowest at two in the night."""
     return -35.0 + 35.0 * float(np.cos((local_solar_hour - 14) * np.pi / 12))
 
 

@@ -1,8 +1,8 @@
 """A landscape, a traverse and the exposures of its panoramas, drawn from one seed.
 
-The mast points by its motors and misses by small turns of its head, and the stereo bar bends; no
-label knows (`rig.RigErrors`). Every kind of chance has a stream of its own, so that one more stop
-or pair changes nothing of the others.
+The mast has small pointing errors against its motors, and the stereo rig bends; labels do not
+include either (`rig.RigErrors`). Every random quantity has its own stream, so that an additional
+stop or pair does not change the others.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ MAST_ELEVATION = float(np.deg2rad(-18.0))
 
 @dataclass(frozen=True, slots=True)
 class WorldParams:
-    """What to simulate."""
+    """Parameters of a simulated world."""
 
     terrain: str = "plains"
     traverse: TraverseParams = field(default_factory=TraverseParams)
@@ -64,7 +64,7 @@ class WorldParams:
     rig: RigErrors = field(default_factory=RigErrors)
     camera: CameraParams = field(default_factory=CameraParams)
     rover_in_view: bool = False
-    """The rover stands in its own pictures, and its shadow on the ground."""
+    """Whether images show the rover itself and its shadow."""
 
     def __post_init__(self) -> None:
         if self.terrain not in TERRAINS:
@@ -73,16 +73,16 @@ class WorldParams:
             )
         if self.averaging not in (1, 2, 4) or self.pairs < 1:
             raise PhotogrammetryError(
-                f"a panorama has at least one pair, averaged over 1, 2 or 4 pixels, not "
+                "a panorama needs at least one pair, averaged over 1, 2 or 4 pixels, not "
                 f"{self.pairs} pairs averaged over {self.averaging}"
             )
 
 
 def realistic_params(params: WorldParams, rng_seed: int) -> WorldParams:
-    """The same terrain, traverse and panoramas, with all that is wrong with real images and rovers.
+    """The same terrain, traverse and panoramas, with all errors of real images and rovers.
 
-    Every seed has a rig, cameras and suns of its own: one stop's in the morning, the next one's in
-    the afternoon. Wheels slip by up to 100 %.
+    Every seed has its own rig, cameras and suns: stops alternate between morning and afternoon.
+    Wheels slip by up to 100 %.
     """
     rng = stream_of(rng_seed, 108)
     traverse = params.traverse
@@ -125,24 +125,24 @@ def _morning_or_afternoon(rng: np.random.Generator, *, is_morning: bool) -> Sun:
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One stereo exposure: both eyes share everything here."""
+    """One stereo exposure: the values common to both images."""
 
     stop: int
-    """Which stop of the world."""
+    """Number of the stop in the world."""
     pair: int
-    """Which pair of the stop."""
+    """Number of the pair at the stop."""
     instrument: Instrument
     pointing: Pointing
-    """As the motors report it."""
+    """By the motors."""
     miss: tuple[float, float, float]
-    """Roll, pitch, yaw of the mast head beyond that, radians: the truth."""
+    """True roll, pitch, yaw of the mast head beyond that, radians."""
     clock: int
     sequence: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """Landscape, traverse and exposures, with all that is true of them."""
+    """Landscape, traverse and exposures, with their truth."""
 
     params: WorldParams
     seed: int
@@ -162,10 +162,11 @@ class World:
         return light_ground(self.terrain, float(north), float(east), here.sun, rover)
 
     def exposure(self, shot: Shot, eye: Eye) -> Exposure:
-        """What the label of an image says."""
+        """Data for the label of an image."""
         stop, averaging = self.stops[shot.stop], self.params.averaging
         in_mast = CAMERAS[shot.instrument, eye].in_mast
-        in_mast = in_mast.average(averaging, averaging, correct_half_pixel=False)  # as MER labels
+        # # as in MER labels
+        in_mast = in_mast.average(averaging, averaging, correct_half_pixel=False)
         return Exposure(
             stop=stop.id,
             sol=stop.sol,
@@ -190,18 +191,18 @@ class World:
         return rig_temperature(self.stops[stop].local_solar_hour)
 
     def true_lsl_from_mast(self, shot: Shot) -> Pose:
-        """Where the mast head truly is, and how it is turned."""
+        """True pose of the mast head."""
         stop = self.stops[shot.stop]
         miss = np.array(shot.miss)
         return stop.lsl_from_rover @ shot.pointing.rover_from_mast(stop.id, turned_by=miss)
 
     def true_lsl_from_label_rover(self, shot: Shot) -> Pose:
-        """Carries what the label's cameras see in the rover frame to where it truly is."""
+        """Maps points as seen by the label's cameras in the rover frame to their true positions."""
         stop = self.stops[shot.stop]
         return self.true_lsl_from_mast(shot) @ shot.pointing.rover_from_mast(stop.id).inverse
 
     def true_camera(self, shot: Shot, eye: Eye) -> Cahvor:
-        """The camera that took the picture, in the LSL."""
+        """The true camera of the image, in the LSL."""
         camera = self.params.rig.camera_in_mast(shot.instrument, eye, self.celsius(shot.stop))
         averaging = self.params.averaging
         return camera.average(averaging, averaging).transform(self.true_lsl_from_mast(shot))
@@ -241,7 +242,7 @@ def make_world(params: WorldParams, rng_seed: int) -> World:
 
 
 def _headings(places: tuple[tuple[float, float], ...]) -> np.ndarray:
-    """Azimuths of the drives on to the next stop; the last stop keeps that of its arrival."""
+    """Azimuths of the drives to the next stop; the last stop keeps that of its arrival."""
     ways = np.diff(np.array(places), axis=0) if len(places) > 1 else np.array([[1.0, 1.0]])
     headings = np.arctan2(ways[:, 1], ways[:, 0])
     return np.append(headings, headings[-1])[: len(places)]
@@ -271,7 +272,7 @@ def _shots(params: WorldParams, stops: tuple[Stop, ...], k: int, seed: int) -> l
 
 
 def _towards_neighbours(stops: tuple[Stop, ...], k: int) -> list[Pointing]:
-    """Two Pancam pointings side by side towards the stop before and the stop after."""
+    """Two adjacent Pancam pointings towards the previous and the next stop."""
     rover_from_lsl = stops[k].lsl_from_rover.inverse
     pointings = []
     for other in (k - 1, k + 1):

@@ -4,24 +4,24 @@ The ground is one function of (north, east): nodes 2 cm apart, bilinear between 
 added where nodes are 16 cm apart and refined with the relief. With R the radius of a crater,
 d its depth below the plain and h its rim,
 
-    z(r) = -d + (d + h) (r / R)^2   inside,        z(r) = h (R / r)^3   outside,
+    z(r) = -d + (d + h) (r / R)^2 inside, z(r) = h (R / r)^3 outside,
 
-simple craters being d = 0.2 * 2R and h = 0.04 * 2R deep and high when fresh (Melosh 1989), and less
-when worn. Elevations are metres above the tangent plane at the LSL origin, up positive.
+simple fresh craters having d = 0.2 * 2R and h = 0.04 * 2R (Melosh 1989), and eroded ones less.
+Elevations are metres above the tangent plane at the LSL origin, up positive.
 
 The number of rocks wider than D in a square metre follows a power law,
 
     N(D) = N_5 (D / 0.05 m)^-q,        0.05 m <= D <= D_max,
 
 as counted at the landing sites between a few centimetres and a metre (Golombek et al. 2003 give the
-exponential that it approximates; q is 2 to 2.5). Rocks are drawn a class of sizes and a block of
-ground at a time, every one with a stream of its own, so that windows agree.
+exponential that it approximates; q is 2 to 2.5). Rocks are drawn by class of size and block of
+ground, each with its own random stream, so that windows agree.
 
 A rock is a block with six sides and a tilted top, over an ellipse with the axes a and b: in the
-frame of the ellipse, scaled to radius 1, side i stands at the distance d_i in the direction u_i and
-leans back with the steepness k_i,
+frame of the ellipse, scaled to radius 1, side i is at the distance d_i in the direction u_i and has
+the steepness k_i,
 
-    height = H min over i of (k_i (1 - u_i.p / d_i)),  cut off by the top plane,  never below 0.
+    height = H min over i of (k_i (1 - u_i.p / d_i)), limited by the top plane, never below 0.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ MOTTLE = (0.045, -0.12)
 nearly the same at all scales, a little more at small ones."""
 HILL_M, HILL_HURST = 164.0, 1.2
 BLOCK_M = 25.6
-"""Side of the blocks in which elevations are looked up."""
+"""Side of the blocks in which elevations are interpolated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,16 +66,16 @@ class RockField:
 
     seed: int
     per_m2: float = 1.6
-    """Rocks wider than 5 cm in a square metre."""
+    """Rocks wider than 5 cm per square metre."""
     exponent: float = 2.1
     largest_m: float = 1.2
     clearings: tuple[tuple[float, float], ...] = ()
-    """(north, east) where the rover stands: nothing here that a wheel would not roll over."""
+    """(north, east) of the rover's positions: here all rocks are low enough for a wheel."""
     clearing_m: float = 1.3
     passable_m: float = 0.12
 
     def within(self, window: Window, narrowest_m: float) -> Rocks:
-        """Rocks wider than `narrowest_m` in and around a window, a clearing's left out."""
+        """Rocks wider than `narrowest_m` in and around a window, except in clearings."""
         reach = self.largest_m
         rows = _blocks(window.north[0] - reach, window.north[-1] + reach)
         cols = _blocks(window.east[0] - reach, window.east[-1] + reach)
@@ -119,7 +119,7 @@ def _blocks(lowest: float, highest: float) -> range:
 
 
 def raise_rocks(rocks: Rocks, window: Window) -> tuple[Nodes, Nodes]:
-    """Height of rocks above the ground, and what they multiply the albedo by, at every node."""
+    """Height of rocks above the ground, and their factor on the albedo, at every node."""
     relief = np.zeros((window.rows, window.cols), np.float32)
     albedo = np.ones((window.rows, window.cols), np.float32)
     reach = 1.3 * rocks[:, 2]
@@ -169,21 +169,21 @@ class Crater:
 
 @dataclass(frozen=True, slots=True)
 class TerrainType:
-    """What a kind of landscape is like."""
+    """Parameters of a kind of landscape."""
 
     roughness_m: float
     """Standard deviation of the relief added at nodes 1 m apart."""
     hurst: float
-    """How relief grows with distance: below 0.7 rubble, above 0.9 rolling hills."""
+    """Growth of relief with distance: below 0.7 rubble, above 0.9 rolling hills."""
     slope: float
     """Regional rise towards the north-east, as a tangent."""
     rocks_per_m2: float
     """Rocks wider than 5 cm."""
     largest_rock_m: float
     craters_per_ha: float
-    """Craters wider than 2 m; their number falls with the square of the width."""
+    """Craters wider than 2 m; their number decreases with the square of the width."""
     hills_m: float
-    """Standard deviation of the relief at nodes 164 m apart; it falls with the power 1.2."""
+    """Standard deviation of the relief at nodes 164 m apart; it decreases with the power 1.2."""
     large_crater_m: float = 0.0
     """Diameter of a crater beside the traverse, if any."""
 
@@ -197,7 +197,7 @@ TERRAINS = {
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """The ground at the nodes of a window; between them it is bilinear."""
+    """The ground at the nodes of a window; bilinear between them."""
 
     window: Window
     elevation: Nodes
@@ -210,14 +210,14 @@ class Patch:
 
 @dataclass(frozen=True, slots=True)
 class Terrain:
-    """A landscape that is the same whichever part of it is asked for."""
+    """A landscape that does not depend on which part of it is computed."""
 
     seed: int
     kind: str = "plains"
     clearings: tuple[tuple[float, float], ...] = ()
     """(north, east) of the rover's stops."""
     datum_m: float = 0.0
-    """Taken off every elevation, so that the LSL origin gets elevation 0."""
+    """Subtracted from every elevation, so that the LSL origin has elevation 0."""
     craters: tuple[Crater, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -227,21 +227,21 @@ class Terrain:
 
     @property
     def type(self) -> TerrainType:
-        """What the landscape is like."""
+        """Parameters of the landscape."""
         return TERRAINS[self.kind]
 
     @property
     def rocks(self) -> RockField:
-        """The rocks that lie about."""
+        """The rocks of the landscape."""
         per_m2, largest_m = self.type.rocks_per_m2, self.type.largest_rock_m
         return RockField(self.seed, per_m2, largest_m=largest_m, clearings=self.clearings)
 
     def lower(self, by_m: float) -> Terrain:
-        """The same landscape with its datum `by_m` higher."""
+        """The same landscape with a datum `by_m` higher."""
         return replace(self, datum_m=self.datum_m + by_m)
 
     def patch(self, window: Window) -> Patch:
-        """Elevation and albedo of a window, rocks included that its nodes can show."""
+        """Elevation and albedo of a window, with the rocks that its nodes can resolve."""
         rocks = self.rocks.within(window, max(SMALLEST_M, 3 * window.cell_m))
         relief, albedo = raise_rocks(rocks, window)
         mottle = Fractal(self.seed, 2, *MOTTLE).values(window)
@@ -279,7 +279,7 @@ class Terrain:
         return bowls
 
     def elevation(self, north: np.ndarray, east: np.ndarray) -> np.ndarray:
-        """Elevation of points, metres: the truth that every picture was taken of."""
+        """Elevation of points, metres: the truth of every image."""
         north, east = np.broadcast_arrays(np.float64(north), np.float64(east))
         found = np.empty(north.shape)
         blocks = np.floor(np.stack([north, east], axis=-1) / BLOCK_M)

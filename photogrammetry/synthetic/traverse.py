@@ -1,16 +1,16 @@
-"""The traverse: where the rover truly stood, and where its telemetry says it did.
+"""The traverse: true poses of the rover, and those by telemetry.
 
-The rover stands on the plane through the ground under its six wheels, its origin 0.294 m above
-that plane along its own z axis. From stop to stop the wheels turn more than the rover moves: with
-the true way d, slip s and the azimuth drift a collected so far, telemetry believes in
+The rover stands on the plane through the ground under its six wheels, its origin 0.294 m above that
+plane along its own z axis. Between stops the wheels turn more than the rover moves: with the true
+motion d, slip s and the accumulated azimuth drift a, telemetry gives
 
     t_k = t_{k-1} + Rz(a_k) (1 + s_k) d_k + noise,      q_k = Rz(a_k) Ry(pitch) Rx(roll) q_true,
 
-small pitch and roll errors of the inertial unit included. The first stop is exact. A new site is
-declared every few stops, with its origin where telemetry believes the rover is (facts 4.3).
+including small pitch and roll errors of the inertial unit. The first stop is exact. A new site is
+declared every few stops, with its origin at the rover's position by telemetry (facts 4.3).
 
-The sun follows from the local solar time, the latitude and the solar longitude L_s, which runs
-0.524 degrees a sol from 327.7 at Spirit's landing; declination: sin(25.19 deg) sin(L_s).
+The sun follows from the local solar time, the latitude and the solar longitude L_s, which grows by
+0.524 degrees per sol from 327.7 at Spirit's landing; declination: sin(25.19 deg) sin(L_s).
 """
 
 from __future__ import annotations
@@ -28,47 +28,47 @@ from solmap.photogrammetry.synthetic.rig import GROUND_M
 from solmap.photogrammetry.synthetic.terrain import Terrain
 
 LATITUDE, LONGITUDE_DEG = np.deg2rad(-14.5692), 175.4729
-"""Of Spirit's lander, image-tied (Arvidson et al. 2004)."""
+"""Position of Spirit's lander, image-tied (Arvidson et al. 2004)."""
 OBLIQUITY = np.deg2rad(25.19)
 WHEELS_M = [(x, y) for x in (0.62, 0.0, -0.62) for y in (-0.53, 0.53)]
 """Wheels in the rover frame: a base of 1.24 m, a track of 1.06 m."""
 FOOTPRINT_M = 0.1
-"""Half the side of the patch of soil that carries a wheel."""
+"""Half the side of the patch of soil under a wheel."""
 
 
 @dataclass(frozen=True, slots=True)
 class TraverseParams:
-    """How the rover drives, and how wrong it is about it."""
+    """Parameters of the drives and of their telemetry errors."""
 
     stops: int = 2
     first_site: int = 10
     stops_per_site: int = 2
-    """A new site is declared after so many stops."""
+    """Number of stops per site."""
     first_sol: int = 155
     spacing_m: tuple[float, float] = (10.0, 22.0)
     slip: tuple[float, float] = (0.01, 0.20)
-    """Way of the wheels beyond the way of the rover, as a share; lowest and highest."""
+    """Excess of the wheels' motion over the rover's, as a fraction; lowest and highest."""
     drift: float = float(np.deg2rad(1.2))
     """Standard deviation of the azimuth drift of a drive, radians."""
     tilt: float = float(np.deg2rad(0.12))
     """Standard deviation of roll and pitch of the telemetry, radians."""
     position_m: float = 0.15
-    """Standard deviation of what else moves the telemetry position, each axis and drive."""
+    """Standard deviation of other errors of the telemetry position, for each axis and drive."""
     local_solar_hours: tuple[float, float] = (9.5, 15.5)
-    """Pictures are taken between these hours."""
+    """Hours between which images are taken."""
     suns: tuple[Sun, ...] = ()
-    """Of the stops, in turn; none: where the hour puts the sun over Spirit's landing site."""
+    """Suns of the stops, in turn; none: by hour over Spirit's landing site."""
 
     def __post_init__(self) -> None:
         if self.stops < 1 or self.stops_per_site < 1 or self.first_site < 1:
             raise FrameError(
                 f"a traverse needs stops and sites, not {self.stops} stops, {self.stops_per_site} "
-                f"to a site, from site {self.first_site}"
+                f"per site, from site {self.first_site}"
             )
         for name in ("spacing_m", "slip", "local_solar_hours"):
             low, high = getattr(self, name)
             if not 0 <= low <= high:
-                raise FrameError(f"{name} runs from low to high, not from {low} to {high}")
+                raise FrameError(f"{name} must run from low to high, not from {low} to {high}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,12 +88,12 @@ class Stop:
 
     @property
     def site_from_rover(self) -> Pose:
-        """What the labels say."""
+        """The pose in the labels."""
         return self.lsl_from_site.inverse @ self.telemetry_lsl_from_rover
 
 
 def plan_stops(params: TraverseParams, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
-    """(north, east) of the stops: a way that bends at every stop, from the LSL origin."""
+    """(north, east) of the stops: a path that bends at every stop, from the LSL origin."""
     places, heading = [(0.0, 0.0)], rng.uniform(np.deg2rad(15), np.deg2rad(75))
     for _ in range(params.stops - 1):
         length_m = rng.uniform(*params.spacing_m)
@@ -106,7 +106,7 @@ def plan_stops(params: TraverseParams, rng: np.random.Generator) -> tuple[tuple[
 def standing_pose(
     terrain: Terrain, north: float, east: float, heading: float, rover: Frame
 ) -> Pose:
-    """The true `lsl_from_rover` of a rover whose origin stands over (north, east)."""
+    """The true `lsl_from_rover` of a rover with its origin above (north, east)."""
     c, s = np.cos(heading), np.sin(heading)
     wheels = np.array([(north + c * x - s * y, east + s * x + c * y) for x, y in WHEELS_M])
     spots = np.array([-1.0, 0.0, 1.0]) * FOOTPRINT_M
@@ -137,7 +137,7 @@ def drive_traverse(
     params: TraverseParams,
     rng: np.random.Generator,
 ) -> tuple[Stop, ...]:
-    """The stops of a traverse whose true poses are known, as telemetry tells them."""
+    """The stops of a traverse with true poses, with telemetry."""
     stops: list[Stop] = []
     believed, drift, slip = truths[0], 0.0, 0.0
     for k, (truth, stop_id) in enumerate(zip(truths, ids, strict=True)):
@@ -184,7 +184,7 @@ def solar_longitude(sol: int) -> float:
 
 
 def sun_at(sol: int, local_solar_hour: float) -> Sun:
-    """Where the sun stands over Spirit's landing site."""
+    """Direction of the sun over Spirit's landing site."""
     declination = np.arcsin(np.sin(OBLIQUITY) * np.sin(solar_longitude(sol)))
     angle = (local_solar_hour - 12) * np.pi / 12
     sun: Vector3 = np.array(

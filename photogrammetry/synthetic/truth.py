@@ -1,7 +1,7 @@
-"""What is true of a world: poses and cameras as a file, parallaxes as a map.
+"""Truth of a world: poses and cameras as a file, parallaxes as a map.
 
-The file has the keys of `rendered_husband`, a traverse rendered by others, and the whole camera
-models beside them, as R_cam_to_lsl with one focal length says less than a CAHVOR.
+The file has the keys of `rendered_husband`, an independently rendered traverse, and also the
+complete camera models, because R_cam_to_lsl with one focal length is less than a CAHVOR.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def true_parallax(world: World, stop: int, pair: int, geometry: EpipolarPair) ->
     """Parallax of every pixel of the left epipolar image, from the landscape itself.
 
     NaN for the sky, at outlines, where the right camera does not see the point, and where the rover
-    stands before it.
+    hides it.
     """
     shot = world.shot(stop, pair)
     lsl_from_pair = world.true_lsl_from_label_rover(shot) @ geometry.rover_from_pair
@@ -53,7 +53,7 @@ def _pair_rays(geometry: EpipolarPair) -> Float32[np.ndarray, "3 lines samples"]
 def _visible_to_right(
     geometry: EpipolarPair, lsl_from_pair: Pose, ground: LitGround, points: np.ndarray
 ) -> np.ndarray:
-    """Whether the right camera's first hit along the way to every point is the point itself."""
+    """Whether the right camera's first intersection towards every point is the point itself."""
     towards = points - [geometry.base_m, 0.0, 0.0]
     distance_m = np.linalg.norm(towards, axis=1)
     known = np.isfinite(distance_m)
@@ -81,7 +81,7 @@ def _beside_rover(
 
 
 def truth_document(world: World) -> dict[str, object]:
-    """What is true, in the keys of `rendered_husband`, with the whole camera models beside."""
+    """The truth, in the keys of `rendered_husband`, with the complete camera models."""
     latitude = float(np.rad2deg(LATITUDE))
     return {
         "frame": f"{LSL}: origin at the rover origin of the first stop, X north, Y east, Z down, "

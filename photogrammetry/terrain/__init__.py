@@ -2,6 +2,6 @@
 
 Views (a pose, a parallax map, an image) enter; terrain models, orthophotos, panoramas, relief,
 meshes and measurements leave, as arrays and records. `dtm` is the base; `orthophoto`, `relief`,
-`visibility`, `traversability`, `insolation`, `mesh` and `measure` work on what it makes. Nothing
-here reads or writes files; `matching` and `cameras` may be imported, `adjustment` may not.
+`visibility`, `traversability`, `insolation`, `mesh` and `measure` use its models. Nothing here
+reads or writes files; `matching` and `cameras` may be imported, `adjustment` may not.
 """

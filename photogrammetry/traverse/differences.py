@@ -1,14 +1,14 @@
-"""How far telemetry strays from the corrected traverse: the paper's accumulated differences.
+"""Accumulated differences between telemetry and the corrected traverse, as in the paper.
 
 Di et al. 2008 (section 3.3) compare the traverse by telemetry with the adjusted one at every stop:
-the accumulated difference is the distance in plan between both places of a stop, when both
-traverses start at the same place, and its percentage is that of the distance travelled so far.
-"Locally accumulated" is the same with both starting together at the beginning of a section (the
-ascent of Husband Hill). Here the distance travelled is measured along the corrected traverse, which
-does not count wheels that spin.
+the accumulated difference is the distance in plan between both positions of a stop, when both
+traverses have the same start, and its percentage is that of the distance travelled so far. "Locally
+accumulated" is the same with a common start at the beginning of a section (the ascent of Husband
+Hill). Here the distance travelled is measured along the corrected traverse, which excludes wheel
+slip.
 
-The differences of single legs, which the accumulated ones hide where slips in different directions
-cancel out, come from each leg alone: what telemetry drove less what the rover moved.
+The differences of single legs, which accumulation may cancel, are computed for each leg: its vector
+by telemetry minus the corrected one.
 """
 
 from __future__ import annotations
@@ -22,19 +22,20 @@ from solmap.photogrammetry.errors import TraverseError
 from solmap.photogrammetry.traverse.records import Traverse, leg_lengths
 
 LEAST_DISTANCE_M = 20.0
-"""Percentages are compared from here on: of a first step of a metre, a wheel's width is 20 %."""
+"""Distance from which percentages are compared: of a first step of a metre, a wheel's width is 20
+%."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Differences:
-    """Telemetry less corrected, stop by stop, both starting at the same place."""
+    """Telemetry minus corrected, stop by stop, with the same start."""
 
     stops: tuple[str, ...]
     sols: Int32[np.ndarray, " points"]
     distance_m: PerPoint
-    """Travelled in plan since the start, along the corrected traverse."""
+    """Distance in plan since the start, along the corrected traverse."""
     offset_m: ObjectPoints
-    """(east, north, up) of telemetry less corrected; up is NaN where one of them gives none."""
+    """(east, north, up) of telemetry minus corrected; up is NaN where one of them has none."""
 
     @property
     def horizontal_m(self) -> PerPoint:
@@ -49,11 +50,11 @@ class Differences:
 
     @property
     def leg_m(self) -> Float64[np.ndarray, " legs"]:
-        """Difference in plan that every single leg adds."""
+        """Difference in plan of every single leg."""
         return leg_lengths(self.offset_m)
 
     def summary(self, least_distance_m: float = LEAST_DISTANCE_M) -> Summary:
-        """Where telemetry ends, and where it is worst for the distance."""
+        """The last difference, and the largest ones."""
         far = np.flatnonzero(self.distance_m >= min(least_distance_m, self.distance_m[-1]))
         worst = int(far[np.argmax(np.nan_to_num(self.percent[far]))])
         return Summary(
@@ -89,7 +90,7 @@ class Difference:
     horizontal_m: float
     percent: float
     elevation_m: float
-    """Telemetry above the corrected place; NaN where one of them has no elevation."""
+    """Telemetry above the corrected position; NaN where one of them has no elevation."""
 
     def __str__(self) -> str:
         return (
@@ -100,15 +101,15 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What the paper reports of a traverse."""
+    """Figures of a traverse as in the paper."""
 
     stops: int
     end: Difference
     """At the last stop."""
     worst: Difference
-    """Where the percentage is greatest, the first metres left out."""
+    """Where the percentage is largest, except for the first metres."""
     farthest: Difference
-    """Where the metres are most."""
+    """Where the distance is largest."""
 
 
 def differences(telemetry: Traverse, corrected: Traverse) -> Differences:
@@ -121,8 +122,8 @@ def differences(telemetry: Traverse, corrected: Traverse) -> Differences:
         known = set(corrected.stops)
         lost = next((stop for stop in telemetry.stops if stop not in known), "another order")
         raise TraverseError(
-            f"the {telemetry.solution} and {corrected.solution} traverses have not the same stops "
-            f"({lost}): compare `common_stops` ones"
+            f"the {telemetry.solution} and {corrected.solution} traverses have different stops "
+            f"({lost}): compare `common_stops` of them"
         )
     if len(telemetry) < 2:  # noqa: PLR2004 - a leg has two ends
         raise TraverseError("a traverse of fewer than two stops has nothing to compare")

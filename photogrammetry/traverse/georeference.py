@@ -1,18 +1,18 @@
-"""Georeference an uncontrolled orbital mosaic by the traverse: rotation, scale, what remains.
+"""Georeference an uncontrolled orbital mosaic to traverse points: rotation, scale, residuals.
 
 Di et al. 2008 (section 4) identified nine stops on the rover track of an uncontrolled MOC mosaic,
-found it turned by 1.3 degrees against the adjusted traverse, georeferenced it with these points as
-control, moved it so that both begin at the lander, and reported the differences that remain: 8.8 m
-on average, 12 m or 0.4 % of the distance at the last point. This does the same with the errors of
-the parameters.
+found it rotated by 1.3 degrees against the adjusted traverse, georeferenced it with these points as
+control, moved it so that both begin at the lander, and reported the remaining differences: 8.8 m on
+average, 12 m or 0.4 % of the distance at the last point. This does the same with the errors of the
+parameters.
 
-A similarity turns and scales; an affinity may also stretch in one direction and shear, as mosaics
-of several strips do. Both are fitted by least squares about the centroid, so that shift and turn do
-not depend on each other.
+A similarity rotates and scales; an affinity may also stretch in one direction and shear, as in
+mosaics of several strips. Both are fitted by least squares about the centroid, so that shift and
+rotation are independent.
 
-Simulated points have an answer that is known and not only close to one: what displaces them is
-freed of all that a similarity of the mosaic's track could take up, so that georeferencing must give
-back exactly the rotation and scale put in, and the displacements as residuals.
+Simulated points have an exactly known solution: their displacements are made orthogonal to every
+similarity of the mosaic's track, so that georeferencing must return exactly the given rotation and
+scale, and the displacements as residuals.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ COLUMNS = ("name", "mosaic_x_m", "mosaic_y_m", "east_m", "north_m")
 
 
 class MapTransform(StrEnum):
-    """What may differ between two maps."""
+    """Kind of transform between two maps."""
 
     SIMILARITY = "similarity"
     """Shift, rotation, one scale: four parameters."""
@@ -46,36 +46,36 @@ FEWEST = {MapTransform.SIMILARITY: 2, MapTransform.AFFINITY: 3}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Georeference:
-    """The transform of a map that carries its points onto control points."""
+    """The transform of a map from its points to control points."""
 
     transform: MapTransform
     matrix: Float64[np.ndarray, "2 2"]
     shift_m: Float64[np.ndarray, " 2"]
     residuals_m: Float64[np.ndarray, "points 2"]
-    """Transformed less control, (east, north)."""
+    """Transformed minus control, (east, north)."""
     sigma_m: float
     """Standard deviation of a coordinate, from the residuals; NaN without redundancy."""
     rotation_deg: float
-    """By which the map is turned counter-clockwise onto the control."""
+    """Counter-clockwise rotation of the map onto the control."""
     sigma_rotation_deg: float
     scale: float
     sigma_scale: float
 
     def apply(self, points_m: Float64[np.ndarray, "points 2"]) -> Float64[np.ndarray, "points 2"]:
-        """Points of the map where the control would have them."""
+        """Points of the map transformed to the control."""
         return points_m @ self.matrix.T + self.shift_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackComparison:
-    """Two tracks through the same stops, after georeferencing and with one start."""
+    """Two tracks through the same stops, after georeferencing and with the same start."""
 
     differences_m: PerPoint
     """In plan, at every point."""
     mean_m: float
     end_m: float
     end_percent: float
-    """Of the distance travelled along the control track."""
+    """Percent of the distance travelled along the control track."""
 
 
 def georeference(
@@ -86,7 +86,7 @@ def georeference(
     """Fit the transform from a map's points, (east, north), to the same points of the control.
 
     Raises:
-        TraverseError: too few points, or points in one place (or on a line, for an affinity).
+        TraverseError: too few points, or coincident points (or points on a line, for an affinity).
     """
     if len(points_m) != len(control_m) or len(points_m) < FEWEST[transform]:
         raise TraverseError(
@@ -98,7 +98,7 @@ def georeference(
     found, _, rank, _ = np.linalg.lstsq(design, (control_m - goal).ravel(), rcond=1e-9)
     if rank < design.shape[1]:
         raise TraverseError(
-            f"the {len(points_m)} points lie in one place or on one line: they do not fix a "
+            f"the {len(points_m)} points coincide or lie on one line: they do not determine a "
             f"{transform}; add points off the line"
         )
     matrix = _matrix(found, transform)
@@ -125,7 +125,7 @@ def georeference(
 def compare_tracks(
     track_m: Float64[np.ndarray, "points 2"], control_m: Float64[np.ndarray, "points 2"]
 ) -> TrackComparison:
-    """Differences of two tracks through the same stops, both starting at the first of them."""
+    """Differences of two tracks through the same stops, with a common start at the first."""
     started = track_m - track_m[0] + control_m[0]
     apart = np.hypot(*(started - control_m).T)
     travelled = float(leg_lengths(control_m).sum())
@@ -158,7 +158,7 @@ def _matrix(found: np.ndarray, transform: MapTransform) -> Float64[np.ndarray, "
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MosaicPoints:
-    """The same places in a mosaic and on the map, in the order of the track."""
+    """Corresponding points in a mosaic and on the map, in the order of the track."""
 
     names: tuple[str, ...]
     mosaic_m: Float64[np.ndarray, "points 2"]
@@ -177,18 +177,18 @@ class MosaicPoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedMosaic:
-    """Points in a simulated mosaic, and the answer that georeferencing must give."""
+    """Points in a simulated mosaic, and the solution that georeferencing must return."""
 
     points: MosaicPoints
     rotation_deg: float
-    """By which the mosaic is turned counter-clockwise onto the map."""
+    """Counter-clockwise rotation of the mosaic onto the map."""
     scale: float
     residuals_m: Float64[np.ndarray, "points 2"]
-    """Georeferenced mosaic less map, (east, north)."""
+    """Georeferenced mosaic minus map, (east, north)."""
 
     @property
     def differences_m(self) -> Float64[np.ndarray, " points"]:
-        """Of both tracks, laid on one start."""
+        """Of both tracks, with a common start."""
         return np.hypot(*(self.residuals_m - self.residuals_m[0]).T)
 
     @property
@@ -202,13 +202,13 @@ def parse_points(text: str, source: str) -> MosaicPoints:
     """Read a table of points.
 
     Raises:
-        TraverseError: names the file, the line and what is wrong.
+        TraverseError: the message names the file, the line and the fault.
     """
     rows = list(csv.reader(io.StringIO(text.removeprefix("\ufeff"))))
     names = [name.strip().lower() for name in rows[0]] if rows else []
     lost = [name for name in COLUMNS if name not in names]
     if lost:
-        raise TraverseError(f"{source}: the first line lacks {lost[0]}; it names {COLUMNS}")
+        raise TraverseError(f"{source}: the first line lacks {lost[0]}; it must name {COLUMNS}")
     at = [names.index(name) for name in COLUMNS]
     found, labels = [], []
     for number, row in enumerate(rows[1:], 2):
@@ -237,15 +237,15 @@ def simulate_mosaic(
     scale: float = 1.002,
     displaced_m: float = 8.0,
 ) -> SimulatedMosaic:
-    """A track in a mosaic that is turned, scaled, shifted, and displaces every point.
+    """A track in a mosaic that is rotated, scaled, shifted, and has displaced points.
 
     Args:
         rng: source of all randomness.
-        points: identified on the track.
+        points: number of points on the track.
         length_m: of the track.
-        rotation_deg: by which the mosaic must be turned onto the map.
-        scale: by which it must be scaled.
-        displaced_m: root mean square of what is left at the points.
+        rotation_deg: rotation of the mosaic onto the map.
+        scale: scale of the mosaic onto the map.
+        displaced_m: root mean square of the residuals.
     """
     heading = np.cumsum(rng.normal(0.0, 0.4, points - 1)) + rng.uniform(-np.pi, np.pi)
     steps = length_m / (points - 1) * np.column_stack([np.sin(heading), np.cos(heading)])

@@ -1,16 +1,16 @@
-"""Stops and images whose telemetry cannot be true.
+"""Stops and images with impossible telemetry.
 
-A label can be well-formed and still place its rover kilometres from where it stood, by a damaged
-field or a frame that was mixed up. One such stop in a network stretches the map, the links and
-every figure of the mission, so it gets a map of its own until its files are corrected.
+A label can be well-formed and still place its rover kilometres from its true position, by a damaged
+field or a wrong frame. One such stop in a network would distort the map, the links and every figure
+of the mission, so it gets a separate map until its files are corrected.
 
-The limits are physical and wide: whatever a rover can do stays far inside, so no slip of the
-wheels, gap in what was delivered or change of the site frame comes near them.
+The limits are physical and wide: wheel slip, gaps in deliveries and changes of the site frame are
+far within them.
 
-Stops that contradict each other are told apart by number: the most stops that agree, each with
-the next, are kept. Where the numbers are equal, those nearest to the origin are, for an error of a
-coordinate nearly always makes it larger. Images of one stop are separated first: most of them
-count, or, where none are most, those that agree with the first that was taken.
+Of stops that contradict each other, the largest set in which each agrees with the next is kept; of
+equal sets, the one nearest to the origin, because errors nearly always enlarge a coordinate. Images
+of one stop are separated first: the majority is used, or, without a majority, those that agree with
+the first one.
 """
 
 from __future__ import annotations
@@ -25,38 +25,39 @@ from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
 
 Flags = np.ndarray
-"""One truth value a stop."""
+"""One truth value per stop."""
 
 MOST_PER_SOL_M = 1000.0
 """Perseverance drove 411 m in its longest sol, Spirit and Opportunity 124 and 220 m."""
 MOST_DRIFT = 0.2
-"""Of the distance from the origin: what telemetry and localised sites may differ by where a chain
-goes from one to the other. Wheels slip by up to 20 % over a whole traverse (more on single drives,
-which the distance of a sol covers)."""
+"""Fraction of the distance from the origin: difference between telemetry and localised sites where
+a chain changes between them. Wheels slip by up to 20 % over a whole traverse (more on single
+drives, which the distance of a sol covers)."""
 MOST_FROM_ORIGIN_M = 200_000.0
 """The longest traverse so far is 45 km; the map of the landing site is a plane tangent to Mars."""
 MOST_TILT_DEG = 60.0
-"""Rovers are kept below 30 degrees and fall over at 45."""
+"""Rovers are kept below 30 degrees and tip over at 45."""
 MOST_APART_M = 10.0
-"""A rover stands still between the images of one stop; labels of before and after a localisation
-differ by what the wheels slipped since its site was declared, some metres."""
+"""A rover does not move between the images of one stop; labels before and after a localisation
+differ by the slip since its site was declared, some metres."""
 
 MOST_TURN = 0.35
-"""Of an element of the rotation matrix: some 20 degrees, more than a new fix on the Sun changes."""
+"""Difference of an element of the rotation matrix: about 20 degrees, more than a new sun sighting
+changes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TelemetryStop:
-    """What telemetry says of a stop."""
+    """Telemetry of a stop."""
 
     stop: StopId
     lsl_from_rover: Pose
     sols: tuple[int, ...]
-    """On which images were taken there, ascending."""
+    """Sols on which images were taken there, ascending."""
 
 
 def implausible_stops(stops: Sequence[TelemetryStop]) -> dict[StopId, str]:
-    """The stops that cannot be where they are, and why; `stops` in the order of the traverse."""
+    """The stops with impossible poses, and why; `stops` in the order of the traverse."""
     reasons = {one.stop: reason for one in stops if (reason := _own_reason(one))}
     left = [one for one in stops if one.stop not in reasons]
     kept = np.flatnonzero(_largest_agreeing(left))
@@ -67,7 +68,7 @@ def implausible_stops(stops: Sequence[TelemetryStop]) -> dict[StopId, str]:
 
 
 def strays(poses: Sequence[Pose]) -> list[str | None]:
-    """Why the label of each image of a stop cannot be true; None of those that can.
+    """The reason why the label of each image of a stop is impossible; None for valid ones.
 
     Args:
         poses: Of the rover in its site, by the images in the order in which they were taken.
@@ -82,10 +83,10 @@ def strays(poses: Sequence[Pose]) -> list[str | None]:
         if 2 * differ[upright].sum() >= upright.sum():
             differ = (np.abs(values - values[upright][0]) > limits).any(axis=1)
     return [
-        f"it has the rover tilted by {tilt_deg:.0f} degrees, which lies on its side beyond "
+        f"it has the rover tilted by {tilt_deg:.0f} degrees, but rovers tip over at "
         f"{MOST_TILT_DEG:.0f}"
         if not tilt_deg <= MOST_TILT_DEG
-        else "it places the rover elsewhere than most images of the stop, or the first, do"
+        else "it places the rover elsewhere than most images of the stop, or the first one"
         if is_elsewhere
         else None
         for tilt_deg, is_elsewhere in zip(tilts_deg, differ, strict=True)
@@ -93,18 +94,18 @@ def strays(poses: Sequence[Pose]) -> list[str | None]:
 
 
 def _own_reason(one: TelemetryStop) -> str | None:
-    """Why a stop cannot be true whatever its neighbours are."""
+    """The reason why a stop is impossible independent of its neighbours."""
     away_m = float(np.abs(one.lsl_from_rover.translation_m).max())
     if away_m <= MOST_FROM_ORIGIN_M:
         return None
     return (
-        f"telemetry has it {away_m:.4g} m from the origin of the map; no rover has driven "
+        f"telemetry puts it {away_m:.4g} m from the origin of the map; no rover has driven "
         f"{MOST_FROM_ORIGIN_M / 1000:.0f} km"
     )
 
 
 def _largest_agreeing(stops: Sequence[TelemetryStop]) -> Flags:
-    """Which of the stops to keep, so that each agrees with the next that is kept."""
+    """The stops to keep, so that each agrees with the next one kept."""
     count = len(stops)
     places = np.array([one.lsl_from_rover.translation_m for one in stops]).reshape(-1, 3)
     sols = np.array([(one.sols[0], one.sols[-1]) if one.sols else (0, 0) for one in stops])
@@ -132,7 +133,7 @@ def _agree(
     later_m: ObjectPoints,
     later_sols: Float64[np.ndarray, "n 2"],
 ) -> Flags:
-    """Whether the rover can have gone from each earlier place to its later one."""
+    """Whether the rover can have driven from each earlier position to its later one."""
     driving = 1.0 + np.maximum(0.0, later_sols[:, 0] - earlier_sols[:, 1])
     nearer_m = np.minimum(np.linalg.norm(earlier_m, axis=1), np.linalg.norm(later_m, axis=1))
     apart_m = np.linalg.norm(later_m - earlier_m, axis=1)
@@ -146,6 +147,6 @@ def _jump_reason(one: TelemetryStop, neighbours: Sequence[TelemetryStop]) -> str
         for other in neighbours
     ]
     return (
-        f"telemetry has it {' and '.join(far)}, the stops beside it, farther than a rover drives "
+        f"telemetry puts it {' and '.join(far)}, the stops beside it, farther than a rover drives "
         f"in the sols between ({MOST_PER_SOL_M:,.0f} m each)"
     )

@@ -1,4 +1,4 @@
-"""A traverse: where a rover stood, stop by stop, by one solution."""
+"""A traverse: positions of a rover, stop by stop, by one solution."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ class Traverse:
     """Stops in the order in which the rover reached them."""
 
     solution: str
-    """Whose positions these are: telemetry, adjusted, localised."""
+    """Solution: telemetry, adjusted, localised."""
     stops: tuple[str, ...]
     """Name of every stop, `site/drive`."""
     sols: Int32[np.ndarray, " points"]
     """Sol on which the rover reached it."""
     places_m: ObjectPoints
-    """(east, north, up) on the landing site's map; up is NaN where the solution gives none."""
+    """(east, north, up) on the landing site's map; up is NaN where the solution has none."""
 
     def __post_init__(self) -> None:
         if not len(self.stops) == len(self.sols) == len(self.places_m):
             raise TraverseError(
                 f"the {self.solution} traverse has {len(self.stops)} names, {len(self.sols)} sols "
-                f"and {len(self.places_m)} places; one of each a stop is needed"
+                f"and {len(self.places_m)} positions; one of each per stop is needed"
             )
         if not np.isfinite(self.places_m[:, :2]).all():
-            raise TraverseError(f"the {self.solution} traverse has stops without a place")
+            raise TraverseError(f"the {self.solution} traverse has stops without a position")
 
     def __len__(self) -> int:
         return len(self.stops)
@@ -42,7 +42,7 @@ class Traverse:
         return float(leg_lengths(self.places_m).sum())
 
     def at(self, rows: Sequence[int] | np.ndarray) -> Traverse:
-        """Some of its stops, in the order asked for."""
+        """Some of its stops, in the requested order."""
         index = np.asarray(rows, dtype=np.intp)
         return Traverse(
             self.solution,
@@ -62,5 +62,5 @@ class Traverse:
 
 
 def leg_lengths(places_m: Float64[np.ndarray, "n axes"]) -> Float64[np.ndarray, " legs"]:
-    """Length in plan of every leg between places (east, north, ...), metres."""
+    """Length in plan of every leg between positions (east, north, ...), metres."""
     return np.hypot(*np.diff(places_m[:, :2], axis=0).T)

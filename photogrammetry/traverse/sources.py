@@ -1,17 +1,17 @@
-"""Traverses out of files: tables of whole missions, vector files, PLACES and location files.
+"""Traverses from files: tables of whole missions, vector files, PLACES and location files.
 
-Tables are those of the Analyst's Notebook of MER. The path table has a row a motion: SITE, DRIVE,
+Tables are those of the Analyst's Notebook of MER. The path table has a row per motion: SITE, DRIVE,
 START_SOL, END_SOL, RAW_X, RAW_Y, RAW_Z (telemetry: east, north, elevation in metres from the
-lander) and CORRECTED_X, CORRECTED_Y, the localised place on an equirectangular map. Tables and
-GeoJSON files of sites and drives give the localised places as longitude and latitude, beside the
-same map coordinates. Their traps (facts 4.7):
+lander) and CORRECTED_X, CORRECTED_Y, the localised position on an equirectangular map. Tables and
+GeoJSON files of sites and drives give the localised positions as longitude and latitude, beside the
+same map coordinates. Pitfalls (facts 4.7):
 
-- rows stand twice, and a stop has a row for every sol that the rover stayed;
-- some are separated by tabs and write decimal commas, or separate the header otherwise than rows;
+- rows are duplicated, and a stop has a row for every sol that the rover stayed;
+- some are separated by tabs and have decimal commas, or another separator in the header;
 - CORRECTED_X is in metres of the equator, so that a metre of ground to the east is CORRECTED_X
-  cos(latitude); here it goes through longitude, so nothing needs scaling;
-- the GeoJSON files claim Earth degrees (EPSG:4326); they are degrees of Mars;
-- RAW_Z is 0 everywhere, which is no elevation.
+  cos(latitude); here longitude is used, so no scaling is needed;
+- the GeoJSON files state Earth degrees (EPSG:4326); they are degrees of Mars;
+- RAW_Z is 0 everywhere, which is not an elevation.
 
 The stops of vector files, PLACES tables and location files are chained into the LSL.
 """
@@ -44,24 +44,24 @@ NAMES = {
     "xcorrected": "corrected_x",
     "ycorrected": "corrected_y",
 }
-"""The same columns as the tables of sites and drives call them."""
+"""Names of the same columns in the tables of sites and drives."""
 MAX_TABLE = 1 << 26
 SAME_PLACE_M = 0.01
-"""Rows of one stop that lie farther apart than this contradict each other."""
+"""Rows of one stop farther apart than this contradict each other."""
 Row = tuple[str, Mapping[str, str]]
-"""Where it stands, and its fields by the name of their column."""
+"""Its location, and its fields by the name of their column."""
 
 
 @dataclass(frozen=True, slots=True)
 class Equirectangular:
-    """The map of the corrected places: x = R (longitude - meridian), y = R latitude."""
+    """The map of the corrected positions: x = R (longitude - meridian), y = R latitude."""
 
     central_meridian_deg: float = 175.5
     """Of the Analyst's Notebook of Spirit."""
     radius_m: float = MARS_RADIUS_M
 
     def degrees(self, x: float, y: float) -> tuple[float, float]:
-        """East longitude and planetocentric latitude of a place on the map."""
+        """East longitude and planetocentric latitude of a point on the map."""
         return self.central_meridian_deg + math.degrees(x / self.radius_m), math.degrees(
             y / self.radius_m
         )
@@ -74,22 +74,25 @@ class MissionTable:
     source: str
     stops: tuple[str, ...]
     sols: Int32[np.ndarray, " points"]
-    """On which each was reached."""
+    """Sol on which each was reached."""
     telemetry_m: ObjectPoints | None
-    """(east, north, up) from the lander; up is NaN where the table has none. None: not in it."""
+    """(east, north, up) from the lander; up is NaN where the table has none. None: not in the
+    table."""
     localised_deg: Float64[np.ndarray, "points 2"] | None
-    """East longitude and planetocentric latitude. None: not in it."""
+    """East longitude and planetocentric latitude. None: not in the table."""
     notes: tuple[str, ...]
-    """What was set right, for the log."""
+    """Corrections made, for the log."""
 
     def telemetry(self) -> Traverse:
-        """The traverse that the rover believed.
+        """The traverse by telemetry.
 
         Raises:
             TraverseError: the table has no telemetry.
         """
         if self.telemetry_m is None:
-            raise TraverseError(f"{self.source} holds no telemetry (RAW_X, RAW_Y): compare another")
+            raise TraverseError(
+                f"{self.source} contains no telemetry (RAW_X, RAW_Y): compare another"
+            )
         return Traverse("telemetry", self.stops, self.sols, self.telemetry_m)
 
 
@@ -100,20 +103,21 @@ def parse_mission_table(
 
     Args:
         text: The file.
-        source: Its name, for complaints.
-        corrected_map: What CORRECTED_X and CORRECTED_Y are measured on, where the file gives no
-            longitude and latitude.
+        source: Its name, for messages.
+        corrected_map: The map of CORRECTED_X and CORRECTED_Y, where the file gives no longitude and
+            latitude.
 
     Raises:
-        TraverseError: the file is none of them, or a row of it is broken; names the line.
+        TraverseError: the file is none of them, or a row of it is broken; the message names the
+            line.
     """
     if len(text) > MAX_TABLE:
         raise TraverseError(f"{source}: {len(text)} characters are too many for a traverse table")
     is_json = text.lstrip("\ufeff \t\r\n").startswith("{")
     rows = list(_geojson_rows(text, source) if is_json else _table_rows(text, source))
     if not rows:
-        raise TraverseError(f"{source}: no row with a stop; a traverse table has one a motion")
-    notes = ["its degrees are of Mars, whatever CRS it claims"] if is_json else []
+        raise TraverseError(f"{source}: no row with a stop; a traverse table has one per motion")
+    notes = ["its degrees are those of Mars, although it states another CRS"] if is_json else []
     return _table(rows, source, corrected_map or Equirectangular(), notes)
 
 
@@ -124,13 +128,13 @@ def _table_rows(text: str, source: str) -> Iterator[Row]:
     header = [name.strip().lower() for name in re.split(r"[\t,;]", lines[0][1].lstrip("\ufeff"))]
     columns = [NAMES.get(name, name) for name in header]
     if not {"site", "drive"} <= set(columns):
-        raise TraverseError(f"{source}: no traverse table: its first line lacks SITE and DRIVE")
+        raise TraverseError(f"{source}: not a traverse table: its first line lacks SITE and DRIVE")
     for number, line in lines[1:]:
         fields = _fields(line, len(columns))
         if len(fields) != len(columns):
             raise TraverseError(
                 f"{source}: line {number} has {len(fields)} fields where the header has "
-                f"{len(columns)}: is it cut off?"
+                f"{len(columns)}: is it truncated?"
             )
         yield f"{source}: line {number}", dict(zip(columns, fields, strict=True))
 
@@ -157,7 +161,8 @@ def _geojson_rows(text: str, source: str) -> Iterator[Row]:
             )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise TraverseError(
-            f"{source}: no GeoJSON of sites or drives: {error!r}; expected points with rmcSite"
+            f"{source}: not a GeoJSON file of sites or drives: {error!r}; expected points with "
+            "rmcSite"
         ) from error
 
 
@@ -181,7 +186,7 @@ def _table(
     apart = _contradictions(rows, once) if has_telemetry else []
     if apart:
         notes.append(
-            f"{len(apart)} stops have rows at several places, the first is taken: "
+            f"{len(apart)} stops have rows at several positions, the first is used: "
             f"{', '.join(apart[:3])}"
         )
     telemetry = np.array([_telemetry_of(row) for row in first]) if has_telemetry else None
@@ -203,7 +208,7 @@ def _table(
 
 
 def _contradictions(rows: Iterable[Row], once: Mapping[str, Row]) -> list[str]:
-    """Stops with a row that lies elsewhere than the one that was taken."""
+    """Stops with a row at another position than the one used."""
     apart = [
         _stop(row)
         for row in rows
@@ -254,17 +259,17 @@ def _number(row: Row, name: str) -> float:
 
 
 def traverse_of_vectors(files: Sequence[VectorFile], solution: str = "") -> Traverse:
-    """The stops that vector files place, in the order of their counters; sites where no rover is.
+    """The stops of vector files, in the order of their counters; sites where there are no rovers.
 
-    A file of sites alone gives the origins of the sites, which is where the rover stood when each
-    was declared. Vector files name no sols; they are 0.
+    A file with only sites gives the origins of the sites, the positions of the rover when each was
+    declared. Vector files have no sols; they are 0.
 
     Args:
         files: Of one mission.
-        solution: Which of their solutions; by default the one that counts for each.
+        solution: Which of their solutions; by default the preferred one for each.
 
     Raises:
-        TraverseError: nothing that they place is chained to the LSL.
+        TraverseError: none of their stops is connected to the LSL.
     """
     chosen = [_only(file, solution) for file in files] if solution else list(files)
     given = best_poses(chosen)
@@ -280,7 +285,7 @@ def traverse_of_vectors(files: Sequence[VectorFile], solution: str = "") -> Trav
             continue
     if not placed:
         names = ", ".join(file.source for file in files) or "no file"
-        raise TraverseError(f"{names}: no stop is chained to the landing site; add the .svf")
+        raise TraverseError(f"{names}: no stop is connected to the landing site; add the .svf")
     label = solution or next(iter({s.solution_id for f in chosen for s in f.solutions}), "")
     sols = np.zeros(len(placed), dtype=np.int32)
     return Traverse(label, tuple(placed), sols, map_from_lsl(np.array(list(placed.values()))))

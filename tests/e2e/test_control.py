@@ -55,7 +55,7 @@ def test_the_place_of_the_measured_map_is_found(controlled):
 def test_every_later_stop_says_that_control_holds_it(mapped, controlled):
     rows = position_rows(controlled)
     assert rows[0]["held_by"] == "held as the datum"  # nobody said that the file knows north
-    assert all("control: its place in measured-csv" in row["held_by"] for row in rows[1:])
+    assert all("control: its position in measured-csv" in row["held_by"] for row in rows[1:])
     for row, true in zip(rows, true_stops(mapped.downlink / "truth"), strict=True):
         off = np.subtract(row["adjusted_ned_m"], true.position)
         assert np.hypot(*off[:2]) < 0.15

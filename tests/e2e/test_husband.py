@@ -105,7 +105,7 @@ def test_a_mosaic_with_a_turned_georeference_makes_no_stop_worse(store, husband,
     )
     assert rows[0]["held_by"] == "held as the datum"
     for row, without in zip(rows[1:], judged[1:], strict=True):
-        assert "control: its place in turned-tif" in row["held_by"]
+        assert "control: its position in turned-tif" in row["held_by"]
         assert row["percent"] < without["percent"] + 0.03
         assert abs(row["azimuth_error_deg"]) < max(abs(without["azimuth_error_deg"]), 0.08)
     assert 0.1 < np.mean([row["nees"] for row in rows[1:]]) < 2.8

@@ -194,7 +194,7 @@ def test_where_no_safe_way_leads_the_page_says_so(seeing):
     for place in ((0.0, -15.0), (0.0, WALL_NORTH_M)):
         seeing.mouse.click(*pixel_of(seeing, *place, RESOLUTION))
         seeing.wait_for_timeout(350)
-    until(seeing, lambda: "no way free of hazards" in seeing.locator(".banner").inner_text())
+    until(seeing, lambda: "no path free of hazards" in seeing.locator(".banner").inner_text())
 
 
 def rgb(colour):

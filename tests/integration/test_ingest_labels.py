@@ -158,8 +158,8 @@ def test_what_cannot_be_placed_is_one_line_and_stops_nothing(shared_data, downli
     for name, complaint in {
         "without_attitude": "no attitude of the rover; give its pose",
         "without_model": "camera_model_type should be CAHV, CAHVOR or CAHVORE",
-        "of_another_size": "picture is 1288 x 968 pixels, its label says 1280 x 960",
-        "thumbnail": "no mapping image: sample_type is 'Thumbnail'",
+        "of_another_size": "image is 1288 x 968 pixels, its label says 1280 x 960",
+        "thumbnail": "not a mapping image: sample_type is 'Thumbnail'",
         "without_metadata": "a picture without a label; it takes without_metadata-metadata.json",
     }.items():
         (line,) = lines[f"{name}.png"]

@@ -123,7 +123,7 @@ def test_codes_without_a_table_are_codes_and_said_to_be(frames, tmp_path):
     for outcome in outcomes:
         assert not outcome.is_failure
         assert outcome.notes == (
-            "pixels are 8-bit codes of LUT1, no counts: no inverse table was given",
+            "pixels are 8-bit codes of LUT1, not counts: no inverse table was given",
         )
 
 
@@ -151,7 +151,7 @@ def test_lost_segments_are_masked_and_said_to_be(frames, tmp_path):
     read = read_product_image(image_file(entry), workspace.store)
     assert not read.mask[128:].any()
     assert read.mask[:128].mean() > 0.99
-    note = f"{128 * SIDE} pixels are masked: the label calls their segments lost"
+    note = f"{128 * SIDE} pixels are masked: their segments are marked as lost in the label"
     assert workspace.catalogue.outcomes()[0].notes == entry.notes == (note,)
 
 
@@ -230,7 +230,7 @@ def test_a_table_that_does_not_fit_is_a_fault_of_the_file(frames, tmp_path):
     settings = load_radiometry(tables(tmp_path / "settings"))
     delivery = ingest_downlink.fn(downlink, workspace, settings)
     (fault,) = delivery.faults
-    assert re.search(f"{left}: .*pixels up to .* are no 8-bit codes of LUT1", fault.notes[0])
+    assert re.search(f"{left}: .*pixels up to .* are not 8-bit codes of LUT1", fault.notes[0])
     assert [entry.id for entry in workspace.catalogue.images()] == [Path(right).stem.upper()]
 
 
@@ -244,7 +244,7 @@ def test_a_run_maps_counts_and_says_what_is_peculiar(frames, tmp_path, monkeypat
     monkeypatch.setenv("SOLMAP_INSTRUMENTS", str(settings))
     report = process_downlink(downlink, store)
     assert report.succeeded, report.failures
-    note = "pixels are 8-bit codes of LUT1, no counts: no inverse table was given"
+    note = "pixels are 8-bit codes of LUT1, not counts: no inverse table was given"
     names = [Path(name).stem.upper() for name in sorted(frames.files)]
     assert {f"{name}: {note}" for name in names} <= set(report.sols[0].notes)
     assert report.warnings == []

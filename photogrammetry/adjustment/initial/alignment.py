@@ -1,16 +1,16 @@
-"""Rigid alignment of what two stops have of the same points, wrong ties weighed down.
+"""Robust rigid alignment of two stops by the tie points that both triangulated.
 
     sum_i w_i e_i' S_i^-1 e_i                    e_i = X_i - (R Y_i + t)
 
-with X_i and Y_i the two places of a point and S_i the sum of their covariances, the second one
-turned. Wrong ties are weighed down by graduated non-convexity (Yang et al. 2020) with the truncated
-least-squares loss: w_i = 1 below, 0 above, and in between
+with X_i and Y_i the point as triangulated at each of the two stops and S_i the sum of their
+covariances, the second rotated. Wrong ties are down-weighted by graduated non-convexity (Yang et
+al. 2020) with the truncated least-squares loss: w_i = 1 below, 0 above, and in between
 
     w_i = g sqrt(mu (mu + 1)) / r_i - mu,        r_i^2 = e_i' S_i^-1 e_i,  g the gate
 
 with mu raised from nearly convex to the step function. No random sampling: the same network gives
-the same start. Without an initial value the motion is found in closed form (Kabsch 1976), with the
-covariances as mere scales.
+the same initial values. Without an initial value the motion is found in closed form (Kabsch 1976),
+with the covariances as scalar weights.
 """
 
 from __future__ import annotations
@@ -30,18 +30,19 @@ GROSS = 4.0
 """The gate of ties in the alignment of two stops, in standard deviations (99.9 % of the chi
 distribution, three degrees of freedom): ties beyond it do not enter the first adjustment."""
 GROWTH = 2.0
-"""Factor by which the loss is sharpened a round; 1.4 in the publication, for far more blunders."""
+"""Factor by which the loss is sharpened in each round; the publication uses 1.4, for far more
+blunders."""
 ROUNDS = 60
-"""At most: it takes 31 where the greatest misfit is a thousand gates."""
+"""Most rounds; 31 are needed where the largest misfit is a thousand gates."""
 HALF = 0.5
-"""Weights end at 0 or 1; this tells them apart."""
+"""Weights converge to 0 or 1; this threshold separates the two."""
 SHARP = 1e3
-"""Where mu ends: weights between 0 and 1 are then left only within 0.1 % of the gate."""
+"""Final mu: weights between 0 and 1 remain only within 0.1 % of the gate."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigidPoints:
-    """The same points as two stops have them, with covariances."""
+    """The same points as triangulated at two stops, with covariances."""
 
     X: Float64[np.ndarray, "n 3"]
     S_X: Float64[np.ndarray, "n 3 3"]
@@ -49,7 +50,7 @@ class RigidPoints:
     S_Y: Float64[np.ndarray, "n 3 3"]
 
     def misfit(self, R: Float64[np.ndarray, "3 3"], t: Float64[np.ndarray, " 3"]) -> Misfit:
-        """How far the points are apart where the second stop is turned and moved so."""
+        """Distance of the points after the second stop is rotated and shifted."""
         turned = self.Y @ R.T
         return Misfit(self.X - turned - t, inverses(self.S_X + R @ self.S_Y @ R.T), turned)
 
@@ -80,17 +81,17 @@ class Misfit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruncatedLoss:
-    """The truncated least-squares loss, as far as it is sharpened by now."""
+    """The truncated least-squares loss at its present sharpness."""
 
     weights: Float64[np.ndarray, " n"]
     """Of squared misfits, 0 to 1."""
     mu: float = 0.0
-    """How sharp it is; zero before the first misfits are known."""
+    """Sharpness; zero before the first misfits are known."""
     is_settled: bool = False
     """Whether further sharpening would change nothing."""
 
     def sharpen(self, r: Float64[np.ndarray, " n"], gate: float) -> TruncatedLoss:
-        """The loss a round sharper, for standardised misfits `r` that the weights led to."""
+        """The loss one round sharper, for the standardised misfits `r` of the last weights."""
         mu = self.mu * GROWTH if self.mu else _first_sharpness(r, gate)
         with np.errstate(divide="ignore"):
             weights = np.clip(gate * np.sqrt(mu * (mu + 1)) / r - mu, 0.0, 1.0)
@@ -99,12 +100,12 @@ class TruncatedLoss:
 
 
 def _first_sharpness(r: np.ndarray, gate: float) -> float:
-    """Where the sharpening begins: nearly convex for the greatest misfit."""
+    """Initial sharpness: nearly convex for the largest misfit."""
     return gate**2 / max(2 * float(r.max()) ** 2 - gate**2, 1e-9)
 
 
 def closed_form_motion(points: RigidPoints, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The rigid motion of least squares with one weight a point."""
+    """The least-squares rigid motion with one weight per point."""
     w = weights / weights.sum()
     middle_x, middle_y = w @ points.X, w @ points.Y
     U, _, Vt = np.linalg.svd((points.X - middle_x).T @ ((points.Y - middle_y) * w[:, None]))

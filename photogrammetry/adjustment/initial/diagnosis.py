@@ -1,16 +1,16 @@
-"""What images do not determine, found before anything is solved and stated at each stop.
+"""Find what the images do not determine, before solving, and state it for each stop.
 
-Telemetry is weighted in, so the normal equations of a network are never singular; but where ties
-are too few or badly placed a pose rests on telemetry, and the report must say so. Stops are taken
-in the order of the traverse, those first that ties join to stops already placed. With the normal
-matrix N of the rigid alignment of the stop on those, and D the standard deviations that telemetry
-gives its rotation and position,
+Telemetry is a weighted observation, so the normal equations of a network are never singular; but
+where ties are too few or badly placed a pose depends on telemetry, and the report must state it.
+Stops are taken in the order of the traverse, those first that ties join to stops already placed.
+With the normal matrix N of the rigid alignment of the stop on those, and D the standard deviations
+of its rotation and position by telemetry,
 
     rank = number of eigenvalues of D N D above one
 
-is the number of unknowns, of six, that images know better than telemetry does: 0 without ties, 3
-with one, 5 with ties on a line. A stop with a single tie is placed by nothing that could tell a
-wrong tie from a right one; that tie is set aside, and telemetry holds the stop.
+is the number of unknowns, of six, that images determine better than telemetry: 0 without ties, 3
+with one, 5 with ties on a line. Where a stop has a single tie, no other observation can show
+whether the tie is wrong; it is set aside, and the pose remains at telemetry.
 """
 
 from __future__ import annotations
@@ -36,22 +36,23 @@ from solmap.photogrammetry.imagery import StopId
 
 FULL = 6
 MANY = 12
-"""So many ties whose spread across their line tells the turn about it need no closer look."""
+"""With so many ties, their spread across their line is enough to show that the rotation about it is
+determined."""
 MOSTLY = 0.5
 SAME_M, SAME_RAD = 1e-3, 1e-4
-"""Telemetry is written to a millimetre; two stops closer than that are one."""
+"""Telemetry is rounded to a millimetre; two stops closer than that are the same."""
 
 Rows = tuple[np.ndarray, np.ndarray]
 
 
 Result = tuple[AdjustedNetwork, AdjustmentReport]
 IN_HELD_BY = {Lack.NO_TIES, Lack.DETACHED}
-"""What `AdjustedStop.held_by` says in any case."""
+"""Beginning of every value of `AdjustedStop.held_by`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Initial:
-    """A network as the alignment left it."""
+    """A network after the alignment."""
 
     names: tuple[StopId, ...]
     observations: Observations
@@ -61,17 +62,17 @@ class Initial:
     fits: np.ndarray
     """Which observations agree with the alignment."""
     placed: np.ndarray
-    """Stops that are held, or that earlier observations join to the datum."""
+    """Stops that are held fixed, or that earlier observations join to the datum."""
     controlled: frozenset[int] = frozenset()
-    """Stops whose place in an orbital image is known."""
+    """Stops whose position in an orbital image is known."""
 
     def holder(self, stops: AbstractSet[int]) -> str:
-        """What holds stops that no tie joins to the datum."""
+        """What determines stops that no tie joins to the datum."""
         return "control and telemetry hold" if stops & self.controlled else "telemetry holds"
 
 
 def diagnose(network: Initial) -> tuple[tuple[Finding, ...], np.ndarray]:
-    """What is not determined, and the rows of ties that nothing checks."""
+    """What is not determined, and the rows of ties that no other observation checks."""
     couples = network.overview.couples
     fitting = _by_stop(_fitting(couples, network.fits))
     promised = _by_stop(couples)
@@ -107,7 +108,7 @@ def _fitting(couples: dict[Couple, Rows], fits: np.ndarray) -> dict[Couple, Rows
 
 
 def _by_stop(couples: dict[Couple, Rows]) -> dict[int, dict[int, Rows]]:
-    """For each stop the others it shares points with, and the rows: its own, then theirs."""
+    """For each stop the stops it shares points with, and the rows: its own, then theirs."""
     near: dict[int, dict[int, Rows]] = {}
     for (a, b), (rows_a, rows_b) in couples.items():
         near.setdefault(a, {})[b] = (rows_a, rows_b)
@@ -118,7 +119,7 @@ def _by_stop(couples: dict[Couple, Rows]) -> dict[int, dict[int, Rows]]:
 def _weak(
     network: Initial, k: int, ours: np.ndarray, theirs: np.ndarray
 ) -> tuple[list[Finding], np.ndarray]:
-    """What ties with stops placed before leave open, and the row of a tie that is alone."""
+    """What ties with earlier stops leave undetermined, and the row of a single tie."""
     name = network.names[k]
     count = len(np.unique(network.observations.point[ours]))
     if count == 1 and not _is_tied_otherwise(network, k, ours):
@@ -138,7 +139,7 @@ def _weak(
 
 
 def _is_tied_otherwise(network: Initial, k: int, ours: np.ndarray) -> bool:
-    """Whether a stop shares points that could not align it: far ones, or seen in one image only."""
+    """Whether a stop shares points that cannot align it: far ones, or seen in one image only."""
     observations = network.observations
     rows = network.fits & ~np.isin(observations.point, observations.point[ours])
     mine = rows & (observations.stop == k)
@@ -148,7 +149,7 @@ def _is_tied_otherwise(network: Initial, k: int, ours: np.ndarray) -> bool:
 def _known_better(
     network: Initial, k: int, ours: np.ndarray, theirs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues (ascending) and eigenvectors of the alignment's normals in telemetry's sigmas."""
+    """Eigenvalues (ascending) and eigenvectors of the normals in units of telemetry's sigmas."""
     state, overview = network.state, network.overview
     points = RigidPoints(*overview.in_lsl(state, theirs), *overview.in_rover(ours))
     N, _ = points.misfit(state.rotations[k], state.centres[k]).normals(np.ones(len(ours)))
@@ -157,13 +158,13 @@ def _known_better(
 
 
 def _telemetry_sigmas(telemetry: Telemetry, k: int) -> np.ndarray:
-    """What telemetry alone would know of a stop: two of tilt, azimuth, three of position."""
+    """Standard deviations of a stop by telemetry alone: two of tilt, azimuth, three of position."""
     weight = telemetry.weight[k]
     return 1.0 / np.where(weight > 0, weight, telemetry.weight[telemetry.weight > 0].min())
 
 
 def _is_spread(network: Initial, k: int, ours: np.ndarray) -> bool:
-    """Whether points lie so far off their line that the turn about it needs no closer look."""
+    """Whether the points spread so far off their line that the rotation about it is determined."""
     points = network.overview.places_in_rover(ours)
     off = points - points.mean(axis=0)
     spread = np.linalg.eigvalsh(off.T @ off)
@@ -202,7 +203,7 @@ def _detached_block(
 
 
 def _same_places(network: Initial) -> list[Finding]:
-    """Stops that telemetry reports where, and as, the one before stood."""
+    """Stops that telemetry reports at the same pose as the stop before."""
     telemetry = network.telemetry
     moved = np.linalg.norm(np.diff(telemetry.centres, axis=0), axis=1)
     turned = np.abs(np.diff(telemetry.rotations, axis=0)).max(axis=(1, 2), initial=0.0)
@@ -214,7 +215,7 @@ def _same_places(network: Initial) -> list[Finding]:
 
 
 def with_findings(result: Result, findings: tuple[Finding, ...]) -> Result:
-    """An adjustment whose stops and report say what images did not determine."""
+    """The adjustment with the diagnosis written into its stops and its report."""
     adjusted, report = result
     told = {finding.stop: finding.text for finding in findings if finding.lack not in IN_HELD_BY}
     stops = tuple(
@@ -227,7 +228,7 @@ def with_findings(result: Result, findings: tuple[Finding, ...]) -> Result:
 
 
 def without_unchecked(network: Network, observations: Observations, rows: np.ndarray) -> Network:
-    """The network without some ties: what their stops saw of their points."""
+    """The network without some ties: their stops lose all observations of their points."""
     lost = np.zeros(len(observations), dtype=bool)
     for row in rows.tolist():
         same = observations.point == observations.point[row]
@@ -236,7 +237,7 @@ def without_unchecked(network: Network, observations: Observations, rows: np.nda
 
 
 def complete(result: Result, network: Network, findings: tuple[Finding, ...]) -> Result:
-    """An adjustment of a part of the ties, with the others as unused and what was found of them."""
+    """The adjustment of a subset of the ties, with the others added as unused and the diagnosis."""
     adjusted, report = result
     whole = replace(adjusted, ties=merge_ties(network.ties, (adjusted.ties,)))
     return with_findings((whole, report), findings)

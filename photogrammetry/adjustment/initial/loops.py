@@ -1,18 +1,18 @@
-"""Loop closure: where a traverse meets ground that it saw long ago, before images are looked at.
+"""Loop closure: correct the drift where a traverse returns to ground that it saw long before.
 
-Stop by stop along a traverse errors add up; where it meets earlier ground again it may be off by
-tens of metres and degrees, and image rays there do not meet at all. The pose graph has a node for
-every stop and an edge for every two that see the same ground: a rigid motion (R, t), stop b as stop
-a has it, with its information N from the tie points,
+Errors accumulate from stop to stop along a traverse. Where it returns to earlier ground, it may be
+off by tens of metres and degrees, and image rays do not intersect at all. The pose graph has a node
+for every stop and an edge for every two stops that see the same ground: a rigid motion (R, t), the
+pose of stop b in the frame of stop a, with its information matrix N from the tie points,
 
     r = (Log(R_a'R_b R'), R_a'(c_b - c_a) - t)             minimise sum_edges r'N r + telemetry
 
-Stops that follow each other keep the motion that the alignment gave them (`values`), with the
-information of the ties that fit it, so that only the loops pull. Two stops further apart get the
-rigid motion of their ties, found without any initial value; ties so few that nothing checks them
-make no loop, are set aside, and come back when they fit the adjusted network. A loop that
-contradicts the others is weighted down by the truncated least-squares loss of `alignment`, with
-r'N r in place of the squared misfit of a tie.
+Consecutive stops keep the relative motion of the alignment (`values`), with the information of the
+ties that fit it, so that only the loops change it. For two stops further apart, the rigid motion of
+their ties is found without an initial value. Ties too few to check each other close no loop: they
+are set aside, and used again if they fit the adjusted network. A loop that contradicts the others
+is down-weighted by the truncated least-squares loss of `alignment`, with r'N r in place of the
+squared misfit of a tie.
 """
 
 from __future__ import annotations
@@ -49,9 +49,10 @@ from solmap.photogrammetry.adjustment.model.telemetry import (
 from solmap.photogrammetry.arrays import Bool, Float64
 
 REACH = 3
-"""Stops back to which ties of neighbours reach (m-2, m-3); beyond, they close loops."""
+"""Ties to this many earlier stops (m-2, m-3) count as ties of neighbours; ties further back close
+loops."""
 LOOP_TIES = 5
-"""Ties that make a loop: three place a stop, and two more agree with them by no chance."""
+"""Fewest ties of a loop: three determine the pose, two more are unlikely to agree by chance."""
 
 
 GATE = float(np.sqrt(chdtri(6, 0.001)))
@@ -60,7 +61,7 @@ STEPS = 20
 """Gauss-Newton steps of the graph for each sharpness of the loss."""
 HALVINGS = 8
 TOLERANCE = 1e-6
-"""Squared length of a step, as a part of the cost, at which an initial value is good enough."""
+"""Squared length of a step, as a fraction of the cost, at which the iteration ends."""
 
 
 def close_loops(
@@ -101,7 +102,7 @@ def close_loops(
 def _as_aligned(
     state: State, a: int, b: int, points: RigidPoints
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The motion that two stops have, and what the ties that fit it know of it."""
+    """The relative motion of two stops, and its information from the ties that fit it."""
     R = state.rotations[a].T @ state.rotations[b]
     t = state.rotations[a].T @ (state.centres[b] - state.centres[a])
     misfit = points.misfit(R, t)
@@ -129,7 +130,7 @@ def _only_of_loops(
     rows: np.ndarray,
     couples: dict[Couple, tuple[np.ndarray, np.ndarray]],
 ) -> np.ndarray:
-    """Those of some rows that tie their stop to no neighbour as well."""
+    """Those of some rows whose stop has no tie with a neighbour."""
     near = [np.concatenate(both) for (a, b), both in couples.items() if b - a <= REACH]
     tied = np.unique(np.concatenate([*near, np.zeros(0, dtype=np.int64)]))
     return np.setdiff1d(rows, tied)
@@ -137,7 +138,7 @@ def _only_of_loops(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Edges:
-    """Stop b as stop a has it, many times."""
+    """Relative motions of pairs of stops: stop b in the frame of stop a."""
 
     a: np.ndarray
     b: np.ndarray
@@ -148,7 +149,7 @@ class Edges:
 
     @property
     def root(self) -> Float64[np.ndarray, "edges 6 6"]:
-        """W with W'W = N; what N does not know stays unknown."""
+        """W with W'W = N; directions without information stay so."""
         values, vectors = np.linalg.eigh(self.information)
         return np.sqrt(np.maximum(values, 0.0))[:, :, None] * vectors.swapaxes(1, 2)
 
@@ -174,7 +175,7 @@ class Edges:
 def relax(
     state: State, telemetry: Telemetry, held: np.ndarray, edges: Edges
 ) -> tuple[State, np.ndarray]:
-    """The state with its stops where edges and telemetry want them; weight (0..1) of each edge."""
+    """The state with its stops moved to fit edges and telemetry; weight (0..1) of each edge."""
     loops, root = edges.is_loop, edges.root
     weights = np.ones(len(loops))
     loss = TruncatedLoss(weights[loops])
@@ -191,7 +192,7 @@ def relax(
 def _solve(
     state: State, telemetry: Telemetry, held: np.ndarray, edges: Edges, root: np.ndarray
 ) -> State:
-    """Gauss-Newton along arcs, each step halved until it does not raise the cost."""
+    """Gauss-Newton along arcs; each step is halved until it does not raise the cost."""
     cost = _cost(state, telemetry, edges, root)
     for _ in range(STEPS):
         x, length2 = _step(state, telemetry, held, edges, root)

@@ -7,11 +7,11 @@ points that two stops triangulated from the same features differ by one rigid mo
 
     sum_i w_i e_i' S_i^-1 e_i + telemetry (tilt, azimuth, increment)     e_i = X_i - (R Y_i + c)
 
-with X_i the place that an earlier stop gives the point (LSL), Y_i the place in the rover frame of
-the new stop, and S_i the sum of their covariances: image coordinates, range (which dominates),
-and the mast pointing of both, wrong ties weighted down as in `alignment`. A stop without cross-site
-ties follows its telemetry increment. Only stops up to `REACH` back count as long as there are ties
-with them: what the traverse comes back to later is off by all the drift since, and closes a loop
+with X_i the point as placed by an earlier stop (LSL), Y_i the point in the rover frame of the new
+stop, and S_i the sum of their covariances: image coordinates, range (the largest part), and the
+mast pointing of both. Wrong ties are down-weighted as in `alignment`. A stop without cross-site
+ties follows its telemetry increment. While there are ties with stops up to `REACH` back, only these
+count: at ground revisited later the drift since then has to be removed first, which is loop closure
 (`loops`).
 
 **Points that only single images see.** An observation without parallax is a ray, origin o and unit
@@ -20,10 +20,10 @@ from them,
 
     sum_i (I - u_i u_i') (X - o_i) = 0
 
-The images of a panorama stand centimetres apart, so pointing errors of 0.1 degrees make the rays of
-far points diverge. A point that would lie behind the cameras or further than `FURTHEST_BASES` times
-the distance between them is put there along the mean direction; points are adjusted by their
-inverse depth, so the adjustment finds the way from there.
+The cameras of a panorama's images are centimetres apart, so pointing errors of 0.1 degrees make the
+rays of far points diverge. A point that would lie behind the cameras or further than
+`FURTHEST_BASES` times the distance between them is set to that distance along the mean direction;
+points are adjusted by their inverse depth, so the adjustment converges from there.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ from solmap.photogrammetry.adjustment.model.telemetry import (
 from solmap.photogrammetry.arrays import Flags, Float64
 
 UNCHECKED_TIES = 3
-"""So many ties place a stop without checking one another; telemetry must not contradict them."""
+"""So many ties determine a pose without checking each other; telemetry must not contradict them."""
 
 
 FURTHEST_BASES = 1000.0
-"""The parallax there is a pixel of a Navcam."""
+"""At this distance the parallax of a Navcam is one pixel."""
 LEAST_BASE_M = 1e-3
 STIFFNESS = 1e-13
-"""Keeps parallel rays solvable; they end at the furthest distance."""
+"""Keeps the system of parallel rays solvable; their points are set to the furthest distance."""
 
 
 def initialise(  # noqa: PLR0913, PLR0917 - the network, where it stands, and what is seen of it
@@ -77,7 +77,7 @@ def initialise(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wh
     is_known: np.ndarray,
     overview: Overview | None = None,
 ) -> tuple[State, Views, np.ndarray]:
-    """Poses of all stops and points, what is seen from there, and which observations fit.
+    """Initial poses of all stops and points, what is seen from there, and which observations fit.
 
     Stops that `is_known` or `held` keep the pose they have in `known`; the others are aligned.
     """
@@ -116,14 +116,14 @@ def initialise(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wh
 def propagate_telemetry(
     state: State, telemetry: Telemetry, held: np.ndarray, is_known: np.ndarray
 ) -> State:
-    """The state with every other stop where telemetry leads from the stop before."""
+    """The state with every other stop moved to where telemetry puts it from the stop before."""
     for k in np.flatnonzero(~(held | is_known)).tolist():
         state = _propagate_stop(state, telemetry, k)
     return state
 
 
 def _propagate_stop(state: State, telemetry: Telemetry, k: int) -> State:
-    """Put stop k where its telemetry increment leads from the stop before."""
+    """Move stop k to where its telemetry increment leads from the stop before."""
     rotations, centres = state.rotations.copy(), state.centres.copy()
     rotations[k] = telemetry.rotations[k]
     centres[k] = telemetry.centres[k]
@@ -140,7 +140,7 @@ def _propagate_stop(state: State, telemetry: Telemetry, k: int) -> State:
 def _align(
     state: State, telemetry: Telemetry, k: int, ties: RigidPoints
 ) -> tuple[State, np.ndarray]:
-    """The state with stop k laid onto the others, and the weight (0..1) of each of its ties."""
+    """The state with stop k aligned to the others, and the weight (0..1) of each of its ties."""
     loss = TruncatedLoss(np.ones(len(ties.X)))
     if not len(loss.weights):
         return state, loss.weights
@@ -165,7 +165,7 @@ def _with_the_stop_before(k: int) -> np.ndarray:
 
 
 def _telemetry_misfit(state: State, link: Telemetry, k: int) -> float:
-    """How far stop k is from the telemetry that links it, in standard deviations."""
+    """Deviation of stop k from its telemetry increments, in standard deviations."""
     ends = state.of_stops(_with_the_stop_before(k))
     return float(np.linalg.norm(telemetry_misclosures(ends, link)[1] * link.weight[1]))
 
@@ -187,7 +187,7 @@ def _align_step(
 
 
 def intersect_rays(state: State, observations: Observations, used: Flags) -> State:
-    """The state with every point placed that has no place but two or more used observations."""
+    """The state with every unplaced point of two or more used observations intersected."""
     lost = ~np.isfinite(state.points).all(axis=1)
     rows = np.flatnonzero(used & lost[observations.point])
     count = np.bincount(observations.point[rows], minlength=observations.points)

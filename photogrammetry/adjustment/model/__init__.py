@@ -2,6 +2,6 @@
 
 Enters: the network of records (`network`), tie points and weights (`params`). Leaves: arrays of
 observations and unknowns with their misclosures and partial derivatives (collinearity, telemetry,
-control), and the records of an adjusted network. Nothing here solves anything, and nothing of the
-other subpackages may be imported.
+control), and the records of an adjusted network. Nothing here solves equations; no other subpackage
+may be imported.
 """

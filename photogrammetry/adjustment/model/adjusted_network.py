@@ -1,4 +1,4 @@
-"""What leaves an adjustment: poses, points, control, the report, the memory of earlier stops."""
+"""Result of an adjustment: poses, points, control, the report, the marginal of earlier stops."""
 
 from __future__ import annotations
 
@@ -15,27 +15,28 @@ from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId, TieKind, TiePoints
 
 USED, BLUNDER, UNUSED = 0, 1, 2
-"""Status of an observation: in the adjustment; found wrong; without use for it (not placed)."""
+"""Status of an observation: used; set aside as a blunder; unused because its point was not
+placed."""
 
 
 KINDS = tuple(TieKind)
-"""From ties within a pair to those between stops."""
+"""From ties within a pair to ties between stops."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustedStop:
-    """Where a stop is, how sure that is, and what holds it there."""
+    """Adjusted pose of a stop, its covariance, and what determines it."""
 
     stop: StopId
     lsl_from_rover: Pose
     covariance: Float64[np.ndarray, "6 6"]
-    """Of rotation vector (radians) and position (metres), both in the LSL, one after the other."""
+    """Of rotation vector (radians) and position (metres), both in the LSL, in this order."""
     held: bool
-    """Held fixed as the datum of the adjustment that it was last in."""
+    """Held fixed as the datum in its last adjustment."""
     is_tied: bool
     """Whether cross-site ties or control join it, directly or through others, to the datum."""
     held_by: str
-    """In words: the datum, how many ties with which stops, or the telemetry increment."""
+    """As text: the datum, how many ties with which stops, or the telemetry increment."""
 
     @property
     def sigma_ned_m(self) -> Vector3:
@@ -45,25 +46,26 @@ class AdjustedStop:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustedPair:
-    """Where a stereo pair looks from, after its mast pointing was corrected."""
+    """Pose of a stereo pair after correction of its mast pointing."""
 
     pair_id: str
     stop: StopId
     lsl_from_pair: Pose
     rover_from_pair: Pose
     pointing: Vector3
-    """Rotation vector in the rover frame that turns the label's pair into the true one, radians."""
+    """Rotation vector in the rover frame that rotates the pair from its label's pointing to the
+    adjusted one, radians."""
     covariance: Float64[np.ndarray, "6 6"]
     """Of the pair's pose: rotation vector (radians), then position of the left camera (metres),
     both in the LSL."""
     pointing_covariance: Float64[np.ndarray, "3 3"]
     ties: int
-    """Observations used that join it to another pair; none: its pointing is the label's."""
+    """Used observations of points that other pairs see too; none: its pointing is the label's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustedTies:
-    """The tie points in object space and what became of their observations."""
+    """The tie points in object space and the status of their observations."""
 
     observations: TiePoints
     points: ObjectPoints
@@ -76,23 +78,23 @@ class AdjustedTies:
     residuals_px: Float64[np.ndarray, "rows 3"]
     """Observed minus computed sample, line, parallax."""
     standardised: Float64[np.ndarray, "rows 3"]
-    """Residual over its own standard deviation; NaN where nothing checks it."""
+    """Residual over its own standard deviation; NaN where no other observation checks it."""
     redundancy: Float64[np.ndarray, "rows 3"]
-    """Share of an error that shows in the residual, 0 to 1."""
+    """Fraction of an error that appears in the residual (redundancy number), 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Memory:
-    """What a sequential adjustment keeps of the observations that it no longer looks at.
+    """What a sequential adjustment keeps of the observations of marginalised stops.
 
     |root z - right|^2 in the coordinates z of `marginal`, about poses and pointings as they were
-    when the last stop left.
+    when the last stop was marginalised.
     """
 
     window: tuple[StopId, ...]
-    """The stops that have not left yet."""
+    """The stops that are not marginalised yet."""
     stops: tuple[StopId, ...]
-    """Those of them that are spoken of."""
+    """Those of them that occur in the marginal."""
     pair_ids: tuple[str, ...]
     rotations: Float64[np.ndarray, "stops 3 3"]
     centres: Float64[np.ndarray, "stops 3"]
@@ -103,7 +105,7 @@ class Memory:
     surplus: int
     grounded: tuple[bool, ...]
     frames: tuple[str, ...] = ()
-    """Control frames that are spoken of."""
+    """Control frames that occur in the marginal."""
     frame_places: Float64[np.ndarray, "frames 5"] = field(default_factory=lambda: np.zeros((0, 5)))
     mast: Float64[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0))
     """Systematic errors of the mast, if they are unknowns."""
@@ -116,7 +118,7 @@ class AdjustedMast:
     values: Float64[np.ndarray, " 3"] = field(default_factory=lambda: np.zeros(3))
     """Radians."""
     covariance: Float64[np.ndarray, "3 3"] = field(default_factory=lambda: np.zeros((3, 3)))
-    """Zero where they were no unknowns."""
+    """Zero where they were not unknowns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,7 +129,7 @@ class AdjustedNetwork:
     pairs: tuple[AdjustedPair, ...]
     ties: AdjustedTies
     memory: Memory | None = None
-    """Of a sequential adjustment, once stops have left its window."""
+    """Of a sequential adjustment, once stops have been marginalised."""
     control: tuple[AdjustedControl, ...] = ()
     frames: tuple[AdjustedFrame, ...] = ()
     components: VarianceComponents = field(default_factory=VarianceComponents)
@@ -135,7 +137,7 @@ class AdjustedNetwork:
 
     @property
     def window(self) -> tuple[StopId, ...]:
-        """The stops that a sequential adjustment still moves; all before any was marginalised."""
+        """Stops that a sequential adjustment still estimates: all that are not marginalised."""
         return self.memory.window if self.memory else tuple(stop.stop for stop in self.stops)
 
     def stop(self, stop: StopId) -> AdjustedStop:
@@ -161,11 +163,11 @@ class Consistency:
     mean_2d_px: float
     """Mean absolute difference between measured and back-projected image coordinates."""
     mean_3d_m: float
-    """Mean absolute difference between the places that two pairs give the same point."""
+    """Mean absolute distance between the positions of a point by two pairs."""
 
 
 class Lack(StrEnum):
-    """What images do not tell of a stop."""
+    """What images do not determine of a stop."""
 
     NO_TIES = "no ties"
     BLUNDERS = "only ties that contradict"
@@ -178,20 +180,20 @@ class Lack(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A part of the network that images do not determine, so that telemetry holds it."""
+    """A part of the network that images do not determine and whose pose remains at telemetry."""
 
     stop: StopId
     lack: Lack
     ties: int
     """Tie points with stops that were placed before it."""
     rank: int
-    """Of the six unknowns of its pose, how many images know better than telemetry."""
+    """Number of the six unknowns of its pose that images determine better than telemetry."""
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class AdjustmentReport:
-    """What an adjustment found, good or bad."""
+    """Figures and findings of an adjustment."""
 
     name: str
     converged: bool
@@ -204,31 +206,31 @@ class AdjustmentReport:
     ties: dict[TieKind, int] = field(default_factory=dict)
     """Tie points used, by kind."""
     blunders: int = 0
-    """Observations found wrong and set aside."""
+    """Observations set aside as blunders."""
     control: int = 0
-    """Places of stops in control frames that were used."""
+    """Number of positions in control frames that were used."""
     control_refused: tuple[str, ...] = ()
-    """Those set aside, with the reason."""
+    """Positions set aside, with the reason."""
     before: dict[TieKind, Consistency] = field(default_factory=dict)
     after: dict[TieKind, Consistency] = field(default_factory=dict)
     untied: tuple[StopId, ...] = ()
-    """Stops that no cross-site tie joins to the datum: telemetry alone holds them."""
+    """Stops that no cross-site tie joins to the datum; their poses remain at telemetry."""
     message: str = ""
     findings: tuple[Finding, ...] = ()
-    """What images do not determine, found before anything was solved."""
+    """What images do not determine, found before solving."""
 
     @property
     def is_usable(self) -> bool:
-        """Whether it converged, with redundancy to judge it by and a sigma0 that is a number.
+        """Whether it converged, with redundancy and a finite sigma0.
 
-        A network without any redundancy that converged is telemetry unchanged: usable as such only
-        by its covariances, and said so here.
+        A network that converged without any redundancy is telemetry unchanged: it is usable only
+        with its covariances.
         """
         return self.converged and self.redundancy > 0 and bool(np.isfinite(self.sigma0))
 
     def __str__(self) -> str:
         if not self.redundancy:
-            return f"{self.name}: nothing to adjust by, {self.stops} stops stand by telemetry"
+            return f"{self.name}: no tie points; {self.stops} positions left at telemetry"
         ties = ", ".join(f"{self.ties.get(kind, 0)} {kind.value}" for kind in TieKind)
         state = "converged" if self.converged else "NOT CONVERGED"
         cross, was = self.after.get(TieKind.CROSS_SITE), self.before.get(TieKind.CROSS_SITE)
@@ -238,7 +240,7 @@ class AdjustmentReport:
             if cross and was and cross.comparisons
             else ""
         )
-        loose = f", {len(self.untied)} stops held by telemetry alone" if self.untied else ""
+        loose = f", {len(self.untied)} stops left at telemetry" if self.untied else ""
         extra = f" ({self.message})" if self.message else ""
         if self.control or self.control_refused:
             refused = (
@@ -254,7 +256,7 @@ class AdjustmentReport:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustedControl:
-    """What became of a control observation."""
+    """Result of a control observation."""
 
     control: StopControl
     used: bool
@@ -262,11 +264,12 @@ class AdjustedControl:
     residual: Float64[np.ndarray, " 4"]
     """Observed minus adjusted east, north, up (m) and azimuth (rad); NaN where not given."""
     test: float
-    """Length of the residual in its own standard deviations; NaN where nothing checks it."""
+    """Length of the residual in its own standard deviations; NaN where no other observation checks
+    it."""
     redundancy: float
-    """Mean share of an error that shows in the residual, 0 to 1."""
+    """Mean redundancy number, 0 to 1."""
     note: str = ""
-    """Why it was set aside, or that nothing checks it."""
+    """Why it was set aside, or that no other observation checks it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,12 +1,12 @@
-"""A network is cut by its stops, and put together again.
+"""Cut a network into parts by stops, and assemble it again.
 
-A step along the traverse estimates the last stops and leaves the others as they are. What is handed
-from step to step is therefore a part of the network, and the whole is put together from every stop
-as the last step that estimated it left it. Tie points are numbered anew in every part: rows of two
-parts are one observation where the same place was measured in the same pair, and points that share
-an observation are one point. An observation has the status that the last part gave it. A point
-stays where the part placed it that saw it from most places, though a later part may still see it
-from one of its stops.
+A step along the traverse estimates the last stops and leaves the others unchanged. Each step
+therefore receives a part of the network, and the whole is assembled with every stop as estimated by
+the last step that included it. Every part numbers tie points from zero: rows of two parts are the
+same observation where the same image point was measured in the same pair, and points that share an
+observation are the same point. An observation has the status of the last part that contains it. A
+point keeps the coordinates of the part in which most stops see it, though a later part may still
+see it from one of its stops.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from solmap.photogrammetry.imagery import StopId, TiePoints
 
 
 def part_at(network: AdjustedNetwork, stops: AbstractSet[StopId]) -> AdjustedNetwork:
-    """Some stops of a network, their pairs, and the tie points that these see, by whomever else.
+    """Some stops of a network, their pairs, and all tie points that these pairs see.
 
-    What a sequential adjustment remembers and all control go with it.
+    The part includes the marginal of a sequential adjustment and all control.
     """
     pairs = tuple(pair for pair in network.pairs if pair.stop in stops)
     ours, ties = {pair.pair_id for pair in pairs}, network.ties
@@ -53,10 +53,10 @@ def part_at(network: AdjustedNetwork, stops: AbstractSet[StopId]) -> AdjustedNet
 
 
 def assemble(parts: Sequence[AdjustedNetwork]) -> AdjustedNetwork:
-    """One network of all parts, its stops in the order of their names.
+    """Assemble one network of all parts, its stops in the order of their names.
 
-    The last part that has a stop says where it is and which pairs it has. What a sequential
-    adjustment remembers, and control, are those of the very last part.
+    Pose and pairs of a stop are those of the last part that has it. The marginal of a sequential
+    adjustment, and control, are those of the very last part.
     """
     stops = {stop.stop: stop for part in parts for stop in part.stops}
     pairs: dict[StopId, list[AdjustedPair]] = {}
@@ -108,7 +108,7 @@ def _join_ties(parts: Sequence[AdjustedTies]) -> AdjustedTies:
 
 
 def _pairs(parts: Sequence[AdjustedTies], names: tuple[str, ...]) -> np.ndarray:
-    """The pair of every observation, by its number among all names."""
+    """Numbers of the observations' pairs among all names."""
     place = {name: k for k, name in enumerate(names)}
     columns = []
     for part in parts:
@@ -118,7 +118,7 @@ def _pairs(parts: Sequence[AdjustedTies], names: tuple[str, ...]) -> np.ndarray:
 
 
 def _same_rows(pair: np.ndarray, left: np.ndarray) -> np.ndarray:
-    """A number for every measurement: equal ones are at one place of one pair."""
+    """A number for every measurement; equal image points of one pair have equal numbers."""
     order = np.lexsort((left[:, 1], left[:, 0], pair))
     p, at = pair[order], left[order]
     is_new = np.ones(len(order), dtype=bool)
@@ -129,7 +129,7 @@ def _same_rows(pair: np.ndarray, left: np.ndarray) -> np.ndarray:
 
 
 def _same_points(point: np.ndarray, row: np.ndarray, points: int) -> np.ndarray:
-    """New numbers of all points of all parts; those that share a measurement have one."""
+    """New numbers of all points of all parts; points with a common measurement share one."""
     n = points + int(row.max(initial=-1)) + 1
     links = coo_matrix((np.ones(len(point), dtype=np.int8), (point, points + row)), shape=(n, n))
     return connected_components(links)[1][:points]
@@ -191,12 +191,11 @@ def _take_rows(
 
 
 def merge_ties(observations: TiePoints, parts: tuple[AdjustedTies, ...]) -> AdjustedTies:
-    """The ties of a whole network, each as the last of the parts that has it left it.
+    """The ties of a whole network, each with the status of the last part that has it.
 
-    Tie points are numbered anew in every network, so parts are matched by what was measured: the
-    same place in the same pair. A point stays as the part placed it that saw it from most places,
-    though a later one may still see it from one of its stops. Observations that no part has are
-    marked as unused.
+    Tie points are numbered anew in every network, so parts are matched by measurement: the same
+    image point in the same pair. A point keeps the coordinates of the part in which most stops see
+    it. Observations that no part has are marked as unused.
     """
     n, points = len(observations), int(observations.point.max(initial=-1)) + 1
     status = np.full(n, UNUSED, dtype=np.int32)
@@ -224,7 +223,7 @@ def merge_ties(observations: TiePoints, parts: tuple[AdjustedTies, ...]) -> Adju
 
 
 def _same_measurements(some: TiePoints, others: TiePoints) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of both that are one measurement."""
+    """Rows of both that are the same measurement."""
     place = {name: k for k, name in enumerate(others.pair_ids)}
     numbers = np.array([place.get(name, -1) for name in some.pair_ids], dtype=np.int64)
     both = [(numbers[some.pair] if len(some) else some.pair, some.left), (others.pair, others.left)]
@@ -237,7 +236,7 @@ def _same_measurements(some: TiePoints, others: TiePoints) -> tuple[np.ndarray, 
 def merge_networks(
     previous: AdjustedNetwork, adjusted: AdjustedNetwork, network: Network
 ) -> AdjustedNetwork:
-    """The whole traverse: what was adjusted anew, and the rest as it was."""
+    """The whole traverse: the newly adjusted part, and the rest unchanged."""
     stops = {stop.stop: stop for stop in (*previous.stops, *adjusted.stops)}
     pairs = {pair.pair_id: pair for pair in (*previous.pairs, *adjusted.pairs)}
     order = {stop: k for k, stop in enumerate(network.stop_ids)}
@@ -256,7 +255,7 @@ def merge_networks(
 def _merge_control(
     previous: AdjustedNetwork, adjusted: AdjustedNetwork
 ) -> tuple[AdjustedControl, ...]:
-    """The control of the whole traverse, that of stops adjusted anew as it is now."""
+    """The control of the whole traverse, with the new results of the stops adjusted now."""
     anew = {stop.stop for stop in adjusted.stops}
     kept = tuple(one for one in previous.control if one.control.stop not in anew)
     return (*kept, *adjusted.control)

@@ -3,8 +3,8 @@
 A stop has rotation R and centre c in the LSL (of the rover frame). Pair j of that stop is a rigid
 body: the label gives rover_from_pair = (R_j, t_j), the mast turns it by a small unknown rotation
 m_j about the mast head v_j. (The lever is short, 0.1 degrees move a camera by 0.3 mm; but hundreds
-of near ties show it, and with another pivot they would tilt a whole panorama by 0.06 degrees.)
-A point X of the LSL is
+of near ties show it, and with another pivot they would tilt a whole panorama by 0.06 degrees.) A
+point X of the LSL is
 
     g = R' (X - c)                            in the rover frame
     h = g - v_j                               from the mast head
@@ -20,8 +20,9 @@ and the lever q_j = R_j' (t_j - v_j) from the mast head to the pair, in the pair
 
     dy = F_j [X - c] d - F_j dc + [y + q_j] B_j J(m_j) dm + F_j dX
 
-Rotation and *centre* are corrected, not rotation and translation of the inverse motion: a turn of a
-stop then leaves its place alone, and Gauss-Newton needs few steps on long open traverses.
+Rotation and *centre* are corrected, not rotation and translation of the inverse motion: a rotation
+of a stop then leaves its position unchanged, and Gauss-Newton needs few steps on long open
+traverses.
 
 Arrays are kept component by component, observations along their last axis (see `small_matrices`).
 """
@@ -63,15 +64,15 @@ class Observations:
     pair_stop: Int32[np.ndarray, " pairs"]
     rover_from_pair: Float64[np.ndarray, "pairs 3 3"]
     origin_in_rover: Float64[np.ndarray, "pairs 3"]
-    """As the label has it, before the pointing is corrected."""
+    """From the label, before the pointing is corrected."""
     pivot_in_rover: Float64[np.ndarray, "pairs 3"]
     focal_px: Float64[np.ndarray, " pairs"]
     base_m: Float64[np.ndarray, " pairs"]
     centre_px: Float64[np.ndarray, "pairs 2"]
     points: int
-    """How many point numbers there are."""
+    """Number of points."""
     by_shape: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    """Whether measured by the shape of the ground; nothing given: none is."""
+    """Whether surface-matched; if not given, none is."""
     bodies: PairBodies = field(init=False)
     """The same geometry, component by component."""
     sights: Sights = field(init=False)
@@ -79,9 +80,9 @@ class Observations:
     stop: Int32[np.ndarray, " n"] = field(init=False)
     """Stop of each observation."""
     is_stereo: Flags = field(init=False)
-    """Whether the parallax was measured, and shows a point in front of the cameras."""
+    """Whether the parallax was measured and is that of a point in front of the cameras."""
     kind: Int32[np.ndarray, " n"] = field(init=False)
-    """0 within a stop, 1 between stops by image patches, 2 by the shape of the ground."""
+    """0 within a stop, 1 between stops image-matched, 2 between stops surface-matched."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "bodies", PairBodies.of(self))
@@ -152,7 +153,7 @@ class Observations:
     def in_rover(
         self, pointings: Float64[np.ndarray, "pairs 3"]
     ) -> tuple[Float64[np.ndarray, "pairs 3 3"], Float64[np.ndarray, "pairs 3"]]:
-        """Rotation rover_from_pair and origin of every pair, turned by the mast about its head."""
+        """Rotation rover_from_pair and origin of every pair, rotated by the mast about its head."""
         turn, lever = rotation_of_vector(pointings), self.origin_in_rover - self.pivot_in_rover
         origins = self.pivot_in_rover + (turn @ lever[:, :, None])[:, :, 0]
         return turn @ self.rover_from_pair, origins
@@ -180,7 +181,7 @@ class Sights:
         )
 
     def mask(self, counts: Bool[np.ndarray, " m"]) -> Sights:
-        """The same with no weight where they do not count."""
+        """The same with zero weight where they are not used."""
         return replace(self, weight=self.weight * counts)
 
     def part(self, part: slice) -> Sights:
@@ -191,7 +192,7 @@ class Sights:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairBodies:
-    """What of the pairs stays when stops and masts move, component by component."""
+    """Those quantities of the pairs that stops and masts do not change, component by component."""
 
     to_pair: Matrices
     """pair_from_rover."""
@@ -231,7 +232,7 @@ def seen_from_several(point: np.ndarray, of: np.ndarray, points: int) -> Flags:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """All unknowns, as they stand."""
+    """Values of all unknowns."""
 
     rotations: Float64[np.ndarray, "stops 3 3"]
     centres: Float64[np.ndarray, "stops 3"]
@@ -261,7 +262,7 @@ def pair_orientations(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Views:
-    """What is needed of every pair and point at a state, component by component."""
+    """Quantities of every pair and point at a state, component by component."""
 
     pairs: Float64[np.ndarray, "16 pairs"]
     """F (9), origin in the LSL (3), f, B, c_x, c_y."""
@@ -294,11 +295,11 @@ class Views:
         return self.pairs[:9].reshape(3, 3, -1).transpose(2, 1, 0), self.pairs[9:12].T
 
     def at(self, points: Float64[np.ndarray, "3 points"]) -> Views:
-        """The same with the points elsewhere."""
+        """The same with other point coordinates."""
         return replace(self, points=points)
 
     def are_in_front(self, sights: Sights) -> Bool[np.ndarray, " m"]:
-        """Which points are before the camera, so that there are misclosures."""
+        """Which points are in front of the camera, so that they have misclosures."""
         axis, origin = np.take(self.pairs[6:12], sights.pair, axis=1).reshape(2, 3, -1)
         arm = np.take(self.points, sights.point, axis=1) - origin
         return np.einsum("im,im->m", axis, arm) > 0
@@ -316,7 +317,7 @@ class Views:
         return np.subtract(sights.measured, y, out=y)
 
     def masts(self) -> Float64[np.ndarray, "12 pairs"]:
-        """What turning masts takes: q (3) and B J (9)."""
+        """For rotations of the mast: q (3) and B J (9)."""
         jacobian = by_component(left_jacobian(-self.pointings))  # J(-m) = Exp(m)' J(m)
         turning = product(self.bodies.to_pair, jacobian).reshape(9, -1)
         return np.concatenate([self.bodies.lever_in_pair, turning])
@@ -324,7 +325,7 @@ class Views:
     def partials(
         self, sights: Sights, masts: Float64[np.ndarray, "12 pairs"] | None = None
     ) -> Partials:
-        """Derivatives of (x, y, p), times the weights; `masts` where they are known already."""
+        """Derivatives of (x, y, p), times the weights; `masts` if they are known already."""
         of_pair = np.take(self.pairs[:14], sights.pair, axis=1)
         of_mast = np.take(self.masts() if masts is None else masts, sights.pair, axis=1)
         X = np.take(self.points, sights.point, axis=1)

@@ -1,4 +1,4 @@
-"""Control as observations: where stops lie in frames whose own place is unknown.
+"""Control as observations: positions of stops in frames whose own position is unknown.
 
 A stop at c with rotation R, seen at u (east, north, up) and azimuth A in a frame of place
 p = (t_east, t_north, t_up, b, a), gives up to four observations (see `control.ControlFrame`)
@@ -12,8 +12,8 @@ turn d of the stop
 
     d atan2(r_1, r_0) = d_z - (r_0 d_x + r_1 d_y) r_2 / (r_0^2 + r_1^2)
 
-The four are whitened together by W, W'W = C^-1. What is known of the place of a frame beforehand
-enters as five observations of p.
+The four are whitened together by W, W'W = C^-1. Prior knowledge of a frame's position enters as
+five observations of p.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ class Control:
     used: Bool[np.ndarray, " n"]
     """Those not set aside as blunders."""
     centres: Float64[np.ndarray, "frames 2"]
-    """About which frames are turned, (east, north)."""
+    """Centre about which frames are rotated, (east, north)."""
     likely: Float64[np.ndarray, "frames 5"]
     prior: Float64[np.ndarray, "frames 5 5"]
-    """Whitens what is known of the place of each frame beforehand."""
+    """Whitens the prior of each frame's position."""
     is_free: Bool[np.ndarray, "frames 5"]
     is_datum: Bool[np.ndarray, " n"]
-    """Which of it says where the map itself begins: never in doubt."""
+    """Which control observations define the map's origin; they are never tested."""
 
     @classmethod
     def of(cls, network: Network) -> Control:
@@ -84,7 +84,7 @@ class Control:
 
     @property
     def surplus(self) -> int:
-        """Observations that count, those of frames too, without the unknowns of frames."""
+        """Redundancy: observations in use, those of frames too, minus the unknowns of frames."""
         return int(self.is_given[self.used].sum())
 
     def with_used(self, used: np.ndarray) -> Control:
@@ -127,11 +127,11 @@ class Control:
         return self.whiten @ of_stop, self.whiten @ of_frame
 
     def prior_misclosures(self, state: State) -> Float64[np.ndarray, "frames 5"]:
-        """What is known of the frames beforehand, minus their places, in standard deviations."""
+        """Prior of the frames minus their present position, in standard deviations."""
         return (self.prior @ (self.likely - state.frames)[:, :, None])[:, :, 0]
 
     def fit_frames(self, state: State) -> Float64[np.ndarray, "frames 5"]:
-        """Places of the frames that suit the stops where they are best."""
+        """Positions of the frames that fit the stops best."""
         start = replace(state, frames=self.likely)
         l = self.whitened_misclosures(start) * self.used[:, None]
         _, A = self.partials(start)
@@ -147,7 +147,7 @@ class Control:
 def frame_places(
     adjusted: tuple[AdjustedFrame, ...], network: Network
 ) -> Float64[np.ndarray, "frames 5"]:
-    """Places of a network's frames, by an adjustment that knows them or else beforehand."""
+    """Positions of a network's frames: of the previous adjustment, or else the priors."""
     known = {frame.frame.name: frame.place for frame in adjusted}
     places = [known.get(frame.name, frame.place) for frame in network.frames]
     return np.array(places).reshape(-1, FRAME_UNKNOWNS)
@@ -156,7 +156,7 @@ def frame_places(
 def was_used(
     control: tuple[StopControl, ...], adjusted: tuple[AdjustedControl, ...]
 ) -> Bool[np.ndarray, " n"]:
-    """Which control an adjustment did not set aside; what it did not have is used."""
+    """Which control the previous adjustment used; control that it did not have counts as used."""
     refused = [one.control for one in adjusted if not one.used]
     return np.array([not any(one.is_same(no) for no in refused) for one in control], dtype=bool)
 

@@ -1,18 +1,19 @@
 """What the coordinates of a network refer to.
 
-Images and telemetry tell where stops lie to each other. The first stop is the datum: its place is
-where telemetry has it, by definition, for the map begins there.
+Images and telemetry determine only relative poses. The first stop is the datum: its position is the
+one that telemetry gives, by definition, because the map begins there.
 
-Its attitude is taken for true as well, and the stop is held, unless control knows north better.
-An image that was controlled does: then north is measured twice, by the rover and by the image; an
-error of a degree in the first azimuth moves the end of a traverse of 7 km by 120 m, and a held stop
-would put it on the image, or on the ties. So the place of the first stop is then observed in the
-map itself, to `PLACE_SIGMA_M`, and its attitude is what telemetry measures with its standard
-deviation. A first azimuth that is not FINE counts as propagated over one drive.
+Its attitude is also fixed, and the stop is held, unless control determines north better. A
+controlled image does: then north is measured twice, by the rover and by the image. An error of a
+degree in the first azimuth moves the end of a traverse of 7 km by 120 m, and a held stop would
+shift that error to the image or to the ties. The position of the first stop is then an observation
+in the map itself, to `PLACE_SIGMA_M`, and its attitude is the one that telemetry measures with its
+standard deviation. A first azimuth that is not FINE has the standard deviation of one propagated
+over one drive.
 
-An uncontrolled mosaic may be turned by degrees, more than any azimuth that telemetry reports. What
-it knows of north is worth nothing beside the first stop, which stays held: the mosaic is laid on
-the map, and tells how stops lie to each other. So does an image whose georeference is said to be
+An uncontrolled mosaic may be rotated by degrees, more than any azimuth that telemetry reports. Its
+north adds nothing to that of the first stop, which stays held: the mosaic is registered to the map
+and determines relative poses only. The same holds for an image whose georeference is declared
 exact: its north is by definition that of the first stop.
 """
 
@@ -32,7 +33,7 @@ from solmap.photogrammetry.imagery import StopId
 TURN = 3
 """Of a frame's unknowns, its rotation."""
 PLACE_SIGMA_M = 1e-3
-"""So closely the first stop keeps the place that defines the map."""
+"""Standard deviation of the first stop's position, which defines the map."""
 
 
 def with_control(
@@ -41,10 +42,10 @@ def with_control(
     control: Iterable[StopControl],
     params: AdjustmentParams,
 ) -> Network:
-    """A network with control; its first stop stays held unless a frame knows north better.
+    """A network with control; its first stop stays held unless a frame determines north better.
 
     `network` begins with the first stop of the traverse. Control of stops that it does not have is
-    left out. Frames that are named again are replaced.
+    left out. A frame of the same name replaces the earlier one.
     """
     inside = set(network.stop_ids)
     wanted = tuple(one for one in control if one.stop in inside)
@@ -62,7 +63,7 @@ def with_control(
 
 
 def held_stops(network: Network) -> frozenset[StopId]:
-    """The stops to hold as the datum: the first, or none if its place is observed instead."""
+    """The stops to hold as the datum: the first, or none if its position is observed instead."""
     if network.datum_is_observed:
         return frozenset()
     return frozenset(network.stop_ids[:1])
@@ -71,7 +72,7 @@ def held_stops(network: Network) -> frozenset[StopId]:
 def control_differs(
     network: Network, adjusted: AdjustedNetwork, stops: AbstractSet[StopId]
 ) -> bool:
-    """Whether a network has other control of some stops, or other frames, than was adjusted."""
+    """Whether the network's control of some stops, or its frames, differ from those adjusted."""
     now = [one for one in network.control if one.stop in stops]
     then = [one.control for one in adjusted.control if one.control.stop in stops]
     frames = {frame.name for frame in network.frames}
@@ -83,10 +84,10 @@ def control_differs(
 
 
 def with_remembered_frames(network: Network, adjusted: AdjustedNetwork) -> Network:
-    """The network with the control frames that stops which have left spoke of, if it lacks some.
+    """The network with the control frames of marginalised stops added where it lacks them.
 
-    Control may be taken back; what it said of stops that have left stays until they are adjusted
-    overall.
+    Control may be withdrawn; its effect on marginalised stops remains until the next overall
+    adjustment.
     """
     names = {frame.name for frame in network.frames}
     spoken = set(adjusted.memory.frames) - names if adjusted.memory else set()

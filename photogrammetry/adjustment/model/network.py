@@ -1,12 +1,11 @@
-"""What enters an adjustment: stops, stereo pairs, tie points, and control.
+"""Input of an adjustment: stops, stereo pairs, tie points, and control.
 
-Telemetry says where stops stood (`StopPrior`), the cameras' calibration what a pair is
-(`PairGeometry`). Control says where stops lie in maps that the rover did not make, orbital images
-as a rule. Such an image is rigid and sharp, but as a whole it may be shifted by metres and turned
-by tenths of a degree. Its observations are therefore places of stops *in the image*; its own place
-on the map, a shift, a turn and a change of scale, is an unknown of the network with a standard
-deviation of its own (`ControlFrame`). A frame whose place is certain is the map itself: see
-`datum`.
+Telemetry gives the poses of stops (`StopPrior`), calibration the geometry of a pair
+(`PairGeometry`). Control gives positions of stops in maps of other origin, usually orbital images.
+Such an image is rigid and sharp, but as a whole it may be shifted by metres and turned by tenths of
+a degree. Its observations are therefore positions of stops *in the image*; the image's own position
+on the map, a shift, a rotation and a change of scale, is an unknown of the network with its own
+standard deviation (`ControlFrame`). A frame without uncertainty is the map itself: see `datum`.
 """
 
 from __future__ import annotations
@@ -23,25 +22,25 @@ from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import StopId, TiePoints
 
 FRAME_UNKNOWNS = 5
-"""Of a control frame: shift east, north and up (metres), turn (radians) and change of scale."""
+"""Of a control frame: shift east, north and up (metres), rotation (radians) and change of scale."""
 SYMMETRIC = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ControlFrame:
-    """A map that stops are found in, and what is known of its place beforehand.
+    """A map in which stops are located, and the prior of its own position.
 
-    What it shows at u lies on the map (east, north) at c + (I + [[a, -b], [b, a]]) (u - c) + t,
-    with the centre c, the shift t, the turn b (counter-clockwise) and the change of scale a.
+    A point of the frame at u lies on the map (east, north) at c + (I + [[a, -b], [b, a]]) (u - c) +
+    t, with the centre c, the shift t, the rotation b (counter-clockwise) and the change of scale a.
     """
 
     name: str
     centre_m: tuple[float, float]
-    """About which it is turned, (east, north): where its own error is smallest."""
+    """Centre of its rotation, (east, north): where its own error is smallest."""
     place: Float64[np.ndarray, " 5"]
     """Most likely (t_east, t_north, t_up, b, a)."""
     covariance: Float64[np.ndarray, "5 5"]
-    """Of the place; what has no variance is certain, and no unknown."""
+    """Of the position; a component without variance is fixed, not an unknown."""
 
     @classmethod
     def from_sigmas(
@@ -53,9 +52,9 @@ class ControlFrame:
         rotation_deg: float = 0.5,
         scale: float = 1e-3,
     ) -> ControlFrame:
-        """A frame that lies where it claims to, within standard deviations; zero: exactly.
+        """A frame at its nominal position, within standard deviations; zero: exactly.
 
-        The defaults are those of an image that was laid on older maps by hand.
+        The defaults are those of an image that was registered to older maps by hand.
         """
         sigma = np.array([shift_m, shift_m, shift_m, np.radians(rotation_deg), scale])
         return cls(name, centre_m, np.zeros(FRAME_UNKNOWNS), np.diag(sigma**2))
@@ -85,15 +84,15 @@ MAP = ControlFrame.from_sigmas("the map", (0.0, 0.0), shift_m=0.0, rotation_deg=
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StopControl:
-    """Where a stop lies in a control frame, and how well that is known."""
+    """Position of a stop in a control frame, with its covariance."""
 
     stop: StopId
     frame: str
     east_m: float
-    """Of the origin of the rover frame, as the control frame has it."""
+    """Of the origin of the rover frame, in the control frame."""
     north_m: float
     covariance: Float64[np.ndarray, "k k"]
-    """Of east, north, and what else is given: up (m), azimuth (rad), in this order."""
+    """Of east, north, and of up (m) and azimuth (rad) if given, in this order."""
     up_m: float | None = None
     azimuth_deg: float | None = None
     """Of the rover's x axis, clockwise from the frame's north."""
@@ -129,7 +128,7 @@ class StopControl:
         return np.array([self.east_m, self.north_m, self.up_m or 0.0, azimuth])
 
     def is_same(self, other: StopControl) -> bool:
-        """Whether another one says the same."""
+        """Whether another one has the same values."""
         return (
             (self.stop, self.frame, self.components) == (other.stop, other.frame, other.components)
             and bool((self.values == other.values).all())
@@ -139,10 +138,10 @@ class StopControl:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StopPrior:
-    """Where telemetry says the rover stood.
+    """Pose of a stop by telemetry.
 
-    What telemetry knows is the step from the stop before, the tilt, and, where the label says that
-    the attitude was measured (FINE), the azimuth; see `telemetry`.
+    Telemetry measures the step from the stop before, the tilt, and, where the label marks the
+    attitude as measured (FINE), the azimuth; see `telemetry`.
     """
 
     stop: StopId
@@ -171,7 +170,7 @@ class PairGeometry:
     stop: StopId
     geometry: EpipolarPair
     mast_in_rover: tuple[float, float, float] | None = None
-    """The mast head, about which pointing errors turn the pair; None: about its own origin."""
+    """The mast head, about which pointing errors rotate the pair; None: about its own origin."""
 
     def __post_init__(self) -> None:
         if self.geometry.rover_from_pair.target != self.stop.frame:
@@ -182,7 +181,7 @@ class PairGeometry:
 
     @property
     def pivot_in_rover(self) -> Vector3:
-        """What pointing errors turn the pair about, in the rover frame, metres."""
+        """Centre of rotation of pointing errors, in the rover frame, metres."""
         if self.mast_in_rover is None:
             return self.geometry.rover_from_pair.translation_m
         return np.array(self.mast_in_rover)
@@ -196,7 +195,7 @@ class Network:
     pairs: tuple[PairGeometry, ...]
     ties: TiePoints
     frames: tuple[ControlFrame, ...] = ()
-    """Maps that stops were found in; `datum.with_control` adds them and what they say."""
+    """Maps in which stops were located; `datum.with_control` adds them and their control."""
     control: tuple[StopControl, ...] = ()
 
     def __post_init__(self) -> None:
@@ -236,15 +235,15 @@ class Network:
 
     @property
     def datum_is_observed(self) -> bool:
-        """Whether the place of a stop is observed in the frame of the datum."""
+        """Whether the position of a stop is observed in the frame of the datum."""
         return any(one.frame == MAP.name for one in self.control)
 
     def within(
         self, stops: frozenset[StopId] | set[StopId], ties: TiePoints | None = None
     ) -> Network:
-        """The part of the network at some stops: their pairs, what those saw, their control.
+        """The part of the network at some stops: their pairs, tie points and control.
 
-        Of what they saw, `ties` alone if these are given.
+        Of the tie points only `ties`, if these are given.
         """
         pairs = tuple(pair for pair in self.pairs if pair.stop in stops)
         if ties is None:

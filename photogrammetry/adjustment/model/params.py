@@ -1,4 +1,4 @@
-"""What may be tuned in the adjustment, with units and reasons."""
+"""Parameters of the adjustment, with units and reasons."""
 
 from __future__ import annotations
 
@@ -25,18 +25,19 @@ class AdjustmentMode(StrEnum):
     STEPWISE = "stepwise"
     """Earlier stops are held, new ones estimated: the paper's mode during the mission."""
     SEQUENTIAL = "sequential"
-    """The last stops move with every new one, what came before enters exactly."""
+    """The last stops are estimated again with every new one; earlier ones enter exactly, as a
+    marginal."""
     OVERALL = "overall"
-    """Sequential, and after the last sol of a downlink all stops and ties in one adjustment."""
+    """Sequential, then one adjustment of all stops and ties after the last sol of a downlink."""
 
 
 @dataclass(frozen=True, slots=True)
 class AdjustmentParams:
     """Weights of the telemetry and how the adjustment iterates.
 
-    Standard deviations of the telemetry describe what a rover's attitude sensor and wheel odometry
-    can do; image coordinates carry their own, from matching. All of them are priors: what the
-    mission shows is estimated (`variance_components`).
+    Standard deviations of the telemetry describe a rover's attitude sensor and wheel odometry;
+    those of image coordinates come from matching. All of them are priors; the mission's own are
+    estimated (`variance_components`).
     """
 
     pointing_deg: Degrees = 0.1
@@ -44,12 +45,12 @@ class AdjustmentParams:
     software, 0.1-0.2 deg found on archived panoramas."""
     mast_deg: Degrees = 0.07
     """Systematic errors of a mast, the same at all stops: elevation zero, and tilts of the axis of
-    azimuth about the rover's x and y. About what the operations software assumes."""
+    azimuth about the rover's x and y. Close to the assumption of the operations software."""
     tilt_deg: Degrees = 0.3
     """Roll and pitch from accelerometers, absolute because gravity is."""
     azimuth_fine_deg: Degrees = 1.0
-    """Azimuth said to be measured (FINE): a sun sighting is good to 0.6 deg when it is fresh, and
-    the label does not say how much the gyroscopes drifted since."""
+    """Azimuth marked as measured (FINE): a sun sighting is good to 0.6 deg when it is fresh, and
+    the label does not state the drift of the gyroscopes since."""
     azimuth_step_deg: Degrees = 2.0
     """Azimuth that is only propagated: drift of the gyroscopes over a drive of some tens of
     minutes at up to 3 deg an hour, relative to the stop before."""
@@ -57,7 +58,7 @@ class AdjustmentParams:
     """Standard deviation of wheel odometry, as a fraction of the distance driven: 10 % is the
     largest correction usually found on firm slopes."""
     position_floor_m: Metres = 0.1
-    """What odometry may be wrong by however short the drive: about half a wheel."""
+    """Error of odometry on even the shortest drive: about half a wheel."""
     critical_value: Factor = 4.0
     """Standardised residual that makes an observation a blunder: one good coordinate in 16,000 is
     lost, so a mission keeps its ties. Baarda's 3.29 loses one in 1,000."""
@@ -68,8 +69,8 @@ class AdjustmentParams:
     max_rounds: FewOrZero = 12
     """Rounds of data snooping per step."""
     sigma_freedoms: Freedoms = 3.0
-    """The standard deviations stated above, and those of ties, count as if so many observations of
-    each kind had scattered so: 3 leave the truth a factor of 0.6 to 3.7 (95 %). From 1e9 on
+    """The standard deviations stated above, and those of ties, have the weight of this many
+    observations of each kind: with 3, the estimated factor may be 0.6 to 3.7 (95 %). From 1e9 on
     they are taken as stated."""
     window_stops: Count = 4
     """Stops that the sequential adjustment estimates anew at every step. Ties that reach back
@@ -90,6 +91,6 @@ class AdjustmentParams:
         ):
             if not getattr(self, name) > 0:
                 raise AdjustmentError(
-                    f"{name} must be above zero, not {getattr(self, name)}: a standard deviation "
-                    "of zero is what `held` is for"
+                    f"{name} must be above zero, not {getattr(self, name)}: to fix a value "
+                    "exactly, use `held`"
                 )

@@ -1,19 +1,19 @@
-"""Points as single stereo observations place them, and how well these places agree.
+"""Points triangulated from single stereo observations, and their agreement.
 
-In the frame of its pair a sighting stays the same however stops and masts move. With the place r by
-the coordinates of the image and the range by the parallax, e along the axis of the pair, and the
-standard deviations s_a of the range (a share of it), s_c across the axis (metres) and t of the mast
-pointing (radians), its covariance is
+In the frame of its pair a sighting does not depend on the poses of stops and masts. With the
+position r (direction from the image coordinates, range from the parallax), e along the axis of the
+pair, and the standard deviations s_a of the range (relative), s_c across the axis (metres) and t of
+the mast pointing (radians), its covariance is
 
     S = s_a^2 r r' + s_c^2 (I - e e') + t^2 (|r|^2 I - r r')
 
-Without ground control the quality of an adjustment shows in two numbers (Di et al. 2008, section
-3.3; `consistency`). In the ground: the distance between the places that two pairs give the same
-point, each by its own parallax. In the image: the distance between where a pair measured a point
-and where its place, the weighted mean of what all pairs give, projects to. Both are means of
-absolute values: 3-D over every two observations of a point in different pairs, 2-D over all
-observations of such points; cross-site where the point is seen from more than one stop (3-D: from
-these two), inter-stereo otherwise.
+Without ground control the quality of an adjustment is described by two numbers (Di et al. 2008,
+section 3.3; `consistency`). In object space: the distance between the positions of a point by two
+pairs, each from its own parallax. In the image: the distance between the measured image point and
+the projection of the weighted mean of all pairs' positions. Both are means of absolute values: 3-D
+over every two observations of a point in different pairs, 2-D over all observations of such points;
+cross-site where the point is seen from more than one stop (3-D: from these two), inter-stereo
+otherwise.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from solmap.photogrammetry.arrays import Bool, Covariances3, Flags, Float64, Int
 from solmap.photogrammetry.imagery import TieKind
 
 FAR_PARALLAX_PX = 3.0
-"""Below this parallax a point's error is no ellipsoid: no use for aligning stops rigidly."""
+"""Below this parallax the error of a point is not ellipsoidal: it cannot align stops rigidly."""
 
 
 Couple = tuple[int, int]
@@ -46,12 +46,12 @@ Couple = tuple[int, int]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sightings:
-    """Every observation's own point in the frame of its pair; NaN where it has none."""
+    """The point of every observation in the frame of its pair; NaN where it has none."""
 
     points: Vectors
     covariances: Matrices
     usable: Flags
-    """Which may align."""
+    """Which may be used for alignment."""
     size: Float64[np.ndarray, " n"]
     """Sum of the three variances, square metres."""
 
@@ -91,7 +91,7 @@ def _covariances(
 
 
 def best_sightings(observations: Observations, seen: Sightings, stops: int) -> list[np.ndarray]:
-    """For each stop its observations that may align, the best one of each point."""
+    """For each stop its observations that may be used for alignment, the best one of each point."""
     rows = np.flatnonzero(seen.usable)
     stop, point = observations.stop[rows], observations.point[rows]
     rank = np.empty(len(rows), dtype=np.int64)
@@ -137,7 +137,7 @@ def shared_sightings(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Overview:
-    """All sightings of a network, the best ones, and what stops share."""
+    """All sightings of a network, the best ones, and those that stops share."""
 
     observations: Observations
     seen: Sightings
@@ -159,7 +159,7 @@ class Overview:
         return cls(observations, seen, best, couples, *observations.in_rover(pointings))
 
     def places_in_rover(self, rows: np.ndarray) -> Float64[np.ndarray, "m 3"]:
-        """Places of some sightings in the frames of their rovers."""
+        """Positions of some sightings in the frames of their rovers."""
         pair, points = self.observations.pair[rows], self.seen.points[:, rows].T
         from_pair = (self.rover_from_pair[pair] @ points[:, :, None])[:, :, 0]
         return self.origins_in_rover[pair] + from_pair
@@ -173,7 +173,7 @@ class Overview:
     def in_lsl(
         self, state: State, rows: np.ndarray
     ) -> tuple[Float64[np.ndarray, "m 3"], Covariances3]:
-        """Places and covariances in the LSL where stops stand at a state."""
+        """Positions and covariances in the LSL at a state."""
         (places, S), stop = self.in_rover(rows), self.observations.stop_of(rows)
         R = state.rotations[stop]
         return state.centres[stop] + (R @ places[:, :, None])[:, :, 0], R @ S @ R.mT
@@ -185,7 +185,7 @@ def weighted_mean_points(
     """Every point at the weighted mean of its used sightings; NaN if none can.
 
     The weights are the inverse covariances of the sightings, so rays of several stops intersect
-    here although each sighting alone is poor in range.
+    here although a single sighting has a weak range.
     """
     rows = np.flatnonzero(used & observations.is_stereo)
     number = observations.point[rows]
@@ -202,7 +202,7 @@ def weighted_mean_points(
 def places_in_lsl(
     views: Views, observations: Observations, seen: Sightings, rows: np.ndarray
 ) -> Vectors:
-    """Where some sightings have their points, in the LSL."""
+    """Positions of the points of some sightings, in the LSL."""
     of_pair = np.take(views.pairs[:12], observations.pair[rows], axis=1)
     place = transform(
         of_pair[:9].reshape(3, 3, -1).swapaxes(0, 1), np.take(seen.points, rows, axis=1)
@@ -221,7 +221,7 @@ class WeightedSightings:
     numbers: np.ndarray
     """Of the points that they see, ascending."""
     places: np.ndarray
-    """Where the sums of the 12 numbers of each sighting's normal equations go."""
+    """Indices at which the 12 numbers of each sighting's normal equations are summed."""
 
     @classmethod
     def of(cls, observations: Observations, seen: Sightings, rows: np.ndarray) -> WeightedSightings:
@@ -241,7 +241,7 @@ class WeightedSightings:
         P = product(F.swapaxes(0, 1), product(self.weights, F))
         equations = np.concatenate([P.reshape(9, -1), transform(P, place)])
         sums = np.bincount(self.places, equations.ravel(), minlength=12 * n).reshape(12, n)
-        sums = sums.astype(np.float64, copy=False)  # of no sightings numpy counts in integers
+        sums = sums.astype(np.float64, copy=False)  # # numpy returns integers for no sightings
         return transform(inverses_by_component(sums[:9].reshape(3, 3, n)), sums[9:])
 
 
@@ -255,7 +255,7 @@ class Comparisons:
     """Places in `rows` of the one, and of the other."""
     second: np.ndarray
     across: Bool[np.ndarray, " m"]
-    """Whether the two are of different stops."""
+    """Whether the two belong to different stops."""
     of_cross: Bool[np.ndarray, " n"]
     """Whether the point of an observation is seen from several stops."""
     sights: Sights
@@ -317,6 +317,6 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:
 
 
 def _mean(values: np.ndarray) -> float:
-    """Mean of what is there; a point behind a camera has no image to compare."""
+    """Mean of the values that exist; a point behind a camera has no image to compare."""
     there = values[np.isfinite(values)]
     return float(there.mean()) if len(there) else float("nan")

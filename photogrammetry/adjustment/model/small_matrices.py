@@ -19,7 +19,7 @@ from solmap.photogrammetry.arrays import Bool, Covariances3, Float64
 SERIES = 1e-3
 """Below this angle the series of the trigonometric terms is exact to rounding."""
 _LEAST = 1e-300
-"""An angle that stands for none."""
+"""An angle treated as zero."""
 _UNIT = np.eye(3)
 _AXES = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0],
                   [0, 0, 1, 0, 0, 0, -1, 0, 0],
@@ -85,9 +85,9 @@ def move_along_arcs(
     shift: Float64[np.ndarray, "stops 3"],
     held: Bool[np.ndarray, " stops"],
 ) -> Float64[np.ndarray, "stops 3"]:
-    """Centres of a traverse after linear corrections of its stops, taken along arcs.
+    """Centres of a traverse after linear corrections of its stops, applied along arcs.
 
-    Each drive turns with the stops at its ends, D <- Exp(m) (D + dD - m x D); held stops stay.
+    Each drive rotates with the stops at its ends, D <- Exp(m) (D + dD - m x D); held stops stay.
     """
     drive, change = centres[1:] - centres[:-1], shift[1:] - shift[:-1]
     mean = (turn[1:] + turn[:-1]) / 2

@@ -1,34 +1,33 @@
-"""Telemetry as observations: gravity, azimuth, and the step from the stop before.
+"""Telemetry as observations: gravity, azimuth, and the increment from the stop before.
 
 With the telemetry pose (R°, c°) of a stop and the unknown pose (R, c), M = R R°', and the stop
 before marked by a minus sign, the observations of a stop are
 
-    tilt       (M' e_z)_x,y = 0                 down, as the level that telemetry reports has it
+    tilt       (M' e_z)_x,y = 0                 down, in the level frame of telemetry
     azimuth    a = 0  if measured (FINE), else  a - a_ = 0;   a, twist of M about z:
                                                 tan a = (M_10 - M_01) / (M_00 + M_11)
     position   R_' (c - c_) = R°_' (c° - c°_)   the increment, in the frame of the rover before
 
-The position is observed as an increment because that is what wheels measure: once the stop before
-is corrected, the step turns and moves along with it and the correction carries over to all that
-follow. Its standard deviation is a fraction of the distance driven (slip) plus a floor. First
-order:
+The position is observed as an increment because wheels measure increments: a correction of the stop
+before rotates and shifts the increment too, and carries over to all later stops. Its standard
+deviation is a fraction of the distance driven (slip) plus a floor. First order:
 
     d(M' e_z) = M' (e_z x d)       d(R_'(c - c_)) = R_' (dc - dc_ + [c - c_] d_)
     da = ((-M_20 q + M_21 p) d_x + (-M_21 q - M_20 p) d_y) / (p^2 + q^2) + d_z
 
-with p = M_10 - M_01, q = M_00 + M_11. A part of the mast pointing m_j of a pair comes of errors of
-the mast that are the same at all stops, and the rest is small and independent,
+with p = M_10 - M_01, q = M_00 + M_11. The mast pointing error m_j of a pair is the sum of errors of
+the mast that are the same at all stops and a small independent one,
 
     m_j - B_j s = 0,     s = 0,     B_j s = s_1 e + s_2 x + s_3 y,     e = z x f / |z x f|
 
 with the elevation zero s_1 about the elevation axis e of a pair that looks along f, and the tilt of
-the azimuth axis about the rover's x and y. An azimuth zero is no unknown: it turns all that a stop
-sees about the vertical, as its heading does; headings are told by steps, which it leaves alone, and
-the first one's is the datum's.
+the azimuth axis about the rover's x and y. The azimuth zero is not an unknown: like the heading, it
+rotates everything that a stop sees about the vertical. Headings are determined by the increments,
+which do not depend on it, and the first heading belongs to the datum.
 
-Tilt is taken in the rover's level and not as (M e_z)_x,y = 0, which is as small: that would turn
-with the azimuth, and Gauss-Newton would hold the turn for a misfit. After 2,000 stops this made the
-softest bend seem a tenth stiffer than it is, and every step fall short by as much.
+Tilt is observed in the rover's level frame and not as (M e_z)_x,y = 0: that is as small, but
+rotates with the azimuth, and Gauss-Newton would take the rotation for a misfit. After 2,000 stops
+it made the softest bending mode a tenth stiffer than it is, and every step a tenth too short.
 """
 
 from __future__ import annotations
@@ -58,13 +57,13 @@ class Telemetry:
     weight: Float64[np.ndarray, "stops 6"]
     """1/sigma of each observation, zero where there is none."""
     pointing_weight: float
-    """1/sigma; infinite where masts point as their labels say."""
+    """1/sigma; infinite where the label's pointing is exact."""
     mast: Float64[np.ndarray, "pairs 3 k"] = field(default_factory=lambda: np.zeros((0, 3, 0)))
-    """B; nothing given: masts have no systematic errors."""
+    """B; not given: masts have no systematic errors."""
     mast_weight: float = 0.0
-    """1/sigma of systematic errors beforehand."""
+    """Prior 1/sigma of systematic errors."""
     before: np.ndarray = field(init=False)
-    """Number of the stop before each stop; the first is before itself, with no weight."""
+    """Number of the stop before each stop; the first refers to itself, with zero weight."""
     steps: Float64[np.ndarray, "stops 3"] = field(init=False)
     """From the stop before, in the frame of the rover there."""
 
@@ -76,7 +75,7 @@ class Telemetry:
 
     @classmethod
     def of(cls, network: Network, params: AdjustmentParams) -> Telemetry:
-        """What telemetry says about the stops of a network."""
+        """The telemetry observations of the stops of a network."""
         rotations = np.array([s.lsl_from_rover.rotation for s in network.stops]).reshape(-1, 3, 3)
         centres = np.array([s.lsl_from_rover.translation_m for s in network.stops]).reshape(-1, 3)
         fine = np.array([s.is_fine for s in network.stops], dtype=bool)
@@ -104,7 +103,7 @@ class Telemetry:
         return self.mast.shape[2] if self.masts_turn else 0
 
     def misses(self, state: State) -> Float64[np.ndarray, "pairs 3"]:
-        """Pointings without what is systematic in them."""
+        """Pointings minus their systematic part."""
         return state.pointings - self.mast @ state.mast if self.mast_unknowns else state.pointings
 
     def of_stops(self, stops: np.ndarray) -> Telemetry:
@@ -119,7 +118,7 @@ class Telemetry:
 
 
 def mast_partials(pairs: Sequence[PairGeometry]) -> Float64[np.ndarray, "pairs 3 3"]:
-    """B: turns of every pair by elevation zero and tilts of the azimuth axis."""
+    """B: rotations of every pair by elevation zero and tilts of the azimuth axis."""
     B = np.zeros((len(pairs), 3, 3))
     B[:, 0, 1] = B[:, 1, 2] = 1.0
     for k, pair in enumerate(pairs):
@@ -130,12 +129,12 @@ def mast_partials(pairs: Sequence[PairGeometry]) -> Float64[np.ndarray, "pairs 3
 
 
 def _azimuths(M: Float64[np.ndarray, "stops 3 3"]) -> Float64[np.ndarray, " stops"]:
-    """The twists of changes M about z."""
+    """Rotations of the changes M about z."""
     return np.arctan2(M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1])
 
 
 def _slopes(M: Float64[np.ndarray, "stops 3 3"]) -> Float64[np.ndarray, "stops 3"]:
-    """Derivatives of the twists by d."""
+    """Derivatives of these rotations by d."""
     p, q = M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1]
     size = np.maximum(p**2 + q**2, np.finfo(float).tiny)
     slopes = np.ones((len(M), 3))
@@ -176,7 +175,7 @@ def telemetry_partials(state: State, telemetry: Telemetry) -> Float64[np.ndarray
 def _changes(
     rotations: Float64[np.ndarray, "stops 3 3"], telemetry: Telemetry
 ) -> Float64[np.ndarray, "stops 3 3"]:
-    """M, by which stops are turned against their telemetry, in the LSL."""
+    """M, the rotation of stops against their telemetry, in the LSL."""
     return rotations @ telemetry.rotations.swapaxes(1, 2)
 
 

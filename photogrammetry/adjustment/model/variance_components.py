@@ -1,24 +1,24 @@
-"""Variance components: how large errors really are, kind by kind of observation.
+"""Variance components: the actual size of errors, by kind of observation.
 
-What telemetry and matching state of their errors are priors. The standard deviations of a kind of
+The standard deviations of telemetry and matching are priors. The standard deviations of a kind of
 observation are multiplied by a common factor f, estimated over the mission with the adjustment
 itself (Helmert's estimate, simplified by Foerstner 1979): with the residuals v, weights p by the
 priors and redundancy numbers r of all observations of the kind,
 
     f^2 = (nu + sum p v^2) / (nu + sum r) (1 + e),        e = 2 sum r / (nu + sum r)^2
 
-a residual's expected square being f^2 r / p. The prior counts like nu observations that scatter as
-stated (an inverse chi-square distribution of f^2), so that two or three stops leave f near 1. The
-sums are chance themselves, with the relative variance e: 1 + e makes 1/f^2, the weight, true in the
-mean. The adjustment is repeated until its factors are those that its residuals show.
+since a residual's expected square is f^2 r / p. The prior has the weight of nu observations that
+scatter as stated (an inverse chi-square distribution of f^2), so that with two or three stops f
+stays near 1. The sums are random too, with the relative variance e: 1 + e makes the weight 1/f^2
+unbiased. The adjustment is repeated until its factors are those that its residuals show.
 
-Ties also err in common: by the height that one stop sees above what another sees, by the parallaxes
-of a pair, by shadows that have moved. What is common hides from residuals, and matching states it
-in the coordinates of ties. The factor of ties is therefore that of the coordinate that scatters
-most, of samples, lines and parallaxes; within a stop, as far as that is no chance. Between stops it
-is never below 1: that what they share is less than stated, residuals cannot show.
+Ties also have common errors: heights at one stop against another, parallaxes of a pair, shadows
+that have moved. Residuals do not contain what is common; matching states it in the standard
+deviations of ties. The factor of ties is therefore that of the coordinate that scatters most, of
+samples, lines and parallaxes; within a stop, only as far as the difference is significant. Between
+stops it is never below 1, because residuals cannot show that common errors are smaller than stated.
 
-Of observations that have left an adjustment (`marginal`) the sums are kept as they were left.
+For observations that were marginalised (`marginal`) the sums of that moment are kept.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ class Component(StrEnum):
 
 COMPONENTS = tuple(Component)
 TIES = COMPONENTS.index(Component.INTER_STEREO)
-"""Ties are the components from here on, as `Observations.kind` numbers them."""
+"""From here on the components are kinds of ties, numbered as in `Observations.kind`."""
 SAME = 0.05
 """Factors that change by less, or by half of their own standard deviation, leave estimates and
-covariances as they are."""
+covariances unchanged."""
 
 
 def _sums() -> Float64[np.ndarray, "components 3"]:
@@ -58,7 +58,7 @@ def _sums() -> Float64[np.ndarray, "components 3"]:
 
 
 def _share_by_chance(freedoms: np.ndarray) -> np.ndarray:
-    """Standard deviation of a factor that so many residuals show, as a share of itself."""
+    """Relative standard deviation of a factor estimated from so many residuals."""
     return 1.0 / np.sqrt(2 * freedoms)
 
 
@@ -76,7 +76,7 @@ class Scatter:
         return Scatter(self.squares + other.squares, self.redundancy + other.redundancy)
 
     def factors(self, freedoms: float) -> Float64[np.ndarray, " components"]:
-        """By what standard deviations are to be multiplied; `freedoms` is nu."""
+        """Factors of the standard deviations; `freedoms` is nu."""
         squares, redundancy = self.squares.sum(axis=1), self.redundancy.sum(axis=1)
         together = np.sqrt((freedoms + squares) / (freedoms + redundancy))
         alone = np.sqrt((freedoms + self.squares) / (freedoms + self.redundancy))
@@ -90,20 +90,20 @@ class Scatter:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VarianceComponents:
-    """The factors of an adjustment, and what they were estimated from."""
+    """The factors of an adjustment, and the sums they were estimated from."""
 
     factors: Float64[np.ndarray, " components"] = field(
         default_factory=lambda: np.ones(len(COMPONENTS))
     )
     """Used in the adjustment."""
     scatter: Scatter = field(default_factory=Scatter)
-    """Of all observations up to now."""
+    """Of all observations so far."""
     past: Scatter = field(default_factory=Scatter)
-    """Of those among them that have left."""
+    """Of those among them that were marginalised."""
     priors: Float64[np.ndarray, " components"] = field(
         default_factory=lambda: np.ones(len(COMPONENTS))
     )
-    """Standard deviations stated: a share of the drive, degrees, and 1 for what matching states."""
+    """Stated standard deviations: a fraction of the drive, degrees, and 1 for ties."""
 
     @property
     def sigmas(self) -> dict[Component, float]:
@@ -111,14 +111,14 @@ class VarianceComponents:
         return dict(zip(COMPONENTS, (self.factors * self.priors).tolist(), strict=True))
 
     def begin(self, params: AdjustmentParams) -> VarianceComponents:
-        """Where an adjustment starts: the parameters' priors, and what is known up to now."""
+        """Initial components: the parameters' priors, and the sums known so far."""
         degrees = (params.azimuth_step_deg, params.azimuth_fine_deg, params.tilt_deg)
         priors = np.ones(len(COMPONENTS))
         priors[:TIES] = (params.slip, *degrees, params.pointing_deg)
         return replace(self, priors=priors).update(params.sigma_freedoms)
 
     def update(self, freedoms: float, scatter: Scatter | None = None) -> VarianceComponents:
-        """With the factors that all observations show: those that have left, and others if given.
+        """With the factors of all observations: marginalised ones, and others if given.
 
         Where `freedoms` is infinite factors stay as they are.
         """
@@ -127,13 +127,13 @@ class VarianceComponents:
         return replace(self, factors=factors, scatter=total)
 
     def is_near(self, other: VarianceComponents, freedoms: float) -> bool:
-        """Whether the factors are the same, for all that follows and as far as they are known."""
+        """Whether the factors are equal within what matters and what is known."""
         known = 0.5 * _share_by_chance(freedoms + self.scatter.redundancy.sum(axis=1))
         change = np.abs(np.log(self.factors / other.factors))
         return bool((change < np.maximum(SAME, known)).all())
 
     def apply(self, params: AdjustmentParams) -> AdjustmentParams:
-        """The parameters with the standard deviations of telemetry and pointing as estimated."""
+        """The parameters with the estimated standard deviations of telemetry and pointing."""
         f = dict(zip(COMPONENTS, self.factors.tolist(), strict=True))
         return replace(
             params,

@@ -1,4 +1,4 @@
-"""How the network of a mission goes on as new images come in (Di et al. 2008, section 3.2)."""
+"""Adjust the network of a mission as new images arrive (Di et al. 2008, section 3.2)."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def advance(
     new_stops: Collection[StopId],
     params: AdjustmentParams,
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    """The network with what is new in it; `start` is what was adjusted before.
+    """The network with its new part adjusted; `start` is the previous adjustment.
 
-    A step that does not converge is reported, and telemetry stands for its stops.
+    A step that does not converge is reported, and its stops remain at telemetry.
 
     Raises:
-        AdjustmentError: an overall adjustment did not converge, so `start` is better.
+        AdjustmentError: an overall adjustment did not converge; keep `start`.
     """
     if mode is AdjustmentMode.OVERALL:
         return _overall(network, params, start)
@@ -46,25 +46,25 @@ def advance(
         return adjusted, report
     untied = replace(network, ties=select(network.ties, np.zeros(0, np.int64)))
     stands, _ = step(start, untied, new_stops, params)
-    return stands, replace(report, message="telemetry stands instead")
+    return stands, replace(report, message="its stops remain at telemetry")
 
 
 def _overall(
     network: Network, params: AdjustmentParams, start: AdjustedNetwork | None
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    """All together; its oldest stops then leave it, so that later steps go on from it exactly."""
+    """Adjust all stops, then marginalise the oldest, so that later steps continue exactly."""
     adjusted, report = begin(network, params, start)
     if not report.converged:
-        raise AdjustmentError(f"{report}; the network before stands")
+        raise AdjustmentError(f"{report}; the previous network is kept")
     return adjusted, report
 
 
 def _adjust_pointing(
     start: AdjustedNetwork, network: Network, params: AdjustmentParams
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    """New images of known stops: only pointing is weighed, the stops stay with all that is known.
+    """New images of known stops: only mast pointing is estimated, poses and covariances stay.
 
-    What a sequential adjustment inherits stays too: it spoke of the old images only.
+    The marginal of a sequential adjustment stays too: it contains the old images only.
     """
     known = {stop.stop: stop for stop in start.stops}
     part = network.within(set(known))

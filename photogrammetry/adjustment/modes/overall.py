@@ -1,13 +1,12 @@
 """The adjustment of an image network.
 
-Stop by stop the network is first aligned (`initialise`), then adjusted as a whole in the
-two steps of `estimate`, each repeated until data snooping finds no further blunder. What telemetry
-knows is weighted in (`telemetry`), so nothing is ever undetermined but the datum: at least one stop
-is held.
+The network is first aligned stop by stop (`initialise`), then adjusted as a whole in the two steps
+of `estimate`, each repeated until data snooping finds no further blunder. Telemetry is a weighted
+observation (`telemetry`), so only the datum can be undetermined: at least one stop is held.
 
-The datum are the stops that are held, what a sequential adjustment has inherited, or, with control,
-the place of the first stop (`datum`). The overall adjustment estimates all other stops; the modes
-that follow the rover stop by stop are in `stepwise` and `sequential`.
+The datum is the held stops, the marginal inherited by a sequential adjustment, or, with control,
+the position of the first stop (`datum`). The overall adjustment estimates all other stops;
+`stepwise` and `sequential` follow the rover stop by stop.
 """
 
 from __future__ import annotations
@@ -65,7 +64,7 @@ from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.imagery import StopId, TieKind, TiePoints
 
 ROUNDS = 8
-"""Times that variance components are estimated at most; three are usual."""
+"""Most estimates of variance components; three are usual."""
 
 
 def adjust(
@@ -78,10 +77,10 @@ def adjust(
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
     """Adjust a network with some stops held where `start`, or else telemetry, has them.
 
-    Stops and pairs that `start` knows begin there; the others are aligned to them first. What
-    observations that are no longer in the network said of its stops may be `inherited`. Variance
-    components begin as `start` has them, and what it counts as past is not counted again. Not
-    converging is returned and reported; look at `AdjustmentReport.is_usable`.
+    Stops and pairs that `start` knows begin there; the others are aligned to them first.
+    `inherited` is the marginal of observations that are no longer in the network. Variance
+    components begin with those of `start`; observations that it counts as past are not counted
+    again. Failure to converge is returned and reported: check `AdjustmentReport.is_usable`.
 
     Raises:
         AdjustmentError: no stop is held and nothing inherited, or a held one is not in the network.
@@ -97,7 +96,7 @@ def adjust_with_outcome(
     name: str = "adjust",
     inherited: Marginal | None = None,
 ) -> tuple[AdjustedNetwork, AdjustmentReport, Outcome]:
-    """The same, with all that the iteration found."""
+    """The same, with all results of the iteration."""
     stated, components = params, start.components if start else VarianceComponents()
     components = components.begin(stated)
     params = components.apply(stated)
@@ -142,7 +141,7 @@ def adjust_with_outcome(
 def _with_components(
     start: Start, components: VarianceComponents, network: Network, stated: AdjustmentParams
 ) -> tuple[Outcome, VarianceComponents]:
-    """The estimate with the variance components that its own residuals show."""
+    """The estimate with the variance components of its own residuals."""
     outcome = estimate(start, components.apply(stated))
     counted = np.logical_not(start.held & components.past.redundancy.any())
     for _ in range(ROUNDS):
@@ -158,7 +157,7 @@ def _with_components(
 
 
 def _earlier_blunders(ties: TiePoints, before: AdjustedTies) -> np.ndarray:
-    """Which observations were blunders in an adjustment before; they come back if they fit now."""
+    """Blunders of an earlier adjustment; those that fit now are used again."""
     known, rows = before.observations, np.flatnonzero(before.status == BLUNDER)
     places = known.left[rows].tolist()
     wrong = {
@@ -174,7 +173,7 @@ def _earlier_blunders(ties: TiePoints, before: AdjustedTies) -> np.ndarray:
 def _agreement(
     outcome: Outcome, before: State, seen: Sightings
 ) -> tuple[dict[TieKind, Consistency], dict[TieKind, Consistency]]:
-    """How well sightings agree before and after the adjustment."""
+    """Agreement of sightings before and after the adjustment."""
     observations = outcome.observations
     compared = Comparisons.of(observations, seen, outcome.used)
     return (
@@ -186,21 +185,21 @@ def _agreement(
 def adjust_overall(
     network: Network, params: AdjustmentParams, start: AdjustedNetwork | None = None
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    """Adjust all stops at once, the first one held or, with control, its place alone: `datum`."""
+    """Adjust all stops; the first is held or, with control, its position observed: `datum`."""
     if not network.stops:
         raise AdjustmentError("there is no stop to adjust: the network is empty")
     return adjust(network, held_stops(network), params, without_past(start), "overall adjustment")
 
 
 def without_past(start: AdjustedNetwork | None) -> AdjustedNetwork | None:
-    """A start of an adjustment in which all observations take part again."""
+    """Initial values of an adjustment in which all observations take part again."""
     if start is None:
         return None
     return replace(start, components=replace(start.components, past=Scatter()))
 
 
 def _control(network: Network, start: AdjustedNetwork | None) -> Control | None:
-    """The control of a network; what was found wrong before starts aside."""
+    """The control of a network; control rejected before is initially set aside."""
     if not network.frames:
         return None
     control = Control.of(network)
@@ -210,7 +209,7 @@ def _control(network: Network, start: AdjustedNetwork | None) -> Control | None:
 def _frame_places(
     control: Control, state: State, network: Network, start: AdjustedNetwork | None
 ) -> Float64[np.ndarray, "frames 5"]:
-    """Where control frames start: as known from before, or as suits the stops."""
+    """Initial positions of control frames: from the previous adjustment, or fitted to the stops."""
     known = {frame.frame.name for frame in start.frames} if start else set()
     is_known = np.array([frame.name in known for frame in network.frames], dtype=bool)
     before = frame_places(start.frames if start else (), network)
@@ -218,15 +217,15 @@ def _frame_places(
 
 
 def _held_mask(network: Network, held: AbstractSet[StopId], *, has_datum: bool) -> np.ndarray:
-    """Which stops are held; refuses a network without datum."""
+    """Which stops are held; raises an error for a network without datum."""
     strangers = sorted(set(held) - set(network.stop_ids))
     if strangers:
         raise AdjustmentError(f"{strangers[0]} cannot be held: it is not in the network")
     if not (held or has_datum):
         raise AdjustmentError(
             f"the datum of the network of {len(network.stops)} stops is undefined: images and "
-            "telemetry increments only tell where stops are relative to each other; hold one stop "
-            "fixed, normally the first of the traverse"
+            "telemetry increments determine only relative positions; hold one stop fixed, "
+            "normally the first of the traverse"
         )
     return np.array([stop in held for stop in network.stop_ids], dtype=bool)
 
@@ -237,7 +236,7 @@ def _known_state(
     observations: Observations,
     start: AdjustedNetwork | None,
 ) -> tuple[State, np.ndarray]:
-    """Telemetry as a state, overwritten by what a former adjustment knows."""
+    """Telemetry as a state, overwritten by the previous adjustment where it has values."""
     rotations, centres = telemetry.rotations.copy(), telemetry.centres.copy()
     pointings = np.zeros((len(network.pairs), 3))
     is_known = np.zeros(len(centres), dtype=bool)

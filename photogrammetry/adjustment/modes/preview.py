@@ -1,9 +1,9 @@
-"""What manual tie points would do to two stops, before anything is saved.
+"""Preview of the effect of manual tie points on two stops, before anything is saved.
 
-The network of both stops alone is adjusted twice with the first one held where it is: with the ties
-there are (`adjust_without_manual_ties`), and from there with what a person wants added and dropped.
-The difference is the effect of the manual ties. Other stops are left out, so the next adjustment of
-the whole network moves less. Points that one pair alone sees say nothing of poses and stay out.
+The network of both stops alone is adjusted twice, with the first one held: with the present ties
+(`adjust_without_manual_ties`), and from there with the ties that a person adds and drops. The
+difference is the effect of the manual ties. Other stops are left out, so the next adjustment of the
+whole network moves less. Points seen by one pair only do not constrain poses and are left out.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from solmap.photogrammetry.matching.records import Ties
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Veto:
-    """Automatic measurements that a person does not believe."""
+    """Automatic measurements that a person rejects."""
 
     pair_id: str
     left: Float64[np.ndarray, " 2"] | None
     """Where, in the left epipolar image; None: everywhere."""
     other: str
-    """Only of points that this pair sees, too; empty: of all."""
+    """Only of points that this pair sees too; empty: of all."""
     tolerance_px: float
 
 
@@ -51,7 +51,7 @@ class Preview:
     """Two stops with and without manual tie points."""
 
     before: AdjustedStop
-    """The second stop, with the ties there are."""
+    """The second stop, with the present ties."""
     after: AdjustedStop
     report_before: AdjustmentReport
     report: AdjustmentReport
@@ -87,17 +87,17 @@ def part_of(
 def adjust_without_manual_ties(
     network: Network, start: AdjustedNetwork, params: AdjustmentParams
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    """The second stop of a network of two adjusted with the ties there are, the first one held.
+    """Adjust the second stop of a network of two with the present ties, the first one held.
 
     Raises:
         AdjustmentError: the network is not of two stops.
     """
     if len(network.stops) != 2:  # noqa: PLR2004 - the title
         raise AdjustmentError(
-            f"a preview is of two stops that the network holds, not of {len(network.stops)}"
+            f"a preview needs a network of exactly two stops, not of {len(network.stops)}"
         )
     held, params = {network.stop_ids[0]}, replace(params, sigma_freedoms=math.inf)
-    return adjust(network, held, params, start, "without hand ties")
+    return adjust(network, held, params, start, "without manual tie points")
 
 
 def preview_manual_ties(
@@ -107,14 +107,14 @@ def preview_manual_ties(
     vetoes: Sequence[Veto],
     params: AdjustmentParams,
 ) -> Preview:
-    """Adjust the second stop with manual tie points, from how it stands without them."""
+    """Adjust the second stop with manual tie points, starting from its pose without them."""
     held, free = network.stop_ids
     kept = _not_vetoed(network.ties, vetoes)
     ties = with_ties(select(network.ties, kept), manual)
     with_manual = Network(network.stops, network.pairs, ties)
     before, report_before = standing
     params = replace(params, sigma_freedoms=math.inf)
-    after, report = adjust(with_manual, {held}, params, before, "with hand ties")
+    after, report = adjust(with_manual, {held}, params, before, "with manual tie points")
     n = 2 * len(manual)
     rows = slice(len(after.ties.status) - n, None)
     return Preview(
@@ -130,7 +130,7 @@ def preview_manual_ties(
 
 
 def with_ties(points: TiePoints, manual: Ties) -> TiePoints:
-    """Tie points and, at their end, one for each manual one: two observations each."""
+    """Tie points with the manual ones appended: two observations each."""
     names = tuple(dict.fromkeys((*points.pair_ids, *manual.pair_ids)))
     number = np.array([names.index(name) for name in manual.pair_ids] or [0], dtype=np.int32)
     first = int(points.point.max(initial=-1)) + 1
@@ -157,7 +157,7 @@ def with_ties(points: TiePoints, manual: Ties) -> TiePoints:
 
 
 def _not_vetoed(ties: TiePoints, vetoes: Sequence[Veto]) -> Flags:
-    """The observations that no veto means."""
+    """The observations that no veto excludes."""
     kept = np.ones(len(ties), dtype=bool)
     names = np.array(ties.pair_ids, dtype=object)[ties.pair] if len(ties) else np.zeros(0, object)
     for veto in vetoes:

@@ -10,18 +10,18 @@ so that with theta = (r_x, r_y, r_z, b) of every camera set the corrected parall
 
     p - f (r_y (1 + u^2) - r_z v - r_x u v)
 
-belong to rigs as calibrated with baselines B + b. The few theta border the normal equations of the
-network. For given theta the adjustment minimises over all else and leaves residuals v_p; by the
-envelope theorem the right-hand side of what remains is
+belong to rigs as calibrated with baselines B + b. The few theta extend the normal equations of the
+network. For given theta the adjustment minimises over all other unknowns and leaves residuals v_p;
+by the envelope theorem the reduced right-hand side is
 
-    n(theta) = A' W v_p - P theta          A = dp/dtheta, P weights of the prior
+    n(theta) = A' W v_p - P theta A = dp/dtheta, P weights of the prior
 
-and its matrix, the Schur complement of the border, is -dn/dtheta, which four adjustments a camera
-set give by differences. Nothing is asked of the solver but to solve.
+and its matrix, a Schur complement, is -dn/dtheta, found by differences of four adjustments for each
+camera set. The solver itself needs no change.
 
-Toe-in r_y changes near and far points differently and shows in ties between pairs. A longer
-baseline scales everything the set sees and shows only against telemetry or against another set.
-What the network does not determine stays at the prior, with the prior's standard deviation.
+Toe-in r_y changes near and far points differently and is determined by ties between pairs. A longer
+baseline scales everything that the set sees and is determined only by telemetry or by another set.
+Unknowns that the network does not determine keep the prior's value and standard deviation.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.imagery import StopId
 
 ROTATION_SIGMA_DEG = 0.05
-"""Prior standard deviation of the right camera's rotation, per axis: what thermal bending and years
-on Mars were found to do to archived camera models."""
+"""Prior standard deviation of the right camera's rotation, per axis: the observed effect of
+temperature and years on Mars on archived camera models."""
 BASELINE_SIGMA_M = 0.001
 """Prior standard deviation of the baseline: half a per cent of the Navcam's."""
 UNKNOWNS = 4
@@ -59,14 +59,14 @@ ROUNDS = 8
 NEGLIGIBLE = 1e-3
 """A step shorter than this, in its own standard deviations, ends the iteration."""
 PROBE = 0.02
-"""Step of the differences, in standard deviations of the prior: a hundredth of a pixel or two. With
-rotations of a whole pixel other ties are placed, and it is another network."""
+"""Step of the differences, in standard deviations of the prior: a hundredth of a pixel or two.
+Rotations of a whole pixel would change which ties are placed, and with them the network."""
 CURVED = 1e-3
 """Share of the largest eigenvalue of N that curvature of the equations may take from another one.
-The prior alone makes all of them 1 in units of its weights; still less comes of a network whose
-ties changed between two differences."""
+The prior alone makes all of them 1 in units of its weights; smaller ones result where ties changed
+between two differences."""
 SHARP = 1e-12
-"""Tolerance of the adjustments whose differences are taken."""
+"""Tolerance of the adjustments that are differenced."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,18 +89,18 @@ class RigCorrection:
 
     @property
     def sigmas(self) -> Float64[np.ndarray, " 4"]:
-        """Their standard deviations."""
+        """Standard deviations of `values`."""
         return np.sqrt(np.diagonal(self.covariance))
 
 
 def prior_sigmas(sets: int) -> Float64[np.ndarray, " k"]:
-    """Standard deviations of the unknowns of so many camera sets before anything is measured."""
+    """Prior standard deviations of the unknowns of so many camera sets."""
     return np.tile([*3 * [np.radians(ROTATION_SIGMA_DEG)], BASELINE_SIGMA_M], sets)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigCalibration:
-    """The corrections of a network's camera sets, and how the network fits with and without."""
+    """The corrections of a network's camera sets, and the fit of the network with and without."""
 
     corrections: tuple[RigCorrection, ...]
     """By name of the camera set."""
@@ -124,7 +124,7 @@ def calibrate_rig(
         held: Stops that are held as the datum.
         instruments: Camera set by pair. Pairs that are not in it are not corrected.
         params: Of the adjustment.
-        start: What was adjusted before, if anything.
+        start: The previous adjustment, if any.
 
     Raises:
         AdjustmentError: no pair has a camera set, the network cannot be adjusted, or its normal
@@ -138,7 +138,8 @@ def calibrate_rig(
             f"no stereo pair with tie points is in the network of {len(network.stops)} stops: "
             "there is no rig to correct"
         )
-    params = replace(params, sigma_freedoms=np.inf)  # a bent rig must not widen all sigmas instead
+    # # otherwise a bent rig would enlarge all standard deviations
+    params = replace(params, sigma_freedoms=np.inf)
     sigma = prior_sigmas(len(sets))
     theta, C, used = np.zeros(len(sigma)), np.diag(sigma**2), np.zeros(0, dtype=bool)
     reports: list[AdjustmentReport] = []
@@ -166,7 +167,7 @@ def calibrate_rig(
 def with_corrected_rigs(
     network: Network, instruments: Mapping[str, str], corrections: tuple[RigCorrection, ...]
 ) -> Network:
-    """The network as it would have been measured with rigs as calibrated and baselines as found."""
+    """The network as measured with rigs as calibrated and baselines as estimated."""
     sets = tuple(correction.instrument for correction in corrections)
     theta = np.concatenate([correction.values for correction in corrections])
     return _with_theta(network, sets, instruments, theta)
@@ -191,7 +192,7 @@ def parallax_partials(network: Network) -> Float64[np.ndarray, "n 4"]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Border:
-    """The normal equations of theta that are left when all else has been adjusted."""
+    """The reduced normal equations of theta, after elimination of all other unknowns."""
 
     network: Network
     """Without what was set aside as blunders, rigs as calibrated."""
@@ -202,7 +203,7 @@ class _Border:
     params: AdjustmentParams
     start: AdjustedNetwork
     is_of_set: tuple[np.ndarray, ...]
-    """Rows of the ties of every set."""
+    """Rows of the ties of each camera set."""
 
     @classmethod
     def of(  # noqa: PLR0913, PLR0917 - the network, where it stands, and what is asked of it
@@ -215,7 +216,7 @@ class _Border:
         sigma: np.ndarray,
         params: AdjustmentParams,
     ) -> _Border:
-        """Of the observations that an adjustment used; from here on none is set aside."""
+        """Of the observations that an adjustment used; none is set aside later."""
         good = replace(
             network,
             ties=select(network.ties, adjusted.ties.status == USED),
@@ -229,7 +230,7 @@ class _Border:
     def right_side(
         self, theta: Float64[np.ndarray, " k"]
     ) -> tuple[Float64[np.ndarray, " k"], AdjustmentReport]:
-        """n(theta), and the report of the adjustment that it came of."""
+        """n(theta), and the report of its adjustment."""
         bent = _with_theta(self.network, self.sets, self.instruments, theta)
         solved, report = adjust(bent, self.held, self.params, self.start, "rigs corrected")
         residuals = solved.ties.residuals_px[:, 2]
@@ -244,9 +245,9 @@ class _Border:
     def solve(
         self, theta: Float64[np.ndarray, " k"]
     ) -> tuple[Float64[np.ndarray, " k"], Float64[np.ndarray, "k k"]]:
-        """The theta that makes n vanish, and its covariance.
+        """The theta at which n vanishes, and its covariance.
 
-        A sigma0 that chance does not explain widens it, as it does all covariances of a network.
+        As for all covariances of a network, a sigma0 significantly above one enlarges it.
         """
         n, report = self.right_side(theta)
         steps = np.diag(PROBE * self.sigma)
@@ -255,9 +256,9 @@ class _Border:
         known, axes = np.linalg.eigh((N + N.T) / 2 * scale)
         if known[0] < 1.0 - CURVED * known[-1]:
             raise AdjustmentError(
-                f"the rigs of {', '.join(self.sets)} cannot be corrected: other ties count at each "
-                "trial of a correction; match again with rows that correspond, or veto wrong ties "
-                "by hand"
+                f"the rigs of {', '.join(self.sets)} cannot be corrected: the ties in use change "
+                "with each trial correction; match again with rows that correspond, or veto "
+                "wrong ties by hand"
             )
         N = (axes * np.maximum(known, 1.0)) @ axes.T / scale
         for _ in range(ROUNDS):
@@ -271,7 +272,7 @@ class _Border:
 
 
 def _variance_factor(report: AdjustmentReport) -> float:
-    """Sigma0 squared where it is larger than chance explains, else one."""
+    """Sigma0 squared where significantly larger than one, else one."""
     cost = report.sigma0**2 * report.redundancy
     return report.sigma0**2 if cost > chdtri(report.redundancy, 1.0 - SIGNIFICANT) else 1.0
 
@@ -282,7 +283,7 @@ def _adjust_or_raise(
     params: AdjustmentParams,
     start: AdjustedNetwork | None,
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    adjusted, report = adjust(network, held, params, start, "with rigs as they stand")
+    adjusted, report = adjust(network, held, params, start, "with present rigs")
     if not report.is_usable:
         raise AdjustmentError(f"{report}; a rig can be corrected only where a network is adjusted")
     return adjusted, report
@@ -292,7 +293,8 @@ def _with_theta(
     network: Network, sets: tuple[str, ...], instruments: Mapping[str, str], theta: np.ndarray
 ) -> Network:
     by_set = np.vstack([theta.reshape(len(sets), UNKNOWNS), np.zeros(UNKNOWNS)])
-    rotations = by_set[_set_of_row(network, sets, instruments), :3]  # the last: of no set
+    # # the last: without a camera set
+    rotations = by_set[_set_of_row(network, sets, instruments), :3]
     shift = (parallax_partials(network)[:, :3] * rotations).sum(axis=1)
     longer = {name: float(by_set[k, 3]) for k, name in enumerate(sets)}
     pairs = tuple(

@@ -1,35 +1,35 @@
 """One rotation of the right camera for every camera set, pooled over the stops of a mission.
 
-Unknowns are theta = (r_x, r_y, r_z, b) of every camera set, as in `rig_calibration`. What a stop s
-says of them are normal equations N_s theta = n_s, of two kinds of observations:
+Unknowns are theta = (r_x, r_y, r_z, b) of every camera set, as in `rig_calibration`. A stop s
+contributes normal equations N_s theta = n_s, from two kinds of observations:
 
 - vertical parallaxes of its pairs (`matching.stereo.orientation.RowCells`), which give r_x and r_z
-  to a hundredth of a pixel and toe-in r_y only where the field of view is wide;
+  to a hundredth of a pixel and toe-in r_y only for a wide field of view;
 - the ties between its pairs: near and far points, and those of another camera set, contradict each
   other under a wrong toe-in. `stop_normal_equations` takes them from `calibrate_rig`. Ties to other
-  stops are left out: they may lie on shadows that have moved, and toe-in would take that up.
+  stops are left out: they may lie on shadows that have moved, which would bias toe-in.
 
-A bar bends with temperature, and as it likes. So a stop has a rotation of its own, linear in the
-temperature t_s of its cameras where labels tell it,
+The rig bends with temperature, and also irregularly. Each stop therefore has a rotation of its own,
+linear in the temperature t_s of its cameras where labels give it,
 
     theta_s = theta + k (t_s - t) + d_s = D_s phi + d_s
 
 T is the variance of d_s and K that of k, the same about every axis and estimated from r_x and r_z
-of the stops; K is zero, and k no unknown, where they do not go with temperature. Pooled:
+of the stops; K is zero, and k not an unknown, where they do not correlate with temperature. Pooled:
 
     N = P + sum_s D_s' N_s (1 + T N_s)^-1 D_s          n = sum_s D_s' (1 + N_s T)^-1 n_s
 
-and of stop s, with N_-s and n_-s what all others say,
+and for stop s, with N_-s and n_-s the sums of all other stops,
 
     C_s = [N_s + (D_s N_-s^-1 D_s' + T)^-1]^-1
 
-P holds the priors. That of toe-in is the spread that the bar shows about the other two axes, since
-nothing bends it about one axis alone, and what calibrations on ground leave. Camera sets on one bar
-share it, up to what they differ by about the other two.
+P holds the priors. That of toe-in is the spread of the rig's rotation about the other two axes,
+since no cause bends it about one axis alone, plus the error of calibration on ground. Camera sets
+on one mast share it, up to their difference about the other two axes.
 
-A correction is applied where it is significant, and kept until it is wrong by more than is known
-and than matters (`correction_to_apply`); what is left, C_s and the difference to what is applied,
-is a standard deviation that all parallaxes of the camera set share (`toe_in_sigma`).
+A correction is applied where it is significant, and kept until its error is significant and large
+enough to matter (`correction_to_apply`). The remainder, C_s and the difference to the applied one,
+is a standard deviation common to all parallaxes of the camera set (`toe_in_sigma`).
 """
 
 from __future__ import annotations
@@ -52,39 +52,40 @@ from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.stereo.orientation import RowCells
 
 SHARED_CELL_PX = 40.0
-"""Side of a cell in which ties err alike: what is kept apart where the pairs of a stop are tied."""
+"""Side of an image cell within which ties have the same error; cells are distinguished where the
+pairs of a stop share ties."""
 CALIBRATION_SIGMA_RAD = float(np.radians(0.005))
-"""Standard deviation of toe-in as calibrated on ground: a tenth of a Navcam's pixel."""
+"""Standard deviation of toe-in calibrated on ground: a tenth of a Navcam's pixel."""
 HAZARD_CAMERA = "HAZCAM"
-"""In the names of camera sets that are not on the mast's bar."""
+"""Parts of names of camera sets that are not on the mast."""
 STANDS_OUT = 3.0
-"""Standard deviations by which a rig must differ from its labels to be corrected, and by which its
-rows must go with temperature to be taken for doing so."""
+"""Standard deviations by which a rig must differ from its labels to be corrected, and its rows must
+correlate with temperature to be modelled so."""
 NEGLIGIBLE_PX = 0.02
-"""Error of rows or parallaxes that is not worth a new matching."""
+"""Error of rows or parallaxes that does not justify matching again."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraRows:
-    """What the rows of a stop's pairs say of one camera set."""
+    """Vertical parallaxes of a stop's pairs of one camera set."""
 
     cells: RowCells
     pairs: int
     focal_px: float
-    """Of the finest pair."""
+    """Focal length of the finest pair."""
     samples: int
     """Width of its images."""
     celsius: float | None = None
-    """Temperature of the cameras, mean of the pairs; None where labels tell none."""
+    """Temperature of the cameras, mean of the pairs; None where labels give none."""
 
     def effects_px(self, rotation: Vector3) -> Vector3:
-        """By how much a rotation about each axis moves points at most, along or across rows."""
+        """Largest shift of points by a rotation about each axis, along or across rows."""
         return np.abs(rotation) * [self.focal_px, self.focal_px, self.samples / 2]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalEquations:
-    """What ties say of the corrections of some camera sets, four unknowns each in their order."""
+    """Normal equations by ties of the corrections of camera sets, four unknowns each."""
 
     cameras: tuple[str, ...]
     N: Float64[np.ndarray, "k k"]
@@ -102,7 +103,7 @@ class NormalEquations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StopRig:
-    """All that a stop says of the stereo rigs."""
+    """All observations of a stop about the stereo rigs."""
 
     rows: Mapping[str, CameraRows]
     """By camera set."""
@@ -110,11 +111,11 @@ class StopRig:
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """The camera sets that anything is known of."""
+        """The camera sets with observations."""
         return (*self.rows, *(self.ties.cameras if self.ties else ()))
 
     def among(self, cameras: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-        """What its ties say, with the unknowns of more camera sets."""
+        """The normal equations of its ties, with the unknowns of more camera sets."""
         if self.ties:
             return self.ties.placed_in(cameras)
         size = UNKNOWNS * len(cameras)
@@ -145,12 +146,12 @@ def stop_normal_equations(
     applied: Mapping[str, Vector3],
     params: AdjustmentParams,
 ) -> NormalEquations:
-    """What the ties within a stop say of the camera sets that took it.
+    """Normal equations of the camera sets of a stop from the ties within it.
 
     Args:
         network: Of the stop alone.
         instruments: Camera set by pair.
-        applied: By how much right cameras were turned before their pairs were matched.
+        applied: Rotations of the right cameras before their pairs were matched.
         params: Of the adjustment.
 
     Raises:
@@ -166,10 +167,10 @@ def stop_normal_equations(
 
 
 def weigh_by_cells(ties: Ties) -> Ties:
-    """Ties of two pairs that share a cell of one image, with the weight of one tie together.
+    """Scale the ties of two pairs in one image cell to the total weight of a single tie.
 
-    Their windows see the same ground, and err alike where it is uneven: hundreds of ties of a
-    Pancam pair lie on a few cells of a Navcam pair.
+    Their windows cover the same ground and have the same error where it is uneven: hundreds of ties
+    of a Pancam pair lie on a few cells of a Navcam pair.
     """
     shares = np.ones(len(ties))
     for left in (ties.first_left, ties.second_left):
@@ -182,10 +183,10 @@ def weigh_by_cells(ties: Ties) -> Ties:
 
 
 def add_toe_in(ties: Ties, sigmas_px: Mapping[str, float]) -> Ties:
-    """Ties between stops with what is not known of toe-in, pixels by pair.
+    """Ties between stops with the uncertainty of toe-in added, pixels by pair.
 
-    All parallaxes of a camera set share it: it is counted so that the mean of n ties is no better
-    known.
+    All parallaxes of a camera set share it, so it is enlarged such that the mean of n ties has the
+    same standard deviation.
     """
     shared = np.array([sigmas_px.get(name, 0.0) for name in ties.pair_ids]) * len(ties) ** 0.5
     return replace(
@@ -247,9 +248,9 @@ def pooled_rotations(stops: Mapping[str, StopRig]) -> dict[str, dict[str, RigRot
 
 
 def correction_to_apply(found: RigRotation, applied: Vector3, rows: CameraRows) -> Vector3:
-    """What to turn the right camera by: what is applied already, unless it is wrong.
+    """Rotation to apply to the right camera: the present one, unless it is significantly wrong.
 
-    Labels stand until they are wrong beyond doubt; a correction follows what is found.
+    Labels are kept unless they are significantly wrong; a correction is the estimate.
     """
     off = found.rotation - applied
     certain = 1.0 if applied.any() else STANDS_OUT
@@ -259,14 +260,14 @@ def correction_to_apply(found: RigRotation, applied: Vector3, rows: CameraRows) 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Spread:
-    """How the rotation of a camera set differs from stop to stop."""
+    """Variation of the rotation of a camera set from stop to stop."""
 
     alone: float = 0.0
-    """T: variance of what nothing explains, squared radians."""
+    """T: unexplained variance, squared radians."""
     per_kelvin: float = 0.0
-    """K: variance of the change with temperature; zero where there is none to be seen."""
+    """K: variance of the change with temperature; zero where not significant."""
     kelvin: Mapping[str, float] = field(default_factory=dict)
-    """By how much a stop was warmer than the mean of all that labels tell of."""
+    """Temperature of a stop minus the mean of all stops with a temperature."""
 
 
 def _rows_of_stops(
@@ -274,7 +275,7 @@ def _rows_of_stops(
 ) -> tuple[dict[str, dict[str, tuple[np.ndarray, np.ndarray]]], list[_Spread]]:
     """Normal equations of the rows of every stop and camera set; spreads of the camera sets.
 
-    Cells of all stops together say how far the model of the lenses is wrong.
+    The cells of all stops together show the error of the lens model.
     """
     own: dict[str, dict[str, tuple[np.ndarray, np.ndarray]]] = {name: {} for name in stops}
     spreads: list[_Spread] = []
@@ -327,10 +328,10 @@ def _variances_between(
 def _prior(
     own: Mapping[str, Mapping[str, tuple[np.ndarray, np.ndarray]]], cameras: Sequence[str]
 ) -> np.ndarray:
-    """Weights of what is known beforehand.
+    """Weights of the priors.
 
-    Toe-in is about as large as the other rotations are, and what a bar does to one camera set of
-    the mast it does to the other, up to what the other rotations of the two differ by.
+    Toe-in is about as large as the other rotations. A bent mast affects its two camera sets
+    equally, up to the difference of their other rotations.
     """
     C = np.diag(prior_sigmas(len(cameras)) ** 2)
     seen = np.array([_bend(one, own, C[:3, :3]) for one in cameras])
@@ -357,7 +358,7 @@ def _bend(
 
 
 def _positive(N: np.ndarray, cameras: int) -> np.ndarray:
-    """A matrix without what differences have made negative."""
+    """A matrix with negative eigenvalues, which differencing may cause, set to zero."""
     scale = prior_sigmas(cameras)
     values, vectors = np.linalg.eigh(N * np.outer(scale, scale))
     unit = (vectors * np.maximum(values, 0.0)) @ vectors.T

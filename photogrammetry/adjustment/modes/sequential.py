@@ -1,14 +1,14 @@
-"""The sequential adjustment: a window along the traverse, and all that came before it exactly.
+"""The sequential adjustment: a window along the traverse, earlier stops marginalised exactly.
 
 At every step the stops of the window and the new ones are estimated anew, from their own
 observations and from the marginal of the observations of earlier stops (`marginal`); then the
 oldest stops are marginalised. As long as ties reach back no further than the window, this is the
-simultaneous solution of everything so far, and costs the same at every step. It differs from it
-only by what is frozen when a stop is marginalised: its linearisation, which of its observations are
-blunders, and its pose, which only an overall adjustment moves again.
+simultaneous solution of everything so far, and costs the same at every step. It differs from that
+solution only in what is fixed when a stop is marginalised: its linearisation point, which of its
+observations are blunders, and its pose, which only an overall adjustment changes.
 
-New ties to stops that have left the window (loop closures, revisits) re-open the whole traverse: it
-is adjusted overall, from where it stands, and marginalised again as far as its loops allow.
+New ties to marginalised stops (loop closures, revisits) re-open the whole traverse: it is adjusted
+overall, from its present state, and marginalised again as far as its loops allow.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ def adjust_sequential(
     new_stops: Iterable[StopId],
     params: AdjustmentParams,
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    """Add new stops to an adjusted traverse, as exactly as all of it together would.
+    """Add new stops to an adjusted traverse, equivalent to adjusting all of it together.
 
     Called like `adjust_stepwise`: `network` holds old and new stops, with the pairs and ties of the
     window, of the stops before it that share ties with it, and of the new stops; with the pairs of
-    all stops, loops can be closed. `previous` is what former steps returned, or the part of it at
-    the stops whose pairs are given, or None at the start.
-    Stops that have left the window stay as they were when they left; stops of the window move.
+    all stops, loops can be closed. `previous` is the result of earlier steps, or its part at the
+    stops whose pairs are given, or None at the start. Marginalised stops keep their poses; stops of
+    the window are estimated again.
     """
     new = tuple(stop for stop in network.stop_ids if stop in set(new_stops))
     if previous is None:
@@ -73,7 +73,7 @@ def adjust_sequential(
         return reopen(previous, network, params)
     adjusted, report = extend(previous, with_remembered_frames(network, previous), new, params)
     notes = [f"{late} ties reach back beyond the window and were left out"] if late else []
-    notes += ["control of stops that have left the window is new or changed"] if changed else []
+    notes += ["control of marginalised stops is new or changed"] if changed else []
     if notes:
         parts = filter(None, (report.message, f"{'; '.join(notes)}: adjust overall"))
         report = replace(report, message="; ".join(parts))
@@ -83,7 +83,7 @@ def adjust_sequential(
 def begin(
     network: Network, params: AdjustmentParams, start: AdjustedNetwork | None = None
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    """Adjust all stops so far together, the very first one held; then marginalise the oldest."""
+    """Adjust all stops so far together, the first one held; then marginalise the oldest."""
     adjusted, report, outcome = adjust_with_outcome(
         network, held_stops(network), params, without_past(start), "overall adjustment"
     )
@@ -93,7 +93,7 @@ def begin(
 def reopen(
     previous: AdjustedNetwork, network: Network, params: AdjustmentParams
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    """Adjust everything together from where it stands."""
+    """Adjust everything together from its present state."""
     adjusted, report = begin(network, params, previous)
     return adjusted, replace(report, name=f"re-opened by {network.stop_ids[-1]}")
 
@@ -104,7 +104,7 @@ def extend(
     new_stops: Iterable[StopId],
     params: AdjustmentParams,
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    """Adjust the window of `previous` and the new stops; the result holds these stops alone.
+    """Adjust the window of `previous` and the new stops; the result holds these stops only.
 
     `network` holds at least the window, its tied predecessors and the new stops.
     """
@@ -121,7 +121,7 @@ def extend(
 
 
 def late_ties(previous: AdjustedNetwork, network: Network, new_stops: Iterable[StopId]) -> int:
-    """How many tie points new stops share with stops that have left the window."""
+    """Number of tie points that new stops share with marginalised stops."""
     ties, new = network.ties, set(new_stops)
     if not previous.memory or not len(ties):
         return 0
@@ -133,7 +133,7 @@ def late_ties(previous: AdjustedNetwork, network: Network, new_stops: Iterable[S
 
 
 def _part(network: Network, window: tuple[StopId, ...], new: tuple[StopId, ...]) -> Network:
-    """The window and the new stops, without tie points that stops which have left saw too."""
+    """The window and the new stops, without tie points that marginalised stops saw too."""
     stops, ties = {*window, *new}, network.ties
     inside = {pair.pair_id for pair in network.pairs if pair.stop in stops}
     stays = np.array([name in inside for name in ties.pair_ids], dtype=bool)[ties.pair]
@@ -149,9 +149,9 @@ def _part(network: Network, window: tuple[StopId, ...], new: tuple[StopId, ...])
 def _marginalise_oldest(
     adjusted: AdjustedNetwork, network: Network, outcome: Outcome, params: AdjustmentParams
 ) -> AdjustedNetwork:
-    """Marginalise the oldest stops, as many as the window and loops allow; sets the memory."""
+    """Marginalise the oldest stops, as many as the window and loops allow; stores the marginal."""
     if not outcome.solution.converged:
-        return adjusted  # what is marginalised is never looked at again
+        return adjusted  # # marginalised observations are not evaluated again
     grounded = np.array([stop.is_tied for stop in adjusted.stops], dtype=bool)
     solved = SolvedNetwork.of_outcome(outcome, grounded)
     marginal = solved.inherited
@@ -159,7 +159,8 @@ def _marginalise_oldest(
     while len(network.stops) - number > params.window_stops:
         coupling = coupling_of(solved, number)
         if len(coupling.stops) > params.window_stops:
-            break  # so many stops hang on this one that marginalising it would save nothing
+            # # so many stops share ties with this one that marginalising it would save nothing
+            break
         marginal = marginalise(solved, coupling)
         solved = solved.without_stop(number, marginal)
         number += 1

@@ -1,20 +1,20 @@
-"""The stepwise adjustment: what came before is held, the new stops are estimated.
+"""The stepwise adjustment: earlier stops are held, the new stops are estimated.
 
 The mode of the mission (Di et al. 2008, section 3.2): the previous stop is held and the current one
 estimated; where ties reach back further, to m-2 or m-3, the earliest stop reached is held and those
-after it are estimated again. It is quick and leaves maps of earlier stops alone, but what new ties
-say of held stops is lost: use `sequential` where accuracy counts.
+after it are estimated again. It is quick and leaves maps of earlier stops unchanged, but the
+information of new ties about held stops is lost: use `sequential` where accuracy counts.
 
-Held stops are not known exactly, and a step takes over their errors. With the normal equations of
-the step over free (f) and held (h) unknowns, an error e_h moves the estimate by S e_h, so that
+Held stops have errors, which a step takes over. With the normal equations of the step over free (f)
+and held (h) unknowns, an error e_h moves the estimate by S e_h, so that
 
     S = -N_ff^-1 N_fh              C_f = N_ff^-1 + S C_hh S'
 
 (consider covariance, Schmidt 1966). Of the held stops only the covariance of each by itself is
 known; between two of them, the later one is taken to have the error of the earlier one rigidly. A
-control frame was placed by control of stops that are held now, so it shares their errors: of its
-error the part that moves rigidly with the stop held last is taken over with that stop's, and the
-rest is what the step may correct.
+control frame was placed by control of stops that are held now, so it shares their errors: the part
+of its error that moves rigidly with the stop held last is taken over with that stop's; the step
+estimates the rest.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId
 
 LEAST_SHARE = 1e-6
-"""Of the variances of a frame's place, at least so much is its own."""
+"""Smallest fraction of the variances of a frame's position that is its own."""
 
 
 def adjust_stepwise(
@@ -55,12 +55,12 @@ def adjust_stepwise(
     new_stops: Iterable[StopId],
     params: AdjustmentParams,
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
-    """Add new stops to an adjusted traverse, holding what came before.
+    """Add new stops to an adjusted traverse with the earlier ones held.
 
-    `network` holds old and new stops; `previous` is what former steps returned for the old ones, or
-    None at the first stop, which is held where telemetry has it. The result covers both. Pairs of
-    held stops keep weighing their pointing afresh, for new ties tell of it too. The covariance of
-    the new stops includes what they take over from the held ones.
+    `network` holds old and new stops; `previous` is the result of earlier steps for the old ones,
+    or None at the first stop, which is held where telemetry has it. The result covers both. The
+    pointing of pairs of held stops is estimated again, because new ties determine it too. The
+    covariance of the new stops includes the errors taken over from the held ones.
     """
     new = [stop for stop in network.stop_ids if stop in set(new_stops)]
     if previous is None:
@@ -69,7 +69,9 @@ def adjust_stepwise(
         return _with_past(adjusted), report
     old = {stop.stop for stop in previous.stops}
     if not new or not old:
-        raise AdjustmentError("a step along the traverse needs stops before it and new ones")
+        raise AdjustmentError(
+            "a step along the traverse needs at least one earlier stop and one new stop"
+        )
     held, window = _window(network, old, new)
     part = with_frames_as_left(network.within(window), previous, held)
     adjusted, report = adjust(part, held, params, previous, f"step to {new[-1]}")
@@ -79,7 +81,7 @@ def adjust_stepwise(
 
 
 def _with_past(adjusted: AdjustedNetwork) -> AdjustedNetwork:
-    """With all observations up to now as past: those of later steps count once, too."""
+    """Count all observations so far as past, so that later steps count them once."""
     components = adjusted.components
     return replace(adjusted, components=replace(components, past=components.scatter))
 
@@ -87,7 +89,7 @@ def _with_past(adjusted: AdjustedNetwork) -> AdjustedNetwork:
 def _window(
     network: Network, old: set[StopId], new: list[StopId]
 ) -> tuple[set[StopId], set[StopId]]:
-    """Stops to hold, and all stops to look at, when `new` ones are added."""
+    """Stops to hold, and all stops to include, when `new` ones are added."""
     order = network.stop_ids
     first_new = order.index(new[0])
     recent = [k for k in range(max(0, first_new - REACH), first_new) if order[k] in old]
@@ -153,7 +155,7 @@ def _consider_held(
 
 
 def _joint_covariance(stops: list[AdjustedStop]) -> np.ndarray:
-    """Covariance of several held stops together, each carried along by the one before."""
+    """Joint covariance of several held stops, each moved rigidly with the one before."""
     C = np.zeros((6 * len(stops), 6 * len(stops)))
     for i, stop in enumerate(stops):
         here = slice(6 * i, 6 * i + 6)
@@ -191,7 +193,7 @@ def _sensitivity(
 
 
 def _rigid_partials(datum: Pose, pose: Pose) -> np.ndarray:
-    """How an error of one pose moves another: d(rotation) = d_, d(place) = dc_ + d_ x (c - c_)."""
+    """Effect of an error of a pose on another: d(rotation) = d_, d(place) = dc_ + d_ x (c - c_)."""
     T = np.eye(6)
     T[3:, :3] = -cross_matrix(pose.translation_m - datum.translation_m)
     return T
@@ -208,11 +210,11 @@ def add_stop_covariance(
 def with_frames_as_left(
     network: Network, previous: AdjustedNetwork, held: AbstractSet[StopId]
 ) -> Network:
-    """The network with its control frames where earlier steps left them.
+    """The network with its control frames at the positions of earlier steps.
 
-    What a frame shares of the error of the stop held last, by which both were placed, is no error
-    of one against the other; `_sensitivity` takes it over with that of the stop. Control of earlier
-    stops that are estimated again serves twice, as their ties do.
+    The error that a frame shares with the stop held last, by which both were placed, is not a
+    relative error; `_sensitivity` takes it over with that of the stop. Control of earlier stops
+    that are estimated again serves twice, as their ties do.
     """
     left = {frame.frame.name: frame for frame in previous.frames}
     (datum,) = (stop for stop in previous.stops if stop.stop == _last(network, held))
@@ -240,7 +242,7 @@ def _last(network: Network, held: AbstractSet[StopId]) -> StopId:
 def move_frames_along(
     N: np.ndarray, problem: Problem, stop: np.ndarray, frames: list[np.ndarray]
 ) -> None:
-    """Let what is known of control frames beforehand move along with a held stop."""
+    """Move the priors of control frames along with a held stop."""
     if problem.control is None:
         return
     unknowns = problem.unknowns
@@ -255,7 +257,7 @@ def move_frames_along(
 
 
 def frame_partials(frame: ControlFrame, pose: Pose) -> Float64[np.ndarray, "5 6"]:
-    """How a motion of a stop (d, dc) moves a control frame that is carried along rigidly."""
+    """Effect of a motion of a stop (d, dc) on a control frame that moves rigidly with it."""
     east, north = frame.centre_m
     n, e = north - pose.translation_m[0], east - pose.translation_m[1]
     T = np.zeros((5, 6))

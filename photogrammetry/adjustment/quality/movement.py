@@ -1,11 +1,11 @@
 """How far the ground moves on the map when a pair's orientation is corrected.
 
-A pair looked from pose (R, c) and now looks from (R', c'). A point of its frame at the vector X
-from its left camera moves by (R' - R) X + c' - c. Over all X up to the length r this is at most
+The pose of a pair was (R, c) and is now (R', c'). A point of its frame at the vector X from its
+left camera moves by (R' - R) X + c' - c. Over all X up to the length r this is at most
 
     s = 2 r sin(a/2) + |c' - c|          a, angle of R' R^T
 
-whatever the field of view, so s bounds the movement of all ground nearer than r.
+for any field of view, so s bounds the movement of all ground nearer than r.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from solmap.photogrammetry.ranges import MetresOrZero
 
 @dataclass(frozen=True, slots=True)
 class ReissueParams:
-    """When a stop whose pairs were adjusted again is mapped again."""
+    """When to map a stop again after its pairs were adjusted again."""
 
     range_m: MetresOrZero = 10.0
-    """Range to which a map is to be right: where a Navcam's stereo is good to a decimetre, and a
+    """Range to which a map must be accurate: where a Navcam's stereo is good to a decimetre, and a
     pair of a full panorama still overlaps its neighbours."""
     shift_m: MetresOrZero = 0.02
-    """Movement of ground at that range that is worth a new map: half a cell of the terrain model
+    """Movement of ground at that range that justifies a new map: half a cell of the terrain model
     and two of the orthophoto, at 10 m two and a half Navcam pixels."""
 
     def __post_init__(self) -> None:
         for name in ("range_m", "shift_m"):
             if not getattr(self, name) >= 0:
-                raise AdjustmentError(f"{name} must not be below zero, as {getattr(self, name)} is")
+                raise AdjustmentError(f"{name} must not be negative, but is {getattr(self, name)}")
 
 
 def ground_shift_m(before: Pose, after: Pose, range_m: float) -> float:
-    """The most by which ground within `range_m` of a pair moves from one pose of it to another.
+    """Largest movement of ground within `range_m` of a pair between two of its poses.
 
     Raises:
         AdjustmentError: the poses are not of the same pair.

@@ -1,13 +1,14 @@
-"""How good an adjusted network is, in figures (Di et al. 2008, sections 3.3 and 5).
+"""Quality figures of an adjusted network (Di et al. 2008, sections 3.3 and 5).
 
 Consistency in image and object space is measured while the network is adjusted (`consistency`).
 Added here: internal precision (standard deviations of cameras and tie points from the covariance
-matrix), residuals by camera and by place in the image, redundancy, the observations that were set
-aside, the error ellipse of every stop, how well control agrees, and where the network is weak.
+matrix), residuals by camera and by position in the image, redundancy, the observations that were
+set aside, the error ellipse of every stop, the agreement of control, and the weak parts of the
+network.
 
-A residual is measured minus computed. Were a camera's model wrong, the mean residual in a cell of
-its image would stay, while that of n residuals that chance makes, each of standard deviation s, has
-the standard deviation s / sqrt(n); so the grid of means shows what the sum of squares hides.
+A residual is measured minus computed. Random residuals of standard deviation s have a mean over n
+of standard deviation s / sqrt(n); a wrong camera model leaves a larger mean in a cell of the image.
+The grid of means therefore shows systematic errors that the sum of squares does not.
 """
 
 from __future__ import annotations
@@ -53,12 +54,12 @@ from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.imagery import StopId, TieKind
 
 GRID_CELLS = 8
-"""Cells along the side of the grid in which residuals are averaged: patches of 128 pixels, as few
-as show radial and bent patterns."""
+"""Cells along the side of the grid in which residuals are averaged: patches of 128 pixels, the
+coarsest grid that shows radial and bent patterns."""
 FEWEST_IN_CELL = 5
-"""Observations without which a cell's mean is not shown."""
+"""Fewest observations of a cell whose mean is shown."""
 UNCHECKED = 0.1
-"""Redundancy number below which nothing of note checks a coordinate."""
+"""Redundancy number below which a coordinate counts as unchecked."""
 ARCMINUTES = 60.0 * 180.0 / np.pi
 
 
@@ -99,7 +100,7 @@ def precision(pairs: list[AdjustedPair]) -> Precision | None:
 
 
 def blunders(network: AdjustedNetwork) -> tuple[Blunder, ...]:
-    """The observations set aside, those of the largest residual first."""
+    """The observations set aside, largest residual first."""
     ties, seen = network.ties, network.ties.observations
     stop_of = {pair.pair_id: pair.stop for pair in network.pairs}
     used_by_point: dict[int, set[str]] = {}
@@ -112,7 +113,7 @@ def blunders(network: AdjustedNetwork) -> tuple[Blunder, ...]:
     for k in rows[np.argsort(-size, kind="stable")].tolist():
         pair_id, point = seen.pair_ids[seen.pair[k]], int(seen.point[k])
         if pair_id not in stop_of:
-            continue  # of a stop that the network has left behind
+            continue  # # of a stop that is marginalised
         found.append(
             Blunder(
                 pair_id,
@@ -195,7 +196,7 @@ def _triple(values: np.ndarray) -> Triple:
 
 
 def tied_rows(ties: AdjustedTies, cameras: Mapping[str, PairCamera], instrument: str) -> np.ndarray:
-    """Used observations of a camera; without points that one pair alone sees: they always fit."""
+    """Used observations of a camera; without points that only one pair sees: they always fit."""
     of_pair = [cameras.get(name) for name in ties.observations.pair_ids]
     own = np.array([c is not None and c.instrument == instrument for c in of_pair], dtype=bool)
     tied = (ties.status == USED) & (ties.redundancy > 0).any(axis=1)
@@ -272,7 +273,7 @@ def _mean(values: np.ndarray, weight: np.ndarray) -> Triple:
 
 
 def control_quality(network: AdjustedNetwork) -> tuple[ControlQuality, ...]:
-    """Every place of a stop in a control frame, the most doubtful first."""
+    """Every position of a stop in a control frame, the worst agreement first."""
     found = [
         ControlQuality(
             one.control.stop,
@@ -291,7 +292,7 @@ def control_quality(network: AdjustedNetwork) -> tuple[ControlQuality, ...]:
 
 
 def frame_quality(network: AdjustedNetwork) -> tuple[FrameQuality, ...]:
-    """Where every control frame lies."""
+    """Position of every control frame."""
     found = []
     for adjusted in network.frames:
         if adjusted.frame.is_certain:
@@ -317,7 +318,7 @@ def component_quality(network: AdjustedNetwork) -> tuple[ComponentQuality, ...]:
     for k, (component, sigma) in enumerate(components.sigmas.items()):
         redundancy = float(components.scatter.redundancy[k].sum())
         if redundancy > 0:
-            unit = "of what matching states" if k >= TIES else "degrees"
+            unit = "of the standard deviations of matching" if k >= TIES else "degrees"
             unit = "of the drive" if component is Component.POSITION else unit
             prior = float(components.priors[k])
             found.append(ComponentQuality(COMPONENTS[k], unit, prior, sigma, redundancy))

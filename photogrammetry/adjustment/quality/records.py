@@ -1,4 +1,4 @@
-"""What is stated of the quality of an adjusted network."""
+"""Records of the quality of an adjusted network."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class PairCamera:
-    """The camera of a stereo pair: residuals are looked at camera by camera."""
+    """The camera of a stereo pair; residuals are grouped by camera."""
 
     instrument: str
     samples: int
@@ -23,7 +23,7 @@ class PairCamera:
 
 @dataclass(frozen=True, slots=True)
 class QualityParams:
-    """When a part of a network is called weak."""
+    """Thresholds below which a part of a network is called weak."""
 
     few_ties: CountOrZero = 7
     """A link between stops that rests on fewer tie points: the paper's example had seven."""
@@ -31,14 +31,14 @@ class QualityParams:
     """Mean redundancy number below which a stop's observations hardly check each other: a blunder
     shows by less than a fifth of its size."""
     many_blunders: Share = 0.25
-    """Share of a pair's observations set aside as blunders: more is no accident of matching."""
+    """Fraction of a pair's observations set aside as blunders above which the pair is weak."""
     large_misfit: Factor = 1.5
-    """Root mean square of a camera's standardised residuals: what chance does not explain."""
+    """Root mean square of a camera's standardised residuals above which it is significant."""
 
 
 @dataclass(frozen=True, slots=True)
 class Precision:
-    """Mean standard deviations of a part of the network, by the covariances (paper, section 3.3).
+    """Mean standard deviations of a part of the network, from the covariances (paper, section 3.3).
 
     Position and angles are about north, east and down of the LSL.
     """
@@ -61,7 +61,7 @@ class TiePrecision:
 
 @dataclass(frozen=True, slots=True)
 class ResidualFigures:
-    """Residuals of a camera in one kind of tie: sample, line and parallax, pixels."""
+    """Residuals of a camera for one kind of tie: sample, line and parallax, pixels."""
 
     observations: int
     mean_px: Triple
@@ -72,7 +72,7 @@ class ResidualFigures:
 
 @dataclass(frozen=True, slots=True)
 class CameraResiduals:
-    """Residuals of one camera, by kind of tie and by place in the image."""
+    """Residuals of one camera, by kind of tie and by position in the image."""
 
     instrument: str
     pairs: int
@@ -85,13 +85,13 @@ class CameraResiduals:
 
 @dataclass(frozen=True, slots=True)
 class Redundancy:
-    """How far observations of a kind of tie check each other."""
+    """Redundancy of the observations of a kind of tie."""
 
     observations: int
     mean: float
-    """Mean redundancy number: the share of an error that shows in its residual."""
+    """Mean redundancy number: the fraction of an error that appears in its residual."""
     unchecked: int
-    """Coordinates of which less than a tenth of an error would show."""
+    """Coordinates in whose residual less than a tenth of an error would appear."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,14 +105,14 @@ class Blunder:
     """Sample and line in the pair's left epipolar image."""
     parallax_px: float
     residual_px: Triple
-    """Measured minus computed from where the other observations place the point."""
+    """Measured minus computed from the point as placed by the other observations."""
     others: tuple[str, ...]
-    """Pairs whose observations of the point stand."""
+    """Pairs whose observations of the point are used."""
 
 
 @dataclass(frozen=True, slots=True)
 class StopQuality:
-    """How well one stop is known, and what holds it."""
+    """Accuracy of one stop, and what determines its pose."""
 
     stop: StopId
     held_by: str
@@ -125,37 +125,38 @@ class StopQuality:
     """Of the major axis, clockwise from north."""
     sigma_down_m: float
     moved_m: float
-    """Distance from where telemetry has the stop."""
+    """Distance from its position by telemetry."""
     driven_m: float
     """Along the adjusted traverse up to here."""
 
 
 @dataclass(frozen=True, slots=True)
 class ControlQuality:
-    """What became of the place of a stop in a control frame."""
+    """Result of the position of a stop in a control frame."""
 
     stop: StopId
     frame: str
     used: bool
     """Or set aside as a blunder."""
     sigma_m: tuple[float, float]
-    """Stated standard deviations beforehand, east and north."""
+    """Prior standard deviations, east and north."""
     residual_m: tuple[float, float]
     """Observed minus adjusted, east and north."""
     test: float | None
-    """Length of the residual in its own standard deviations; None where nothing checks it."""
+    """Length of the residual in its own standard deviations; None where no other observation checks
+    it."""
     redundancy: float
-    """Share of an error that shows in the residual."""
+    """Redundancy number."""
     note: str
 
 
 @dataclass(frozen=True, slots=True)
 class FrameQuality:
-    """Where an orbital image, or another control frame, lies on the map after adjustment."""
+    """Adjusted position of an orbital image, or another control frame, on the map."""
 
     name: str
     shift_m: Triple
-    """East, north and up, by which its georeference is off about its centre."""
+    """Error of its georeference at its centre, east, north and up."""
     sigma_shift_m: Triple
     rotation_deg: float
     """Counter-clockwise."""
@@ -167,14 +168,14 @@ class FrameQuality:
 
 @dataclass(frozen=True, slots=True)
 class ComponentQuality:
-    """How large errors of a kind of observation are."""
+    """Stated and estimated standard deviation of a kind of observation."""
 
     component: Component
     unit: str
     prior: float
-    """Standard deviation stated."""
+    """Stated standard deviation."""
     estimate: float
-    """As the adjustment used it."""
+    """Standard deviation used in the adjustment."""
     redundancy: float
     """Redundancy numbers of all observations of the kind that it was estimated from, summed."""
 
@@ -190,7 +191,7 @@ class MastQuality:
 
 @dataclass(frozen=True, slots=True)
 class Weakness:
-    """A part of the network that deserves a look, with the reason."""
+    """A weak part of the network, with the reason."""
 
     what: str
     why: str
@@ -202,16 +203,16 @@ class Quality:
 
     stops: tuple[StopQuality, ...]
     precision: Precision | None
-    """Mean over all pairs of stops that were estimated; over all where every stop was held."""
+    """Mean over all pairs of estimated stops; over all pairs where every stop was held."""
     ties: dict[TieKind, TiePrecision] = field(default_factory=dict)
     redundancy: dict[TieKind, Redundancy] = field(default_factory=dict)
     cameras: tuple[CameraResiduals, ...] = ()
     blunders: tuple[Blunder, ...] = ()
     links: dict[tuple[StopId, StopId], int] = field(default_factory=dict)
-    """Tie points that two stops share."""
+    """Tie points shared by two stops."""
     weaknesses: tuple[Weakness, ...] = ()
     control: tuple[ControlQuality, ...] = ()
-    """Of every stop that lies in a control frame; the datum is not among them."""
+    """Of every stop in a control frame, except the datum."""
     frames: tuple[FrameQuality, ...] = ()
     components: tuple[ComponentQuality, ...] = ()
     mast: tuple[MastQuality, ...] = ()

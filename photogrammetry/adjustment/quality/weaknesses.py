@@ -1,8 +1,8 @@
-"""Where an adjusted network is weak, in words.
+"""The weak parts of an adjusted network, as text.
 
-A network that converged may still hang on little: a stop on telemetry, a link on a handful of
-points, a pair on its label, observations that nothing checks. Each is named with its figures, so
-that a person knows where a tie measured by hand would help.
+A network that converged may still have weak parts: a stop at telemetry, a link of a few points, a
+pair at its label's pointing, observations that nothing checks. Each is named with its figures, so
+that a person can see where a manual tie point would help.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def weaknesses(
     cameras: tuple[CameraResiduals, ...],
     params: QualityParams,
 ) -> tuple[Weakness, ...]:
-    """All that is weak, the gravest first."""
+    """All weak parts, the worst first."""
     return (
         *_doubtful_control(network),
         *_stops_on_telemetry(network),
@@ -48,7 +48,7 @@ def weaknesses(
 
 
 def shared_ties(network: AdjustedNetwork) -> Links:
-    """How many tie points each two stops share, by used observations; the earlier stop first."""
+    """Number of tie points that two stops share in used observations, the earlier stop first."""
     ties, seen = network.ties, network.ties.observations
     order = [stop.stop for stop in network.stops]
     numbers = {stop: k for k, stop in enumerate(order)}
@@ -73,15 +73,15 @@ def _doubtful_control(network: AdjustedNetwork) -> Iterator[Weakness]:
     for one in network.control:
         where = f"{one.control.stop} in {one.control.frame}"
         if not one.used:
-            yield Weakness(where, f"its place was set aside: {one.note}")
+            yield Weakness(where, f"its position was set aside: {one.note}")
         elif one.note and one.control.frame != MAP.name:
-            yield Weakness(where, f"its place is believed, but {one.note}")
+            yield Weakness(where, f"its position is used, but {one.note}")
 
 
 def _stops_on_telemetry(network: AdjustedNetwork) -> Iterator[Weakness]:
     for stop in network.stops:
         if not stop.is_tied and not stop.held:
-            yield Weakness(str(stop.stop), f"held by telemetry alone: {stop.held_by}")
+            yield Weakness(str(stop.stop), f"left at telemetry: {stop.held_by}")
 
 
 def _thin_links(links: Links, params: QualityParams) -> Iterator[Weakness]:
@@ -104,7 +104,7 @@ def _unchecked_stops(network: AdjustedNetwork, params: QualityParams) -> Iterato
     means = sums / np.maximum(counts, 1)
     for k in np.flatnonzero((counts > 0) & (means < params.thin_redundancy)).tolist():
         why = f"its {counts[k]} tied observations have a mean redundancy of {means[k]:.2f}"
-        yield Weakness(str(network.stops[k].stop), f"{why}: blunders could hide")
+        yield Weakness(str(network.stops[k].stop), f"{why}: blunders may remain undetected")
 
 
 def _doubtful_pairs(network: AdjustedNetwork, params: QualityParams) -> Iterator[Weakness]:
@@ -131,7 +131,7 @@ def _misfits(cameras: tuple[CameraResiduals, ...], params: QualityParams) -> Ite
             if figures.rms_standardised > params.large_misfit:
                 why = (
                     f"residuals of its {kind} ties are {figures.rms_standardised:.2f} times those "
-                    "of all: look at their map"
+                    "of all: see their map"
                 )
                 yield Weakness(f"camera {camera.instrument}", why)
 
@@ -139,5 +139,8 @@ def _misfits(cameras: tuple[CameraResiduals, ...], params: QualityParams) -> Ite
 def _wide_ties(network: AdjustedNetwork, params: QualityParams) -> Iterator[Weakness]:
     for component, sigma in network.components.sigmas.items():
         if COMPONENTS.index(component) >= TIES and sigma > params.large_misfit:
-            why = f"they scatter {sigma:.2f} times as matching states: look at residuals by camera"
+            why = (
+                f"they scatter {sigma:.2f} times as much as matching states: see residuals by "
+                "camera"
+            )
             yield Weakness(str(component), why)

@@ -1,4 +1,4 @@
-"""Sparse symmetric systems of blocks, one block a stop: factorise, solve, invert where needed.
+"""Sparse symmetric systems of blocks, one block per stop: factorise, solve, invert where needed.
 
 The reduced normal matrix N of a traverse couples a stop only to those it shares ties (or a
 telemetry increment) with, so N is a sparse matrix of dense blocks N_st of some 40 x 40
@@ -7,15 +7,15 @@ eliminating one makes its neighbours neighbours of one another. This gives N = L
 
     L_ss L_ss' = N_ss,    L_Ts = N_Ts L_ss'^-1,    N_TU <- N_TU - L_Ts L_Us'     T, U: later ones
 
-and the entries of the inverse Z = N^-1 on the pattern of L follow backwards without the others
-(Takahashi, Fagan and Chen 1973):
+and the entries of the inverse Z = N^-1 on the pattern of L follow backwards without computing the
+others (Takahashi, Fagan and Chen 1973):
 
     Y = L_Ts L_ss^-1,    Z_Ts = -Z_TT Y,    Z_ss = L_ss'^-1 L_ss^-1 + Y' Z_TT Y
 
-Z must be kept symmetric: an asymmetry by rounding is no covariance, nothing damps it, and along a
-chain it grows tenfold every eight stops. Kept so, sigmas after 500 stops are right to 1e-6 and
-redundancy numbers, which live on differences of metre-large covariances, to 1e-8 (against the same
-in extended precision).
+Z must be kept symmetric: an asymmetry by rounding is not damped, and along a chain it grows tenfold
+every eight stops. With a symmetric Z, sigmas after 500 stops are right to 1e-6 and redundancy
+numbers, which are differences of covariances of square metres, to 1e-8 (compared with extended
+precision).
 
 The stops of one tie point are neighbours of one another, so every covariance that a tie point or
 its residuals need lies on that pattern. A chain costs the same per stop however long it is.
@@ -40,15 +40,15 @@ _potrf, _trtri = get_lapack_funcs(("potrf", "trtri"), dtype=np.float64)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockPattern:
-    """Which blocks a matrix and its factor have, and where each lies in one flat array.
+    """The blocks of a matrix and its factor, and their offsets in one flat array.
 
     Both (s, t) and (t, s) are kept, so that gathering needs no case distinction; the last entry of
-    a flat array is a bin for what belongs to no unknown. Of a matrix that is to be factored the
-    lower triangle counts alone: blocks (s, t) with s >= t, and of (s, s) the lower triangle.
+    a flat array collects values that belong to no unknown. Of a matrix to be factored only the
+    lower triangle is read: blocks (s, t) with s >= t, and of (s, s) the lower triangle.
     """
 
     sizes: np.ndarray
-    """Unknowns of each block; may be zero."""
+    """Number of unknowns of each block; may be zero."""
     order: tuple[int, ...]
     """Elimination order of the blocks that have unknowns."""
     later: dict[int, tuple[int, ...]]
@@ -56,7 +56,7 @@ class BlockPattern:
     keys: np.ndarray
     """Sorted codes s * n + t of the blocks."""
     starts: np.ndarray
-    """Where each of `keys` begins in the flat array."""
+    """Offset of each of `keys` in the flat array."""
     length: int
 
     @classmethod
@@ -82,7 +82,7 @@ class BlockPattern:
         return cls(sizes, order, later, keys, starts.astype(np.int64), int(areas.sum()))
 
     def start(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Where blocks begin; -1 where there is none."""
+        """Offsets of blocks; -1 where there is none."""
         if not len(self.keys):
             return np.full(np.broadcast(rows, columns).shape, -1, dtype=np.int64)
         codes = rows.astype(np.int64) * len(self.sizes) + columns
@@ -92,7 +92,8 @@ class BlockPattern:
     def indices(self, blocks: np.ndarray, local: np.ndarray) -> np.ndarray:
         """Flat places of the entries of dense matrices over (block, local unknown) columns.
 
-        `blocks` and `local` are (n, k); local -1 is no unknown and goes to the bin. (n, k, k).
+        `blocks` and `local` are (n, k); local -1 marks no unknown; its entries go to the last place
+        of the array. (n, k, k).
         """
         changes = (blocks[:, 1:] != blocks[:, :-1]).any(axis=0)
         run = np.concatenate([[0], np.cumsum(changes)])[: blocks.shape[1]]
@@ -123,8 +124,8 @@ class BlockPattern:
     ) -> np.ndarray:
         """(n, entries) flat places of some entries of the lower triangles of matrices.
 
-        Column c of matrix k is unknown `local[k, c]` of block `stops[k, slots[c]]`; the `triangle`
-        tells the row and the column of every entry.
+        Column c of matrix k is unknown `local[k, c]` of block `stops[k, slots[c]]`; `triangle`
+        gives the row and the column of every entry.
         """
         row, column = triangle
         begin = self.start(stops[:, :, None], stops[:, None, :]).reshape(len(stops), -1)
@@ -137,7 +138,7 @@ class BlockPattern:
         return at
 
     def symmetric(self, flat: np.ndarray) -> np.ndarray:
-        """A flat array with what is in its lower triangle above the diagonal too."""
+        """A flat array with its lower triangle copied above the diagonal."""
         full = flat.copy()
         blocks = self.views(full)
         for (s, t), block in blocks.items():
@@ -169,7 +170,7 @@ def _minimum_degree(
     later: dict[int, tuple[int, ...]] = {}
     while graph:
         degree = min(d for d, members in buckets.items() if members)
-        s = min(buckets[degree])  # of equals the first: runs of a program agree
+        s = min(buckets[degree])  # # of equals the first, so that runs of a program agree
         buckets[degree].discard(s)
         others = graph.pop(s)
         order.append(s)
@@ -192,7 +193,7 @@ class Factor:
     panel: dict[int, np.ndarray]
 
     def solve(self, right: Float64[np.ndarray, " n"], offsets: np.ndarray) -> np.ndarray:
-        """Solve N x = right; `offsets` say where each block begins."""
+        """Solve N x = right; `offsets` are the first rows of the blocks."""
         x, sizes, begin = right.copy(), self.pattern.sizes.tolist(), offsets.tolist()
         part = {s: slice(begin[s], begin[s] + sizes[s]) for s in self.pattern.order}
         for s in self.pattern.order:
@@ -237,7 +238,7 @@ def factorise(pattern: BlockPattern, flat: np.ndarray) -> Factor:
     """Cholesky factor, block by block, of the lower triangle in a flat array, which is overwritten.
 
     Raises:
-        AdjustmentError: a block is singular; says which, and what to do.
+        AdjustmentError: a block is singular; the message names it.
     """
     N, sizes = pattern.views(flat), pattern.sizes.tolist()
     N |= {(t, s): block.T for (s, t), block in N.items() if s > t}
@@ -256,8 +257,8 @@ def factorise(pattern: BlockPattern, flat: np.ndarray) -> Factor:
             panels[s] = np.zeros((0, len(L)))
             continue
         below = np.concatenate([N[t, s] for t in later])
-        # by the inverse, not by a triangular solver: OpenBLAS gives that to several threads even
-        # for blocks so small, which takes a hundred times longer; products stay on one
+        # # multiply by the inverse: OpenBLAS runs triangular solvers on several threads even for
+        # blocks so small, a hundred times slower, but products on one
         panel = below @ inverse_diagonal[s].T
         panels[s] = panel
         update = panel @ panel.T

@@ -1,28 +1,28 @@
-"""Data snooping: which observations cannot be what they claim (Baarda 1968).
+"""Data snooping: detect observations that contradict their standard deviations (Baarda 1968).
 
 **Tie points.** An observation is suspected where its test T (see `residuals`) exceeds its gate, and
-comes back where what the others give of its point predicts it after all. The gate is multiplied by
-s = max(1, robust spread 1.48 median |w| of its kind, cross-site or not): where matching or a bent
-stereo rig promised more than it held, every residual is large, and that is a finding for sigma0
-rather than a thousand blunders.
+is used again where the point by the other observations predicts it. The gate is multiplied by s =
+max(1, robust spread 1.48 median |w| of its kind, cross-site or not): where matching stated too
+small standard deviations, or the stereo rig is bent, every residual is large; that is a matter of
+sigma0, not a thousand blunders.
 
 The gate depends on how many blunders there are (Benjamini and Hochberg 1995): it rejects good
-observations with probability alpha (`critical_value`), or, among ties of a kind of which a share
-of k/n is wrong, with q k/n, so that at most a share q of what is set aside is good. A few blunders
-thus cost a mission no ties, and among many the small ones do not hide. That presumes that the
-others are as good as stated: where s is above one the gate stays with alpha. With an infinite
+observations with probability alpha (`critical_value`), or, among ties of a kind of which a share of
+k/n is wrong, with q k/n, so that at most a share q of what is set aside is good. With few blunders
+almost no good tie is lost, and among many blunders the small ones are found. This requires that the
+other ties are as good as stated: where s is above one, alpha is kept. With an infinite
 `critical_value` nothing is set aside.
 
 **Control.** With the whitened misclosure l of a stop's control at the solution, its derivatives A,
 the cofactors Z of all unknowns and the weight w that it had (1; 0 if set aside; less than 1 under a
-robust loss), the control is tested as a whole against what all other observations predict of it,
+robust loss), the control is tested as a whole against its prediction by all other observations,
 
     T^2 = l' [(I + (1 - w) A Z A') (I - w A Z A')]^-1 l             chi distributed
 
-which is v' Q_vv^-1 v for w = 1. Of a frame only the worst is set aside in a round, for a wrong
-place bends what is near it; those that fit after all come back. Where one of two places that
-contradict each other was set aside and nothing else checks the other, nothing tells which of them
-is wrong: both are set aside.
+which is v' Q_vv^-1 v for w = 1. Of a frame only the worst is set aside in a round, because a wrong
+position distorts its neighbours; those that fit later are used again. Where one of two
+contradicting positions was set aside and no other observation checks the second, it cannot be
+decided which is wrong: both are set aside.
 """
 
 from __future__ import annotations
@@ -58,17 +58,17 @@ from solmap.photogrammetry.adjustment.solver.residuals import (
 from solmap.photogrammetry.arrays import Float64, PerPoint
 
 FALSE_SHARE = 0.1
-"""Where many observations are wrong the test is sharpened until so many of those that it sets aside
-may be good: small blunders are many then."""
+"""Where many observations are wrong, the gate is lowered until this fraction of those set aside may
+be good."""
 
 
 LINEAR = 0.1
-"""A prediction tells something only while its depth is known to a tenth: within, errors propagate
+"""A prediction is valid only if its relative depth error is below a tenth: then errors propagate
 linearly."""
 CHI_MEDIAN = {2: 1.177, 3: 1.538, 4: 1.832}
 """Median length of a standard normal vector of so many coordinates."""
 ALONE = 0.05
-"""Where so little of an error shows that what is left of a frame is not checked by the rest."""
+"""Redundancy below which the rest of a frame counts as unchecked."""
 
 
 def gates(
@@ -77,7 +77,8 @@ def gates(
     """Gate of the test of every observation, by spread and blunders of its kind."""
     T, measured = found.test.copy(), (observations.sights.weight > 0).sum(axis=0)
     aside, joining = ~used & observations.is_stereo, _joins_stops(observations)
-    loose = _quantile(FALSE_SHARE, 3)  # no sign of a blunder whatever their share
+    # # below this no observation is suspected, whatever the fraction of blunders
+    loose = _quantile(FALSE_SHARE, 3)
     gate = np.full(len(T), np.inf)
     for of_kind in (joining, ~joining):
         tested = of_kind & (found.test > 0)
@@ -87,7 +88,8 @@ def gates(
         set_aside = int((aside & of_kind).sum())
         share = _share_of_blunders(p, int(tested.sum()), set_aside)
         if spread > 1.0 or np.isinf(params.critical_value):
-            share = 0.0  # sigmas or model are not what was stated, and tails tell nothing
+            # # the stated sigmas or the model are wrong, so the tails carry no information
+            share = 0.0
         for coordinates in (2, 3):
             least = coordinates * float(gammaincc(0.5, params.critical_value**2 / 2))
             alpha = max(least, FALSE_SHARE * share)
@@ -96,7 +98,7 @@ def gates(
 
 
 def _share_of_blunders(p: np.ndarray, tested: int, aside: int) -> float:
-    """How many observations of a kind are wrong for certain, as a share of all.
+    """Lower bound of the fraction of wrong observations of a kind.
 
     `p` are the smallest probabilities of their tests, ascending; others are set `aside` already.
     """
@@ -113,7 +115,7 @@ def _chance(T: np.ndarray, coordinates: int) -> np.ndarray:
 
 @cache
 def _quantile(alpha: float, coordinates: int) -> float:
-    """What noise alone exceeds with probability alpha."""
+    """Value that noise exceeds with probability alpha."""
     return float(np.sqrt(2 * gammainccinv(coordinates / 2, alpha)))
 
 
@@ -126,10 +128,10 @@ def _joins_stops(observations: Observations) -> np.ndarray:
 def suspects(
     problem: Problem, found: Residuals, used: np.ndarray, params: AdjustmentParams
 ) -> np.ndarray:
-    """Numbers of the observations to take out: beyond their gate, and the worst in their pairs.
+    """Numbers of the observations to remove: beyond their gate, and the worst in their pairs.
 
-    A blunder bends what is near it, and what is right there looks wrong too; so of the tie points
-    that a pair sees only the worst is taken out a round.
+    A blunder distorts its neighbourhood, so that good observations there fail the test too;
+    therefore only the worst tie point of each pair is removed in a round.
     """
     observations = problem.observations
     excess = found.test / gates(observations, found, used, params)
@@ -169,10 +171,10 @@ def reinstate(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wha
     inverse: np.ndarray,
     params: AdjustmentParams,
 ) -> np.ndarray:
-    """Numbers of observations set aside that fit after all.
+    """Numbers of observations set aside that fit now.
 
-    An observation that was left out is predicted from the point that the others give; it comes back
-    when its misclosure is within its gate of what both uncertainties explain.
+    An observation that was left out is predicted from the point by the others; it is used again
+    when its misclosure is within the gate by both uncertainties.
     """
     observations = problem.observations
     joint = joint_covariances(problem, inverse)
@@ -207,17 +209,17 @@ def reinstate(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wha
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ControlTests:
-    """How well every control agrees with all the rest."""
+    """Agreement of all control with all other observations."""
 
     length: PerPoint
-    """T; zero where nothing checks it."""
+    """T; zero where no other observation checks it."""
     redundancy: PerPoint
-    """Mean share of an error that shows in the residual."""
+    """Mean redundancy number."""
     gate: PerPoint
     """T beyond which it is a blunder."""
 
     def worst(self, control: Control) -> np.ndarray:
-        """Numbers of the worst blunder of every frame, and of what cannot be told from it."""
+        """Numbers of the worst blunder of every frame, and of control indistinguishable from it."""
         wrong = control.used & (self.length > self.gate) & ~control.is_datum
         doubtful = control.used & (self.redundancy < ALONE) & ~control.is_datum
         doubtful &= np.isin(control.frame, control.frame[~control.used])
@@ -228,12 +230,12 @@ class ControlTests:
         return np.concatenate(found)
 
     def fitting(self, control: Control) -> np.ndarray:
-        """Numbers of what was set aside and fits after all."""
+        """Numbers of control that was set aside and fits now."""
         return np.flatnonzero(~control.used & (self.length <= self.gate))
 
 
 def control_stands_out(control: Control, state: State, params: AdjustmentParams) -> bool:
-    """Whether some control is so far off that others could hide behind it, or is set aside."""
+    """Whether some control is far enough off to mask others, or is set aside."""
     far = np.linalg.norm(control.whitened_misclosures(state), axis=1) > params.critical_value
     return bool((far | ~control.used).any())
 

@@ -1,4 +1,4 @@
-"""Tie points eliminated by orthogonal projection, and the normal equations that remain.
+"""Elimination of tie points by orthogonal projection, and the remaining normal equations.
 
 The observations of one tie point, whitened, are l = A_o x_o + A_t x_t with the relative
 orientations (o, see `layout`) of its stops and pairs and the three coordinates of the point (t).
@@ -11,8 +11,8 @@ This equals the classical reduction N_oo - N_ot N_tt^-1 N_to, but does not squar
 A_t, which is bad for far points (Demmel et al. 2021; two per cent of the last sigma after 500
 stops). Q comes from Gram and Schmidt's process, each column orthogonalised twice (Kahan's "twice is
 enough"), for all points of a group at once. A direction in which the images do not determine the
-point is left alone. A point seen by one pair alone has as many unknowns as observations and says
-nothing about orientations: it is left out and placed afterwards.
+point is left alone. A point seen by only one pair has as many unknowns as observations and does not
+constrain orientations: it is left out and placed afterwards.
 
 For tests of the residuals v, with the cofactor matrix Z of x_o,
 
@@ -33,14 +33,15 @@ from solmap.photogrammetry.adjustment.model.small_matrices import cross_matrix, 
 from solmap.photogrammetry.adjustment.solver.layout import TieGroup
 
 NEGLIGIBLE = 1e-13
-"""A column of A_t shorter than this share of itself after the others were taken out is rounding."""
+"""A column of A_t is rounding error if it is shorter than this fraction of itself after
+orthogonalisation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EliminatedTies:
-    """One group after elimination: what goes to the orientations and what gives the points back.
+    """One group after elimination: its part of the normal equations and what places its points.
 
-    Point by point; rows of a point are those of its observations, one after the other.
+    Ordered by point; rows of a point are those of its observations, one after the other.
     """
 
     group: TieGroup
@@ -70,7 +71,7 @@ class EliminatedTies:
         return by_point.transpose(2, 1, 0).reshape(3, -1)
 
     def with_misclosures(self, l: np.ndarray) -> EliminatedTies:
-        """The same with other whitened misclosures (3, k n), those of a state near by."""
+        """The same with other whitened misclosures (3, k n), those of a nearby state."""
         by_point = (
             l.reshape(3, self.group.seen, -1).transpose(2, 1, 0).reshape(len(self.free), -1, 1)
         )
@@ -131,7 +132,7 @@ def _triangle_beside(count: int) -> np.ndarray:
 
 
 def eliminate(group: TieGroup, l: np.ndarray, A: Partials, views: Views) -> EliminatedTies:
-    """Free a group of its points; misclosures (3, k n) and partials are whitened."""
+    """Eliminate the points of a group; misclosures (3, k n) and partials are whitened."""
     k, n = group.rows.shape
     by_point = A.by_point.reshape(3, 3, k, n).transpose(1, 2, 0, 3)
     columns, triangle = orthonormalise(by_point.reshape(3, 3 * k, n))
@@ -190,7 +191,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def place_points(ties: EliminatedTies, x: np.ndarray) -> np.ndarray:
-    """Corrections (3, n) of the group's points, relative to what their base stop does to them.
+    """Corrections (3, n) of the group's points, relative to those that their base stop causes.
 
     `x` (signatures, active columns) are corrections of the orientations.
     """

@@ -1,7 +1,7 @@
 """The estimate: solve, set blunders aside, and solve again until none is found.
 
-First with a robust loss, under which large blunders do not hide one another; what fits after all
-comes back. Then every remaining observation counts fully.
+First with a robust loss, under which large blunders do not mask each other; observations that fit
+later are used again. Then every remaining observation has full weight.
 """
 
 from __future__ import annotations
@@ -53,21 +53,21 @@ class Step:
 
 
 STEPS = (
-    Step("bring the stops together while blunders hide", robust=True),
+    Step("join the stops under a robust loss", robust=True),
     Step("weigh every remaining tie fully", robust=False),
 )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """A network, and where its estimate starts."""
+    """A network and the initial values of its estimate."""
 
     observations: Observations
     telemetry: Telemetry
     held: Bool[np.ndarray, " stops"]
     state: State
     views: Views
-    """What is seen from the state."""
+    """Views from the state."""
     used: Bool[np.ndarray, " rows"]
     inherited: Marginal | None = None
     control: Control | None = None
@@ -89,24 +89,24 @@ class Start:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """All that the iteration found."""
+    """All results of the iteration."""
 
     observations: Observations
     problem: Problem
     solution: Solution
     views: Views
-    """What is seen from the solution."""
+    """Views from the solution."""
     used: np.ndarray
     residuals: Residuals
     ties: tuple[EliminatedTies, ...]
-    """As they were linearised last."""
+    """At the last linearisation."""
     inverse: np.ndarray
     """Of the normal equations, on their pattern."""
     placed: ControlTests
     """Tests of control."""
 
     def start_with(self, observations: Observations, telemetry: Telemetry) -> Start:
-        """A start where this ended, with other weights."""
+        """Initial values where this ended, with other weights."""
         problem = self.problem
         return Start(
             observations,
@@ -120,7 +120,7 @@ class Outcome:
         )
 
     def with_all_points(self, seen: Sightings) -> Outcome:
-        """The same with the places of points that one pair alone sees."""
+        """The same with the positions of points that only one pair sees."""
         points = all_points(self.problem, self.views, self.used, seen)
         state = replace(self.solution.state, points=points)
         views = self.views.at(points.T.copy())
@@ -129,7 +129,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Evaluation:
-    """A solution with what its residuals say."""
+    """A solution with the tests of its residuals."""
 
     problem: Problem
     state: State
@@ -146,7 +146,7 @@ class _Evaluation:
 
     @property
     def fitting(self) -> np.ndarray:
-        """Numbers of control that was set aside and fits after all."""
+        """Numbers of control that was set aside and fits now."""
         return self.placed.fitting(self.problem.control) if self.problem.control else np.arange(0)
 
     @classmethod
@@ -203,7 +203,7 @@ def estimate(start: Start, params: AdjustmentParams) -> Outcome:
 
 
 def _stand_out(problem: Problem, solution: Solution, params: AdjustmentParams) -> bool:
-    """Whether anything is so far off that others could hide behind it."""
+    """Whether an observation is far enough off to mask others."""
     if problem.control and control_stands_out(problem.control, solution.state, params):
         return True
     return solution.stands_out(problem, params)
@@ -212,9 +212,9 @@ def _stand_out(problem: Problem, solution: Solution, params: AdjustmentParams) -
 def _with_fitting(
     start: Start, evaluation: _Evaluation, used: np.ndarray, params: AdjustmentParams, step: Step
 ) -> tuple[np.ndarray, Problem, State]:
-    """With what was set aside and fits after all, as long as blunders are looked for robustly.
+    """With observations that were set aside and fit now, while blunders are searched robustly.
 
-    Its points were in no adjustment while stops moved, and are placed anew.
+    Their points were in no adjustment while stops moved, and are placed again.
     """
     before = start.problem(used) if len(evaluation.fitting) and step.robust else evaluation.problem
     if not step.robust or used.all():
@@ -246,7 +246,7 @@ def _with_rows(used: np.ndarray, rows: np.ndarray, *, to: bool) -> np.ndarray:
 def all_points(
     problem: Problem, views: Views, used: np.ndarray, seen: Sightings
 ) -> Float64[np.ndarray, "points 3"]:
-    """All points, those that are in no adjustment where their sightings have them."""
+    """All points; those in no adjustment at the positions of their sightings."""
     observations = problem.observations
     inside = np.zeros(observations.points, dtype=bool)
     inside[problem.points] = True

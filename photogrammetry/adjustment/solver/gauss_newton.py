@@ -8,14 +8,14 @@ where rho(t) = t^2, or in the robust phase Huber's: t^2 up to k, 2 k t - k^2 bey
 iterative reweighting. Steps are not damped: Marquardt's damping holds back the long bending modes
 of an open traverse, which are soft but well determined; a step that raises the cost is halved
 instead. The iteration has converged when x' N x, the squared length of the step in its own standard
-deviations, is negligible, or when the next step is predicted to be negligible, as much shorter than
-the last as that was than the one before. The robust phase ends as soon as no residual is so large
-that others could hide behind it. What residuals and covariances need is kept from the last
-linearisation if the step from there was short; residuals are those at its end.
+deviations, is negligible, or when the next step is predicted to be negligible, assuming that it
+shrinks as much as the last one did. The robust phase ends as soon as no residual is large enough to
+mask others. If the last step was short, residuals and covariances use the linearisation before it,
+with the residuals after it.
 
-A correction turns whole stretches of an open traverse by degrees, and a point 20 m from a stop that
-turns by t travels an arc that leaves its tangent by 20 t^2 / 2: many pixels. Corrections are
-therefore applied along arcs, equal to first order: with D = c_k - c_(k-1), its linear change dD
+A correction rotates whole stretches of an open traverse by degrees; a point 20 m from a stop that
+rotates by t moves on an arc that departs from its tangent by 20 t^2 / 2: many pixels. Corrections
+are therefore applied along arcs, equal to first order: with D = c_k - c_(k-1), its linear change dD
 and the mean turn m of both stops,
 
     D <- Exp(m) (D + dD - m x D)           X - c <- Exp(d) (X - c + dX - dc - d x (X - c))
@@ -57,27 +57,27 @@ from solmap.photogrammetry.adjustment.solver.normal_equations import (
 from solmap.photogrammetry.adjustment.solver.problem import Problem
 
 ROBUST_TOLERANCE = 1.0
-"""Takes the place of `tolerance` while blunders are still looked for: all unknowns together move by
-less than one standard deviation."""
+"""Replaces `tolerance` while blunders are searched: all unknowns together move by less than one
+standard deviation."""
 MAX_HALVINGS = 8
 """Shortest step tried, as a power of 1/2."""
 SAME = 10.0
-"""A step of so many times the tolerance leaves the normal equations as they are: with a squared
-length of 1e-5, covariances differ by less than 1e-5 of themselves, in networks of 5 stops by 3e-7
-and of 500 loosely tied ones by 6e-6."""
+"""Steps of up to this many tolerances leave the normal equations unchanged: with a squared length
+of 1e-5, covariances differ by less than 1e-5 of themselves, in networks of 5 stops by 3e-7 and of
+500 loosely tied ones by 6e-6."""
 SAME_SHARE = 1e-5
-"""So does one whose squared length is this share of that of the step before. Steps shrink by what
-bends along them: by at least a times their length, if over it normal equations change by a. So the
-last one, as much shorter again, changes these by no more than the share; covariances of 60 stops
-taken one by one by 1.3e-6."""
+"""So do steps whose squared length is this fraction of the step before. If normal equations change
+by a over one step, steps shrink by at least the factor a; the last one then changes them by no more
+than this fraction; covariances of 60 stops added one by one, by 1.3e-6."""
 FORETOLD = 1e-2
-"""What a foretold step must be below, in tolerances: foretelling is no measurement."""
+"""Bound of a predicted step, in tolerances: lower, because a prediction is less certain."""
 SHRINKING = 1e-4
-"""By what the last steps shrink in the square whatever those before did."""
+"""Factor by which the squared length of the last steps shrinks at least, whatever those before
+did."""
 
 
 CACHED = 4096
-"""Points that are moved together, so that they stay in a processor's own cache."""
+"""Points that are moved together, so that they fit a processor core's cache."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,12 +90,12 @@ class Solution:
     iterations: int
     message: str = ""
     at: LinearisationPoint | None = None
-    """The state, looked from."""
+    """Views from the state."""
     now: Linearisation | None = None
     """The normal equations there; None where weights are robust or the last step changed them."""
 
     def stands_out(self, problem: Problem, params: AdjustmentParams) -> bool:
-        """Whether any observation is so far off that others could hide behind it."""
+        """Whether an observation is far enough off to mask others."""
         at = self.at or LinearisationPoint.of(problem, self.state)
         return _stands_out(at, params)
 
@@ -108,7 +108,7 @@ def solve(
     robust: bool,
     to_the_end: bool = True,
 ) -> Solution:
-    """Iterate to the minimum, or where robust not `to_the_end` until nothing stands out."""
+    """Iterate to the minimum, or, if robust and not `to_the_end`, until no residual stands out."""
     tolerance = ROBUST_TOLERANCE if robust else params.tolerance
     at = start if isinstance(start, LinearisationPoint) else LinearisationPoint.of(problem, start)
     threshold = huber_threshold(problem, at) if robust else None
@@ -135,7 +135,8 @@ def solve(
             return Solution(at.state, cost, converged=True, iterations=iteration, at=at)
         before = 0.0 if shortened else length2
         if shortened > MAX_HALVINGS:
-            flat = length2 < max(tolerance, 1e-9 * cost)  # rounding of the cost hides the rest
+            # # rounding of the cost masks smaller changes
+            flat = length2 < max(tolerance, 1e-9 * cost)
             return Solution(at.state, cost, converged=flat, iterations=iteration,
                             message="" if flat else "no step lowers the cost")  # fmt: skip
     return Solution(at.state, cost, converged=False, iterations=params.max_iterations,
@@ -143,7 +144,7 @@ def solve(
 
 
 def _is_foretold(length2: float, before: float, tolerance: float, *, robust: bool) -> bool:
-    """Whether the step after one of squared length `length2` must be negligible."""
+    """Whether the step after one of squared length `length2` is predicted to be negligible."""
     if robust:
         return length2 * length2 < tolerance * before
     return length2 * max(length2, SHRINKING * before) < FORETOLD * tolerance * before
@@ -160,7 +161,7 @@ def _step(
     whole: Correction,
     threshold: float | None,
 ) -> tuple[LinearisationPoint, float, int]:
-    """The place after the longest of the halved steps that does not raise the cost."""
+    """The linearisation point after the longest halved step that does not raise the cost."""
     slack = 1e-12 * (1.0 + abs(cost))
     for halvings in range(MAX_HALVINGS + 1):
         part = whole.scale(0.5**halvings) if halvings else whole
@@ -203,7 +204,7 @@ class Correction:
         return cls(turn_shift, pointing, points, frames, mast)
 
     def scale(self, part: float) -> Correction:
-        """A part of it."""
+        """The corrections times a factor."""
         return Correction(
             part * self.turn_shift,
             part * self.pointing,
@@ -249,14 +250,14 @@ def move(problem: Problem, at: LinearisationPoint, correction: Correction) -> St
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Motion:
-    """How stops and pairs move."""
+    """Motions of stops and pairs."""
 
     views: Views
     of_stops: np.ndarray
     """(18, stops) rotation vectors (3), shifts (3), centres after the correction (3), rotations."""
 
     def of_points(self, X: np.ndarray, dX: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """Points (3, n) after corrections dX, each moved along with the stop of its pair."""
+        """Points (3, n) after corrections dX, each moved with the stop of its pair."""
         stop = self.views.stop[pair]
         arm = self.views.arm(X, stop)
         of_stop = np.take(self.of_stops, stop, axis=1)
@@ -276,6 +277,7 @@ def _in_inverse_depth(views: Views, X: np.ndarray, dX: np.ndarray, pair: np.ndar
         depth = c / (1.0 - dy[2] / c)
         ahead = np.isfinite(depth) & (depth > 0)
         direction = (y + dy - y / c * dy[2]) / c
-    # A step past infinity has no inverse depth: such a point goes to a thousand times its distance.
+    # A step past infinity has no inverse depth: such a point is set to a thousand times its
+    # distance.
     new = direction * np.where(ahead, depth, c * 1e3)
     return origin + transform(F.swapaxes(0, 1), new)

@@ -1,26 +1,25 @@
-"""Where every unknown lies in the normal equations, and which tie points share their columns.
+"""Layout of the unknowns in the normal equations, and tie points with the same columns.
 
-Images tell how stops lie to each other and nothing of where all of them lie: a common motion of the
-stops that see a tie point, the point moving along, changes no image coordinate. The observations of
-a point are therefore written in the motions of its stops relative to the first of them, the base b,
+Images determine only relative poses: a common motion of the stops that see a tie point and of the
+point changes no image coordinate. The observations of a point are therefore written in the motions
+of its stops relative to the first of them, the base b,
 
     x_s = (d_s, dc_s)         rotation vector and shift of stop s, in the LSL
-    r_s = x_s - M_sb x_b      M_sb = | I               0 |      what a turn of b does to s,
-                                     | -[c_s - c_b]    I |      moved rigidly
+    r_s = x_s - M_sb x_b      M_sb = | I               0 |      effect on s of a
+                                     | -[c_s - c_b]    I |      rigid motion of b
 
-so that a point seen from one stop alone depends on mast pointings and on no pose: of its normal
-equations those of all points that the same pairs see (a signature) are added up before they go to
-their places. A point that several stops see depends on the poses of all of them, on that of the
-base by
+so that a point seen from only one stop depends on mast pointings and not on poses. The normal
+equations of all points that the same pairs see (a signature) are summed before they are added to
+the matrix. A point that several stops see depends on the poses of all of them, on that of the base
+by
 
     A_b = -sum_s A_s M_sb,        in every row - a' [X - c_b], a', with a' the derivative by X
 
 The columns on which the observations of a group of points depend are its active columns. Only the
 lower triangle of the normal matrix is computed.
 
-A group costs some time however few its points are, so a handful of points joins a group of points
-that are seen more often: their observations are repeated until they are as many, and repetitions
-have no weight.
+Each group has a fixed cost, so a few points join a group whose points have more observations: their
+observations are repeated up to that number, with zero weight.
 """
 
 from __future__ import annotations
@@ -42,41 +41,42 @@ from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.errors import AdjustmentError
 
 CACHED = 100_000
-"""Numbers in the observation equations of a group, that they stay in a processor's own cache."""
+"""Numbers in the observation equations of a group, so that they fit a processor core's cache."""
 LEAST_POINTS = 64
-"""Points of a group where each is seen so often that its equations alone are long."""
+"""Points of a group if each has so many observations that its equations alone are long."""
 SHARED = 2
-"""Points a signature, on average, from which on it saves time to add them up first."""
+"""Average points per signature from which on summing them first saves time."""
 KEPT = 256
-"""Ways of being seen whose columns are remembered from one layout to the next."""
+"""Signatures whose columns are kept from one layout to the next."""
 OWN_GROUP = 1_000_000
-"""Products that a group must save by being one of its own: the calls for it take as long."""
+"""Products that a separate group must save: its calls take as long."""
 Kind = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Points seen alike: rows (n, k), their pairs, and with which point every signature begins."""
+"""Points with equal numbers of observations: rows (n, k), their pairs, and the first point of every
+signature."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unknowns:
-    """Which orientations are free, and their places: stop by stop, pose first, then its pairs."""
+    """The free orientations and their columns: stop by stop, pose first, then its pairs."""
 
     sizes: np.ndarray
     offsets: np.ndarray
     stop_columns: np.ndarray
-    """(stops, 6) place inside the stop's block; -1 where held."""
+    """(stops, 6) column inside the stop's block; -1 where held."""
     pair_columns: np.ndarray
-    """(pairs, 3) place inside the block of the pair's stop; -1 where masts do not turn."""
+    """(pairs, 3) column inside the block of the pair's stop; -1 where masts do not turn."""
     pair_stop: np.ndarray
     per_pair: int
-    """Unknowns of a pair: its pointing, or none where masts point as their labels say."""
+    """Unknowns of a pair: its pointing, or none where label pointings are exact."""
     frame_columns: np.ndarray
-    """(frames, 5) place inside the block of a control frame; -1 where certain. Blocks of frames
+    """(frames, 5) column inside the block of a control frame; -1 where certain. Blocks of frames
     follow those of stops."""
     mast: int = 0
     """Systematic errors of the mast: the last block."""
     count: int = field(init=False)
-    """How many."""
+    """Number of the unknowns."""
     unpacked: tuple[np.ndarray, np.ndarray, np.ndarray] = field(init=False)
-    """Places of the columns of stops, pairs and frames in the vector of unknowns."""
+    """Positions of the columns of stops, pairs and frames in the vector of unknowns."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "count", int(self.sizes.sum()))
@@ -100,7 +100,7 @@ class Unknowns:
     ) -> Unknowns:
         """Number the unknowns of a network whose stops are held or free, and masts turn or not.
 
-        `frames` (n, 5) tells what is unknown of the places of control frames.
+        `frames` (n, 5) marks the unknowns of the positions of control frames.
         """
         free = np.zeros((0, FRAME_UNKNOWNS), dtype=bool) if frames is None else frames
         pose, per_pair = np.where(held, 0, STOP_UNKNOWNS), PAIR_UNKNOWNS if turning else 0
@@ -125,13 +125,13 @@ class Unknowns:
         return len(self.stop_columns) + np.arange(len(self.frame_columns))
 
     def columns(self, pair: np.ndarray) -> np.ndarray:
-        """(…, 9) places inside the stop's block of what an observation by `pair` depends on."""
+        """(…, 9) columns, inside the stop's block, on which an observation by `pair` depends."""
         return np.concatenate(
             [self.stop_columns[self.pair_stop[pair]], self.pair_columns[pair]], axis=-1
         )
 
     def places(self, blocks: np.ndarray, local: np.ndarray) -> np.ndarray:
-        """Places of columns in the vector of unknowns; what is held goes to a bin at its end."""
+        """Positions of columns in the vector of unknowns; held ones map to its unused last one."""
         return np.where(local >= 0, self.offsets[blocks] + local, self.count)
 
     def unpack(self, x: Float64[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -142,7 +142,7 @@ class Unknowns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TieGroup:
-    """Some tie points with k observations each, shared out among their stops in the same way.
+    """Tie points with k observations each, distributed over their stops in the same way.
 
     Columns: 6 for each stop after the base, then 3 for each observation's pair if masts turn
     (relative); and 6 for the base besides (absolute).
@@ -151,17 +151,17 @@ class TieGroup:
     rows: np.ndarray
     """(k, n) observation numbers, some repeated; points in the order of their signatures."""
     slots: tuple[int, ...]
-    """Which of the point's stops each of the k is from, ascending; the base is 0."""
+    """Index among the point's stops of each of the k, ascending; the base is 0."""
     first: np.ndarray
-    """Point with which each signature begins; where few points share one, each has its own."""
+    """First point of each signature; where few points share one, each has its own."""
     stops: np.ndarray
     """(signatures, stops of a point)."""
     local: np.ndarray
-    """(signatures, absolute columns) place of every column in its stop's block, -1 where held."""
+    """(signatures, absolute columns) column inside its stop's block, -1 where held."""
     per_pair: int
     """Columns of a pair."""
     counts: np.ndarray = field(init=False)
-    """(k, n) which observations count: those that do not repeat the one before."""
+    """(k, n) which observations count: those that do not repeat the previous one."""
     signature: np.ndarray = field(init=False)
     """Signature of every point."""
 
@@ -189,7 +189,7 @@ class TieGroup:
         return cls(rows, slots, first, stops, local, unknowns.per_pair)
 
     def columns(self, of_stop: np.ndarray, of_pair: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """(signatures, absolute columns) where its columns go, by stop and by pair.
+        """(signatures, absolute columns) positions of the columns, by stop and by pair.
 
         `pair` is that of every observation of the network.
         """
@@ -214,22 +214,22 @@ class TieGroup:
 
     @property
     def points(self) -> int:
-        """How many."""
+        """Number of points."""
         return self.rows.shape[1]
 
     @property
     def posed(self) -> int:
-        """How many columns of relative poses."""
+        """Number of columns of relative poses."""
         return STOP_UNKNOWNS * self.slots[-1]
 
     @property
     def relative(self) -> int:
-        """How many relative columns."""
+        """Number of relative columns."""
         return self.posed + self.per_pair * self.seen
 
     @property
     def active(self) -> int:
-        """How many leading absolute columns are active: its normal equations depend on them.
+        """Number of leading absolute columns on which its normal equations depend.
 
         Points seen from one stop depend on no pose.
         """
@@ -237,7 +237,7 @@ class TieGroup:
 
     @property
     def column_slots(self) -> np.ndarray:
-        """Which of the point's stops every absolute column belongs to."""
+        """Index among the point's stops of every absolute column."""
         return _column_slots(self.slots, self.per_pair)
 
     @property
@@ -249,7 +249,7 @@ class TieGroup:
     def triangle(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of the lower triangle of the active columns, row by row.
 
-        Of two columns the row is that of the later stop, or of the later unknown of one stop.
+        Of two columns the row belongs to the later stop, or to the later unknown of one stop.
         """
         return _triangle(self.slots, self.per_pair)
 
@@ -260,7 +260,7 @@ class TieGroup:
 
 
 def _by_column(of_stops: np.ndarray, of_pairs: np.ndarray) -> np.ndarray:
-    """What belongs to the absolute columns, from (n, stops, 6) and (n, k, 3)."""
+    """Values of the absolute columns, from (n, stops, 6) and (n, k, 3)."""
     n = len(of_stops)
     others = of_stops[:, 1:].reshape(n, -1)
     return np.concatenate([others, of_pairs.reshape(n, -1), of_stops[:, 0]], axis=1)
@@ -304,7 +304,7 @@ def tie_groups(
     if len(twice):
         raise AdjustmentError(
             f"tie point {point[twice[0]]} was measured twice in pair {pair[twice[0]]} of the "
-            "network: a pair sees a point at one place, give one measurement or two points"
+            "network: a pair measures a point only once; give one measurement, or use two points"
         )
     begin = np.flatnonzero(np.diff(point, prepend=-1))
     counts = np.diff(begin, append=len(point))
@@ -319,7 +319,7 @@ def tie_groups(
 
 
 def _join_small(kinds: list[Kind], unknowns: Unknowns) -> list[Kind]:
-    """Kinds, most often seen first, with few points joining others that are seen more often."""
+    """Kinds, most observations first; kinds with few points join kinds with more observations."""
     joined: list[Kind] = []
     for kind in kinds:
         seen = _counts_by_stop(kind, unknowns)
@@ -344,22 +344,21 @@ def _join_small(kinds: list[Kind], unknowns: Unknowns) -> list[Kind]:
 
 
 def _counts_by_stop(kind: Kind, unknowns: Unknowns) -> np.ndarray:
-    """From how many pairs of each of its stops a point of a kind is seen."""
+    """Number of pairs at each of its stops from which a point of a kind is seen."""
     stops = unknowns.pair_stop[kind[1][0]].tolist()
     return np.array([len(list(own)) for _, own in groupby(stops)])
 
 
 def _products(seen: np.ndarray) -> int:
-    """Products of the normal equations of a point seen so often from each of its stops."""
+    """Number of products for the normal equations of a point with these observations per stop."""
     columns = STOP_UNKNOWNS * len(seen) * (len(seen) > 1) + PAIR_UNKNOWNS * int(seen.sum())
     return 3 * int(seen.sum()) * columns**2 // 2
 
 
 def _kinds(observations: Observations, rows: np.ndarray, unknowns: Unknowns) -> Iterator[Kind]:
-    """Points with equally many observations, (n, k), parted by how they are shared among stops.
+    """Points with equally many observations, (n, k), grouped by their distribution over stops.
 
-    Gives rows and their pairs, sorted by stop and pair, and the point with which every signature
-    begins.
+    Gives rows and their pairs, sorted by stop and pair, and the first point of every signature.
     """
     pairs = observations.pair[rows]
     order = np.lexsort(pairs.T[::-1])

@@ -1,9 +1,9 @@
-"""What observations that have left an adjustment still say of the stops that remain.
+"""The marginal: information of marginalised observations about the remaining stops.
 
-A stop that no new image will see leaves the adjustment, and its observations with it. What they
-said of the stops that stay is kept exactly, as a square root of information (see `elimination` for
-the same with points): with the corrections of what leaves (s) and of what stays (T), all whitened
-observations that touch s are triangulated orthogonally,
+A stop that no new image will see is marginalised together with its observations. Their information
+about the remaining stops is kept exactly, as a square root of information (see `elimination` for
+the same with points): with the corrections of what is marginalised (s) and of what remains (T), all
+whitened observations that depend on s are triangulated orthogonally,
 
     | A_s  A_T | x = l    ->    | R_ss  R_sT |  x = | d_s |          conditional of s, given T
                                 |  0    R_TT |      | d_T |          marginal of T
@@ -11,18 +11,18 @@ observations that touch s are triangulated orthogonally,
 so that |R_TT x_T - d_T|^2 replaces them (Di et al. 2008, equations 3 and 4, with X = s, Y = T; the
 Kalman form there, orthogonal transformations here as in Blais 1983 and Holm 1989).
 
-The marginal was linear where it was made, but what stays moves on. It is therefore written in
-coordinates that bend with the traverse: with the anchor a, the last of the stops, and their values
-at that time marked by °,
+The marginal is linear about the poses at that time, but the remaining stops are estimated again. It
+is therefore written in coordinates that follow the bending of the traverse: with the anchor a, the
+last of the stops, and values at that time marked by °,
 
     z_a = (Log(R_a R_a°'), c_a - c_a°)                                        the anchor in the LSL
-    z_i = (Log(R_a'R_i (R_a°'R_i°)'), R_a'(c_i - c_a) - R_a°'(c_i° - c_a°))   others, seen from it
+    z_i = (Log(R_a'R_i (R_a°'R_i°)'), R_a'(c_i - c_a) - R_a°'(c_i° - c_a°))   others, relative to it
     z_j = m_j - m_j°                                                          pointings
     z_g = p_g - p_g°                                                          control frames
     z_s = s - s°                                                systematic errors of the mast
 
-A common motion of all stops, which later observations may well bring, leaves z_i alone. First
-order, with J the left Jacobian of the rotation vector:
+A common motion of all stops, which later observations may cause, does not change z_i. First order,
+with J the left Jacobian of the rotation vector:
 
     dz_i = (J^-1 R_a' (d_i - d_a),   R_a' (dc_i - dc_a + [c_i - c_a] d_a))
 """
@@ -51,7 +51,7 @@ from solmap.photogrammetry.imagery import StopId
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chart:
-    """Coordinates z of some stops and pairs about the values they had at one time.
+    """Coordinates z of some stops and pairs about their values at one time.
 
     The last stop is the anchor. Columns: 6 for each stop, 3 for each pair, 5 for each control
     frame, and those of the mast.
@@ -66,9 +66,9 @@ class Chart:
     frames: Int32[np.ndarray, " frames"] = field(default_factory=lambda: np.zeros(0, np.int32))
     frame_places: Float64[np.ndarray, "frames 5"] = field(default_factory=lambda: np.zeros((0, 5)))
     mast: Float64[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0))
-    """Systematic errors of the mast; none where they are no unknowns."""
+    """Systematic errors of the mast; none where they are not unknowns."""
     reference: tuple[np.ndarray, np.ndarray] = field(init=False)
-    """Rotations and places as the anchor saw them at that time: see `_from_anchor`."""
+    """Rotations and positions relative to the anchor at that time: see `_from_anchor`."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "reference", _from_anchor(self.rotations, self.centres))
@@ -82,7 +82,7 @@ class Chart:
         frames: np.ndarray | None = None,
         mast: int = 0,
     ) -> Chart:
-        """About a state."""
+        """The coordinates about a state."""
         frames = np.zeros(0, dtype=np.int32) if frames is None else frames.astype(np.int32)
         return cls(
             stops.astype(np.int32),
@@ -97,7 +97,7 @@ class Chart:
 
     @property
     def size(self) -> int:
-        """How many coordinates."""
+        """Number of coordinates."""
         posed = STOP_UNKNOWNS * len(self.stops) + PAIR_UNKNOWNS * len(self.pairs)
         return posed + FRAME_UNKNOWNS * len(self.frames) + len(self.mast)
 
@@ -136,7 +136,7 @@ class Chart:
 
     @property
     def poses_by_coordinates(self) -> Float64[np.ndarray, "p p"]:
-        """Derivatives of (d, dc) of the stops by their z about which the chart is: J^-1 there."""
+        """Derivatives of (d, dc) of the stops by their z at the chart's own values: J^-1 there."""
         n, from_anchor = len(self.stops), self.rotations[-1]
         K, others = np.zeros((n, 2, 3, n, 2, 3)), np.arange(n - 1)
         K[others, 0, :, others, 0] = K[others, 1, :, others, 1] = from_anchor
@@ -146,16 +146,16 @@ class Chart:
 
 
 def _vectors(rotations: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3"]:
-    """Rotation vectors of rotations by less than a right angle or so: corrections, not poses."""
+    """Rotation vectors of rotations below about a right angle: corrections, not poses."""
     entries = rotations.reshape(-1, 9)
-    v = (entries[:, [7, 2, 3]] - entries[:, [5, 6, 1]]) / 2  # of the skew part
+    v = (entries[:, [7, 2, 3]] - entries[:, [5, 6, 1]]) / 2  # # of the skew-symmetric part
     sine, cosine = np.sqrt(np.vecdot(v, v)), (entries[:, ::4].sum(axis=1) - 1.0) / 2
     angle = np.arctan2(sine, cosine)
     return v * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0)[:, None]
 
 
 def _from_anchor(rotations: np.ndarray, centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotations and places as the last stop sees them, and the last one's own in the LSL."""
+    """Rotations and positions relative to the last stop, and the last one's own in the LSL."""
     to_anchor = rotations[-1].T
     turn, place = to_anchor @ rotations, (centres - centres[-1]) @ rotations[-1]
     turn[-1], place[-1] = rotations[-1], centres[-1]
@@ -164,17 +164,17 @@ def _from_anchor(rotations: np.ndarray, centres: np.ndarray) -> tuple[np.ndarray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Marginal:
-    """|root z - right|^2: all that is left of the observations that are gone."""
+    """|root z - right|^2: the information of marginalised observations."""
 
     chart: Chart
     root: Float64[np.ndarray, "r n"]
     right: Float64[np.ndarray, " r"]
     grounded: Bool[np.ndarray, " stops"]
-    """Which of the stops images join to the datum."""
+    """Which of the stops are joined to the datum by images."""
     spent: float
-    """Sum of squares that the observations which are gone keep whatever becomes of the rest."""
+    """Part of the sum of squares of the marginalised observations that no later change affects."""
     surplus: int
-    """How many they were, beyond the unknowns that went with them."""
+    """Number of marginalised observations minus the unknowns marginalised with them."""
 
     @property
     def stops(self) -> Int32[np.ndarray, " stops"]:
@@ -187,7 +187,7 @@ class Marginal:
         return self.chart.pairs
 
     def cost_at(self, z: Float64[np.ndarray, " n"]) -> float:
-        """The sum of squares at some coordinates, of all observations that are gone."""
+        """The sum of squares of all marginalised observations at some coordinates."""
         off = self.root @ z - self.right
         return self.spent + float(off @ off)
 
@@ -216,7 +216,7 @@ class Marginal:
 
     @classmethod
     def of(cls, memory: Memory, network: Network) -> Marginal:
-        """What a memory says of the stops and pairs of a network."""
+        """The marginal of a memory for the stops and pairs of a network."""
         stop_number = {stop: k for k, stop in enumerate(network.stop_ids)}
         pair_number = {pair.pair_id: k for k, pair in enumerate(network.pairs)}
         frame_number = {frame.name: k for k, frame in enumerate(network.frames)}
@@ -225,8 +225,9 @@ class Marginal:
         lost += [name for name in memory.pair_ids if name not in pair_number]
         if lost:
             raise AdjustmentError(
-                f"the sequential adjustment remembers {lost[0]}, which is not in the network of "
-                f"{len(network.stops)} stops; hand over all stops of its window, and their pairs"
+                f"the marginal of the sequential adjustment contains {lost[0]}, which is not in "
+                f"the network of {len(network.stops)} stops; hand over all stops of its window, "
+                "and their pairs"
             )
         chart = Chart(
             np.array([stop_number[stop] for stop in memory.stops], dtype=np.int32),
@@ -242,7 +243,7 @@ class Marginal:
         return cls(chart, memory.root, memory.right, grounded, memory.spent, memory.surplus)
 
     def memory(self, network: Network, window: tuple[StopId, ...]) -> Memory:
-        """The same by name, to keep."""
+        """The same by name, for storage."""
         chart, names = self.chart, network.stop_ids
         return Memory(
             window,

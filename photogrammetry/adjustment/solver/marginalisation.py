@@ -1,13 +1,12 @@
-"""A stop is marginalised: what its observations say of the stops that stay is kept exactly.
+"""Marginalise a stop: keep exactly what its observations determine of the remaining stops.
 
-All observations that depend on the stop are linearised where the adjustment ended and triangulated
-(see `marginal`): all tie points that it saw, with all their observations and freed of the points as
-the adjustment did last (`elimination`); its tilt and azimuth, the step to the next stop, its mast
-pointing; and the marginal that it had inherited itself. Of a tie point that it saw, no later
-observation can be used any more.
+All observations that depend on the stop are linearised at the solution and triangulated (see
+`marginal`): all tie points that it saw, with all their observations, after elimination of the
+points (`elimination`); its tilt and azimuth, the increment to the next stop, its mast pointing; and
+the earlier marginal. No later observation of these tie points can be used.
 
 The Jacobian rows are whitened, A x = l for corrections in the LSL in the columns of a chart, one
-row an observation, with l in the last column. The columns of a stop that is held are the last one
+row per observation, with l in the last column. Columns of a held stop are mapped to the last one
 too, and are overwritten there.
 """
 
@@ -46,12 +45,12 @@ from solmap.photogrammetry.arrays import Bool, Float64
 
 _geqrf = get_lapack_funcs("geqrf", dtype=np.float64)
 BLOCK = 32
-"""Columns that are triangulated together."""
+"""Number of columns that are triangulated together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolvedNetwork:
-    """A network at the state to which it was adjusted, where it is linearised."""
+    """A network at its adjusted state, which is the linearisation point."""
 
     observations: Observations
     telemetry: Telemetry
@@ -60,16 +59,16 @@ class SolvedNetwork:
     used: Bool[np.ndarray, " rows"]
     inherited: Marginal | None
     grounded: Bool[np.ndarray, " stops"]
-    """Stops that images join to the datum."""
+    """Stops joined to the datum by images."""
     control: Control | None = None
     ties: tuple[EliminatedTies, ...] = ()
-    """The used tie points that several pairs see, as the adjustment linearised them last."""
+    """The used tie points that several pairs see, at the last linearisation."""
 
     @classmethod
     def of(
         cls, adjusted: AdjustedNetwork, network: Network, params: AdjustmentParams
     ) -> SolvedNetwork:
-        """A network at the state to which it was adjusted, with what it has inherited."""
+        """A network at its adjusted state, with its earlier marginal."""
         stops = {stop.stop: stop for stop in adjusted.stops}
         pairs = {pair.pair_id: pair for pair in adjusted.pairs}
         poses = [stops[stop] for stop in network.stop_ids]
@@ -94,7 +93,7 @@ class SolvedNetwork:
 
     @classmethod
     def of_outcome(cls, outcome: Outcome, grounded: Bool[np.ndarray, " stops"]) -> SolvedNetwork:
-        """The network where an adjustment ended."""
+        """The network at the solution of an adjustment."""
         problem = outcome.problem
         return cls(
             outcome.observations,
@@ -109,7 +108,7 @@ class SolvedNetwork:
         )
 
     def without_stop(self, k: int, inherited: Marginal) -> SolvedNetwork:
-        """The network after stop k was marginalised, and every tie point that it saw."""
+        """The network after stop k, and every tie point that it saw, was marginalised."""
         seen = np.zeros(self.observations.points, dtype=bool)
         seen[self.observations.point[self.observations.stop == k]] = True
         used = self.used & ~seen[self.observations.point]
@@ -125,7 +124,7 @@ def _control(adjusted: AdjustedNetwork, network: Network) -> Control | None:
 
 
 def _others(count: int, some: np.ndarray) -> np.ndarray:
-    """The numbers below `count` that are not among some."""
+    """The numbers below `count` that are not among the given ones."""
     rest = np.ones(count, dtype=bool)
     rest[some] = False
     return np.flatnonzero(rest)
@@ -133,13 +132,13 @@ def _others(count: int, some: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coupling:
-    """A stop to marginalise: its observations, and what stays that these couple it with."""
+    """A stop to marginalise: its observations, and the unknowns that they couple it with."""
 
     stop: int
     rows: np.ndarray
-    """Observations of the tie points that it sees; they go with it."""
+    """Observations of the tie points that it sees; they are marginalised with it."""
     stops: np.ndarray
-    """Stops that stay and are not held."""
+    """Remaining stops that are not held."""
     pairs: np.ndarray
     """Pairs of other stops."""
 
@@ -163,7 +162,7 @@ def coupling_of(network: SolvedNetwork, k: int) -> Coupling:
 
 
 def marginalise(network: SolvedNetwork, coupling: Coupling) -> Marginal:
-    """Marginalise a stop, the first that is still in a network: what it says of those that stay."""
+    """Marginalise the first stop of a network: its information about the remaining ones."""
     k, rows, stops, pairs = coupling.stop, coupling.rows, coupling.stops, coupling.pairs
     mine = np.flatnonzero(network.observations.pair_stop == k)
     own = np.zeros(0, dtype=np.int64) if network.held[k] else np.array([k])
@@ -190,7 +189,7 @@ def marginalise(network: SolvedNetwork, coupling: Coupling) -> Marginal:
 
 
 def _frames(network: SolvedNetwork, k: int) -> np.ndarray:
-    """Control frames of unknown place in the control of stop k, or in what it inherited."""
+    """Control frames of unknown position in the control of stop k, or in the earlier marginal."""
     frames, control = np.zeros(0, dtype=np.int64), network.control
     if control:
         used = control.frame[control.used & (control.stop == k)]
@@ -199,12 +198,12 @@ def _frames(network: SolvedNetwork, k: int) -> np.ndarray:
 
 
 def _coordinates(observations: Observations, rows: np.ndarray) -> int:
-    """Coordinates measured in some rows, beyond those that their points take up."""
+    """Coordinates measured in some rows, minus those of their points."""
     return int((observations.weight[rows] > 0).sum()) - 3 * len(distinct(observations.point[rows]))
 
 
 def _in_coordinates(rows: np.ndarray, chart: Chart) -> np.ndarray:
-    """Equations of corrections in the LSL, where a chart is, as those of its coordinates."""
+    """Equations of corrections in the LSL, at a chart's values, in its coordinates."""
     posed = STOP_UNKNOWNS * len(chart.stops)
     rows[:, :posed] = rows[:, :posed] @ chart.poses_by_coordinates
     return rows
@@ -213,7 +212,7 @@ def _in_coordinates(rows: np.ndarray, chart: Chart) -> np.ndarray:
 def _marginal_root(
     chart: Chart, A: np.ndarray, gone: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Root, right-hand side and spent sum of squares of the marginal."""
+    """Root, right-hand side and constant part of the sum of squares of the marginal."""
     s, n = len(gone), chart.size
     R = triangulate(A[:, np.concatenate([gone, _others(n, gone), [n]])])
     spent = float(R[n, n] ** 2) if len(R) > n else 0.0
@@ -222,7 +221,7 @@ def _marginal_root(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """Columns of a chart by number of stop, pair, frame; the last one is for what is held."""
+    """Columns of a chart by number of stop, pair, frame; held ones map to the last."""
 
     of_stop: np.ndarray
     of_pair: np.ndarray
@@ -245,7 +244,7 @@ class Columns:
 
 
 def tie_rows(network: SolvedNetwork, rows: np.ndarray, columns: Columns) -> np.ndarray:
-    """Whitened observation equations of the tie points that some rows see, freed of the points."""
+    """Whitened observation equations of the tie points that some rows see, points eliminated."""
     observations = network.observations
     wanted = np.zeros(observations.points, dtype=bool)
     wanted[observations.point[rows]] = True
@@ -257,23 +256,24 @@ def tie_rows(network: SolvedNetwork, rows: np.ndarray, columns: Columns) -> np.n
         group = tie.group.of_points(mine)
         at = group.columns(columns.of_stop, columns.of_pair, observations.pair)[:, : group.active]
         own = at[:, group.posed : group.relative]
-        own[np.repeat(~group.counts.T, 3, axis=1)] = columns.count  # what repeats has none
+        # # repeated observations have no weight
+        own[np.repeat(~group.counts.T, 3, axis=1)] = columns.count
         parts.append(_in_columns(tie.free[mine], at, columns.count))
     return np.concatenate(parts)
 
 
 def _in_columns(free: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
-    """Rows (n, 3 k, active columns and l) of points whose columns belong `at` others of so many.
+    """Rows (n, 3 k, active columns and l) of points, moved to columns `at` of so many.
 
-    Triangulated where so few columns are active that this saves products: fewer rows say the
-    same.
+    Triangulated where so few columns are active that this saves products: fewer rows hold the same
+    information.
     """
     n, rows, _ = free.shape
     active = np.append(distinct(at[at < count]), count)
     narrow = np.zeros((n, rows, len(active)))
     each = np.arange(n)[:, None, None], np.arange(rows)[:, None]
     narrow[*each, np.searchsorted(active, at)[:, None]] = free[:, :, :-1]
-    narrow[:, :, -1] = free[:, :, -1]  # over the bin of what is held
+    narrow[:, :, -1] = free[:, :, -1]  # # over the column of held unknowns
     equations = narrow.reshape(n * rows, -1)
     m, own, all_ = len(equations), len(active), count + 1
     if m * own**2 + own * all_**2 < m * all_**2:
@@ -291,7 +291,7 @@ def triangulate(rows: Float64[np.ndarray, "m n"]) -> Float64[np.ndarray, "r n"]:
 
 
 def telemetry_rows(network: SolvedNetwork, k: int, columns: Columns) -> np.ndarray:
-    """Tilt and measured azimuth of the stop, and the step from it to the next."""
+    """Tilt and measured azimuth of the stop, and the increment from it to the next."""
     stops = np.arange(k, min(k + 2, len(network.held)))
     ends, link = network.state.of_stops(stops), network.telemetry.of_stops(stops)
     l = telemetry_misclosures(ends, link) * link.weight
@@ -304,15 +304,15 @@ def telemetry_rows(network: SolvedNetwork, k: int, columns: Columns) -> np.ndarr
     dense[:, :, -1] = l
     counts = link.weight > 0
     counts[0] &= not network.held[k]
-    counts[0, 3:] = False  # went with the stop before
+    counts[0, 3:] = False  # # marginalised with the stop before
     counts[0, 2] &= link.is_fine[0]
-    counts[1:, :2] = False  # stay
+    counts[1:, :2] = False  # # remain
     counts[1:, 2] &= ~link.is_fine[1:]
     return dense[counts]
 
 
 def pointing_rows(network: SolvedNetwork, pairs: np.ndarray, columns: Columns) -> np.ndarray:
-    """The mast pointing of some pairs, observed to be what is systematic."""
+    """The mast pointing of some pairs, observed as its systematic part."""
     telemetry = network.telemetry
     dense = np.zeros((3 * len(pairs), columns.count + 1))
     dense[np.arange(3 * len(pairs)), columns.of_pair[pairs].ravel()] = 1.0
@@ -323,7 +323,7 @@ def pointing_rows(network: SolvedNetwork, pairs: np.ndarray, columns: Columns) -
 
 
 def control_rows(network: SolvedNetwork, k: int, columns: Columns) -> np.ndarray:
-    """Where control has the stop, in frames whose place stays unknown."""
+    """Control of the stop in frames whose position stays unknown."""
     control = network.control
     if control is None:
         return np.zeros((0, columns.count + 1))
@@ -343,7 +343,7 @@ def control_rows(network: SolvedNetwork, k: int, columns: Columns) -> np.ndarray
 
 
 def inherited_rows(inherited: Marginal, state: State, columns: Columns) -> np.ndarray:
-    """What the stop had inherited, in the columns of the chart."""
+    """The earlier marginal, in the columns of the chart."""
     A, l = inherited.rows(state)
     parts = (
         columns.of_stop[inherited.stops],

@@ -19,20 +19,20 @@ from solmap.photogrammetry.adjustment.solver.problem import LINK_TRIANGLE, Probl
 from solmap.photogrammetry.arrays import Float64
 
 HUBER = 2.8
-"""Where the robust loss turns linear, in standard deviations of an observation of three
+"""Where the robust loss becomes linear, in standard deviations of an observation of three
 coordinates: the 95 % point of the chi distribution with three degrees of freedom."""
 CHI3_MEDIAN = 1.538
 """Median length of a standard normal vector of three coordinates."""
 CACHED = 4096
-"""Observations that are looked at together, so that they stay in a processor's own cache."""
+"""Observations that are evaluated together, so that they fit a processor core's cache."""
 
 FEW = 8
-"""So much longer takes it to add one value at its place than to go past one in the sum."""
+"""Time of adding one value at its index, relative to that of one term of a sum."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearisationPoint:
-    """A state, and what is seen from there."""
+    """A state, and what is computed from it."""
 
     state: State
     views: Views
@@ -41,11 +41,11 @@ class LinearisationPoint:
     links: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
     """(stops, 6) misclosures of telemetry times their weights."""
     z: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Coordinates of what is inherited, see `marginal`."""
+    """Coordinates of the marginal, see `marginal`."""
 
     @classmethod
     def of(cls, problem: Problem, state: State, views: Views | None = None) -> LinearisationPoint:
-        """Look from a state; `views` where it has been looked from already."""
+        """Evaluate a state; `views` if they are known already."""
         views = views or Views.of(state, problem.observations)
         l = np.empty_like(problem.sights.measured)
         for begin in range(0, len(problem.sights), CACHED):
@@ -68,13 +68,13 @@ def huber_weights(t: np.ndarray, threshold: float) -> np.ndarray:
 
 
 def huber_threshold(problem: Problem, at: LinearisationPoint) -> float:
-    """Where the loss turns linear at a state: in units of the spread that residuals have there.
+    """Where the loss becomes linear at a state: in units of the spread of its residuals.
 
-    Far from the minimum every residual is large; were all taken for blunders, telemetry would win
-    over the images and the step lead astray.
+    Far from the minimum every residual is large. If all counted as blunders, telemetry would
+    outweigh the images and the step would go in a wrong direction.
     """
     t = lengths(at.l)
-    t = t[t > 0]  # what repeats others has no weight
+    t = t[t > 0]  # # repeated observations have no weight
     spread = float(np.median(t)) / CHI3_MEDIAN if len(t) else 1.0
     if problem.control and problem.control.used.any():
         off = np.sort(control_lengths(problem.control, at.state)[problem.control.used])
@@ -83,7 +83,7 @@ def huber_threshold(problem: Problem, at: LinearisationPoint) -> float:
 
 
 def control_lengths(control: Control, state: State) -> np.ndarray:
-    """How far every stop is from where control has it, in standard deviations."""
+    """Distance of every stop from its control, in standard deviations."""
     return np.linalg.norm(control.whitened_misclosures(state), axis=1)
 
 
@@ -99,7 +99,7 @@ def control_weights(
 
 
 def cost_of(problem: Problem, at: LinearisationPoint, threshold: float | None) -> float:
-    """The sum that is minimised; infinite where a point lies behind a camera."""
+    """The minimised sum; infinite where a point lies behind a camera."""
     state = at.state
     images = float(np.vdot(at.l, at.l)) if threshold is None else _loss(lengths(at.l), threshold)
     if not np.isfinite(images):
@@ -136,7 +136,7 @@ def normal_equations(
 def _reduced_normals(
     problem: Problem, at: LinearisationPoint, threshold: float | None
 ) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
-    """The same, the lower triangle of the matrix alone."""
+    """The same, only the lower triangle of the matrix."""
     flat, right, ties = sum_normals(problem, _eliminate_groups(problem, at, threshold))
     _add_telemetry(problem, at, flat, right)
     _add_inherited(problem, at, flat, right)
@@ -148,7 +148,7 @@ def _reduced_normals(
 def _eliminate_groups(
     problem: Problem, at: LinearisationPoint, threshold: float | None
 ) -> Iterator[EliminatedTies]:
-    """The groups of a problem, freed of their points."""
+    """The groups of a problem with their points eliminated."""
     end, small = 0, len(problem.sights) <= CACHED
     masts = at.views.masts()
     together = at.views.partials(problem.sights, masts) if small else None
@@ -165,7 +165,7 @@ def _eliminate_groups(
 def sum_normals(
     problem: Problem, groups: Iterable[EliminatedTies]
 ) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
-    """Normal equations of ties alone: lower triangle, right-hand side (both with bins), ties."""
+    """Normal equations of ties: lower triangle, right-hand side (unused last entries), ties."""
     flat, right = np.zeros(problem.pattern.length + 1), np.zeros(problem.unknowns.count + 1)
     ties = []
     for tie, place, right_place in zip(groups, problem.places, problem.right_places, strict=True):
@@ -200,7 +200,7 @@ def _add_telemetry(
 def _add_inherited(
     problem: Problem, at: LinearisationPoint, flat: np.ndarray, right: np.ndarray
 ) -> None:
-    """Add what observations that have left said."""
+    """Add the marginal of earlier observations."""
     if problem.inherited is None:
         return
     places, right_places = problem.inherited_places
@@ -212,7 +212,7 @@ def _add_inherited(
 def _add_control(
     problem: Problem, state: State, flat: np.ndarray, right: np.ndarray, threshold: float | None
 ) -> None:
-    """Add where stops lie in control frames, and what is known of these beforehand."""
+    """Add control of stops, and the priors of control frames."""
     control, unknowns = problem.control, problem.unknowns
     if control is None or problem.control_places is None or problem.frame_places is None:
         return
@@ -235,7 +235,7 @@ def _add_control(
 
 
 def _add(total: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:
-    """Add values at their places of a flat array: all at once if they are many in a small one."""
+    """Add values at indices of a flat array: in one pass if they are many and the array small."""
     if FEW * places.size > len(total):
         total += np.bincount(places.ravel(), values.ravel(), minlength=len(total))
     else:
@@ -244,14 +244,14 @@ def _add(total: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linearisation:
-    """The problem at a state: factor of the normal equations, and the ties without their points."""
+    """The problem at a state: factor of the normal equations, and the eliminated ties."""
 
     factor: Factor
     right: np.ndarray
     ties: tuple[EliminatedTies, ...]
 
     def with_misclosures_at(self, at: LinearisationPoint) -> Linearisation:
-        """The same with the misclosures of a place near by."""
+        """The same with the misclosures of a nearby linearisation point."""
         ties, end = [], 0
         for tie in self.ties:
             part = slice(end, end := end + tie.group.rows.size)

@@ -1,4 +1,4 @@
-"""A network laid out for the solver: what is observed, what is free, and where it goes."""
+"""A network laid out for the solver: observations, free unknowns, and their indices."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from solmap.photogrammetry.adjustment.solver.marginal import Marginal
 LINK_TRIANGLE = np.tril_indices(2 * STOP_UNKNOWNS)
 """Lower triangle of the active columns of a telemetry increment: the stop before, and the stop."""
 CONTROL_SLOTS = np.repeat([0, 1], [FRAME_UNKNOWNS, STOP_UNKNOWNS])
-"""Active columns of control: the frame that it is in, and the stop."""
+"""Active columns of control: its frame, and the stop."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """A network ready to be solved: what is observed, what is free, and how it is laid out."""
+    """A network ready for the solver: observations, free unknowns, and their layout."""
 
     observations: Observations
     telemetry: Telemetry
@@ -35,39 +35,39 @@ class Problem:
     pattern: BlockPattern
     groups: tuple[TieGroup, ...]
     places: tuple[np.ndarray, ...]
-    """Where in the flat normal matrix the lower triangle of every group goes, by signature."""
+    """Indices in the flat normal matrix of the lower triangle of every group, by signature."""
     right_places: tuple[np.ndarray, ...]
-    """Where in the vector of unknowns the columns of every group are (signatures, columns)."""
+    """Indices in the vector of unknowns of the columns of every group (signatures, columns)."""
     link_places: np.ndarray
     link_right: np.ndarray
     link_weight: np.ndarray
-    """Telemetry weights, zero where all that a row depends on is held."""
+    """Telemetry weights, zero where a row depends on held unknowns only."""
     rows: np.ndarray
-    """Observations that belong to a group, group by group."""
+    """Observations that belong to a group, by group."""
     sights: Sights
-    """The rows of the groups, in their order; those that repeat others without weight."""
+    """The rows of the groups, in their order; repeated ones have zero weight."""
     points: np.ndarray
-    """Numbers of the points in the adjustment, group by group."""
+    """Numbers of the points in the adjustment, by group."""
     bases: np.ndarray
     """Base stop of each of these points."""
     anchors: np.ndarray
-    """The pair that is nearest to each of them."""
+    """The pair nearest to each of them."""
     pointing_places: np.ndarray
-    """(pairs, 3) places of mast pointings on the diagonal of the flat normal matrix."""
+    """(pairs, 3) indices of mast pointings on the diagonal of the flat normal matrix."""
     mast_places: np.ndarray
-    """(pairs, 3, k) places of pointings beside systematic errors of the mast."""
+    """(pairs, 3, k) indices of pointings against systematic errors of the mast."""
     mast_own: np.ndarray
-    """(k, k) places of the latter."""
+    """(k, k) indices of the latter."""
     inherited_places: tuple[np.ndarray, np.ndarray]
-    """Where in the flat normal matrix, and in the vector of unknowns, what is inherited goes."""
+    """Indices of the marginal in the flat normal matrix, and in the vector of unknowns."""
     inherited: Marginal | None = None
-    """What observations that have left said of these stops."""
+    """The marginal of earlier observations of these stops."""
     control: Control | None = None
     control_places: np.ndarray | None = None
-    """(control, 11, 11) places in the flat normal matrix, of which the frame's columns are first;
-    nothing for control that is set aside."""
+    """(control, 11, 11) indices in the flat normal matrix, the frame's columns first; empty for
+    control that is set aside."""
     frame_places: np.ndarray | None = None
-    """(frames, 5, 5) places of what is known of frames beforehand."""
+    """(frames, 5, 5) indices of the priors of frames."""
 
     @classmethod
     def of(
@@ -143,13 +143,13 @@ class Problem:
         points = 3 * sum(group.points for group in self.groups)
         known = self.inherited.surplus if self.inherited else 0
         known += self.control.surplus if self.control else 0
-        frames = int((self.unknowns.frame_columns >= 0).sum())  # each known beforehand
-        known += self.unknowns.mast  # beforehand, as frames are
+        frames = int((self.unknowns.frame_columns >= 0).sum())  # # each has a prior
+        known += self.unknowns.mast  # # with priors, as frames have
         return coordinates + telemetry + known + frames - points - self.unknowns.count
 
 
 def _nearest(observations: Observations, rows: np.ndarray) -> np.ndarray:
-    """Of rows (k, n) of n points each one's with the greatest parallax."""
+    """Of rows (k, n) of n points the row with the largest parallax of each."""
     parallax = observations.measured[rows, 2]
     return rows[len(rows) - 1 - parallax[::-1].argmax(axis=0), np.arange(rows.shape[1])]
 
@@ -172,7 +172,7 @@ def _mast_places(unknowns: Unknowns, pattern: BlockPattern) -> tuple[np.ndarray,
 def _inherited_places(
     inherited: Marginal | None, unknowns: Unknowns, pattern: BlockPattern
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where the normal equations of what is inherited go."""
+    """Indices of the normal equations of the marginal."""
     if inherited is None:
         return np.zeros((0, 0), dtype=np.int64), np.zeros(0, dtype=np.int64)
     stops, pairs, frames = inherited.stops, inherited.pairs, inherited.frames
@@ -199,7 +199,7 @@ def _inherited_places(
 def _control_places(
     control: Control | None, unknowns: Unknowns, pattern: BlockPattern
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Where the normal equations of control, and of the frames' own places, go."""
+    """Indices of the normal equations of control, and of the frames' own positions."""
     if control is None:
         return None, None
     ends = np.column_stack([unknowns.frame_blocks[control.frame], control.stop]).astype(np.int64)

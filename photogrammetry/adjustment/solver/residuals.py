@@ -1,7 +1,7 @@
-"""Residuals of an adjustment, what checks them, and how sure the points are.
+"""Residuals of an adjustment, their redundancy, and covariances of points.
 
 With the cofactors of the whitened residuals (see `elimination`) the standardised residual of a
-coordinate, and the test of a whole observation (sample, line and parallax together, for a wrong
+coordinate, and the test of a whole observation (sample, line and parallax together, because a wrong
 match is wrong in all of them; Teunissen 1985), are
 
     w_i = v_i / sqrt(q_ii),      q_ii = redundancy number, the share of an error that shows in v_i
@@ -29,10 +29,10 @@ from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.robust import MAD_TO_SIGMA
 
 UNCHECKED = 1e-6
-"""A redundancy number below this is rounding: nothing checks the coordinate."""
+"""A redundancy number below this is rounding error: no other observation checks the coordinate."""
 
 CERTAIN = 2.0
-"""So many standard deviations of a spread or count are chance, and tell nothing."""
+"""Deviations of a spread or count up to this many standard deviations are not significant."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,12 +42,12 @@ class Residuals:
     standardised: np.ndarray
     redundancy: np.ndarray
     test: np.ndarray
-    """T of every observation; zero where nothing checks it."""
+    """T of every observation; zero where no other observation checks it."""
 
     def spread(self, rows: np.ndarray) -> float:
-        """max(1, robust spread of standardised residuals as far as chance does not explain it).
+        """max(1, robust spread of standardised residuals), as far as it is significant.
 
-        1.17 / sqrt(n) is the standard deviation of the spread that n residuals show.
+        1.17 / sqrt(n) is the standard deviation of the spread of n residuals.
         """
         rows = np.flatnonzero(rows)
         w, free = np.abs(self.standardised[rows]), float(self.redundancy[rows].sum())
@@ -87,7 +87,7 @@ def cofactors(tie: EliminatedTies, triangle: np.ndarray) -> np.ndarray:
     if group.is_shared:
         Z = Z[group.signature]
     A = tie.free[:, :, : group.relative]
-    # with the many along the last axis: of matrices so small that is faster than one by one
+    # # with the many along the last axis: for matrices so small that is faster than one by one
     by_component = (part.reshape(shape).transpose(2, 1, 3, 0).copy() for part in (A, A @ Z))
     C = np.einsum("aicn,bicn->abin", *by_component)
     Q = tie.basis.mT.reshape(shape).transpose(2, 1, 3, 0).copy()
@@ -98,7 +98,7 @@ def cofactors(tie: EliminatedTies, triangle: np.ndarray) -> np.ndarray:
 
 
 def _tests(v: Vectors, C: Matrices) -> np.ndarray:
-    """T of residuals; what nothing checks has no residual and does not count."""
+    """T of residuals; an unchecked observation has no residual and does not count."""
     sure = C + UNCHECKED * np.eye(3)[:, :, None]
     weighted = transform(inverses_by_component(sure), v)
     return np.sqrt(np.maximum(np.einsum("cn,cn->n", v, weighted), 0.0))
@@ -107,9 +107,9 @@ def _tests(v: Vectors, C: Matrices) -> np.ndarray:
 def point_covariances(
     problem: Problem, state: State, ties: tuple[EliminatedTies, ...], inverse: np.ndarray
 ) -> np.ndarray:
-    """Covariances of points: what their images leave open, and what their base stop carries over.
+    """Covariances of points: from their images, and from the pose of their base stop.
 
-    dX = M x_b + R^-1 (noise - Q' A_o x), with `arm` the way from the base stop to the point. NaN
+    dX = M x_b + R^-1 (noise - Q' A_o x), with `arm` the vector from the base stop to the point. NaN
     for points outside the adjustment.
     """
     C = np.full((problem.observations.points, 3, 3), np.nan)
@@ -134,22 +134,22 @@ def _base_and_active(
 ) -> np.ndarray:
     """Cofactors of all absolute columns of a group, signature by signature."""
     group = tie.group
-    if not group.slots[-1]:  # seen from one stop, no pose is active
+    if not group.slots[-1]:  # # seen from one stop: no pose is active
         return inverse[problem.pattern.own(group.stops[:, 0], group.local)]
     return symmetric(inverse[places], group.active)
 
 
 def joint_covariances(problem: Problem, inverse: np.ndarray) -> np.ndarray:
-    """(pairs, 9, 9) of turn and shift of the stop and pointing of the pair; zero where held."""
+    """(pairs, 9, 9) of rotation and shift of the stop and pointing of the pair; zero where held."""
     unknowns = problem.unknowns
     local = unknowns.columns(np.arange(len(unknowns.pair_stop)))
     return inverse[problem.pattern.own(unknowns.pair_stop, local)]
 
 
 def pair_covariances(views: Views, joint: np.ndarray) -> np.ndarray:
-    """(pairs, 6, 6) of rotation vector and origin of every pair in the LSL; `joint` is behind them.
+    """(pairs, 6, 6) of rotation vector and origin of every pair in the LSL, from `joint`.
 
-    The mast turns a pair by what it turns the pair's frame, and its origin about the mast head.
+    The mast rotates the pair's frame, and moves its origin about the mast head.
     """
     masts, to_lsl = views.masts(), views.pairs[:9].reshape(3, 3, -1).swapaxes(0, 1)
     arm, lever = views.arm(views.pairs[9:12], views.stop), transform(to_lsl, masts[:3])
@@ -165,8 +165,8 @@ def pair_covariances(views: Views, joint: np.ndarray) -> np.ndarray:
 def single_sighting_covariances(views: Views, sights: Sights, of_pair: np.ndarray) -> np.ndarray:
     """Covariances of points placed by one stereo observation each; `of_pair` those of the pairs.
 
-    Such a point moves like one body with its pair, and by the noise of the image: along the axes
-    of the image by depth over focal length a pixel, along the line of sight by depth / (f B).
+    The point moves rigidly with its pair. The noise of the image adds depth over focal length per
+    pixel along the image axes, and depth / (f B) times that along the line of sight.
     """
     table = np.take(views.pairs[:14], sights.pair, axis=1)
     right, down, axis, origin = table[:12].reshape(4, 3, -1)

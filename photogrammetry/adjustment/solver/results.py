@@ -1,7 +1,7 @@
-"""The records that leave the adjustment, made from the arrays of the solution.
+"""Records of an adjustment, made from the arrays of the solution.
 
-Poses, points and control with their covariances, the report, and for every stop what holds it: ties
-or control that lead to the datum, or the telemetry increment from the stop before.
+Poses, points and control with their covariances, the report, and for every stop what determines its
+pose: ties or control that lead to the datum, or the telemetry increment from the stop before.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import TieKind
 
 SIGNIFICANT = 0.999
-"""Level of the global test: only a sigma0 that chance does not explain widens the sigmas."""
+"""Level of the global test: only a significant sigma0 enlarges the sigmas."""
 
 
 def adjusted_records(
@@ -106,7 +106,7 @@ def adjusted_records(
 def _pairs(
     network: Network, outcome: Outcome, joint: np.ndarray, covariances: np.ndarray
 ) -> tuple[AdjustedPair, ...]:
-    """The adjusted pairs, from the covariances (9, 9) behind each and (6, 6) of its pose."""
+    """The adjusted pairs, from their joint covariances (9, 9) and those (6, 6) of their poses."""
     state, observations = outcome.solution.state, outcome.observations
     joined = np.bincount(observations.pair[outcome.problem.rows], minlength=len(network.pairs))
     labels = [pair.geometry.rover_from_pair for pair in network.pairs]
@@ -131,7 +131,7 @@ def _pairs(
 def _stops(
     network: Network, held: np.ndarray, outcome: Outcome, joint: np.ndarray
 ) -> tuple[AdjustedStop, ...]:
-    """The adjusted stops, with what holds each."""
+    """The adjusted stops, with what determines each."""
     state, unknowns = outcome.solution.state, outcome.problem.unknowns
     inherited, known = outcome.problem.inherited, np.zeros_like(held)
     past = set(inherited.stops.tolist()) if inherited else set()
@@ -154,7 +154,7 @@ def _stops(
                 bool(held[k]),
                 bool(holding.reached[k]),
                 holding.describe(network, k)
-                + ("; what earlier stops said of it" if k in past else ""),
+                + ("; the marginal of earlier stops" if k in past else ""),
             )
         )
     return tuple(stops)
@@ -203,7 +203,7 @@ def _ties(
 
 
 def _kinds(observations: Observations, used: np.ndarray) -> np.ndarray:
-    """What each point joins, by its used observations, as a number of `KINDS`."""
+    """The kind of tie of each point, by its used observations, as a number of `KINDS`."""
     point, count = observations.point[used], observations.points
     stops = seen_from_several(point, observations.stop[used], count)
     pairs = seen_from_several(point, observations.pair[used], count)
@@ -213,7 +213,7 @@ def _kinds(observations: Observations, used: np.ndarray) -> np.ndarray:
 def adjusted_control(
     network: Network, problem: Problem, state: State, tests: ControlTests
 ) -> tuple[AdjustedControl, ...]:
-    """What became of every control observation."""
+    """Result of every control observation."""
     control = problem.control
     if control is None:
         return ()
@@ -233,19 +233,19 @@ def adjusted_control(
 
 def _note(off: np.ndarray, tests: ControlTests, k: int, *, used: bool) -> str:
     if not used and tests.length[k] <= tests.gate[k]:
-        return "another one contradicts it, and nothing tells which of them is wrong"
+        return "contradicted by another one; it cannot be decided which is wrong"
     if not used:
         return (
             f"off by {off[0]:+.2f} m east and {off[1]:+.2f} m north, {tests.length[k]:.1f} "
             f"standard deviations where {tests.gate[k]:.1f} may be chance"
         )
-    return "" if tests.redundancy[k] > UNCHECKED else "nothing checks it"
+    return "" if tests.redundancy[k] > UNCHECKED else "no other observation checks it"
 
 
 def adjusted_frames(
     network: Network, problem: Problem, state: State, inverse: np.ndarray
 ) -> tuple[AdjustedFrame, ...]:
-    """Where every control frame lies."""
+    """Position of every control frame."""
     if not network.frames:
         return ()
     unknowns = problem.unknowns
@@ -258,15 +258,15 @@ def adjusted_frames(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Holding:
-    """How the stops of a network hang together by their used ties."""
+    """Connections of the stops of a network by their used ties."""
 
     shared: tuple[dict[int, int], ...]
-    """Of every stop: how many ties it shares with each other one."""
+    """Of every stop: number of ties it shares with each other stop."""
     held: Bool[np.ndarray, " stops"]
     reached: Bool[np.ndarray, " stops"]
     """Whether ties or control lead to a stop that is held, or known from before."""
     placed: dict[int, list[int]]
-    """Of stops that control has placed: the numbers of the frames."""
+    """Of stops with control: the numbers of the frames."""
 
     @classmethod
     def of(
@@ -277,7 +277,7 @@ class Holding:
         known: Bool[np.ndarray, " stops"],
         control: Control | None = None,
     ) -> Holding:
-        """Of the used observations of a network; `held` is the datum, `known` is joined to it."""
+        """Of a network's used observations; `held` is the datum, `known` stops are joined to it."""
         shared: tuple[dict[int, int], ...] = tuple({} for _ in held)
         stop, point = observations.stop[used], observations.point[used]
         joins = seen_from_several(point, stop, observations.points)[point]
@@ -301,14 +301,14 @@ class Holding:
         return cls(shared, held, reached, placed)
 
     def describe(self, network: Network, k: int) -> str:
-        """What holds stop k, in words."""
+        """What determines stop k, as text."""
         if self.held[k]:
             return "held as the datum"
         names, frames = network.stop_ids, network.frames
         held = [frames[f].name for f in self.placed.get(k, ())]
-        parts = ["the datum by its place"] if MAP.name in held else []
+        parts = ["datum by its position"] if MAP.name in held else []
         if images := [name for name in held if name != MAP.name]:
-            parts.append(f"control: its place in {', '.join(images)}")
+            parts.append(f"control: its position in {', '.join(images)}")
         ties = sorted(self.shared[k].items())
         listed = ", ".join(f"{count} with {names[other]}" for other, count in ties)
         if self.reached[k]:
@@ -327,12 +327,12 @@ def _frames_by_stop(control: Control | None) -> dict[int, list[int]]:
 
 
 def _stops_of_frame(placed: dict[int, list[int]], frame: int) -> list[int]:
-    """Stops that a control frame shows."""
+    """Stops located in a control frame."""
     return [stop for stop, frames in placed.items() if frame in frames]
 
 
 def _couples(point: np.ndarray, stop: np.ndarray, stops: int) -> Counter[tuple[int, int]]:
-    """Every two stops (a < b) with points that both saw, and how many."""
+    """Every two stops (a < b) with points that both saw, and their number."""
     point, stop = np.divmod(np.unique(point.astype(np.int64) * stops + stop), stops)
     couples: Counter[tuple[int, int]] = Counter()
     for lag in range(1, len(point)):

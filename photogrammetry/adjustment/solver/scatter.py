@@ -1,8 +1,8 @@
 """Sums of squared residuals and of redundancy numbers, by variance component.
 
 Residuals v of telemetry and of mast pointing are whitened misclosures; with their derivatives A and
-the cofactors Z of the unknowns their redundancy numbers are 1 - (A Z A')_ii. A slip or a label that
-is far off is no sign that all are: a residual counts as one of `GROSS` standard deviations at most.
+the cofactors Z of the unknowns their redundancy numbers are 1 - (A Z A')_ii. One large slip or one
+wrong label must not enlarge all standard deviations: a residual is limited to `GROSS` of them.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.arrays import Bool
 
 GROSS = 3.0
-"""As far as this a single residual of telemetry tells of the others' size."""
+"""Largest contribution of a single residual of telemetry, in standard deviations."""
 
 
 def weigh(network: Network, components: VarianceComponents) -> Observations:
-    """The observations of a network, with the standard deviations of ties as estimated."""
+    """The observations of a network, with the estimated standard deviations of ties."""
     observations = Observations.of(network)
     factors = components.of_ties(observations.kind)
     return replace(observations, weight=observations.weight / factors[:, None])
@@ -43,7 +43,7 @@ def weigh(network: Network, components: VarianceComponents) -> Observations:
 def scatter_of(
     outcome: Outcome, components: VarianceComponents, counted: Bool[np.ndarray, " stops"]
 ) -> Scatter:
-    """The scatter of all observations on which any of some stops depends."""
+    """The scatter of all observations that depend on any of some stops."""
     found, problem = Scatter(), outcome.problem
     observations, residuals = problem.observations, outcome.residuals
     seen = np.zeros(observations.points, dtype=bool)
@@ -93,7 +93,7 @@ def _of_telemetry(
 def _of_pointing(
     problem: Problem, outcome: Outcome, counted: np.ndarray
 ) -> list[tuple[Component, np.ndarray, np.ndarray]]:
-    """Those of mast pointings."""
+    """Residuals and redundancy numbers of mast pointings."""
     if not problem.telemetry.masts_turn:
         return []
     mine, w = counted[problem.unknowns.pair_stop], problem.telemetry.pointing_weight

@@ -3,24 +3,23 @@
     DIS, DIL   2 bands, line and sample: where the partner image shows the same point, as absolute
                1-based coordinates (not as a difference); (0, 0) where it was not found
     DSS, DLS   the sample or the line band alone
-    XYZ, XYL   3 bands: x north, y east, z down in metres, in the frame that the label names;
+    XYZ, XYL   3 bands: x north, y east, z down in metres, in the frame named in the label;
                XXX, YYY, ZZZ one of them; (0, 0, 0) where nothing was found
     RNG, RNL   metres from the centre C of the camera; 0 where nothing was found
-    UVW, UVL   3 bands: unit normal of the ground, in the frame that the label names
+    UVW, UVL   3 bands: unit normal of the ground, in the frame named in the label
     SLP, SLL   slope in degrees; SHP its heading, SMP its magnitude sqrt(u^2 + v^2), SNL its tilt to
                the north, SRD its part in the direction of the rover
-    SEP, RUF   share of the sun's energy from 0 to 1; roughness in metres
+    SEP, RUF   fraction of the sun's energy from 0 to 1; roughness in metres
 
-as IEEE floats in the byte order that SAMPLE_TYPE names. Disparities are returned 0-based, as
-(sample, line) like every image point here. In a raster of one band a true 0 cannot be told from
-nothing found and counts as nothing; in one of three bands only all three together do.
+as IEEE floats in the byte order of SAMPLE_TYPE. Disparities are returned 0-based, as (sample, line)
+like every image point here. In a raster of one band a true 0 cannot be distinguished from a missing
+value and counts as missing; with three bands a pixel is missing only if all three are 0.
 
-`solmap inspect` says what such a file holds. XYZ with their mask and frame are what an import of
-archived products as dense points starts from.
+`solmap inspect` prints the content of such a file. XYZ with mask and frame are the input for
+importing archived products as dense points.
 
-Source: VICAR's help of marscor3, marsxyz, marsuvw and marsslope, and the data set descriptions; no
-file of this kind was at hand, so the reader was tried on bytes written in this layout, not on an
-archived product.
+Source: VICAR's help of marscor3, marsxyz, marsuvw and marsslope, and the data set descriptions. The
+reader was tested on bytes written in this layout, not on an archived product.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ DERIVED = "DERIVED_IMAGE_PARMS"
 
 
 class RasterKind(StrEnum):
-    """What the bands hold."""
+    """Content of the bands."""
 
     DISPARITY = "disparity"
     DISPARITY_SAMPLE = "disparity, sample"
@@ -116,12 +115,12 @@ UNITS = {
 }
 """Units of kinds that have one."""
 IN_FRAME = frozenset({RasterKind.XYZ, RasterKind.X, RasterKind.Y, RasterKind.Z, RasterKind.NORMAL})
-"""Kinds whose values are meant in the frame that the label names."""
+"""Kinds whose values refer to the frame named in the label."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DerivedRaster:
-    """A derived raster as it was read."""
+    """A derived raster as read."""
 
     kind: RasterKind
     bands: Float32[np.ndarray, "bands lines samples"]
@@ -131,11 +130,11 @@ class DerivedRaster:
     frame: Frame | None
     """The frame of XYZ and normals; None for other kinds."""
     partner: str | None
-    """The image that a disparity points into, where the label names its sources."""
+    """The target image of a disparity, where the label names its sources."""
 
     @property
     def band_names(self) -> tuple[str, ...]:
-        """What each band holds."""
+        """Content of each band."""
         return BANDS.get(self.kind, (str(self.kind),))
 
     @property
@@ -145,18 +144,18 @@ class DerivedRaster:
 
 
 def read_raster(data: bytes, name: str) -> DerivedRaster:
-    """A derived raster, its label attached or joined to it (`detached`).
+    """A derived raster from a file with its label attached or joined to it (`detached`).
 
     Raises:
-        LabelError: the file holds none, or its label lacks what is needed.
-        PixelError: the values are not what the label says.
+        LabelError: the file holds no derived raster, or its label lacks what is needed.
+        PixelError: the values contradict the label.
     """
     label = read_label(data, name)
     _, data = split_label(data, name)
     kind = raster_kind(label, name)
     if kind is None:
         raise LabelError(
-            f"{name}: no derived raster that is read here, of kind {', '.join(RasterKind)}"
+            f"{name}: not a supported derived raster; kinds are {', '.join(RasterKind)}"
         )
     layout = pixel_layout(label, most_bands=3)
     expected = len(BANDS.get(kind, (kind,)))
@@ -179,9 +178,9 @@ def read_raster(data: bytes, name: str) -> DerivedRaster:
 
 
 def raster_kind(label: Label, name: str) -> RasterKind | None:
-    """What a raster holds, of its DERIVED_IMAGE_TYPE or, failing that, its file name.
+    """The kind of a raster by its DERIVED_IMAGE_TYPE or, failing that, its file name.
 
-    None where it is none of these kinds.
+    None for other kinds.
     """
     stated = label.optional(DERIVED, "DERIVED_IMAGE_TYPE", str) or ""
     try:

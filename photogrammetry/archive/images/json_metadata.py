@@ -1,24 +1,24 @@
-"""Public raw images of Curiosity and Perseverance, which come with JSON metadata instead of labels.
+"""Public raw images of Curiosity and Perseverance, which have JSON metadata instead of labels.
 
 The metadata are an item of the image lists of mars.nasa.gov: `images` of `rss/api` (Mars 2020),
-`items` of `api/v1/raw_image_items` (MSL), or the flat copy of either that programs save beside a
-picture. The lists name the same things differently:
+`items` of `api/v1/raw_image_items` (MSL), or the flat copy of either that programs save beside an
+image file. The lists have different names for the same values:
 
     sclk             spacecraft_clock         seconds
     date_taken_utc   date_taken               UTC
-    dimension        -                        (samples, lines) of the picture
+    dimension        -                        (samples, lines) of the image
     subframeRect     subframe_rect            (first sample, first line, samples, lines), detector
-    scaleFactor      scale_factor             detector pixels to a pixel of the picture
+    scaleFactor      scale_factor             detector pixels per image pixel
 
 `camera_model_component_list` holds the vectors of the model in the order of its letters, separated
 by semicolons, C;A;H;V;O;R;E, then for CAHVORE the two numbers T (type) and P (parameter), all in
-the rover frame. The model belongs to the image as stored: frames of Perseverance come down in tiles
-of a sensor of 5120 x 3840 pixels, whole or averaged by 2 or 4, and the model of a tile has the
-image of the axis moved by its first pixel and scaled.
+the rover frame. The model belongs to the image as stored: frames of Perseverance are transmitted in
+tiles of a sensor of 5120 x 3840 pixels, whole or averaged by 2 or 4, and in the model of a tile the
+principal point is shifted by its first pixel and scaled.
 
-`xyz` is where the rover stood in its site, `attitude` its quaternion with the scalar first, which
-some copies of the metadata leave out. Without it nothing can be placed on a map and a record with
-an invented attitude would lie, so then there is an error that says how to get it.
+`xyz` is the position of the rover in its site, `attitude` its quaternion with the scalar first,
+which some copies of the metadata omit. Without an attitude the image cannot be placed on a map; the
+error then names the sources of one.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ OTHER_KEYS = {
     "subframeRect": "subframe_rect",
     "scaleFactor": "scale_factor",
 }
-"""What the lists call one thing differently -> the name that it is read by here."""
+"""Alternative names in the lists -> the name used here."""
 _BAND = re.compile(r"ZCAM_[LR](\d)_", re.ASCII)
 """In filter_name of Mastcam-Z: ZCAM_L6_442NM."""
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
@@ -61,7 +61,7 @@ def camera_of_metadata(text: str, source: str) -> Cahv | Cahvor | Cahvore:
     """The camera model of an image's metadata, in the rover frame.
 
     Raises:
-        LabelError: the text is no such metadata, or its model is impossible.
+        LabelError: the text is not such metadata, or its model is impossible.
     """
     metadata = _flat(_metadata(text, source))
     model_type = metadata.get("camera_model_type")
@@ -107,24 +107,22 @@ def rover_image_of_metadata(
     Args:
         text: its metadata.
         source: the name of their file.
-        site_from_rover: where the rover stood, if the metadata do not say.
+        site_from_rover: pose of the rover, if the metadata lack it.
 
     Raises:
-        LabelError: something is missing or broken; above all, the attitude of the rover.
+        LabelError: something is missing or broken, most often the attitude of the rover.
     """
     metadata = _flat(_metadata(text, source))
     kind = metadata.get("sample_type")
     if metadata.get("is_thumbnail") is True:
         kind = "thumbnail"
     if isinstance(kind, str) and kind.upper() == "THUMBNAIL":
-        raise LabelError(f"{source}: no mapping image: sample_type is {kind!a}")
+        raise LabelError(f"{source}: not a mapping image: sample_type is {kind!a}")
     camera = camera_of_metadata(json.dumps(metadata), source)
     instrument = str(metadata.get("instrument")).upper()
     mission = next((one for one in (M2020, MSL) if instrument in one.instruments), None)
     if mission is None:
-        raise LabelError(
-            f"{source}: instrument {instrument[:40]!a} is no camera that is known here"
-        )
+        raise LabelError(f"{source}: unknown instrument {instrument[:40]!a}")
     camera_name, eye = mission.instruments[instrument]
     site, drive = (_counter(metadata, key, source) for key in ("site", "drive"))
     stop = StopId(mission.hosts[0], site, drive)
@@ -161,7 +159,7 @@ def rover_image_of_metadata(
 
 
 def _size(metadata: dict[str, Any], source: str) -> tuple[int, int]:
-    """Samples and lines of the picture: stated, or those of its part of the detector, averaged."""
+    """Samples and lines of the image: stated, or those of its detector region, averaged."""
     if metadata.get("dimension"):
         samples, lines = (int(size) for size in _list(metadata, "dimension", 2, source))
     else:
@@ -171,7 +169,7 @@ def _size(metadata: dict[str, Any], source: str) -> tuple[int, int]:
             raise LabelError(f"{source}: scale_factor should be 1, 2, 4 or 8, but is {scale!a:.40}")
         samples, lines = int(width) // int(scale), int(height) // int(scale)
     if min(samples, lines) < 1:
-        raise LabelError(f"{source}: dimension {samples} x {lines} is no image")
+        raise LabelError(f"{source}: dimension {samples} x {lines} is not that of an image")
     return samples, lines
 
 
@@ -185,13 +183,13 @@ def _name(image_id: str) -> FileName | None:
 def with_attitude(
     text: str, source: str, attitude_of: Callable[[RoverImage], Quaternion | None]
 ) -> str:
-    """The metadata with the attitude that another source states, where they have none.
+    """The metadata with an attitude from another source added, where they have none.
 
     Args:
         text: the metadata.
         source: the name of their file.
-        attitude_of: the attitude of the rover at an image (scalar first, rover into north, east,
-            down), None where nothing states one; that of the record it is given is no answer.
+        attitude_of: returns the attitude of the rover at an image (scalar first, rover into north,
+            east, down), or None; it must not return that of the record passed to it.
 
     Raises:
         LabelError: something else is missing or broken.
@@ -205,7 +203,7 @@ def with_attitude(
 
 
 def _site_from_rover(metadata: dict[str, Any], stop: StopId, source: str) -> Pose:
-    """The pose in the metadata, where they hold a whole one."""
+    """The pose in the metadata, where it is complete."""
     if not metadata.get("attitude"):
         raise LabelError(
             f"{source}: the metadata name site {stop.site} and drive {stop.drive}, but no attitude "
@@ -220,7 +218,7 @@ def _site_from_rover(metadata: dict[str, Any], stop: StopId, source: str) -> Pos
 
 
 def _flat(metadata: dict[str, Any]) -> dict[str, Any]:
-    """Metadata with the parts `camera` and `extended` of the image list's form laid open."""
+    """Metadata with the parts `camera` and `extended` of the image list's form flattened."""
     parts = [metadata.get(key) for key in ("extended", "camera")]
     flat = {key: value for part in parts if isinstance(part, dict) for key, value in part.items()}
     flat |= metadata

@@ -1,34 +1,36 @@
-"""Pixels of an image file, and which of them were measured, lost or saturated.
+"""Pixels of an image file, and masks of measured, lost and saturated ones.
 
 The pixels start at byte RECORD_BYTES (^IMAGE - 1) and are stored line by line, most flight images
-as 16-bit big-endian integers. Packets that were lost on the way down are filled with zeros, and so
-is the outside of a linearised image; MISSING_CONSTANT and INVALID_CONSTANT say so or may be absent.
-But zero can also be what a dark pixel of a radiance image was cut off at. What was lost is lost in
-runs, so for integer images a zero counts as missing where its patch of zeros holds a block of
-3 x 3 or a run of 9 along a line or column, and as dark otherwise. Any other constant is taken at
-its word, and in floating-point rasters zero is, too.
+as 16-bit big-endian integers. Packets lost in transmission are filled with zeros, and so is the
+outside of a linearised image; MISSING_CONSTANT and INVALID_CONSTANT state this or may be absent.
+But zero can also be the clipped value of a dark pixel of a radiance image. Pixels are lost in runs,
+so for integer images a zero counts as missing where its patch of zeros contains a block of 3 x 3 or
+a run of 9 along a line or column, and as dark otherwise. Any other constant, and zero in
+floating-point rasters, always counts as missing.
 
-Rovers compress images in rectangles (ICER: up to 32 segments). The label lists where each starts
-and how large it is, in lines and samples of the stored image from 1,
+Rovers compress images in rectangles (ICER: up to 32 segments). The label lists the first pixel and
+the size of each, in lines and samples of the stored image from 1,
 
     INST_CMPRS_SEG_FIRST_LINE, INST_CMPRS_SEG_FIRST_LINE_SAMP, INST_CMPRS_SEG_LINES, ..._SAMPLES,
 
-and its INST_CMPRS_SEGMENT_STATUS: 0 where it came down and was decoded whole. What another code
-means bit by bit stands in documents that were not at hand, so such a segment is taken as lost.
-A wholly missing one is named by INST_CMPRS_SEG_MISSING_PIXELS, too, where that is given. The
-segments are those of the raw frame: for a linearised image they say nothing about where a pixel is.
+and its INST_CMPRS_SEGMENT_STATUS: 0 where it was received and decoded completely. The meaning of
+the other codes is not documented here, so such a segment counts as lost.
+INST_CMPRS_SEG_MISSING_PIXELS, where given, also marks segments that are missing completely.
+Segments refer to the raw frame and cannot be used for a linearised image.
 
-A pixel is saturated where the converter reached its end: 2^b - 1 for the b bits that
-SAMPLE_BIT_MASK has, of 12 for a raw frame (4095) and of 8 for one coded in 8 bits (255). Radiance
-images are scaled and do not tell; linearised and averaged ones blur the limit.
+A pixel is saturated where the converter reached its maximum: 2^b - 1 for the b bits of
+SAMPLE_BIT_MASK, 12 for a raw frame (4095) and 8 for one coded in 8 bits (255). It cannot be
+detected in radiance images, which are scaled, and only approximately in linearised and averaged
+ones.
 
 Public raw images are eight-bit JPEG and PNG files without a label of their own. Their sizes are
-read from the header before anything is unpacked, so that a small file cannot ask for much memory.
-What is black in runs is missing.
+read from the header before decoding, so that a small file cannot cause a large allocation. Black
+runs count as missing.
 
-Grey values of a colour image are the mean of its bands. A Bayer frame has one number a pixel, seen
-through red, green, green and blue (RGGB) in every square of two by two; red, green and blue of all
-pixels are interpolated (`cv2.demosaicing`, bilinear), so that its grey values show no chequers.
+Grey values of a colour image are the mean of its bands. A Bayer frame has one value per pixel,
+behind red, green, green and blue filters (RGGB) in every square of two by two; red, green and blue
+of all pixels are interpolated (`cv2.demosaicing`, bilinear), so that its grey values show no
+checkerboard pattern.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ from solmap.photogrammetry.errors import LabelError, PixelError
 from solmap.photogrammetry.imagery import MAX_PIXELS
 
 RUN = 9
-"""Zeros in a row that no dark scene makes, but the shortest line of a lost segment does."""
+"""Length of a run of zeros that occurs in lost segments but not in dark scenes."""
 MAX_BANDS = 3
 Colours = Float32[np.ndarray, "3 lines samples"]
 """Red, green and blue."""
@@ -64,12 +66,12 @@ SAMPLE_TYPES: Mapping[str, tuple[str, str]] = {
     **dict.fromkeys(("IEEE_REAL", "REAL", "FLOAT", "SUN_REAL", "MAC_REAL"), (_BIG, "f")),
     "PC_REAL": (_LITTLE, "f"),
 }
-"""SAMPLE_TYPE -> byte order and kind of number."""
+"""SAMPLE_TYPE -> byte order and type of number."""
 
 _SIZES = {"i": (8, 16, 32), "u": (8, 16, 32), "f": (32, 64)}
 COMPRESSION = "COMPRESSION_PARMS"
 WHOLE = frozenset({"0", "0X0", "OK"})
-"""Codes of a segment that came down complete; VICAR's hexadecimal, too."""
+"""Codes of a segment that was received completely; VICAR's hexadecimal form, too."""
 MAX_SEGMENTS = 4096
 CONVERTER = 0xFFF
 """Largest count of the 12-bit converters of these cameras."""
@@ -81,19 +83,19 @@ EDGES = (
 )
 PNG = b"\x89PNG\r\n\x1a\n"
 PNG_BITS = 24
-"""Place of the byte that says how many bits a colour has."""
+"""Offset of the byte that gives the bits per colour."""
 JPEG = b"\xff\xd8\xff"
 JPEG_SCAN = b"\xff\xda"
-"""What a scan begins with; within its data no such bytes occur."""
+"""First bytes of a scan; they do not occur within its data."""
 MAX_SCANS = 32
-"""Of a JPEG, each of which decodes the whole picture; progressive ones have some ten."""
+"""Most scans of a JPEG, each of which decodes the whole image; progressive ones have about ten."""
 SIZE_MARKERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 """JPEG markers of the segments that hold lines and samples."""
 
 
 @dataclass(frozen=True, slots=True)
 class PixelLayout:
-    """Where the pixels are and how they are stored."""
+    """Offset of the pixels in the file, and their storage."""
 
     offset: int
     """Bytes before the first line."""
@@ -114,7 +116,7 @@ class PixelLayout:
 
     @property
     def stored_lines(self) -> int:
-        """Lines as they follow each other in the file."""
+        """Lines in the order of the file."""
         return self.lines * (self.bands if self.storage == "BAND_SEQUENTIAL" else 1)
 
     @property
@@ -135,7 +137,7 @@ def read_pixels(data: bytes, label: Label, source: str) -> tuple[GreyImage, Mask
     """Grey values (DN) and the mask of measured pixels.
 
     Raises:
-        PixelError: the file is shorter than its label says, or stored in a way that is not read.
+        PixelError: the file is shorter than its label says, or its storage is not supported.
         LabelError: the label lacks what is needed to find the pixels.
     """
     values, measured = _stored_bands(data, label, source)
@@ -146,7 +148,7 @@ def read_colour_pixels(data: bytes, label: Label, source: str) -> tuple[Colours,
     """Red, green and blue (DN) and the mask of measured pixels; None of an image of one band.
 
     Raises:
-        PixelError: the file is shorter than its label says, or stored in a way that is not read.
+        PixelError: the file is shorter than its label says, or its storage is not supported.
         LabelError: the label lacks what is needed to find the pixels.
     """
     if pixel_layout(label).bands == 1:
@@ -166,7 +168,7 @@ def _stored_bands(data: bytes, label: Label, source: str) -> tuple[np.ndarray, M
 
 
 def _finite(values: np.ndarray, measured: Mask) -> tuple[GreyImage, Mask]:
-    """Single precision, 0 where nothing was measured or it is no number."""
+    """Single precision, 0 where not measured or not finite."""
     with np.errstate(over="ignore", invalid="ignore"):
         pixels = np.where(measured, values, 0).astype(np.float32)
     finite = np.isfinite(pixels)
@@ -184,7 +186,7 @@ def demosaiced(mosaic: GreyImage, mask: Mask) -> Colours:
         )
 
     bands = []
-    for colour in range(3):  # the number of odd indices is that of the colour: red 0, green 1
+    for colour in range(3):  # # red has no odd index, green one, blue two
         own = mask & (odd_line + odd_sample == colour)
         total = np.maximum(spread(own), np.float32(1))
         bands.append(np.where(own, mosaic, spread(np.where(own, mosaic, 0)) / total))
@@ -192,11 +194,11 @@ def demosaiced(mosaic: GreyImage, mask: Mask) -> Colours:
 
 
 def pixel_layout(label: Label, *, most_bands: int | None = None) -> PixelLayout:
-    """Where the label says the pixels are; of an image, unless `most_bands` is given.
+    """Location of the pixels by the label; of an image, unless `most_bands` is given.
 
     Raises:
         LabelError: a keyword is missing or impossible.
-        PixelError: the pixels are stored in a way that is not read.
+        PixelError: the storage of the pixels is not supported.
     """
     sizes = {keyword: label.require("IMAGE", keyword, int) for keyword in ("LINES", "LINE_SAMPLES")}
     bands = label.optional("IMAGE", "BANDS", int) or 1
@@ -229,7 +231,7 @@ def pixel_layout(label: Label, *, most_bands: int | None = None) -> PixelLayout:
 
 
 def radiance_scale(label: Label) -> RadianceScale | None:
-    """How DN become radiance, where the label says so."""
+    """Conversion of DN to radiance, where the label gives it."""
     factor = label.optional("DERIVED_IMAGE_PARMS", "RADIANCE_SCALING_FACTOR", float)
     if factor is None:
         return None
@@ -238,7 +240,7 @@ def radiance_scale(label: Label) -> RadianceScale | None:
 
 
 def truncation_message(data: bytes, layout: PixelLayout, source: str) -> str:
-    """What is wrong with a file that ends before its pixels do."""
+    """Message about a file that ends before its pixels do."""
     text = (
         f"{source}: truncated: needs {layout.end} bytes for {layout.lines} lines of "
         f"{layout.samples} samples from byte {layout.offset} (^IMAGE), has {len(data)}"
@@ -273,7 +275,7 @@ def _dtype(label: Label) -> np.dtype:
             "expected integers of 8, 16 or 32 bits or IEEE reals of 32 or 64"
         )
     if bits == 8:  # noqa: PLR2004 - one byte
-        kind = "u"  # labels say MSB_INTEGER of bytes, too, but no camera counts below zero
+        kind = "u"  # # labels name MSB_INTEGER for bytes, too, but no camera has negative counts
     return np.dtype(f"{order}{kind}{bits // 8}")
 
 
@@ -285,14 +287,16 @@ def _storage(label: Label) -> str:
 
 
 def _offset(label: Label) -> int:
-    """Byte at which the pixels start, of ^IMAGE = 21, 40961 <BYTES>, or ("FILE.IMG", 21)."""
+    """First byte of the pixels, from ^IMAGE = 21, 40961 <BYTES>, or ("FILE.IMG", 21)."""
     pointer = label.get("", "^IMAGE")
     if pointer is None:
-        raise LabelError(f"{label.source}: ^IMAGE is missing from the label: where are the pixels?")
+        raise LabelError(
+            f"{label.source}: ^IMAGE, the position of the pixels, is missing from the label"
+        )
     if isinstance(pointer, tuple):
         pointer = pointer[-1] if pointer else None
     if isinstance(pointer, str):
-        return 0  # a file of its own, from its first byte
+        return 0  # # a separate file, from its first byte
     position = _whole(pointer)
     if position is None or position < 1:
         raise LabelError(
@@ -312,7 +316,7 @@ def _whole(value: Value) -> int | None:
 
 
 def missing_constants(label: Label) -> tuple[float, ...]:
-    """Values that stand for nothing measured; zero is always one of them."""
+    """Values that mark missing pixels; zero is always one of them."""
     found = {0.0}
     for keyword in ("MISSING_CONSTANT", "INVALID_CONSTANT"):
         value = label.get("IMAGE", keyword)
@@ -350,10 +354,10 @@ def zeros_in_runs(zero: np.ndarray) -> np.ndarray:
 
 
 def received_mask(label: Label, lines: int, samples: int) -> Mask:
-    """True where the segment of a pixel came down whole, or nothing is said of segments.
+    """True where the segment of a pixel was received completely, or segments are not listed.
 
     Raises:
-        LabelError: a segment is called lost, but its place is no rectangle of whole numbers.
+        LabelError: a segment is marked as lost, but its rectangle is not given by whole numbers.
     """
     mask = np.ones((lines, samples), dtype=bool)
     if label.optional("", "GEOMETRY_PROJECTION_TYPE", str) == "LINEARIZED":
@@ -372,7 +376,7 @@ def received_mask(label: Label, lines: int, samples: int) -> Mask:
 
 
 def saturated_mask(pixels: GreyImage, label: Label) -> Mask:
-    """True where the converter reached its end, as far as the label tells where that is."""
+    """True where the converter reached its maximum, as far as the label gives it."""
     limit = full_scale(label)
     return np.zeros(pixels.shape, dtype=bool) if limit is None else pixels >= limit
 
@@ -384,7 +388,7 @@ def full_scale(label: Label) -> int | None:
     if label.optional("IMAGE", "BANDS", int) not in {None, 1}:
         return None
     mask = label.get("IMAGE", "SAMPLE_BIT_MASK")
-    if isinstance(mask, str):  # VICAR writes the digits alone
+    if isinstance(mask, str):  # # VICAR writes only the digits
         mask = number_of(f"2#{mask.removeprefix('2#').removesuffix('#')}#")
     elif isinstance(mask, int) and set(str(mask)) <= {"0", "1"} and mask > 1:
         mask = int(str(mask), 2)
@@ -402,7 +406,7 @@ def _rectangle(label: Label, number: int) -> tuple[int, int, int, int]:
         if not isinstance(edge, int) or edge < 1:
             raise LabelError(
                 f"{label.source}: {COMPRESSION}/{keyword} should have a whole number above zero "
-                f"for segment {number + 1}, which is called lost, but has {edge!a:.40}"
+                f"for segment {number + 1}, which is marked as lost, but has {edge!a:.40}"
             )
         edges.append(edge)
     return edges[0] - 1, edges[1] - 1, edges[2], edges[3]
@@ -416,7 +420,7 @@ def _entries(label: Label, keyword: str) -> tuple[Value, ...]:
 
 
 def _is_lost(status: Value) -> bool:
-    """Whether a status is given and is not that of a whole segment."""
+    """Whether a status is given and is not that of a complete segment."""
     bare = _bare_value(status)
     return bare is not None and str(bare).strip().upper() not in WHOLE
 
@@ -450,7 +454,7 @@ def read_picture(data: bytes, name: str) -> tuple[GreyImage, Mask]:
 
 
 def read_colour_picture(data: bytes, name: str) -> tuple[Colours, Mask] | None:
-    """Red, green and blue and the mask of a JPEG or PNG file; None of one that is all grey.
+    """Red, green and blue and the mask of a JPEG or PNG file; None if it is grey.
 
     Raises:
         PixelError: it is neither, too large, or broken.
@@ -468,20 +472,20 @@ def _unpacked(data: bytes, name: str) -> tuple[np.ndarray, Mask]:
         raise PixelError(f"{name}: {samples} x {lines} pixels: no rover image is that large")
     bits = data[PNG_BITS] if data.startswith(PNG) else 8
     if bits > 8 or data.count(JPEG_SCAN) > MAX_SCANS:  # noqa: PLR2004 - one byte a colour
-        raise PixelError(f"{name}: not a picture of 8 bits in at most {MAX_SCANS} scans")
+        raise PixelError(f"{name}: not an image of 8 bits in at most {MAX_SCANS} scans")
     try:
         values = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
-        raise PixelError(f"{name}: cannot be unpacked: {error.err}") from error
+        raise PixelError(f"{name}: cannot be decoded: {error.err}") from error
     if values is None or values.shape[:2] != (lines, samples) or values.dtype != np.uint8:
-        raise PixelError(f"{name}: cannot be unpacked as {samples} x {lines} pixels of 8 bits")
+        raise PixelError(f"{name}: cannot be decoded as {samples} x {lines} pixels of 8 bits")
     colours = values.reshape(lines, samples, -1)[:, :, :3]
     lost = zeros_in_runs((colours == 0).all(axis=2))
     return colours, ~lost
 
 
 def picture_size(data: bytes, name: str) -> tuple[int, int]:
-    """(samples, lines) of a JPEG or PNG file, of its header.
+    """(samples, lines) of a JPEG or PNG file, from its header.
 
     Raises:
         PixelError: it is neither, or its header is broken.
@@ -496,4 +500,4 @@ def picture_size(data: bytes, name: str) -> tuple[int, int]:
                 int.from_bytes(data[position + 5 : position + 7], "big"),
             )
         position += 2 + max(2, int.from_bytes(data[position + 2 : position + 4], "big"))
-    raise PixelError(f"{name}: neither a PNG nor a JPEG picture with lines and samples")
+    raise PixelError(f"{name}: neither a PNG nor a JPEG image with lines and samples")

@@ -1,35 +1,34 @@
-"""Radiometric corrections that a label says were not made: companding and the flat field.
+"""Radiometric corrections still to be made by the label: companding and the flat field.
 
-Before compression the flight software may squeeze the 4096 counts v of the converter into 256 codes
-c by a table that follows the square root, because the noise of photons does. The label names the
-table, SAMPLE_BIT_MODE_ID = LUT1, LUT2 ...; NONE is linear. The inverse tables lie in the archive's
-calib folder and can be given (`config/instruments`). Without one the codes may be stretched by
+Before compression the flight software may map the 4096 counts v of the converter to 256 codes c by
+a table that follows the square root, as photon noise does. The label names the table,
+SAMPLE_BIT_MODE_ID = LUT1, LUT2 ...; NONE is linear. The inverse tables are in the archive's calib
+folder and can be configured (`config/instruments`). Without one the codes may be expanded by
 
     v = 4095 (c / 255)^2,
 
-which is an approximation and says so. How good it is for LUT3 can be seen on an archived frame that
-was inverted with the true table (Pancam, sol 4090): its 59 neighbouring values between 1284 and
-2534 counts come out within 11 counts, where one step of the code is 18 to 25.
+which is an approximation and reported as such. For LUT3 it was compared with an archived frame that
+was inverted with the true table (Pancam, sol 4090): 59 neighbouring values between 1284 and 2534
+counts agree within 11 counts, where one step of the code is 18 to 25.
 
-Codes left as they are do no harm to matching, which needs no photometry. They must not be mixed
-with counts: a mosaic would show the seam, and radiance would be wrong.
+Codes do not affect matching, which needs no photometry. They must not be mixed with counts: a
+mosaic would show a seam, and radiance would be wrong.
 
-A flat field F is the image of an even source, scaled to 1 in the middle; where the label says that
-it was not taken out (FLAT_FIELD_CORRECTION_FLAG = FALSE and no radiometric correction), a pixel is
-divided by it. Without a measured F the fall of light towards the edge may be modelled by
+A flat field F is the image of an even source, scaled to 1 in the middle; where the label states
+that it was not corrected (FLAT_FIELD_CORRECTION_FLAG = FALSE and no radiometric correction), a
+pixel is divided by it. Without a measured F the vignetting may be modelled by
 
     F(r) = 1 + k1 r^2 + k2 r^4 + k3 r^6,        r in pixels from (x0, y0) divided by the half width,
 
-whose coefficients are those of one camera. Flight values stand in the archive's calib folder and
-were not at hand, so nothing is evened out unless a model or flat field is given. Matching compares
-windows by correlation and does not need it; orthophotos and mosaics show the difference.
+with coefficients for one camera. Flight values are in the archive's calib folder and not part of
+solmap, so vignetting is corrected only if a model or flat field is given. Matching compares windows
+by correlation and does not need it; orthophotos and mosaics show the difference.
 
-Flat fields belong to the full detector: those of sub-frames are cut out of it by FIRST_LINE and
-FIRST_LINE_SAMPLE, those of averaged images averaged alike.
+Flat fields cover the full detector: those of sub-frames are cut out by FIRST_LINE and
+FIRST_LINE_SAMPLE, those of averaged images are averaged in the same way.
 
-Tables and flat fields are those of a mission; an image needs few of them or none. What it needs,
-`Radiometry.needed_by`, decides how its pixels are read: two sets of tables that need the same for
-an image give the same pixels.
+Tables and flat fields are given for a mission; an image needs few of them or none. Its pixels
+depend only on the part that it needs, `Radiometry.needed_by`.
 """
 
 from __future__ import annotations
@@ -51,23 +50,23 @@ BITS = 8
 CODES = 1 << BITS
 FULL_SCALE = 4095.0
 SQUARE_ROOT = "square root"
-"""Name of the approximation, in what is reported."""
+"""Name of the approximation in reports."""
 FlatField: TypeAlias = Float32[np.ndarray, "detector_lines detector_samples"]
-"""Share of the light that reaches each pixel of a full frame, 1 in the middle."""
+"""Fraction of the light that reaches each pixel of a full frame, 1 in the middle."""
 DETECTOR = 1024
-"""Lines and samples of the full frame that a model of the fall of light is meant for."""
+"""Lines and samples of the full frame to which a vignetting model applies."""
 LEAST = 0.05
-"""A lens that lets less than this through at the edge is no lens, but a fault of the model."""
+"""Least transmission at the edge; less shows an error of the model."""
 NO_TABLE = "no inverse table was given"
-NOT_PROPORTIONAL = "the flat field was not taken out: codes are not proportional to light"
+NOT_PROPORTIONAL = "the flat field was not corrected: codes are not proportional to light"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InverseTable:
-    """Counts of every code from 0 to 255."""
+    """Counts for every code from 0 to 255."""
 
     name: str
-    """SAMPLE_BIT_MODE_ID that it belongs to."""
+    """Its SAMPLE_BIT_MODE_ID."""
     counts: Float32[np.ndarray, " codes"]
     source: str
     is_approximation: bool = False
@@ -77,8 +76,8 @@ class InverseTable:
         rising = counts.shape == (CODES,) and np.isfinite(counts).all() and counts[0] >= 0
         if not rising or (np.diff(counts) < 0).any():
             raise PixelError(
-                f"inverse table {self.name}: expected {CODES} counts that do not fall, "
-                f"found {counts.shape} from {self.source}"
+                f"inverse table {self.name}: expected {CODES} non-decreasing counts, found "
+                f"{counts.shape} from {self.source}"
             )
         counts.flags.writeable = False
         object.__setattr__(self, "counts", counts)
@@ -86,13 +85,13 @@ class InverseTable:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Companding:
-    """The inverse tables at hand, and whether the approximation may stand in."""
+    """The available inverse tables, and whether the approximation may be used instead."""
 
     tables: Mapping[str, InverseTable] = field(default_factory=dict)
     approximate: bool = False
 
     def table(self, name: str) -> InverseTable | None:
-        """The table of a SAMPLE_BIT_MODE_ID, the approximation where that is allowed, or None."""
+        """The table of a SAMPLE_BIT_MODE_ID, the approximation where allowed, or None."""
         return self.tables.get(name) or (square_root_table(name) if self.approximate else None)
 
 
@@ -104,7 +103,7 @@ def square_root_table(name: str) -> InverseTable:
 
 
 def companding_name(label: Label) -> str | None:
-    """The table that the pixels are still coded by, or None where they are counts."""
+    """The table by which the pixels are still coded, or None where they are counts."""
     name = (label.optional(STATE, "SAMPLE_BIT_MODE_ID", str) or "NONE").upper()
     method = (label.optional(STATE, "SAMPLE_BIT_METHOD", str) or "").upper()
     in_bytes = label.optional("IMAGE", "SAMPLE_BITS", int) == BITS or full_scale(label) == CODES - 1
@@ -115,25 +114,25 @@ def expand_codes(codes: GreyImage, table: InverseTable) -> GreyImage:
     """Counts of coded pixels.
 
     Raises:
-        PixelError: a pixel is above 255, so the pixels are no codes.
+        PixelError: a pixel is above 255, so the pixels are not codes.
     """
     highest = float(codes.max(initial=0))
     if highest > CODES - 1:
         raise PixelError(
-            f"pixels up to {highest:.0f} are no 8-bit codes of {table.name}; expected at most 255"
+            f"pixels up to {highest:.0f} are not 8-bit codes of {table.name}; expected at most 255"
         )
     return table.counts[codes.astype(np.uint8)]
 
 
 @dataclass(frozen=True, slots=True)
 class RadialVignetting:
-    """Fall of light from the middle of a full frame to its edge."""
+    """Vignetting model from the middle of a full frame to its edge."""
 
     k1: float
     k2: float = 0.0
     k3: float = 0.0
     centre: tuple[float, float] | None = None
-    """(sample, line) of the brightest place; None: the middle of the frame."""
+    """(sample, line) of the brightest point; None: the middle of the frame."""
     source: str = "given"
 
     def flat_field(self, lines: int, samples: int) -> FlatField:
@@ -149,14 +148,14 @@ class RadialVignetting:
         flat = 1 + square * (self.k1 + square * (self.k2 + square * self.k3))
         if not flat.min() > LEAST:
             raise PixelError(
-                f"the vignetting model ({self.k1:g}, {self.k2:g}, {self.k3:g}) lets "
-                f"{flat.min():.3g} through at the edge; expected more than {LEAST}"
+                f"the vignetting model ({self.k1:g}, {self.k2:g}, {self.k3:g}) transmits "
+                f"{flat.min():.3g} at the edge; expected more than {LEAST}"
             )
         return flat.astype(np.float32)
 
 
 def needs_flat_field(label: Label) -> bool:
-    """Whether the label says that the fall of light is still in the pixels."""
+    """Whether vignetting is still in the pixels, according to the label."""
     groups = ("INSTRUMENT_STATE_PARMS", "OBSERVATION_REQUEST_PARMS")
     flags = [label.optional(group, "FLAT_FIELD_CORRECTION_FLAG", str) for group in groups]
     on_board = any((flag or "").upper() == "TRUE" for flag in flags[:1])
@@ -168,11 +167,11 @@ def needs_flat_field(label: Label) -> bool:
 def divide_by_flat_field(
     pixels: GreyImage, label: Label, flat: FlatField | RadialVignetting
 ) -> GreyImage:
-    """Pixels divided by the part of a full frame's flat field that they saw.
+    """Pixels divided by their part of a full frame's flat field.
 
     Args:
         pixels: grey values as stored.
-        label: says which part of the detector that is.
+        label: gives their part of the detector.
         flat: a flat field of the full frame, or its model.
 
     Raises:
@@ -186,7 +185,7 @@ def divide_by_flat_field(
 
 
 def _part(full: FlatField, label: Label, lines: int, samples: int) -> GreyImage:
-    """The flat field of the detector's part that an image shows, averaged as it was."""
+    """The flat field of an image's detector region, averaged as the image was."""
     width, height = pixel_averaging(label)
     first_line = (label.optional("IMAGE", "FIRST_LINE", int) or 1) - 1
     first_sample = (label.optional("IMAGE", "FIRST_LINE_SAMPLE", int) or 1) - 1
@@ -204,23 +203,23 @@ def _part(full: FlatField, label: Label, lines: int, samples: int) -> GreyImage:
 
 @dataclass(frozen=True, slots=True)
 class PixelState:
-    """What a label says was not done to the pixels yet."""
+    """Corrections that the label lists as not made yet."""
 
     code: str | None = None
-    """SAMPLE_BIT_MODE_ID of the table that they are coded by; None: they are counts."""
+    """SAMPLE_BIT_MODE_ID of the table by which they are coded; None: they are counts."""
     darkened_by: str | None = None
-    """INSTRUMENT_ID of the camera whose fall of light is still in them; None: taken out."""
+    """INSTRUMENT_ID of the camera whose vignetting is still in them; None: corrected."""
 
     @classmethod
     def of(cls, label: Label) -> PixelState:
-        """As the label says."""
+        """According to the label."""
         camera = label.optional("", "INSTRUMENT_ID", str)
         return cls(companding_name(label), camera if needs_flat_field(label) else None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Radiometry:
-    """What is done to pixels that the label says are coded or darkened; nothing unless given."""
+    """Tables for pixels that are coded or not flat-fielded; no correction without them."""
 
     companding: Companding = field(default_factory=Companding)
     flat_fields: Mapping[str, FlatField | RadialVignetting] = field(default_factory=dict)
@@ -228,14 +227,14 @@ class Radiometry:
 
     @property
     def changes_nothing(self) -> bool:
-        """Whether pixels stay as they are stored, whatever their label says."""
+        """Whether no label's pixels would be changed."""
         companding = self.companding
         return not (companding.tables or companding.approximate or self.flat_fields)
 
     def needed_by(self, state: PixelState) -> Radiometry:
         """The part that changes pixels in this state.
 
-        A flat field is of no use to codes without a table: they are not proportional to light.
+        A flat field cannot be applied to codes without a table: they are not proportional to light.
         """
         table = self.companding.table(state.code) if state.code is not None else None
         flat = self.flat_fields.get(state.darkened_by or "")
@@ -249,10 +248,10 @@ class Radiometry:
 def correct_radiometry(
     pixels: GreyImage, label: Label, radiometry: Radiometry
 ) -> tuple[GreyImage, tuple[str, ...]]:
-    """Pixels with codes turned into counts and vignetting taken out, and what was done or not.
+    """Pixels with codes expanded to counts and vignetting corrected, and notes on both.
 
     Raises:
-        PixelError: the pixels are no codes of the table, or not within the flat field.
+        PixelError: the pixels are not codes of the table, or not within the flat field.
     """
     state = PixelState.of(label)
     needed = radiometry.needed_by(state)
@@ -260,7 +259,7 @@ def correct_radiometry(
     if state.code is not None:
         table = needed.companding.table(state.code)
         if table is None:
-            notes.append(f"pixels are 8-bit codes of {state.code}, no counts: {NO_TABLE}")
+            notes.append(f"pixels are 8-bit codes of {state.code}, not counts: {NO_TABLE}")
             if state.darkened_by in radiometry.flat_fields:
                 notes.append(NOT_PROPORTIONAL)
         else:

@@ -1,9 +1,8 @@
-"""The one entrance for image files: bytes and a name in, record and pixels out.
+"""Read any image file: bytes and a name in, record and pixels out.
 
-A file carries its label (PDS3, VICAR), or it is joined to one that came beside it (`detached`):
-PDS3, PDS4, the JSON metadata of a raw image of Mars 2020, or the record that an image of an own
-stereo rig was taken in with. Its pixels are stored as the label
-says, or as a PNG or JPEG picture.
+A file has an attached label (PDS3, VICAR), or it is joined to a detached one (`detached`): PDS3,
+PDS4, the JSON metadata of a raw image of Mars 2020, or the record made when an image of an own
+stereo rig was ingested. Its pixels are stored as described in the label, or as PNG or JPEG.
 """
 
 from __future__ import annotations
@@ -48,39 +47,39 @@ from solmap.photogrammetry.errors import FrameError, LabelError, PixelError
 from solmap.photogrammetry.imagery import RoverImage
 
 BEGINNINGS = (b"PDS_VERSION_ID", b"ODL_VERSION_ID", b"CCSD")
-"""What an attached label starts with; CCSD is the wrapper some volumes put before it."""
+"""First bytes of an attached label; CCSD is the wrapper that some volumes put before it."""
 _ENCODED = re.compile(r"[NFRZ][LR](?:E_\d{4}_|._\d{4}_\d{10}_\d{3}EBY)", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadImage:
-    """An image as it was read."""
+    """An image as read."""
 
     image: RoverImage
     pixels: GreyImage
     mask: Mask
     saturated: Mask = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
-    """True where the detector could not count further; such pixels are still in `mask`."""
+    """True where the detector was saturated; such pixels are still in `mask`."""
     notes: tuple[str, ...] = ()
-    """What is peculiar about the pixels, a line each: lost segments, codes in place of counts."""
+    """Notes on the pixels, one per line: lost segments, codes in place of counts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DescribedImage:
-    """An image file, its label read and its pixels not yet."""
+    """An image file whose label was read, but not its pixels."""
 
     image: RoverImage
     label: Label | None
-    """None where JSON stands in for it: metadata, or the record of an own stereo rig's image."""
+    """None where JSON replaces it: metadata, or the record of an own stereo rig's image."""
     data: bytes
-    """The file that the pixels are in."""
+    """The file with the pixels."""
 
     @property
     def is_mosaic(self) -> bool:
-        """Whether the pixels are those of a Bayer frame, by the label or the name of the product.
+        """Whether the image is a Bayer frame, by the label or the name of the product.
 
-        Names of Mars 2020 say E (encoded) for the colour, or EBY for the product type; a picture of
-        several colours is none.
+        Names of Mars 2020 have E (encoded) for the colour, or EBY for the product type; a file with
+        several colours is not a Bayer frame.
         """
         label = self.label
         if label is not None and (label.optional("IMAGE", "BANDS", int) or 1) > 1:
@@ -94,7 +93,7 @@ class DescribedImage:
 
     @property
     def state(self) -> PixelState:
-        """What was not done to the pixels; JSON metadata say nothing of it."""
+        """Corrections not yet made to the pixels; JSON metadata do not state any."""
         return PixelState() if self.label is None else PixelState.of(self.label)
 
 
@@ -109,13 +108,13 @@ def read_image(
 
     Args:
         data: the whole file.
-        name: its name; says the product type and stands in every complaint.
+        name: its name; gives the product type and is part of every message.
         detached_label: the text of a label in a file of its own, if there is one beside `data`.
         radiometry: tables of coded pixels and flat fields, where there are any.
 
     Raises:
-        LabelError: the file has no label, or one that describes no mapping image.
-        PixelError: the pixels are not what the label says.
+        LabelError: the file has no label, or one that does not describe a mapping image.
+        PixelError: the pixels contradict the label.
     """
     described = describe_image(data, name, detached_label=detached_label)
     image, label = described.image, described.label
@@ -127,17 +126,20 @@ def read_image(
     pixels, notes = correct_radiometry(pixels, label, radiometry or Radiometry())
     lost = int(np.count_nonzero(mask & ~came_down))
     if lost:
-        notes = (f"{lost} pixels are masked: the label calls their segments lost", *notes)
+        notes = (
+            f"{lost} pixels are masked: their segments are marked as lost in the label",
+            *notes,
+        )
     mask &= came_down
     return ReadImage(image, _grey(pixels, mask, described), mask, is_saturated & mask, notes)
 
 
 def read_colour(data: bytes, name: str) -> tuple[Colours, Mask] | None:
-    """Red, green and blue as stored, and the mask, of an image file; None where it has no colour.
+    """Red, green and blue as stored, and the mask, of an image file; None if it has no colour.
 
     Raises:
-        LabelError: the file has no label, or one that describes no mapping image.
-        PixelError: the pixels are not what the label says.
+        LabelError: the file has no label, or one that does not describe a mapping image.
+        PixelError: the pixels contradict the label.
     """
     described = describe_image(data, name)
     if described.is_mosaic:
@@ -155,19 +157,19 @@ def _grey(pixels: GreyImage, mask: Mask, described: DescribedImage) -> GreyImage
 
 
 def read_image_record(data: bytes, name: str, *, detached_label: str | None = None) -> RoverImage:
-    """The record alone; the first megabyte of the file is enough.
+    """Only the record; the first megabyte of the file is enough.
 
     Raises:
-        LabelError: the file has no label, or one that describes no mapping image.
+        LabelError: the file has no label, or one that does not describe a mapping image.
     """
     return describe_image(data, name, detached_label=detached_label).image
 
 
 def describe_image(data: bytes, name: str, *, detached_label: str | None = None) -> DescribedImage:
-    """The record and what it was read from.
+    """The record and the label it was read from.
 
     Raises:
-        LabelError: the file has no label, or one that describes no mapping image.
+        LabelError: the file has no label, or one that does not describe a mapping image.
     """
     if detached_label is None:
         detached_label, data = _split_detached(data, name)
@@ -194,7 +196,7 @@ def read_label(data: bytes, name: str) -> Label:
 
 
 def has_attached_label(data: bytes) -> bool:
-    """Whether a file starts like one that carries its label, PDS3 or VICAR."""
+    """Whether a file starts with its label, PDS3 or VICAR."""
     return data.startswith(START) or data[:256].lstrip().upper().startswith(BEGINNINGS)
 
 
@@ -212,7 +214,7 @@ def _label(data: bytes, name: str, detached_label: str | None) -> Label:
         case LabelKind.PDS3:
             return parse_label(detached_label, name)
         case LabelKind.METADATA:
-            raise LabelError(f"{name}: JSON metadata stand in for the label")
+            raise LabelError(f"{name}: it has JSON metadata instead of a label")
 
 
 def _attached_label(data: bytes, name: str) -> Label:
@@ -230,14 +232,14 @@ def _attached_label(data: bytes, name: str) -> Label:
 
 
 def _stored_pixels(described: DescribedImage, name: str) -> tuple[GreyImage, Mask]:
-    """Grey values and mask as they are in the file."""
+    """Grey values and mask as stored in the file."""
     image, data = described.image, described.data
     if described.label is not None and not is_picture(data):
         return read_pixels(data, described.label, name)
     samples, lines = picture_size(data, name)
     if (lines, samples) != (image.lines, image.samples):
         raise PixelError(
-            f"{name}: the picture is {samples} x {lines} pixels, its label says "
-            f"{image.samples} x {image.lines}"
+            f"{name}: the image is {samples} x {lines} pixels, its label says {image.samples} x "
+            f"{image.lines}"
         )
     return read_picture(data, name)

@@ -1,7 +1,7 @@
-"""The record of an image as JSON; every number comes back as it was.
+"""The record of an image as JSON; numbers are read back exactly.
 
-The catalogue caches labels in it, and images of an own stereo rig, which come without labels, are
-kept with it as their label.
+The catalogue caches labels in this form, and images of an own stereo rig, which have no labels, are
+stored with it as their label.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ _RECORDS: dict[str, Any] = {
 }
 _NAMES: dict[str, Any] = {name.__name__: name for name in (Eye, FrameKind)}
 START = '{"": "RoverImage"'
-"""What a record's text begins with."""
+"""Beginning of a record's text."""
 
 
 def text_of_label(label: RoverImage) -> str:
-    """What a label says, as JSON; every number comes back as it was."""
+    """The content of a label as JSON; numbers are read back exactly."""
     return json.dumps(_document(label))
 
 
@@ -39,16 +39,16 @@ def label_of_text(text: str, source: str = "a cached label") -> RoverImage:
     """The twin of `text_of_label`.
 
     Raises:
-        LabelError: it is none; names `source`.
+        LabelError: it is not a record; the message names `source`.
     """
     try:
         label = _value(json.loads(text))
     except PhotogrammetryError as error:
         raise LabelError(f"{source}: {error}") from error
     except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
-        raise LabelError(f"{source}: no record of an image: {error!r:.100}") from error
+        raise LabelError(f"{source}: not the record of an image: {error!r:.100}") from error
     if not isinstance(label, RoverImage):
-        raise LabelError(f"{source}: no record of an image")
+        raise LabelError(f"{source}: not the record of an image")
     return label
 
 

@@ -1,15 +1,15 @@
-"""From a label to a `RoverImage`: who looked from where in which direction with which camera.
+"""From a label to a `RoverImage`: pose, camera model, time and identifiers.
 
 The camera model of a label already belongs to the image as stored: sub-frame and pixel averaging
-are in it. Only the half pixel is put right, which MER's software, though not that of later
-missions, left out when it averaged blocks of w x h pixels (integer coordinates are pixel centres),
+are included. Only one correction is made: MER's software, unlike that of later missions, omitted
+half a pixel when it averaged blocks of w x h pixels (integer coordinates are pixel centres),
 
     H <- H - (1 - 1/w)/2 A,        V <- V - (1 - 1/h)/2 A.
 
-Directions stated in labels are not used. Elevations have the wrong sign in whole product families
-although their labels claim POSITIVE_ELEVATION_DIRECTION = UP, so the Sun's is put right: by the
+Directions in labels are not used. Elevations have the wrong sign in whole product families although
+their labels state POSITIVE_ELEVATION_DIRECTION = UP, so the sign of the Sun's is corrected: by the
 mast's x axis, whose elevation follows from the quaternion and must agree with INSTRUMENT_ELEVATION,
-or where there is no mast by the Sun being up by day.
+or, without a mast, because the Sun is up by day.
 """
 
 from __future__ import annotations
@@ -40,11 +40,12 @@ STATE = "INSTRUMENT_STATE_PARMS"
 ROVER_FRAMES = frozenset({"ROVER_FRAME", "ROVER_NAV_FRAME"})
 MODELS = {"CAHV": "CAHV", "CAHVOR": "CAHVOR", "CAHVORE": "CAHVORETP"}
 TELLING_ELEVATION = math.radians(1.0)
-"""Mast elevations nearer to the horizon do not tell the sign: six digits and 0.1 degree of lag."""
+"""Mast elevations nearer to the horizon do not determine the sign: six digits and 0.1 degree of
+lag."""
 DETECTOR_ON_MAST = re.compile(r"(?:NAV|PAN)[ _]CCD\Z", re.ASCII)
 """In the names of temperatures: LEFT PAN CCD of MER, B_LEFT_NAV_CCD of MSL."""
 MAX_CELSIUS = 150.0
-"""Labels give 1e30 where nothing was measured, or zero."""
+"""Labels have 1e30 where nothing was measured, or zero."""
 DAY_HOURS = (6.5, 17.5)
 """Local true solar time at which the Sun is up at any rover's latitude, in every season."""
 
@@ -56,7 +57,7 @@ _SOLAR_TIME = re.compile(
     r"(?:SOL-?\d{1,6}[ MT]+)?(?P<hour>\d{1,2}):(?P<minute>\d\d)(?::\d\d(?:\.\d{0,9})?)?",
     re.ASCII | re.IGNORECASE,
 )
-"""Local true solar time, alone or behind the sol."""
+"""Local true solar time, alone or after the sol."""
 
 Camera = Cahv | Cahvor | Cahvore
 
@@ -65,7 +66,7 @@ def rover_image(label: Label, file_name: str, missions: Sequence[Mission] = MISS
     """The record of an image.
 
     Raises:
-        LabelError: the label describes no mapping image, or lacks what one needs.
+        LabelError: the label does not describe a mapping image, or lacks a required value.
     """
     mission = _mission(label, missions)
     name = _name(label, file_name)
@@ -113,7 +114,7 @@ def rover_image(label: Label, file_name: str, missions: Sequence[Mission] = MISS
 
 
 def camera_model(label: Label) -> Camera:
-    """The camera model of a label as it stands there, but for the length of O, which is made 1.
+    """The camera model of a label unchanged, except that O is scaled to length 1.
 
     Raises:
         LabelError: there is none, or it is impossible.
@@ -144,10 +145,10 @@ def camera_model(label: Label) -> Camera:
 
 
 def check_field(camera: Camera, samples: int, lines: int, source: str) -> None:
-    """Refuse a camera model that cannot be that of an image of so many pixels.
+    """Reject a camera model that cannot be that of an image of so many pixels.
 
     Raises:
-        LabelError: its focal lengths or principal point are out of all proportion to the image.
+        LabelError: its focal lengths or principal point are impossible for the image.
     """
     inner = interior_orientation(camera.a, camera.h, camera.v)
     for size, focal_px, centre_px in ((samples, inner.hs, inner.hc), (lines, inner.vs, inner.vc)):
@@ -183,12 +184,14 @@ def _model_kind(label: Label, parts: Mapping[str, np.ndarray]) -> int:
 def _unit(label: Label, vector: np.ndarray) -> np.ndarray:
     length = float(np.linalg.norm(vector))
     if not 0.5 < length < 2:  # noqa: PLR2004 - nothing that rounding could have made of 1
-        raise LabelError(f"{label.source}: {CAMERA}: O is a unit vector, not one of {length:.3g}")
+        raise LabelError(
+            f"{label.source}: {CAMERA}: O should be a unit vector, but has length {length:.3g}"
+        )
     return vector / length
 
 
 def _camera_in_rover(label: Label, site_from_rover: Pose, *, correct_half_pixel: bool) -> Camera:
-    """The camera model in the rover frame, its half pixel put right."""
+    """The camera model in the rover frame, with the half pixel corrected."""
     camera = camera_model(label)
     frame = label.optional(CAMERA, "REFERENCE_COORD_SYSTEM_NAME", str) or "ROVER_FRAME"
     if frame == "SITE_FRAME":
@@ -205,7 +208,7 @@ def _camera_in_rover(label: Label, site_from_rover: Pose, *, correct_half_pixel:
 
 
 def pixel_averaging(label: Label) -> tuple[int, int]:
-    """How many columns and lines of the detector were averaged into one pixel."""
+    """Number of columns and lines of the detector that were averaged into one pixel."""
     counts = []
     for keyword in ("PIXEL_AVERAGING_WIDTH", "PIXEL_AVERAGING_HEIGHT"):
         count = label.optional(STATE, keyword, int)
@@ -218,7 +221,7 @@ def pixel_averaging(label: Label) -> tuple[int, int]:
 
 
 def _site_from_rover(label: Label, stop: StopId) -> Pose:
-    """Where the rover stood in its site, by telemetry."""
+    """Pose of the rover in its site, by telemetry."""
     reference = label.optional(ROVER, "REFERENCE_COORD_SYSTEM_NAME", str) or "SITE_FRAME"
     if reference != "SITE_FRAME":
         raise LabelError(
@@ -237,10 +240,10 @@ def _site_from_rover(label: Label, stop: StopId) -> Pose:
 
 
 def parent_from_site(label: Label, site: int) -> Pose | None:
-    """Where the image's site lies in the one that it was declared in; MER labels do not say.
+    """Position of the image's site in the site where it was declared; MER labels lack it.
 
     Raises:
-        LabelError: the group SITE_COORDINATE_SYSTEM is there, but is no pose.
+        LabelError: the group SITE_COORDINATE_SYSTEM exists, but does not give a pose.
     """
     if label.get(SITE, "ORIGIN_OFFSET_VECTOR") is None:
         return None
@@ -271,7 +274,7 @@ def _mission(label: Label, missions: Sequence[Mission]) -> Mission:
 
 
 def _name(label: Label, file_name: str) -> FileName | None:
-    """The parts of the file's name; of PRODUCT_ID where somebody renamed the file."""
+    """The parts of the file's name; of PRODUCT_ID where the file was renamed."""
     for name in (file_name, label.optional("", "PRODUCT_ID", str) or ""):
         try:
             return parse_file_name(name)
@@ -285,26 +288,24 @@ def _stem(file_name: str) -> str:
 
 
 def _check_mapping_image(label: Label, mission: Mission, product_type: str) -> None:
-    """Refuse thumbnails, reference pixels, histograms and rasters of anything but grey values."""
+    """Reject thumbnails, reference pixels, histograms and rasters of anything but grey values."""
     image_type = label.optional("", "IMAGE_TYPE", str) or "REGULAR"
     if image_type != "REGULAR":
-        raise LabelError(f"{label.source}: no mapping image: IMAGE_TYPE is {image_type[:40]!a}")
+        raise LabelError(f"{label.source}: not a mapping image: IMAGE_TYPE is {image_type[:40]!a}")
     derived = label.optional("DERIVED_IMAGE_PARMS", "DERIVED_IMAGE_TYPE", str) or "IMAGE"
     if derived != "IMAGE":
         raise LabelError(
-            f"{label.source}: no mapping image: DERIVED_IMAGE_TYPE is {derived[:40]!a}"
+            f"{label.source}: not a mapping image: DERIVED_IMAGE_TYPE is {derived[:40]!a}"
         )
     known = mission.mapping_products
     if known is not None and product_type != "UNKNOWN" and product_type not in known:
-        raise LabelError(f"{label.source}: no mapping image: product type {product_type}")
+        raise LabelError(f"{label.source}: not a mapping image: product type {product_type}")
 
 
 def _instrument(label: Label, mission: Mission) -> tuple[str, Eye]:
     identifier = label.require("", "INSTRUMENT_ID", str).upper()
     if identifier not in mission.instruments:
-        raise LabelError(
-            f"{label.source}: INSTRUMENT_ID {identifier[:40]!a} is no camera that is known here"
-        )
+        raise LabelError(f"{label.source}: unknown camera INSTRUMENT_ID {identifier[:40]!a}")
     return mission.instruments[identifier]
 
 
@@ -335,7 +336,7 @@ def _clock(label: Label) -> float:
 def _filter_number(
     label: Label, mission: Mission, instrument: str, name: FileName | None
 ) -> int | None:
-    """The filter of an instrument that has any: labels of others echo the Pancam wheel."""
+    """The filter of an instrument with filters: labels of others repeat the Pancam wheel's."""
     if instrument not in mission.stereo_filters:
         return None
     if name is not None and name.filter_number > 0:
@@ -349,7 +350,7 @@ def _sun_azimuth(label: Label) -> float | None:
 
 
 def _sun_elevation(label: Label, mission: Mission) -> float | None:
-    """Elevation of the Sun with its sign put right (see the module)."""
+    """Elevation of the Sun with its sign corrected (see the module)."""
     elevation = label.optional_angle(SITE_GEOMETRY, "SOLAR_ELEVATION")
     if elevation is None:
         return None
@@ -363,7 +364,7 @@ def _sun_elevation(label: Label, mission: Mission) -> float | None:
 def _mast_in_rover(
     label: Label, mission: Mission, instrument: str
 ) -> tuple[float, float, float] | None:
-    """Origin of the mast frame in the rover frame, metres, for cameras that it carries."""
+    """Origin of the mast frame in the rover frame, metres, for cameras on the mast."""
     if instrument.endswith("HAZCAM"):
         return None
     if label.get(mission.mast_group, "ORIGIN_OFFSET_VECTOR") is None:
@@ -373,21 +374,21 @@ def _mast_in_rover(
 
 
 def _camera_celsius(label: Label, instrument: str) -> float | None:
-    """Mean temperature of the detectors on the mast, of those that were measured."""
+    """Mean temperature of the mast's detectors, of those that were measured."""
     names = label.get(STATE, "INSTRUMENT_TEMPERATURE_NAME")
     if instrument.endswith("HAZCAM") or not isinstance(names, tuple):
         return None
     try:
         values = label.require_numbers(STATE, "INSTRUMENT_TEMPERATURE", len(names))
     except LabelError:
-        return None  # nothing else depends on it
+        return None  # # optional: a broken value must not reject the image
     on_mast = np.array([bool(DETECTOR_ON_MAST.search(str(name))) for name in names], dtype=bool)
     measured = values[on_mast & (values != 0) & (np.abs(values) < MAX_CELSIUS)]
     return float(measured.mean()) if len(measured) else None
 
 
 def _mast_elevation(label: Label, mission: Mission) -> float | None:
-    """Elevation of the mast's x axis in the rover frame, of its quaternion."""
+    """Elevation of the mast's x axis in the rover frame, from its quaternion."""
     if label.get(mission.mast_group, "ORIGIN_ROTATION_QUATERNION") is None:
         return None
     quaternion = label.require_numbers(mission.mast_group, "ORIGIN_ROTATION_QUATERNION", 4)
@@ -399,13 +400,13 @@ def _mast_elevation(label: Label, mission: Mission) -> float | None:
 
 
 def _local_solar_time(label: Label) -> str | None:
-    """The local true solar time as it stands there; None where it is none."""
+    """The local true solar time of the label; None where it is not valid."""
     text = label.optional("", "LOCAL_TRUE_SOLAR_TIME", str)
     return text if text is not None and _SOLAR_TIME.fullmatch(text) else None
 
 
 def _is_day(label: Label) -> bool:
-    """Whether the local solar time says so; rovers photograph by day if nobody says otherwise."""
+    """Whether the local solar time is by day; rovers photograph by day if it is not stated."""
     time = _SOLAR_TIME.fullmatch(label.optional("", "LOCAL_TRUE_SOLAR_TIME", str) or "")
     if time is None:
         return True

@@ -1,5 +1,5 @@
-"""Labels: text or bytes in, one `Label` out, whatever it was written in.
+"""Labels: text or bytes of any format in, one `Label` out.
 
-PDS3 (ODL), VICAR and PDS4 (XML), attached to the data or in a file of its own. May not import
-`images` and `tables`.
+PDS3 (ODL), VICAR and PDS4 (XML), attached to the data or detached. May not import `images` and
+`tables`.
 """

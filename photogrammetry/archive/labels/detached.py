@@ -1,12 +1,12 @@
-"""A label in a file of its own and the data that it describes, kept as one file.
+"""A detached label and its data, joined into one file.
 
-What is kept of an image is one file, byte for byte what came. Where label and data came as two, a
-line in front says how long the label is, and both follow as they are:
+An image is stored as one file with its original bytes. If label and data were two files, a first
+line gives the length of the label, and both follow unchanged:
 
     SOLMAP_DETACHED_LABEL = 0000026976   ...the label file...   ...the data file...
 
-The label may be PDS3 (.lbl), PDS4 (.xml) or the metadata of a raw image of Mars 2020 (.json); what
-it is shows in its first character.
+The label may be PDS3 (.lbl), PDS4 (.xml) or the metadata of a raw image of Mars 2020 (.json); its
+first character identifies it.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from solmap.photogrammetry.errors import LabelError
 
 FRONT = "SOLMAP_DETACHED_LABEL = {size:010d}\r\n"
 MAX_DETACHED_BYTES = MAX_LABEL_BYTES - len(FRONT.format(size=0))
-"""So that the first megabyte of the one file holds the whole label."""
+"""Limit such that the first megabyte of the joined file holds the whole label."""
 _FRONT = re.compile(rb"SOLMAP_DETACHED_LABEL = (\d{10})\r\n")
 
 
 class LabelKind(StrEnum):
-    """What a label in a file of its own is written in."""
+    """Format of a detached label."""
 
     PDS3 = "PDS3"
     PDS4 = "PDS4"
@@ -35,15 +35,15 @@ def join_label(label: bytes, data: bytes, name: str) -> bytes:
     """Label and data as one file.
 
     Raises:
-        LabelError: the label is too long to be one.
+        LabelError: the label is too long.
     """
     if len(label) > MAX_DETACHED_BYTES:
-        raise LabelError(f"{name}: a label of {len(label)} bytes is too long to be one")
+        raise LabelError(f"{name}: {len(label)} bytes are too many for a label")
     return FRONT.format(size=len(label)).encode("ascii") + label + data
 
 
 def split_label(file: bytes, name: str) -> tuple[bytes | None, bytes]:
-    """Label and data of `join_label`; None and the file as it is where it is no such file.
+    """Label and data of `join_label`; for any other file None and the file unchanged.
 
     Raises:
         LabelError: the file ends before its label does.
@@ -61,13 +61,13 @@ def split_label(file: bytes, name: str) -> tuple[bytes | None, bytes]:
 
 
 def kind_of_label(text: str) -> LabelKind:
-    """What a label is written in."""
+    """Format of a label."""
     start = text.lstrip("\ufeff \t\r\n")[:1]
     return {"<": LabelKind.PDS4, "{": LabelKind.METADATA}.get(start, LabelKind.PDS3)
 
 
 def decode_label(label: bytes) -> str:
-    """The characters of a label file: UTF-8 where it is that, otherwise one a byte."""
+    """The characters of a label file: UTF-8 where valid, otherwise one per byte."""
     try:
         return label.decode("utf-8-sig")
     except UnicodeDecodeError:

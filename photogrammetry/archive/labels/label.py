@@ -1,15 +1,15 @@
-"""PDS3 labels (ODL) as they occur: text in, a flat record of groups out.
+"""PDS3 labels (ODL): text in, a flat record of groups out.
 
     statement :=  KEYWORD = value  |  END
                |  GROUP = name ... END_GROUP  |  OBJECT = name ... END_OBJECT
     value     :=  scalar  |  ( value, ... )  |  { value, ... }
     scalar    :=  number <unit>  |  "text"  |  'symbol'  |  word
 
-Whitespace means nothing, so lists and texts break over lines anywhere. Numbers may be quoted;
+Whitespace has no meaning, so lists and texts may continue over lines. Numbers may be quoted;
 "NULL", "N/A" and "UNK" stand for an unknown value and become None; a namespace (MSL:) is dropped.
 Groups are looked up with or without the suffix _PARMS that later missions added, and nested ones as
-if they stood alone. The parser is ours because it must be bounded: one pass, no backtracking, a
-limit to length and depth, and nothing but `LabelError` for whatever is wrong.
+if they were not nested. This parser is bounded, unlike available libraries: one pass, no
+backtracking, limits to length and depth, and `LabelError` for every fault.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ import numpy as np
 from solmap.photogrammetry.errors import LabelError
 
 Value: TypeAlias = "int | float | str | Quantity | tuple[Value, ...] | None"
-"""What a keyword may hold; None is an unknown value."""
+"""Possible values of a keyword; None is an unknown value."""
 
 MAX_LABEL_BYTES = 1 << 20
-"""The longest label of the archive is some 50 kB; what has no END within a megabyte is none."""
+"""The longest label of the archive is some 50 kB; a file without END within a megabyte is not a
+label."""
 MAX_TOKENS = 50_000
-"""Words, marks and gaps; the longest label of the archive has some 6,000."""
+"""Words, marks and gaps; the longest label of the archive has about 6,000."""
 MAX_DEPTH = 16
 MAX_NUMBER_LENGTH = 64
 SHOWN = 40
@@ -67,10 +68,10 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """The keywords of a label, by group; the group "" holds those outside of any."""
+    """The keywords of a label, by group; the group "" holds those outside any group."""
 
     source: str
-    """Whose label it is: stands at the head of every complaint."""
+    """Name of the label's file; every message begins with it."""
     groups: Mapping[str, Mapping[str, Value]]
 
     def has_group(self, name: str) -> bool:
@@ -95,14 +96,14 @@ class Label:
         return None if value is None else self._convert(value, group, keyword, kind)
 
     def require_numbers(self, group: str, keyword: str, count: int | None = None) -> np.ndarray:
-        """The list of a keyword as float64, of exactly `count` numbers if that is given."""
+        """The list of a keyword as float64, of exactly `count` numbers if given."""
         values = _sequence(self._present(group, keyword))
         if count is not None and len(values) != count:
             raise self._complaint(group, keyword, f"{count} numbers", values)
         return np.array([self._convert(value, group, keyword, float) for value in values])
 
     def optional_angle(self, group: str, keyword: str) -> float | None:
-        """An angle in radians; labels give degrees unless they say rad."""
+        """An angle in radians; labels give degrees unless their unit is rad."""
         value = self.get(group, keyword)
         if value is None:
             return None
@@ -149,16 +150,16 @@ class Label:
 
 
 def parse_label(text: str, source: str) -> Label:
-    """The label at the start of `text`, up to its END; `source` names it in complaints.
+    """The label at the start of `text`, up to its END; `source` names it in messages.
 
     Raises:
-        LabelError: the text is no label; names the line and what was expected there.
+        LabelError: the text is not a label; the message names the line and what was expected there.
     """
     return _Parser(text[:MAX_LABEL_BYTES], source).label()
 
 
 def label_text(data: bytes) -> str:
-    """The part of a file that may be its label, one character a byte."""
+    """The part of a file that may be its label, one character per byte."""
     return data[:MAX_LABEL_BYTES].decode("latin-1")
 
 
@@ -205,13 +206,13 @@ class _Parser:
         return Label(self._source, self._groups)
 
     def _statement(self, stack: list[_Open]) -> _Token | None:
-        """Read one statement; the token of END if it was that."""
+        """Read one statement; return the token of END if it was that."""
         token = self._take("KEYWORD = value, or END")
         if token.kind != "word":
             raise self._error(f"expected KEYWORD = value, found {_shorten_token(token)}", token)
         keyword = token.text.upper()
         if keyword == "END" and not _EQUALS.match(self._text, token.start + len(token.text)):
-            return token  # and look at nothing behind it: pixels may follow
+            return token  # # and do not read on: pixels may follow
         closing = keyword in {"END_GROUP", "END_OBJECT"}
         following = self._peek()
         if following is None or following.text != "=" or following.kind != "mark":
@@ -296,7 +297,7 @@ class _Parser:
         return token
 
     def _peek(self) -> _Token | None:
-        """The next token, which stays where it is."""
+        """The next token, without consuming it."""
         if not self._has_ahead:
             self._ahead, self._has_ahead = next(self._tokens, None), True
         return self._ahead
@@ -328,12 +329,12 @@ class _Parser:
 
 
 def none_if_unknown(text: str) -> str | None:
-    """The text, or None where it says that nothing is known."""
+    """The text, or None where it marks an unknown value."""
     return None if text in _UNKNOWN else text
 
 
 def number_of(word: str) -> int | float | None:
-    """The number that a word spells, or None."""
+    """The number in a word, or None."""
     word = word.strip()
     if len(word) > MAX_NUMBER_LENGTH:
         return None
@@ -355,7 +356,7 @@ def _sequence(value: Value) -> tuple[Value, ...]:
 
 
 def _plain(value: Value) -> object:
-    """A value as a person would write it."""
+    """A value as readable text."""
     if isinstance(value, Quantity):
         return f"{value.value} <{value.unit}>"
     if isinstance(value, tuple):

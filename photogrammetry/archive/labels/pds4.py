@@ -1,7 +1,7 @@
-"""PDS4 labels: XML in, the same `Label` out that PDS3 and VICAR are read into.
+"""PDS4 labels: XML in, the same `Label` out as for PDS3 and VICAR.
 
-A PDS4 product is an array in one file and an XML label beside it. What a camera's label says stands
-in classes of the discipline dictionaries, which are put under the keywords of PDS3:
+A PDS4 product is an array in one file and an XML label beside it. The values of a camera's label
+are in classes of the discipline dictionaries, which are mapped to the keywords of PDS3:
 
     geom:Camera_Model_Parameters        GEOMETRIC_CAMERA_MODEL      C A H V O R E T P
     geom:Coordinate_Space_Definition    ROVER_, SITE_, RSM_COORDINATE_SYSTEM by its frame's name
@@ -10,9 +10,9 @@ in classes of the discipline dictionaries, which are put under the keywords of P
     Array_2D_Image, Array_3D_Image      IMAGE and ^IMAGE, with axes, data type and constants
     img:Color_Filter_Array              IMAGE/COLOR_FILTER_ARRAY_STATE: ENCODED for a Bayer frame
 
-Namespaces are left off: their prefixes are the label's own affair. Where a label describes the
-geometry several times (geometry_state Telemetry, Initial), telemetry counts. The quaternion is that
-of JPL's labels, named frame into reference frame, where rotation_direction is Forward, and its
+Namespaces are ignored: each label may choose its prefixes. Where a label describes the geometry
+several times (geometry_state Telemetry, Initial), telemetry is used. The quaternion is that of
+JPL's labels, named frame into reference frame, where rotation_direction is Forward, and its
 conjugate where it is Reverse. The mission follows from the logical identifier.
 """
 
@@ -38,7 +38,7 @@ HOSTS = (
     (re.compile(r"mer1|opportunity", re.IGNORECASE), "MER1"),
     (re.compile(r"mer2|spirit", re.IGNORECASE), "MER2"),
 )
-"""Words of a logical identifier, and the spacecraft they mean."""
+"""Words of a logical identifier, and their spacecraft."""
 
 FRAMES = {
     "ROVER_NAV_FRAME": "ROVER_COORDINATE_SYSTEM",
@@ -99,7 +99,7 @@ def parse_pds4_label(text: str, source: str) -> Label:
     """The label in an XML file.
 
     Raises:
-        LabelError: it is no PDS4 label of an observation, or one of its classes is broken.
+        LabelError: it is not a PDS4 label of an observation, or one of its classes is broken.
     """
     root = xml_root(
         *(text, source, "Product_Observational", "PDS4 label", LabelError),
@@ -142,7 +142,7 @@ def _identification(root: Element, source: str) -> dict[str, Value]:
 
 
 def _telemetry(root: Element) -> Element | None:
-    """The description of the geometry that counts."""
+    """The description of the geometry to use."""
     found = list(root.iter("Geometry_Lander"))
     told = [each for each in found if (_text(each, "geometry_state") or "") == "Telemetry"]
     return next(iter(told or found), None)
@@ -204,7 +204,7 @@ def _add_frames(lander: Element, groups: Groups, source: str) -> None:
 
 
 def _refer(reference: Element, items: dict[str, Value]) -> None:
-    """Name and counters of a reference frame, which is spelt out or pointed at by its name."""
+    """Name and counters of a reference frame, given in full or by reference to its name."""
     name, index = _frame_name(reference), _index(reference)
     if name is None:
         pointer = _text(reference, "local_identifier_reference") or ""
@@ -219,7 +219,7 @@ def _refer(reference: Element, items: dict[str, Value]) -> None:
 
 
 def _single(index: tuple[Value, ...]) -> Value:
-    """One counter as it stands, several as a list: so PDS3 writes them."""
+    """One counter as a number, several as a list, as in PDS3."""
     return index[0] if len(index) == 1 else index
 
 
@@ -253,7 +253,7 @@ def _add_directions(lander: Element, groups: Groups) -> None:
 
 
 def _add_averaging(root: Element, groups: Groups) -> None:
-    """How many pixels were averaged in fact: not what was commanded."""
+    """Number of pixels that were actually averaged, not the commanded number."""
     for imaging in root.iter("Imaging"):
         for element in imaging:
             if element.tag == "Downsampling":
@@ -273,7 +273,7 @@ def _colour_filters(root: Element) -> dict[str, Value]:
 
 
 def _add_array(root: Element, groups: Groups, source: str) -> None:
-    """Where the pixels are; of several arrays the first."""
+    """Location of the pixels; of several arrays the first."""
     for name in ("Array_2D_Image", "Array_3D_Image"):
         array = _first(root, name)
         if array is not None:
@@ -299,7 +299,7 @@ def _array(array: Element, source: str) -> dict[str, Value]:
     if order not in STORAGE or not sample_type:
         raise LabelError(
             f"{source}: an array of {stated[:40]!a} with axes {', '.join(order)[:60]!a} is not "
-            "read; expected Line, Sample and perhaps Band, of integers or IEEE reals"
+            "supported; expected Line, Sample and perhaps Band, of integers or IEEE reals"
         )
     sizes = {name: number_of(count) for name, count in named}
     items: dict[str, Value] = {

@@ -1,13 +1,12 @@
-"""VICAR labels: the flat text that JPL puts before the pixels, alone or behind a PDS3 label.
+"""VICAR labels: the flat text that JPL puts before the pixels, alone or after a PDS3 label.
 
     LBLSIZE=14336 FORMAT='HALF' ... NL=1024 NS=1024 ... PROPERTY='GEOMETRIC_CAMERA_MODEL' KEY=(...)
 
-The system items come first and say how the pixels are stored; each PROPERTY opens a group with the
-keywords of the PDS3 label, each TASK a part of the history. Units stand beside in KEY__UNIT,
-pointers in KEY__PTR. What did not fit in front stands behind the pixels in a second part, which
-starts with LBLSIZE, too, where EOL=1 says so; it goes on where the first part stopped. Read into
-the same `Label` as PDS3: properties become groups, the one named IDENTIFICATION the keywords
-outside of groups, the system items the object IMAGE.
+The system items come first and give the storage of the pixels; each PROPERTY opens a group with the
+keywords of the PDS3 label, each TASK a part of the history. Units are in KEY__UNIT, pointers in
+KEY__PTR. EOL=1 marks a second part after the pixels, which also starts with LBLSIZE and continues
+the first part. Read into the same `Label` as PDS3: properties become groups, the one named
+IDENTIFICATION the keywords outside of groups, the system items the object IMAGE.
 """
 
 from __future__ import annotations
@@ -32,15 +31,15 @@ _ITEM = re.compile(
     r"(?:(?P<list>\((?:[^()']++|'[^']*+')*+\))|(?P<scalar>(?:'[^']*+')++|[^\s'()]++))"
 )
 _ENTRY = re.compile(r"(?:'[^']*+')++|[^,'\s()]++")
-# A quote within a text is doubled, so a text is a row of texts. Nothing here gives back what it has
-# taken: with two ways to read doubled quotes, a row of n would be tried in 2^n ways.
+# # A quote within a text is doubled, so a text is a sequence of quoted texts. The pattern does not
+# backtrack: with two ways to read doubled quotes, a sequence of n would be tried in 2^n ways.
 _SIZE = re.compile(rb"LBLSIZE=\s*(\d{1,8})\b")
 _SAMPLE_BITS = {"BYTE": 8, "HALF": 16, "WORD": 16, "FULL": 32, "LONG": 32, "REAL": 32, "DOUB": 64}
 _STORAGE = {"BSQ": "BAND_SEQUENTIAL", "BIL": "LINE_INTERLEAVED", "BIP": "SAMPLE_INTERLEAVED"}
 
 
 def vicar_label_end(data: bytes) -> int | None:
-    """First byte behind the VICAR label that stands somewhere in the head of a file, or None."""
+    """First byte after the VICAR label in the head of a file, or None."""
     match = _SIZE.search(data, 0, MAX_LABEL_BYTES)
     return None if match is None else match.start() + int(match[1])
 
@@ -53,7 +52,9 @@ def parse_vicar_label(data: bytes, source: str) -> Label:
     """
     match = _SIZE.search(data, 0, MAX_LABEL_BYTES)
     if match is None:
-        raise LabelError(f"{source}: no VICAR label: LBLSIZE= was expected in the head of the file")
+        raise LabelError(
+            f"{source}: not a VICAR label: LBLSIZE= was expected in the head of the file"
+        )
     size = int(match[1])
     if not 0 < size <= MAX_LABEL_BYTES or match.start() + size > len(data):
         raise LabelError(
@@ -80,7 +81,7 @@ def parse_vicar_label(data: bytes, source: str) -> Label:
 
 
 def _items_behind(data: bytes, start: int, size: int, source: str) -> Iterator[tuple[str, Value]]:
-    """The items behind the pixels; none where the file was cut off before them."""
+    """The items after the pixels; none where the file was truncated before them."""
     text = data[start : start + size].decode("latin-1").partition("\0")[0]
     system: dict[str, Value] = {}
     for key, value in _items(text, source):
@@ -91,7 +92,9 @@ def _items_behind(data: bytes, start: int, size: int, source: str) -> Iterator[t
         return
     sizes = [system.get(key) for key in ("RECSIZE", "N2", "N3", "NLB")]
     if not all(isinstance(count, int) and 0 <= count <= MAX_COUNT for count in sizes):
-        raise LabelError(f"{source}: EOL=1, but RECSIZE, N2, N3, NLB do not say where it stands")
+        raise LabelError(
+            f"{source}: EOL=1, but RECSIZE, N2, N3, NLB do not locate the second label"
+        )
     record, lines, bands, before = (count for count in sizes if isinstance(count, int))
     here = start + size + record * (lines * bands + before)
     if here >= len(data):
@@ -133,7 +136,7 @@ def _scalar(text: str) -> Value:
 
 
 def _attach_unit(items: dict[str, Value], key: str, unit: Value) -> None:
-    """Put a unit, or a list of them, on the number that it belongs to."""
+    """Put a unit, or a list of them, on its number."""
     value = items.get(key)
     if isinstance(value, int | float) and isinstance(unit, str):
         items[key] = Quantity(value, unit)
@@ -147,7 +150,7 @@ def _attach_unit(items: dict[str, Value], key: str, unit: Value) -> None:
 
 
 def _image_object(system: dict[str, Value], source: str) -> dict[str, Value]:
-    """The IMAGE object that the system items amount to."""
+    """The IMAGE object from the system items."""
     form = str(system.get("FORMAT", "")).upper()
     if form not in _SAMPLE_BITS:
         raise LabelError(f"{source}: FORMAT of the VICAR label {form[:40]!a} is not read")

@@ -1,4 +1,4 @@
 """Tables of the archive: vector files, PLACES tables and indexes of volumes; text in, records out.
 
-Vector files and PLACES tables are written, too. May not import `images`.
+Vector files and PLACES tables are also written. May not import `images`.
 """

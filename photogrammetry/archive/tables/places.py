@@ -1,24 +1,22 @@
-"""PLACES tables and the location files of MSL: localised stops read, and own solutions written.
+"""PLACES tables and the location files of MSL: localised stops read, own solutions written.
 
-PLACES gives every site and rover stop in the landing site local frame, one row a frame:
+PLACES gives every site and rover stop in the landing site local frame, one row per frame:
 
     frame,site,drive,pose,landing_x,landing_y,landing_z,...,roll,pitch,yaw,quat_s,quat_v1,...,sol
 
-x north, y east, z down from site 0, quaternion scalar first, SITE rows with drive -1. Which view a
-table is (telemetry, best_tactical, best_interp, localized_pos, localized_interp) stands only in
-its name, so the caller says under which solution it goes.
+x north, y east, z down from site 0, quaternion scalar first, SITE rows with drive -1. The view of a
+table (telemetry, best_tactical, best_interp, localized_pos, localized_interp) is given only by its
+name, so the caller passes the name of the solution.
 
-`locations.xml` of MSL lists <location> elements with site, drive, x, y, z, lon, lat and
-rot = (v1, v2, v3, s), the quaternion with the scalar last. x is north and y east on an
-equirectangular map with metres of the equator, so that a metre of ground to the east is y cos(lat)
-(0.3 percent at Gale crater); z is down, within the site. In the one file known every quaternion is
-the identity, which stands for "not given" and is no attitude: such stops bring a position only and
-are left out unless asked for, while sites, whose axes are north, east and down by definition, are
-taken.
+`locations.xml` of MSL lists <location> elements with site, drive, x, y, z, lon, lat and rot = (v1,
+v2, v3, s), the quaternion with the scalar last. x is north and y east on an equirectangular map
+with metres of the equator, so that a metre of ground to the east is y cos(lat) (0.3 percent at Gale
+crater); z is down, within the site. In the one known file every quaternion is the identity, which
+means "not given": such stops have only a position and are omitted unless requested, while sites,
+whose axes are north, east and down by definition, are used.
 
-Both become the `VectorFile` that SVF and RVF files are read into, so `best_poses` chooses between
-all of them by one order of priority. Positions refer to site 0, not to the site the stop belongs
-to.
+Both become the `VectorFile` that SVF and RVF files are read into, so `best_poses` chooses among all
+of them by one order of priority. Positions refer to site 0, not to the stop's own site.
 
 An own solution is written as a PLACES table of rover stops: offsets to a tenth of a millimetre,
 quaternions to 1e-9.
@@ -44,13 +42,13 @@ from solmap.photogrammetry.frames import FrameKind, Pose, roll_pitch_yaw_of_rota
 from solmap.photogrammetry.imagery import StopId
 
 LOCALISED, ORBITAL, SPICE = "localised", "orbital", "spice"
-"""Names of solutions: found by people, by an orbital image registered here, in SPICE kernels."""
+"""Names of solutions: by people, by an orbital image registered here, from SPICE kernels."""
 PRIORITY = (LOCALISED, ORBITAL, "adjusted", SPICE, "telemetry")
-"""From the most to the least trusted."""
+"""From the most to the least reliable."""
 MAX_TABLE = 1 << 26
-"""Characters; rows are read one by one, and no more of them than `MAX_ROWS` are kept."""
+"""Characters; rows are read one by one, and at most `MAX_ROWS` are kept."""
 MAX_ROWS = 200_000
-"""Of a rover that has moved every minute for years."""
+"""Enough for a rover that moved every minute for years."""
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 PLACES_COLUMNS = ("frame", "site", "drive", "landing_x", "landing_y", "landing_z")
 QUATERNION = ("quat_s", "quat_v1", "quat_v2", "quat_v3")
@@ -75,7 +73,7 @@ def parse_localisations(
 ) -> VectorFile:
     """A PLACES table or an MSL location file, distinguished by their first character.
 
-    `keep_unturned` takes stops of a location file without attitude, as `parse_locations` does.
+    `keep_unturned` includes stops of a location file without attitude, as in `parse_locations`.
 
     Raises:
         VectorFileError: the text is neither, or one of its rows is broken.
@@ -88,10 +86,10 @@ def parse_localisations(
 def parse_places(
     text: str, source: str, *, mission: str, solution_id: str = LOCALISED
 ) -> VectorFile:
-    """A PLACES table; rows without a place on the ground (empty landing_x) are left out.
+    """A PLACES table; rows without a position (empty landing_x) are omitted.
 
     Raises:
-        VectorFileError: a column is missing or a value is no number; names the line.
+        VectorFileError: a column is missing or a value is not a number; the message names the line.
     """
     if len(text) > MAX_TABLE:
         raise VectorFileError(f"{source}: {len(text)} characters are too many for a PLACES table")
@@ -102,7 +100,7 @@ def parse_places(
         lacking = [column for column in PLACES_COLUMNS if column not in fields]
         if lacking:
             raise VectorFileError(
-                f"{source}: no PLACES table: its first line lacks {', '.join(lacking)}"
+                f"{source}: not a PLACES table: its first line lacks {', '.join(lacking)}"
             )
         reader.fieldnames = fields
         for row in reader:
@@ -110,7 +108,7 @@ def parse_places(
             if solution is not None:
                 solutions.append(solution)
             if len(solutions) > MAX_ROWS:
-                raise VectorFileError(f"{source}: more than {MAX_ROWS} places are too many")
+                raise VectorFileError(f"{source}: more than {MAX_ROWS} rows")
     except csv.Error as error:
         raise VectorFileError(f"{source}: line {reader.line_num}: {error}") from error
     return _file(source, mission, solution_id, solutions)
@@ -134,7 +132,7 @@ def _of_row(row: Mapping[str, Any], where: str, solution_id: str) -> Solution | 
     offset_m = numbers_of([row[key] for key in PLACES_COLUMNS[3:]], "landing_x, y, z", where)
     given = [row.get(key) for key in QUATERNION]
     if kind is FrameKind.ROVER and not all((value or "").strip() for value in given):
-        return None  # a position without attitude is no pose
+        return None  # # a position without attitude is not a pose
     quaternion = (
         numbers_of(given, "quat_s, v1, v2, v3", where) if kind is FrameKind.ROVER else IDENTITY
     )
@@ -154,17 +152,19 @@ def parse_locations(
     Args:
         text: the file.
         source: its name.
-        mission: whose it is; the file does not say.
-        keep_unturned: also take stops whose quaternion is the identity, as if it were measured.
+        mission: its mission, which the file does not name.
+        keep_unturned: also include stops whose quaternion is the identity, as if measured.
 
     Raises:
-        VectorFileError: the file is none, has no place of site 0, or an element is broken.
+        VectorFileError: the file is not one, lacks site 0, or has a broken element.
     """
     root = xml_root(text, source, "msl", "locations", VectorFileError)
     places = [_place(element, source) for element in root.iterfind("./location")]
     origins = [place[1] for place in places if place[0][:2] == (0, 0)]
     if not origins:
-        raise VectorFileError(f"{source}: no <location> of site 0, drive 0: where is the lander?")
+        raise VectorFileError(
+            f"{source}: no <location> of site 0, drive 0, the position of the lander"
+        )
     ground_scale = np.cos(np.radians(numbers_of([_lander_latitude(root)], "lat", source)[0]))
     solutions = []
     for (site, drive), map_m, quaternion in places:
@@ -183,7 +183,7 @@ def parse_locations(
 
 
 def _lander_latitude(root: Element) -> str:
-    """What <lat> says at site 0, degrees."""
+    """Value of <lat> at site 0, degrees."""
     for element in root.iterfind("./location"):
         if int(element.findtext("site") or 0) == 0:
             return element.findtext("lat") or ""
@@ -234,7 +234,7 @@ def _solution(
 
 def _file(source: str, mission: str, solution_id: str, solutions: Sequence[Solution]) -> VectorFile:
     if not solutions:
-        raise VectorFileError(f"{source}: expected at least one place with a pose, found none")
+        raise VectorFileError(f"{source}: expected at least one pose, found none")
     kinds = {solution.kind for solution in solutions}
     priority = PRIORITY if solution_id in PRIORITY else (solution_id, *PRIORITY)
     return VectorFile(
@@ -247,10 +247,10 @@ def _file(source: str, mission: str, solution_id: str, solutions: Sequence[Solut
 
 
 def whole_number(text: str | None, name: str, where: str) -> int:
-    """A cell of a table; `where` names it in complaints.
+    """A cell of a table; `where` names it in messages.
 
     Raises:
-        VectorFileError: it is no whole number of at most nine digits.
+        VectorFileError: it is not a whole number of at most nine digits.
     """
     text = (text or "").strip()
     if not _WHOLE.fullmatch(text):
@@ -261,10 +261,10 @@ def whole_number(text: str | None, name: str, where: str) -> int:
 def numbers_of(
     texts: Iterable[str | None], names: str, where: str, count: int | None = None
 ) -> np.ndarray:
-    """Cells of a table, `count` of them where that is given.
+    """Cells of a table, `count` of them where given.
 
     Raises:
-        VectorFileError: they are no finite numbers.
+        VectorFileError: they are not finite numbers.
     """
     given = [(text or "").strip() for text in texts]
     try:
@@ -287,7 +287,7 @@ class PlacedStop:
     latitude_deg: float
     """Planetocentric."""
     clock: float | None
-    """Spacecraft clock of its first image, seconds; None where it is not known."""
+    """Spacecraft clock of its first image, seconds; None where unknown."""
     sol: int
 
 

@@ -1,17 +1,17 @@
-"""Poses CSV: where the rover, or a stereo rig, stood, one row a pose, with standard deviations.
+"""Poses CSV: poses of the rover, or of a stereo rig, one per row, with standard deviations.
 
 UTF-8, commas, names of columns in the first line in any order; empty lines and lines that start
-with # are passed over.
+with # are skipped.
 
-    image or site,drive          which stop: any image taken there, or its motion counters
+    image or site,drive          the stop: any image taken there, or its motion counters
     x_m,y_m,z_m                  origin of the rover, metres north, east, down of the reference site
     reference_site               that site; by default the stop's own (0 is the lander)
     qw,qx,qy,qz                  attitude: rover (x forward, y right, z down) into north, east, down
     or roll_deg,pitch_deg,yaw_deg     R = Rz(yaw) Ry(pitch) Rx(roll), yaw clockwise from north
     sigma_m,sigma_deg            standard deviations of each coordinate and of each rotation
-    sol,source                   what is shown beside it
+    sol,source                   shown beside it
 
-Only the stop and the position are required; a value that is left empty is not stated.
+Only the stop and the position are required; an empty value is not given.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ COLUMNS = ("image", *COUNTERS, *POSITION, *QUATERNION, *ANGLES, *SIGMAS, "source
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseRow:
-    """A pose that a person or another program states."""
+    """A pose given by a person or another program."""
 
     image: str | None
     """Identifier of an image of the stop: capital letters, without an ending."""
@@ -55,15 +55,15 @@ class PoseRow:
     drive: int | None
     sol: int | None
     reference_site: int | None
-    """Whose frame (north, east, down) it is in; None: that of the stop's own site."""
+    """Site of its frame (north, east, down); None: the stop's own site."""
     position_m: Vector3
     quaternion: Quaternion | None
-    """Scalar first, rover into that frame; None: the attitude is not stated."""
+    """Scalar first, rover into that frame; None: no attitude given."""
     sigma_m: float | None
     sigma_deg: float | None
     source: str | None
     where: str
-    """File and line, for complaints."""
+    """File and line, for messages."""
 
 
 def is_pose_table(text: str) -> bool:
@@ -76,7 +76,8 @@ def parse_poses(text: str, source: str) -> tuple[PoseRow, ...]:
     """The rows of a poses CSV.
 
     Raises:
-        VectorFileError: a column or value is missing, unknown or no number; names file and line.
+        VectorFileError: a column or value is missing, unknown or not a number; the message names
+            file and line.
     """
     if len(text) > MAX_TABLE:
         raise VectorFileError(f"{source}: {len(text)} characters are too many for a poses CSV")
@@ -97,11 +98,11 @@ def parse_poses(text: str, source: str) -> tuple[PoseRow, ...]:
         for number, row in enumerate(reader, 1):
             rows.append(_row(row, f"{source}, row {number}"))
             if len(rows) > MAX_ROWS:
-                raise VectorFileError(f"{source}: more than {MAX_ROWS} poses are too many")
+                raise VectorFileError(f"{source}: more than {MAX_ROWS} poses")
     except csv.Error as error:
         raise VectorFileError(f"{source}: row {len(rows) + 1}: {error}") from error
     if not rows:
-        raise VectorFileError(f"{source}: expected at least one row with a pose, found none")
+        raise VectorFileError(f"{source}: expected at least one pose, found none")
     return tuple(rows)
 
 
@@ -126,12 +127,12 @@ def _row(cells: Mapping[str, str | None], where: str) -> PoseRow:
     image = row.get("image", "").rpartition("/")[2].partition(".")[0].upper() or None
     site, drive, sol, reference_site = (counter(name) for name in COUNTERS)
     if image is None and (site is None or drive is None):
-        raise VectorFileError(f"{where}: which stop? give image, or site and drive")
+        raise VectorFileError(f"{where}: the stop is missing; give image, or site and drive")
     position_m = numbers_of([row.get(name, "") for name in POSITION], "x_m, y_m, z_m", where)
     sigmas = [group((name,)) for name in SIGMAS]
     for name, sigma in zip(SIGMAS, sigmas, strict=True):
         if sigma is not None and not sigma[0] > 0:
-            raise VectorFileError(f"{where}: {name} is a standard deviation: more than 0")
+            raise VectorFileError(f"{where}: {name} is a standard deviation and must be above 0")
     sigma_m, sigma_deg = (None if sigma is None else float(sigma[0]) for sigma in sigmas)
     quaternion, angles = group(QUATERNION), group(ANGLES)
     if quaternion is not None:

@@ -1,4 +1,4 @@
-"""Poses of rovers out of SPICE kernels: CK, SPK, FK, LSK, SCLK, PCK or a meta-kernel.
+"""Poses of rovers from SPICE kernels: CK, SPK, FK, LSK, SCLK, PCK or a meta-kernel.
 
 For a spacecraft with the NAIF number n (-254 is Spirit) the kernels of the missions have
 
@@ -7,8 +7,8 @@ For a spacecraft with the NAIF number n (-254 is Spirit) the kernels of the miss
     1000 n - 900    the landing site, and its topocentric frame: x north, y west, z up
 
 so that the rover in the LSL (north, east, down) is the position of n from the landing site and the
-rotation of its frame, with the signs of y and z changed. SPICE keeps its kernels in one pool of the
-process: what is loaded here is unloaded at the end, and one thread at a time asks.
+rotation of its frame, with the signs of y and z changed. SPICE has one kernel pool per process:
+kernels loaded here are unloaded at the end, and only one thread at a time uses it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Kernels:
 
     spice: ModuleType
     names: str
-    """Those of the files, for complaints."""
+    """Names of the files, for messages."""
 
     def pose(self, mission: str, clock: float) -> tuple[Quaternion, Vector3] | None:
         """Attitude (scalar first) and position (metres) of a rover in the LSL.
@@ -51,13 +51,13 @@ class Kernels:
             clock: Spacecraft clock, seconds.
 
         Raises:
-            VectorFileError: a kernel that is needed is not among them, or is broken.
+            VectorFileError: a required kernel is missing or broken.
         """
         number = NAIF_NUMBERS.get(mission)
         if number is None:
             raise VectorFileError(
-                f"{self.names}: the NAIF number of {mission} is not known; SPICE kernels are read "
-                f"of {', '.join(NAIF_NUMBERS)}"
+                f"{self.names}: the NAIF number of {mission} is not known; SPICE kernels are "
+                f"supported for {', '.join(NAIF_NUMBERS)}"
             )
         spice, whole = self.spice, int(clock)
         with _POOL:
@@ -83,17 +83,17 @@ class Kernels:
 
 @contextmanager
 def open_kernels(files: Sequence[Path]) -> Iterator[Kernels]:
-    """Load kernels for the block.
+    """Load kernels for the duration of a block.
 
     Raises:
-        VectorFileError: spiceypy is not installed, or a file is no kernel.
+        VectorFileError: spiceypy is not installed, or a file is not a kernel.
     """
     names = ", ".join(file.name for file in files)
     try:
         import spiceypy as spice  # noqa: PLC0415 - the optional extra `spice`
     except ImportError as error:
         raise VectorFileError(
-            f"{names}: SPICE kernels take spiceypy; install it by `pip install 'solmap[spice]'`"
+            f"{names}: SPICE kernels need spiceypy; install it by `pip install 'solmap[spice]'`"
         ) from error
     loaded: list[str] = []
     try:
@@ -101,11 +101,11 @@ def open_kernels(files: Sequence[Path]) -> Iterator[Kernels]:
             try:
                 with _POOL:
                     if spice.getfat(str(file))[0] == "?":
-                        raise VectorFileError(f"{file.name}: no SPICE kernel, by its beginning")
+                        raise VectorFileError(f"{file.name}: not a SPICE kernel by its first bytes")
                     spice.furnsh(str(file))
             except spice.utils.exceptions.SpiceyError as error:
                 wrong = " ".join(str(getattr(error, "long", None) or error).split())[:200]
-                raise VectorFileError(f"{file.name}: no SPICE kernel: {wrong}") from error
+                raise VectorFileError(f"{file.name}: not a SPICE kernel: {wrong}") from error
             loaded.append(str(file))
         yield Kernels(spice, names)
     finally:

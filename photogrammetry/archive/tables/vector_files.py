@@ -1,6 +1,6 @@
-"""Site and rover vector files: where sites and rover stops lie, by which solution.
+"""Site and rover vector files: poses of sites and rover stops, by solution.
 
-An SVF holds the frames of the sites, an RVF those of the rover at the stops of one site, each as
+An SVF contains the frames of the sites, an RVF those of the rover at the stops of one site, each as
 offset and orientation (quaternion, scalar first, frame into reference frame) in a reference frame:
 
     <rmc_file mission="MER2" variant="Master_SVF">
@@ -10,17 +10,17 @@ offset and orientation (quaternion, scalar first, frame into reference frame) in
         <offset x="..." y="..." z="..."/>  <orientation s="..." v1="..." v2="..." v3="..."/>
       </solution> ...
 
-Solutions that were taken from other sources also have sigma_m and sigma_deg, standard deviations
-of each coordinate and rotation; JPL's files have none.
+Solutions imported from other sources also have sigma_m and sigma_deg, standard deviations of each
+coordinate and rotation; JPL's files have none.
 
-Of several solutions of a frame the first in the order of priority counts, of several at one rover
+Of several solutions of a frame the first in the order of priority is used, of several at one rover
 stop the one with the highest motion counter, of equal ones the last added.
 
-A pair of SVF and RVFs is written as a whole: sites where the solution's chain has them, rovers in
-their sites, so that whoever composes both comes out at the stop's place in the LSL.
+A pair of SVF and RVFs is written together: sites as in the solution's chain, rovers in their sites,
+so that composing both gives the stop's pose in the LSL.
 
-The LSL is the frame of site 0, the lander. Where the sites given do not reach it, the LSL starts
-at the lowest site that the chain does reach, and a note says so.
+The LSL is the frame of site 0, the lander. Where the given sites are not connected to it, the LSL
+is the frame of the lowest site of the chain, which a note reports.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ MAX_PRIORITIES = 1000
 """Solutions in an order of priority; the files of the archive name six."""
 
 Rank: TypeAlias = tuple[int, tuple[int, ...], str]
-"""Trust in a solution, its motion counter, the date it was added."""
+"""Rank of a solution: its reliability, its motion counter, the date it was added."""
 
 _FRAMES = {
     "SITE_FRAME": FrameKind.SITE,
@@ -65,7 +65,7 @@ Digits = Callable[[float], str]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """One statement about a frame."""
+    """One pose of a frame, by one solution."""
 
     solution_id: str
     kind: FrameKind
@@ -75,22 +75,22 @@ class Solution:
     offset_m: Vector3
     quaternion: Quaternion
     added: str
-    """When, as the file writes it (ISO, so that it sorts)."""
+    """Date, as written in the file (ISO, so that it sorts)."""
     sigma_m: float | None = None
-    """Standard deviation of each coordinate of the offset, where one is stated."""
+    """Standard deviation of each coordinate of the offset, if given."""
     sigma_deg: float | None = None
     """The same of each rotation."""
 
     @property
     def frame(self) -> Frame:
-        """The frame that is placed."""
+        """The frame whose pose it is."""
         if self.kind is FrameKind.SITE:
             return site_frame(self.counter[0])
         return rover_frame(self.counter[0], self.counter[1])
 
     @property
     def pose(self) -> Pose:
-        """The frame in the site that it refers to."""
+        """The pose of the frame in its reference site."""
         return Pose.of_quaternion(
             site_frame(self.reference_site), self.frame, self.quaternion, self.offset_m
         )
@@ -104,7 +104,7 @@ class VectorFile:
     mission: str
     kind: Literal["svf", "rvf"]
     priority: tuple[str, ...]
-    """Solutions from the most to the least trusted."""
+    """Solutions from the most to the least reliable."""
     solutions: tuple[Solution, ...]
 
 
@@ -116,14 +116,14 @@ class LslTree:
     origin_site: int | None
     """The site whose frame the LSL is: 0, the lander, where the group reaches it."""
     origins: Mapping[int, int]
-    """The lowest site of its group, by site: of every site that is known."""
+    """The lowest site of its group, by site: of every known site."""
 
 
 def parse_vector_file(text: str, source: str) -> VectorFile:
-    """Read an SVF or RVF; `source` names it in complaints.
+    """Read an SVF or RVF; `source` names it in messages.
 
     Raises:
-        VectorFileError: the file is no vector file, or one of its elements is broken.
+        VectorFileError: the file is not a vector file, or one of its elements is broken.
     """
     root = xml_root(text, source, "rmc_file", "vector", VectorFileError)
     listed = [
@@ -145,17 +145,17 @@ def parse_vector_file(text: str, source: str) -> VectorFile:
 
 
 def best_poses(files: Sequence[VectorFile]) -> tuple[Pose, ...]:
-    """Every site and rover stop in its site, by the solution that counts.
+    """Every site and rover stop in its site, by the preferred solution.
 
     Files of one mission only: frames carry no mission. The orders of priority of several files are
-    joined; at the same rank the later file wins.
+    merged; at the same rank the later file has precedence.
     """
     best = {one.frame: one for one in reversed(ranked(files))}
     return tuple(one.pose for one in best.values())
 
 
 def ranked(files: Sequence[VectorFile]) -> list[Solution]:
-    """All that vector files of one mission state, the most trusted first."""
+    """All solutions in vector files of one mission, the most reliable first."""
     order = join_priorities(files)
     trust = {name: len(order) - place for place, name in enumerate(order)}
 
@@ -167,7 +167,7 @@ def ranked(files: Sequence[VectorFile]) -> list[Solution]:
 
 
 def join_priorities(files: Sequence[VectorFile]) -> list[str]:
-    """One order of solutions that keeps that of every file; where they contradict, the first's."""
+    """One order of solutions that keeps every file's; the first one's where they contradict."""
     order: list[str] = []
     for file in files:
         place = len(order)
@@ -182,17 +182,16 @@ def join_priorities(files: Sequence[VectorFile]) -> list[str]:
 def lsl_tree(
     given: Iterable[Pose], sites: Iterable[int] = (), origin: int | None = None
 ) -> LslTree:
-    """Join poses to the LSL of one group of sites: the lander's, or that of the lowest site.
+    """Chain poses to the LSL of one group of sites: the lander's, or that of the lowest site.
 
-    Poses tie frames in the order in which they are given, so the most trusted come first; one that
-    would close a loop is left out. Frames that they connect, in whichever direction, are a group.
-    Its LSL is the frame of its lowest site: that of the lander, site 0, where the group reaches it.
+    Poses connect frames in the given order, so the most reliable come first; one that would close a
+    loop is skipped. Connected frames, in either direction, form a group. Its LSL is the frame of
+    its lowest site: that of the lander, site 0, where the group reaches it.
 
     Args:
         given: sites in sites and stops in sites, from vector files or labels.
-        sites: sites that are wanted besides those the poses name; with them named, only they
-            decide which group it is.
-        origin: the lowest site of the group that is wanted.
+        sites: sites needed besides those of the poses; if given, only they determine the group.
+        origin: the lowest site of the requested group.
     """
     neighbours, groups = _join(given)
     origins: dict[int, int] = {site: site for site in sites}
@@ -217,7 +216,7 @@ def lsl_tree(
 
 
 def _join(given: Iterable[Pose]) -> tuple[dict[Frame, list[Pose]], list[list[Frame]]]:
-    """The poses that tie every frame to others, without loops; and the groups of frames."""
+    """The poses that connect the frames, without loops; and the groups of frames."""
     tied: dict[Frame, list[Pose]] = {}
     group_of: dict[Frame, list[Frame]] = {}
     for pose in given:
@@ -264,10 +263,10 @@ def _solution(element: ET.Element, source: str) -> Solution:
 
 
 def check_pose(solution: Solution, source: str) -> None:
-    """Refuse what is no pose, lies farther away than can be, or refers to itself.
+    """Reject what is not a pose, is impossibly far away, or refers to itself.
 
     Raises:
-        VectorFileError: names the source and the frame.
+        VectorFileError: the message names the source and the frame.
     """
     try:
         distance_m = float(np.linalg.norm(solution.pose.translation_m))
@@ -279,7 +278,7 @@ def check_pose(solution: Solution, source: str) -> None:
             f"{solution.reference_site}; expected {MAX_FROM_SITE_M:,.0f} m at most"
         )
     if solution.frame == site_frame(solution.reference_site):
-        raise VectorFileError(f"{source}: {solution.frame} is placed in itself")
+        raise VectorFileError(f"{source}: {solution.frame} refers to itself")
 
 
 def _counter(element: ET.Element, source: str) -> tuple[int, ...]:
@@ -333,7 +332,7 @@ def _sigma(element: ET.Element, name: str, source: str) -> float | None:
         return None
     sigma = float(_numbers(element, [name], source)[0])
     if not sigma > 0:
-        raise VectorFileError(f"{source}: {name} of {_tag(element)} should be more than 0")
+        raise VectorFileError(f"{source}: {name} of {_tag(element)} should be above 0")
     return sigma
 
 

@@ -1,25 +1,26 @@
 """Index tables of archive volumes: label text and a stream of bytes in, rows and stereo pairs out.
 
-A volume's index has one row a product, of fixed width and tab-separated at once: texts are quoted
-and padded inside the quotes, numbers and times stand bare and are padded to the right. The label
-says where each column lies: byte START_BYTE (from 1) to START_BYTE + BYTES - 1 of the row, behind
-the opening quote; a column of several ITEMS has them ITEM_BYTES wide and ITEM_OFFSET apart.
+The index of a volume has one row per product, which is both tab-separated and of fixed width: texts
+are quoted and padded inside the quotes, numbers and times are unquoted and padded to the right. The
+label gives the position of each column: byte START_BYTE (from 1) to START_BYTE + BYTES - 1 of the
+row, after the opening quote; a column of several ITEMS has them ITEM_BYTES wide and ITEM_OFFSET
+apart.
 
-A row is cut by these numbers if it is as long as ROW_BYTES says and the columns asked for stand
-between separators; otherwise it is split at its tabs. The largest index has 366,500 rows (342 MB),
-so rows are read one at a time and cut only where somebody looks.
+A row is cut by these numbers if its length is ROW_BYTES and the requested columns are between
+separators; otherwise it is split at its tabs. The largest index has 366,500 rows (342 MB), so rows
+are read one at a time and only requested columns are cut.
 
-Stereo pairs are found in the index without looking at an image. The frames of one exposure share
+Stereo pairs are found from the index alone, without images. The frames of one exposure share
 spacecraft, instrument without the eye, sequence and motion counter, and their clocks at the start
 of the exposure are within a second, as in `partners`; left and right may differ by some ticks. An
 exposure is a stereo pair if both eyes have a REGULAR image (no thumbnail, histogram or row sum)
-through filters that see one band (Pancam L2 with R2, L7 with R1). The product type stands in the
-file name only; of several versions the highest counts, and of the kinds of EDR the full frame
-before sub-frames and averaged ones: what `partners` prefers.
+through filters of the same band (Pancam L2 with R2, L7 with R1). The product type is given only in
+the file name; of several versions the highest is used, and of the kinds of EDR the full frame
+before sub-frames and averaged ones, as in `partners`.
 
 Of the index of Curiosity's volumes only PATH_NAME, FILE_NAME, INSTRUMENT_ID and PLANET_DAY_NUMBER
-are asked for; the rest is in the file names, too. Bundles of Mars 2020 have no index but the
-inventory of their collection of data (PDS4), a line a product,
+are used; the rest is also in the file names. Bundles of Mars 2020 have no index, only the inventory
+of their data collection (PDS4), one line per product,
 
     P,urn:nasa:pds:mars2020_navcam_ops_raw:data:nlf_0629_..._06_095j::1.0
 
@@ -48,10 +49,10 @@ from solmap.photogrammetry.errors import LabelError
 from solmap.photogrammetry.imagery import Eye
 
 MAX_ROW_BYTES = 1 << 16
-"""The widest index has rows of 933 bytes; what has no line end within this is no table."""
+"""The widest index has rows of 933 bytes; a file without a line end within this is not a table."""
 MAX_COLUMNS = 1_000
 LINE_END_BYTES = 2
-"""ROW_BYTES counts a line end of none, one or two bytes, whatever the file has."""
+"""ROW_BYTES includes a line end of zero, one or two bytes, whatever the file has."""
 
 _BEGIN = re.compile(r"\s*OBJECT\s*=\s*COLUMN\s*\Z", re.IGNORECASE)
 _END = re.compile(r"\s*END_OBJECT\b[^\"]*\Z", re.IGNORECASE)
@@ -68,7 +69,7 @@ BUNDLE_FOLDERS = {
 
 @dataclass(frozen=True, slots=True)
 class IndexColumn:
-    """Where one column lies in a row."""
+    """Position of one column in a row."""
 
     name: str
     start: int
@@ -78,7 +79,7 @@ class IndexColumn:
     item_length: int
     item_step: int
     first_field: int
-    """How many tab-separated fields stand before it."""
+    """Number of tab-separated fields before it."""
 
     def __post_init__(self) -> None:
         last = self.start + (self.items - 1) * self.item_step + self.item_length
@@ -95,7 +96,7 @@ class IndexLayout:
     """The columns of an index table."""
 
     source: str
-    """Whose label it is: stands at the head of every complaint."""
+    """Name of the label's file; every message begins with it."""
     row_bytes: int
     rows: int | None
     columns: Mapping[str, IndexColumn]
@@ -108,7 +109,7 @@ class IndexLayout:
 
 @dataclass(frozen=True, slots=True)
 class IndexRow:
-    """One row, cut where it is asked."""
+    """One row, of which only requested columns are cut."""
 
     layout: IndexLayout
     number: int
@@ -135,7 +136,7 @@ class IndexRow:
         """All items of a column as texts.
 
         Raises:
-            LabelError: the table has no such column, or the row is broken.
+            LabelError: the table does not have the column, or the row is broken.
         """
         column = self.layout.columns.get(name)
         if column is None:
@@ -145,7 +146,7 @@ class IndexRow:
         return tuple(item.decode("latin-1").strip(' "') for item in items)
 
     def _cut(self, column: IndexColumn) -> list[bytes] | None:
-        """The items by their bytes; None where the row does not lie as the label says."""
+        """The items by their byte positions; None where the row does not follow the label."""
         length = len(self.line)
         if not self.layout.row_bytes - LINE_END_BYTES <= length <= self.layout.row_bytes:
             return None
@@ -181,16 +182,16 @@ class IndexRow:
 
 
 def parse_index_label(text: str, source: str) -> IndexLayout:
-    """The layout that the label of an index table describes.
+    """The layout in the label of an index table.
 
     Raises:
-        LabelError: it is no such label; says what is missing.
+        LabelError: it is not such a label; the message names what is missing.
     """
     head, blocks = _split_columns(text[:MAX_LABEL_BYTES], source)
     label = parse_label(head, source)
     table = next((name for name in label.groups if "ROW_BYTES" in label.groups[name]), None)
     if table is None or not blocks:
-        raise LabelError(f"{source}: no label of a table: it has no ROW_BYTES or no COLUMN")
+        raise LabelError(f"{source}: not the label of a table: it has no ROW_BYTES or no COLUMN")
     columns: dict[str, IndexColumn] = {}
     first_field = 0
     for block in blocks:
@@ -204,7 +205,7 @@ def parse_index_label(text: str, source: str) -> IndexLayout:
 
 
 def read_index_rows(layout: IndexLayout, chunks: Iterable[bytes]) -> Iterator[IndexRow]:
-    """The rows of a table, one at a time; `chunks` may break anywhere, as a network does.
+    """The rows of a table, one at a time; `chunks` may be split anywhere, as by a network.
 
     Raises:
         LabelError: there is no line end within `MAX_ROW_BYTES`.
@@ -216,7 +217,7 @@ def read_index_rows(layout: IndexLayout, chunks: Iterable[bytes]) -> Iterator[In
 
 
 def read_lines(chunks: Iterable[bytes], source: str, expected: str = ",") -> Iterator[bytes]:
-    """The lines of a table; `chunks` may break anywhere.
+    """The lines of a table; `chunks` may be split anywhere.
 
     Raises:
         LabelError: there is no line end within `MAX_ROW_BYTES`.
@@ -227,7 +228,7 @@ def read_lines(chunks: Iterable[bytes], source: str, expected: str = ",") -> Ite
         yield from (line.rstrip(b"\r") for line in lines)
         if len(rest) > MAX_ROW_BYTES:
             raise LabelError(
-                f"{source}: no table{expected} no line end came within {MAX_ROW_BYTES}"
+                f"{source}: not a table{expected} no line end came within {MAX_ROW_BYTES}"
             )
     yield rest.rstrip(b"\r")
 
@@ -235,8 +236,8 @@ def read_lines(chunks: Iterable[bytes], source: str, expected: str = ",") -> Ite
 def _split_columns(text: str, source: str) -> tuple[str, list[str]]:
     """The label without its columns, and the statements of each column.
 
-    The label parser keeps the first of several objects of one name, so each is parsed alone.
-    Descriptions are quoted over several lines, and nothing inside of quotes begins or ends.
+    The label parser keeps the first of several objects of one name, so each is parsed separately.
+    Descriptions are quoted over several lines; statements inside quotes are ignored.
     """
     head: list[str] = []
     blocks: list[list[str]] = []
@@ -252,9 +253,9 @@ def _split_columns(text: str, source: str) -> tuple[str, list[str]]:
             (head if block is None else block).append(line)
             quoted ^= line.count('"') % 2 == 1
         if len(blocks) > MAX_COLUMNS:
-            raise LabelError(f"{source}: more than {MAX_COLUMNS} columns: no index table")
+            raise LabelError(f"{source}: more than {MAX_COLUMNS} columns: not an index table")
     if block is not None:
-        raise LabelError(f"{source}: the label ends inside of a COLUMN")
+        raise LabelError(f"{source}: the label ends inside a COLUMN")
     return "\n".join(head), ["\n".join(lines) for lines in blocks]
 
 
@@ -281,7 +282,7 @@ def _column(label: Label, first_field: int) -> IndexColumn:
 
 @dataclass(frozen=True, slots=True)
 class IndexSelection:
-    """Which rows of an index are wanted."""
+    """Selection of rows of an index."""
 
     mission: str
     """INSTRUMENT_HOST_ID: MER1, MER2."""
@@ -291,30 +292,30 @@ class IndexSelection:
 
     def __post_init__(self) -> None:
         if not self.sols:
-            raise LabelError("a selection names at least one sol")
+            raise LabelError("a selection must name at least one sol")
 
     def admits(self, instrument: str) -> bool:
-        """Whether an instrument (without its eye) is wanted."""
+        """Whether an instrument (without its eye) is selected."""
         wanted = self.instrument.upper()
         return instrument == wanted or instrument.endswith("_" + wanted)
 
 
 @dataclass(frozen=True, slots=True)
 class IndexEntry:
-    """What one row of an index says of an image."""
+    """An image as described by one row of an index."""
 
     name: FileName
     file_name: str
-    """As the index writes it, with its extension."""
+    """As in the index, with its extension."""
     path_name: str
-    """Folder of the file as the index writes it; empty where it does not say."""
+    """Folder of the file as in the index; empty where not given."""
     sol: int
     instrument: str
     eye: Eye
     clock: float
     """At the start of the exposure, seconds."""
     place: tuple[str, ...]
-    """Spacecraft, instrument, sequence and motion counter: equal for the frames of an exposure."""
+    """Spacecraft, instrument, sequence and motion counter: equal for frames of one exposure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -327,14 +328,14 @@ class IndexPair:
 
 @dataclass(frozen=True, slots=True)
 class IndexFindings:
-    """What an index holds of a selection."""
+    """The selected images of an index."""
 
     pairs: tuple[IndexPair, ...]
     unpaired: tuple[IndexEntry, ...]
     """Mapping images that are in no pair."""
     rows: int
     broken: int
-    """Rows that could not be read."""
+    """Number of rows that could not be read."""
     first_fault: str = ""
 
     @property
@@ -346,11 +347,11 @@ class IndexFindings:
 def find_in_index(
     rows: Iterable[IndexRow] | Iterable[bytes], selection: IndexSelection
 ) -> IndexFindings:
-    """The stereo pairs of a selection, in one pass; only what is selected is kept.
+    """The stereo pairs of a selection, in one pass; only selected rows are kept.
 
     Args:
         rows: those of an index table, or the lines of an inventory.
-        selection: what is wanted of them.
+        selection: which of them to keep.
     """
     places: dict[tuple[str, ...], list[IndexEntry]] = defaultdict(list)
     count, broken, first_fault = 0, 0, ""
@@ -381,7 +382,7 @@ def find_in_index(
 
 
 def index_entry(row: IndexRow, selection: IndexSelection) -> IndexEntry | None:
-    """What a row says, or None where it is not of the selection or no mapping image.
+    """The image of a row, or None where not selected or not a mapping image.
 
     Raises:
         LabelError: the row is broken.
@@ -420,10 +421,10 @@ def index_entry(row: IndexRow, selection: IndexSelection) -> IndexEntry | None:
 
 
 def inventory_entry(line: bytes, selection: IndexSelection) -> IndexEntry | None:
-    """What a line of an inventory says, or None where it is not of the selection.
+    """The image of an inventory's line, or None where not selected.
 
     Raises:
-        LabelError: the line is none.
+        LabelError: it is not a line of an inventory.
     """
     match = _INVENTORY.match(line)
     if match is None:
@@ -434,7 +435,7 @@ def inventory_entry(line: bytes, selection: IndexSelection) -> IndexEntry | None
     try:
         name = parse_file_name(match[2].decode("ascii"))
     except LabelError:
-        return None  # a document, or of a camera that is not mapped
+        return None  # # a document, or an image of a camera that is not mapped
     if (
         name.sol not in selection.sols
         or name.mission != selection.mission
@@ -461,7 +462,7 @@ def inventory_entry(line: bytes, selection: IndexSelection) -> IndexEntry | None
 
 
 def _is_mapped(name: FileName) -> bool:
-    """Whether an image of this name is an EDR of the scene, no thumbnail."""
+    """Whether an image of this name is an EDR of the scene and not a thumbnail."""
     mission = mission_of_host(name.mission)
     return mission is not None and name.product_type in mission.edr_types and name.frame != "T"
 
@@ -479,7 +480,7 @@ def _clock(row: IndexRow) -> float:
 
 
 def _best_pairs(entries: Sequence[IndexEntry]) -> list[IndexPair]:
-    """The frames of an exposure that are matched, by the order in the module's docstring."""
+    """The frames of an exposure to match, in the order of the module's docstring."""
     best: dict[tuple[Eye, int, str], IndexEntry] = {}
     for entry in sorted(entries, key=_preference, reverse=True):
         best[entry.eye, entry.name.filter_number, entry.name.part] = entry

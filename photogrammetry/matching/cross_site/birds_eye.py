@@ -1,17 +1,17 @@
-"""Bird's-eye views of a stop: the ground around it, drawn from its dense parallax.
+"""Bird's-eye views of a stop: the ground around it, rasterised from its dense parallax.
 
-Seen from above, the ground keeps its scale and its shape whatever the stop it was looked at from
-(the idea of Landform, arXiv 2509.18330, and of the orthophoto tool of Di et al. 2008, section 3.1).
-Every pixel of the dense parallax is triangulated and dropped into a cell of the level plane of the
-stop: axes of the LSL as telemetry has them, origin at the rover. A view has three channels,
+In a vertical view, scale and shape of the ground do not depend on the stop (the idea of Landform,
+arXiv 2509.18330, and of the orthophoto tool of Di et al. 2008, section 3.1). Every pixel of the
+dense parallax is triangulated and assigned to a cell of the level plane of the stop: axes of the
+LSL by telemetry, origin at the rover. A view has three channels,
 
-    grey     mean grey value between neighbouring cells: albedo and shading, changes with the sun,
-    relief   mean elevation, of waves between two and twelve cells: rocks, ripples,
+    grey     mean grey value between neighbouring cells: albedo and shading, depends on the sun,
+    relief   mean elevation, wavelengths between two and twelve cells: rocks, ripples,
     detail   the same between neighbouring cells: stones,
 
-each made free of brightness, contrast and slope by subtracting and dividing by a Gaussian
-neighbourhood. The elevation is the same under every sun, and the shorter its waves, the more
-independent places the common ground has and the narrower is the peak of its correlation.
+each normalised for brightness, contrast and slope by a Gaussian neighbourhood. The elevation does
+not depend on the sun, and the shorter its wavelengths, the more independent samples the common
+ground has and the narrower is the correlation peak.
 """
 
 from __future__ import annotations
@@ -29,31 +29,31 @@ from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 from solmap.photogrammetry.ranges import MOST_SIDE, CellSize, Few, Metres, SquareMetres
 
 CLIP = 3.0
-"""Channels are clipped here, in local standard deviations: rocks and shadows must not rule."""
+"""Limit of channels, in local standard deviations, so that rocks and shadows do not dominate."""
 
 
 DETAIL, RELIEF = (0.3, 2.0), (1.25, 6.0)
-"""Standard deviations, in cells, of the two means whose difference a channel is. Longer waves move
-with errors of the tilt."""
+"""Standard deviations, in cells, of the two Gaussian means whose difference is the channel. Longer
+waves are affected by errors of the tilt."""
 
 
 SEPARATION_M = 1.5
-"""Two peaks nearer than this are one."""
+"""Distance below which two peaks count as one."""
 
 
 @dataclass(frozen=True, slots=True)
 class BirdsEyeParams:
-    """How a stop is drawn from above and searched."""
+    """How bird's-eye views are made and searched."""
 
     cell_m: CellSize = 0.16
     """The footprint of a Navcam pixel along the ground is 0.15 m at 15 m range."""
     surface_cell_m: CellSize = 0.08
-    """Of the elevations that patches of ground are drawn over."""
+    """For the elevations of patches of ground."""
     radius_m: Metres = 30.0
-    """Beyond it a Navcam's range is off by a metre and more."""
+    """Beyond it the range error of a Navcam exceeds a metre."""
     min_overlap_m2: SquareMetres = 40.0
     peaks: Few = 4
-    """Hypotheses of where the later stop stands, tried one by one."""
+    """Number of hypotheses of the later stop's position that are tested."""
 
     def __post_init__(self) -> None:
         if not 0 < 2 * RELIEF[1] * self.cell_m < self.radius_m:
@@ -79,13 +79,13 @@ class BirdsEyeView:
 
     @property
     def halved(self) -> BirdsEyeView:
-        """The view with cells twice as wide."""
+        """The view with cells of twice the size."""
         grey, elevation = (_mean_of_four(raster) for raster in (self.grey, self.elevation))
         return BirdsEyeView(2 * self.cell_m, grey, elevation)
 
 
 def _mean_of_four(raster: Raster) -> Float32[np.ndarray, "half_rows half_cols"]:
-    """The mean of what was seen in every square of four cells; the rover stays central."""
+    """The mean of the measured cells in every square of four; the rover stays central."""
     half = raster.shape[0] // 4 * 2
     middle = raster.shape[0] // 2
     inner = raster[middle - half : middle + half, middle - half : middle + half]
@@ -97,7 +97,7 @@ def _mean_of_four(raster: Raster) -> Float32[np.ndarray, "half_rows half_cols"]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneFit:
-    """A later view's place on an earlier one: turned by `azimuth`, then moved."""
+    """Position of a later view on an earlier one: rotated by `azimuth`, then shifted."""
 
     azimuth: float
     """Radians, clockwise seen from above."""
@@ -105,21 +105,21 @@ class PlaneFit:
     east_m: float
     down_m: float
     z: float
-    """Height of the correlation peak over its scatter by chance."""
+    """Height of the correlation peak over the standard deviation of random correlation."""
     overlap_m2: float
 
 
 @dataclass(frozen=True, slots=True)
 class SearchGate:
-    """Where the later rover can stand in the level frame of the earlier one."""
+    """Possible positions of the later rover in the level frame of the earlier one."""
 
     north_m: float
     east_m: float
     reach_m: float
-    """Largest horizontal distance from there."""
+    """Largest horizontal distance from the centre."""
     azimuth_reach: float
     azimuth: float = 0.0
-    """In the middle, radians."""
+    """Central azimuth, radians."""
 
     def holds(self, fit: PlaneFit) -> bool:
         """Whether a fit lies in the gate."""
@@ -131,7 +131,7 @@ class SearchGate:
 def draw_birds_eye(
     stop: MatchedStop, params: BirdsEyeParams, cells_m: Sequence[float]
 ) -> tuple[BirdsEyeView, ...]:
-    """Draw the ground around a stop from its dense parallax, once with every size of cells."""
+    """Rasterise the ground around a stop from its dense parallax, for all cell sizes at once."""
     sizes = [2 * round(params.radius_m / cell_m) for cell_m in cells_m]
     sums = [np.zeros((3, size * size)) for size in sizes]
     for pair in stop.pairs:
@@ -154,7 +154,7 @@ def _add_points(
     cell_m: float,
     size: int,
 ) -> None:
-    """Add number, grey value and elevation of points to the cells they fall into."""
+    """Add count, grey value and elevation of points to their cells."""
     row = np.floor((radius_m - ground[:, 0]) / cell_m).astype(np.int32)
     col = np.floor((radius_m + ground[:, 1]) / cell_m).astype(np.int32)
     inside = (row >= 0) & (row < size) & (col >= 0) & (col < size)
@@ -166,9 +166,9 @@ def _add_points(
 def _level_points(
     stop: MatchedStop, pair: MatchedPair, farthest_m: float
 ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
-    """Dense points of a pair in the level frame and their grey value over the image's median.
+    """Dense points of a pair in the level frame, and their grey values over the image's median.
 
-    Every second column will do: on the ground, columns lie far closer than rows.
+    Every second column is enough: on the ground, columns are far closer than rows.
     """
     geometry, images = pair.images.geometry, pair.images
     scale = geometry.focal_px * geometry.base_m
@@ -188,7 +188,7 @@ def _level_points(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel:
-    """One quantity of a view made comparable, zero where unseen, and a weight of 0 or 1."""
+    """One quantity of a view, normalised, zero where not measured, and a weight of 0 or 1."""
 
     value: Float32[np.ndarray, "rows cols"]
     weight: Float32[np.ndarray, "rows cols"]
@@ -229,7 +229,7 @@ def band_pass(raster: Raster, fine: float, coarse: float) -> Channel:
 def place_on(
     raster: Raster, cell_m: float, azimuth: float, north_m: float, east_m: float
 ) -> Raster:
-    """A raster of the later view on the grid of the earlier one; NaN where unseen."""
+    """A raster of the later view on the grid of the earlier one; NaN where not measured."""
     size = raster.shape[0]
     place = cv2.getRotationMatrix2D(((size - 1) / 2,) * 2, -float(np.degrees(azimuth)), 1.0)
     place[:, 2] = place[:, 2] + np.array([east_m, -north_m]) / cell_m

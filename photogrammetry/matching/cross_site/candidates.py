@@ -1,13 +1,13 @@
-"""Cross-site candidates: which ground to look for in which pairs of another stop.
+"""Cross-site candidates: points to search for in the pairs of another stop.
 
-Every sparse match of a pair that a pair of the other stop should show is a candidate. Where many
-show the same ground, that match is taken, and that pair of the other stop as its target, which
-resolve the ground best together; the next one is taken a share of a patch away, so that ties do
-not repeat each other. A candidate must be predicted to be visible: the dense parallax of the target
-at the predicted place agrees with the predicted one, or something stands before it.
+Every sparse match of a pair that should be visible in a pair of the other stop is a candidate. Of
+several candidates on the same ground, the match and target pair with the best common resolution are
+taken; the next candidate is a fraction of a patch away, so that ties are nearly independent. A
+candidate must be predicted to be visible: if the dense parallax of the target at the predicted
+point differs from the predicted one, the ground is occluded there.
 
-The window covers what is uncertain of the prediction: the pose between the stops, and the
-ranges of both stops.
+The search window covers the uncertainty of the prediction: the pose between the stops, and the
+ranges at both stops.
 """
 
 from __future__ import annotations
@@ -30,60 +30,61 @@ from solmap.photogrammetry.matching.cross_site.tie_weights import select_apart
 from solmap.photogrammetry.ranges import CellSize, Count, Metres, Pixels
 
 APART_CELLS = 5.0
-"""Least distance of two candidates in cells of their patches, a third of a patch: ties that
-share more of their ground tell little that is new."""
+"""Least distance of two candidates in cells of their patches, a third of a patch: with more ground
+in common a tie adds little information."""
 
 
 FOOTPRINTS = 1.5
-"""Pixels of the coarser image in a cell: what optics and sampling resolve."""
+"""Size of a cell in pixels of the coarser image, by the resolution of optics and sampling."""
 
 
 FINEST_CELL_M = 0.05
-"""Finer patches would show less ground than the surface has detail (its cells are 0.08 m)."""
+"""Lower limit of the cell size: the surface has no finer detail (its cells are 0.08 m)."""
 
 
 COARSEST_CELL_M = 1.0
-"""Length of a cell: two Navcam pixels at 30 m on level ground."""
+"""Largest length of a cell: two Navcam pixels at 30 m on level ground."""
 
 
 WIDEST_WINDOW = 24
-"""Cells of a patch to each side that are searched at most."""
+"""Largest search distance to each side, in cells of a patch."""
 
 
 WINDOW_SIGMAS = 2.5
-"""Standard deviations of the prediction that a window covers to each side."""
+"""Half width of a search window, in standard deviations of the prediction."""
 
 
 VISIBLE_PX = 2.0
-"""Predicted and dense parallax may differ this much, besides what the gap makes of it."""
+"""Largest difference of predicted and dense parallax, besides that by the uncertain pose."""
 
 
 FIRST_GAP_M = 0.15
-"""Standard deviation of how far apart both stops place the same ground after the bird's-eye search:
-a cell of 0.16 m, and half a degree over some metres."""
+"""Standard deviation between the positions of the same ground at both stops after the bird's-eye
+search: a cell of 0.16 m, and half a degree over some metres."""
 
 
 LAST_GAP_M = 0.05
-"""The same after a first alignment: its own uncertainty and the pointing of single pairs."""
+"""The same after a first alignment: its own uncertainty and the pointing errors of pairs."""
 
 
 @dataclass(frozen=True, slots=True)
 class CandidateParams:
-    """How candidates are chosen."""
+    """Selection of candidates."""
 
     cell_m: CellSize = 0.75
-    """One candidate at most in every cell of the ground."""
+    """At most one candidate in every cell of the ground."""
     farthest_m: Metres = 30.0
     most: Count = 120
-    """In a trial of a hypothesis."""
+    """While a hypothesis is tested."""
     most_at_last: Count = 300
-    """When the hypothesis is settled."""
+    """In the final search for a hypothesis."""
     square_m: Metres = 0.2
-    """Cells are square up to this length; longer ones are narrower instead, of the same area, as
-    far as both images resolve it. Stops far apart look at the ground between them along one line,
-    and see more across it; but narrow patches hold less that is unique, so only where they must."""
+    """Cells are square up to this length; longer ones are narrower, of the same area, as far as
+    both images resolve it. Stops far apart see the ground between them along one line, with finer
+    resolution across it; but narrow patches are less unique, so only where necessary."""
     parallax_sigma_px: Pixels = 0.3
-    """Of the dense parallax, which places the surface a patch is drawn on (NTB NPO-42487: 0.32)."""
+    """Standard deviation of the dense parallax that defines a patch's surface (NTB NPO-42487:
+    0.32)."""
 
     def __post_init__(self) -> None:
         if not self.cell_m > 0:
@@ -92,7 +93,7 @@ class CandidateParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """Places seen by a source pair, to be looked for in a target pair."""
+    """Points of a source pair to be searched for in a target pair."""
 
     source: GroundView
     target: GroundView
@@ -101,7 +102,7 @@ class Plan:
     places: ObjectPoints
     """In the level frame of the source."""
     cells: Float64[np.ndarray, "n 2 2"]
-    """G of the patch around every place, metres in the level axes of the source."""
+    """G of the patch around every point, metres in the level axes of the source."""
     reach: PerPoint
     """In cells."""
 
@@ -111,7 +112,7 @@ class Plan:
         return np.sqrt(np.abs(np.linalg.det(self.cells)))
 
     def select(self, rows: Flags) -> Plan:
-        """The plan for some of its places."""
+        """The plan for some of its points."""
         return Plan(
             self.source,
             self.target,
@@ -129,7 +130,7 @@ def plan_searches(
     gap_m: float,
     params: CandidateParams,
 ) -> tuple[list[Plan], list[Plan]]:
-    """What to look for: matches of the earlier stop in the later one, and the other way round."""
+    """Search plans: matches of the earlier stop in the later one, and vice versa."""
     later_from_earlier = earlier_from_later.inverse
     forth = _plans(earlier, later, later_from_earlier, gap_m, params)
     back = _plans(later, earlier, earlier_from_later, gap_m, params)
@@ -143,7 +144,7 @@ def _plans(
     gap_m: float,
     params: CandidateParams,
 ) -> list[Plan]:
-    """Every match of every source pair that a target pair should show."""
+    """Every match of every source pair that should be visible in a target pair."""
     every = (_plan(s, t, targets_from_sources, gap_m, params) for s in sources for t in targets)
     return [plan for plan in every if plan is not None and len(plan.places)]
 
@@ -155,7 +156,7 @@ def _plan(
     gap_m: float,
     params: CandidateParams,
 ) -> Plan | None:
-    """The matches of one pair that another should show, and how far around to look."""
+    """The matches of one pair that another should show, with the search window of each."""
     t, ground = target.view.geometry, source.ground
     ahead = target_from_source.apply(ground.places)
     seen = (ahead - target.origin_m) @ target.rotation
@@ -203,7 +204,7 @@ def _spread(
     range_m: tuple[PerPoint, PerPoint],
     params: CandidateParams,
 ) -> Float64[np.ndarray, "n 2 2"]:
-    """Covariance of how far apart both stops place the ground, by the errors of both ranges."""
+    """Covariance, by range errors, of the distance between both stops' positions of a point."""
     origin = target_from_source.inverse.apply(target.origin_m[None])[0]
     spread = np.zeros((len(places), 2, 2))
     for view, start, z in ((source, source.origin_m, range_m[0]), (target, origin, range_m[1])):
@@ -216,7 +217,7 @@ def _spread(
 
 
 def horizontal_turn(target_from_source: Pose) -> Float64[np.ndarray, "2 2"]:
-    """The horizontal part of the turn between two level frames."""
+    """The horizontal part of the rotation between two level frames."""
     azimuth = float(
         np.arctan2(target_from_source.rotation[1, 0], target_from_source.rotation[0, 0])
     )
@@ -226,7 +227,7 @@ def horizontal_turn(target_from_source: Pose) -> Float64[np.ndarray, "2 2"]:
 def _visible(
     target: GroundView, left: ImagePoints, parallax: PerPoint, tolerance_px: PerPoint
 ) -> Flags:
-    """Whether the target's dense parallax at the predicted points is the predicted one."""
+    """Whether the target's dense parallax at the predicted points agrees with the predicted one."""
     col, row = np.round(left).astype(np.int64).T
     dense = target.view.pair.parallax[row, col].astype(np.float64)
     with np.errstate(invalid="ignore"):
@@ -236,7 +237,7 @@ def _visible(
 def _best_of_the_ground(
     forth: list[Plan], back: list[Plan], earlier_from_later: Pose, params: CandidateParams
 ) -> tuple[list[Plan], list[Plan]]:
-    """Keep candidates that resolve their ground best and lie apart; of too many some, evenly."""
+    """Keep well resolved candidates that are some distance apart; thin them if too many."""
     plans = [*forth, *back]
     if not plans:
         return forth, back

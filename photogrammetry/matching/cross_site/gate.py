@@ -1,4 +1,4 @@
-"""Which stops to link, and where telemetry allows the later of two stops to stand."""
+"""Which stops to link, and the search gate of the later stop by telemetry."""
 
 from __future__ import annotations
 
@@ -24,38 +24,38 @@ class LinkParams:
     """Which stops are tried for links."""
 
     max_distance_m: MetresOrZero = 50.0
-    """Farther apart, Navcam stereo sees no common ground well enough."""
+    """Beyond this distance, Navcam stereo does not see common ground well enough."""
     max_earlier: FewOrZero = 4
-    """Nearest earlier stops tried for each new one: m-1, m-2 and revisits decide the drift."""
+    """Nearest earlier stops tried for each new one: m-1, m-2 and revisits limit the drift."""
 
 
 @dataclass(frozen=True, slots=True)
 class GateParams:
-    """What telemetry leaves open between two stops, whatever it says of itself."""
+    """Assumed uncertainty of telemetry between two stops, independent of its own statements."""
 
     slip_sigma: Share = 0.08
-    """Of the distance between the stops: 3 sigma cover the 4-20 % that wheels slip."""
+    """Fraction of the distance between the stops: 3 sigma cover wheel slip of 4-20 %."""
     position_sigma_m: Metres = 0.3
-    """However short the drive: about a wheel's width, and the first drive of a stop is a turn."""
+    """For even the shortest drive: about a wheel's width, as the first motion is a turn."""
     azimuth_sigma: Radians = 0.026
     """Radians (1.5 degrees): drift of the heading over a drive."""
     tilt_sigma: Radians = 0.0052
     """Radians (0.3 degrees): roll and pitch from gravity."""
     sigmas: Factor = 3.0
-    """The gate is so many standard deviations wide."""
+    """Half width of the gate in standard deviations."""
 
     def __post_init__(self) -> None:
         if min(self.position_sigma_m, self.azimuth_sigma, self.tilt_sigma, self.sigmas) <= 0:
             raise MatchingError(
-                "a gate is as wide as telemetry is uncertain: its standard deviations are above "
-                "zero (`position_sigma_m`, `azimuth_sigma`, `tilt_sigma`, `sigmas`)"
+                "the standard deviations of a gate must be above zero (`position_sigma_m`, "
+                "`azimuth_sigma`, `tilt_sigma`, `sigmas`)"
             )
 
     def opened(self, position: float, azimuth: float, tilt: float) -> GateParams:
-        """With standard deviations so many times as large, by what a mission has shown.
+        """With standard deviations multiplied by a factor estimated from the mission.
 
-        To the nearest power of two, so that a mission's links seldom have to be searched again, and
-        never narrower: that would find nothing more.
+        Rounded to a power of two, so that a mission's links seldom have to be searched again, and
+        never below one, which would find nothing more.
         """
         place, heading, level = (
             2.0 ** max(0, round(float(np.log2(factor)))) for factor in (position, azimuth, tilt)
@@ -69,7 +69,7 @@ class GateParams:
         )
 
     def usual_sigma_m(self, distance_m: float) -> float:
-        """Of the place of a stop so far from another by telemetry."""
+        """Of the position of a stop at this distance from another, by telemetry."""
         return self.slip_sigma * distance_m + self.position_sigma_m
 
 
@@ -79,9 +79,9 @@ def link_candidates(
     params: LinkParams,
     gate: GateParams,
 ) -> list[StopId]:
-    """The earlier stops that one at `lsl_from_rover` may share ground with, nearest first.
+    """The earlier stops that may share ground with one at `lsl_from_rover`, nearest first.
 
-    A stop that telemetry may put too far away by its usual error is tried as well.
+    Stops that are too far away only by the usual error of telemetry are included.
     """
     here = lsl_from_rover.translation_m[:2]
     distances = sorted(
@@ -98,25 +98,25 @@ def link_candidates(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchStage:
-    """A gate that is searched, and the prior covariance of the pose in it."""
+    """A gate to search, and the prior covariance of the pose in it."""
 
     gate: SearchGate
     prior: PoseCovariance
 
 
 WIDENED = (1.0, 4.0, 16.0)
-"""Times its usual uncertainty that telemetry of the place is off: as a rule, where wheels spin
-(four times 24 % of the drive is all of it), and wherever there is common ground. The heading, which
-gravity and the sun keep, opens as the square root."""
+"""Factors of the usual uncertainty of the position by telemetry: normal; with spinning wheels (four
+times 24 % of the drive is all of it); and anywhere with common ground. The uncertainty of the
+heading, which gravity and the sun limit, grows with the square root."""
 
 
 def search_stages(
     earlier: MatchedStop, later: MatchedStop, params: GateParams, radius_m: float
 ) -> list[SearchStage]:
-    """The gates to be searched one after the other; views show the ground to `radius_m`.
+    """The gates to search one after the other; views show the ground to `radius_m`.
 
-    None where telemetry puts the stops so far apart that no error of it is believed to be as large:
-    farther than all ground that they could share and as much again.
+    None where telemetry puts the stops farther apart than twice the reach of common ground, more
+    than any plausible error of it.
     """
     stages = []
     for widened in WIDENED:
@@ -132,10 +132,10 @@ def search_stages(
 def search_gate(
     earlier: MatchedStop, later: MatchedStop, params: GateParams, widened: float = 1.0
 ) -> tuple[SearchGate, PoseCovariance]:
-    """Where the later rover can stand, and the prior covariance of the pose between both.
+    """Possible poses of the later rover, and the prior covariance of the pose between both.
 
-    Along a traverse errors add up, so what is uncertain between two stops is the growth of the
-    covariance from one to the other; and never less than a drive of this length leaves.
+    Errors accumulate along a traverse, so the uncertainty between two stops is the growth of the
+    covariance from one to the other, but at least that of a drive of this length.
     """
     step = later.lsl_from_rover.translation_m - earlier.lsl_from_rover.translation_m
     distance_m = float(np.hypot(step[0], step[1]))
@@ -157,7 +157,7 @@ def search_gate(
 
 
 def pose_from_fit(earlier: MatchedStop, later: MatchedStop, fit: PlaneFit) -> Pose:
-    """earlier_from_later with the tilt of telemetry and the rest of a bird's-eye fit."""
+    """earlier_from_later with the tilt of telemetry and the other components of a fit."""
     level_from_earlier = earlier.lsl_from_rover.rotation
     turn = rotation_of_roll_pitch_yaw(0.0, 0.0, fit.azimuth)
     place = np.array([fit.north_m, fit.east_m, fit.down_m])

@@ -1,21 +1,21 @@
-"""A stop prepared for linking: its ground as a surface, and patches drawn from its images.
+"""A stop prepared for linking: its ground as a surface, and patches resampled from its images.
 
-At a grazing angle of 8 degrees a bump of 5 cm shifts what lies on it by 35 cm along the view, and
-the other way when seen from the other side. Patches of two stops are therefore compared as
-orthophotos: every cell of a patch has its elevation from the dense parallax of its own stop, a
+At a grazing angle of 8 degrees a bump of 5 cm shifts the points on it by 35 cm along the view, and
+in the opposite direction when seen from the other side. Patches of two stops are therefore compared
+as orthophotos: every cell of a patch has its elevation from the dense parallax of its own stop, a
 surface without gaps (`GroundSurface`), and is projected into the image,
 
     grey(n, e) = image( h( pair_from_level (n, e, -elevation(n, e)) ) ).
 
-With D the derivative of the image point by (n, e) over that surface, a pixel covers the ellipse
-C = D^-1 D^-T of the ground: Z/f across the view and Z^2/(f h) along it on level ground, h being the
-height of the mast; more on ground that falls away. Detail can be averaged but not made up, so the
-cells of a patch that two images are drawn on are as large as the pixel of either in all directions:
-with C_1 = L L' and L^-1 C_2 L^-T = V diag(l) V', place = centre + G (row, column),
+With D the derivative of the image point by (n, e) over that surface, a pixel covers the ellipse C =
+D^-1 D^-T of the ground: Z/f across the view and Z^2/(f h) along it on level ground, h being the
+height of the mast; more on ground that slopes away from the camera. Detail can only be averaged, so
+the cells of a patch common to two images are as large as the larger pixel of the two in all
+directions: with C_1 = L L' and L^-1 C_2 L^-T = V diag(l) V', place = centre + G (row, column),
 
     G = L V diag(sqrt(max(1, l))),
 
-and each image is averaged over the pixels that a cell covers. Patches that are sought in a stop
+and each image is averaged over the pixels that a cell covers. Patches to be matched with a stop
 under another sun are relit over the same surface (`light`).
 """
 
@@ -49,16 +49,16 @@ from solmap.photogrammetry.matching.records import MatchedStop
 SLOPE_STEP_M = 0.25
 
 LEAST_SEEN = 0.7
-"""Share of a patch whose surface must be known."""
+"""Fraction of a patch whose surface must be known."""
 
 WIDEST_AVERAGE = 5
-"""Powers of two of pixels that are averaged into one at most."""
+"""Largest power of two of pixels that are averaged into one."""
 
 FILL_CELLS = (1.0, 3.0, 8.0)
-"""Gaps are filled from neighbours within these standard deviations, nearest first."""
+"""Standard deviations of the Gaussians that fill gaps from neighbours, nearest first."""
 
 LONGEST = 4.0
-"""Cells are so many times as long as wide at most: a narrower strip holds too little."""
+"""Largest ratio of a cell's length to its width: a narrower strip contains too little."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +94,7 @@ class GroundSurface:
     def relighting(
         self, north: np.ndarray, east: np.ndarray, sun: Vector3, other: Vector3
     ) -> Float32[np.ndarray, "a b"]:
-        """By how much brighter the ground is under another sun; NaN beyond the surface."""
+        """Ratio of the ground's brightness under another sun; NaN beyond the surface."""
         north_rise, east_rise = (self._sample(raster, north, east) for raster in self.rise)
         return relighting(north_rise, east_rise, sun, other)
 
@@ -119,7 +119,7 @@ class GroundSurface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatchedGround:
-    """Where the sparse matches of a pair lie in the level frame of its stop."""
+    """Positions of the sparse matches of a pair in the level frame of its stop."""
 
     places: ObjectPoints
     range_m: PerPoint
@@ -130,7 +130,7 @@ class MatchedGround:
 
 @dataclass(slots=True, eq=False)
 class GroundView:
-    """One pair of a stop as a camera over the level frame."""
+    """One pair of a stop as a camera in the level frame."""
 
     view: TieView
     surface: GroundSurface
@@ -147,7 +147,7 @@ class GroundView:
 
     @property
     def ground(self) -> MatchedGround:
-        """The ground that the pair's sparse matches show, worked out once."""
+        """The ground of the pair's sparse matches, computed once."""
         if self._ground is None:
             matches, geometry = self.view.pair.matches, self.view.geometry
             ahead = matches.parallax_px > 0
@@ -186,7 +186,7 @@ class GroundView:
     def footprints(self, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2 2"]:
         """C of a pixel at level places, square metres; NaN where the ground is unknown.
 
-        A slope that faces the camera is not trusted to make it shorter than on level ground.
+        A slope that faces the camera does not reduce it below that of level ground.
         """
         derivative = self.derivative(places)
         good = np.isfinite(derivative).all(axis=(1, 2))
@@ -213,10 +213,10 @@ class GroundView:
         core_half: int,
         sun: Vector3 | None = None,
     ) -> tuple[Float32[np.ndarray, "n a a"], Flags]:
-        """Orthophoto patches around (north, east) centres, and whose core is seen.
+        """Orthophoto patches around (north, east) centres, and whether their core is visible.
 
         Row i and column j of a patch lie at centre + G (i - half, j - half). Given a sun, the
-        patches look as they would under it.
+        patches are relit for it.
         """
         places = _places(centres, grids, half)
         n, size = places.shape[:2]
@@ -243,7 +243,7 @@ class GroundView:
     def relief_m(
         self, centres: Float64[np.ndarray, "n 2"], grids: Float64[np.ndarray, "n 2 2"], half: int
     ) -> PerPoint:
-        """Root mean square height of the ground of patches above its mean plane."""
+        """Root mean square height of the ground of patches relative to its mean plane."""
         places = _places(centres, grids, half)
         n, size = places.shape[:2]
         flat = places.reshape(n * size, size, 2)
@@ -262,13 +262,14 @@ class GroundView:
         return np.clip(np.round(np.log2(pixels)), 0, WIDEST_AVERAGE).astype(np.int64)
 
     def _sample(self, left: np.ndarray, level: tuple[int, int]) -> np.ndarray:
-        """Grey values at image points of some patches, from the image averaged as they need."""
+        """Grey values at image points of some patches, from the image averaged as required."""
         if level not in self.averaged:
             width = (2 ** level[0], 2 ** level[1])
             self.averaged[level] = (
                 self.view.left.image if level == (0, 0) else cv2.blur(self.view.left.image, width)
             ).astype(np.float32)
-        shift = [0.5 if k else 0.0 for k in level]  # an even box is centred half a pixel early
+        # # an even box is centred half a pixel too early
+        shift = [0.5 if k else 0.0 for k in level]
         n, size = left.shape[:2]
         at = left.reshape(n * size, size, 2)
         out = cv2.remap(
@@ -295,7 +296,7 @@ class GroundView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StopViews:
-    """A stop made ready for linking; worth keeping when it is linked more than once."""
+    """A stop prepared for linking; reused when it is linked more than once."""
 
     stop: MatchedStop
     birds_eye: BirdsEyeView
@@ -303,7 +304,7 @@ class StopViews:
 
     @classmethod
     def of(cls, stop: MatchedStop, params: BirdsEyeParams) -> StopViews:
-        """Draw the stop from above, coarsely to search in and finely as the ground of its pairs."""
+        """Rasterise the stop's ground, coarsely for the search, finely for its pairs' patches."""
         seen, fine = draw_birds_eye(stop, params, (params.cell_m, params.surface_cell_m))
         surface = GroundSurface.of(fine)
         level = stop.lsl_from_rover.rotation
@@ -312,7 +313,7 @@ class StopViews:
 
     @property
     def id(self) -> StopId:
-        """Which stop it is."""
+        """Identifier of the stop."""
         return self.stop.stop
 
     @property
@@ -333,10 +334,10 @@ def _places(
 def common_cells(
     one: Float64[np.ndarray, "n 2 2"], other: Float64[np.ndarray, "n 2 2"], square_m: float
 ) -> Float64[np.ndarray, "n 2 2"]:
-    """G of cells as large as the pixels of two images, C_1 and C_2, in every direction.
+    """G of cells as large as the larger of two images' pixels, C_1 and C_2, in every direction.
 
-    Cells that are no longer than `square_m` are square, longer ones narrower in turn, at least of
-    that area; NaN where either C is not finite.
+    Cells up to the length `square_m` are square, longer ones narrower, at least of that area; NaN
+    where either C is not finite.
     """
     cells = np.full(one.shape, np.nan)
     good = np.isfinite(one).all(axis=(1, 2)) & np.isfinite(other).all(axis=(1, 2))

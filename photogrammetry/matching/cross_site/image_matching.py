@@ -1,29 +1,29 @@
-"""Image-matched cross-site ties: patches of ground matched, then measured again in the images.
+"""Image-matched cross-site ties: patches of ground matched, then refined in the images.
 
-Around a candidate both pairs are drawn as orthophotos over the surfaces of their own stops
+Around a candidate both pairs are resampled to orthophotos over the surfaces of their own stops
 (`ground_views`), and matched on the ground (`conjugates`). The centre of the patch and its
-conjugate are then image points of both pairs, where the parallax is measured.
+conjugate are then image points of the two pairs, where the parallax is measured.
 
-A patch that is found beside its true place is found on the ground there: its image moves along the
-surface, and its parallax is that of the ground where it was found. With the standard deviation s of
-a cell and the derivative P of the image by cells (columns: the axes of the patch), displacements of
-one standard deviation are the columns of S = s P, and with g the slope of parallax over the image,
-as the surface around has it,
+A matching error displaces a point along the ground: its image moves along the surface, and its
+parallax is that of the displaced point. With the standard deviation s of a cell and the derivative
+P of the image by cells (columns: the axes of the patch), displacements of one standard deviation
+are the columns of S = s P, and with g the gradient of parallax over the image on the surface
+around,
 
     s_x^2 = |S_x|^2 + (f r/Z)^2      s_y^2 = |S_y|^2 + (f r/Z)^2      s_p'^2 = s_p^2 + |g' S|^2
 
-where r is by how much ground lies above or below the surface on which the patch was compared, and
-with it what stops on different sides see of it: no patch is found better than that. Seen
-at a grazing angle ground moves far more across an image than up: at 17 m a shift of 10 cm is 20
-pixels of a Pancam to the side, 2 pixels up. With equal standard deviations in both, heights counted
-a tenth of what they are worth, ranges ten times as much, and links between stops were off by more
-than they stated.
+where r is the height of ground above or below the patch's surface, which limits the accuracy
+because stops on different sides see different faces of it. At a grazing angle a shift on the ground
+moves a point far more across an image than up: at 17 m a shift of 10 cm is 20 pixels of a Pancam
+sideways, but 2 pixels up. With equal standard deviations of both, heights would get a tenth of
+their proper weight and ranges ten times theirs, and links between stops would be less accurate than
+stated.
 
-A patch of ground is drawn over a surface with errors of its own; the relief that it misses deforms
-the patch, and against truth its place is good to 0.4 cells. Once the pose between the stops is
-known, the facet around a tie maps one epipolar image straight onto the other (`parallax_planes`),
-and least-squares matching there (`refine_ties`) is left with what the images themselves show: half
-the error. What it does not find keeps its place, with the standard deviation of a patch.
+The surface of a patch has errors; missing relief deforms the patch, and compared with truth its
+position is accurate to 0.4 cells. Once the pose between the stops is known, the facet around a tie
+maps one epipolar image directly to the other (`parallax_planes`), and least-squares matching there
+(`refine_ties`) depends only on the images: half the error. Ties that it does not find keep their
+position, with the standard deviation of a patch.
 """
 
 from __future__ import annotations
@@ -66,38 +66,38 @@ from solmap.photogrammetry.matching.records import Ties, join_ties
 from solmap.photogrammetry.ranges import HalfWindow
 
 WINDOW_STEP = 8
-"""Windows grow in steps of so many cells: patches of one size are drawn together."""
+"""Step of window sizes in cells: patches of one size are resampled together."""
 
 MARGIN_CELLS = 3
-"""Search patches are wider by so much, for refinement to move in."""
+"""Additional width of search patches, for refinement."""
 
 ParallaxOf = Callable[[TieView, ImagePoints], tuple[PerPoint, PerPoint]]
 """(parallax, standard deviation) at left image points of a pair; NaN where there is none."""
 
 RELIEF_M = 0.015
-"""r: what soil and pebbles rise above the mean of a patch; against truth 1 to 2 cm."""
+"""r: height of soil and pebbles above the mean of a patch; compared with truth 1 to 2 cm."""
 
 HALF_PX = 10
-"""Half the window of the surface around."""
+"""Half the window of the surrounding surface."""
 
 FACET = ConjugateParams(half_px=8, threshold=0.6, ambiguity=1.0, sigma_floor_px=0.25)
-"""How a tie is measured again. Its place is known, so it need not be the only one. Stops look at
-the ground from different sides: against truth, a quarter of a common cell is what least squares
-come to."""
+"""How a tie is refined. Its position is known, so it need not be unique. Stops see the ground from
+different sides: compared with truth, least-squares matching is accurate to a quarter of a common
+cell."""
 
 FACET_REACH = 3
-"""Cells to each side: the 0.4 cells of a patch, and what is left of the pose, three times."""
+"""Cells to each side: three times the 0.4 cells of a patch and the remaining error of the pose."""
 
 MEASURED_AGAIN = ("left", "parallax_px", "sigma_px", "sigma_line_px", "sigma_parallax_px")
-"""Columns of a second measurement."""
+"""Number of values of a second measurement."""
 
 
 FIRST_SIGMA_PX = 0.1
-"""The centre of a patch is a point by definition; what is left is resampling."""
+"""The centre of a patch defines the tie; the only error is resampling."""
 
 
 BLUR_CELLS = 0.7
-"""Takes from both what only one of them resolves."""
+"""Smooths both to the resolution of the coarser one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,31 +109,32 @@ class GroundMatchingParams:
     patches: ConjugateParams = field(
         default_factory=lambda: ConjugateParams(threshold=0.6, ambiguity=0.85, sigma_floor_px=0.4)
     )
-    """Looks at the ground from far apart correlate less than the eyes of one pair; that a place is
-    the only one within the window, and fits the others in space, has to make up for it. Against
-    truth a patch is good to 0.4 cells, for its relief is not quite that of the surface."""
+    """Views of the ground from far apart correlate less than the two images of a pair; uniqueness
+    within the window and agreement in space compensate for it. Compared with truth a patch is
+    accurate to 0.4 cells, because its relief differs slightly from the surface."""
     parallax: ConjugateParams = field(
         default_factory=lambda: ConjugateParams(parallax_floor_px=0.1)
     )
-    """How the parallax of a tie is measured in its pairs; against truth 0.07 px on rendered soil,
-    0.1-0.2 px on real one of good texture (NTB NPO-42487)."""
+    """How the parallax of a tie is measured in its pairs; compared with truth 0.07 px on rendered
+    soil, 0.1-0.2 px on real one of good texture (NTB NPO-42487)."""
 
     def __post_init__(self) -> None:
         if self.half_cells < 3:  # noqa: PLR2004
             raise MatchingError(
-                f"patches of ground are 7 x 7 cells or more, not half_cells = {self.half_cells}"
+                "patches of ground must have 7 x 7 cells or more, not half_cells = "
+                f"{self.half_cells}"
             )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundTies:
-    """Ties between two stops, and what is known of the patch of ground that each was matched by."""
+    """Ties between two stops, with the patch of ground by which each was matched."""
 
     ties: Ties
     width_m: PerPoint
     by_light_px: Float64[np.ndarray, "n 2 3"]
-    """(sample, line, parallax) by which a difference of the suns may displace the first and the
-    second measurement: shadows of relief as high as that of the patch."""
+    """(sample, line, parallax) by which different positions of the sun may displace the first and
+    the second measurement: shadows of relief as high as that of the patch."""
 
     def select(self, rows: Flags) -> GroundTies:
         """The ties of some rows."""
@@ -156,9 +157,9 @@ def match_ground(
 ) -> GroundTies:
     """Ties between two stops; first the earlier's pair, second the later's.
 
-    `forth` looks for ground of the earlier stop in the later one, `back` the other way round. The
+    `forth` searches for points of the earlier stop in the later one, `back` vice versa. The
     parallax is measured by least-squares matching, or, if the standard deviation of the dense one
-    is given, looked up.
+    is given, interpolated from it.
     """
 
     def parallax_of(view: TieView, points: ImagePoints) -> tuple[PerPoint, PerPoint]:
@@ -181,7 +182,7 @@ def _join(ties: Sequence[GroundTies], pair_ids: tuple[str, ...]) -> GroundTies:
 def _match_plan(
     plan: Plan, params: GroundMatchingParams, parallax_of: ParallaxOf, pair_ids: tuple[str, ...]
 ) -> GroundTies:
-    """Look for the candidates of a plan, those with windows of like size together."""
+    """Search for the candidates of a plan, grouped by window size."""
     classes = np.ceil(plan.reach / WINDOW_STEP).astype(np.int64)
     ties = [
         _match_window_class(
@@ -250,9 +251,9 @@ def _match_window_class(
 def _displaced_by_light(
     plan: Plan, ahead: Float64[np.ndarray, "n 2"], points: ImagePoints, half: int
 ) -> Float64[np.ndarray, "n 3"]:
-    """(sample, line, parallax) by which shadows of relief like that of the patches are displaced.
+    """(sample, line, parallax) displacement of shadows of relief like that of the patches.
 
-    `ahead` are the places in the level frame of the target, `points` those in its image.
+    `ahead` are the points in the level frame of the target, `points` their images.
     """
     if plan.source.sun is None or plan.target.sun is None:
         return np.zeros((len(points), 3))
@@ -264,7 +265,7 @@ def _displaced_by_light(
 
 
 def _blur(stack: Float32[np.ndarray, "n a a"], sigma: float) -> Float32[np.ndarray, "n a a"]:
-    """Every patch through a Gaussian."""
+    """Smooth every patch by a Gaussian."""
     for patch in stack:
         cv2.GaussianBlur(patch, (0, 0), sigma, dst=patch)
     return stack
@@ -273,7 +274,7 @@ def _blur(stack: Float32[np.ndarray, "n a a"], sigma: float) -> Float32[np.ndarr
 def look_up_parallax(
     view: TieView, points: ImagePoints, sigma_px: float
 ) -> tuple[PerPoint, PerPoint]:
-    """(parallax, its standard deviation) at left image points, as dense matching has it."""
+    """(parallax, its standard deviation) at left image points, from dense matching."""
     lines, samples = view.pair.parallax.shape
     col = np.clip(np.round(points[:, 0]), 0, samples - 1).astype(np.int64)
     row = np.clip(np.round(points[:, 1]), 0, lines - 1).astype(np.int64)
@@ -289,9 +290,9 @@ def ground_sigmas(
     sigma_parallax_px: PerPoint,
     spread: Float64[np.ndarray, "n 2 2"],
 ) -> tuple[PerPoint, PerPoint, PerPoint]:
-    """Standard deviations of (sample, line, parallax) of points found on the ground, pixels.
+    """Standard deviations of (sample, line, parallax) of points matched on the ground, pixels.
 
-    `spread` is S, `sigma_parallax_px` that of the parallax measured where the point was found.
+    `spread` is S, `sigma_parallax_px` that of the parallax measured at the matched point.
     """
     slope = np.nan_to_num(parallax_planes(view.pair.parallax, points, HALF_PX).gradient)
     along = (slope[:, None] @ spread)[:, 0]
@@ -306,7 +307,7 @@ def refine_ties(
     alignment: Alignment,
     parallax: ConjugateParams,
 ) -> Ties:
-    """The ties, those that are found again with the place and parallax measured there."""
+    """The ties, with position and parallax measured again where they are found again."""
     columns = {name: getattr(ties, f"second_{name}").copy() for name in MEASURED_AGAIN}
     for a, b in sorted({*zip(ties.first.tolist(), ties.second.tolist(), strict=True)}):
         rows = np.flatnonzero((ties.first == a) & (ties.second == b)).astype(np.int32)
@@ -328,13 +329,13 @@ def refine_ties(
 
 
 def _between(source: TieView, target: TieView, alignment: Alignment) -> Pose:
-    """target_from_source with the pose and the pointing that the alignment found."""
+    """target_from_source with the pose and the pointing of the alignment."""
     first, second = (corrected_pose(view, alignment) for view in (source, target))
     return second.inverse @ alignment.first_from_second.inverse @ first
 
 
 def corrected_pose(view: TieView, alignment: Alignment) -> Pose:
-    """rover_from_pair, its pointing corrected."""
+    """rover_from_pair with its corrected pointing."""
     pose = view.geometry.rover_from_pair
     theta = alignment.pointing.get(view.pair.pair_id, np.zeros(3))
     turn = ScipyRotation.from_rotvec(theta).as_matrix()
@@ -349,7 +350,7 @@ def _maps(
     target_from_source: Pose,
     half_px: int,
 ) -> Float64[np.ndarray, "n 3 3"]:
-    """Maps over the facet of every tie, moved to carry the first point onto the second one."""
+    """Maps over the facet of every tie, shifted to map the first point to the second one."""
     points = ties.first_left[rows]
     planes = parallax_planes(source.pair.parallax, points, half_px)
     planes = ParallaxPlanes(ties.first_parallax_px[rows], planes.gradient, planes.residual_px)

@@ -1,16 +1,16 @@
-"""Light on the ground: shading under a given sun, and how far shadows move when the sun does.
+"""Illumination of the ground: shading under a given sun, and displacement of shadows by its motion.
 
-With the unit normal n of the ground, the unit vector s towards the sun and the share k of the
-light of the sky, ground of albedo w has the radiance
+With the unit normal n of the ground, the unit vector s towards the sun and the fraction k of
+skylight, ground of albedo w has the radiance
 
     L = w E(s),        E(s) = max(n.s, 0) + k (1 + n_z) / 2,
 
-n_z being the vertical component (Lambert's law; Horn 1981, Proc. IEEE 69, 14-47). A patch that was
-seen under the sun s is therefore drawn as it would look under another sun s' by the factor
-E(s') / E(s), with normals from the dense surface of its own stop. Under equal suns the factor is 1.
+n_z being the vertical component (Lambert's law; Horn 1981, Proc. IEEE 69, 14-47). A patch imaged
+under the sun s is therefore relit for another sun s' by the factor E(s') / E(s), with normals from
+the dense surface of its own stop. Under equal suns the factor is 1.
 
-A point h above the ground casts its shadow h a(s) beside itself, a(s) = -(s_n, s_e) / s_up. Looks
-of the same relief under two suns are displaced against each other by h (a(s) - a(s')) at most.
+The shadow of a point at height h above the ground is displaced by h a(s), a(s) = -(s_n, s_e) /
+s_up. Images of the same relief under two suns are therefore displaced by h (a(s) - a(s')) at most.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ import numpy as np
 from solmap.photogrammetry.arrays import Float32, Float64, Raster, Vector3
 
 SKY_LIGHT = 0.25
-"""k: light of the dusty sky, as a share of the sun's at right angles."""
+"""k: light of the dusty sky, as a fraction of direct sunlight at right angles."""
 
 LOWEST_SUN = 0.05
-"""Sine of the elevation below which the sun is taken to stand there: shadows end somewhere."""
+"""Least sine of the sun's elevation, which limits the length of shadows."""
 
 
 def slopes(elevation: Raster, cell_m: float) -> Float32[np.ndarray, "2 rows cols"]:
-    """Rise of the ground towards north and east, by central differences; row 0 is the northernmost.
+    """Slope of the ground to north and east, by central differences; row 0 is the northernmost.
 
     0 where it is unknown: such ground is shaded as if level.
     """
@@ -43,7 +43,7 @@ def relighting(
     sun: Vector3,
     other: Vector3,
 ) -> Float32[np.ndarray, "*shape"]:
-    """E(other) / E(sun) of ground that rises by so much towards north and east."""
+    """E(other) / E(sun) of ground with these slopes towards north and east."""
     steepness = np.sqrt(1.0 + north**2 + east**2)
     before, after = (
         np.maximum(-north * s[0] - east * s[1] - s[2], 0.0) + SKY_LIGHT * (steepness + 1.0) / 2
@@ -53,6 +53,6 @@ def relighting(
 
 
 def shadow_difference(sun: Vector3, other: Vector3) -> Float64[np.ndarray, " 2"]:
-    """a(sun) - a(other): north and east by which shadows differ, per metre of height."""
+    """a(sun) - a(other): north and east displacement between shadows, per metre of height."""
     one, two = (-s[:2] / max(-s[2], LOWEST_SUN) for s in (sun, other))
     return one - two

@@ -1,27 +1,27 @@
-"""Link two stops: cross-site ties of the ground that both have seen, without manual input.
+"""Link two stops: automatic cross-site ties on their common ground.
 
-1. Telemetry gives the position of the later rover in the frame of the earlier one, as a rule to
-   some per cent of the drive and a degree or two of azimuth (Di et al. 2008, section 1 and table
-   1). That is the search gate (`gate`), widened by stages where wheels spun.
-2. Bird's-eye views of both stops, heights first, are correlated over the gate until a peak stands
-   out (`hypotheses`). The best are hypotheses of the horizontal pose; the drop follows from the
-   elevations of the common ground and the tilt from telemetry, which gravity holds to tenths of a
-   degree.
-3. Under every hypothesis the ground of the later stop is laid onto that of the earlier one by its
-   shape (`surface_alignment`). Where relief correlates far better than anywhere else, the shape
-   decides: blocks of ground become surface-matched ties (`surface_matching`), which tell bearing,
-   range and height, and image-matched ties (5.) are handed on if the pose by them agrees. Under
-   opposite suns lit faces and shadows change places, and they may be decimetres off.
-4. Where relief is too low to tell, the sparse matches of each stop are predicted into the pairs of
-   the other one (`candidates`) and matched there on the ground (`image_matching`), and a robust
-   rigid alignment counts how many agree in space (`alignment`). The best hypothesis is tried again
-   from its own alignment, with a window of a few cells, and so is its strongest rival: a wrong
-   hypothesis, or a decoy, measures what chance can do. Decoys are places inside the gate where no
-   peak was, tried in exactly the same way.
-5. Ties are measured again in the original images (`image_matching`); those that hardly share their
-   ground are handed on, with standard deviations that allow for what they share (`tie_weights`).
-6. The link stands if its ties are many, well spread and far more than chance found; if not, the
-   verdict says why (`links`). A wrong link is worse than none.
+1. Telemetry gives the position of the later rover in the frame of the earlier one, usually to some
+   per cent of the drive and a degree or two of azimuth (Di et al. 2008, section 1 and table 1).
+   That is the search gate (`gate`), widened by stages for slipping wheels.
+2. Bird's-eye views of both stops, heights first, are correlated over the gate until a peak is
+   significant (`hypotheses`). The best peaks are hypotheses of the horizontal pose; the height
+   difference follows from the elevations of the common ground, the tilt from telemetry, which is
+   accurate to tenths of a degree by gravity.
+3. Under every hypothesis the surface of the later stop is registered to that of the earlier one
+   (`surface_alignment`). Where relief correlates far better than anywhere else, surfaces decide:
+   blocks of ground become surface-matched ties (`surface_matching`), which determine bearing, range
+   and height, and image-matched ties (5.) are added if their pose agrees. Under opposite suns lit
+   faces and shadows are interchanged, and image-matched ties may be decimetres off.
+4. Where relief is too low to decide, the sparse matches of each stop are predicted into the pairs
+   of the other one (`candidates`) and matched there on the ground (`image_matching`), and a robust
+   rigid alignment counts how many agree in space (`alignment`). The best hypothesis is tested again
+   from its own alignment, with a window of a few cells, and so is the second best: a wrong
+   hypothesis, or a decoy, shows how many ties agree by chance. Decoys are positions inside the gate
+   without a peak, tested in exactly the same way.
+5. Ties are measured again in the original images (`image_matching`); nearly independent ones are
+   returned, with standard deviations that include their correlation (`tie_weights`).
+6. The link is accepted if its ties are many, well spread and far more than by chance; otherwise the
+   reason is returned (`links`). A wrong link is worse than none.
 """
 
 from __future__ import annotations
@@ -97,14 +97,14 @@ AGREES = 16.8
 
 @dataclass(frozen=True, slots=True)
 class TrialParams:
-    """How hypotheses are tried."""
+    """How hypotheses are tested."""
 
     candidates: CandidateParams = field(default_factory=CandidateParams)
     ground: GroundMatchingParams = field(default_factory=GroundMatchingParams)
     alignment: AlignmentParams = field(default_factory=AlignmentParams)
     decoys: FewOrZero = 2
     separation_m: Metres = 0.75
-    """Trials that end this near to each other found the same place."""
+    """Distance below which two tests ended at the same position."""
 
     def __post_init__(self) -> None:
         if self.decoys < 0 or self.separation_m <= 0:
@@ -116,7 +116,7 @@ class TrialParams:
 
 @dataclass(frozen=True, slots=True)
 class CrossSiteParams:
-    """How stops are linked, and when a link is believed."""
+    """How stops are linked, and when a link is accepted."""
 
     gate: GateParams = field(default_factory=GateParams)
     birds_eye: BirdsEyeParams = field(default_factory=BirdsEyeParams)
@@ -124,14 +124,14 @@ class CrossSiteParams:
     by_shape: SurfaceTieParams = field(default_factory=SurfaceTieParams)
     verdict: VerdictParams = field(default_factory=VerdictParams)
     apart: FactorOrZero = 0.75
-    """Least distance of ties that are handed on, in widths of their patches: they share a quarter
-    of their ground at most along either axis, and nearly count as independent."""
+    """Least distance of returned ties, in widths of their patches: they share at most a quarter of
+    their ground along either axis, and are nearly independent."""
 
 
 def tie_cross_site(
     earlier: MatchedStop | StopViews, later: MatchedStop | StopViews, params: CrossSiteParams
 ) -> SiteLink:
-    """Link two stops by the ground that both have seen, or say why that cannot be done."""
+    """Link two stops by their common ground, or give the reason why not."""
     one, other = (
         s if isinstance(s, StopViews) else StopViews.of(s, params.birds_eye)
         for s in (earlier, later)
@@ -146,7 +146,7 @@ def tie_cross_site(
     if not fits:
         return refused_link(one, other, "the bird's-eye views share too little ground")
     if found.highest < least_z:
-        return refused_link(one, other, f"no peak stands out (z = {found.highest:.1f})", fits[0])
+        return refused_link(one, other, f"no significant peak (z = {found.highest:.1f})", fits[0])
     trials = Trials(one, other, found.prior, params.trials)
     wrong = decoys(gate, fits, params.trials.decoys, 2 * SEPARATION_M)
     if params.by_shape.enabled:
@@ -163,7 +163,7 @@ def tie_cross_site(
 def _link_by_shape(
     trials: Trials, fits: Sequence[PlaneFit], wrong: Sequence[PlaneFit], params: CrossSiteParams
 ) -> SiteLink | None:
-    """The link of stops whose ground is one and the same beyond doubt; None of others."""
+    """The link of stops whose surfaces agree beyond doubt; None otherwise."""
     one, other, by_shape = trials.one, trials.other, params.by_shape
     stops = (one.stop, other.stop)
     first, second = (HeightGrid.of(stop, by_shape.surface) for stop in stops)
@@ -236,7 +236,7 @@ def _link_by_shape(
 def _pointing(
     stops: tuple[MatchedStop, MatchedStop], pose: Pose, params: CrossSiteParams
 ) -> PoseCovariance:
-    """What the mean pointing errors of both stops leave open of the pose between them."""
+    """Covariance of the pose between both stops by their mean pointing errors."""
     sigma = params.trials.alignment.pointing_sigma
     t = pose.translation_m
     cross = np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]])
@@ -246,7 +246,7 @@ def _pointing(
 
 
 def _differ(one: Alignment, pose: Pose, covariance: PoseCovariance) -> tuple[float, float]:
-    """(squared Mahalanobis length, metres) of what lies between an alignment and a pose."""
+    """(squared Mahalanobis length, metres) of the difference between an alignment and a pose."""
     found = one.first_from_second
     turn = ScipyRotation.from_matrix(found.rotation @ pose.rotation.T).as_rotvec()
     off = np.concatenate([turn, found.translation_m - pose.translation_m])
@@ -255,7 +255,7 @@ def _differ(one: Alignment, pose: Pose, covariance: PoseCovariance) -> tuple[flo
 
 
 def _best(tried: list[Trial], separation_m: float) -> Trial:
-    """The trial that most agree with; of those that ended there too, the one of the best peak."""
+    """The test with most agreeing ties; of those at the same position, the one of the best peak."""
     most = max(tried, key=lambda trial: trial.agreeing)
     same = (t for t in tried if t.alignment and not t.differs_from(most, separation_m))
     return next(same, most)
@@ -264,10 +264,10 @@ def _best(tried: list[Trial], separation_m: float) -> Trial:
 def _count_by_chance(
     trials: Trials, best: Trial, tried: list[Trial], wrong: Sequence[PlaneFit]
 ) -> int:
-    """Ties that the strongest trial of another place comes to when it is settled as well.
+    """Number of ties of the best test of another position, after its final search.
 
-    A trial may start elsewhere and still settle at the place of the best: that is no other place.
-    Where no hypothesis is another place, decoys show what chance can do.
+    A test may start elsewhere and still end at the position of the best; it then does not count as
+    another. Where no hypothesis is at another position, decoys are used.
     """
     separation_m = trials.params.separation_m
     others = [trial for trial in tried if trial.differs_from(best, separation_m)]
@@ -280,7 +280,7 @@ def _count_by_chance(
 
 
 def _evaluate(trials: Trials, trial: Trial, by_chance: int, params: CrossSiteParams) -> SiteLink:
-    """The link of a settled trial, or why it is none."""
+    """The link of a final test, or the reason why there is none."""
     one, other = trials.one, trials.other
     fine = trials.refine(trial)
     if trial.alignment is None or fine.alignment is None:
@@ -308,7 +308,7 @@ def _evaluate(trials: Trials, trial: Trial, by_chance: int, params: CrossSitePar
 def _thin(
     trials: Trials, fine: Trial, alignment: Alignment, params: CrossSiteParams
 ) -> tuple[Ties, Alignment]:
-    """(image-matched ties to be handed on, the alignment by all that agree)."""
+    """(image-matched ties to return, the alignment by all that agree)."""
     one, other = trials.one, trials.other
     found = fine.found.select(alignment.agrees)
     places = (tie_places(one, found.ties) @ one.stop.lsl_from_rover.rotation.T)[:, :2]
@@ -327,7 +327,7 @@ def _thin(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """A hypothesis after it was tried in the images."""
+    """A hypothesis after its test in the images."""
 
     fit: PlaneFit
     found: GroundTies
@@ -335,7 +335,7 @@ class Trial:
 
     @property
     def ties(self) -> Ties:
-        """All that were found."""
+        """All ties that were found."""
         return self.found.ties
 
     @property
@@ -344,7 +344,7 @@ class Trial:
         return int(self.alignment.agrees.sum()) if self.alignment else 0
 
     def differs_from(self, other: Trial, separation_m: float) -> bool:
-        """Whether two trials ended at different places: neighbours may find the same."""
+        """Whether two tests ended at different positions: neighbours may find the same."""
         if self.alignment is None or other.alignment is None:
             return False
         here, there = (a.first_from_second.translation_m for a in (self.alignment, other.alignment))
@@ -353,7 +353,7 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trials:
-    """Two stops between which hypotheses are tried."""
+    """Two stops between which hypotheses are tested."""
 
     one: StopViews
     other: StopViews
@@ -361,25 +361,25 @@ class Trials:
     params: TrialParams
 
     def try_fit(self, fit: PlaneFit) -> Trial:
-        """Look for some conjugates under a hypothesis and align by them."""
+        """Search for some conjugates under a hypothesis and align by them."""
         candidates = self.params.candidates
         pose = pose_from_fit(self.one.stop, self.other.stop, fit)
         dense_sigma_px = candidates.parallax_sigma_px
         return self._trial(fit, pose, FIRST_GAP_M, candidates, dense_sigma_px)
 
     def settle(self, trial: Trial) -> Trial:
-        """Match all there is from the trial's own alignment, in the window that leaves open."""
+        """Match all candidates from the test's own alignment, in the window of its uncertainty."""
         if trial.alignment is None:
             return trial
         return self.settle_at(trial.fit, trial.alignment.first_from_second)
 
     def settle_at(self, fit: PlaneFit, pose: Pose) -> Trial:
-        """Match all there is from a pose, in the window that an alignment leaves open."""
+        """Match all candidates from a pose, in the window of an alignment's uncertainty."""
         candidates = replace(self.params.candidates, most=self.params.candidates.most_at_last)
         return self._trial(fit, pose, LAST_GAP_M, candidates, None)
 
     def refine(self, trial: Trial) -> Trial:
-        """Measure the ties that agree again, in the original images, and align by them."""
+        """Measure the agreeing ties again, in the original images, and align by them."""
         if trial.alignment is None:
             return trial
         agrees = trial.alignment.agrees
@@ -401,7 +401,7 @@ class Trials:
         candidates: CandidateParams,
         dense_sigma_px: float | None,
     ) -> Trial:
-        """Conjugates under a pose of rover to rover, and the alignment by them."""
+        """Conjugates under a rover-to-rover pose, and the alignment by them."""
         level = level_pose(self.one.stop, self.other.stop, pose)
         forth, back = plan_searches(self.one.views, self.other.views, level, gap_m, candidates)
         pair_ids = (*self.one.pair_ids, *self.other.pair_ids)
@@ -409,7 +409,7 @@ class Trials:
         return Trial(fit, found, self.align(found.ties, pose))
 
     def align(self, ties: Ties, pose: Pose) -> Alignment | None:
-        """The robust alignment by some ties, None if there are hardly any."""
+        """The robust alignment by some ties, None if there are too few."""
         if len(ties) < LEAST_TO_ALIGN:
             return None
         views = (*self.one.views, *self.other.views)
@@ -420,7 +420,7 @@ class Trials:
 def decoys(
     gate: SearchGate, fits: Sequence[PlaneFit], number: int, clear_m: float
 ) -> list[PlaneFit]:
-    """Places on the rim of a circle around the best fit, far from every peak of the search."""
+    """Positions on the rim of a circle around the best fit, far from every peak of the search."""
     best, radius = fits[0], max(2 * clear_m, 0.5 * gate.reach_m)
     around = []
     for angle in np.linspace(0.6, 0.6 + 2 * np.pi, 8 * number, endpoint=False):

@@ -1,4 +1,4 @@
-"""The result of linking two stops: the verdict, its reason, its figures and the ties."""
+"""The result of linking two stops: the decision, its reason, its figures and the ties."""
 
 from __future__ import annotations
 
@@ -17,68 +17,69 @@ from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.ranges import Count, FactorFromOne, FactorOrZero, MetresOrZero, Share
 
 LEAST_TO_ALIGN = 6
-"""Ties for the six unknowns of a pose with some redundancy."""
+"""Fewest ties that determine the six unknowns of a pose with some redundancy."""
 
 
 @dataclass(frozen=True, slots=True)
 class VerdictParams:
-    """When a link is believed."""
+    """Criteria for accepting a link."""
 
     least_ties: Count = 20
-    """The paper's example had 7, made by hand; 20 and more hold the drift (issue 4)."""
+    """The paper's example had 7 manual ones; 20 and more limit the drift."""
     least_z: FactorOrZero = 6.5
-    """The widest gate holds some 10^6 independent places: chance comes to 5.2, and in one of 67
-    searches of stops without common ground to 6.2."""
+    """The widest gate has about 10^6 independent positions: the largest random z is 5.2, and in one
+    of 67 searches of stops without common ground it was 6.2."""
     chance_factor: FactorFromOne = 2.0
-    """A link needs so many times the ties that a wrong hypothesis found,"""
+    """Least ratio of a link's ties to those of a wrong hypothesis,"""
     chance_sigmas: FactorOrZero = 4.0
-    """and as many more as four standard deviations of a count that happens by chance."""
+    """plus this many standard deviations of a random count."""
     least_share: Share = 0.5
-    """Of the conjugates measured in the narrow window, so many must agree in space."""
+    """Least fraction of the conjugates of the final search that agree in space."""
     least_spread_m: MetresOrZero = 1.0
-    """Standard deviation of the ties' places across their longest direction."""
+    """Standard deviation of the ties' positions across their longest direction."""
 
     def __post_init__(self) -> None:
         if self.least_ties < LEAST_TO_ALIGN or self.chance_factor < 1:
             raise MatchingError(
-                f"a link of {self.least_ties} ties and {self.chance_factor} times chance is no link"
+                f"a link needs more than {self.least_ties} ties and {self.chance_factor} times "
+                "those by chance"
             )
 
 
 @dataclass(frozen=True, slots=True)
 class SiteLinkFigures:
-    """What speaks for and against a link."""
+    """Figures on which the decision about a link is based."""
 
     distance_m: float
     """Between the stops by telemetry."""
     peak_z: float = 0.0
     overlap_m2: float = 0.0
     measured: int = 0
-    """Conjugates found with their parallax in the last round."""
+    """Conjugates with parallax in the last round."""
     ties: int = 0
     """Conjugates that agree in space."""
     handed_on: int = 0
-    """Of these, the ties of the link: they hardly share their ground."""
+    """Of these, the ties of the link, which are nearly independent."""
     by_shape: int = 0
     """Further, surface-matched ties of the link."""
     height_bias_lines: float = float("nan")
-    """By how much the ground of both stops is drawn too high (`height_bias`),"""
+    """Bias of heights at both stops (`height_bias`),"""
     height_bias_sigma: float = float("nan")
     """and its standard deviation."""
     by_chance: int = 0
-    """Ties that the strongest wrong hypothesis or decoy came to in the same way."""
+    """Ties of the best wrong hypothesis or decoy, found in the same way."""
     rms_px: float = float("nan")
     sigma0: float = float("nan")
     spread_m: float = 0.0
     moved_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """North, east, down by which the link differs from telemetry."""
+    """Difference between the link and telemetry, north, east, down."""
     turned: float = 0.0
-    """Azimuth by which the link differs from telemetry, radians."""
+    """Azimuth difference between the link and telemetry, radians."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SiteLink:
-    """Whether two stops are linked, by what, and how they stand to each other."""
+    """Whether two stops are linked, by which ties, and their relative pose."""
 
     earlier: StopId
     later: StopId
@@ -87,12 +88,12 @@ class SiteLink:
     ties: Ties
     """First the earlier stop's pair, second the later one's; none unless linked."""
     earlier_from_later: Pose
-    """Rover to rover: as found if linked, else as telemetry has it."""
+    """Rover to rover: by the link if accepted, else by telemetry."""
     covariance: Float64[np.ndarray, "6 6"]
     """Of rotation vector (radians), then translation (metres), in the earlier rover's axes."""
     figures: SiteLinkFigures
     fit: PlaneFit | None
-    """The best peak of the bird's-eye search, kept for pictures."""
+    """The best peak of the bird's-eye search, kept for figures."""
 
     @property
     def verdict(self) -> str:
@@ -110,7 +111,10 @@ def evaluate_link(figures: SiteLinkFigures, params: VerdictParams) -> tuple[bool
         return False, f"{figures.ties} ties, {params.least_ties} are needed"
     chance = figures.by_chance + params.chance_sigmas * figures.by_chance**0.5
     if figures.ties < max(chance, params.chance_factor * figures.by_chance):
-        return False, f"{figures.ties} ties, where a wrong place gets {figures.by_chance} by chance"
+        return (
+            False,
+            f"{figures.ties} ties, where a wrong position gets {figures.by_chance} by chance",
+        )
     if share < params.least_share:
         return False, f"only {share:.0%} of {figures.measured} conjugates agree in space"
     if figures.spread_m < params.least_spread_m:
@@ -128,7 +132,7 @@ def refused_link(
     fit: PlaneFit | None = None,
     figures: SiteLinkFigures | None = None,
 ) -> SiteLink:
-    """The verdict `not linked`: no ties, and the pose of telemetry."""
+    """The result `not linked`: no ties, and the pose of telemetry."""
     if figures is None:
         z, overlap_m2 = (fit.z, fit.overlap_m2) if fit else (0.0, 0.0)
         figures = SiteLinkFigures(distance_m(one, other), peak_z=z, overlap_m2=overlap_m2)
@@ -181,7 +185,7 @@ def link_figures(
 
 
 def tie_places(one: StopViews, ties: Ties) -> ObjectPoints:
-    """Where the ties lie, in the frame of the earlier rover."""
+    """Positions of the ties in the frame of the earlier rover."""
     places = np.full((len(ties), 3), np.nan)
     for view in (v.view for v in one.views):
         rows = ties.first == ties.pair_ids.index(view.pair.pair_id)
@@ -191,7 +195,7 @@ def tie_places(one: StopViews, ties: Ties) -> ObjectPoints:
 
 
 def spread_m(places: ObjectPoints) -> float:
-    """Standard deviation of horizontal places across their longest direction, metres."""
+    """Standard deviation of horizontal positions across their longest direction, metres."""
     if len(places) < 3:  # noqa: PLR2004 - two points have no width
         return 0.0
     smallest = np.linalg.eigvalsh(np.cov(places[:, :2].T))[0]

@@ -1,11 +1,11 @@
-"""Stops whose links leave them in parts, and the ground of a part merged into one surface.
+"""Groups of linked stops, and the ground of a group merged into one surface.
 
-Stops 25 to 50 m apart share ground that either sees from far, thinly and from one side. Where the
-links of a stop to those before it leave them in parts, the stops of a part have each other's
-places, so all of their pairs are seen as those of one stop: the heights of the ground average, and
-what one of them cannot see another one can. Parts are then linked as stops are, with ties between
-the very pairs that saw the ground. How well links know the places within a part, some centimetres,
-enters no tie by itself: every block of ground and every patch is matched where it is seen.
+Stops 25 to 50 m apart see their common ground from far, with few points and from one side. Where
+the links of a stop to earlier ones leave them in separate parts, the relative poses within a part
+are known, so all its pairs are treated as those of one stop: heights are averaged, and ground
+hidden from one stop may be visible from another. Parts are then linked like stops, with ties
+between the pairs that saw the ground. The error of relative poses within a part, some centimetres,
+does not affect the ties: every block of ground and every patch is matched in the pairs that see it.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop
 
 LinkPoses: TypeAlias = Mapping[tuple[StopId, StopId], Pose]
-"""First rover from second one, by the stops of accepted links."""
+"""First rover from second one, for the stops of accepted links."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """Stops that links join, seen from one of them."""
+    """Linked stops, in the frame of one of them."""
 
     stop: StopId
     beside: Mapping[StopId, Pose]
-    """Where its rover frame has the rovers of the others."""
+    """Poses of the other rovers in its rover frame."""
 
     @classmethod
     def of(cls, stop: StopId, links: LinkPoses) -> Part:
-        """A stop with all that links join to it, over as few links as can be."""
+        """A stop with all stops that links join to it, over as few links as possible."""
         places = {stop: Pose.identity(stop.frame, stop.frame)}
         reached = [stop]
         for here in reached:
@@ -60,7 +60,7 @@ def parts_to_link(
     links: LinkPoses,
     reach_m: float,
 ) -> Iterator[tuple[Part, Part]]:
-    """The part of the last of some stops with each other one, earlier first, nearest stops leading.
+    """The last stop's part with each other part, earlier one first, nearest stops leading.
 
     Args:
         stops: In the order of the traverse: those that the last one was tried with, and itself.
@@ -69,7 +69,7 @@ def parts_to_link(
         reach_m: Stops that are farther from the leading stop of the other part are left out.
 
     Yields:
-        Parts of more than two stops together: what two single stops tell has been told.
+        Parts of more than two stops together: two single stops have been linked before.
     """
 
     def apart_m(ends: Iterable[StopId]) -> float:
@@ -95,7 +95,7 @@ def parts_to_link(
 
 
 def merge_ground(stop: MatchedStop, beside: Iterable[tuple[MatchedStop, Pose]]) -> MatchedStop:
-    """A stop that sees with the pairs of others too, each where its rover frame has that rover."""
+    """A stop that also has the pairs of others, transformed to its rover frame."""
     moved = (_moved(pair, pose) for other, pose in beside for pair in other.pairs)
     return replace(stop, pairs=(*stop.pairs, *moved))
 

@@ -1,39 +1,39 @@
-"""Least-squares matching of the surfaces that two stops have seen, as heights on a level grid.
+"""Least-squares matching of the surfaces of two stops, as heights on a level grid.
 
-Looks of the ground change with the sun, its shape does not. The dense parallax of a stop gives the
-heights of the ground around it on a grid; a point Y of the later stop's ground, carried by the
-rigid motion R Y + t into the level frame of the earlier one, lies above the ground there by
+The image of the ground depends on the sun, its shape does not. The dense parallax of a stop gives
+the heights of the ground around it on a grid; a point Y of the later stop's ground, transformed by
+R Y + t to the level frame of the earlier one, lies above the ground there by
 
     r = z(R Y + t) - h(n, e),        dr = (dz - grad h . (dn, de)),
 
 and the motion that makes r vanish is found by least squares (Gruen and Akca 2005, ISPRS J. 59,
 151-174; Chen and Medioni 1992), with Tukey's biweight, from coarse to fine: Gaussians of half a
 metre first, of 10 cm at last. Smoothing on the ground is the same for both stops. Windows in the
-images are not: at a grazing ray they are ten times longer along the ray than across, and laid stops
-on opposite sides 3 to 8 cm too far apart.
+images differ: at a grazing ray they are ten times longer along the ray than across, and placed
+stops on opposite sides 3 to 8 cm too far apart.
 
 The first rounds compare relief alone, heights less their mean over a metre, so that errors of tilt
 and pointing, which grow with range, cannot pull low relief away. How well relief correlates at the
 end tells a true place from a wrong one (`correlation`).
 
-Visibility: facets that a stop sees under a small angle are crests and the steps behind them, which
-matching draws too far out; they are left out, and so is ground that one stop sees from more than
-twice as far as the other. Heights are compared cell by cell where both stops know them, and what
-they differ by is smoothed; each smoothed on its own, ground that one stop cannot see behind a crest
-would be taken for as high as the crest.
+Visibility: facets seen at a small angle are crests and the steps behind them, which matching
+extends too far; they are excluded, and so is ground that one stop sees from more than twice as far
+as the other. Heights are compared cell by cell where both stops have them, and their differences
+are smoothed. Smoothed separately, ground hidden behind a crest at one stop would get the height of
+the crest.
 
-Ground seen at a grazing angle is drawn too high (`height_bias`). Between two stops that look at it
-from either side this is a tilt of 0.05 to 0.1 degrees, and as each stop sees its own side of the
-relief under larger angles, a few centimetres of distance. The number of lines b, the same for both
-stops, is a seventh unknown, which the ground tells from a tilt and from a shift:
+Ground seen at a grazing angle is measured too high (`height_bias`). Between two stops on either
+side this causes a tilt of 0.05 to 0.1 degrees, and, because each stop sees its own side of the
+relief at larger angles, a few centimetres of distance. The bias in lines b, the same for both
+stops, is a seventh unknown, which can be separated from a tilt and from a shift:
 
     r + b (l_later - l_earlier) = 0,        b = 0 +- 1 line
 
-Neighbouring cells share stones, crests and windows, so residuals are far from independent. The
-covariance is therefore that of scores summed over blocks of ground (Liang and Zeger 1986,
-Biometrika 73, 13-22): (A + K)^-1 (B + K) (A + K)^-1 with the normal matrix A, the sum B of squared
-scores of blocks, and the prior K. What no number of blocks averages out is added: a parallax that
-is too small everywhere moves the ground of both stops away from them.
+Neighbouring cells share stones, crests and windows, so residuals are correlated. The covariance is
+therefore that of scores summed over blocks of ground (Liang and Zeger 1986, Biometrika 73, 13-22):
+(A + K)^-1 (B + K) (A + K)^-1 with the normal matrix A, the sum B of squared scores of blocks, and
+the prior K. An error common to all blocks is added: a parallax that is too small everywhere moves
+the ground of both stops away from them.
 """
 
 from __future__ import annotations
@@ -57,76 +57,76 @@ from solmap.photogrammetry.ranges import CellSize, Few, Metres, Pixels, PixelsOr
 from solmap.photogrammetry.robust import robust_sigma
 
 MOTION = 6
-"""Unknowns of a rigid motion: rotation vector, shift. One more is by how many lines the ground of
-both stops is drawn too high."""
+"""Unknowns of a rigid motion: rotation vector, shift. One more is the height bias of both stops in
+lines."""
 
 RELIEF_WAVE_M = 1.2
-"""Relief is height less its Gaussian mean of this standard deviation."""
+"""Relief is height minus its Gaussian mean of this standard deviation."""
 
 RELIEF = ((True, 0.4), (True, 0.2))
 HEIGHTS = ((False, 0.2), (False, 0.1))
-"""(whether relief alone is compared, standard deviation of the Gaussian in metres)."""
+"""(whether only relief is compared, standard deviation of the Gaussian in metres)."""
 
 FOOTPRINT = 4 * np.pi
-"""So many cells, one Gaussian's standard deviation apart, say what one would."""
+"""Number of cells, one Gaussian's standard deviation apart, with the information of one."""
 
 LEAST_CELLS = 200
 """Some square metres of common ground."""
 
 SETTLED_M = 5e-4
-"""A step that is shorter is the last."""
+"""Length of the last step."""
 
 LEAST_KNOWN = 0.15
-"""Share of a Gaussian that known cells must have,"""
+"""Fraction of a Gaussian's weight on known cells,"""
 
 LEAST_SHARED = 0.3
-"""and cells that both stops know."""
+"""and on cells known at both stops."""
 
 MOSTLY = 0.5
-"""Share of what is interpolated between four cells that known ones must have."""
+"""Fraction of the interpolation weight of four cells on known ones."""
 
 LEAST_FACING = 0.1
-"""Sine of the angle under which a facet must be seen: level ground at 15 m; further away as much as
-level ground is seen under."""
+"""Least sine of the angle at which a facet must be seen: that of level ground at 15 m; further away
+that of level ground there."""
 
 GRADIENT_PX = 3
-"""Parallax of a facet is differenced over so many pixels to each side."""
+"""Pixels to each side over which the parallax of a facet is differenced."""
 
 RANGE_RATIO = 2.5
-"""Ground that one stop sees from so many times as far as the other shows it other faces."""
+"""Largest ratio of ranges of ground at both stops; beyond it they see different faces."""
 
 KERNEL = 2.0
-"""Standard deviations beyond which a cell counts nothing."""
+"""Standard deviations beyond which a cell has no weight."""
 
 CLUSTER_M = 4.0
-"""Side of a block of ground whose cells are not independent of each other."""
+"""Side of a block of ground whose cells are treated as correlated."""
 
 DENSE_M = 8.0
-"""Nearer than this every second line will do; of columns everywhere."""
+"""Nearer than this every second line is used; of columns everywhere."""
 
 ROW = 1000
-"""Points are looked up in rows of so many: OpenCV's rasters are at most 32767 wide."""
+"""Row length in which points are interpolated: OpenCV's rasters are at most 32767 wide."""
 
 
 @dataclass(frozen=True, slots=True)
 class SurfaceParams:
-    """How ground is held against ground."""
+    """How surfaces are compared."""
 
     cell_m: CellSize = 0.05
     farthest_m: Metres = 25.0
-    """Beyond it Navcam lines lie more than 30 cm apart on level ground."""
+    """Beyond it Navcam lines are more than 30 cm apart on level ground."""
     sigma_parallax_px: Pixels = 0.1
     """Of dense parallax."""
     bias_parallax_px: PixelsOrZero = 0.03
-    """c: standard deviation of what all parallax of both stops is off by,"""
+    """c: standard deviation of the error common to all parallax of both stops,"""
     bias_line_px: Pixels = 1.0
-    """b: and of how many lines too high all ground is drawn, before the ground tells."""
+    """b: and prior standard deviation of the height bias, in lines."""
     rounds: Few = 12
-    """At each Gaussian, at most."""
+    """Most rounds for each Gaussian."""
 
     def __post_init__(self) -> None:
         if not (self.rounds > 0 and self.farthest_m > self.cell_m):
-            raise MatchingError("ground is held against ground in rounds, on cells below its size")
+            raise MatchingError("surfaces need at least one round, and cells below their size")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,7 +135,7 @@ class HeightGrid:
 
     cell_m: float
     up: Raster
-    """Metres above the rover origin; NaN where nothing was seen well."""
+    """Metres above the rover origin; NaN where nothing was measured well."""
     mast_m: float
     """Height of the cameras above the rover origin."""
     scale_px_m: float
@@ -146,7 +146,7 @@ class HeightGrid:
 
     @classmethod
     def of(cls, stop: MatchedStop, params: SurfaceParams) -> HeightGrid:
-        """Of all that the pairs of a stop saw well."""
+        """From everything that the pairs of a stop measured well."""
         size = 2 * round(params.farthest_m / params.cell_m)
         total = np.zeros((2, size * size))
         for pair in stop.pairs:
@@ -167,28 +167,28 @@ class HeightGrid:
         return cls(params.cell_m, up, -float(level[2]), scale_px_m, coarsest.focal_px)
 
     def noise_m(self, distance_m: PerPoint, parallax_px: float) -> PerPoint:
-        """Height of level ground so far away when its parallax is off by so much."""
+        """Height error of level ground at this distance for an error of its parallax."""
         return parallax_px * self.mast_m / self.scale_px_m * distance_m
 
     def from_mast(self, places: ObjectPoints) -> ObjectPoints:
-        """Places of the level frame, as seen from the cameras."""
+        """Positions of the level frame, relative to the cameras."""
         return places + np.array([0.0, 0.0, self.mast_m])
 
     def too_high_m(self, sigma_m: float) -> Raster:
-        """By how much cells are drawn too high a line of b, with slopes through a Gaussian."""
+        """Height bias of cells per line of b, with slopes smoothed by a Gaussian."""
         half = self.up.shape[0] / 2 - 0.5
         east = ((np.arange(self.up.shape[1]) - half) * self.cell_m).astype(np.float32)[None]
         up = self.smooth(sigma_m)
         return metres_per_line(up, -east.T, east, self.mast_m, self.focal_px)
 
     def smooth(self, sigma_m: float) -> Raster:
-        """Heights through a Gaussian, NaN where it knows too little."""
+        """Heights smoothed by a Gaussian, NaN where it covers too little."""
         if sigma_m not in self.smoothed:
             self.smoothed[sigma_m] = mean_of_known(self.up, sigma_m / self.cell_m, LEAST_KNOWN)
         return self.smoothed[sigma_m]
 
     def at(self, raster: Raster, places: ObjectPoints) -> PerPoint:
-        """Values of a raster on this grid at places of the level frame, NaN where unknown."""
+        """Values of a raster on this grid at positions of the level frame, NaN where unknown."""
         half, size = self.up.shape[0] / 2 - 0.5, -(-len(places) // ROW) * ROW
         col = np.resize(places[:, 1] / self.cell_m + half, size).astype(np.float32)
         row = np.resize(half - places[:, 0] / self.cell_m, size).astype(np.float32)
@@ -199,7 +199,7 @@ class HeightGrid:
         return value.ravel()[: len(places)].astype(np.float64)
 
     def points(self, heights: Raster, step: int) -> ObjectPoints:
-        """Places of known heights, of every so many rows and columns."""
+        """Positions of known heights, of every n-th row and column."""
         row, col = np.nonzero(np.isfinite(heights[::step, ::step]))
         row, col, half = step * row, step * col, heights.shape[0] / 2 - 0.5
         north, east = (half - row) * self.cell_m, (col - half) * self.cell_m
@@ -209,7 +209,7 @@ class HeightGrid:
 def _seen_well(
     pair: MatchedPair, level_from_rover: np.ndarray, farthest_m: float
 ) -> tuple[ObjectPoints, PerPoint]:
-    """(places in the level frame, ranges) of the dense points that are no crests."""
+    """(positions in the level frame, ranges) of the dense points that are not crests."""
     g, p = pair.images.geometry, pair.parallax.astype(np.float32)
     slope = np.full((2, *p.shape), np.nan, np.float32)
     k = GRADIENT_PX
@@ -240,50 +240,50 @@ def _seen_well(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cells:
-    """Cells of the later stop's ground held against the earlier one's, n of them."""
+    """Cells of the later stop's ground compared with the earlier one's, n of them."""
 
     places: ObjectPoints
     """In the level frame of the earlier stop, metres."""
     arms: ObjectPoints
     """From the later rover, in the same axes."""
     residual_m: PerPoint
-    """r, with the ground of both stops lowered by the lines that it is drawn too high."""
+    """r, with the ground of both stops corrected for the height bias."""
     by_shift: ObjectPoints
     """Its derivative by a shift of the later stop's ground,"""
     by_line: PerPoint
-    """and by these lines, metres."""
+    """and by the height bias in lines, metres."""
     weight: PerPoint
     steepness: float
     """Mean slope of the robust residual over its mean weight."""
 
     @property
     def design(self) -> Float64[np.ndarray, "n 7"]:
-        """Derivative of the residuals by a motion of the later stop about its origin, and lines."""
+        """Derivative of the residuals by a motion of the later stop about its origin, and by b."""
         turned = np.cross(self.arms, self.by_shift)
         return np.column_stack([turned, self.by_shift, self.by_line])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """Where the later stop stands by the shape of the ground."""
+    """Pose of the later stop by surface registration."""
 
     pose: Pose
     """Later level frame to earlier one."""
     covariance: Float64[np.ndarray, "6 6"]
     """Of rotation vector (radians), then translation (metres), in the earlier level frame."""
     correlation: float
-    """Of the relief that both stops see."""
+    """Of the common relief."""
     area_m2: float
-    """Of the ground that both see."""
+    """Of the common ground."""
     cells: Cells
     """Where the motion was found, with weights that allow for what cells share."""
     height_bias: HeightBias
-    """By how much both stops draw their ground too high; told where heights are compared."""
+    """Height bias of both stops in lines; estimated where heights are compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Surfaces:
-    """The ground of two stops through one Gaussian: heights, or relief alone."""
+    """The surfaces of two stops smoothed by one Gaussian: heights, or only relief."""
 
     earlier: HeightGrid
     later: HeightGrid
@@ -294,9 +294,9 @@ class _Surfaces:
     points: ObjectPoints
     """Of the later stop, in its level frame."""
     relief: PerPoint | None
-    """There; None: heights are compared."""
+    """Mean heights of the later stop; None: heights are compared."""
     too_high_m: tuple[Raster, Raster] | None
-    """By how much both are drawn too high for every line of b; None where heights are not."""
+    """Height bias of both for every line of b; None where relief is compared."""
     sigma_m: float
     """Of the Gaussian."""
     params: SurfaceParams
@@ -320,9 +320,9 @@ class _Surfaces:
         return cls(earlier, later, there, slopes, points, rest, too_high, sigma_m, params)
 
     def compare(self, pose: Pose, lines: float = 0.0) -> Cells:
-        """The later stop's ground, carried by a pose, held against the earlier one's.
+        """The later stop's ground, transformed by a pose, compared with the earlier one's.
 
-        Of both, the ground is drawn so many lines too high.
+        Both are corrected for a height bias of this many lines.
         """
         places = pose.apply(self.points)
         slopes = [self.earlier.at(raster, places) for raster in self.slopes]
@@ -351,7 +351,7 @@ class _Surfaces:
         return Cells(places, arms, residual, by_shift, by_line, weight, steepness)
 
     def _residuals(self, pose: Pose, places: ObjectPoints) -> PerPoint:
-        """By how much the earlier stop's ground lies above the later one's."""
+        """Height of the earlier stop's ground above the later one's."""
         if self.relief is not None:
             return self.earlier.at(self.there, places) - self.relief
         shared = self.later.at(self._differences(pose), self.points)
@@ -360,10 +360,10 @@ class _Surfaces:
         return self.earlier.at(self.there, places) + places[:, 2]  # far cells seldom coincide
 
     def _differences(self, pose: Pose) -> Raster:
-        """Heights of the earlier stop less those of the later one, on the grid of the latter.
+        """Heights of the earlier stop minus those of the later one, on the grid of the latter.
 
-        Smoothed where both are known. Each smoothed on its own, ground that one stop cannot see
-        behind a crest would be drawn on as high as the crest, and either stop moved away.
+        Smoothed where both are known. Smoothed separately, ground hidden behind a crest at one stop
+        would get the height of the crest, and the stops would move apart.
         """
         earlier, known = self.earlier, np.isfinite(self.later.up)
         cells = self.later.points(self.later.up, 1)
@@ -386,7 +386,7 @@ class _Surfaces:
 
 
 def _alike(from_one: ObjectPoints, from_other: ObjectPoints) -> Flags:
-    """Whether two stops see places from about as far."""
+    """Whether two stops see positions from similar distances."""
     far, near = np.hypot(*from_one[:, :2].T), np.hypot(*from_other[:, :2].T)
     return (far < RANGE_RATIO * near + 1) & (near < RANGE_RATIO * far + 1)
 
@@ -399,7 +399,7 @@ def register(
     params: SurfaceParams,
     steps: tuple[tuple[bool, float], ...] = (*RELIEF, *HEIGHTS),
 ) -> Registration | None:
-    """Lay the later stop's ground onto the earlier one's; None where they share next to none.
+    """Register the later stop's ground to the earlier one's; None where they share too little.
 
     `start` is later level frame to earlier one, `prior` its covariance, of rotation vector, then
     translation.
@@ -433,14 +433,14 @@ def register(
 
 
 def _levelled(pose: Pose, surfaces: _Surfaces) -> Pose:
-    """Raised or lowered to the earlier stop's ground: relief alone does not tell the level."""
+    """Shifted vertically to the earlier stop's ground: relief does not determine the height."""
     residual = surfaces.compare(pose).residual_m
     down = float(np.median(residual)) if len(residual) else 0.0
     return _move(pose, np.array([0, 0, 0, 0, 0, -down]))
 
 
 def _move(pose: Pose, change: Float64[np.ndarray, " 6"]) -> Pose:
-    """A pose turned by a rotation vector about the source's origin and then shifted."""
+    """A pose rotated by a rotation vector about the source's origin and then shifted."""
     turn = ScipyRotation.from_rotvec(change[:3])
     rotation = (turn * ScipyRotation.from_matrix(pose.rotation)).as_matrix()
     return Pose(pose.target, pose.source, rotation, pose.translation_m + change[3:])
@@ -453,7 +453,7 @@ def _covariance(
     later: HeightGrid,
     params: SurfaceParams,
 ) -> tuple[Float64[np.ndarray, "7 7"], Cells]:
-    """(covariance of motion and lines, cells with weights that allow for what they share)."""
+    """(covariance of motion and lines, cells with weights that include their correlation)."""
     design = cells.design
     score = design * (cells.weight * cells.residual_m)[:, None]
     square = np.floor(cells.places[:, :2] / CLUSTER_M).astype(np.int64) @ (10_000, 1)
@@ -472,7 +472,7 @@ def _covariance(
 
 
 def along_rays(rays: ObjectPoints, grid: HeightGrid, params: SurfaceParams) -> ObjectPoints:
-    """How far what a rover sees of places is displaced along its rays by the bias of parallax."""
+    """Displacement along a rover's rays of ground positions by the bias of parallax."""
     from_mast = grid.from_mast(rays)
     distance_m = np.linalg.norm(from_mast, axis=1)
     return params.bias_parallax_px / grid.scale_px_m * distance_m[:, None] * from_mast

@@ -1,24 +1,25 @@
-"""Surface-matched cross-site ties: what the shape of the ground says of two stops.
+"""Surface-matched cross-site ties: observations from registering the surfaces of two stops.
 
-When the ground of two stops is laid onto each other (`surface_alignment`), every block of it says
-on its own by how much it would still move, and how well it knows that: along the normal of every
-cell, so height best, and place as well as relief tells it. A block becomes a tie: a point of the
-earlier stop's ground, which lies there by definition, and where the later stop sees it, with
-standard deviations of sample, line and parallax from the covariance of the block's shift. So ties
-by shape tell bearing, range and height of the stops to each other, each as well as it is known, and
-the pointing of pairs stays the adjustment's to find.
+After registration of two stops' surfaces (`surface_alignment`), every block of ground has a
+remaining shift with a covariance: along the normal of every cell, so best in height, and
+horizontally as well as relief permits. A block becomes a tie: a point of the earlier stop's ground,
+exact by definition, and its image at the later stop, with standard deviations of sample, line and
+parallax from the covariance of the block's shift. Surface-matched ties therefore constrain relative
+bearing, range and height, each with its own weight, and the adjustment still estimates the pointing
+of pairs.
 
-How much blocks know is scaled by how much they differ from each other. What they share no number
-of them averages out; the covariance C of the registration has it. An adjustment takes ties for
-independent, so their variances are chosen for all of them together to tell what is known. With a
-the derivative of a coordinate by the pose, a' C a is its variance by the pose; 3n coordinates of
-n ties tell 6 unknowns, and with the variance
+The covariances of blocks are scaled by the scatter of their shifts. Errors common to all blocks do
+not average out; they are included in the covariance C of the registration. An adjustment treats
+ties as independent, so their variances are chosen such that all of them together have the right
+information. With a the derivative of a coordinate by the pose, a' C a is its variance by the pose;
+3n coordinates of n ties determine 6 unknowns, and with the variance
 
     s^2 = own + (3n / 6) a' C a
 
-of each, own being the block's, they tell as much: the sum of a' C a / s^2 is 6, as the trace of
-C^-1 C is. So what C leaves open, as a rule the range between the stops, is left open by the ties as
-well, and image-matched ties decide it; what it knows well, azimuth and tilt, they tell.
+of each, own being the block's, their information is that of C: the sum of a' C a / s^2 is 6, like
+the trace of C^-1 C. What C leaves uncertain, usually the range between the stops, the ties leave
+uncertain too, and image-matched ties determine it; azimuth and tilt, which C determines well, they
+determine as well.
 """
 
 from __future__ import annotations
@@ -47,37 +48,37 @@ from solmap.photogrammetry.ranges import Count, Metres
 from solmap.photogrammetry.robust import robust_sigma
 
 DEFINED_PX = 0.02
-"""A point of the earlier stop is where it is by definition."""
+"""A point of the earlier stop defines the tie and has no error."""
 
 LOOSE_M = 0.3
-"""Standard deviation of a block's shift before: what is not told stays about where it is."""
+"""Prior standard deviation of a block's shift, for undetermined directions."""
 
 COORDINATES = 3
-"""Of a tie that tell of the pose: sample, line and parallax."""
+"""Number of coordinates of a tie that depend on the pose: sample, line and parallax."""
 
 MARGIN_PX = 16
-"""Points nearer to the border of a pair are left to the pair beside it."""
+"""Points nearer to the border of a pair are left to the neighbouring pair."""
 
 VISIBLE = 0.05
-"""Parallax at a point may differ from the predicted one by this share: else something hides it."""
+"""Largest relative difference between parallax and prediction: beyond it the point is occluded."""
 
 
 HYPOTHESIS_SIGMAS = (0.0052, 0.0052, 0.0175, 0.3, 0.3, 0.3)
-"""Standard deviations of a hypothesis: tilt by gravity (radians), azimuth, place (metres)."""
+"""Standard deviations of a hypothesis: tilt by gravity (radians), azimuth, position (metres)."""
 
 RELIEF_M = 0.33
-"""Relief is the same over so much: some area has N = area / (4 pi r^2) independent places, and
-chance correlates by N^-1/2. It did in 195 registrations from wrong starts between stops of four
-worlds, with 30 square metres and with 800 (RMS 1.0 N^-1/2)."""
+"""Correlation length of relief: an area has N = area / (4 pi r^2) independent samples, and chance
+correlation is N^-1/2. This was confirmed in 195 registrations from wrong starts between stops of
+four worlds, with 30 square metres and with 800 (RMS 1.0 N^-1/2)."""
 
 CERTAIN = 4.0
-"""Standard deviations by which relief must correlate better than anywhere else; wrong starts came
-to 3.3 at most."""
+"""Standard deviations by which relief must correlate better than anywhere else; wrong starts
+reached 3.3 at most."""
 
 
 @dataclass(frozen=True, slots=True)
 class SurfaceTieParams:
-    """Which blocks of ground become ties."""
+    """Selection of blocks of ground for ties."""
 
     enabled: bool = True
     surface: SurfaceParams = field(default_factory=SurfaceParams)
@@ -85,9 +86,9 @@ class SurfaceTieParams:
     """Side of a block."""
     least_cells: Count = 30
     least: Count = 8
-    """With fewer blocks there are no surface-matched ties."""
+    """Fewest blocks; with fewer there are no surface-matched ties."""
     most: Count = 80
-    """Blocks that become ties, the most certain."""
+    """Most blocks used as ties, the most certain first."""
 
     def __post_init__(self) -> None:
         if not (self.block_m > 0 and self.least_cells > 0 and self.most >= self.least > 0):
@@ -98,13 +99,13 @@ class SurfaceTieParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeTrial:
-    """The hypothesis that the shape of the ground speaks for, laid onto the ground."""
+    """The hypothesis with the best correlation of relief, after registration."""
 
     found: Registration
     by_chance: float
-    """Greatest correlation of relief at other places, tried in the same way."""
+    """Largest correlation of relief at other positions, tested in the same way."""
     at_peak: bool
-    """Whether it is the place of the first hypothesis, a peak that stands out by itself."""
+    """Whether it is the position of the first hypothesis, a significant peak of the search."""
 
     @property
     def clearness(self) -> float:
@@ -114,7 +115,7 @@ class ShapeTrial:
 
     @property
     def is_certain(self) -> bool:
-        """Whether the shape tells the place; half as much will do where the search told it too."""
+        """Whether relief determines the position; half suffices if the search found it too."""
         return self.clearness > (CERTAIN / 2 if self.at_peak else CERTAIN)
 
     def __str__(self) -> str:
@@ -130,10 +131,10 @@ def try_shapes(
     apart_m: float,
     params: SurfaceParams,
 ) -> ShapeTrial | None:
-    """Lay the later stop's ground onto the earlier one's from hypotheses; the best of them.
+    """Register the later stop's ground to the earlier one's from hypotheses; return the best.
 
-    Hypotheses that end further than `apart_m` from it, and places where no hypothesis is, show what
-    chance can do. None where the stops share next to no ground.
+    Hypotheses that end further than `apart_m` from it, and positions without hypothesis, give the
+    correlation by chance. None where the stops share too little ground.
     """
     prior = np.diag(np.square(HYPOTHESIS_SIGMAS))
     laid = [register(*grids, pose, prior, params, RELIEF) for pose in (*starts, *elsewhere)]
@@ -163,7 +164,7 @@ class Blocks:
     arms: ObjectPoints
     """From the later rover to it, in the same axes."""
     shift_m: ObjectPoints
-    """What lays the later stop's ground onto it."""
+    """Shift that moves the later stop's ground onto it."""
     covariance: Float64[np.ndarray, "n 3 3"]
 
     def select(self, rows: np.ndarray) -> Blocks:
@@ -173,7 +174,7 @@ class Blocks:
 
 
 def find_blocks(cells: Cells, params: SurfaceTieParams) -> Blocks:
-    """The blocks that know their place best, from the cells where the motion was found."""
+    """The blocks with the most certain shifts, from the cells at the solution."""
     square = np.floor(cells.places[:, :2] / params.block_m).astype(np.int64) @ (10_000, 1)
     block = np.unique(square, return_inverse=True)[1].ravel()
     blocks = int(block.max()) + 1
@@ -211,7 +212,7 @@ def tie_by_surface(
     found: Registration,
     params: SurfaceTieParams,
 ) -> Ties:
-    """Surface-matched ties between the pairs of two stops, laid onto each other."""
+    """Surface-matched ties between the pairs of two registered stops."""
     pair_ids = tuple(pair.pair_id for stop in stops for pair in stop.pairs)
     blocks = find_blocks(found.cells, params)
     there = found.pose.inverse.apply(blocks.places - blocks.shift_m)
@@ -252,14 +253,14 @@ def tie_by_surface(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """Where the pairs of a stop see n places."""
+    """Images of n points in the pairs of a stop."""
 
     pair: Int32[np.ndarray, " n"]
-    """The pair that shows it nearest to its middle; -1 if none does."""
+    """The pair in which it is nearest to the middle; -1 if in none."""
     left: Float64[np.ndarray, "n 2"]
     parallax_px: PerPoint
     by_place: Float64[np.ndarray, "n 3 3"]
-    """Derivative of (sample, line, parallax) by the place in the rover frame."""
+    """Derivative of (sample, line, parallax) by the position in the rover frame."""
 
     def select(self, rows: np.ndarray) -> _Seen:
         """Some of them."""
@@ -268,7 +269,7 @@ class _Seen:
 
 
 def _best_view(stop: MatchedStop, places: ObjectPoints) -> _Seen:
-    """The pairs of a stop that show places of the rover frame best."""
+    """The pairs of a stop that show points of the rover frame best."""
     n = len(places)
     best, off = (
         _Seen(np.full(n, -1, np.int32), np.zeros((n, 2)), np.zeros(n), np.zeros((n, 3, 3))),
@@ -289,7 +290,7 @@ def _best_view(stop: MatchedStop, places: ObjectPoints) -> _Seen:
 
 
 def _shows(pair: MatchedPair, left: Float64[np.ndarray, "n 2"], parallax_px: PerPoint) -> Flags:
-    """Whether dense parallax at image points is the predicted one."""
+    """Whether dense parallax at image points agrees with the predicted one."""
     inside = pair.images.geometry.shows(left - MARGIN_PX) & pair.images.geometry.shows(
         left + MARGIN_PX
     )

@@ -1,24 +1,24 @@
-"""How much of their ground ties share, and what that leaves of their weight.
+"""Correlation of ties by common ground, and their weights.
 
-The error of a patch that was matched is a mean over its ground. Two square patches of widths w_i
-and w_j that share the area A_ij therefore have errors that are correlated by about
+The error of a matched patch is a mean over its ground. Two square patches of widths w_i and w_j
+that share the area A_ij therefore have errors that are correlated by about
 
     R_ij = A_ij / (w_i w_j),
 
-and of n ties with R as their correlation a common shift is known as well as from
+and n ties with the correlation matrix R determine a common shift as well as
 
     1' R^-1 1  ~  sum_i 1 / k_i,        k_i = sum_j R_ij,
 
-independent ones. Taken for independent they would promise too much, so ties that are handed on lie
-apart, and what overlap is left is taken into their standard deviations, as sqrt(k_i).
+independent ones. Treated as independent they would seem too accurate, so returned ties are spaced
+apart, and the remaining overlap enlarges their standard deviations by sqrt(k_i).
 
-Three errors all ties of a link share, however far apart they lie: a stop far away sees the tops of
-what a near one sees from above, and its ground stands higher by b; all parallaxes of a pair are off
-by some c; and where the suns differ, lit faces and shadows lie on other sides of the relief, all
-displaced along one direction, by a share l of what shadows of that relief are (`light`). What is
-common to n ties does not average out; counted into each of them as sqrt(n) b it leaves their mean
-as uncertain as it is. By light sample, line and parallax are displaced together, and each counts as
-if the others were not: sqrt(3 n) l.
+Three errors are common to all ties of a link, at any spacing. A distant stop sees the tops of
+relief that a near one sees from above, so its ground is higher by b. All parallaxes of a pair have
+a common error c. Where the suns differ, lit faces and shadows are on other sides of the relief, all
+displaced along one direction by a fraction l of the displacement of shadows (`light`). Errors
+common to n ties do not average out; adding sqrt(n) b to each gives their mean the right
+uncertainty. Light displaces sample, line and parallax together, each counted separately: sqrt(3 n)
+l.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.matching.records import Ties
 
 SHARED_HEIGHT_M = 0.006
-"""b: in simulated and rendered worlds ground seen from 14 m and from 8 m differs by 3 to 9 mm."""
+"""b: ground seen from 14 m and from 8 m differs by 3 to 9 mm in simulated and rendered worlds."""
 SHARED_PARALLAX_PX = 0.015
 """c: median errors of a pair's parallaxes beyond 10 m, simulated and rendered: 0 to 0.02 px."""
 
 SHARED_LIGHT = 0.4
-"""l: ties under suns from opposite sides, at 30 degrees, lay 0.5 and 0.2 of it off (rendered)."""
+"""l: ties under suns from opposite sides, at 30 degrees, had 0.5 and 0.2 of it (rendered)."""
 
 
 def overlap_counts(places: Float64[np.ndarray, "n 2"], width_m: PerPoint) -> PerPoint:
-    """k_i: how many ties say what one would, for square patches around places of the ground."""
+    """k_i: number of ties equivalent to one independent tie, for square patches of ground."""
     together = np.zeros(len(places))
     for k, (place, width) in enumerate(zip(places, width_m, strict=True)):
         side = (width_m + width)[:, None] / 2 - np.abs(places - place)
@@ -52,7 +52,7 @@ def overlap_counts(places: Float64[np.ndarray, "n 2"], width_m: PerPoint) -> Per
 
 
 def inflate_sigmas(ties: Ties, together: PerPoint) -> Ties:
-    """Ties with standard deviations sqrt(k) as large."""
+    """Ties with standard deviations enlarged by sqrt(k)."""
     more = np.sqrt(np.maximum(together, 1.0))
     return replace(
         ties,
@@ -70,7 +70,7 @@ def add_shared_errors(
     geometries: Mapping[str, EpipolarPair],
     by_light_px: Float64[np.ndarray, "n 2 3"],
 ) -> Ties:
-    """Ties with what all share: height (lines of the image further away), parallax, light.
+    """Ties with the common errors added: height (lines of the further image), parallax, light.
 
     `by_light_px` are the displacements of shadows in (sample, line, parallax) of both measurements.
     """
@@ -104,9 +104,9 @@ def add_shared_errors(
 def select_spread(
     places: Float64[np.ndarray, "n 2"], width_m: PerPoint, apart: float, at_least: int
 ) -> Flags:
-    """Which ties to hand on: each `apart` times its width from all others, the smallest first.
+    """Ties to return: each `apart` times its width from all others, the smallest first.
 
-    If that leaves fewer than `at_least`, they may lie as much nearer as it takes.
+    If that leaves fewer than `at_least`, the distance is reduced until it does not.
     """
     order = np.argsort(width_m, kind="stable")
     while True:
@@ -122,7 +122,7 @@ def select_spread(
 def select_apart(
     places: Float64[np.ndarray, "n 2"], distance_m: PerPoint, most: int
 ) -> Int32[np.ndarray, " kept"]:
-    """Rows, in the order given, that lie their own distance away from all rows kept before."""
+    """Rows, in the order given, at their own minimum distance from all rows kept before."""
     kept = np.zeros(min(most, len(places)), np.int32)
     there = np.full((len(kept), 2), np.inf)
     n = 0

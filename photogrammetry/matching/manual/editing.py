@@ -1,25 +1,25 @@
 """Edit requests: manual tie points to add, automatic ties to veto or move, and their application.
 
 A manual tie names two images and a point in each, in pixels of the images as stored: (0, 0) is the
-centre of the first pixel, samples run right, lines down. Images are named by their product
-identifiers; of a stereo pair it is the left one that is named, and the place in the right one may
-be added. Files of requests are read by `products.formats.documents.edit_requests`.
+centre of the first pixel, samples run right, lines down. Images are given by their product
+identifiers; a stereo pair is given by its left image, and the point in the right image may be
+added. Files of requests are read by `products.formats.documents.edit_requests`.
 
-    action    what is done
+    action    effect
     add       a new tie between the two points
     veto      automatic ties near the points are dropped; without points, all between the two
               images, or between two stops where stops are named; without second image, all that
               start at the point, whichever image they go to
-    move      the automatic tie at the first point goes to the second point instead
+    move      the automatic tie at the first point is moved to the second point
 
 Ties are kept in the epipolar geometry of their pairs. The epipolar point e of an original point u
-is where the map of the resampling (`resampling`) meets it,
+is the solution of the resampling map (`resampling`),
 
     project(C + d r(e)) = u,
 
-solved by fixed-point steps from the ray through u, for the map is nearly a shift. With the same
-point in the right image the tie has a parallax, x_l - x_r; without, the pair's dense parallax
-serves where it has one, and otherwise the tie is two rays.
+solved by fixed-point steps from the ray through u, because the map is nearly a shift. With the same
+point in the right image the tie has a parallax, x_l - x_r; otherwise the pair's dense parallax is
+used, or, without it, the tie is two rays.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ from solmap.photogrammetry.matching.records import Ties, join_ties
 from solmap.photogrammetry.matching.resampling import GROUND_M
 
 SIGMA_PX = 1.0
-"""Of a point placed by hand, where the file does not say."""
+"""Default standard deviation of a manually measured point."""
 TOLERANCE_PX = 3.0
-"""Within which an automatic tie is meant by a point, where the file does not say."""
+"""Default distance within which a point selects an automatic tie."""
 
 
 _NAME = re.compile(r"[A-Za-z0-9_.()+ -]{0,100}", re.ASCII)
 
 
 class EditAction(StrEnum):
-    """What a person wants done."""
+    """Kind of an edit request."""
 
     ADD = "add"
     VETO = "veto"
@@ -57,7 +57,7 @@ class EditAction(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class EditPoint:
-    """An image, and a point in it where one is given."""
+    """An image, and optionally a point in it."""
 
     image: str
     """Product identifier, upper case; or a stop (`mer2-site0010-drive0064`); empty: any."""
@@ -68,13 +68,13 @@ class EditPoint:
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.image):
             raise MatchingError(
-                f"{self.image[:40]!a} is the name of no image or stop: up to 100 letters, digits "
-                "and _ . - + ( )"
+                f"{self.image[:40]!a} is not the name of an image or stop: up to 100 letters, "
+                "digits and _ . - + ( )"
             )
 
     @property
     def is_stop(self) -> bool:
-        """Whether a stop is named rather than an image."""
+        """Whether it names a stop rather than an image."""
         return "-drive" in self.image
 
 
@@ -88,44 +88,44 @@ class EditRequest:
     sigma_px: float = SIGMA_PX
     tolerance_px: float = TOLERANCE_PX
     row: str = ""
-    """File and row, for messages; no part of what is wanted."""
+    """File and row, for messages; not part of the request."""
 
     def __post_init__(self) -> None:
         if not (self.sigma_px > 0 and self.tolerance_px > 0):
             raise MatchingError("sigma_px and tolerance_px must be above zero")
         if not self.first.image:
-            raise MatchingError("first_image is empty: name the image that the tie starts in")
+            raise MatchingError("first_image is empty: name the first image of the tie")
         for point in (self.first, self.second):
             if point.is_stop and (point.point or self.action is not EditAction.VETO):
                 raise MatchingError(
-                    f"{point.image} is a stop; only a veto without points takes one"
+                    f"{point.image} is a stop, which is only allowed in a veto without points"
                 )
         if self.action is not EditAction.VETO:
             self._check_points()
         elif not self.second.image and self.first.point is None:
-            raise MatchingError("a veto takes a second image, or a point in the first")
+            raise MatchingError("a veto needs a second image, or a point in the first")
         elif self.second.point is not None and self.first.point is None:
-            raise MatchingError("a veto with a point in the second image takes one in the first")
+            raise MatchingError("a veto with a point in the second image needs one in the first")
 
     def _check_points(self) -> None:
         for side, point in (("first", self.first), ("second", self.second)):
             if not point.image or point.point is None:
                 raise MatchingError(
-                    f"{self.action} takes {side}_image, {side}_sample and {side}_line"
+                    f"{self.action} needs {side}_image, {side}_sample and {side}_line"
                 )
         if self.first.image == self.second.image:
-            raise MatchingError(f"both points lie in {self.first.image}; a tie joins two images")
+            raise MatchingError(f"both points are in {self.first.image}; a tie joins two images")
 
 
 STEPS = 8
-"""Each makes the error some fifty times smaller."""
+"""Number of steps; each reduces the error about fifty times."""
 LARGEST_Y_PX = 5.0
-"""Rows that the two points of a pair may differ by, before they cannot be one feature."""
+"""Largest difference in rows between the two points of a pair of the same feature."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ManualImage:
-    """What it takes to place picked points of a pair, or of a single image."""
+    """Data for locating picked points of a pair, or of a single image."""
 
     name: str
     geometry: EpipolarPair
@@ -137,7 +137,7 @@ class ManualImage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EditedTies:
-    """The ties after a person's changes, and what became of every row."""
+    """The ties after the edit requests, and the result of every row."""
 
     ties: tuple[Ties, ...]
     added: int
@@ -145,10 +145,10 @@ class EditedTies:
     vetoed: int
     """Automatic ties dropped."""
     notes: tuple[str, ...]
-    """Rows that changed nothing, and why."""
+    """Rows that changed nothing, and the reason."""
 
     def __str__(self) -> str:
-        return f"hand ties: {self.added} added, {self.moved} moved, {self.vetoed} vetoed"
+        return f"manual ties: {self.added} added, {self.moved} moved, {self.vetoed} vetoed"
 
 
 def apply_edits(
@@ -157,9 +157,9 @@ def apply_edits(
     images: Mapping[str, ManualImage],
     stop_of: Mapping[str, str],
 ) -> EditedTies:
-    """Automatic ties with edit requests carried out, row after row.
+    """Automatic ties with edit requests applied, row by row.
 
-    `images` holds what is named in a request, `stop_of` the stop of everything that ties join.
+    `images` holds the images named in requests, `stop_of` the stop of every image in a tie.
     """
     kept, new, notes = list(ties), [], []
     counts = dict.fromkeys(EditAction, 0)
@@ -182,13 +182,13 @@ def apply_edits(
 
 
 class _UnplacedError(Exception):
-    """A row that cannot be carried out."""
+    """A row that cannot be applied."""
 
 
 def epipolar_point(
     camera: CameraModel, geometry: EpipolarPair, point: tuple[float, float]
 ) -> Float64[np.ndarray, " 2"]:
-    """Where a point of an original image lies in the epipolar one; NaN where it is not shown."""
+    """Epipolar point of a point of an original image; NaN where it is outside."""
     wanted = np.array([point])
     ray = geometry.rover_from_pair.rotation.T @ camera.rays(wanted)[0]
     if not ray[2] > 0:
@@ -206,20 +206,20 @@ def _affected_ties(
     images: Mapping[str, ManualImage],
     stop_of: Mapping[str, str],
 ) -> list[Flags]:
-    """Which of the automatic ties a veto or a move means, set by set."""
+    """The automatic ties selected by a veto or a move, set by set."""
     second = (
         request.second if request.action is EditAction.VETO else EditPoint(request.second.image)
     )
     marks = _Mark.of(request.first, images), _Mark.of(second, images)
     rows = [_select_ties(marks, request.tolerance_px, some, stop_of) for some in ties]
     if not any(some.any() for some in rows):
-        raise _UnplacedError(f"there is no automatic tie here to {request.action}")
+        raise _UnplacedError(f"no automatic tie here to {request.action}")
     return rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Mark:
-    """What a veto points at: an image or a stop (empty: anything), and a place in the image."""
+    """Selection of a veto: an image or a stop (empty: any), and a point in the image."""
 
     name: str
     place: Float64[np.ndarray, " 2"] | None
@@ -238,7 +238,7 @@ class _Mark:
         tolerance_px: float,
         stop_of: Mapping[str, str],
     ) -> Flags:
-        """Which measurements, each in the pair of that name, are meant."""
+        """Which measurements, each in the pair of that name, are selected."""
         meant = np.array(
             [not self.name or self.name in {n, stop_of.get(n)} for n in names], dtype=bool
         )
@@ -250,7 +250,7 @@ class _Mark:
 def _select_ties(
     marks: tuple[_Mark, _Mark], tolerance_px: float, ties: Ties, stop_of: Mapping[str, str]
 ) -> Flags:
-    """The ties of a set that run between both marks, whichever way."""
+    """The ties of a set between both selections, in either order."""
     first = [ties.pair_ids[k] for k in ties.first.tolist()], ties.first_left
     second = [ties.pair_ids[k] for k in ties.second.tolist()], ties.second_left
     rows = np.zeros(len(ties), dtype=bool)
@@ -281,7 +281,9 @@ def _make_tie(request: EditRequest, images: Mapping[str, ManualImage]) -> Ties:
 
 def _image(wanted: EditPoint, images: Mapping[str, ManualImage]) -> ManualImage:
     if wanted.image not in images:
-        raise _UnplacedError(f"{wanted.image} is no left or tied single image of this network")
+        raise _UnplacedError(
+            f"{wanted.image} is not a left image or a tied single image of this network"
+        )
     return images[wanted.image]
 
 
@@ -295,12 +297,12 @@ def _measure(wanted: EditPoint, image: ManualImage) -> tuple[Float64[np.ndarray,
     if wanted.right is None:
         return left, _dense_parallax(image, left)
     if image.right is None:
-        raise _UnplacedError(f"{wanted.image} has no right image to give a point in")
+        raise _UnplacedError(f"{wanted.image} has no right image")
     right = epipolar_point(image.right, image.geometry, wanted.right)
     parallax, across = float(left[0] - right[0]), float(left[1] - right[1])
     if not (parallax > 0 and abs(across) <= LARGEST_Y_PX):
         raise _UnplacedError(
-            f"left and right point in {wanted.image} cannot be one feature: parallax "
+            f"left and right point in {wanted.image} cannot be the same feature: parallax "
             f"{parallax:.1f} px, rows {across:.1f} px apart"
         )
     return left, parallax

@@ -1,8 +1,8 @@
-"""A point that a person picked in two stops' images, measured to a fraction of a pixel.
+"""Measure a point that a person picked in images of two stops, to a fraction of a pixel.
 
-The facet of ground around the first point carries its patch into the second image, under the
-present orientation (`parallax_planes`), and the patch is moved to where the person put it. Within
-reach of there it is looked for by correlation and measured by least squares (`conjugates`).
+The patch around the first point is transformed over its facet of ground into the second image, with
+the present orientation (`parallax_planes`), and shifted to the picked point. Around it the patch is
+found by correlation and measured by least squares (`conjugates`).
 """
 
 from __future__ import annotations
@@ -28,17 +28,18 @@ from solmap.photogrammetry.matching.parallax_planes import (
 )
 
 PICK = ConjugateParams(half_px=10, threshold=0.7, ambiguity=0.85, sigma_floor_px=0.25)
-"""A hand is less sure than a tie that geometry has confirmed: what is found must be unique."""
+"""Stricter than for verified ties, because a picked point is less certain: the match must be
+unique."""
 REACH_PX = 6.0
-"""To each side of the picked place: as far as a hand misses on a screen."""
+"""Search distance to each side of the picked point: the usual error of picking on a screen."""
 LARGEST_REACH_PX = 40.0
 LEAST_REACH = 2
-"""Cells: a peak needs neighbours."""
+"""Least reach in cells: a peak needs neighbours."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PickedView:
-    """The left epipolar image of a pair, and where the pair is."""
+    """The left epipolar image of a pair, and its pose."""
 
     view: View
     geometry: EpipolarPair
@@ -48,7 +49,7 @@ class PickedView:
 
 @dataclass(frozen=True, slots=True)
 class PickedPlace:
-    """Where the point lies in the second left epipolar image."""
+    """Position of the point in the second left epipolar image."""
 
     place: tuple[float, float]
     sigma_px: float
@@ -66,14 +67,14 @@ def measure_pick(
     """The conjugate of a point of the first image within `reach_px` of a place of the second.
 
     Raises:
-        MatchingError: the ground around the point is not known, or nothing there looks alike.
+        MatchingError: the ground around the point is not known, or no match was found.
     """
     maps = _map(first, second, point)
     at, _ = map_points(maps, point[None])
     if not np.isfinite(at).all():
         raise MatchingError(
-            "the ground at the first point is behind the second camera: are these images of one "
-            "place?"
+            "the ground at the first point is behind the second camera: do both images show the "
+            "same ground?"
         )
     move = np.eye(3)
     move[:2, 2] = start - at[0]
@@ -81,8 +82,8 @@ def measure_pick(
     found = find_conjugates(first.view, second.view, point[None], move @ maps, reach, PICK)
     if not found.found[0]:
         raise MatchingError(
-            f"nothing within {reach_px:g} pixels of the second point looks like the first "
-            "one and like nothing else beside it: pick nearer, or keep the points as they are"
+            f"no unique match of the first point within {reach_px:g} pixels of the second one: "
+            "pick nearer, or keep the points as they are"
         )
     place = found.points[0]
     return PickedPlace(
@@ -93,7 +94,7 @@ def measure_pick(
 def _reach_cells(
     maps: Float64[np.ndarray, "1 3 3"], point: Float64[np.ndarray, " 2"], reach_px: float
 ) -> int:
-    """Cells of the common grid that a reach in pixels of the second image comes to."""
+    """A reach in pixels of the second image, in cells of the common grid."""
     grid = common_grids(point[None], maps)
     _, derivative = map_points(maps @ grid, np.zeros((1, 2)))
     width = np.linalg.norm(derivative[0], axis=0).max()
@@ -106,8 +107,8 @@ def _map(
     planes = parallax_planes(first.parallax, point[None], PICK.half_px)
     if not (planes.found[0] and planes.parallax_px[0] > 0):
         raise MatchingError(
-            "the ground around the first point was not matched, so how it looks from the other "
-            "stop is unknown; pick a point on matched ground"
+            "the ground around the first point was not matched, so its patch cannot be "
+            "transformed to the other stop; pick a point on matched ground"
         )
     between = second.lsl_from_pair.inverse @ first.lsl_from_pair
     return plane_homographies(first.geometry, second.geometry, between, point[None], planes)

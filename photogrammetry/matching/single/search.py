@@ -1,10 +1,10 @@
 """Conjugates of interest points of one single image in another of the same stop.
 
-First some of them are looked for along their whole epipolar segments (`two_views`): up to 70 pixels
-long where a Navcam's base is 9 cm and the ground 1.5 m away, and as wide as pointing errors make
-it. What correlates and agrees with the geometry of the two cameras gives the turn between them and
-the inverse depth of the ground; with both, all interest points are looked for once more, in a
-window as wide as the relief.
+First some of them are searched along their whole epipolar segments (`two_views`): up to 70 pixels
+long for a baseline of 9 cm and ground 1.5 m from a Navcam, and as wide as pointing errors. Those
+that correlate and agree with the geometry of the two cameras determine their relative rotation and
+the inverse depth of the ground; with both, all interest points are searched again, in a window as
+wide as the relief.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ FirstMatches = tuple[Float64[np.ndarray, "scouts 2"], Float64[np.ndarray, " scou
 REACH_SIGMAS = 3.0
 
 TOGETHER = 128
-"""Points of like reach that are looked for together."""
+"""Points with similar search windows that are processed together."""
 
 NEIGHBOURS = 8
-"""Matches around a point that say how deep it lies."""
+"""Matches around a point that determine its depth."""
 
 
 RELIEF_PX = 4
@@ -56,31 +56,32 @@ RELIEF_PX = 4
 
 
 LEAST_BASE_M = 0.01
-"""Between the cameras: nearer together, as through two filters, images say nothing of depth."""
+"""Least distance between the cameras: at less, as for two filters, images do not determine
+depth."""
 
 
 @dataclass(frozen=True, slots=True)
 class MonoParams:
-    """How single images of a stop are tied."""
+    """How single images of a stop are matched."""
 
     interest: FoerstnerParams = field(default_factory=FoerstnerParams)
     conjugates: ConjugateParams = field(default_factory=lambda: ConjugateParams(half_px=8))
     verification: VerificationParams = field(default_factory=VerificationParams)
     pointing_sigma: Radians = 0.0026
-    """Radians (0.15 degrees) an axis and image, as in `alignment`."""
+    """Radians (0.15 degrees) per axis and image, as in `alignment`."""
     nearest_m: NearestMetres = 1.5
-    """Nearest ground, as deep as the mast is high."""
+    """Nearest ground: the height of the mast."""
     scouts: Count = 400
-    """Interest points that are looked for first, over all depths."""
+    """Interest points of the first search, over all depths."""
     candidates: Count = 2500
-    """Interest points of the overlap that are looked for with depth and turn known."""
+    """Interest points of the overlap searched with known depth and rotation."""
     cell_px: WholePixels = 32
-    """Cell in which the strongest are taken in turn."""
+    """Cell of which the strongest points are taken in turn."""
     least_parallax_px: PixelsOrZero = 1.0
-    """Along the epipolar line. Below, the rays of the adjusted images may diverge, and a point
-    behind infinity has no place."""
+    """Parallax along the epipolar line. At less, the rays of the adjusted images may diverge, and a
+    point behind infinity cannot be placed."""
     least_ties: Count = 12
-    """Four times the three unknowns of the turn: with fewer there is no link."""
+    """Four times the three unknowns of the rotation: with fewer there is no link."""
 
     def __post_init__(self) -> None:
         if not (self.candidates >= self.scouts >= self.least_ties > 2):  # noqa: PLR2004
@@ -104,7 +105,7 @@ class SingleView:
 def select_candidates(
     one: SingleView, other: SingleView, two_views: TwoViews, params: MonoParams
 ) -> ImagePoints:
-    """Interest points whose epipolar segment may lie in the other image, spread out, best first."""
+    """Interest points whose epipolar segment may be in the other image, spread out, best first."""
     margin = params.conjugates.half_px
     found = interest_points(one.view.image, one.view.mask, params.interest, margin)
     points = found.points
@@ -118,7 +119,7 @@ def select_candidates(
 def search_all_depths(
     one: SingleView, other: SingleView, two_views: TwoViews, points: ImagePoints, params: MonoParams
 ) -> tuple[FirstMatches, Vector3] | None:
-    """((points, their inverse depth), turn of the other camera) from a search over all depths."""
+    """((points, inverse depths), rotation of the other camera) from a search over all depths."""
     nothing = np.zeros(len(points))
     nearest = nothing + 1.0 / params.nearest_m
     length = np.linalg.norm(
@@ -148,7 +149,7 @@ def search_near_depth(  # noqa: PLR0913, PLR0917 - two images, what is looked fo
     turn: Vector3,
     params: MonoParams,
 ) -> Conjugates:
-    """Conjugates of all points near where the depth of their neighbours puts them."""
+    """Conjugates of all points near the depth of their neighbours."""
     _, nearest = KDTree(near[0]).query(points, k=min(NEIGHBOURS, len(near[0])))
     depth = np.median(near[1][nearest], axis=1)
     maps = _maps(two_views, points, depth, turn)
@@ -159,7 +160,7 @@ def search_near_depth(  # noqa: PLR0913, PLR0917 - two images, what is looked fo
 def matches_in_view(
     pair: MatchedPair, view: SingleView, two_views: TwoViews, params: MonoParams
 ) -> np.ndarray:
-    """Rows of a pair's matches that a single image shows by the labels; the most certain first."""
+    """Rows of a pair's matches that a single image shows by its label; the most certain first."""
     matches = pair.matches
     seen = two_views.project(matches.left, _inverse_depth_of(two_views, matches.parallax_px))
     rows = np.flatnonzero(view.geometry.shows(seen))
@@ -177,7 +178,7 @@ def search_predicted(
     parallax_px: PerPoint,
     params: MonoParams,
 ) -> Conjugates:
-    """Conjugates of a pair's points, as far from the prediction as pointing may put them."""
+    """Conjugates of a pair's points, searched as far as pointing errors may move them."""
     maps = _maps(two_views, points, _inverse_depth_of(two_views, parallax_px), np.zeros(3))
     reach = np.full(len(points), np.ceil(_reach_px(two_views, params)))
     return _find(one, other, points, maps, reach, params.conjugates)
@@ -198,7 +199,7 @@ def check_pair(
 
 
 def _reach_px(two_views: TwoViews, params: MonoParams) -> float:
-    """How far pointing errors of both images move a conjugate."""
+    """Displacement of a conjugate by pointing errors of both images."""
     focal = min(two_views.one.focal_px, two_views.other.focal_px)
     return REACH_SIGMAS * np.sqrt(2.0) * params.pointing_sigma * focal
 
@@ -206,7 +207,7 @@ def _reach_px(two_views: TwoViews, params: MonoParams) -> float:
 def _maps(
     two_views: TwoViews, points: ImagePoints, inverse_depth: PerPoint, turn: Vector3
 ) -> Float64[np.ndarray, "n 3 3"]:
-    """Maps of one image onto the other over a plane at each point's depth, facing the camera."""
+    """Maps of one image to the other over a plane at each point's depth, facing the camera."""
     pose = two_views.other_from_one
     plane = np.zeros((len(points), 3, 3))
     plane[:, :, 2] = inverse_depth[:, None] * pose.translation_m
@@ -226,7 +227,7 @@ def _find(
     reach: PerPoint,
     params: ConjugateParams,
 ) -> Conjugates:
-    """Conjugates within each point's own reach; those of like reach are looked for together."""
+    """Conjugates within each point's own reach; those of similar reach are processed together."""
     order = np.argsort(reach, kind="stable")
     parts = [order[k : k + TOGETHER] for k in range(0, len(order), TOGETHER)]
     found = [
@@ -243,7 +244,7 @@ def _find(
 def _inverse_depth(
     two_views: TwoViews, points: ImagePoints, seen: ImagePoints, turn: Vector3
 ) -> PerPoint:
-    """Inverse depth at which a point is nearest to where it was seen; never below infinity's 0.
+    """Inverse depth at which a point is nearest to its measured position; at least 0, at infinity.
 
     The segment is straight and nearly even in q: a secant, then two Newton steps.
     """

@@ -1,21 +1,21 @@
-"""The geometry of two single images of one stop, whose cameras stand centimetres apart.
+"""The geometry of two single images of one stop, with cameras centimetres apart.
 
-The eye of a mast camera stands off the axis that the mast turns about, so two images of a panorama
-have a base b of 6 to 9 cm (25 cm at most): little, but the ground is near. With the direction
-d = (x, y, 1) of a point in the first image and its inverse depth q, it is seen in the second at
+A mast camera is off the axis about which the mast turns, so two images of a panorama have a
+baseline b of 6 to 9 cm (25 cm at most): little, but the ground is near. With the direction d = (x,
+y, 1) of a point in the first image and its inverse depth q, it is seen in the second at
 
     y = R d + q t,        x' = c + f (y_1, y_2) / y_3,        q from 0 (infinity) to 1/nearest
 
-by the labels' (R, t). The segment that x' runs over is the epipolar line; off it a point can only
-be by pointing errors, 0.15 degrees an axis and image. A small turn w of the second camera takes y
-to Exp(w)' y; it is found from the distances across the epipolar lines,
+by the labels' (R, t). The segment of all x' is the epipolar line; only pointing errors, 0.15
+degrees per axis and image, displace a point from it. A small rotation w of the second camera
+changes y to Exp(w)' y; it is estimated from the distances across the epipolar lines,
 
     e(w) = l . x' / |(l_1, l_2)|,        l = K'^-T [Exp(w)' t]_x Exp(w)' R d
 
-with a loss that turns from nearly linear to redescending (graduated, as in `alignment`). Points
-that are off their line by more than three robust standard deviations, or in front of the nearest
-range or behind infinity by more than pointing explains, or off the terrain that their neighbours
-describe, are blunders.
+with a loss that changes from nearly linear to redescending (graduated, as in `alignment`). Blunders
+are points off their line by more than three robust standard deviations, nearer than the nearest
+range or behind infinity by more than pointing errors explain, or off the terrain by their
+neighbours.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ from solmap.photogrammetry.matching.stereo.verification import (
 from solmap.photogrammetry.robust import robust_sigma
 
 SCALES_PX = (8.0, 3.0, 1.0, 0.4)
-"""At which the loss turns, one after the other: from twice a usual pointing error to matching."""
+"""Scales of the loss, one after the other: from twice a usual pointing error to matching."""
 LEAST_SPREAD_PX = 0.1
-"""Least-squares matching is not better than this."""
+"""Lower limit of the standard deviation of least-squares matching."""
 LIMIT_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TwoViews:
-    """How a second image sees what a first one sees, by the labels."""
+    """A second image's view of points of a first one, by the labels."""
 
     one: EpipolarPair
     other: EpipolarPair
@@ -57,7 +57,7 @@ class TwoViews:
     def project(
         self, points: ImagePoints, inverse_depth: PerPoint, turn: Vector3 | None = None
     ) -> ImagePoints:
-        """Where points at some inverse depth are in the second image; NaN behind it."""
+        """Positions in the second image of points at some inverse depth; NaN behind it."""
         pose = self.other_from_one
         y = self.one.rays(points) @ pose.rotation.T
         y = y + inverse_depth[:, None] * pose.translation_m
@@ -76,7 +76,7 @@ class TwoViews:
         return self.other.focal_px * (line * measured).sum(axis=1) / norm
 
     def epipolar_parallax(self, points: ImagePoints, seen: ImagePoints, turn: Vector3) -> PerPoint:
-        """How far along its epipolar line a point is from its place at infinity, pixels.
+        """Distance of a point along its epipolar line from its position at infinity, pixels.
 
         Positive towards the near end.
         """
@@ -93,14 +93,14 @@ class TwoViews:
 
 
 def rotation_matrix(turn: Vector3) -> Float64[np.ndarray, "3 3"]:
-    """Exp(w); rows of vectors times it are turned by Exp(w)'."""
+    """Exp(w); rows of vectors times it are rotated by Exp(w)'."""
     return ScipyRotation.from_rotvec(turn).as_matrix()
 
 
 def relative_turn(
     two_views: TwoViews, points: ImagePoints, seen: ImagePoints, pointing_sigma: float
 ) -> Vector3:
-    """By how much the second camera is turned from its label, beyond the first; radians."""
+    """Rotation of the second camera from its label, relative to the first; radians."""
     turn = np.zeros(3)
     sigma = np.sqrt(2.0) * pointing_sigma
     for scale in SCALES_PX:
@@ -122,11 +122,11 @@ class TwoViewCheck:
     across_px: PerPoint
     """Distance from the epipolar line of the labels."""
     left_px: PerPoint
-    """The same after the turn."""
+    """The same after the rotation."""
     along_px: PerPoint
-    """How far they are from infinity along that line, after the turn."""
+    """Distance from infinity along that line, after the rotation."""
     misfit: PerPoint
-    """Distance from the line after the turn, as a share of its limit."""
+    """Distance from the line after the rotation, as a fraction of its limit."""
 
 
 def check_conjugates(
@@ -137,7 +137,7 @@ def check_conjugates(
     pointing_sigma: float,
     terrain: VerificationParams,
 ) -> TwoViewCheck:
-    """Hold conjugates against the epipolar geometry, the range and their neighbours."""
+    """Check conjugates against the epipolar geometry, the range and their neighbours."""
     turn = relative_turn(two_views, points, seen, pointing_sigma)
     left = two_views.epipolar_distance(points, seen, turn)
     spread = max(robust_sigma(left), LEAST_SPREAD_PX)

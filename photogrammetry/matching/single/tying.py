@@ -1,10 +1,10 @@
 """Ties between single images of one stop: frames of a panorama that have no stereo partner.
 
-Every two that overlap are searched for conjugates (`search`); what agrees with the geometry of the
-two cameras (`two_views`) becomes a tie. It holds two left image points and no parallax (NaN): the
-depth of its tie point comes from the centimetres between the images, in the adjustment. A stereo
-pair beside a single image gives the depth itself: its matches are looked for where it puts them,
-and the tie holds the pair's parallax.
+Every two that overlap are searched for conjugates (`search`); those consistent with the geometry of
+the two cameras (`two_views`) become ties. A tie has two left image points and no parallax (NaN):
+the adjustment determines the depth of its tie point from the centimetres between the images. A
+stereo pair beside a single image gives the depth itself: its matches are searched at their
+predicted positions, and the tie has the pair's parallax.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ NAN = float("nan")
 
 @dataclass(frozen=True, slots=True)
 class MonoLink:
-    """What came of two single images that overlap."""
+    """Result for two single images that overlap."""
 
     first_id: str
     second_id: str
@@ -47,9 +47,9 @@ class MonoLink:
     label_px: float
     """Median distance from the epipolar lines of the labels; NaN without ties."""
     left_px: float
-    """Median absolute distance after the turn between the two cameras."""
+    """Median absolute distance after the rotation between the two cameras."""
     turn_deg: float
-    """How large that turn is."""
+    """Angle of that rotation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,12 +61,12 @@ class MonoTies:
     links: tuple[MonoLink, ...]
     """One for every two images that overlap."""
     misfit: PerPoint
-    """Of every tie: its distance from the epipolar line as a share of the limit."""
+    """Of every tie: its distance from the epipolar line as a fraction of the limit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkedImages:
-    """Ties between two images, what came of the search for them, and how well each fits."""
+    """Ties between two images, the result of the search, and the fit of each tie."""
 
     ties: Ties
     link: MonoLink
@@ -79,7 +79,7 @@ def tie_single_images(
     params: MonoParams,
     pairs: Sequence[MatchedPair] = (),
 ) -> MonoTies:
-    """Tie every two single images of a stop that overlap, and each with the pairs it overlaps."""
+    """Tie every two overlapping single images of a stop, and each with the overlapping pairs."""
     ids = (*(pair.pair_id for pair in pairs), *(view.image_id for view in views))
     found = [tie_two(one, other, ids, params) for one, other in combinations(views, 2)]
     found += [tie_to_pair(pair, view, ids, params) for pair in pairs for view in views]
@@ -95,7 +95,7 @@ def tie_single_images(
 def tie_two(
     one: SingleView, other: SingleView, ids: tuple[str, ...], params: MonoParams
 ) -> LinkedImages | None:
-    """Ties of two single images, and what came of it; None where they do not overlap."""
+    """Ties of two single images, and the result of the search; None where they do not overlap."""
     two_views = TwoViews(one.geometry, other.geometry)
     if two_views.base_m < LEAST_BASE_M:
         return None
@@ -153,7 +153,7 @@ def _evaluate(
     ids: tuple[str, ...],
     params: MonoParams,
 ) -> LinkedImages:
-    """The conjugates that agree with the geometry, as ties, and what came of the search."""
+    """The conjugates that agree with the geometry, as ties, and the result of the search."""
     names, kept = (first.name, other.image_id), found.found
     looked, measured = len(first.left), int(kept.sum())
     link = MonoLink(*names, looked, measured, 0, NAN, NAN, NAN)
@@ -177,7 +177,7 @@ def _evaluate(
 
 
 def _no_conjugates(points: ImagePoints) -> Conjugates:
-    """No conjugate of any point."""
+    """No conjugates."""
     nan, none = np.full(len(points), np.nan), np.zeros(len(points), dtype=bool)
     return Conjugates(
         none, np.zeros_like(points), nan, nan.copy(), np.full((len(points), 2, 2), np.nan)

@@ -1,31 +1,31 @@
-"""Dense parallax of a pair: semi-global matching, checked both ways, then refined by least squares.
+"""Dense parallax of a pair: semi-global matching, checked in both directions and refined.
 
 The locally normalised images are matched semi-globally from left to right and from right to left,
-about the parallax plane of the ground (`semi_global`). A parallax stays where both ways agree and
-where it is part of a larger surface; it is then refined at every pixel, and kept where it is
-precise and the windows agree. The sky, shadows without detail, and what only one camera sees end as
-NaN.
+about the parallax plane of the ground (`semi_global`). A parallax is kept where both directions
+agree and where it is part of a larger surface; it is then refined at every pixel, and kept where it
+is precise and the windows agree. The sky, shadows without detail, and ground visible to only one
+camera are NaN.
 
-Values of semi-global matching crowd at whole pixels (pixel locking). They are smoothed without
-crossing depth edges and then corrected by Lucas-Kanade steps: with the slope g of the left image
-and the residual r = R(x - p(x, y), y) - L(x, y) under the parallax of each pixel,
+Values of semi-global matching concentrate at whole pixels (pixel locking). They are smoothed
+without crossing depth edges and then corrected by Lucas-Kanade steps: with the slope g of the left
+image and the residual r = R(x - p(x, y), y) - L(x, y) under the parallax of each pixel,
 
     dp = (sum g r - sum g sum r / n) / E,     E = sum g^2 - (sum g)^2 / n,     sigma^2 = s0^2 / E
 
-summed over a window with weights that fall off to its edge (a box applied twice), the residual
-variance s0^2 coming from the same window. Each pixel being shifted by its own parallax, the window
-follows the slope of the ground, and a neighbour beyond a depth edge brings no parallax across.
+summed over a window with weights that decrease to its edge (a box applied twice), with the residual
+variance s0^2 of the same window. Each pixel is shifted by its own parallax, so the window follows
+the slope of the ground, and neighbours beyond a depth edge have no effect.
 
-Ground seen at a grazing angle a is foreshortened by sin a from row to row, not along them: windows
-as high as wide reach over metres of it, and over crests that hide the ground behind them by less
-than a pixel of parallax, which then comes out too high. The rows of such ground have lower and
-wider windows, and smoothing that keeps smaller edges (`count_far_lines`).
+Ground seen at a grazing angle a is foreshortened by sin a from row to row, not along them: square
+windows cover metres of it, including crests that occlude the ground behind them by less than a
+pixel of parallax, whose height is then overestimated. For rows of such ground windows are lower and
+wider, and smoothing preserves smaller edges (`count_far_lines`).
 
-That is the sigma of the window's parallax by noise; the ground in its middle differs by what the
-window does not resolve and by what smoothing took off. A step takes the share w off an error whose
-pattern the window sees to that share, so after the last step those are left whose w is small, and
-one further step would ask for w of them. The mean square of that step over the surroundings, over
-w^2 of about a tenth (`UNSETTLED`), is added to sigma^2.
+That is the sigma of the window's parallax by noise; the ground in its middle differs by detail that
+the window does not resolve or smoothing removed. A step reduces an error by the fraction w to which
+the window resolves its pattern, so after the last step errors with small w remain, of which one
+further step would correct the fraction w. The mean square of that step over the surroundings,
+divided by w^2 of about a tenth (`UNSETTLED`), is added to sigma^2.
 """
 
 from __future__ import annotations
@@ -68,41 +68,42 @@ from solmap.photogrammetry.ranges import (
 Filter = Callable[[GreyImage], GreyImage]
 
 WINDOW_NOISE = 0.67
-"""Variance of a step over s0^2/E: 0.46 since a box applied twice has weights whose squares sum to
-less than themselves, times 1.44 for residuals that resampling has correlated (`least_squares`)."""
+"""Variance of a step over s0^2/E: 0.46, because a box applied twice has weights whose squares sum
+to less than themselves, times 1.44 for residuals correlated by resampling (`least_squares`)."""
 
 UNSETTLED = 10.0
-"""Square of the error over that of the step asked for after the last one, as known truth tells of
-planes, simulated and rendered ground and Middlebury's motorcycle. Relief of the parallax about the
-window, its edges, and what half windows ask for explain nothing beside it."""
+"""Square of the error over that of the next step after the last one, by known truth of planes,
+simulated and rendered ground and Middlebury's motorcycle. Relief of the parallax about the window,
+its edges, and steps of half windows explain nothing beyond it."""
 
 UNSETTLED_PX = 21
 """Window over which these steps are averaged, odd: twice as wide as that of the parallax."""
 
 TINY = np.float32(1e-6)
-"""Energy or contrast that stands for none."""
+"""Energy or contrast treated as zero."""
 
 FURTHEST_PX = 1.0
-"""A pixel that moves further from its first parallax has slid to another surface."""
+"""Largest movement of a pixel from its first parallax; beyond it, it has moved to another
+surface."""
 
 
 SQUEEZE = 0.5
-"""By how much windows are lower and wider there: the root of `GRAZING`, so that they keep their
+"""Factor by which windows are lower and wider there: the root of `GRAZING`, so that they keep their
 area and are as foreshortened as the ground."""
 
 
 FAR_EDGE = 0.7
-"""Share of `edge_px` that is left there: crests are lower than a pixel, and below this share noise
-makes edges of its own (worlds with known truth)."""
+"""Fraction of `edge_px` used there: crests are lower than a pixel, and below this fraction noise
+causes edges (worlds with known truth)."""
 
 
 REACH_LINES = 8
-"""Rows that smoothing looks at to either side; OpenCV takes one and a half standard deviations."""
+"""Rows used by smoothing to either side; OpenCV uses one and a half standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)
 class RefinementParams:
-    """How the parallax of every pixel is refined and judged."""
+    """How the parallax of every pixel is refined and accepted."""
 
     box_px: OddPixels = 5
     """Side of the box, odd, that is applied twice: the window is 9 pixels wide, and half of its
@@ -110,16 +111,17 @@ class RefinementParams:
     steps: Few = 3
     """Lucas-Kanade steps."""
     smoothing_px: PixelsOrZero = 2.0
-    """Standard deviation in space of the smoothing that undoes pixel locking, which recurs with
-    every pixel of parallax: level ground changes by one in some seven rows of a Navcam image."""
+    """Standard deviation in space of the smoothing that removes pixel locking, which recurs with
+    every pixel of parallax: on level ground, about every seven rows of a Navcam image."""
     edge_px: Pixels = 1.0
-    """Standard deviation in parallax of that smoothing: what differs by more is another surface.
+    """Standard deviation in parallax of that smoothing: larger differences are another surface.
     Less on far ground (`FAR_EDGE`)."""
     largest_sigma_px: Pixels = 1.0
-    """Parallaxes less precise than this are left out."""
+    """Largest standard deviation that is kept."""
     least_correlation: Share = 0.3
-    """Of the windows after the last step; below that they show different things. Faint texture on a
-    smooth wall correlates by less than a half and is matched rightly (Middlebury)."""
+    """Least correlation of the windows after the last step; below it they show different ground.
+    Faint texture on a smooth wall correlates by less than a half and is matched rightly
+    (Middlebury)."""
 
 
 NORMALISATION_PX = 255
@@ -132,24 +134,24 @@ class DenseParams:
     """How every pixel is matched."""
 
     nearest_range_m: NearestMetres = 1.2
-    """Nearest ground, as in sparse matching: sets the search."""
+    """Nearest ground, as in sparse matching: limits the search."""
     least_parallax_px: WholeParallax = -2
-    """Parallax of infinity less what an error of the stereo rig of 0.1 degrees may take off."""
+    """Parallax of infinity minus the effect of a rig error of 0.1 degrees."""
     semi_global: SemiGlobalParams = field(default_factory=SemiGlobalParams)
     refinement: RefinementParams = field(default_factory=RefinementParams)
 
 
 @dataclass(frozen=True, slots=True)
 class SharedSigma:
-    """What all parallaxes of a pair are off by together, as a standard deviation.
+    """Standard deviation of the error common to all parallaxes of a pair.
 
-    No number of pixels averages it out: hypot(offset, stretch x parallax).
+    It does not average out over pixels: hypot(offset, stretch x parallax).
     """
 
     offset_px: float = 0.0
-    """By a turn of one camera about the vertical."""
+    """By a rotation of one camera about the vertical."""
     stretch: float = 0.0
-    """By the length of the base, as a share of it."""
+    """By the length of the baseline, relative."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,12 +161,12 @@ class DenseMatches:
     parallax_px: ParallaxMap
     sigma_px: ParallaxMap
     shared: SharedSigma | None = None
-    """The part of `sigma_px` that is one for all pixels; None where there is none."""
+    """The part of `sigma_px` common to all pixels; None where there is none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """How the windows about all pixels agree under a parallax."""
+    """Agreement of the windows about all pixels under a parallax."""
 
     sigma_px: ParallaxMap
     correlation: GreyImage
@@ -176,7 +178,7 @@ class WindowSums:
 
     step_px: ParallaxMap
     energy: GreyImage
-    """E: what is left of the squared slope when its mean is taken out."""
+    """E: squared slope minus that of its mean."""
     variance: GreyImage
     """Variance of the residual."""
 
@@ -199,8 +201,8 @@ def match_about(
 ) -> DenseMatches:
     """Parallax and its standard deviation, searched to either side of a smooth prediction.
 
-    The right image is shifted by the prediction less the search, R'(u) = R(u - t(u)), so that what
-    is left, d = p(x) - t(x - d), is positive.
+    The right image is shifted by the prediction less the search, R'(u) = R(u - t(u)), so that the
+    remainder d = p(x) - t(x - d) is positive.
     """
     shift = predicted - np.float32(search_px)
     image, known = shift_rows(images.right, images.right_mask, shift)
@@ -227,7 +229,7 @@ def _normalise(images: EpipolarImages) -> tuple[NormalisedImage, NormalisedImage
 
 
 class PixelwiseMatcher:
-    """Fits of two locally normalised images under a parallax map."""
+    """Compares two locally normalised images under a parallax map."""
 
     def __init__(
         self,
@@ -245,7 +247,7 @@ class PixelwiseMatcher:
         self.lines, self.samples = grid[0], grid[1]
 
     def refine(self, rough: ParallaxMap) -> tuple[ParallaxMap, ParallaxMap]:
-        """Refined parallax where it can be trusted, and its standard deviation."""
+        """Refined parallax where reliable, and its standard deviation."""
         parallax = self.smooth(rough)
         for _ in range(self.params.steps - 1):
             parallax = self.smooth(parallax + self.step(parallax))
@@ -258,7 +260,7 @@ class PixelwiseMatcher:
         return np.where(good, parallax, nothing), np.where(good, fit.sigma_px, nothing)
 
     def smooth(self, parallax: ParallaxMap) -> ParallaxMap:
-        """Parallax smoothed within surfaces: a bilateral filter to which gaps are far away."""
+        """Parallax smoothed within surfaces: a bilateral filter that ignores gaps."""
         known = np.isfinite(parallax)
         filled = np.where(known, parallax, np.float32(-1e4))
         out = _far_and_near(filled, self.far_lines, REACH_LINES, *self._smoothing())
@@ -273,7 +275,7 @@ class PixelwiseMatcher:
         return keeping(FAR_EDGE * self.params.edge_px), keeping(self.params.edge_px)
 
     def fit(self, parallax: ParallaxMap) -> Fit:
-        """How well the images agree under a parallax."""
+        """Agreement of the images under a parallax."""
         slope, residual = self._compare(parallax)
         sums = self._sums(slope, residual, np.isfinite(parallax))
         noise = np.float32(WINDOW_NOISE) * sums.variance / sums.energy
@@ -284,7 +286,7 @@ class PixelwiseMatcher:
         )
 
     def step(self, parallax: ParallaxMap) -> ParallaxMap:
-        """The correction that least squares asks for."""
+        """The least-squares correction."""
         slope, residual = self._compare(parallax)
         return self._sums(slope, residual, np.isfinite(parallax)).step_px
 
@@ -325,11 +327,11 @@ class PixelwiseMatcher:
         return _far_and_near(values, self.far_lines, 2 * side, over(wide, low), over(side, side))
 
     def _mean_square(self, values: GreyImage, parallax: ParallaxMap) -> GreyImage:
-        """Mean square over the surroundings, of the pixels that have a parallax."""
+        """Mean square over the surroundings, of the pixels with a parallax."""
         known, window = np.isfinite(parallax), (UNSETTLED_PX, UNSETTLED_PX)
         share = np.maximum(cv2.blur(known.astype(np.float32), window), np.float32(1e-3))
         total = cv2.blur(np.where(known, values * values, np.float32(0)), window)
-        return np.maximum(total, 0) / share  # running sums round below zero
+        return np.maximum(total, 0) / share  # # running sums may round below zero
 
 
 def _sum_twice(values: GreyImage, box: tuple[int, int]) -> GreyImage:
@@ -341,7 +343,7 @@ def _sum_twice(values: GreyImage, box: tuple[int, int]) -> GreyImage:
 def _far_and_near(
     values: GreyImage, far_lines: int, reach: int, far: Filter, near: Filter
 ) -> GreyImage:
-    """What one filter makes of far rows and another of the rest, neither reaching further."""
+    """Results of one filter for far rows and another for near ones, without mixing them."""
     out = np.empty_like(values)
     for start, stop, filtered in ((0, far_lines, far), (far_lines, len(values), near)):
         if stop > start:

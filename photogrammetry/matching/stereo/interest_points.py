@@ -1,4 +1,4 @@
-"""Interest points that can be found again: the Förstner operator (Förstner & Gülch 1987).
+"""Interest points: the Förstner operator (Förstner & Gülch 1987).
 
 With the gradient (g_x, g_y) summed over a window with Gaussian weights, the normal matrix of
 locating the window by least squares is N = sum [[g_x g_x, g_x g_y], [g_x g_y, g_y g_y]], and
@@ -6,8 +6,8 @@ locating the window by least squares is N = sum [[g_x g_x, g_x g_y], [g_x g_y, g
     w = det N / tr N          (large: the error ellipse is small)
     q = 4 det N / (tr N)^2    (near 1: the ellipse is round, the window is no edge)
 
-A point is a local maximum of w with w above a share of its mean and q above a limit. Its
-sub-pixel place is where all gradient lines of the window meet, N x = sum (g g') x_i.
+A point is a local maximum of w with w above a fraction of its mean and q above a limit. Its
+sub-pixel position is the intersection of all gradient lines of the window, N x = sum (g g') x_i.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from solmap.photogrammetry.arrays import Float64, GreyImage, ImagePoints, Int32,
 from solmap.photogrammetry.ranges import Count, FactorOrZero, OddPixels, Share, WholePixels
 
 WINDOW_SIGMAS = 4.0
-"""Width of the window in standard deviations of its weights: at its edge they are down to 0.14."""
+"""Width of the window in standard deviations of its weights: at its edge they are 0.14."""
 
 
 SEPARATION_PX = 3
-"""Radius within which only the strongest point stays: about half the window."""
+"""Radius within which only the strongest point is kept: about half the window."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +37,12 @@ class FoerstnerParams:
     smallest_roundness: Share = 0.5
     """Limit of q: 0.5 to 0.75 in the original."""
     smallest_weight: FactorOrZero = 0.5
-    """Limit of w as a share of its mean over the image: 0.5 to 1.5 in the original."""
+    """Limit of w as a fraction of its mean over the image: 0.5 to 1.5 in the original."""
     count: Count = 5000
-    """Points an image (Di et al. 2008, section 5)."""
+    """Points per image (Di et al. 2008, section 5)."""
     cell_px: WholePixels = 64
-    """Cell in which the strongest are kept in turn, so that strong texture does not take all."""
+    """Cell of which the strongest points are taken in turn, so that points are spread over the
+    image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +118,7 @@ def _usable_with_margin(mask: Mask, margin_px: int) -> Mask:
 def _corner_offsets(
     pixels: np.ndarray, gx: GreyImage, gy: GreyImage, window_px: int
 ) -> Float64[np.ndarray, "n 2"]:
-    """Where the gradient lines of each window meet, from its middle; zero if outside the window."""
+    """Intersection of each window's gradient lines, from its middle; zero if outside."""
     half = window_px // 2
     dy, dx = (w.ravel() for w in np.mgrid[-half : half + 1, -half : half + 1])
     at = (pixels[:, 1, None] + dy, pixels[:, 0, None] + dx)

@@ -1,28 +1,28 @@
-"""Errors of the relative orientation of two cameras, from the parallaxes that matching leaves.
+"""Errors of the relative orientation of two cameras, from the residual parallaxes of matching.
 
 **Of a stereo rig** (`vertical_parallax`, `rig_rotation`). Rows of an epipolar pair correspond
-exactly if the rig is as its camera models say. A bent rig, or models of another exposure, show as a
+exactly if the rig agrees with its camera models. A bent rig, or models of another exposure, cause a
 vertical parallax v = y_r - y_l. A small rotation w of the right camera about the (right, down,
-forward) axes turns the directions d = (x, y, 1) that it sees by -w x d, and so moves its image
-points down by
+forward) axes rotates directions d = (x, y, 1) in its frame by -w x d, and so moves its image points
+down by
 
     v = f [ w_x (1 + y^2) - w_y x y - w_z x ]
 
-with x, y in units of f from the common axis. Estimated by least squares with blunders weighted
-down, w is by how much the right camera is turned from its model.
+with x, y in units of f from the common axis. The rotation w of the right camera from its model is
+estimated by least squares with blunders down-weighted.
 
 **Of cameras at two stops** (`relative_orientation`). Unknown are a rotation w of the right camera
-and a shift B t of its centre across the base, about the (right, down, forward) axes of the pair.
-With x, y the point in the right image in units of f, and p its parallax, they move it across and
-along the epipolar line, so that one finds
+and a shift B t of its centre across the baseline, about the (right, down, forward) axes of the
+pair. With x, y the point in the right image in units of f, and p its parallax, they move it across
+and along the epipolar line, so that one finds
 
     v = f [w_x (1 + y^2) - w_y x y - w_z x] + p (y t_z - t_y)
     p - q = f [w_y (1 + x^2) - w_z y - w_x x y] - p x t_z + s
 
 where v is the vertical parallax and q the parallax predicted from a rig's own dense parallax
-(`wide_baseline`), up to an error s that all its predictions share. Adjustment has w and t
-approximately: its standard deviations enter as observations, so what the images do not tell stays
-as it was. Blunders are weighted down.
+(`wide_baseline`), up to an error s common to all its predictions. Adjustment gives w and t
+approximately: its standard deviations enter as observations, so unknowns that the images do not
+determine stay unchanged. Blunders are down-weighted.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ from solmap.photogrammetry.ranges import Metres, Pixels, Radians
 from solmap.photogrammetry.robust import geman_mcclure_weights, robust_sigma
 
 LINE_TOLERANCE_PX = 6
-"""Rows searched to either side: 0.3 degrees of a Navcam, twice what real bars were off."""
+"""Rows searched to either side: 0.3 degrees of a Navcam, twice the errors of real rigs."""
 
 MOST_POINTS = 800
-"""Points measured in both directions; the median of a hundredth of a pixel needs no more."""
+"""Points measured in both directions; enough for a median accurate to a hundredth of a pixel."""
 
 FEWEST_POINTS = 12
 """Four times the three unknowns."""
@@ -60,14 +60,14 @@ WRONG_RIG_PX = 0.5
 matched half a row off lose about a tenth of their correlation."""
 
 ROW_CELLS = 4
-"""Cells along each side of an image: residuals of the one real pair at hand, 0.2 px, are alike over
-a quarter of it."""
+"""Cells along each side of an image: residuals of the one available real pair, 0.2 px, are alike
+over a quarter of it."""
 
 STEPS = 10
 """Reweightings."""
 
 FINEST_PX = 0.02
-"""Least spread of residuals that is believed."""
+"""Lower limit of the spread of residuals."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,17 +95,17 @@ class VerticalParallax:
 
     @property
     def fits_the_rig(self) -> bool:
-        """Whether the rows correspond as the camera models say."""
+        """Whether the rows correspond as the camera models predict."""
         enough = len(self.vertical_px) >= FEWEST_POINTS
         return bool(enough and max(abs(self.median_px), self.mad_px) <= WRONG_RIG_PX)
 
     def __str__(self) -> str:
         verdict = "rows correspond"
         if len(self.vertical_px) < FEWEST_POINTS:
-            verdict = "too few to tell whether the camera models fit the images"
+            verdict = "too few to check the camera models"
         elif not self.fits_the_rig:
             verdict = (
-                "the camera models do not fit the images: another exposure, or a bent stereo bar"
+                "the camera models do not fit the images: another exposure, or a bent stereo rig"
             )
         return (
             f"vertical parallax {self.median_px:+.2f} px (MAD {self.mad_px:.2f}) at "
@@ -119,40 +119,42 @@ FEWEST_OFFSETS = 30
 
 @dataclass(frozen=True, slots=True)
 class OrientationParams:
-    """How far adjusted orientations are trusted."""
+    """Assumed accuracy of adjusted orientations."""
 
     rotation_sigma: Radians = float(np.deg2rad(0.2))
     """Standard deviation of a relative rotation, radians: twice a mast's pointing error."""
     position_sigma_m: Metres = 0.05
-    """Standard deviation of a relative position: adjusted neighbours are known to centimetres."""
+    """Standard deviation of a relative position: adjusted neighbours are accurate to
+    centimetres."""
     bar_sigma_px: Pixels = 0.03
-    """Standard deviation of what all parallaxes of a bar share: its rows have corresponded to that
-    after calibration, and nothing holds its parallax better than its rows."""
+    """Standard deviation common to all parallaxes of a rig: the accuracy of its rows after
+    calibration, which its parallax cannot exceed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RelativeOrientation:
-    """By how much the right camera stands off its model, with the covariance."""
+    """Correction of the right camera against its model, with the covariance."""
 
     rotation: Vector3
     """Rotation vector about (right, down, forward), radians."""
     shift: Vector3
-    """Of the centre along (right, down, forward), in units of the base; the first is 0."""
+    """Of the centre along (right, down, forward), in units of the baseline; the first is 0."""
     covariance: Float64[np.ndarray, "6 6"]
     """Of w_x, w_y, w_z, t_y, t_z and s in pixels."""
 
     unknowns: Float64[np.ndarray, " 6"]
-    """All that has been added to the adjusted orientation, this included; s is never added."""
+    """Sum of all corrections added to the adjusted orientation, including this one; s is never
+    added."""
 
     def apply(self, right: CameraModel, geometry: EpipolarPair) -> CameraModel:
-        """The right camera, in the frame that `geometry` is given in, where it really stands."""
+        """The right camera with its corrected pose, in the frame of `geometry`."""
         pose = geometry.rover_from_pair
         turned = turn_in_place(right, pose.target, pose.rotation @ self.rotation)
         moved = pose.rotation @ self.shift * geometry.base_m
         return turned.transform(Pose(pose.target, pose.target, np.eye(3), moved))
 
     def shared_sigma(self, geometry: EpipolarPair, params: OrientationParams) -> SharedSigma:
-        """Standard deviation that all parallaxes share: of w_y, and of the length of the base."""
+        """Standard deviation common to all parallaxes: of w_y, and of the baseline's length."""
         turn_px = geometry.focal_px * float(np.sqrt(self.covariance[1, 1]))
         return SharedSigma(turn_px, params.position_sigma_m / geometry.base_m)
 
@@ -163,7 +165,7 @@ class MeasuredOffsets:
 
     rows: VerticalParallax
     predicted_px: PerPoint | None = None
-    """Parallax predicted from the rig; None where there is none to compare with."""
+    """Parallax predicted from the rig; None if not available."""
     bar_ratio: float = 1.0
     """Parallax of the pair over that of the rig."""
 
@@ -171,7 +173,7 @@ class MeasuredOffsets:
 def vertical_parallax(
     images: EpipolarImages, params: SparseParams | None = None
 ) -> VerticalParallax:
-    """Vertical parallax at well-spread interest points, to a fraction of a pixel."""
+    """Vertical parallax at well-distributed interest points, to a fraction of a pixel."""
     wide = replace(params or SparseParams(), line_tolerance_px=LINE_TOLERANCE_PX)
     candidates = match_interest_points(images, wide)
     left = candidates.left[candidates.accepted]
@@ -191,8 +193,8 @@ def rig_rotation(measured: VerticalParallax) -> Vector3:
     """Rotation vector (right, down, forward axes; radians) of the right camera from its model."""
     if len(measured.left) < FEWEST_POINTS:
         raise MatchingError(
-            f"{len(measured.left)} points with vertical parallax are too few to tell a rotation of "
-            f"the stereo bar from; {FEWEST_POINTS} are needed"
+            f"{len(measured.left)} points with vertical parallax are too few to estimate a "
+            f"rotation of the stereo rig; {FEWEST_POINTS} are needed"
         )
     design = _design(measured)
     weight = np.ones(len(design))
@@ -207,7 +209,7 @@ def rig_rotation(measured: VerticalParallax) -> Vector3:
 
 
 def straightened(measured: VerticalParallax) -> VerticalParallax:
-    """The vertical parallax that is left when the right camera is turned as fits it best."""
+    """The remaining vertical parallax after the best rotation of the right camera."""
     left = measured.vertical_px - _design(measured) @ rig_rotation(measured)
     return replace(measured, vertical_px=left)
 
@@ -216,19 +218,19 @@ def straightened(measured: VerticalParallax) -> VerticalParallax:
 class RowCells:
     """Vertical parallax of pairs of one camera set, averaged over the cells of the image.
 
-    Errors of lens models are smooth, so that the points of a cell share them: residuals of cells,
-    and not of points, say how well a rotation is known.
+    Errors of lens models are smooth, so points of a cell share them: the accuracy of a rotation
+    follows from residuals of cells, not of points.
     """
 
     weight: Float64[np.ndarray, " n"]
-    """Inverse variances, 1/px^2; 0 where a cell holds no point."""
+    """Inverse variances, 1/px^2; 0 where a cell has no point."""
     design: Float64[np.ndarray, "n 3"]
     """Derivatives by the rotation of the right camera, pixels."""
     vertical_px: PerPoint
 
     @classmethod
     def of(cls, measured: VerticalParallax) -> RowCells:
-        """Of one pair; blunders are weighted down by the rotation that fits it best."""
+        """Of one pair; blunders are down-weighted under the best rotation."""
         design, shape = _design(measured), measured.geometry
         residual = straightened(measured).vertical_px
         scale = max(float(robust_sigma(residual)), FINEST_PX)
@@ -257,19 +259,19 @@ class RowCells:
 
     @property
     def variance_factor(self) -> float:
-        """How far the cells disagree beyond noise, in its variances; at least 1."""
+        """Scatter of the cells relative to noise, as a variance factor; at least 1."""
         rotation = np.linalg.lstsq(*self.normal_equations(), rcond=None)[0]
         residual = self.vertical_px - self.design @ rotation
         redundancy = np.count_nonzero(self.weight) - len(rotation)
         return max(1.0, float(self.weight @ residual**2) / max(int(redundancy), 1))
 
     def median_px(self, rotation: Vector3) -> float:
-        """Median of the vertical parallax that a rotation leaves."""
+        """Median of the vertical parallax after a rotation."""
         seen = self.weight > 0
         return float(np.median((self.vertical_px - self.design @ rotation)[seen]))
 
     def rotation_with(self, toe_in: float) -> Vector3:
-        """The rotation that fits best with this toe-in, which rows hardly show, radians."""
+        """The best rotation with this toe-in, which rows hardly determine, radians."""
         free, weight = self.design[:, ::2], np.sqrt(self.weight)
         left = self.vertical_px - self.design[:, 1] * toe_in
         (x, z), *_ = np.linalg.lstsq(free * weight[:, None], left * weight, rcond=None)
@@ -284,7 +286,7 @@ def _sums(cell: np.ndarray, weight: np.ndarray, table: np.ndarray) -> tuple[np.n
 
 
 def turn_in_place(camera: CameraModel, frame: Frame, rotation: Vector3) -> CameraModel:
-    """A camera turned about its own centre by a rotation vector, both in the same frame."""
+    """A camera rotated about its own centre by a rotation vector, both in the same frame."""
     turn = ScipyRotation.from_rotvec(rotation).as_matrix()
     return camera.transform(Pose(frame, frame, turn, camera.centre - turn @ camera.centre))
 
@@ -301,7 +303,7 @@ def _design(measured: VerticalParallax) -> np.ndarray:
 def relative_orientation(
     measured: MeasuredOffsets, params: OrientationParams, applied: RelativeOrientation | None = None
 ) -> RelativeOrientation:
-    """Least squares about the present orientation, to which `applied` has been added already."""
+    """Least squares about the present orientation, which already includes `applied`."""
     rows = measured.rows
     across, along = _designs(rows)
     observed = [(across, rows.vertical_px)]
@@ -330,7 +332,7 @@ def relative_orientation(
 
 
 def _weights(residual: PerPoint) -> PerPoint:
-    """Inverse variances by the spread of the residuals, less where one is far off."""
+    """Inverse variances by the spread of the residuals, less for large ones."""
     middle = float(np.median(residual))
     scale = max(robust_sigma(residual - middle), FINEST_PX)
     return geman_mcclure_weights(residual - middle, scale) / scale**2

@@ -1,28 +1,27 @@
 """Semi-global matching of locally normalised images about the parallax plane of the ground.
 
-**Normalisation.** Each pixel is given as its distance from the mean of its surroundings in units of
-their standard deviation, (I - m) / sqrt(s^2 + (k n)^2), with the noise n of the image in the
-denominator, so that faint texture of a 12-bit image fills eight bits and mere noise, as in the sky,
+**Normalisation.** Each pixel is replaced by its difference from the mean of its surroundings in
+units of their standard deviation, (I - m) / sqrt(s^2 + (k n)^2), with the noise n of the image in
+the denominator, so that faint texture of a 12-bit image fills eight bits, but noise, as in the sky,
 does not. The noise is estimated from second differences (Immerkær 1996), by their median absolute
 value, so that edges do not count.
 
-**Matching, both ways.** OpenCV's StereoSGBM (after Hirschmüller 2008) minimises the
+**Matching in both directions.** OpenCV's StereoSGBM (after Hirschmüller 2008) minimises the
 Birchfield-Tomasi difference over small blocks plus a penalty P1 for parallax steps of one pixel and
-P2 for larger ones along five paths. Its penalties are kept at the proportion of its authors, 8 and
-32 times the area of the block. Slopes count up to a cap, so that an outline, which belongs to the
-nearer surface, does not pull the ground beside it along.
+P2 for larger ones along five paths. Its penalties have the proportion of its authors, 8 and 32
+times the area of the block. Slopes are limited, so that an outline, which belongs to the nearer
+surface, does not affect the ground beside it.
 
 **Search about the plane of the ground.** Seen from a mast, level or tilted ground has a parallax
 that is linear over the image: with the plane n.P = h and P = Z ((x - c_x)/f, (y - c_y)/f, 1) one
-finds p = f B / Z = a + b x + c y. What remains after taking that plane out is relief, whose range
-is a fraction of the whole. So the pair is first matched in a reduced image, over the whole range; a
-plane is fitted to what was found by least absolute deviations; and the full image is matched
-against the right image shifted by the plane, over the range of the relief alone. On top of the time
-saved, the ground lies parallel to the image, which is what semi-global matching favours. Where
-relief takes up most of the search, as indoors, there is no such plane, and the images are matched
-as they are.
+finds p = f B / Z = a + b x + c y. After subtraction of that plane, relief remains, whose range is a
+fraction of the whole. So the pair is first matched in a reduced image, over the whole range; a
+plane is fitted to the result by least absolute deviations; and the full image is matched against
+the right image shifted by the plane, over the range of the relief only. Besides saving time, this
+makes the ground parallel to the image, which semi-global matching favours. Where relief is most of
+the search range, as indoors, there is no such plane, and the images are matched without it.
 
-The plane also tells the angle a at which the ground is seen. With p = p_0 + g_x x + g_y y about the
+The plane also gives the angle a at which the ground is seen. With p = p_0 + g_x x + g_y y about the
 principal point and the ray r = (x/f, y/f, 1), sin a = p / (|(f g_x, f g_y, p_0)| |r|).
 """
 
@@ -39,10 +38,10 @@ from solmap.photogrammetry.matching.parallax_planes import ParallaxPlane, fit_ro
 from solmap.photogrammetry.ranges import CountOrZero, OddPixels, Percent, Pixels, PixelsOrZero
 
 CONTRAST = 75.0
-"""Grey levels of eight bits per local standard deviation: 1.7 to either side fit."""
+"""Grey levels of eight bits per local standard deviation: the range is 1.7 to either side."""
 
 NOISE_FLOOR = 2.0
-"""Standard deviations of noise that count as no contrast."""
+"""Standard deviations of noise treated as no contrast."""
 
 FIXED_POINT = 16
 """OpenCV's parallaxes are whole sixteenths of a pixel."""
@@ -51,19 +50,19 @@ REDUCED_SEARCH_PX = 128
 """Widest search in the reduced image; the image is halved until the range fits."""
 
 SLOPE_CAP = 31
-"""Largest slope that counts, in eight bits and eighths of a level a pixel (Sobel operator)."""
+"""Largest slope that counts, in eight bits and eighths of a level per pixel (Sobel operator)."""
 
 WORTHWHILE = 0.5
-"""Share of the whole search above which relief makes the plane worthless."""
+"""Fraction of the whole search above which relief makes the plane useless."""
 
 MARGIN_PX = 3
-"""Pixels of the reduced image added to either end of the relief it showed."""
+"""Pixels of the reduced image added to either end of the range of relief."""
 
 WHOLLY = 0.99
-"""Share of a shifted pixel that must come from usable ones."""
+"""Fraction of a shifted pixel that must come from usable ones."""
 
 FIT_POINTS = 20_000
-"""Points that the plane is fitted to; more do not change it."""
+"""Points to which the plane is fitted; more do not change it."""
 
 GRAZING = 0.25
 """Sine of the angle to the ground below which its rows are far ground: 6 m from a mast."""
@@ -76,9 +75,9 @@ class SemiGlobalParams:
     block_px: OddPixels = 5
     """Side of the block, odd: small, so that depth edges stay sharp; 3 to 11 by OpenCV."""
     uniqueness_percent: Percent = 40
-    """By how much the best cost must win, both ways. Of what 25 keeps beyond that, a sixth is wrong
-    by more than 1 px on rendered ground and a third in Middlebury's motorcycle: ten times as much
-    as of the rest."""
+    """Margin by which the best cost must win, in both directions. Of the additional parallaxes kept
+    at 25, a sixth is wrong by more than 1 px on rendered ground and a third in Middlebury's
+    motorcycle: ten times as many as of the rest."""
     agreement_px: PixelsOrZero = 1.0
     """Largest difference between the parallax from left to right and from right to left."""
     smallest_surface_px: CountOrZero = 100
@@ -137,8 +136,8 @@ def count_far_lines(rough: ParallaxMap, geometry: EpipolarPair) -> int:
 def noise_level(image: GreyImage, mask: Mask) -> float:
     """Standard deviation of the noise of a grey value, where texture does not hide it.
 
-    The calmest twentieth of all blocks is taken: ground is textured nearly everywhere. Where even
-    these are textured the noise comes out too large.
+    The twentieth of all blocks with the least texture is used, because ground is textured nearly
+    everywhere. Where even these are textured, the noise is overestimated.
     """
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
     rough = np.abs(cv2.filter2D(image, -1, kernel))
@@ -178,7 +177,7 @@ def match_both_ways(
     search: tuple[int, int],
     params: SemiGlobalParams,
 ) -> ParallaxMap:
-    """Parallax on the left grid where both ways agree; `search` is least and largest parallax."""
+    """Parallax on the left grid where both directions agree; `search` is its range."""
     forth = _match(left, right, search, params)
     back = _match(left=right[:, ::-1], right=left[:, ::-1], search=search, params=params)[:, ::-1]
     forth = np.where(masks[0], forth, np.float32(np.nan))
@@ -203,7 +202,7 @@ def _match(
 ) -> ParallaxMap:
     """OpenCV's parallax from left to right; NaN where it found none.
 
-    OpenCV leaves out the columns whose search would leave the image, hence the borders.
+    OpenCV omits the columns whose search would leave the image; hence the borders.
     """
     least, largest = search
     count = max(16, 16 * int(np.ceil((largest - least + 1) / 16)))
@@ -229,7 +228,7 @@ def _match(
 
 
 def _parallax_at_partner(back: ParallaxMap, forth: ParallaxMap) -> ParallaxMap:
-    """The right image's parallax where the left one points to; NaN outside."""
+    """The right image's parallax at the conjugate of each left pixel; NaN outside."""
     samples = forth.shape[1]
     sample = np.arange(samples) - np.where(np.isfinite(forth), forth, 1e6)
     nearest = np.rint(sample).astype(np.int64)
@@ -262,7 +261,7 @@ def _reduced_parallax(
 
 
 def _plane_and_relief(reduced: ParallaxMap, scale: int) -> tuple[ParallaxPlane, tuple[int, int]]:
-    """The plane through the parallaxes, and by how much they leave it."""
+    """The plane through the parallaxes, and the range of their deviations from it."""
     line, sample = np.nonzero(np.isfinite(reduced))
     parallax = reduced[line, sample].astype(np.float64)
     x, y = (sample + 0.5) * scale - 0.5, (line + 0.5) * scale - 0.5

@@ -1,22 +1,23 @@
 """Intra-stereo matches of interest points (Di et al. 2008, sections 3.1 and 5).
 
 Interest points of both epipolar images are compared along the epipolar line by the normalised
-cross-correlation of their windows; a pair that is each other's best and correlates above a
-threshold is a candidate. Candidates are verified by the parallax curve, refined by least-squares
+cross-correlation of their windows; two points that are each other's best match and correlate above
+a threshold are a candidate. Candidates are verified by the parallax curve, refined by least-squares
 matching, and thinned by a grid, so that they are spread over the image.
 
 Least squares finds the parallax of the plane that fits the window best. The ground at its middle
-leaves that plane, by far more than noise lets the plane be wrong where the texture is good. How far
-shows when the same points are matched again with windows of half the width: beyond noise,
+deviates from that plane, by far more than the noise of the plane where the texture is good. The
+deviation is estimated by matching the same points again with windows of half the width: beyond
+noise,
 
     e^2 = (p_half - p)^2 - (sigma_half^2 - sigma^2)
 
-is the relief that the whole window takes out and the half one does not (the noise of an estimate
-from a part of the data, less the one from all of it, has the difference of their variances). Ground
-is rough at every scale, its height differences growing with distance like d^H; what is below the
-half window is e^2 times 2^-2H, and so on, in all e^2 / (1 - 2^-2H) = 2 e^2 with H = 1/2 (between
-rubble and rolling plains). One difference says little of its expectation, so that of the
-neighbours joins in.
+is the relief that the whole window averages out and the half one does not (the difference of an
+estimate from part of the data and one from all of it has the difference of their variances). Ground
+is rough at every scale, its height differences growing with distance like d^H; relief below the
+half window is e^2 times 2^-2H, and so on, in total e^2 / (1 - 2^-2H) = 2 e^2 with H = 1/2 (between
+rubble and rolling plains). A single difference is a poor estimate of its expectation, so those of
+neighbours are included.
 """
 
 from __future__ import annotations
@@ -65,22 +66,23 @@ from solmap.photogrammetry.ranges import (
 from solmap.photogrammetry.robust import MAD_TO_SIGMA
 
 PAIRS_AT_A_TIME = 16_384
-"""Candidate pairs correlated at once: 15 x 15 windows of both take 30 MB."""
+"""Candidate pairs correlated together: 15 x 15 windows of both take 30 MB."""
 
 BELOW_HALF = 2.0
-"""Relief below the whole window over that between the half and the whole one, H = 1/2."""
+"""Ratio of the relief below the whole window to that between the half and the whole one, H =
+1/2."""
 
 LARGEST_PX = 1.0
-"""Difference that is taken for a point the half window lost; more would be a blunder."""
+"""Limit of the difference: more is a blunder of the half window."""
 
 
 RELIEF_NEIGHBOURS = 25
-"""Matches whose median difference tells of the relief around: known to a fifth."""
+"""Neighbouring matches whose median difference gives the relief: accurate to a fifth."""
 
 
 OWN_WEIGHT = 0.15
-"""Weight of a match's own difference against that median: one draw against some six, as the
-relief of neighbours differs by half from place to place."""
+"""Weight of a match's own difference against that median: one sample against about six, because the
+relief of neighbours differs by half."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,22 +97,22 @@ class SparseParams:
     line_tolerance_px: FewOrZero = 1
     """Rows above and below the epipolar line: maxima of the operator are whole pixels."""
     nearest_range_m: NearestMetres = 1.2
-    """Nearest ground: below a 1.5 m mast, just clear of the deck and wheels. Sets the search."""
+    """Nearest ground: below a 1.5 m mast, just clear of the deck and wheels. Limits the search."""
     least_parallax_px: Parallax = -2.0
-    """Parallax of infinity less what an error of the stereo rig of 0.1 degrees may take off."""
+    """Parallax of infinity minus the effect of a rig error of 0.1 degrees."""
     verification: VerificationParams = field(default_factory=VerificationParams)
     refinement: LeastSquaresParams = field(default_factory=LeastSquaresParams)
     largest_sigma_px: Pixels = 0.3
-    """Matches less precise than this are left out: at 10 m it is 0.12 m of Navcam range."""
+    """Largest standard deviation that is kept: at 10 m it is 0.12 m of Navcam range."""
     cell_px: WholePixels = 32
     """Cell of the grid in which the best matches are chosen."""
     per_cell: Few = 4
-    """Matches a cell."""
+    """Matches per cell."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """Interest points that are each other's best, before and after verification."""
+    """Interest points that are each other's best match, before and after verification."""
 
     left: Int32[np.ndarray, "n 2"]
     right: Int32[np.ndarray, "n 2"]
@@ -122,7 +124,7 @@ class Candidates:
 
 
 def largest_parallax_px(geometry: EpipolarPair, nearest_range_m: float) -> float:
-    """Parallax at the nearest range, but no more than the image is wide."""
+    """Parallax at the nearest range, but not more than the image is wide."""
     return min(geometry.focal_px * geometry.base_m / nearest_range_m, geometry.samples - 1.0)
 
 
@@ -136,7 +138,7 @@ def match_sparsely(
 
 
 def match_interest_points(images: EpipolarImages, params: SparseParams) -> Candidates:
-    """Mutually best pairs of interest points, each judged by the parallax curve."""
+    """Mutually best pairs of interest points, each tested by the parallax curve."""
     margin = params.window_px // 2 + 1
     left = interest_points(images.left, images.left_mask, params.interest, margin)
     right = interest_points(images.right, images.right_mask, params.interest, margin)
@@ -156,7 +158,7 @@ def match_interest_points(images: EpipolarImages, params: SparseParams) -> Candi
 def refine_candidates(
     pair_id: str, images: EpipolarImages, candidates: Candidates, params: SparseParams
 ) -> StereoMatches:
-    """Accepted candidates with sub-pixel parallax, those that are precise, spread over a grid."""
+    """Accepted candidates with sub-pixel parallax, the precise ones, spread over a grid."""
     pixels = candidates.left[candidates.accepted]
     start = (pixels[:, 0] - candidates.right[candidates.accepted, 0]).astype(np.float64)
     matcher = LeastSquaresMatcher(images.left, images.right, params.refinement)
@@ -193,7 +195,7 @@ def _pairs_on_a_line(
     left: InterestPoints, right: InterestPoints, geometry: EpipolarPair, params: SparseParams
 ) -> tuple[np.ndarray, np.ndarray]:
     """Indices of left and right points whose rows agree and whose parallax is in range."""
-    width = 4.0 * geometry.samples  # keeps rows apart in one sorted key
+    width = 4.0 * geometry.samples  # # separates rows in one sorted key
     key = right.pixels[:, 1] * width + right.pixels[:, 0]
     order = np.argsort(key)
     furthest = largest_parallax_px(geometry, params.nearest_range_m)
@@ -252,7 +254,7 @@ def sigma_with_relief(
     points: ImagePoints,
     refined: RefinedParallax,
 ) -> PerPoint:
-    """Standard deviation, pixels, of refined parallaxes as those of the ground at the points."""
+    """Standard deviation, pixels, of refined parallaxes against the ground at the points."""
     if not len(points):
         return refined.sigma_px
     half = matcher.params.window_px // 2 | 1

@@ -2,13 +2,13 @@
 
 Ordered row first, from the top of the image to its foot, parallaxes follow a curve: the general
 shape of the terrain. A median filter extracts it, and matches further from it than the roughness of
-the terrain allows are blunders (Di et al. 2008, section 5). Two things are added. The image is cut
-into upright strips with a curve each, because ground that falls off sideways has no single parallax
-a row. And each match is held against the plane of least absolute deviations through its nearest
-neighbours, whose spread about it says how rough the terrain is just there.
+the terrain allows are blunders (Di et al. 2008, section 5). Two things are added. The image is
+divided into vertical strips with a curve each, because ground with a cross slope has no single
+parallax per row. And each match is compared with the plane of least absolute deviations through its
+nearest neighbours, whose spread about it is the local roughness.
 
 Roughness is relative: over level ground seen from height H, an object of height t on it changes the
-parallax p of a ray by p t / (H - t), whatever the distance.
+parallax p of a ray by p t / (H - t) at any distance.
 """
 
 from __future__ import annotations
@@ -24,33 +24,33 @@ from solmap.photogrammetry.ranges import Factor, FactorOrZero, Few, Pixels, Pixe
 from solmap.photogrammetry.robust import MAD_TO_SIGMA
 
 PLANE_STEPS = 6
-"""Repeated weightings of the neighbours' plane."""
+"""Reweightings of the neighbours' plane."""
 
 LEAST_DEVIATION_PX = 0.1
-"""Deviations below this weigh alike."""
+"""Deviations below this have equal weight."""
 
 
 CURVE_POINTS = 31
-"""Length of the median filter, odd: up to 15 blunders in a row are outvoted."""
+"""Length of the median filter, odd: tolerates up to 15 blunders in a row."""
 
 
 NEIGHBOURS = 12
-"""Nearest matches that vote on one."""
+"""Nearest matches used to test one."""
 
 
 @dataclass(frozen=True, slots=True)
 class VerificationParams:
-    """What counts as a blunder."""
+    """Criteria of blunders."""
 
     strips: Few = 4
-    """Upright strips with a parallax curve each: a quarter of a 45 degree field is about 11
+    """Vertical strips with a parallax curve each: a quarter of a 45 degree field is about 11
     degrees, over which ground of 20 degrees cross slope changes its parallax by less than half."""
     roughness: FactorOrZero = 0.5
-    """Terrain roughness as a share of the parallax: rocks of half a metre below a 1.5 m mast."""
+    """Terrain roughness as a fraction of the parallax: rocks of half a metre below a 1.5 m mast."""
     roughness_px: PixelsOrZero = 3.0
-    """Least terrain roughness, pixels: far away, ridges behind each other."""
+    """Least terrain roughness, pixels: distant ridges behind each other."""
     spread: Factor = 4.0
-    """Distance from the neighbours' plane, in robust standard deviations of theirs."""
+    """Distance from the neighbours' plane, in their robust standard deviations."""
     least_spread_px: Pixels = 0.75
     """Smallest standard deviation assumed of neighbours: pixel-sized relief on smooth ground."""
 
@@ -58,7 +58,7 @@ class VerificationParams:
 def agrees_with_terrain(
     points: ImagePoints, parallax_px: PerPoint, params: VerificationParams
 ) -> Flags:
-    """Which matches lie on the terrain that the others describe."""
+    """Which matches agree with the terrain by the others."""
     curve = parallax_curve(points, parallax_px, params)
     limit = np.maximum(params.roughness * np.abs(curve), params.roughness_px)
     accepted = np.abs(parallax_px - curve) <= limit
@@ -88,7 +88,7 @@ def _agrees_with_neighbours(
 ) -> Flags:
     """Whether a match lies on the plane through its nearest neighbours, within their spread.
 
-    With too few matches to vote there is nothing to hold them against, and all are kept.
+    With too few matches for the test, all are kept.
     """
     if len(points) <= NEIGHBOURS:
         return np.ones(len(points), dtype=bool)
@@ -103,9 +103,9 @@ def _agrees_with_neighbours(
 def _plane_at_the_middle(
     offset: Float64[np.ndarray, "n k 2"], parallax_px: Float64[np.ndarray, "n k"]
 ) -> tuple[PerPoint, Float64[np.ndarray, "n k"]]:
-    """Value at offset zero of planes of least absolute deviations, and what they leave.
+    """Value at offset zero of planes of least absolute deviations, and their residuals.
 
-    A touch of stiffness lets the plane of neighbours on one line stay level across it.
+    A small regularisation keeps the plane of neighbours on one line level across it.
     """
     scale = np.abs(offset).mean(axis=(1, 2), keepdims=True) + 1e-9
     design = np.concatenate([np.ones((*offset.shape[:2], 1)), offset / scale], axis=2)

@@ -1,26 +1,26 @@
-"""Wide-baseline stereo: two stops as one instrument with a base of metres, for far ground.
+"""Wide-baseline stereo: two stops as a stereo pair with a baseline of metres, for far ground.
 
-A base of 10 m resolves ground at 500 m as the rig's base of 0.2 m does at 70 m (Di et al. 2008,
-section 5). On level ground the parallax of such a pair changes by B/h from row to row (B: base, h:
-height of the mast), seven pixels with 10 m, so windows shear beyond recognition; but the rig has
-seen the same ground, if coarsely: with the ray (x, y, 1) of a pixel of the wide pair and (X, Y, Z)
-of equal length in the frame of the rig,
+A baseline of 10 m resolves ground at 500 m like the rig's baseline of 0.2 m at 70 m (Di et al.
+2008, section 5). On level ground the parallax of such a pair changes by B/h from row to row (B:
+baseline, h: height of the mast), seven pixels with 10 m, which shears windows too much for
+matching. The rig has measured the same ground coarsely, though: with the ray (x, y, 1) of a pixel
+of the wide pair and (X, Y, Z) of equal length in the frame of the rig,
 
     q = p_rig (f B / f_rig B_rig) Z
 
 predicts the parallax, B / B_rig times as uncertain as that of the rig. The right image is shifted
-by q, smoothed; what is left to find is small, whatever the base. Only the rows that show ground
-far enough for the base are resampled and matched.
+by q, smoothed; the remainder is small for any baseline. Only the rows with ground far enough for
+the baseline are resampled and matched.
 
-Where two views differ much, what is a point of interest in one is none in the other. So windows
-about the interest points of the left image are compared with every place within reach, by the
-normalised cross-correlation; the best place is searched back in the left image, and a point whose
-way back ends elsewhere is dropped (`search_area`).
+Where two views differ much, interest points of one are often not interest points of the other.
+Windows about the interest points of the left image are therefore compared with every position
+within reach, by normalised cross-correlation; the best position is matched back to the left image,
+and a point that does not return to itself is dropped (`search_area`).
 
-Two stops are no rigid rig. What adjustment leaves of their relative orientation shows across the
-epipolar lines and, against the prediction, along them; the right camera is corrected by that
-(`orientation`). The rotation about the vertical, w_y, goes into all parallaxes as f w_y, so its
-standard deviation enters that of the parallax, and so does that of the base's length.
+Two stops are not a rigid rig. Remaining errors of their relative orientation appear across the
+epipolar lines and, against the prediction, along them; the right camera is corrected accordingly
+(`orientation`). The rotation about the vertical, w_y, changes all parallaxes by f w_y, so its
+standard deviation enters that of the parallax, and so does that of the baseline's length.
 """
 
 from __future__ import annotations
@@ -61,15 +61,15 @@ from solmap.photogrammetry.matching.stereo.orientation import (
 from solmap.photogrammetry.ranges import Factor, Metres, MetresOrZero, PixelsOrZero, Radians
 
 ROUNDS = 2
-"""Times the right camera is set right; the second finds hundredths of a pixel."""
+"""Corrections of the right camera; the second changes hundredths of a pixel."""
 
 OriginalImage = Float32[np.ndarray, "rows cols"]
 
 OriginalMask = Bool[np.ndarray, "rows cols"]
-"""Of the image as taken, whose size is not that of the epipolar images."""
+"""Size of the image as taken, which is not that of the epipolar images."""
 
 INTEREST = FoerstnerParams(smallest_weight=0.1, count=1200, cell_px=32)
-"""Points of the left image: also in faint texture, and no more than are needed."""
+"""Interest points of the left image: also in faint texture, and no more than needed."""
 
 WINDOW_PX = 15
 """Side of the correlation window, odd, as in sparse matching (Di et al. 2008)."""
@@ -81,52 +81,52 @@ LINES = 6
 """Rows searched to either side: 0.3 degrees of a Navcam."""
 
 BACK_PX = 1
-"""Distance by which the way back may miss: places are whole pixels."""
+"""Largest difference after matching back: positions are whole pixels."""
 
 REACH_LINES = 31
-"""Rows matched beside those that are asked for: further than any window reaches."""
+"""Rows matched beyond the requested ones: more than the reach of any window."""
 
 
 @dataclass(frozen=True, slots=True)
 class InstrumentLimits:
-    """Which two pairs make an instrument."""
+    """Which two pairs are used as a wide-baseline pair."""
 
     least_base_m: MetresOrZero = 2.0
-    """Shorter bases are no gain over the rig in ground it maps itself."""
+    """Shorter baselines do not improve on the rig for ground that it maps itself."""
     largest_base_m: Metres = 40.0
-    """Longer bases see the ground from too different sides until beyond what is asked for."""
+    """With longer baselines the views of the requested ground differ too much."""
     least_angle: Radians = float(np.deg2rad(30.0))
-    """Between the base and either view: half of the base counts at 30 degrees."""
+    """Between the baseline and either view: at 30 degrees half of the baseline is effective."""
     largest_turn: Radians = float(np.deg2rad(30.0))
     """Between the views: two thirds of a Navcam's field, of which a third is then shared."""
 
 
 SMOOTHING_PX = 6.0
-"""Standard deviation of the smoothing of the rig's parallax, so that its noise, many times
-enlarged, does not wrinkle the right image."""
+"""Standard deviation of the smoothing of the rig's parallax, so that its enlarged noise does not
+distort the right image."""
 
 
 @dataclass(frozen=True, slots=True)
 class WideParams:
-    """How two stops are matched as one stereo instrument."""
+    """How two stops are matched as one stereo pair."""
 
     limits: InstrumentLimits = field(default_factory=InstrumentLimits)
     nearest_bases: Factor = 2.0
-    """Nearest ground in units of the base: rays meet at 27 degrees there. The prediction takes out
-    what that does to the look of the ground, though not of rocks."""
+    """Nearest ground in units of the baseline: rays intersect at 27 degrees there. The prediction
+    compensates the effect on the image of the ground, though not of rocks."""
     bar_error_px: PixelsOrZero = 0.5
-    """What the rig's parallax may be wrong by, three standard deviations: sets the search."""
+    """Error of the rig's parallax, three standard deviations: limits the search."""
     orientation: OrientationParams = field(default_factory=OrientationParams)
     dense: DenseParams = field(default_factory=DenseParams)
 
 
 @runtime_checkable
 class Viewpoint(Protocol):
-    """What pairs are chosen by: `WideBaselineImage` is one, and so is a pair that is not read."""
+    """Data for choosing pairs; `WideBaselineImage` has them, and pairs that are not read yet."""
 
     @property
     def centre(self) -> Vector3:
-        """Where it stands, in the LSL, metres."""
+        """Its position, in the LSL, metres."""
 
     @property
     def view(self) -> Vector3:
@@ -138,7 +138,7 @@ L = TypeVar("L", bound=Viewpoint)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WideBaselineImage:
-    """A matched pair of a stop, of which the left image is one eye of the wide instrument."""
+    """A matched pair of a stop, whose left image is one image of the wide pair."""
 
     pair_id: str
     image: OriginalImage
@@ -170,7 +170,7 @@ class WideBaselineImage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WideBaselineMatches:
-    """Dense parallax of a wide pair, as that of any pair, and how well its rows corresponded."""
+    """Dense parallax of a wide pair, and the correspondence of its rows."""
 
     images: EpipolarImages
     lsl_from_pair: Pose
@@ -181,14 +181,14 @@ class WideBaselineMatches:
 
 
 def order_left_right(one: L, other: L) -> tuple[L, L]:
-    """The two eyes, that on the left of what both look at first; down is the third axis."""
+    """The two images, the one further left first; down is the third axis."""
     forward = one.view + other.view
     right = np.array([-forward[1], forward[0], 0.0])
     return (one, other) if (other.centre - one.centre) @ right > 0 else (other, one)
 
 
 def reason_against(left: Viewpoint, right: Viewpoint, limits: InstrumentLimits) -> str | None:
-    """What speaks against using two pairs as one instrument; None if nothing does."""
+    """The reason against using two pairs as a wide pair; None if there is none."""
     base = right.centre - left.centre
     base_m = float(np.linalg.norm(base))
     if not limits.least_base_m <= base_m <= limits.largest_base_m:
@@ -198,14 +198,14 @@ def reason_against(left: Viewpoint, right: Viewpoint, limits: InstrumentLimits) 
         return f"views {np.rad2deg(turn):.0f} degrees apart"
     along = max(abs(float(eye.view @ base)) / base_m for eye in (left, right))
     if along > np.cos(limits.least_angle):
-        return f"a view {np.rad2deg(np.arccos(min(along, 1.0))):.0f} degrees from the base"
+        return f"a view {np.rad2deg(np.arccos(min(along, 1.0))):.0f} degrees from the baseline"
     return None
 
 
 def select_wide_pairs(
     ones: Sequence[L], others: Sequence[L], limits: InstrumentLimits
 ) -> list[tuple[L, L]]:
-    """The pairs of two stops that make an instrument: every one with the other it agrees best with.
+    """The wide pairs of two stops: every pair with the other that fits it best.
 
     Each comes in order, the left eye first.
     """
@@ -225,12 +225,13 @@ def match_wide_baseline(
     """Dense parallax of the left images of two pairs at different stops.
 
     Raises:
-        MatchingError: the two make no instrument, or share too little to tell how they stand.
+        MatchingError: the two are not a wide pair, or share too little to estimate their relative
+            orientation.
     """
     params = params or WideParams()
     against = reason_against(left, right, params.limits)
     if against:
-        raise MatchingError(f"{left.pair_id} and {right.pair_id} make no wide pair: {against}")
+        raise MatchingError(f"{left.pair_id} and {right.pair_id} are not a wide pair: {against}")
     warped = _PredictedPair.of(left, right, params)
     measured = before = warped.measure()
     found = relative_orientation(measured, params.orientation)
@@ -260,7 +261,7 @@ class _PredictedPair:
     bar_ratio: float
     """Parallax of the pair over that of the rig."""
     search: int
-    """Pixels to either side of the prediction that are searched."""
+    """Search range in pixels to either side of the prediction."""
 
     @classmethod
     def of(
@@ -286,9 +287,9 @@ class _PredictedPair:
         found = search_area(images, self.search)
         if len(found.left) < FEWEST_OFFSETS:
             raise MatchingError(
-                f"{len(found.left)} points of the wide pair were found in both images, of "
-                f"{FEWEST_OFFSETS} that its orientation takes: is the light "
-                "alike, and do the views overlap?"
+                f"{len(found.left)} points of the wide pair were found in both images, but its "
+                f"orientation needs {FEWEST_OFFSETS}: is the light alike, and do the views "
+                "overlap?"
             )
         x, y = found.left.astype(int).T
         there = np.rint(found.left[:, 0] - found.parallax_px).astype(int)
@@ -298,10 +299,10 @@ class _PredictedPair:
 
 
 def _rows_with(far: Mask) -> slice:
-    """The rows that show far ground, and what windows about them reach."""
+    """The rows that show far ground, with the reach of windows about them."""
     rows = np.flatnonzero(far.any(axis=1))
     if not len(rows):
-        raise MatchingError("the wide pair shows no ground that is far enough for its base")
+        raise MatchingError("the wide pair shows no ground that is far enough for its baseline")
     return slice(max(0, int(rows[0]) - REACH_LINES), int(rows[-1]) + 1 + REACH_LINES)
 
 
@@ -315,7 +316,7 @@ def _cut(geometry: EpipolarPair, rows: slice) -> EpipolarPair:
 def predict_parallax(
     eye: WideBaselineImage, geometry: EpipolarPair, smoothing_px: float
 ) -> tuple[ParallaxMap, Mask]:
-    """Parallax of the wide pair predicted from that of the left rig, and where that is known."""
+    """Parallax of the wide pair predicted from that of the left rig, and where it is known."""
     smooth, known = _smooth(eye.parallax, smoothing_px)
     rotation = eye.lsl_from_rig.rotation.T @ geometry.rover_from_pair.rotation
     r = rotation.astype(np.float32)
@@ -334,7 +335,7 @@ def predict_parallax(
 
 
 def _smooth(parallax: ParallaxMap, sigma_px: float) -> tuple[ParallaxMap, Mask]:
-    """Parallax averaged over its surroundings, and where enough of it is there."""
+    """Parallax averaged over its surroundings, and where enough of it is known."""
     known = np.isfinite(parallax)
     total = cv2.GaussianBlur(np.where(known, parallax, np.float32(0)), (0, 0), sigma_px)
     weight = cv2.GaussianBlur(known.astype(np.float32), (0, 0), sigma_px)
@@ -370,9 +371,9 @@ def _best(
     pixels: Int32[np.ndarray, "n 2"],
     reach: tuple[int, int],
 ) -> tuple[Int32[np.ndarray, "n 2"], np.ndarray]:
-    """The place within reach that correlates best with the window of each pixel, and whether well.
+    """The position within reach with the best correlation for each pixel, and if it is good.
 
-    A best place on the rim of the area is no maximum.
+    A best position on the rim of the area is not a maximum.
     """
     half, (dx, dy) = WINDOW_PX // 2, reach
     border = (dy + half, dy + half, dx + half, dx + half)

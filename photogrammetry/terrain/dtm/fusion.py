@@ -1,19 +1,20 @@
-"""What all views of a stop say of all cells, weighed and brought to one level a cell.
+"""Fusion of all views of a stop: the weighted mean height of every cell.
 
-The variances are those of `stop_dtm`. Views are averaged with weights 1/sigma_h^2, those that
-disagree by more than two sigma counting for less (Huber), and what disagreement remains enlarges
-the standard deviation.
+The variances are those of `stop_dtm`. Views are averaged with weights 1/sigma_h^2, reduced for
+those that differ by more than two sigma (Huber), and the remaining differences enlarge the standard
+deviation.
 
-An error of a view's pose, a turn w and a shift t with the covariance C, moves a point at P from the
-camera by w x P + t. On ground with the normal n = (-g, 1) the elevation at a fixed place changes by
+An error of a view's pose, a rotation w and a shift t with the covariance C, moves a point at P from
+the camera by w x P + t. On ground with the normal n = (-g, 1) the elevation at a fixed position
+changes by
 
     dh = w . (P x n) + t . n                  sigma_pose^2 = a' C a,  a = (P x n, n)
 
-Views of one stop hang on one mast and one stop, and images hardly tell what their pointings have in
-common, so these errors do not average out: with the shares w_v of the views in a cell, the part of
-the poses in its standard deviation is sum(w_v sigma_pose,v), as if they were one. What all
-parallaxes of a view share, an error of its stereo rig, is counted with its pose: all views of the
-rig have it.
+Views of one stop have one mast and one pose, and images hardly determine the common part of their
+pointings, so these errors do not average out: with the weights w_v of the views in a cell, the part
+of the poses in its standard deviation is sum(w_v sigma_pose,v), as for fully correlated errors. The
+error common to all parallaxes of a view, that of its stereo rig, is added to that of its pose,
+because all views of the rig have it.
 """
 
 from __future__ import annotations
@@ -38,14 +39,14 @@ from solmap.photogrammetry.terrain.dtm.heights import ViewHeights
 from solmap.photogrammetry.terrain.dtm.records import PoseCovariance, TerrainView
 
 HUBER = 2.0
-"""Standard deviations beyond which a view counts for less."""
+"""Standard deviations beyond which a view gets less weight."""
 ROUNDS = 3
 """Rounds of reweighting; the weights hardly change after two."""
 TINY_M2 = 1e-10
-"""Least variance: a hundredth of a millimetre squared."""
+"""Lower limit of the variance: a hundredth of a millimetre squared."""
 
 PATCH = 4
-"""Cells along the side of a patch that has one gradient: the baseline of slopes is some patches."""
+"""Cells along the side of a patch with one gradient: the baseline of slopes is some patches."""
 
 PerEntry = Float32[np.ndarray, " entries"]
 PerCell = Float64[np.ndarray, " cells"]
@@ -53,20 +54,20 @@ PerCell = Float64[np.ndarray, " cells"]
 
 @dataclass(frozen=True, slots=True)
 class FusionParams(SightParams):
-    """How well the elevation of a cell is known."""
+    """Accuracy of the elevation of a cell."""
 
     sigma_image_px: Pixels = 0.25
     """Standard deviation of an image coordinate: half a pixel's rounding by the matching window."""
     correlation_px: Pixels = 9.0
-    """Side of the window that refines dense parallax: pixels this close share their error."""
+    """Side of the window that refines dense parallax: pixels within it have correlated errors."""
     roughness: FactorOrZero = 0.2
-    """How far ground strays between pixels, over the length: the slope of rocky plains over some
+    """Deviation of ground between pixels, over the length: the slope of rocky plains over some
     decimetres is about ten degrees (RMS)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
-    """What all views say of all cells, one row a view and cell; a view's rows stand together."""
+    """Contributions of all views to all cells, one row per view and cell, ordered by view."""
 
     grid: MapGrid
     view: tuple[slice, ...]
@@ -80,7 +81,7 @@ class Entries:
 
     @classmethod
     def of(cls, heights: Sequence[ViewHeights], grid: MapGrid) -> Entries:
-        """The entries that fall into the grid."""
+        """The entries inside the grid."""
         first_row, first_col = round(-grid.north / grid.cell_m), round(grid.west / grid.cell_m)
         parts, rows, start = [], [], 0
         for one in heights:
@@ -127,13 +128,13 @@ class Variances:
     own: PerEntry
     """By matching and by the roughness of the ground."""
     pose: PerEntry
-    """By the pose of the view, and by what its parallaxes share."""
+    """By the pose of the view, and by the common error of its parallaxes."""
 
 
 def variances(
     entries: Entries, views: Sequence[TerrainView], gradient: Gradients, params: FusionParams
 ) -> Variances:
-    """How well every entry is known, on ground whose patches have this gradient."""
+    """Variances of every entry, on ground whose patches have this gradient."""
     own, pose = (np.empty(len(entries), dtype=np.float32) for _ in range(2))
     for (rows, ground), view in zip(_grounds(entries, views, gradient), views, strict=True):
         own[rows], shared = _own_variance(entries, rows, ground, view, params)
@@ -143,7 +144,7 @@ def variances(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Ground:
-    """Where the cells of a view's entries lie, and how they are inclined."""
+    """Position and slope of the ground in the cells of a view's entries."""
 
     P: Float32[np.ndarray, "3 entries"]
     """East, north and up from the camera, metres."""
@@ -151,7 +152,7 @@ class _Ground:
 
     @property
     def leaving(self) -> PerEntry:
-        """The part of P that leaves the ground, metres; below zero where it is seen from above."""
+        """The component of P away from the ground, metres; negative where it is seen from above."""
         return self.P[2] - self.g[0] * self.P[0] - self.g[1] * self.P[1]
 
 
@@ -174,7 +175,7 @@ def _grounds(
 def _own_variance(
     entries: Entries, rows: slice, ground: _Ground, view: TerrainView, params: FusionParams
 ) -> tuple[PerEntry, PerEntry]:
-    """Variances that a view's entries have of their own, and that they share (see `stop_dtm`)."""
+    """Variances of a view's entries: independent ones, and common ones (see `stop_dtm`)."""
     focal, base = np.float32(view.geometry.focal_px), np.float32(view.geometry.base_m)
     cell_m, P = np.float32(entries.grid.cell_m), ground.P
     forward = map_from_pair_rotation(view.lsl_from_pair)[:, 2].astype(np.float32)
@@ -198,13 +199,13 @@ def _own_variance(
 
 
 def _shared_px(view: TerrainView, parallax_px: PerEntry) -> PerEntry:
-    """Standard deviation that every entry's parallax shares with all others of its view."""
+    """Standard deviation common to the parallax of every entry and all others of its view."""
     shared = view.shared or SharedSigma()
     return np.hypot(np.float32(shared.offset_px), np.float32(shared.stretch) * parallax_px)
 
 
 def _pose_variance(ground: _Ground, covariance: PoseCovariance | None) -> PerEntry:
-    """Variance by the pose, a' C a, of every entry; 0 where the pose is taken for true."""
+    """Variance by the pose, a' C a, of every entry; 0 where the pose is treated as exact."""
     if covariance is None:
         return np.zeros(ground.P.shape[1], dtype=np.float32)
     turned = np.kron(np.eye(2), MAP_FROM_LSL)
@@ -217,7 +218,7 @@ def _pose_variance(ground: _Ground, covariance: PoseCovariance | None) -> PerEnt
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Levels:
-    """Elevation of every cell and how well it is known; NaN where there is no entry."""
+    """Elevation of every cell and its accuracy; NaN where there is no entry."""
 
     level: PerCell
     sigma_m: PerCell
@@ -246,9 +247,9 @@ def fuse(entries: Entries, known: Variances) -> Levels:
 def _huber_weights(
     cell: np.ndarray, height: np.ndarray, variance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights of entries that share their cells, these cells, and how far they disagree there.
+    """Weights of entries that have common cells, these cells, and the scatter there.
 
-    The disagreement is the variance of unit weight: 1 where it is as stated.
+    The scatter is the variance of unit weight: 1 where standard deviations are true.
     """
     cells, at = np.unique(cell, return_inverse=True)
     reweighting, deviation = np.ones_like(variance), np.sqrt(variance)

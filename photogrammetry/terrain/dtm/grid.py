@@ -1,4 +1,4 @@
-"""Map grids: cells of the local metric map, snapped so that map tiles are read, never resampled.
+"""Map grids: cells of the local metric map, aligned so that map tiles need no resampling.
 
 The map of a landing site is the tangent plane at the lander: east = y, north = x and up = -z of
 the LSL. All grids of a site share one lattice. Cells measure 0.01 m times a power of two, and grids
@@ -32,7 +32,7 @@ def union(boxes: Iterable[Bounds]) -> Bounds:
     """The smallest bounds around all of some.
 
     Raises:
-        ValueError: there are none.
+        ValueError: there are no bounds.
     """
     west, south, east, north = zip(*boxes, strict=True)
     return min(west), min(south), max(east), max(north)
@@ -45,7 +45,7 @@ def overlap(one: Bounds, other: Bounds) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class MapGrid:
-    """A raster's place on the map of the landing site, metres."""
+    """Position of a raster on the map of the landing site, metres."""
 
     west: float
     north: float
@@ -69,7 +69,7 @@ class MapGrid:
             raise TerrainError(f"a cell of {cell_m} m is not 0.01 m times a power of two")
         west, south, east, north = bounds
         if not (east > west and north > south):
-            raise TerrainError(f"the bounds {bounds} hold no ground")
+            raise TerrainError(f"the bounds {bounds} are empty")
         block_m = BLOCK * cell_m
         first_col, last_col = math.floor(west / block_m), math.ceil(east / block_m)
         first_row, last_row = math.floor(south / block_m), math.ceil(north / block_m)
@@ -111,7 +111,7 @@ class MapGrid:
         return row, col
 
     def cell_at(self, east: float, north: float) -> tuple[int, int] | None:
-        """(row, col) of the cell that holds a place, metres of the local map; None off the grid."""
+        """(row, col) of the cell at a position, metres of the local map; None off the grid."""
         row = math.floor((self.north - north) / self.cell_m)
         col = math.floor((east - self.west) / self.cell_m)
         return (row, col) if 0 <= row < self.rows and 0 <= col < self.cols else None

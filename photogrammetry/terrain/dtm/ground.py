@@ -1,17 +1,17 @@
-"""The ground that one view shows: trusted parallaxes, their points, and the mesh between them.
+"""The ground of one view: trusted parallaxes, their points, and the mesh between them.
 
 Neighbouring pixels of the left epipolar image form a mesh. With p = f B / Z, a plane that passes h
-below the camera (measured along the image's y axis) changes by B / h pixels of parallax a line,
-whatever its distance, so continuous ground has small steps everywhere and an occlusion edge does
-not: the step tells them apart. The relative standard deviation along the view is
+below the camera (measured along the image's y axis) changes by B / h pixels of parallax per line at
+any distance, so continuous ground has small steps everywhere and an occlusion edge does not: the
+step distinguishes them. The relative standard deviation along the view is
 
     sigma_Z / Z = sigma_p / p
 
 which limits the range of a view. Coordinates are (east, north, up) in metres from the camera, in
 single precision: a hundredth of a millimetre at a hundred metres.
 
-Four neighbouring pixels make a quad. A quad is measured ground when none of its sides steps by more
-parallax than continuous ground does nor is longer than a set gap. Farther away the quads grow
+Four neighbouring pixels form a quad. A quad is measured ground when none of its sides has a larger
+step of parallax than continuous ground or is longer than a set gap. Farther away the quads grow
 larger than the cells of the map; samples inside them, bilinear between the corners, give the cells
 that they cover and their heights.
 """
@@ -33,9 +33,9 @@ PixelPoints = Float32[np.ndarray, "3 lines samples"]
 """East, north and up of every pixel, metres from the camera; NaN where not trusted."""
 
 MAP_FROM_LSL = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-"""Turns (north, east, down) into (east, north, up)."""
+"""Rotates (north, east, down) to (east, north, up)."""
 SUBPIXEL = 16
-"""Steps a pixel in which parallax is compared when regions are grown."""
+"""Steps per pixel in which parallax is compared when regions are grown."""
 
 
 MIN_REGION_PX = 100
@@ -48,7 +48,7 @@ SAMPLES_AT_ONCE = 2_000_000
 
 @dataclass(frozen=True, slots=True)
 class SightParams:
-    """Which parallaxes to trust and what to take for one continuous surface."""
+    """Which parallaxes to trust and what counts as one continuous surface."""
 
     sigma_parallax_px: Pixels = 0.25
     """Standard deviation of a dense parallax: published stereo has 0.32 px on board and 0.1-0.2 px
@@ -57,14 +57,13 @@ class SightParams:
     """Largest standard deviation along the view over the distance. Three percent is reached at 29 m
     by Navcam and 129 m by Pancam: the extents of the paper's maps (section 5)."""
     radius_m: Metres = 60.0
-    """Farthest ground from the camera: half of the 120 m that the paper maps from Pancam."""
+    """Farthest ground from the camera: half of the 120 m mapped in the paper from Pancam."""
     max_spike_px: Pixels = 0.75
     """Largest distance from the median of the neighbourhood: three standard deviations."""
     min_height_m: Metres = 0.4
-    """Least height of the camera above the plane of continuous ground, which may then step by
-    B / height a pixel: 0.5 px with Navcam, 0.75 px with Pancam. Flat ground lies 1.5 m below a mast
-    and 0.5 m below a hazard camera; a plane any nearer is seen edge-on, as are only the sides and
-    backs of rocks."""
+    """Least height of the camera above the plane of continuous ground, which may then step by B /
+    height a pixel: 0.5 px with Navcam, 0.75 px with Pancam. Flat ground lies 1.5 m below a mast and
+    0.5 m below a hazard camera; only sides and backs of rocks lie on nearer planes."""
     max_gap_m: Metres = 0.5
     """Widest gap bridged between neighbouring pixels: the line spacing of Navcam on flat ground at
     the end of its range, Z^2 / (f h) = 29^2 / (1222 x 1.5) = 0.46 m."""
@@ -81,9 +80,9 @@ def camera_on_map(lsl_from_pair: Pose) -> Vector3:
 
 
 def reach_m(view: TerrainView, params: SightParams) -> float:
-    """Farthest ground from the camera that a view is believed to show, metres on the map.
+    """Farthest ground from the camera that is used from a view, metres on the map.
 
-    The corners of the image look aside by up to half its diagonal, and see as deep.
+    The corners of the image are off the axis by up to half its diagonal, at the same depth.
     """
     geometry = view.geometry
     depth = geometry.focal_px * geometry.base_m * params.max_relative_sigma
@@ -92,11 +91,11 @@ def reach_m(view: TerrainView, params: SightParams) -> float:
 
 
 def trusted_parallax(view: TerrainView, params: SightParams) -> ParallaxMap:
-    """The parallax without what is too far, alone, or between two surfaces.
+    """The parallax without pixels that are too far, isolated, or between two surfaces.
 
-    A pixel stays when it agrees with the median of its 5 x 5 neighbourhood, unmatched neighbours
-    counting as infinitely far: pixels smeared between a rock and the ground behind it are few and
-    lie near neither. Patches that hang together by small steps must reach a smallest size.
+    A pixel is kept when it agrees with the median of its 5 x 5 neighbourhood, unmatched neighbours
+    counting as infinitely far: pixels smoothed between a rock and the ground behind it are few and
+    near neither. Patches connected by small steps must reach a smallest size.
     """
     parallax = np.where(view.mask & np.isfinite(view.parallax), view.parallax, 0.0)
     parallax = parallax.astype(np.float32)
@@ -116,7 +115,7 @@ def largest_step_px(base_m: float, params: SightParams) -> float:
 
 
 def ground_points(view: TerrainView, parallax: ParallaxMap, params: SightParams) -> PixelPoints:
-    """Where every trusted pixel lies, from the camera; NaN beyond the radius."""
+    """Position of every trusted pixel, from the camera; NaN beyond the radius."""
     geometry = view.geometry
     rotation = map_from_pair_rotation(view.lsl_from_pair)
     across = (np.arange(parallax.shape[1]) - geometry.centre_px[0]) / geometry.focal_px
@@ -135,7 +134,7 @@ class Quads:
     """Quads of continuous ground."""
 
     corner: np.ndarray
-    """Their first corners: line and sample, counted along the lines of the image."""
+    """Their first corners: line and sample of the image."""
     lines_m: Float32[np.ndarray, " n"]
     """Distance on the map between their lines."""
     samples_m: Float32[np.ndarray, " n"]
@@ -148,7 +147,7 @@ class Quads:
 def continuous_quads(
     planes: PixelPoints, parallax: ParallaxMap, step_px: float, gap_m: float
 ) -> Quads:
-    """Quads none of whose sides steps by more than `step_px` of parallax or `gap_m` on the map."""
+    """Quads whose sides all have steps of at most `step_px` of parallax and `gap_m` on the map."""
     with np.errstate(invalid="ignore"):
         down_step = np.abs(np.diff(parallax, axis=0)) <= step_px
         across_step = np.abs(np.diff(parallax, axis=1)) <= step_px
@@ -171,7 +170,7 @@ def _squared_steps(planes: PixelPoints, axis: int) -> np.ndarray:
 
 
 def quad_corners(quads: Quads, shape: tuple[int, int]) -> Mask:
-    """Pixels that are a corner of some quad: those that hang together with others."""
+    """Pixels that are a corner of some quad: those connected with others."""
     corner = np.zeros(shape[0] * shape[1], dtype=np.bool_)
     for shift in (0, 1, shape[1], shape[1] + 1):
         corner[quads.corner + shift] = True
@@ -184,12 +183,12 @@ class MeshSamples:
 
     points: Samples3
     sag_m: Float32[np.ndarray, " n"]
-    """Length that the ground between may stray over: L t (1 - t), L the spacing of the lines and
-    t the place between them."""
+    """Length over which the ground between may deviate: L t (1 - t), L the spacing of the lines and
+    t the position between them."""
 
 
 def mesh_samples(planes: PixelPoints, quads: Quads, spacing_m: float) -> Iterator[MeshSamples]:
-    """Samples that cover the quads which are wider than `spacing_m`, piece by piece.
+    """Samples that cover the quads wider than `spacing_m`, piece by piece.
 
     A quad is divided into as many parts as its sides need.
     """
@@ -213,10 +212,10 @@ def _concatenate(pieces: list[MeshSamples]) -> MeshSamples:
 
 
 def _divide_quads(planes: PixelPoints, quads: Quads, spacing_m: float) -> Iterator[MeshSamples]:
-    """Samples of the quads, those of equal division together."""
+    """Samples of the quads, grouped by equal division."""
     down = np.ceil(np.maximum(1, quads.lines_m / spacing_m)).astype(np.int64)
     across = np.ceil(np.maximum(1, quads.samples_m / spacing_m)).astype(np.int64)
-    wide = np.flatnonzero(down * across > 1)  # elsewhere the pixels themselves are close enough
+    wide = np.flatnonzero(down * across > 1)  # # elsewhere the pixels are close enough
     code = down[wide] * (int(across.max(initial=1)) + 1) + across[wide]
     order = wide[np.argsort(code, kind="stable")]
     _, starts = np.unique(np.sort(code), return_index=True)
@@ -244,5 +243,5 @@ def _divide_group(
 
 
 def _interpolate(one: np.ndarray, other: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Points at these shares of the way from one to the other."""
+    """Points at these fractions of the distance from one to the other."""
     return one + share * (other - one)

@@ -1,8 +1,8 @@
-"""The heights that one view gives to the cells of the map.
+"""The heights of map cells from one view.
 
 Points of the view are sorted into cells. Where their heights scatter by more than noise and a steep
-slope explain, the cell holds two levels, and only the upper part is kept: the points above their
-mean, again and again until what is left hangs together.
+slope explain, the cell contains two levels, and only the upper part is kept: the points above their
+mean, repeatedly until the remaining scatter is explained.
 """
 
 from __future__ import annotations
@@ -25,18 +25,17 @@ from solmap.photogrammetry.terrain.dtm.ground import (
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 
 STEEP = 1.7
-"""Gradient of 60 degrees: scatter that a slope as steep as this makes in a cell is no second
-level."""
+"""Gradient of 60 degrees: scatter of a cell by a slope as steep as this is not a second level."""
 SPLITS = 4
-"""How often the upper part is taken at most: one sixteenth of the points is left then."""
+"""Most repetitions: one sixteenth of the points remains then."""
 SAMPLES_A_CELL = 1.5
-"""Mesh samples along the side of a cell: with the square root of two or more, no square inside a
-lattice is missed, however it is turned."""
+"""Mesh samples along the side of a cell: with the square root of two or more, every square inside a
+lattice has one at any rotation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewHeights:
-    """Cells that a view sees, one row a cell.
+    """Cells of a view, one row per cell.
 
     Rows and columns count cells from the origin of the map, south and east.
     """
@@ -46,13 +45,13 @@ class ViewHeights:
     height: Float64[np.ndarray, " n"]
     """Elevation, metres."""
     points: Float32[np.ndarray, " n"]
-    """Matched points in the cell; none where only the mesh crosses it."""
+    """Matched points in the cell; none where only the mesh covers it."""
     scatter: Float32[np.ndarray, " n"]
     """Standard deviation of the heights of these points, metres."""
     sigma_px: Float32[np.ndarray, " n"]
     """Standard deviation of the parallax of one match in the cell, pixels."""
     sag: Float32[np.ndarray, " n"]
-    """Length over which the ground may stray from the mesh, metres; 0 with points."""
+    """Length over which the ground may deviate from the mesh, metres; 0 with points."""
 
     def __len__(self) -> int:
         return len(self.row)
@@ -61,10 +60,10 @@ class ViewHeights:
 def view_heights(
     view: TerrainView, params: SightParams, cell_m: float, *, meshed: bool = True
 ) -> ViewHeights:
-    """The heights that `view` gives to the cells of the map; only those with points if not meshed.
+    """The heights of map cells from `view`; only those with points if not meshed.
 
-    A pixel that hangs together with no other is left out: it is a blunder, or belongs to ground so
-    far away that the gap to the next is wider than may be bridged.
+    An isolated pixel is left out: it is a blunder, or belongs to ground so far away that the gap to
+    the next is too wide to be bridged.
     """
     parallax = trusted_parallax(view, params)
     planes = ground_points(view, parallax, params)
@@ -106,7 +105,7 @@ def view_heights(
 
 @dataclass(frozen=True, slots=True)
 class _Window:
-    """The part of the map's lattice that a view sees, and the camera's place on it, in cells."""
+    """The part of the map's lattice in a view, and the camera's position on it, in cells."""
 
     row: int
     col: int
@@ -139,14 +138,14 @@ class _Window:
 
 
 def _sigma_px(view: TerrainView, params: SightParams) -> ParallaxMap:
-    """Standard deviation of every parallax: as matched, or the parameter's for all."""
+    """Standard deviation of every parallax: from matching, or the parameter's for all."""
     if view.sigma_px is not None:
         return view.sigma_px
     return np.full(view.parallax.shape, params.sigma_parallax_px, dtype=np.float32)
 
 
 def _sigma_of_cells(cells: np.ndarray, sigma_px: np.ndarray, window: _Window) -> np.ndarray:
-    """Root mean square of the points of every cell; of the whole view where there are none."""
+    """Root mean square over the points of every cell; over the whole view where there are none."""
     count = np.bincount(cells, minlength=window.size)
     squares = np.bincount(cells, sigma_px**2, minlength=window.size)
     everywhere = float(np.mean(sigma_px**2)) if len(sigma_px) else 0.0

@@ -1,26 +1,26 @@
-"""Ground that no pair could see: found by the terrain model's own line of sight from every eye.
+"""Occluded ground: hidden from every pair, by lines of sight over the terrain model.
 
-Around each eye the model is read along profiles, one an azimuth. With the elevation h above the eye
-at the distance r, seen under the tangent T = h / r, ground known up to r hides what lies below
+Around each camera the model is sampled along profiles, one per azimuth. With the elevation h above
+the camera at the distance r and the tangent T = h / r, known ground up to r hides ground below
 
     M(r) = max T(r')      over r' <= r
 
-Where the model knows nothing, ground is supposed to lie as low as the lower of the two known cells
-beside it on its profile. It is hidden if its tangent is a line of the image or more below M.
+In gaps of the model, ground is assumed to be as low as the lower of the two known cells beside the
+gap on the profile. It is hidden if its tangent is a line of the image or more below M.
 
-Between the place r_1 where M was reached and the place r_2 of the next higher tangent T_2, ground
-that was seen would lie on planes that pass
+Between the distance r_1 at which M was reached and the distance r_2 of the next higher tangent T_2,
+visible ground would be on planes that pass
 
     H = (T_2 - M) / (1/r_1 - 1/r_2)
 
-below the eye. Continuous ground passes at least `min_height_m` below (see `ground`); where H is
-less, the image jumps from r_1 to r_2, and the ground between is hidden whatever its elevation.
-Beyond the last known ground r_2 is where the image shows something farther than is believed.
+below the camera. Continuous ground passes at least `min_height_m` below (see `ground`); where H is
+less, the image jumps from r_1 to r_2, and the ground between is hidden at any elevation. Beyond the
+last known ground, r_2 is the distance at which the image shows ground too far to be used.
 
-Stereo needs both eyes, so one that is hidden is enough. A cell without elevation is OCCLUDED when
-it lies in the field and within the reach of some pair, and is hidden from every such pair. Where
-one pair could have seen it, it stays UNSEEN: there the images told nothing (shadow, bland ground,
-blunders), and another image of the same place might help.
+Stereo needs both images, so ground hidden from one camera is enough. A cell without elevation is
+OCCLUDED when it is in the field and within the reach of some pair, and is hidden from every such
+pair. Where one pair could have seen it, it stays UNSEEN: matching failed there (shadow, ground
+without texture, blunders), and another image of the same ground might help.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ from solmap.photogrammetry.terrain.dtm.ground import (
 from solmap.photogrammetry.terrain.dtm.records import GroundClass, TerrainView
 
 LINES = 1.0
-"""Lines of the image that are the least by which something is above another."""
+"""Fewest lines of the image by which something counts as above another."""
 LEAST_FAR_PX = 3
-"""Side of the smallest patch of far parallax that is believed."""
+"""Side of the smallest patch of far parallax that is used."""
 BORDER_STEP_PX = 16
-"""Every how many pixels of the border of an image its azimuth is taken."""
+"""Step in pixels along the border of an image for its azimuths."""
 MARGIN = float(np.radians(8.0))
-"""By how much the profiles of the right eye reach beyond the field of the left one."""
+"""Margin of the right camera's profiles beyond the field of the left one."""
 NEAREST_M = 0.1
 
 Profiles = Float32[np.ndarray, "ranges azimuths"]
@@ -83,7 +83,7 @@ def _mark_view(
     params: SightParams,
     found: tuple[Cells, Cells],
 ) -> None:
-    """Mark cells without elevation that a view could see, and those of its field it could not."""
+    """Mark cells without elevation that a view could see, and those it could not."""
     left = camera_on_map(view.lsl_from_pair)
     base = map_from_pair_rotation(view.lsl_from_pair)[:, 0] * view.geometry.base_m
     fan = _Fan.of(view, left, grid.cell_m, params)
@@ -106,7 +106,7 @@ def _mark_view(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fan:
-    """Profiles around an eye: distances and azimuths (clockwise from north) that are looked at."""
+    """Profiles around a camera: distances and azimuths (clockwise from north) to sample."""
 
     eye: Vector3
     first: float
@@ -117,7 +117,7 @@ class _Fan:
 
     @classmethod
     def of(cls, view: TerrainView, eye: Vector3, cell_m: float, params: SightParams) -> _Fan:
-        """The profiles of a view's field, as far as it is believed."""
+        """The profiles of a view's field, as far as it is used."""
         reach = reach_m(view, params)
         low, high = _field(view)
         step = 2 * cell_m / reach
@@ -125,16 +125,16 @@ class _Fan:
         return cls(eye, low, step, azimuths, cell_m, int(np.ceil(reach / cell_m)))
 
     def around(self, eye: Vector3) -> _Fan:
-        """The same around another eye beside this one."""
+        """The same around the other camera of the pair."""
         return _Fan(eye, self.first, self.step, self.azimuths, self.cell_m, self.ranges)
 
     @property
     def distance_m(self) -> Distances:
-        """Distances from the eye on the map."""
+        """Distances from the camera on the map."""
         return ((np.arange(self.ranges, dtype=np.float32) + 0.5) * np.float32(self.cell_m))[:, None]
 
     def window(self, grid: MapGrid) -> tuple[slice, slice]:
-        """Rows and columns of the grid that hold the fan."""
+        """Rows and columns of the grid that cover the fan."""
         azimuth = self.first + np.arange(self.azimuths) * self.step
         reach = self.ranges * self.cell_m
         east = self.eye[0] + np.r_[0.0, reach * np.sin(azimuth)]
@@ -148,7 +148,7 @@ class _Fan:
     def cells(
         self, grid: MapGrid, wanted: Cells, window: tuple[slice, slice]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the wanted cells in the fan, give or take a cell."""
+        """Rows and columns of the requested cells in the fan, to about a cell."""
         east, north = (axis.astype(np.float32) for axis in grid.centres())
         east = east[window[1]][None, :] - np.float32(self.eye[0])
         north = north[window[0]][:, None] - np.float32(self.eye[1])
@@ -162,7 +162,7 @@ class _Fan:
         return rows + window[0].start, cols + window[1].start
 
     def read(self, elevation: Raster, grid: MapGrid) -> Profiles:
-        """The model along the profiles; NaN where it knows nothing."""
+        """The model along the profiles; NaN in gaps."""
         azimuth = (self.first + np.arange(self.azimuths) * self.step).astype(np.float32)
         row0 = np.float32((grid.north - self.eye[1]) / grid.cell_m - 0.5)
         col0 = np.float32((self.eye[0] - grid.west) / grid.cell_m - 0.5)
@@ -200,7 +200,7 @@ class _Fan:
 
 
 def _field(view: TerrainView) -> tuple[float, float]:
-    """First and last azimuth of a view, and a margin; a full turn if it looks at its foot."""
+    """First and last azimuth of a view, with a margin; a full circle if it includes the nadir."""
     geometry = view.geometry
     sample = np.linspace(0, geometry.samples - 1, geometry.samples // BORDER_STEP_PX + 2)
     line = np.linspace(0, geometry.lines - 1, geometry.lines // BORDER_STEP_PX + 2)
@@ -222,11 +222,11 @@ def _field(view: TerrainView) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Profiles:
-    """What is known, supposed and hidden along the profiles of an eye."""
+    """Known, assumed and hidden ground along the profiles of a camera."""
 
     fan: _Fan
     supposed: Profiles
-    """Elevation above the eye: the model's, or what is supposed where it knows nothing."""
+    """Elevation above the camera: the model's, or the assumed one in gaps."""
     hidden: Marks
 
     @classmethod
@@ -238,7 +238,7 @@ class _Profiles:
         beyond: _Beyond,
         of_view: tuple[TerrainView, SightParams],
     ) -> _Profiles:
-        """Read the profiles of an eye and find what it cannot see."""
+        """Sample the profiles of a camera and find what it cannot see."""
         view, params = of_view
         height = fan.read(elevation, grid) - np.float32(fan.eye[2])
         known = np.isfinite(height)
@@ -254,16 +254,16 @@ class _Profiles:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Beyond:
-    """The lowest ground of every azimuth that a view shows farther away than it is believed."""
+    """The lowest ground of every azimuth that a view shows beyond its used range."""
 
     tangent: Azimuths
-    """Infinite where it shows none."""
+    """Infinite where there is none."""
     nearness: Azimuths
     """One over the distance."""
 
 
 def _far_ground(view: TerrainView, fan: _Fan, params: SightParams) -> _Beyond:
-    """What a view shows beyond its reach."""
+    """Ground that a view shows beyond its reach."""
     geometry = view.geometry
     with np.errstate(invalid="ignore"):
         far = view.mask & (view.parallax < params.sigma_parallax_px / params.max_relative_sigma)
@@ -287,7 +287,7 @@ def _far_ground(view: TerrainView, fan: _Fan, params: SightParams) -> _Beyond:
 def _passing_below(
     highest: Profiles, distance_m: Distances, beyond: _Beyond, least: np.float32
 ) -> Profiles:
-    """How far below the eye planes pass that would be seen between two rises of `highest`."""
+    """Distance below the camera of planes that would be visible between two rises of `highest`."""
     ranges = len(highest)
     rises = np.concatenate([highest[:1] > -np.inf, highest[1:] > highest[:-1]])
     place = np.arange(ranges, dtype=np.int32)[:, None]
@@ -306,7 +306,7 @@ def _passing_below(
 
 
 def _last_known(height: Profiles, known: Marks) -> Profiles:
-    """The last known value up to each place of every profile; NaN before the first."""
+    """The last known value up to each point of every profile; NaN before the first."""
     place = np.where(known, np.arange(len(height), dtype=np.int32)[:, None], np.int32(-1))
     last = np.maximum.accumulate(place, axis=0)
     value = np.take_along_axis(height, np.maximum(last, 0), axis=0)
@@ -314,7 +314,7 @@ def _last_known(height: Profiles, known: Marks) -> Profiles:
 
 
 def _in_field(view: TerrainView, seen: _Profiles, params: SightParams) -> Marks:
-    """Whether supposed ground lies in the images of both eyes, near enough to be believed."""
+    """Whether assumed ground is in the images of both cameras, near enough to be used."""
     geometry, fan = view.geometry, seen.fan
     azimuth = (fan.first + np.arange(fan.azimuths) * fan.step).astype(np.float32)
     P = np.stack(

@@ -1,4 +1,4 @@
-"""What terrain mapping works on and makes."""
+"""Input and results of terrain mapping."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PoseCovariance = Float64[np.ndarray, "6 6"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TerrainView:
-    """One stereo pair's look at the ground: oriented, matched, with its left epipolar image."""
+    """One stereo pair as input of mapping: oriented, matched, with its left epipolar image."""
 
     pair_id: str
     instrument: str
@@ -31,26 +31,26 @@ class TerrainView:
     image: GreyImage
     mask: Mask
     sigma_px: ParallaxMap | None = None
-    """Standard deviation of every parallax, as matching states it; None where it is not known."""
+    """Standard deviation of every parallax from matching; None where unknown."""
     shared: SharedSigma | None = None
-    """The part of it that all points of the view share."""
+    """The part of it common to all points of the view."""
     covariance: PoseCovariance | None = None
-    """Of the pose, against the held stop; None where it is taken for true."""
+    """Of the pose, relative to the held stop; None where treated as exact."""
     height_bias: HeightBias = NO_BIAS
-    """By how much stereo draws the ground around the stop too high."""
+    """Height bias of the ground around the stop."""
 
 
 class GroundClass(IntEnum):
-    """How a cell of a terrain model came by its elevation."""
+    """Origin of a terrain model cell's elevation."""
 
     UNSEEN = 0
-    """Nothing was measured here or near enough: no elevation."""
+    """Nothing was measured here or close enough: no elevation."""
     MEASURED = 1
-    """Matched points fall into the cell."""
+    """The cell contains matched points."""
     INTERPOLATED = 2
     """Between neighbouring pixels of one continuous surface, closer than the set gap."""
     OCCLUDED = 3
-    """Within reach and in the field of a pair, but behind nearer ground: no elevation."""
+    """Within reach and in the field of a pair, but hidden by nearer ground: no elevation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,14 +60,14 @@ class Dtm:
     grid: MapGrid
     elevation: Raster
     sigma_m: Raster
-    """Standard deviation of the elevation, that of the poses included; NaN where there is none."""
+    """Standard deviation of the elevation, including that of the poses; NaN where there is none."""
     observations: Raster
     """Number of matched points in the cell."""
     ground: Classes
     """A `GroundClass` a cell."""
     pose_sigma_m: Raster | None = None
-    """The part of `sigma_m` that comes from the poses and that neighbouring cells share; None where
-    they are taken for true."""
+    """The part of `sigma_m` that comes from the poses and is common to neighbouring cells; None
+    where poses are treated as exact."""
 
     def __post_init__(self) -> None:
         for name in ("elevation", "sigma_m", "observations", "ground", "pose_sigma_m"):

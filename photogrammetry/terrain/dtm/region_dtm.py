@@ -1,28 +1,28 @@
 """One terrain model of a region from the models of many stops, block by block.
 
-What a stop says of a cell is its elevation h_i with two kinds of error: its own (matching,
-roughness), sigma_i, and that of its pose, s_i, which neighbouring cells share. Stops are averaged
+A stop gives the elevation h_i of a cell with two kinds of error: an independent one (matching,
+roughness), sigma_i, and that of its pose, s_i, common to neighbouring cells. Stops are averaged
 with
 
     w_i = t_i^2 / <sigma_i^2 + s_i^2>
 
-where <> is the mean over some cells around, so that noise does not make patchwork of two stops, and
-t_i falls from one to nothing within `feather_m` of the edge of what the stop has mapped, so that no
-step shows where it ends. Own errors average out, those of poses may be shared by stops that hang on
-one another, and are taken as if they were:
+where <> is the mean over some cells around, so that noise does not mix two stops cell by cell, and
+t_i decreases from one to zero within `feather_m` of the edge of the stop's map, so that there is no
+step at it. Independent errors average out; those of poses may be correlated between stops, and are
+treated as fully correlated:
 
     sigma^2 = c sum(w_i^2 sigma_i^2) / (sum w_i)^2 + (sum(w_i s_i) / sum w_i)^2
 
-where c >= 1 is what the stops' disagreement is over what they state. The disagreement itself is a
-layer of its own. Ground that no stop has mapped is OCCLUDED where some stop found it hidden.
+where c >= 1 is the ratio of the stops' disagreement to their standard deviations. The disagreement
+is also a separate layer. Ground that no stop has mapped is OCCLUDED where some stop marks it so.
 
-Stops are grouped to regions in the order of the traverse. A stop joins the region before it when
+Stops are grouped into regions in the order of the traverse. A stop joins the region before it when
 its ground overlaps that of one of the region's stops and the region does not grow beyond the
 largest side; else a new region begins. So a longer traverse changes the last region at most.
 
-The differences of any two stops over the ground that both have mapped are counted in classes whose
-limits grow by two percent, for those of all cells of a large region would fill the memory; a median
-or percentile read from these counts is accurate to one percent.
+The differences of any two stops over their common ground are counted in classes whose limits grow
+by two percent, because the values of all cells of a large region would fill the memory; a median or
+percentile from these counts is accurate to one percent.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ from solmap.photogrammetry.terrain.dtm.resampling import merge_classes
 
 NO_STOP = np.float32(np.nan)
 LEAST_TAPER = 0.01
-"""Share of its weight that the outermost cell of a stop keeps where it is the only one."""
+"""Fraction of its weight that the outermost cell of a stop keeps where no other covers it."""
 HOLES_M = 0.5
-"""Gaps within a stop's ground up to which no edge is seen: the widest that it bridges."""
+"""Gaps within a stop's ground that do not count as edges: the widest that it bridges."""
 TINY_M2 = 1e-8
-"""Least variance: a tenth of a millimetre squared."""
+"""Lower limit of the variance: a tenth of a millimetre squared."""
 
 Stack = Float32[np.ndarray, "stops rows cols"]
 Places = Float32[np.ndarray, "stops 2"]
 LEAST, GROWTH, CLASSES = 1e-4, 1.02, 800
-"""From a tenth of a millimetre to beyond a hundred metres; the same numbers serve sigmas."""
+"""From a tenth of a millimetre to beyond a hundred metres; the same numbers are used for sigmas."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,14 +62,14 @@ class RegionParams:
     cell_m: CellSize = 0.08
     """Side of a cell: two cells of a stop's model, and a quarter of the memory."""
     feather_m: Metres = 2.0
-    """Width over which a stop's edge fades: some spacings of the lines that end it."""
+    """Width over which a stop's weight decreases at its edge: some spacings of the last lines."""
     largest_m: Metres = 700.0
     """Side of the largest region: that of the paper's, 690 x 640 m. A longer traverse has more."""
 
     def __post_init__(self) -> None:
         if not self.feather_m >= self.cell_m:
             raise TerrainError(
-                f"edges fade over at least a cell of {self.cell_m} m, not {self.feather_m} m"
+                f"feather_m must be at least a cell of {self.cell_m} m, not {self.feather_m} m"
             )
         if self.largest_m > MOST_SIDE * self.cell_m:
             raise TerrainError(
@@ -79,16 +79,16 @@ class RegionParams:
 
     @property
     def halo(self) -> int:
-        """Cells around a block that its own cells depend on."""
+        """Margin of a block in cells on which its own cells depend."""
         return int(np.ceil((self.feather_m + 2 * HOLES_M) / self.cell_m)) + 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StopTerrain:
-    """A stop's terrain model in a block, and where the stop is."""
+    """A stop's terrain model in a block, and the stop's position."""
 
     number: int
-    """Among all stops of the region."""
+    """Number among all stops of the region."""
     place: tuple[float, float]
     """East and north, metres."""
     dtm: Dtm
@@ -102,13 +102,13 @@ class RegionBlock:
     nearest: Raster
     """Number of the nearest stop that has mapped the cell; NaN where none has."""
     seam_m: Raster
-    """Largest difference between what two stops say; NaN where fewer than two say anything."""
+    """Largest difference between two stops; NaN where fewer than two have mapped the cell."""
     seam_sigmas: Raster
     """The same in standard deviations of the difference."""
 
 
 def fuse_block(stops: Sequence[StopTerrain], params: RegionParams) -> RegionBlock:
-    """Join what some stops say of one block; its grid is that of all their models."""
+    """Fuse the models of some stops in one block; its grid is that of all their models."""
     grid = stops[0].dtm.grid
     height = _stack([stop.dtm.elevation for stop in stops])
     known = np.isfinite(height)
@@ -147,7 +147,7 @@ def _pose_sigma(dtm: Dtm) -> Raster:
 
 
 def _weights(known: np.ndarray, variance: Stack, params: RegionParams) -> Stack:
-    """Weight of every stop in every cell; 0 where it says nothing."""
+    """Weight of every stop in every cell; 0 where it has no elevation."""
     weight = np.zeros_like(variance)
     side = 2 * round(params.feather_m / 4 / params.cell_m) + 1
     hole = np.ones((2 * round(HOLES_M / 2 / params.cell_m) + 1,) * 2, dtype=np.uint8)
@@ -164,7 +164,7 @@ def _weights(known: np.ndarray, variance: Stack, params: RegionParams) -> Stack:
 
 
 def _nearest(stops: Sequence[StopTerrain], known: np.ndarray, grid: MapGrid) -> Raster:
-    """Number of the stop nearest to each cell among those that know it."""
+    """Number of the stop nearest to each cell among those that have mapped it."""
     east, north = grid.centres()
     best = np.full(grid.shape, np.inf, dtype=np.float32)
     nearest = np.full(grid.shape, NO_STOP)
@@ -176,7 +176,7 @@ def _nearest(stops: Sequence[StopTerrain], known: np.ndarray, grid: MapGrid) -> 
 
 
 def _seams(height: Stack, variance: Stack) -> tuple[Raster, Raster]:
-    """Largest difference between two stops in every cell, in metres and in its deviations."""
+    """Largest difference between two stops in every cell, in metres and standard deviations."""
     shape = height.shape[1:]
     metres, sigmas = (np.full(shape, np.nan, dtype=np.float32) for _ in range(2))
     for i in range(len(height)):
@@ -213,7 +213,7 @@ class Seam:
     """Their numbers in the region."""
     cells: int
     mean_m: float
-    """Of the second less the first: what one stands too high over the other."""
+    """Median height of the second minus the first."""
     median_m: float
     p90_m: float
     median_sigmas: float
@@ -253,7 +253,7 @@ class SeamCounter:
         counts.sigmas += _histogram(np.abs(apart) / sigma)
 
     def seams(self) -> tuple[Seam, ...]:
-        """The disagreement of every two stops that share ground."""
+        """The disagreement of every two stops with common ground."""
         return tuple(
             Seam(
                 pair,
@@ -276,7 +276,7 @@ def _histogram(values: np.ndarray) -> np.ndarray:
 
 
 def _percentile(counts: np.ndarray, share: float) -> float:
-    """The value below which a share of the counted ones lies."""
+    """The value below which a fraction of the counted ones lies."""
     reached = np.cumsum(counts)
     at = int(np.searchsorted(reached, share * reached[-1]))
     return float(LEAST * GROWTH ** (at + 0.5))

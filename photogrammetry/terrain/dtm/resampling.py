@@ -1,13 +1,13 @@
-"""Terrain models on coarser or finer cells, and their elevations at single places.
+"""Terrain models in coarser or finer cells, and their elevations at single points.
 
-The elevation of a coarse cell is the mean of the cells in it that have one; it serves analyses at
-the scale of a rover. The grid of the result consists of whole blocks again, so that its map tiles
-are read and never resampled.
+The elevation of a coarse cell is the mean of the known cells in it; it is used for analyses at the
+scale of a rover. The grid of the result consists of whole blocks again, so that its map tiles need
+no resampling.
 
-Elevation at a place is bilinear between cell centres over the cells that are known, where these
-carry more than half of the weight: a gap stays a gap. Where several models cover a place, the one
-with the finest cells is read. Standard deviations are averaged with the same weights,
-as if neighbouring cells shared their errors, which is never too good.
+Elevation at a point is bilinear between known cell centres, if these have more than half of the
+weight: gaps are not filled. Where several models cover a point, the one with the finest cells is
+used. Standard deviations are averaged with the same weights, as for correlated neighbouring cells,
+which is never too small.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 CoarseRaster = Float32[np.ndarray, "coarse_rows coarse_cols"]
 """Values of larger cells."""
 LEAST_SHARE = 0.25
-"""Share of a coarse cell's area that must have been seen. A quarter: of 4 x 4 cells, one row."""
+"""Least fraction of a coarse cell's area with elevations. A quarter: of 4 x 4 cells, one row."""
 MapPoints = Float64[np.ndarray, "n 2"]
 """(east, north) in metres of the local map."""
 LEAST_KNOWN = 0.5
-"""Weight of known cells below which a place counts as not measured."""
+"""Weight of known cells below which a point counts as not measured."""
 NOWHERE = -1
-"""Source of a place that no model knows."""
+"""Source of a point that no model covers."""
 Elevations = Callable[[MapPoints], PerPoint]
 """Elevation at (east, north); NaN where the ground is not known."""
 
@@ -56,12 +56,12 @@ def seen_window(elevation: Raster) -> tuple[slice, slice]:
     known = np.isfinite(elevation)
     rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if not len(rows):
-        raise TerrainError("a terrain model without elevations has nothing to map: look at its log")
+        raise TerrainError("the terrain model has no elevations: see the log of its run")
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
 
 
 def manageable_cell_m(elevation: Raster, grid: MapGrid, cell_m: float, most_cells: int) -> float:
-    """`cell_m`, doubled until what was seen of a terrain model has no more than `most_cells`."""
+    """`cell_m`, doubled until the measured part of a terrain model fits `most_cells`."""
     rows, cols = seen_window(elevation)
     area_m2 = (rows.stop - rows.start) * (cols.stop - cols.start) * grid.cell_m**2
     while area_m2 > most_cells * cell_m**2:
@@ -70,7 +70,7 @@ def manageable_cell_m(elevation: Raster, grid: MapGrid, cell_m: float, most_cell
 
 
 def coarsen(elevation: Raster, grid: MapGrid, cell_m: float) -> tuple[CoarseRaster, MapGrid]:
-    """Mean elevation of larger cells, and their grid; NaN where too little was seen."""
+    """Mean elevation of larger cells, and their grid; NaN where too few cells are known."""
     coarse = coarse_grid(grid, cell_m)
     if coarse is grid:
         return elevation, grid
@@ -80,7 +80,7 @@ def coarsen(elevation: Raster, grid: MapGrid, cell_m: float) -> tuple[CoarseRast
 
 
 def place_means(whole: CoarseRaster, coarse: MapGrid, values: Raster, grid: MapGrid) -> None:
-    """Put the means of a raster's cells, or of a part of it, into the larger cells that hold them.
+    """Write the means of a raster's cells, or of a part of it, into larger cells.
 
     Args:
         whole: The larger cells, changed in place.
@@ -101,7 +101,7 @@ def place_means(whole: CoarseRaster, coarse: MapGrid, values: Raster, grid: MapG
 
 
 def _means(values: Raster, factor: int) -> CoarseRaster:
-    """Means over blocks of `factor` x `factor` cells; NaN where too little is known."""
+    """Means over blocks of `factor` x `factor` cells; NaN where too few are known."""
     known = np.isfinite(values)
     level = np.float32(np.mean(values[known], dtype=np.float64)) if known.any() else np.float32(0)
     size = (values.shape[1] // factor, values.shape[0] // factor)
@@ -115,28 +115,28 @@ def _means(values: Raster, factor: int) -> CoarseRaster:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundSamples:
-    """The ground at n places; NaN where it was not measured."""
+    """The ground at n points; NaN where it was not measured."""
 
     elevation: PerPoint
     """Metres above the tangent plane."""
     sigma_m: PerPoint
-    """Standard deviation of the elevation, that of the poses included."""
+    """Standard deviation of the elevation, including that of the poses."""
     pose_sigma_m: PerPoint
-    """The part of it that neighbouring places share; 0 where poses are taken for true."""
+    """The part of it common to neighbouring points; 0 where poses are treated as exact."""
     source: Int32[np.ndarray, " n"]
-    """Number of the model that an elevation is of; `NOWHERE` where none has one."""
+    """Number of the model that gives the elevation; `NOWHERE` where none does."""
 
     def __len__(self) -> int:
         return len(self.elevation)
 
     @property
     def own_sigma_m(self) -> PerPoint:
-        """Standard deviation without what neighbouring places share."""
+        """Standard deviation without the part common to neighbouring points."""
         return np.sqrt(np.maximum(self.sigma_m**2 - self.pose_sigma_m**2, 0.0))
 
     @classmethod
     def unknown(cls, n: int) -> GroundSamples:
-        """Places of which nothing is known."""
+        """Points without any elevation."""
         unknown = np.full(n, np.nan)
         return cls(unknown, unknown.copy(), unknown.copy(), np.full(n, NOWHERE, np.int32))
 
@@ -165,14 +165,14 @@ def sample_bilinear(values: Raster, grid: MapGrid, places: MapPoints) -> PerPoin
 
 
 def finest_samples(models: Sequence[tuple[float, GroundSamples]]) -> GroundSamples:
-    """At every place what the model of the finest cell says; of equal cells, the surest.
+    """At every point the sample of the model with the finest cells; of equal ones the most certain.
 
     Args:
-        models: Cell size in metres and samples of each model, all at the same places. Their own
+        models: Cell size in metres and samples of each model, all at the same points. Their own
             sources are kept.
     """
     if not models:
-        raise ValueError("there is no model to choose from")
+        raise ValueError("there is no model to sample")
     cells = sorted({cell_m for cell_m, _ in models})
     rank = np.stack(
         [np.where(np.isfinite(s.elevation), float(cells.index(c)), np.inf) for c, s in models]
@@ -192,7 +192,7 @@ def finest_samples(models: Sequence[tuple[float, GroundSamples]]) -> GroundSampl
 
 
 def merge_classes(classes: Sequence[np.ndarray]) -> np.ndarray:
-    """Measured before interpolated; without an elevation occluded, if any says so."""
+    """Measured before interpolated; without an elevation, occluded if any is."""
     found = np.zeros_like(classes[0])
     for ground in (GroundClass.OCCLUDED, GroundClass.INTERPOLATED, GroundClass.MEASURED):
         found[np.any([one == ground for one in classes], axis=0)] = ground
@@ -200,9 +200,9 @@ def merge_classes(classes: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def coarser_dtm(dtm: Dtm, factor: int) -> Dtm:
-    """A terrain model with cells `factor` times as wide; its errors are as large as they were.
+    """A terrain model with cells `factor` times as wide and errors as large as before.
 
-    Neighbouring cells share matches, so that their mean is hardly better than one of them.
+    Neighbouring cells share matches, so their mean is hardly more accurate than one of them.
     """
     if factor == 1:
         return dtm
@@ -231,7 +231,7 @@ def coarser_dtm(dtm: Dtm, factor: int) -> Dtm:
 
 
 def finer_dtm(dtm: Dtm, factor: int) -> Dtm:
-    """A terrain model with cells a `factor`-th as wide: elevations bilinear, all else repeated."""
+    """A terrain model with `factor` times finer cells; elevations are interpolated bilinearly."""
 
     def repeat(layer: np.ndarray) -> np.ndarray:
         return layer.repeat(factor, axis=0).repeat(factor, axis=1)

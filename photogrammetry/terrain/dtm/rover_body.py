@@ -1,9 +1,9 @@
-"""Pixels that show the rover itself, from where its labels put the cameras.
+"""Pixels that show the rover itself, by the camera positions in its labels.
 
-The body is a box in the rover frame (forward, right, down).
-A pixel shows the rover where the point that it was matched to lies in the box, and, for a camera on
-a mast above it, where its ray enters the box at all. Cameras below or at the deck look out of the
-box, so of them only points in it (wheels, an arm) are taken for hardware.
+The body is a box in the rover frame (forward, right, down). A pixel shows the rover if its matched
+point is in the box, and, for a camera on a mast above it, also if its ray enters the box. Cameras
+below or at the deck are inside the box, so for them only points in it (wheels, an arm) count as
+hardware.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from solmap.photogrammetry.arrays import Mask, Vector3
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 
 MAST_M = 0.4
-"""Cameras at least that far above the deck are on the mast; those of Spirit are 0.9 m above it."""
+"""Cameras at least this far above the deck are on the mast; those of Spirit are 0.9 m above it."""
 STEP_PX = 8
-"""Every how many pixels a ray is cast: the box is known no better than that."""
+"""Step in pixels between cast rays: the box is no more accurate than that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +30,11 @@ class RoverBody:
     front_m: float
     half_width_m: float
     deck_m: float
-    """Height of the deck above the ground; the mast that carries the cameras rises above it."""
+    """Height of the deck above the ground; the mast with the cameras is above it."""
     ground_m: float = 0.0
-    """Where the wheels touch level ground, below the origin of the frame."""
+    """Height at which the wheels touch level ground, below the origin of the frame."""
     least_height_m: float = 0.1
-    """Above that ground, which may be soft or rough."""
+    """Tolerance above that ground, which may be soft or rough."""
 
     @property
     def corners(self) -> tuple[Vector3, Vector3]:
@@ -51,13 +51,13 @@ BODIES = {
     "MSL": RoverBody(1.6, 1.4, 1.4, 1.1),
     "M20": RoverBody(1.6, 1.4, 1.35, 1.1),
 }
-"""Of the fact sheets: Spirit and Opportunity 1.6 m long and 2.3 m wide over their panels; Curiosity
-and Perseverance 3 m long and 2.7 to 2.8 m wide. The origin of the first two lies between the axles
-of the middle wheels, 0.294 m above level ground (facts 5, VICAR)."""
+"""From the fact sheets: Spirit and Opportunity 1.6 m long and 2.3 m wide over their panels;
+Curiosity and Perseverance 3 m long and 2.7 to 2.8 m wide. The origin of the first two lies between
+the axles of the middle wheels, 0.294 m above level ground (facts 5, VICAR)."""
 
 
 def mask_rover(view: TerrainView, mission: str) -> TerrainView:
-    """The view with the pixels that show its own rover masked; as it is for an unknown rover."""
+    """The view with the pixels of its own rover masked; unchanged for an unknown rover."""
     body = BODIES.get(mission)
     if body is None:
         return view
@@ -66,7 +66,7 @@ def mask_rover(view: TerrainView, mission: str) -> TerrainView:
 
 
 def _points_inside(view: TerrainView, body: RoverBody) -> Mask:
-    """Pixels that were matched to points in the box."""
+    """Pixels whose matched points are in the box."""
     geometry = view.geometry
     farthest = float(np.linalg.norm(np.subtract(*body.corners))) + 2 * body.deck_m
     shown = np.zeros(view.parallax.shape, dtype=np.bool_)

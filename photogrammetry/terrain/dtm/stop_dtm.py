@@ -1,27 +1,29 @@
 """The terrain model of a stop: all dense parallax of its pairs, fused cell by cell.
 
-Every view gives each cell it sees one height. A cell stands for the ground that a person looking
-straight down would see in it: where points of two levels fall into one cell (a rock's top and the
-ground at its foot) the upper part counts, so rocks keep their tops. A cell with points is MEASURED;
-one that only the mesh between neighbouring pixels of one surface crosses is INTERPOLATED.
+Every view gives one height for each cell it sees. A cell represents the ground visible from
+straight above: where a cell contains points of two levels (a rock's top and the ground at its foot)
+the upper part is used, so rocks keep their tops. A cell with points is MEASURED; one that is only
+covered by the mesh between neighbouring pixels of one surface is INTERPOLATED.
 
 A parallax error dp moves a point along its ray by P dp/p (P: from camera to point). On ground with
-gradient g (rise per metre) the elevation at a fixed place changes by the part of this that leaves
-the ground, so with f the focal length and Z the depth
+gradient g (rise per metre) the elevation at a fixed position changes by the component of this away
+from the ground, so with f the focal length and Z the depth
 
     sigma_h^2 = (sigma_p/p)^2 (P_up - g.P_plan)^2 / k + (Z sigma_i/f)^2 (1 + g.g) / k
                 + (sigma_a/p)^2 (P_up - g.P_plan)^2
                 + s^2 / n + (r sag)^2 + (c Z/f)^2 / 12 G^2
 
-where sigma_a is what all parallaxes of a view share (two stops as one instrument; else 0), sigma_p
-is the rest, n points share k = max(1, n / c^2) independent matches (windows of c x c pixels
-overlap), s is the scatter within the cell and r the roughness of ground between pixels. Flat ground
-is known to (sigma_p/p) times the camera's height: centimetres at 20 m, though the range is not.
+where sigma_a is the common part of all parallaxes of a view (wide-baseline pairs; else 0), sigma_p
+is the rest, n points come from k = max(1, n / c^2) independent matches (windows of c x c pixels
+overlap), s is the scatter within the cell and r the roughness of ground between pixels. The height
+of flat ground is accurate to (sigma_p/p) times the camera's height: centimetres at 20 m, although
+the range is less accurate.
 
-The last term is for ground that stereo takes for seen although it is not. Relief lower than the
-window's height on the ground, c Z/f, is not resolved, and hides ground of which the matcher makes
-a ramp along the line of sight, up to as much too high. Such ramps are seen edge-on: their plane
-passes closer below the camera than they lie below it, so with h = -(P_up - g.P_plan) the share
+The last term is for hidden ground that matching interpolates. Relief lower than the window's height
+on the ground, c Z/f, is not resolved, and hides ground that the matcher replaces by a ramp along
+the line of sight, too high by up to that much. Such ramps are seen edge-on: the distance of their
+plane below the camera is less than their own depth below it, so with h = -(P_up - g.P_plan) the
+fraction
 
     G = 1 - h / |P_up|      between 0 and 1
 
@@ -29,23 +31,23 @@ of that uncertainty (uniform over the window) is added. It is 0 on level and on 
 
 `fusion` adds the variance of the poses and averages the views.
 
-Ground seen at a grazing angle is drawn too high by what it hides (`matching.height_bias`); where
-links of the stop tell by how much, the model is lowered by that.
+Ground seen at a grazing angle is biased upwards (`matching.height_bias`); where links of the stop
+determine the bias, it is subtracted from the model.
 
 With `Gridding.TIN` gaps between measured cells are filled by triangles, as in the paper (section
 5). The measured cells, each the weighted mean of its points, are triangulated on the map
-(Delaunay). A cell without points takes the plane of its triangle if none of the triangle's
-sides is longer than the widest gap that may be bridged and if nothing hides it (`occlusion`). With
-the barycentric coordinates l of the cell the variance is
+(Delaunay). A cell without points gets its height from the plane of its triangle if none of the
+triangle's sides is longer than the widest gap to be bridged and if the cell is not occluded
+(`occlusion`). With the barycentric coordinates l of the cell the variance is
 
     sigma^2 = sum(l sigma_i^2) + (r L q)^2,      q = (1 - sum l^2) / 2
 
 where L is the triangle's longest side and r the roughness of ground: in the middle of a side L q is
 L/4, as in the mesh between two lines of an image.
 
-Far ground, which two stops measure as one stereo instrument, has parameters of its own: at 200 m a
-Navcam pixel covers 0.16 m across the line of sight and, from a mast, twenty metres along it, so
-cells are larger and gaps wider than in the map of a stop.
+Far ground, measured by wide-baseline stereo, has its own parameters: at 200 m a Navcam pixel covers
+0.16 m across the line of sight and, from a mast, twenty metres along it, so cells are larger and
+gaps wider than in the map of a stop.
 """
 
 from __future__ import annotations
@@ -89,23 +91,23 @@ from solmap.photogrammetry.terrain.dtm.occlusion import mark_occluded
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainView
 
 STEEPEST = 1.0
-"""Gradient above which a cell's own slope is not believed: beyond 45 degrees, a rock's side."""
+"""Gradient above which a cell's own slope is not used: beyond 45 degrees, a rock's side."""
 FACET_M = 0.1
-"""Standard deviation of the Gaussian that facets are smoothed with, as where stops are compared,"""
+"""Standard deviation of the Gaussian that smooths facets, as in surface alignment,"""
 LEAST_KNOWN = 0.15
-"""and the share of it that known cells must have."""
+"""and the fraction of its weight that known cells must have."""
 LEAST_NODES = 4
-"""A triangulation of fewer points is none."""
+"""Fewest points of a triangulation."""
 Weights3 = Float64[np.ndarray, "n 3"]
 
 
 class Gridding(StrEnum):
-    """What becomes of cells between the measured ones (paper, section 5)."""
+    """Filling of cells between the measured ones (paper, section 5)."""
 
     GRID = "grid"
-    """They are crossed by the mesh of pixels that hang together in an image."""
+    """By the mesh of connected pixels in an image."""
     TIN = "tin"
-    """They lie in a triangle of measured cells."""
+    """By triangles between measured cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +115,7 @@ class DtmParams(FusionParams):
     """How to build a terrain model."""
 
     method: Gridding = Gridding.GRID
-    """The mesh knows where the image jumps and takes less than half of the time; elevations between
+    """The mesh follows jumps of the image and takes less than half of the time; elevations between
     triangles are a tenth to a fifth more accurate (docs/reference/measurements/terrain.md)."""
 
     cell_m: CellSize = 0.04
@@ -136,12 +138,13 @@ class FarDtmParams(DtmParams):
     cell_m: CellSize = 0.64
     """Four Navcam pixels at 200 m; sixteen cells of a stop's model, so that both maps nest."""
     max_relative_sigma: ShareAboveZero = 0.1
-    """A base of 10 m reaches ten percent beyond a kilometre: the radius ends the map before."""
+    """A baseline of 10 m is accurate to ten percent beyond a kilometre: the radius ends the map
+    before."""
     radius_m: Metres = 500.0
-    """As far as the paper looks with two stops (section 5): errors in range are a twentieth there
-    with a base of 10 m (docs/reference/measurements/matching.md)."""
+    """As far as wide-baseline stereo in the paper (section 5): range errors there are a twentieth
+    with a baseline of 10 m (docs/reference/measurements/matching.md)."""
     max_spike_px: Pixels = 5.0
-    """Parallax changes by B / h a line, seven pixels with 10 m: by far more than with a bar."""
+    """Parallax changes by B / h per line, seven pixels with 10 m: far more than with a rig."""
     max_gap_m: Metres = 8.0
     """Widest gap bridged. The line spacing Z^2 / f (h + Z s) of ground that rises away from the
     camera by s a metre is 1.5 m for s = 0.1 at 200 m, and 8 m for s = 0.013."""
@@ -161,14 +164,16 @@ def build_dtm(views: Sequence[TerrainView], params: DtmParams, grid: MapGrid | N
         raise TerrainError(
             f"none of the {len(views)} views has a parallax above "
             f"{params.sigma_parallax_px / params.max_relative_sigma:.1f} px within "
-            f"{params.radius_m} m: look at the matching, or allow a larger max_relative_sigma"
+            f"{params.radius_m} m: check the matching, or allow a larger max_relative_sigma"
         )
     grid = grid or _grid_around(heights, params.cell_m)
     if grid.cell_m != params.cell_m:
-        raise TerrainError(f"the grid's cells are {grid.cell_m} m, the parameters' {params.cell_m}")
+        raise TerrainError(
+            f"the grid's cells are {grid.cell_m} m, but those of the parameters {params.cell_m} m"
+        )
     entries = Entries.of(heights, grid)
     if not len(entries):
-        raise TerrainError(f"no measured ground falls into the grid {grid.bounds}")
+        raise TerrainError(f"no measured ground lies in the grid {grid.bounds}")
     gradient = _believable_gradient(entries, params)
     dtm = _dtm(entries, fuse(entries, variances(entries, views, gradient, params)))
     ground = mark_occluded(dtm.ground, dtm.elevation, grid, views, params)
@@ -178,7 +183,7 @@ def build_dtm(views: Sequence[TerrainView], params: DtmParams, grid: MapGrid | N
 
 
 def _lowered(dtm: Dtm, views: Sequence[TerrainView]) -> Dtm:
-    """The model without the height bias of ground seen at a grazing angle, whose views share it."""
+    """The model minus the height bias of ground seen at a grazing angle, common to all views."""
     bias = views[0].height_bias
     if bias == NO_BIAS:
         return dtm
@@ -194,7 +199,7 @@ def _lowered(dtm: Dtm, views: Sequence[TerrainView]) -> Dtm:
 
 
 def _believable_gradient(entries: Entries, params: DtmParams) -> Gradients:
-    """The gradient of the ground in patches; 0 where it is unknown or too steep for ground."""
+    """The gradient of the ground in patches; 0 where unknown or too steep for ground."""
     patch_m = PATCH * params.cell_m
     gradient = window_gradients(entries.patch_means(), patch_m, params.slope_baseline_m, 0.25)
     gradient[~(np.abs(gradient) < STEEPEST)] = 0.0
@@ -230,7 +235,7 @@ def fill_by_triangles(dtm: Dtm, gap_m: float, roughness: float) -> Dtm:
     """A model of measured and occluded cells with its gaps of up to `gap_m` filled."""
     measured = dtm.ground == GroundClass.MEASURED
     near = cv2.distanceTransform((~measured).astype(np.uint8), cv2.DIST_L2, 5) * dtm.grid.cell_m
-    # no place in a triangle is farther from a corner than its longest side over the root of three
+    # # no point in a triangle is farther from a corner than its longest side over the root of three
     open_ = (dtm.ground == GroundClass.UNSEEN) & (near <= gap_m / np.sqrt(3))
     border = cv2.dilate(open_.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     nodes = np.argwhere(measured & (border | ~_has_measured_neighbours(measured)))
@@ -242,13 +247,13 @@ def fill_by_triangles(dtm: Dtm, gap_m: float, roughness: float) -> Dtm:
 
 
 def _has_measured_neighbours(measured: np.ndarray) -> np.ndarray:
-    """Measured cells whose eight neighbours are measured: no triangle of theirs holds a gap."""
+    """Measured cells whose eight neighbours are measured: their triangles contain no gap."""
     return cv2.erode(measured.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Triangles:
-    """Cells that lie in a triangle of measured ones."""
+    """Cells in a triangle of measured ones."""
 
     cells: np.ndarray
     """(n, 2): row and column."""

@@ -1,5 +1,5 @@
 """The energy of the sun on the ground, and the ground on which a rover may spend the winter.
 
-A terrain model, a latitude and seasons enter; maps of energy a sol and outlines of winter havens
+A terrain model, a latitude and seasons enter; maps of energy per sol and outlines of winter havens
 leave. Of terrain `dtm` and `relief` may be imported.
 """

@@ -1,18 +1,18 @@
-"""Horizons: how high the ground rises over level, in every direction, from every cell.
+"""Horizons: elevation angle of the visible skyline, in every direction, from every cell.
 
-Along a line of cells seen towards its far end, the horizon of a cell is the next corner of the
-upper convex hull of what lies ahead: of two corners, the nearer one is hidden by the line from the
-cell to the farther one or it is the horizon (Dozier, Bruno and Downey 1981, A faster solution to
-the horizon problem, Computers & Geosciences 7). Every cell enters and leaves the hull once, so a
-line of n cells takes O(n) steps and not O(n^2); here the lines of all directions go side by side.
+Along a line of cells, the horizon of a cell is the next corner of the upper convex hull of the
+cells ahead: of two corners, the nearer one is either hidden by the line from the cell to the
+farther one or is the horizon (Dozier, Bruno and Downey 1981, A faster solution to the horizon
+problem, Computers & Geosciences 7). Every cell enters and leaves the hull once, so a line of n
+cells takes O(n) steps and not O(n^2); here the lines of all directions are processed in parallel.
 
-For an azimuth within 45 degrees of north the lines are columns of the raster sheared row by row; a
-row sheared by i + f columns gives each of its cells to two lines, with the weights 1 - f and f, and
-takes the cell's horizon from both with the same weights. Other azimuths are brought there by
-quarter turns.
+For an azimuth within 45 degrees of north the lines are columns of the raster sheared row by row; in
+a row sheared by i + f columns each cell contributes to two lines, with the weights 1 - f and f, and
+its horizon is interpolated from both with the same weights. Other azimuths are reduced to this case
+by quarter turns.
 
-Ground that was not seen, and ground beyond the model, is taken to be below the horizon: what is
-stated is the least that the horizon may be. It is never below level.
+Unknown ground, and ground beyond the model, is assumed to be below the horizon: the result is a
+lower limit. It is never below level.
 """
 
 from __future__ import annotations
@@ -27,16 +27,17 @@ from solmap.photogrammetry.arrays import Float32, Float64, Int32, Raster
 
 Horizons = Float32[np.ndarray, "azimuths rows cols"]
 """Tangent of the horizon's elevation, in equal steps of azimuth from north over east; NaN where the
-ground was not seen."""
+ground is unknown."""
 Lines = Float32[np.ndarray, "rows lines"]
 """Values along lines of sight, which run up the columns."""
 LEAST_WEIGHT = 1e-3
-"""A place on a line that is nearer than this to unseen ground only is unseen."""
+"""Distance to the nearest known ground above which a position on a line is unknown."""
 AZIMUTHS = 36
-"""Directions: the sun covers ten degrees of azimuth in 40 minutes, and between two is interpolated.
+"""Number of directions: the sun moves by ten degrees of azimuth in 40 minutes; values between are
+interpolated.
 """
 BATCH = 6_000_000
-"""Cells of sheared rasters at a time: 60 MB with what belongs to them."""
+"""Cells of sheared rasters processed together: 60 MB with their temporaries."""
 
 
 def horizons(elevation: Raster, cell_m: float, azimuths: int = AZIMUTHS) -> Horizons:
@@ -59,7 +60,7 @@ def horizons(elevation: Raster, cell_m: float, azimuths: int = AZIMUTHS) -> Hori
 def _batches(
     azimuths: Int32[np.ndarray, " n"] | np.ndarray, shape: tuple[int, ...]
 ) -> Iterator[np.ndarray]:
-    """Directions whose sheared rasters are swept together."""
+    """Directions whose sheared rasters are processed together."""
     rows, cols = shape
     together = max(1, BATCH // (rows * (rows + cols)))
     for first in range(0, len(azimuths), together):
@@ -67,7 +68,7 @@ def _batches(
 
 
 def _towards_the_top(elevation: Raster, leaning: Sequence[float], cell_m: float) -> list[Raster]:
-    """Tangents towards azimuths (radians) that lean by at most 45 degrees from the top row's."""
+    """Tangents towards azimuths (radians) within 45 degrees of the top row's direction."""
     shears = [_Shear.of(angle, elevation.shape) for angle in leaning]
     known = np.isfinite(elevation)
     level = np.float32(elevation[known].mean()) if known.any() else np.float32(0)
@@ -87,9 +88,9 @@ class _Shear:
     """Rows moved sideways until a direction runs along columns."""
 
     whole: tuple[int, ...]
-    """Columns by which every row is moved, rounded down: i."""
+    """Columns by which every row is shifted, rounded down: i."""
     share: tuple[np.float32, ...]
-    """What is left of the move, f."""
+    """Remainder of the shift, f."""
     cols: int
 
     @classmethod
@@ -108,7 +109,7 @@ class _Shear:
         return max(self.whole) + self.cols + 1
 
     def lines(self, height: Raster, known: Raster) -> Lines:
-        """Heights along the lines; NaN where neither cell of a place is known (1, else 0)."""
+        """Heights along the lines; NaN where neither cell of a position is known (1, else 0)."""
         total, weight = np.zeros((2, len(self.whole), self.width), np.float32)
         for row, (first, share) in enumerate(zip(self.whole, self.share, strict=True)):
             for start, part in ((first, 1 - share), (first + 1, share)):
@@ -127,10 +128,10 @@ class _Shear:
 
 
 def _rise_to_the_horizon(height: Lines) -> Lines:
-    """Steepest rise a row from every cell of every column to the cells above it; 0 where none is.
+    """Steepest rise per row from every cell of every column to the cells above it; 0 if none.
 
-    `beyond` holds, for every cell, the row of its horizon: following it from the cell before, the
-    corners of the hull are met from near to far.
+    `beyond` holds, for every cell, the row of its horizon: followed from the previous cell, it
+    gives the corners of the hull from near to far.
     """
     rows, lines = height.shape
     known = np.isfinite(height)
@@ -155,7 +156,7 @@ def _last_corner(
     corner: Int32[np.ndarray, " n"],
     slope: Float32[np.ndarray, " n"] | Float64[np.ndarray, " n"],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rise to the horizon, and its row: on along the hull as long as the next corner is higher."""
+    """Rise to the horizon, and its row: along the hull as long as the next corner is higher."""
     row, line, here = seen_from
     active = np.arange(len(line))
     while active.size:

@@ -1,28 +1,28 @@
-"""Maps of insolation, the sun's energy that the ground receives in a sol, and winter havens.
+"""Maps of insolation, the solar energy received by the ground in a sol, and winter havens.
 
     H = integral over the sol of  lit(t) G_b(t) max(0, n.s(t))  +  V G_d(t)
 
 n is the normal of the ground over the baseline, s the direction to the sun, and lit whether the sun
-stands above the cell's horizon (`horizon`). V is the part of the sky that the cell sees,
-weighted by incidence, for a sky of equal brightness: with h the horizon's elevation, S the slope
-and A the aspect (Dozier and Frew 1990, IEEE Trans. Geosci. Remote Sensing 28),
+is above the cell's horizon (`horizon`). V is the visible fraction of the sky, weighted by
+incidence, for a sky of uniform brightness: with h the horizon's elevation, S the slope and A the
+aspect (Dozier and Frew 1990, IEEE Trans. Geosci. Remote Sensing 28),
 
     V = 1/2pi integral over azimuth p of  cos S cos^2 h + sin S cos(p - A) (pi/2 - h - sin h cos h)
 
-where h is at least the rise of the ground's own plane. On level ground under a free sky V = 1.
-Light that the ground throws onto itself is left out: it adds about one percent (Appelbaum, Flood
-and Norambuena 1994).
+where h is at least the rise of the ground's own plane. On level ground with a free horizon V = 1.
+Light reflected by other ground is neglected: it adds about one percent (Appelbaum, Flood and
+Norambuena 1994).
 
 With the sun at local noon in the north at the elevation SA, n.s = u cos SA - w sin SA, which is
-what VICAR's `marsslope` calls solar energy. Noon alone would make steep ground look better than it
-is: a slope to the north loses the morning and the evening.
+what VICAR's `marsslope` calls solar energy. Noon alone overrates steep ground: a slope to the north
+loses the morning and the evening.
 
-Winter havens are ground on which a rover receives enough of the winter sun: with solar panels it
-has to stand on ground that leans to the sun, which was found on maps of north-facing slopes (Di et
-al. 2008, section 6). Here a cell qualifies by the light it receives in the season, shadows of the
-horizon included, as a multiple of what level ground would; a tilt may be asked for as well. Of the
-qualifying ground only what a disc as wide as the rover can lie on is kept, and of that, areas large
-enough to stand on.
+Winter havens are ground with enough winter sun for a rover with solar panels: it has to park on
+ground tilted to the sun, which was found on maps of north-facing slopes (Di et al. 2008, section
+6). Here a cell qualifies by its insolation in the season, including shadows of the horizon, as a
+multiple of that of level ground; a least tilt can also be required. Of the qualifying ground, only
+parts that can hold a disc as wide as the rover are kept, and of those, areas large enough to park
+on.
 """
 
 from __future__ import annotations
@@ -88,15 +88,16 @@ class InsolationParams:
     ls_deg: tuple[SolarLongitude, ...] = ()
     """Areocentric solar longitudes of the seasons; the local winter solstice when empty."""
     optical_depth: OpticalDepth = 0.5
-    """Of dust: what the Viking landers saw outside storms (Appelbaum and Flood 1990, figure 3)."""
+    """Optical depth of dust: measured by the Viking landers outside storms (Appelbaum and Flood
+    1990, figure 3)."""
     cell_m: CellSize = 0.16
     """Side of a cell: a fourteenth of a rover's length, and sixteen cells of a stop's model."""
     most_cells: MapCells = 2_000_000
-    """Cells at most, 400 MB: of larger areas the cells are doubled. A stop has 0.2 million."""
+    """Most cells, 400 MB: for larger areas the cells are doubled. A stop has 0.2 million."""
     baseline_m: ShortMetres = 1.1
-    """Length over which the ground's tilt is felt: about a wheel base, as for slope."""
+    """Baseline of the ground's tilt: about a wheel base, as for slope."""
     min_share: Share = 0.5
-    """Least share of that window that must have an elevation."""
+    """Least fraction of that window with an elevation."""
 
     def seasons(self, latitude: float) -> tuple[Season, ...]:
         """The seasons to map at a latitude, the first of which chooses winter havens."""
@@ -105,16 +106,16 @@ class InsolationParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Insolation:
-    """Energy a sol on every cell of a map, by season."""
+    """Energy per sol on every cell of a map, by season."""
 
     grid: MapGrid
     seasons: tuple[Season, ...]
     received: tuple[Raster, ...]
-    """Wh/m^2 a sol, one raster a season."""
+    """Wh/m^2 per sol, one raster per season."""
     level: tuple[float, ...]
-    """The same on level ground under a free sky."""
+    """The same on level ground with a free horizon."""
     sky: Raster
-    """Share of the sky that is seen, V."""
+    """Visible fraction of the sky, V."""
     normal: Normals
 
 
@@ -145,7 +146,7 @@ def insolation(
 
 
 def sky_view(rise: Horizons, gradient: Gradients) -> Raster:
-    """Share V of the sky's light on every cell; NaN where there is no gradient."""
+    """Visible fraction V of the sky for every cell; NaN where there is no gradient."""
     g_east, g_north = gradient
     cos_slope = 1 / np.sqrt(1 + g_east**2 + g_north**2)
     total = np.zeros_like(g_east)
@@ -159,13 +160,13 @@ def sky_view(rise: Horizons, gradient: Gradients) -> Raster:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Day:
-    """The suns of one sol: where they stand, and what each of them brings on the ground."""
+    """The suns of one sol: their directions, and the energy of each."""
 
     directions: Float64[np.ndarray, "n 3"]
     beam: PerPoint
-    """Wh/m^2 across the beam in the step of each sun."""
+    """Wh/m^2 normal to the beam in the step of each sun."""
     diffuse: float
-    """Wh/m^2 a sol from the sky on level ground."""
+    """Wh/m^2 per sol from the sky on level ground."""
 
     @classmethod
     def of(cls, season: Season, latitude: float, optical_depth: float) -> _Day:
@@ -180,11 +181,11 @@ class _Day:
 
     @property
     def level(self) -> float:
-        """Wh/m^2 a sol on level ground under a free sky."""
+        """Wh/m^2 per sol on level ground with a free horizon."""
         return float(self.beam @ np.maximum(self.directions[:, 2], 0)) + self.diffuse
 
     def on(self, normal: Normals, rise: Horizons, sky: Raster) -> Raster:
-        """Wh/m^2 a sol on ground with these normals, horizons and views of the sky."""
+        """Wh/m^2 per sol on ground with these normals, horizons and views of the sky."""
         u, v, w = normal
         direct = np.zeros_like(u)
         for (north, east, up), beam in zip(self.directions.tolist(), self.beam, strict=True):
@@ -219,7 +220,7 @@ def _place_window(
 
 @dataclass(frozen=True, slots=True)
 class HavenParams:
-    """What makes ground a winter haven."""
+    """Criteria of winter havens."""
 
     least_gain: FactorOrZero = 1.06
     """Least insolation over that of level ground. At Gusev in the middle of winter, with an optical
@@ -236,7 +237,8 @@ class HavenParams:
     def __post_init__(self) -> None:
         if not self.width_m > 0 or not self.least_area_m2 > 0:
             raise TerrainError(
-                f"a haven {self.width_m} m wide of {self.least_area_m2} m2: give both above zero"
+                f"a haven needs a width and an area above zero, not {self.width_m} m and "
+                f"{self.least_area_m2} m2"
             )
 
 
@@ -250,7 +252,7 @@ class Haven:
     gain: float
     """Mean insolation over that of level ground."""
     insolation: float
-    """Mean insolation, Wh/m^2 a sol."""
+    """Mean insolation, Wh/m^2 per sol."""
     tilt_to_sun_deg: float
     """Mean tilt towards the equator."""
     slope_deg: float
@@ -279,7 +281,7 @@ def winter_havens(light: Insolation, latitude: float, params: HavenParams) -> tu
 def _open_with_disc(
     good: Bool[np.ndarray, "rows cols"], width: float
 ) -> Bool[np.ndarray, "rows cols"]:
-    """Cells that a disc of this width in cells can cover without leaving the good ones."""
+    """Cells that a disc of this width in cells can cover within the good ones."""
     side = 2 * math.floor(width / 2) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     opened = cv2.morphologyEx(
@@ -291,7 +293,7 @@ def _open_with_disc(
 def _areas(
     good: Bool[np.ndarray, "rows cols"], grid: MapGrid
 ) -> Iterator[tuple[Bool[np.ndarray, "rows cols"], Ring, tuple[Ring, ...]]]:
-    """Cells that hang together by their sides, with their outline and holes."""
+    """Cells connected by their sides, with their outline and holes."""
     count, labels = cv2.connectedComponents(good.astype(np.uint8), connectivity=4)
     for number in range(1, count):
         cells = labels == number

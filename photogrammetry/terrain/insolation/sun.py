@@ -7,16 +7,16 @@ southern winter), the obliquity of the axis e and the eccentricity of the orbit 
     G_0 = G_m (1 + k cos(L_s - L_p))^2 / (1 - k^2)^2             W/m^2 across the beam
 
 (Appelbaum and Flood 1990, Solar radiation on Mars, Solar Energy 45, eq. 4 and 7; G_m = 590 W/m^2 at
-the mean distance; obliquity and perihelion L_p as Allison and McEwen 2000 have them, Planet. Space
-Sci. 48). At the hour angle w (0 at noon, 15 degrees a Mars hour) and latitude phi, the direction to
-the sun in (north, east, up) is
+the mean distance; obliquity and perihelion L_p by Allison and McEwen 2000, Planet. Space Sci. 48).
+At the hour angle w (0 at noon, 15 degrees a Mars hour) and latitude phi, the direction to the sun
+in (north, east, up) is
 
     north = cos phi sin delta - sin phi cos delta cos w
     east  = -cos delta sin w
     up    = sin phi sin delta + cos phi cos delta cos w
 
-The latitude is planetographic: up is the plumb line, which the inertial unit and the map follow. At
-Gusev it is 0.17 degrees more than the planetocentric one.
+The latitude is planetographic: up is the plumb line, to which the inertial unit and the map refer.
+At Gusev it is 0.17 degrees more than the planetocentric one.
 
 Dust divides the sun's light into a beam and light from the whole sky. At an optical depth tau, with
 the sun at the zenith distance z,
@@ -27,8 +27,7 @@ the sun at the zenith distance z,
 
 f is the normalised net flux that Pollack computed with multiple scattering for an albedo a = 0.1,
 as tabled by Appelbaum and Flood (1990, Solar radiation on Mars, Solar Energy 45, table III). The
-table begins at tau = 0.1; without dust all light arrives and f = 1 - a. Below 5 degrees of
-elevation f stays what it is there.
+table begins at tau = 0.1; without dust f = 1 - a. Below 5 degrees of elevation f is constant.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ PERIHELION_LS_DEG = 250.999
 MEAN_IRRADIANCE = 590.0
 """W/m^2 across the beam at the mean distance from the sun, 1.5237 AU (Appelbaum and Flood 1990)."""
 SOL_HOURS = 88775.244 / 3600
-"""Length of a solar day in hours of the clock: watt-hours are counted with these."""
+"""Length of a solar day in clock hours, for watt-hours."""
 ALBEDO = 0.1
 """Albedo of the ground for which the net flux is tabled."""
 ZENITH_DEG = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 85.0)
@@ -81,7 +80,7 @@ NET_FLUX = {
 
 @dataclass(frozen=True, slots=True)
 class Season:
-    """Where the sun stands among the seasons."""
+    """A season by the position of the sun."""
 
     ls_deg: float
     """Areocentric solar longitude."""
@@ -95,7 +94,7 @@ class Season:
 
     @property
     def irradiance(self) -> float:
-        """W/m^2 across the beam at the top of the atmosphere."""
+        """W/m^2 normal to the beam at the top of the atmosphere."""
         along = 1 + ECCENTRICITY * math.cos(math.radians(self.ls_deg - PERIHELION_LS_DEG))
         return MEAN_IRRADIANCE * (along / (1 - ECCENTRICITY**2)) ** 2
 
@@ -123,17 +122,17 @@ def half_day(latitude: float, declination: float) -> float:
 
 
 def local_winter(latitude: float) -> Season:
-    """The middle of winter in this hemisphere, when a rover needs the sun most."""
+    """The middle of winter in this hemisphere, the critical season of a rover."""
     return Season(90.0 if latitude < 0 else 270.0)
 
 
 def beam_share(cos_zenith: PerPoint, optical_depth: float) -> PerPoint:
-    """What arrives straight from the sun, as a share of the light above the atmosphere."""
+    """Direct sunlight at the ground, as a fraction of the light above the atmosphere."""
     return np.exp(-optical_depth / np.maximum(cos_zenith, 1e-6))
 
 
 def diffuse_share(cos_zenith: PerPoint, optical_depth: float) -> PerPoint:
-    """What arrives from the sky on level ground, as the same share."""
+    """Skylight on level ground, as the same fraction."""
     net = net_flux(np.degrees(np.arccos(np.clip(cos_zenith, 0, 1))), optical_depth)
     level = cos_zenith * (net / (1 - ALBEDO) - beam_share(cos_zenith, optical_depth))
     return np.maximum(level, 0.0)
@@ -148,8 +147,8 @@ def net_flux(zenith_deg: PerPoint, optical_depth: float) -> PerPoint:
     depths = np.array(list(NET_FLUX))
     if not depths[0] <= optical_depth <= depths[-1]:
         raise TerrainError(
-            f"an optical depth of {optical_depth} is outside the table of net flux, "
-            f"{depths[0]} to {depths[-1]}: 0.3 to 1 is usual, a global storm has 4"
+            f"an optical depth of {optical_depth} is outside the table of net flux, {depths[0]} "
+            f"to {depths[-1]}: 0.3 to 1 is usual, a global storm has 4"
         )
     table: Float64[np.ndarray, "depths angles"] = np.array(list(NET_FLUX.values()))
     row = [np.interp(optical_depth, depths, column) for column in table.T]

@@ -4,16 +4,16 @@ With the ground h and the base b at the cells of area a inside a polygon,
 
     V+ = a sum max(h - b, 0)        V- = a sum max(b - h, 0)        V = V+ - V-
 
-Cells that were not measured count with the mean of the others, and the share of measured ones is
-stated. The variance of V comes from three parts,
+Cells that were not measured get the mean of the others, and the fraction of measured ones is
+reported. The variance of V has three parts,
 
-    (A s_p)^2                 the part of the elevations that the poses shift together,
-    A a_c mean(s_o^2)         their own errors, which places within an area a_c share,
+    (A s_p)^2                 the common part of the elevation errors, by poses,
+    A a_c mean(s_o^2)         independent errors, common to points within an area a_c,
     j' C j                    the base, where it was fitted: j = (A, A mean e, A mean n).
 
-The volumes above and below have variances of the same form, of the part of A that they are of. A
-base that was fitted to the rim of the same model lies as high or low as the ground, so that the
-first part falls away.
+The volumes above and below have variances of the same form, each for its part of A. A base that was
+fitted to the rim of the same model has the same common error as the ground, so that the first part
+cancels.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from solmap.photogrammetry.terrain.dtm.resampling import Elevations, GroundSampl
 from solmap.photogrammetry.terrain.relief.slope import CORRELATION_M
 
 LEAST_RIM = 6
-"""Places of the rim that a base is fitted to: twice its unknowns."""
+"""Points of the rim to which a base is fitted: at least twice its unknowns."""
 LEAST_SHARE = 0.5
-"""Part of the polygon that must have been measured."""
+"""Fraction of the polygon that must be measured."""
 MOST_PLACES = 250_000
-"""Places inside a polygon at which the ground is read."""
+"""Most points inside a polygon at which the ground is sampled."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +45,7 @@ class BasePlane:
     parameters: Vector3
     covariance: Float64[np.ndarray, "3 3"]
     follows_poses: bool
-    """Whether it rises and falls with the model's poses, as one that was fitted to it does."""
+    """Whether it has the common error of the model's poses, as after a fit to it."""
 
     @classmethod
     def level(cls, elevation_m: float) -> BasePlane:
@@ -56,15 +56,15 @@ class BasePlane:
 
     @classmethod
     def fit(cls, places: MapPoints, ground: GroundSamples, spacing_m: float) -> BasePlane:
-        """The plane of least squares through the ground at places of a rim, `spacing_m` apart.
+        """The least-squares plane through the ground at points of a rim, `spacing_m` apart.
 
         Raises:
-            TerrainError: too few of them have an elevation, or they lie along a line.
+            TerrainError: too few of them have an elevation, or they are on a line.
         """
         known = np.isfinite(ground.elevation)
         if known.sum() < LEAST_RIM:
             raise TerrainError(
-                f"{known.sum()} places of the rim have an elevation and {LEAST_RIM} are needed: "
+                f"{known.sum()} points of the rim have an elevation and {LEAST_RIM} are needed: "
                 "draw the polygon around measured ground, or give an elevation of the base"
             )
         origin = places[known].mean(axis=0)
@@ -80,7 +80,7 @@ class BasePlane:
         return self.parameters[0] + (places - self.origin) @ self.parameters[1:]
 
     def sigma(self, place: Float64[np.ndarray, " 2"]) -> float:
-        """Standard deviation of its elevation at a place, metres."""
+        """Standard deviation of its elevation at a point, metres."""
         j = np.array([1.0, *(place - self.origin)])
         return float(np.sqrt(max(j @ self.covariance @ j, 0.0)))
 
@@ -91,7 +91,7 @@ class BasePlane:
 
     @property
     def sigma_slope(self) -> float:
-        """Of the slope, radians; of a level plane along the worst direction."""
+        """Of the slope, radians; for a level plane along the worst direction."""
         gradient = float(np.hypot(*self.parameters[1:]))
         if gradient == 0.0:
             return float(np.sqrt(max(np.linalg.eigvalsh(self.covariance[1:, 1:])[-1], 0.0)))
@@ -101,7 +101,7 @@ class BasePlane:
 
 @dataclass(frozen=True, slots=True)
 class Volume:
-    """What lies between ground and base."""
+    """Volume between ground and base."""
 
     above_m3: float
     below_m3: float
@@ -113,15 +113,15 @@ class Volume:
     area_m2: float
     measured_share: float
     highest_m: float
-    """Ground over the base."""
+    """Volume of ground above the base."""
     sigma_highest_m: float
     lowest_m: float
-    """Ground below the base, as a number that is not positive where there is any."""
+    """Volume between base and lower ground, zero or negative."""
     sigma_lowest_m: float
 
 
 def volume(places: MapPoints, ground: GroundSamples, base: BasePlane, area_m2: float) -> Volume:
-    """The volume over `area_m2`, whose ground was read at the centres of equal cells.
+    """The volume over `area_m2` of ground sampled at the centres of equal cells.
 
     Raises:
         TerrainError: too little of the area was measured.
@@ -175,19 +175,21 @@ def polygon_of(corners: MapPoints) -> shapely.Polygon:
     polygon = shapely.Polygon(corners)
     if not polygon.is_valid or not polygon.area > 0:
         why = shapely.is_valid_reason(polygon)
-        raise TerrainError(f"the corners span no simple polygon ({why}): draw it without crossing")
+        raise TerrainError(
+            f"the corners do not form a simple polygon ({why}): draw it without crossing"
+        )
     return polygon
 
 
 def places_inside(
     polygon: shapely.Polygon, cell_m: float, most: int = MOST_PLACES
 ) -> tuple[MapPoints, float]:
-    """Centres of the cells of a lattice that lie in a polygon, and the cell: `cell_m` or more.
+    """Centres of the lattice cells in a polygon, and the cell size: `cell_m` or more.
 
     The cell is widened where the polygon's box would hold more than `most` of them.
 
     Raises:
-        TerrainError: no centre lies in it.
+        TerrainError: it contains no centre.
     """
     west, south, east, north = polygon.bounds
     cell = max(cell_m, float(np.sqrt((east - west) * (north - south) / most)))
@@ -197,7 +199,8 @@ def places_inside(
     inside: Flags = shapely.contains_xy(polygon, places[:, 0], places[:, 1])
     if not inside.any():
         raise TerrainError(
-            f"the polygon of {polygon.area:.3g} m2 holds no cell of {cell:.3g} m: draw a larger one"
+            f"the polygon of {polygon.area:.3g} m2 contains no cell of {cell:.3g} m: draw a "
+            "larger one"
         )
     return places[inside], cell
 

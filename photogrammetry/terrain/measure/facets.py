@@ -1,22 +1,22 @@
-"""Planar facets of rocks and outcrops: where they are, how large, and their strike and dip.
+"""Planar facets of rocks and outcrops: position, size, strike and dip.
 
-Facets are planar regions of a parallax map, grown from its flattest places.
+Facets are planar regions of a parallax map, grown from its flattest samples.
 
 In an epipolar image every plane n.P = d is linear in parallax (x, y from the principal point),
 
     p = a + b x + c y,      n  ~  (b, c, a / f)      in (right, down, forward)
 
-so flat pieces are found without leaving the image. Around every sample of the image a plane of
-parallax is fitted over a window; where the parallax strays from it by no more than noise, the
-sample may begin a region. Beginning with the flattest, a region takes the connected samples whose
-parallax is on its plane and whose own plane faces the same way, as far as can be told: within an
-angle, or within what noise does to the parallax over the window. Its plane is fitted to them anew,
-and so on until it grows no more. What bends by more than averages out of noise is no plane.
+so planar pieces are found in the image itself. Around every sample of the image a plane of parallax
+is fitted over a window; where the parallax deviates from it by no more than noise, the sample may
+start a region. Starting with the flattest, a region takes the connected samples whose parallax is
+on its plane and whose own plane has the same orientation within an angle, or within the effect of
+noise over the window. Its plane is fitted to them again, until the region stops growing. A region
+that bends by more than noise explains is rejected.
 
 A region's samples become points in metres, each with the covariance of its own match; neighbours
-that share their error count together as one. The likeliest plane is fitted to them
-(`planes.fit_plane`). Errors of the pair's pointing and the stop's tilt turn all facets of a pair
-together and are part of every facet's covariance.
+with a common error count as one. The most likely plane is fitted to them (`planes.fit_plane`).
+Errors of the pair's pointing and the stop's tilt rotate all facets of a pair together and are part
+of every facet's covariance.
 """
 
 from __future__ import annotations
@@ -63,17 +63,17 @@ from solmap.photogrammetry.terrain.measure.strike_dip import Attitude, attitude
 Coefficients = Float64[np.ndarray, " 3"]
 """(a, b, c) of the parallax a + b x + c y, pixels from the principal point."""
 FLAT_PX = 0.2
-"""Largest root mean square over the window of a sample that begins a region: noise alone."""
+"""Largest root mean square over the window of a sample that starts a region: noise only."""
 BOW_PX = 0.1
-"""Largest root mean square by which a region bends: noise hardly bends so many samples."""
+"""Largest root mean square bending of a region: noise hardly bends so many samples."""
 SIGMA_IMAGE_PX = 0.25
 """Standard deviation of an image coordinate: half a pixel's rounding by the matching window."""
 MOST = 500
-"""Regions of one image; more are pebbles."""
+"""Most regions of one image; more are pebbles."""
 FIRST_REACH = 16
-"""Samples from the seed that are looked at first."""
+"""Half side of the first window around the seed, in samples."""
 GROWTHS = 20
-"""How often a region is grown and fitted again; most stop after four."""
+"""Most rounds of growing and fitting a region; usually four are enough."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,27 +81,27 @@ class PlanarRegionParams:
     """How to find planar regions."""
 
     window_px: OddPixels = 17
-    """Side of the window that a sample's own plane is fitted over: two matching windows."""
+    """Side of the window to which a sample's own plane is fitted: two matching windows."""
     step_px: WholePixels = 4
-    """Distance of the samples: half of the window over which a parallax was matched."""
+    """Distance of the samples: half of the matching window."""
     tolerance_px: Pixels = 0.5
-    """How far parallaxes may lie from their region's plane: two standard deviations."""
+    """Largest distance of parallaxes from their region's plane: two standard deviations."""
     turn_deg: Degrees = 15.0
-    """Angle between a sample's own plane and its region's that is always allowed."""
+    """Angle between a sample's own plane and its region's that is always accepted."""
     min_samples: Count = 60
     """Smallest region: with a sample every 4 pixels, 30 by 30 pixels."""
 
     def __post_init__(self) -> None:
         if self.window_px % 2 == 0 or self.window_px < 3 or self.step_px < 1:  # noqa: PLR2004
             raise TerrainError(
-                f"planes are fitted over an odd window of at least 3 pixels and samples lie at "
-                f"least 1 apart, not {self.window_px} and {self.step_px}"
+                "window_px must be odd and at least 3 and step_px at least 1, not "
+                f"{self.window_px} and {self.step_px}"
             )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParallaxSamples:
-    """Every few pixels of a view: parallax, and the plane of parallax around."""
+    """Every n-th pixel of a view: parallax, and the plane of parallax around."""
 
     row: Float64[np.ndarray, " rows"]
     """Line of every sample in the image."""
@@ -142,13 +142,13 @@ class ParallaxSamples:
         )
 
     def off(self, plane: Coefficients) -> ParallaxMap:
-        """How far every sample's parallax is from a plane."""
+        """Distance of every sample's parallax from a plane."""
         a, b, c = plane
         x, y = self.col - self.centre_px[0], self.row - self.centre_px[1]
         return np.abs(self.parallax - (a + b * x[None, :] + c * y[:, None])).astype(np.float32)
 
     def facing(self, plane: Coefficients, params: PlanarRegionParams) -> Mask:
-        """Whether every sample's own plane is turned like a plane, as far as can be told."""
+        """Whether every sample's own plane has a plane's orientation, within its uncertainty."""
         scale = np.array([1 / self.focal_px, 1.0, 1.0])
         n = plane * scale
         own = self.own * scale[:, None, None]
@@ -162,7 +162,7 @@ class ParallaxSamples:
         return least_squares_plane(x, y, p)
 
     def bow(self, region: Mask) -> float:
-        """Root mean square by which a region bends: a second-degree surface less the plane."""
+        """Root mean square bending of a region: a second-degree surface minus the plane."""
         x, y, p = self._of(region)
         x, y = (one - one.mean() for one in (x, y))
         A = np.column_stack([np.ones(len(p)), x, y])
@@ -178,7 +178,7 @@ class ParallaxSamples:
 
 
 def planar_regions(samples: ParallaxSamples, params: PlanarRegionParams) -> Iterator[Mask]:
-    """Connected samples of one plane each, those of the flattest first; none twice."""
+    """Connected samples of one plane each, the flattest first, without overlaps."""
     free = np.isfinite(samples.rms_px)
     seeds = np.where(free & (samples.rms_px <= FLAT_PX), samples.rms_px, np.inf)
     for _ in range(MOST):
@@ -199,9 +199,9 @@ def _grow(
     seed: tuple[int, int],
     params: PlanarRegionParams,
 ) -> Mask:
-    """The free samples that hang together with the seed on one plane.
+    """The free samples connected with the seed on one plane.
 
-    They are looked for in a window around the seed that widens while they reach its border.
+    They are searched in a window around the seed that widens while they reach its border.
     """
     plane = samples.own[:, seed[0], seed[1]].astype(np.float64)
     region = np.zeros(free.shape, np.bool_)
@@ -228,7 +228,7 @@ def _on_plane(
     reach: int,
     params: PlanarRegionParams,
 ) -> Mask:
-    """Free samples of a window on a plane that hang together with the seed."""
+    """Free samples of a window on a plane that are connected with the seed."""
     at = min(seed[0], reach), min(seed[1], reach)
     on = free & (samples.off(plane) <= params.tolerance_px) & samples.facing(plane, params)
     if not on[at]:
@@ -243,26 +243,26 @@ class FacetParams(SightParams):
 
     max_relative_sigma: ShareAboveZero = 0.01
     """Largest standard deviation along the view over the distance: 10 m with Navcam, 43 m with
-    Pancam; beyond it a bed is thinner than the noise."""
+    Pancam; beyond it beds are thinner than the noise."""
     regions: PlanarRegionParams = field(default_factory=PlanarRegionParams)
     min_dip_deg: Elevation = 10.0
-    """Facets that dip less are taken for the ground that the rocks stand on."""
+    """Facets that dip less count as the ground around rocks."""
     max_sigma_deg: Slope = 10.0
     """Largest standard deviation of strike and dip: the aim of a geologist's compass is 2 degrees,
-    and beyond 10 one bed cannot be told from the next."""
+    and beyond 10 beds cannot be distinguished."""
     shared_px: Pixels = SHARED_PX
-    """Pixels this close share their error."""
+    """Pixels within this distance have a common error."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Facet:
-    """A planar piece of rock as one pair sees it."""
+    """A planar piece of rock from one pair."""
 
     pair_id: str
     plane: PlaneFit
     attitude: Attitude
     length_m: float
-    """Longest extent within the plane, as that of an even spread: sqrt(12) standard deviations."""
+    """Longest extent within the plane, for an even distribution: sqrt(12) standard deviations."""
     width_m: float
     """Extent across the longest one."""
     distance_m: float
@@ -270,9 +270,9 @@ class Facet:
 
 
 def find_facets(view: TerrainView, params: FacetParams) -> list[Facet]:
-    """The planar facets that a view shows, flattest first.
+    """The planar facets of a view, flattest first.
 
-    Level ground, and facets whose strike or dip cannot be told well enough, are left out.
+    Level ground, and facets whose strike or dip is too uncertain, are left out.
     """
     geometry = view.geometry
     samples = ParallaxSamples.of(
@@ -282,7 +282,7 @@ def find_facets(view: TerrainView, params: FacetParams) -> list[Facet]:
     for region in planar_regions(samples, params.regions):
         try:
             facet = _facet(view, samples, region, params)
-        except TerrainError:  # a line of points, or level: there is no strike to report
+        except TerrainError:  # # points on a line, or level: there is no strike to report
             continue
         if _is_reported(facet.attitude, params):
             found.append(facet)
@@ -311,7 +311,7 @@ def _facet(view: TerrainView, samples: ParallaxSamples, region: Mask, params: Fa
 def _points(
     view: TerrainView, samples: ParallaxSamples, region: Mask, params: FacetParams
 ) -> tuple[ObjectPoints, Covariances3]:
-    """A region's samples on the map, and the covariance of each as if it were on its own."""
+    """A region's samples on the map, and the independent covariance of each."""
     row, col = np.nonzero(region)
     left = np.column_stack([samples.col[col], samples.row[row]])
     parallax = samples.parallax[row, col].astype(np.float64)

@@ -1,19 +1,19 @@
 """The ground at a point of an image, with its covariance.
 
-Where the pixel was matched, the place follows from its parallax in the pair. Elsewhere the ray
+Where the pixel was matched, the position follows from its parallax in the pair. Elsewhere the ray
 
     X = C + t r
 
-is walked over the terrain until it first passes below it; with the plane n of the ground there, an
-error e of the ray at X and an error dh of the elevation move the place by
+is followed over the terrain until it first passes below it; with the plane n of the ground there,
+an error e of the ray at X and an error dh of the elevation move the point by
 
     dX = T e + r (n_up / (r.n)) dh,        T = I - r n' / (r.n).
 
-Either way the place is given with the covariance against the stop that it was measured from: the
-pair's own, or the one whose terrain model was met. What that stop does not know of itself is added
-where the place is wanted against the held stop (see `oriented_image`).
+In both cases the point has a covariance relative to the stop it was measured from: the pair's own,
+or that of the intersected terrain model. The covariance of that stop is added where the point is
+needed relative to the held stop (see `oriented_image`).
 
-Parallax maps are read at pixels of the images as stored, and at the images of single places.
+Parallax maps are sampled at pixels of the images as stored, and at the images of single points.
 """
 
 from __future__ import annotations
@@ -48,30 +48,31 @@ from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 UP = np.array([0.0, 0.0, -1.0])
 """In the LSL."""
 GRAZING = 0.02
-"""Cosine to the normal below which a ray runs along the ground: one degree."""
+"""Cosine to the normal below which a ray is parallel to the ground: one degree."""
 WIDEST_GAP_M = 0.5
-"""Longest stretch of unseen ground that a ray may go under within: see `SightParams.max_gap_m`."""
+"""Longest stretch of unknown ground that a ray may pass before it intersects: see
+`SightParams.max_gap_m`."""
 HALVINGS = 20
 
 LEAST_TOLERANCE_PX = 0.5
-"""By which a parallax may differ from the expected one before it is of other ground: twice the
-standard deviation of a dense parallax (`SightParams.sigma_parallax_px`)."""
+"""Difference from the expected parallax beyond which it is of other ground: twice the standard
+deviation of a dense parallax (`SightParams.sigma_parallax_px`)."""
 SIGMAS = 3.0
 WITHIN_PX = 1.0
-"""How far the right end of a match may lie from the pixel that it is looked for at."""
+"""Largest distance of the right end of a match from the requested pixel."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundPoint:
-    """A place on the ground, in the LSL, metres."""
+    """A point on the ground, in the LSL, metres."""
 
     point: Vector3
     covariance: Covariance3
-    """Against `frame`."""
+    """Relative to `frame`."""
     frame: StopPose
-    """The stop that it was measured from."""
+    """The stop from which it was measured."""
     normal: Vector3 | None = None
-    """Of the ground, pointing up, where it is known."""
+    """Normal of the ground, pointing up, where known."""
 
     @property
     def on_map(self) -> Vector3:
@@ -80,7 +81,7 @@ class GroundPoint:
 
     @property
     def total_covariance(self) -> Covariance3:
-        """Against the held stop, in (east, north, up)."""
+        """Relative to the held stop, in (east, north, up)."""
         total = self.covariance + self.frame.covariance_at(self.point)
         return MAP_FROM_LSL @ total @ MAP_FROM_LSL.T
 
@@ -93,12 +94,12 @@ def triangulate_pixel(
     parallax_px: float,
     sigmas_px: tuple[float, float],
 ) -> GroundPoint:
-    """The place of a matched pixel.
+    """The position of a matched pixel.
 
     Args:
-        image: The image that was pointed at, for its stop and pointing.
-        geometry: That of its pair.
-        lsl_from_pair: Where the pair is, pointing corrected.
+        image: The picked image, for its stop and pointing.
+        geometry: Of its pair.
+        lsl_from_pair: Pose of the pair, pointing corrected.
         left: The point in the left epipolar image.
         parallax_px: Its parallax.
         sigmas_px: Standard deviations of the point and of the parallax.
@@ -113,10 +114,10 @@ def triangulate_pixel(
 def range_to_ground(
     start: Vector3, ray: Vector3, elevations: Elevations, reach_m: float, step_m: float
 ) -> float | None:
-    """Distance along a ray in the LSL at which it first passes below the ground; None if it never.
+    """Distance along a ray in the LSL at which it first passes below the ground; None if never.
 
-    Where the ground on the way below was not seen over a longer stretch than `WIDEST_GAP_M`, where
-    it meets cannot be said, and the answer is None.
+    None also where the ground below the ray is unknown over a longer stretch than `WIDEST_GAP_M`
+    before it.
     """
     start, ray = MAP_FROM_LSL @ start, MAP_FROM_LSL @ ray
     flat = max(float(np.hypot(*ray[:2])), 1e-6)
@@ -153,13 +154,13 @@ def intersect_terrain(
     sigma_px: float,
     pixel: float,
 ) -> GroundPoint:
-    """The place where a ray meets a terrain model.
+    """The intersection of a ray with a terrain model.
 
     Args:
         image: The image the ray belongs to.
-        point: Where it meets, in the LSL.
+        point: The intersection, in the LSL.
         ray: Its direction.
-        ground: Normal of the ground in the LSL, standard deviation of its elevation against its
+        ground: Normal of the ground in the LSL, standard deviation of its elevation relative to its
             stop, and that stop.
         sigma_px: Standard deviation of the image point.
         pixel: Angle of a pixel, radians.
@@ -181,9 +182,9 @@ def intersect_terrain(
 def ground_normal(
     place: Float64[np.ndarray, " 2"], elevations: Elevations, half_m: float
 ) -> Vector3:
-    """Unit normal, in the LSL and pointing up, of the ground around a place on the map.
+    """Unit normal, in the LSL and pointing up, of the ground around a point on the map.
 
-    Of the plane that fits a square of readings best; upright where too little is known.
+    Of the best plane through a square of samples; vertical where too few are known.
     """
     steps = np.linspace(-half_m, half_m, 5)
     east, north = (axis.ravel() for axis in np.meshgrid(steps, steps))
@@ -198,7 +199,7 @@ def ground_normal(
 
 @dataclass(frozen=True, slots=True)
 class MatchedPixel:
-    """A pixel with the parallax that was found at it."""
+    """A pixel with its parallax."""
 
     left: tuple[float, float]
     """In the left epipolar image."""
@@ -215,7 +216,7 @@ def matched_pixel(
     parallax: ParallaxMap,
     sigma: ParallaxMap,
 ) -> MatchedPixel | None:
-    """What was matched at a pixel of the left or right image as stored; None where nothing was.
+    """Match at a pixel of the left or right image as stored; None where there is none.
 
     `camera` is that of the image, in the rover frame of `geometry`.
     """
@@ -238,7 +239,7 @@ def matched_pixel(
 def _left_sample(right: Float64[np.ndarray, " 2"], parallax: ParallaxMap) -> float | None:
     """Sample of the left pixel whose match ends at a right one.
 
-    Of several the nearest ground is meant: it hides the others.
+    Of several the nearest ground is used: it hides the others.
     """
     line = round(float(right[1]))
     if not 0 <= line < parallax.shape[0]:
@@ -254,7 +255,7 @@ def _left_sample(right: Float64[np.ndarray, " 2"], parallax: ParallaxMap) -> flo
 
 
 def _at(places: ImagePoints, values: ParallaxMap) -> PerPoint:
-    """Values at sub-pixel places: bilinear on continuous ground, else of the nearest pixel."""
+    """Values at sub-pixel positions: bilinear on continuous ground, else of the nearest pixel."""
     last = np.array(values.shape[::-1]) - 1
     corner = np.clip(np.floor(places), 0, np.maximum(last - 1, 0)).astype(np.int64)
     u, v = (np.clip(places, 0, last) - corner).T
@@ -262,7 +263,7 @@ def _at(places: ImagePoints, values: ParallaxMap) -> PerPoint:
     four = np.stack([values[y, x], values[y, x + 1], values[y + 1, x], values[y + 1, x + 1]])
     weights = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
     with np.errstate(invalid="ignore"):
-        smooth = np.ptp(four, axis=0) <= 1.0  # NaN is not
+        smooth = np.ptp(four, axis=0) <= 1.0  # # NaN is not
     nearest = four[np.argmax(weights, axis=0), np.arange(len(places))]
     return np.where(smooth, (weights * np.where(smooth, four, 0.0)).sum(axis=0), nearest)
 
@@ -275,9 +276,9 @@ def sight_by_parallax(
     geometry: EpipolarPair,
     parallax: ParallaxMap,
 ) -> Sight:
-    """Whether one image of a pair sees a place, by the parallax that it was matched with there.
+    """Whether one image of a pair sees a point, by the parallax matched there.
 
-    Where it was matched to nearer ground, that hides the place; UNKNOWN where it was not matched.
+    Matched nearer ground hides the point; UNKNOWN where it was not matched.
     """
     in_pair = lsl_from_pair.inverse.apply(point_in_lsl[None])
     left, expected = geometry.project(in_pair)

@@ -1,22 +1,22 @@
 """Profiles, lengths and directions of lines on the map.
 
-Stations lie at equal distances along every leg of the line, its corners among them. The slope at a
-station is that of the straight line that fits the elevations best within half a baseline before and
+Stations are at equal distances along every leg of the line, including its corners. The slope at a
+station is that of the best straight line through the elevations within half a baseline before and
 behind it,
 
     tan a = sum (s - s0)(h - h0) / sum (s - s0)^2,
 
-positive uphill in the direction of the line. Errors that all elevations share cancel in it. What is
-left counts as two independent readings only, the means of both halves, which lie half a baseline
-apart: neighbouring cells of a terrain model come from the same windows of matching. So
+positive uphill in the direction of the line. Errors common to all elevations cancel. The rest
+counts as only two independent values, the means of both halves, half a baseline apart, because
+neighbouring cells of a terrain model come from the same matching windows. So
 
     sigma(tan a) = sqrt(2) sigma_h / (L / 2)
 
-with sigma_h the standard deviation of a single elevation without its shared part.
+with sigma_h the standard deviation of a single elevation without its common part.
 
-Lengths on the ground are of straight steps of one baseline: with shorter steps the noise of a
-terrain model would make every line longer. Over ground that was not measured a step has its length
-on the map.
+Lengths on the ground are sums of straight steps of one baseline: with shorter steps the noise of a
+terrain model would make every line longer. A step over ground that was not measured counts with its
+length on the map.
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.terrain.dtm.resampling import GroundSamples, MapPoints
 
 SAME_M = 1e-6
-"""Places that are nearer to each other than this are one."""
+"""Points closer than this count as one."""
 MOST_STATIONS = 20_000
-"""Stations of one profile: a line on a screen has a tenth of it."""
+"""Most stations of one profile, ten times those of a line on a screen."""
 LEAST_STATIONS = 3
-"""Known stations that a slope is found from."""
+"""Fewest known stations for a slope."""
 LEAST_SPAN = 0.5
-"""Part of the baseline that they must span."""
+"""Fraction of the baseline that they must span."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stations:
-    """Places along a line."""
+    """Stations along a line."""
 
     distance_m: PerPoint
     """Along the line on the map, from its first corner."""
     places: MapPoints
     leg: Int32[np.ndarray, " n"]
-    """Number of the leg that a station lies on; a corner ends one."""
+    """Number of the leg of each station; a leg ends at a corner."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +64,7 @@ class Profile:
 
 
 def stations(corners: MapPoints, step_m: float) -> Stations:
-    """Stations along a line at most `step_m` apart, every corner being one.
+    """Stations along a line at most `step_m` apart, including every corner.
 
     Raises:
         TerrainError: the line has no length, or too many stations.
@@ -72,11 +72,11 @@ def stations(corners: MapPoints, step_m: float) -> Stations:
     lengths = np.hypot(*np.diff(corners, axis=0).T)
     total = float(lengths.sum())
     if not (total > SAME_M and step_m > 0):
-        raise TerrainError("a profile runs along a line of two places or more that are not one")
+        raise TerrainError("a profile needs a line through at least two different points")
     if total / step_m > MOST_STATIONS:
         raise TerrainError(
-            f"a line of {total:.0f} m has more than {MOST_STATIONS} stations of {step_m:g} m; "
-            f"take a step of {total / MOST_STATIONS:.2g} m or more"
+            f"a line of {total:.0f} m has more than {MOST_STATIONS} stations of {step_m:g} m; use "
+            f"a step of {total / MOST_STATIONS:.2g} m or more"
         )
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
     distance, places, legs = [np.zeros(1)], [corners[:1]], [np.zeros(1, np.int32)]
@@ -92,9 +92,9 @@ def stations(corners: MapPoints, step_m: float) -> Stations:
 
 
 def profile(along: Stations, ground: GroundSamples, baseline_m: float) -> Profile:
-    """The slope at every station, found over a baseline, beside the ground there."""
+    """The slope at every station over a baseline, with the ground there."""
     if not baseline_m > 0:
-        raise TerrainError(f"the baseline of a slope is above zero, not {baseline_m:g} m")
+        raise TerrainError(f"the baseline of a slope must be above zero, not {baseline_m:g} m")
     tangent = _tangent(along.distance_m, ground.elevation, baseline_m)
     own = np.where(np.isfinite(tangent), ground.own_sigma_m, np.nan)
     sigma = math.sqrt(2.0) * own / (baseline_m / 2)
@@ -102,7 +102,7 @@ def profile(along: Stations, ground: GroundSamples, baseline_m: float) -> Profil
 
 
 def _tangent(s: PerPoint, h: PerPoint, baseline_m: float) -> PerPoint:
-    """Rise a metre of the line through all known stations within half a baseline.
+    """Rise per metre of the line through all known stations within half a baseline.
 
     Sums over the window of every station are differences of running sums.
     """
@@ -141,7 +141,7 @@ class LineMeasures:
 
 @dataclass(frozen=True, slots=True)
 class Rise:
-    """From one place to another."""
+    """Difference of elevation between two points."""
 
     map_length_m: float
     rise_m: float
@@ -149,12 +149,12 @@ class Rise:
     straight_m: float
     """In space."""
     slope: float
-    """Radians, positive where the second place is higher."""
+    """Radians, positive where the second point is higher."""
     sigma_slope: float
 
 
 def measure_line(corners: MapPoints, along: Stations, ground: GroundSamples) -> LineMeasures:
-    """Length and directions of a line whose ground was read at stations."""
+    """Length and directions of a line whose ground was sampled at stations."""
     legs = np.diff(corners, axis=0)
     steps = np.diff(along.distance_m)
     climbs = np.diff(ground.elevation)
@@ -171,19 +171,19 @@ def measure_line(corners: MapPoints, along: Stations, ground: GroundSamples) -> 
 
 
 def rise_between(places: MapPoints, ground: GroundSamples) -> Rise:
-    """Difference of elevation and slope from the first of two places to the second.
+    """Difference of elevation and slope from the first of two points to the second.
 
-    What both share of their poses' error cancels if they are of one model.
+    The common part of their poses' errors cancels if both are from one model.
 
     Raises:
-        TerrainError: a place has no elevation, or both are one.
+        TerrainError: a point has no elevation, or both are the same.
     """
     heights = ground.elevation
     if not np.isfinite(heights).all():
-        raise TerrainError("one of the two places has no elevation: take places on mapped ground")
+        raise TerrainError("one of the two points has no elevation: choose points on mapped ground")
     run = float(np.hypot(*(places[1] - places[0])))
     if not run > 0:
-        raise TerrainError("there is no slope between a place and itself")
+        raise TerrainError("both points are the same: there is no slope between them")
     rise = float(heights[1] - heights[0])
     same = ground.source[0] == ground.source[1]
     sigma = float(np.linalg.norm(ground.own_sigma_m if same else ground.sigma_m))

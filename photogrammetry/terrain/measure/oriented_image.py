@@ -1,21 +1,21 @@
-"""Images placed on the map, and how sure their place is.
+"""Images with poses on the map, and the accuracy of points seen in them.
 
-An image looks from its stop, whose pose in the LSL is known with the covariance C_s of a rotation
-vector d about the stop's centre c and a shift dc, through a camera on a mast whose pointing turned
-it about the mast head v by an error m with the covariance C_m. What a stop carries along moves at
-the point X by dc + d x (X - c), so that it is known there with
+The pose of an image's stop in the LSL has the covariance C_s of a rotation vector d about the
+stop's centre c and a shift dc; the pointing of the mast rotates the camera about the mast head v by
+an error m with the covariance C_m. A point X rigidly attached to the stop moves by dc + d x (X -
+c), so its covariance is
 
     C_s(X) = J C_s J',    J = | -[X - c]   I |,       C_m(X) = [X - v] C_m [X - v]' by pointing.
 
-A ground point known with C_X that is seen with the derivatives P of the image by the point lies in
-the image within
+A ground point with the covariance C_X, and the derivatives P of the image by the point, has in the
+image the covariance
 
     C_u = P (C_X + C_rel(X) + C_m(X)) P'.
 
-C_rel is what two stops do not share. Covariances of stops are against the held stop, and of two of
-them only each by itself is kept. As in the stepwise adjustment, the one that is known worse is
-taken to carry the error of the better one rigidly, and C_rel is the positive part of the difference
-of both at X; within a stop it is nothing.
+C_rel is the covariance between two stops. Covariances of stops are relative to the held stop, and
+only those of single stops are stored. As in the stepwise adjustment, the less accurate one is
+assumed to contain the error of the better one rigidly, and C_rel is the positive part of the
+difference of both at X; within a stop it is zero.
 """
 
 from __future__ import annotations
@@ -36,54 +36,54 @@ ImagePlace = Float64[np.ndarray, " 2"]
 """(sample, line)."""
 Covariance2 = Float64[np.ndarray, "2 2"]
 STEP_M = 1e-4
-"""Step of numerical derivatives over the distance of a point, metres a metre."""
+"""Step of numerical derivatives over the distance of a point, metres per metre."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StopPose:
-    """Where a stop is in the LSL, and how sure that is."""
+    """Pose of a stop in the LSL, with covariance."""
 
     stop: StopId
     lsl_from_rover: Pose
     covariance: PoseCovariance
 
     def covariance_at(self, point_in_lsl: Vector3) -> Covariance3:
-        """Covariance of what the stop carries along, at a point."""
+        """Covariance, at a point, of points rigidly attached to the stop."""
         J = np.hstack([-cross_matrix(point_in_lsl - self.lsl_from_rover.translation_m), np.eye(3)])
         return J @ self.covariance @ J.T
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pointing:
-    """How the mast turned a camera off its label, as a rotation vector in the rover frame."""
+    """Rotation of a camera from its label by the mast, as a rotation vector in the rover frame."""
 
     turn: Vector3
     covariance: Covariance3
 
     @classmethod
     def of_label(cls, sigma: float) -> Pointing:
-        """The label's own pointing, `sigma` radians an axis sure."""
+        """The label's own pointing, with `sigma` radians per axis."""
         return cls(np.zeros(3), sigma**2 * np.eye(3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrientedImage:
-    """An image whose camera is given in the LSL."""
+    """An image with its camera in the LSL."""
 
     id: str
     pose: StopPose
     camera: CameraModel
-    """In the LSL, its pointing corrected."""
+    """In the LSL, with corrected pointing."""
     size: tuple[int, int]
     """(samples, lines)."""
     pivot_in_lsl: Vector3
-    """The mast head that pointing errors turn the camera about."""
+    """The mast head, about which pointing errors rotate the camera."""
     pointing_covariance: Covariance3
     """Of a rotation vector in the LSL."""
 
     @classmethod
     def of(cls, image: RoverImage, pose: StopPose, pointing: Pointing) -> OrientedImage:
-        """An image as it was pointed from where its stop is."""
+        """An image with its pointing and the pose of its stop."""
         if pose.stop != image.stop or pose.lsl_from_rover.target != LSL:
             raise TerrainError(f"{image.id} was taken at {image.stop}, not at {pose.stop}")
         pivot = pointing_pivot(image)
@@ -99,37 +99,37 @@ class OrientedImage:
         )
 
     def pointing_covariance_at(self, point_in_lsl: Vector3) -> Covariance3:
-        """Covariance of what turns with the camera, by its pointing alone, at a point."""
+        """Covariance, at a point, by the camera's pointing only."""
         lever = cross_matrix(point_in_lsl - self.pivot_in_lsl)
         return lever @ self.pointing_covariance @ lever.T
 
     def ray(self, image_point: ImagePlace) -> tuple[Vector3, Vector3]:
-        """Where the ray through an image point starts, and its direction, in the LSL."""
+        """Origin and direction, in the LSL, of the ray through an image point."""
         wanted = image_point[None]
         return self.camera.ray_origins(wanted)[0].copy(), self.camera.rays(wanted)[0]
 
     def shows(self, image_point: ImagePlace) -> bool:
-        """Whether a point lies on the image, its outermost half pixels included."""
+        """Whether a point is on the image, including its outermost half pixels."""
         return bool(inside_image(image_point[None], self.size)[0])
 
 
 def inside_image(image_points: ImagePoints, size: tuple[int, int]) -> Flags:
-    """Which points lie on an image of (samples, lines), its outermost half pixels included."""
+    """Which points are on an image of (samples, lines), including its outermost half pixels."""
     first, last = np.array([-0.5, -0.5]), np.array(size) - 0.5
     inside: Flags = np.logical_and.reduce(
         (image_points >= first) & (image_points <= last),
-        axis=1,  # NaN is not
+        axis=1,  # # NaN is not
     )
     return inside
 
 
 def pointing_pivot(image: RoverImage) -> Vector3:
-    """What pointing errors turn an image's camera about, in the rover frame."""
+    """Centre of rotation of an image's pointing errors, in the rover frame."""
     return image.camera.centre if image.mast_in_rover is None else np.array(image.mast_in_rover)
 
 
 def apply_pointing(image: RoverImage, pointing: Vector3) -> RoverImage:
-    """An image whose camera looks where the adjustment found that its mast had pointed it.
+    """An image with its camera rotated to the adjusted pointing.
 
     `pointing` is a rotation vector in the rover frame, about the mast head.
     """
@@ -147,7 +147,7 @@ def cross_matrix(vector: Vector3) -> Covariance3:
 
 
 def relative_covariance(one: StopPose, other: StopPose, point_in_lsl: Vector3) -> Covariance3:
-    """Covariance, at a point, of what two stops do not share."""
+    """Covariance, at a point, between two stops."""
     if one.stop == other.stop:
         return np.zeros((3, 3))
     first, second = one.covariance_at(point_in_lsl), other.covariance_at(point_in_lsl)
@@ -157,14 +157,14 @@ def relative_covariance(one: StopPose, other: StopPose, point_in_lsl: Vector3) -
 
 
 def partials(camera: CameraModel, point: Vector3) -> Float64[np.ndarray, "2 3"]:
-    """Derivatives of the image of a point by the point, pixels a metre."""
+    """Derivatives of the image of a point by the point, pixels per metre."""
     step = STEP_M * max(float(np.linalg.norm(point - camera.centre)), 1e-3)
     steps = step * np.eye(3)
     return (camera.project(point + steps) - camera.project(point - steps)).T / (2 * step)
 
 
 def image_covariance(image: OrientedImage, point: Vector3, covariance: Covariance3) -> Covariance2:
-    """Covariance, pixels squared, of the image of a point known so against the image's stop."""
+    """Covariance, pixels squared, of the image of a point; its own is relative to the same stop."""
     P = partials(image.camera, point)
     return P @ (covariance + image.pointing_covariance_at(point)) @ P.T
 
@@ -172,13 +172,13 @@ def image_covariance(image: OrientedImage, point: Vector3, covariance: Covarianc
 def image_covariance_from(
     image: OrientedImage, point: Vector3, own: Covariance3, frame: StopPose
 ) -> Covariance2:
-    """The same of a point known with `own` against another stop."""
+    """The same for a point with the covariance `own` relative to another stop."""
     return image_covariance(image, point, own + relative_covariance(frame, image.pose, point))
 
 
 @dataclass(frozen=True, slots=True)
 class Ellipse:
-    """A standard error ellipse; nine in ten are within 2.15 times its size."""
+    """A standard error ellipse; 2.15 times its size contains 90 percent."""
 
     semi_major: float
     semi_minor: float
@@ -200,7 +200,7 @@ def epipolar_curve(
     into: OrientedImage,
     ranges_m: Float64[np.ndarray, " n"],
 ) -> tuple[Float64[np.ndarray, "k 2"], Float64[np.ndarray, " k"]]:
-    """Where a ray of one image runs in another, and at which range; only what the other shows."""
+    """Image of a ray of one image in another, with ranges; only the visible part."""
     start, ray = from_image.ray(image_point)
     seen = into.camera.project(start + ranges_m[:, None] * ray)
     on_it = inside_image(seen, into.size)

@@ -1,16 +1,16 @@
 """Strike and dip of a plane with their standard deviations, and the plane inside an outline.
 
 With the normal pointing up, n = (sin D sin A, sin D cos A, cos D) in (east, north, up): D is the
-dip, A the azimuth of the dip, and the strike is A - 90 degrees (right-hand rule: looking along
-it, the plane falls to the right). An error of the normal along the horizontal turns the strike
-by 1 / sin D of it, so a level plane has no strike.
+dip, A the azimuth of the dip, and the strike is A - 90 degrees (right-hand rule: looking along it,
+the plane falls to the right). A horizontal error of the normal changes the strike by 1 / sin D of
+it, so a level plane has no strike.
 
-To the ground inside an outline on a terrain model a plane is fitted. Every measured cell inside is
-a point with the variance of its elevation, and sideways that of an even spread over the cell,
-cell^2 / 12. The part of the variance that comes from the poses lifts and tilts all cells together
-and is no scatter between them, so it is subtracted. A cell shares its matches with its neighbours:
-where c^2 pixels share their error and the terrain model has taken its k points, w^2 at most, for
-one match, the variance counts c^2 / k times, as if the cell were one of so many.
+A plane is fitted to the ground inside an outline on a terrain model. Every measured cell inside is
+a point with the variance of its elevation, and horizontally that of a uniform distribution over the
+cell, cell^2 / 12. The part of the variance by poses moves and tilts all cells together and does not
+scatter them, so it is subtracted. A cell shares its matches with its neighbours: where c^2 pixels
+have a common error and the terrain model has counted its k points, w^2 at most, as one match, the
+variance is multiplied by c^2 / k.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from solmap.photogrammetry.planes import SHARED_PX, PlaneFit, fit_plane
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 
 LEVEL = 3.0
-"""Standard deviations within which a level plane leaves the strike undefined."""
+"""Standard deviations of the dip within which a plane counts as level, without strike."""
 WINDOW_PX = 9.0
-"""Pixels this close share their error in the terrain model's standard deviation."""
+"""Pixels within this distance have a common error in the terrain model's standard deviation."""
 Corners = Float64[np.ndarray, "n 2"]
 """(east, north) of an outline's corners in order, metres of the local map."""
 
@@ -38,7 +38,7 @@ class Attitude:
     """Strike and dip, radians."""
 
     strike: float
-    """Azimuth, clockwise from north: looking along it the plane falls to the right."""
+    """Azimuth, clockwise from north, with the dip to the right."""
     dip: float
     """Below the horizontal, 0 to pi/2."""
     sigma_strike: float
@@ -46,7 +46,7 @@ class Attitude:
 
     @property
     def dip_direction(self) -> float:
-        """Azimuth in which the plane falls most steeply."""
+        """Azimuth of the steepest descent of the plane."""
         return float((self.strike + np.pi / 2) % (2 * np.pi))
 
 
@@ -54,7 +54,7 @@ def attitude(plane: PlaneFit) -> Attitude:
     """Strike and dip of a plane.
 
     Raises:
-        TerrainError: the plane is level as far as can be told, so that it has no strike.
+        TerrainError: the plane is level within its uncertainty, so it has no strike.
     """
     east, north, up = plane.normal
     dip = float(np.arctan2(np.hypot(east, north), up))
@@ -67,7 +67,7 @@ def attitude(plane: PlaneFit) -> Attitude:
     if dip <= LEVEL * max(sigma_along, sigma_dip):
         raise TerrainError(
             f"the plane dips by {np.degrees(dip):.2f} +- {np.degrees(sigma_dip):.2f} degrees: it "
-            "is level as far as can be told, and its strike is undefined"
+            "is level within its uncertainty, and its strike is undefined"
         )
     return Attitude(
         strike=float((azimuth - np.pi / 2) % (2 * np.pi)),
@@ -79,19 +79,20 @@ def attitude(plane: PlaneFit) -> Attitude:
 
 @dataclass(frozen=True, slots=True)
 class CellPlaneParams:
-    """How to fit planes to cells."""
+    """Parameters of fitting planes to cells."""
 
     shared_px: float = SHARED_PX
-    """Pixels this close share their error."""
+    """Pixels within this distance have a common error."""
     tilt_deg: float = 0.1
-    """Standard deviation of the tilt that all ground of a stop shares: that of adjusted stops."""
+    """Standard deviation of the tilt common to all ground of a stop: that of adjusted stops."""
 
 
 def plane_of_cells(dtm: Dtm, corners: Corners, params: CellPlaneParams) -> PlaneFit:
-    """The plane of the measured cells whose middles lie inside an outline.
+    """The plane of the measured cells with centres inside an outline.
 
     Raises:
-        TerrainError: the outline is none, or holds too few measured cells or only a line of them.
+        TerrainError: the outline is invalid, or contains too few measured cells or only a line of
+            them.
     """
     inside = _inside(dtm, corners) & (dtm.ground == GroundClass.MEASURED)
     if not inside.any():
@@ -108,11 +109,11 @@ def plane_of_cells(dtm: Dtm, corners: Corners, params: CellPlaneParams) -> Plane
 
 def _inside(dtm: Dtm, corners: Corners) -> Bool[np.ndarray, "rows cols"]:
     if len(corners) < 3:  # noqa: PLR2004 - of a triangle
-        raise TerrainError(f"an outline has at least 3 corners, not {len(corners)}")
+        raise TerrainError(f"an outline needs at least 3 corners, not {len(corners)}")
     outline = shapely.Polygon(corners)
     if not outline.is_valid:
         reason = shapely.is_valid_reason(outline)
-        raise TerrainError(f"the outline crosses itself ({reason}); name its corners in order")
+        raise TerrainError(f"the outline crosses itself ({reason}); give its corners in order")
     east, north = np.meshgrid(*dtm.grid.centres())
     return np.asarray(shapely.contains_xy(outline, east, north))
 

@@ -1,14 +1,15 @@
-"""The dense stereo points of a stop: where its pairs saw ground, how bright, and how sure.
+"""The dense stereo points of a stop, with brightness and standard deviation.
 
-Every trusted parallax p of a pair is a point P on its ray, known along the ray to
+Every trusted parallax p of a pair gives a point P on its ray, with the standard deviation along the
+ray
 
     sigma = |P| sigma_p / p
 
-(see `dtm.ground`; what all points of a pair share by its pose is not in it). Pairs overlap and near
-ground is seen by far more pixels than it is worth, so one point stays a cube of `spacing_m`: the
-one that is known best. Levels of detail are made the same way: level l keeps a point a cube of
-2^l spacings, and a point is at the coarsest level that keeps it, so that all levels together are
-the whole cloud and nothing is in it twice.
+(see `dtm.ground`; the common error by the pair's pose is not included). Pairs overlap and near
+ground has far more pixels than necessary, so only the most accurate point of every cube of
+`spacing_m` is kept. Levels of detail are made in the same way: level l keeps one point per cube of
+2^l spacings, and each point is stored at the coarsest level that keeps it, so that all levels
+together are the whole cloud without duplicates.
 """
 
 from __future__ import annotations
@@ -32,42 +33,42 @@ from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.mesh.surface_mesh import TilePlace
 
 SAMPLED = 37
-"""Every how many pixels the brightness is looked at."""
+"""Step in pixels at which the brightness is sampled."""
 SIGMA_STEP_M = 1e-5
-"""By which standard deviations are compared."""
+"""Resolution at which standard deviations are compared."""
 TILE_SPACINGS = 256
-"""Side of a tile in spacings of its level: some ten thousand points on even ground."""
+"""Side of a tile in spacings of its level: about ten thousand points on even ground."""
 
 
 @dataclass(frozen=True, slots=True)
 class PointCloudParams(SightParams):
-    """Which points to keep."""
+    """Selection of points."""
 
     spacing_m: Metres = 0.02
-    """Side of the cubes of which each keeps one point: half a cell of the terrain model."""
+    """Side of the cubes with one point each: half a cell of the terrain model."""
     max_relative_sigma: ShareAboveZero = 0.01
     """Largest standard deviation along the view over the distance, as for models of views: 10 m
     with Navcam, 43 m with Pancam."""
     most_points: MapCells = 4_000_000
-    """Cubes are doubled until no more are left: 110 MB as PLY."""
+    """Most points, for which cubes are doubled: 110 MB as PLY."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointCloud:
-    """Points of the ground, one row a point."""
+    """Points of the ground, one row per point."""
 
     points: Float64[np.ndarray, "n 3"]
     """East, north and up, metres of the local map."""
     grey: UInt8[np.ndarray, " n"]
     sigma_m: Float32[np.ndarray, " n"]
-    """Standard deviation along the line of sight, of the matching alone."""
+    """Standard deviation along the line of sight, by matching only."""
     spacing_m: float
 
     def __len__(self) -> int:
         return len(self.points)
 
     def part(self, chosen: np.ndarray) -> PointCloud:
-        """Some of the points: by a mask, or by their numbers in this order."""
+        """Some of the points: by a mask, or by their indices in this order."""
         return PointCloud(
             self.points[chosen], self.grey[chosen], self.sigma_m[chosen], self.spacing_m
         )
@@ -84,10 +85,10 @@ class CloudTile:
 
 
 def point_cloud(views: Sequence[TerrainView], params: PointCloudParams) -> PointCloud:
-    """What all pairs of a stop saw, thinned to one point a cube.
+    """The points of all pairs of a stop, thinned to one per cube.
 
     Raises:
-        TerrainError: no pair has a point that is near enough.
+        TerrainError: no pair has a point near enough.
     """
     sample = np.concatenate([view.image[view.mask][::SAMPLED] for view in views])
     stretch = black_and_white(sample)
@@ -102,14 +103,15 @@ def point_cloud(views: Sequence[TerrainView], params: PointCloudParams) -> Point
             cloud = thin(cloud, spacing_m)
     if not len(cloud):
         raise TerrainError(
-            f"none of the {len(views)} pairs knows a point to {params.max_relative_sigma:.1%} of "
-            "its distance: look at the matching, or allow a larger max_relative_sigma"
+            f"none of the {len(views)} pairs has a point accurate to "
+            f"{params.max_relative_sigma:.1%} of its distance: check the matching, or allow a "
+            "larger max_relative_sigma"
         )
     return cloud
 
 
 def thin(cloud: PointCloud, spacing_m: float) -> PointCloud:
-    """The best known point of every cube of that side."""
+    """The most accurate point of every cube of that side."""
     kept = cloud.part(_best_in_cubes(cloud, spacing_m))
     return PointCloud(kept.points, kept.grey, kept.sigma_m, spacing_m)
 
@@ -168,7 +170,7 @@ def _concatenate(one: PointCloud, other: PointCloud) -> PointCloud:
 
 
 def _best_in_cubes(cloud: PointCloud, spacing_m: float) -> np.ndarray:
-    """Numbers of the best known points of all cubes, in their order."""
+    """Indices of the most accurate points of all cubes, in their order."""
     if not len(cloud):
         return np.zeros(0, np.int64)
     cube = np.floor(cloud.points / spacing_m).astype(np.int64)
@@ -176,7 +178,7 @@ def _best_in_cubes(cloud: PointCloud, spacing_m: float) -> np.ndarray:
     across, along, _ = (cube.max(axis=0) + 1).tolist()
     key = (cube[:, 2] * along + cube[:, 1]) * across + cube[:, 0]
     worth = np.clip(cloud.sigma_m / SIGMA_STEP_M, 0, 65535).astype(np.int64)
-    order = np.argsort((key << 16) | worth)  # one number to sort by: half the time of two
+    order = np.argsort((key << 16) | worth)  # # sorting by one number takes half the time of two
     ordered = key[order]
     first = np.ones(len(order), np.bool_)
     first[1:] = ordered[1:] != ordered[:-1]

@@ -1,4 +1,4 @@
-"""A grid as few right triangles, within a stated error, with holes that stay holes.
+"""Triangulate a grid with few right triangles, within a stated error; holes are preserved.
 
 A right-triangulated irregular network (Evans, Kirkpatrick & Townsend 2001): a square is two right
 triangles, and a right triangle is split at the middle of its longest side into two. With squares of
@@ -9,17 +9,17 @@ side s = 2^j the middles are in turn
     coarse  A_k, B_k, A_k-1, B_k-1, ... A_1, B_1  fine          (2^k: side of the root squares)
 
 where the diagonal joins the corners whose row + column, counted in s, is even. The two triangles on
-either side of a longest side are split together, so that no crack opens. Splitting at v demands
-that the four vertices next coarser be there; an error that is at least that of whatever depends on
-it (Lindstrom & Pascucci 2002) sees to that without any bookkeeping.
+either side of a longest side are split together, so that there are no cracks. Splitting at v
+requires the four vertices of the next coarser level; this is ensured by raising each error to at
+least those of its dependents (Lindstrom & Pascucci 2002).
 
 The error is exact rather than estimated: for every level the grid is interpolated from the vertices
-above that level, which on right triangles is halving again and again, and the error of v is the
-largest distance, at any grid point that v stands for, between that surface and the grid. A triangle
-that is kept is therefore nowhere farther than the tolerance from the grid points inside it.
+above that level, which on right triangles is repeated halving, and the error of v is the largest
+distance, at any grid point that v represents, between that surface and the grid. A triangle that is
+kept is therefore nowhere farther than the tolerance from the grid points inside it.
 
 A square of four neighbouring grid points is a hole when its corners are not one surface. Triangles
-that reach over whole squares and holes are split down to single squares, and the holes dropped.
+that cover both squares and holes are split down to single squares, and the holes are removed.
 """
 
 from __future__ import annotations
@@ -51,14 +51,14 @@ class GridMesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RightTriangles:
-    """A grid prepared for being drawn with triangles of any tolerance."""
+    """A grid prepared for triangulation with any tolerance."""
 
     levels: int
     """The root squares' side is 2^levels."""
     error: Float32[np.ndarray, "points_down points_across"]
-    """How far the surface strays when the triangles around this point are not split at it."""
+    """Largest deviation of the surface when the triangles around this point are not split at it."""
     whole: Bool[np.ndarray, "squares_down squares_across"]
-    """Squares between four neighbouring points that are ground and no hole."""
+    """Squares between four neighbouring points that are ground and not holes."""
 
     @classmethod
     def of(
@@ -67,11 +67,11 @@ class RightTriangles:
         whole: Bool[np.ndarray, "squares_down squares_across"] | None = None,
         levels: int = ROOT_LEVELS,
     ) -> RightTriangles:
-        """Prepare a grid of values, whose error it is; NaN where nothing was measured.
+        """Prepare a grid of values, from which errors are computed; NaN where nothing was measured.
 
         Args:
-            values: Elevation, parallax or whatever else is linear over a plane.
-            whole: Squares that are one surface; all by default. Those with a NaN never are.
+            values: Elevation, parallax or another quantity that is linear over a plane.
+            whole: Squares that are one surface; all by default, except those with a NaN.
             levels: The root squares' side as a power of two.
         """
         known = np.isfinite(values)
@@ -94,11 +94,11 @@ class RightTriangles:
     def mesh(
         self, tolerance: float, roots: tuple[slice, slice] = (slice(None), slice(None))
     ) -> GridMesh:
-        """The fewest of these triangles that stray by no more than `tolerance`.
+        """The fewest of these triangles that deviate by no more than `tolerance`.
 
         Args:
             tolerance: In the unit of the grid's values.
-            roots: Root squares to draw, down and across; all by default.
+            roots: Root squares to include, down and across; all by default.
         """
         if not tolerance > 0:
             raise TerrainError(f"a mesh needs a tolerance above zero, not {tolerance}")
@@ -114,7 +114,7 @@ class RightTriangles:
         return self._compact(np.concatenate([*kept, corners], axis=2))
 
     def _root_triangles(self, roots: tuple[slice, slice]) -> np.ndarray:
-        """(a, b, c) x (row, col) of two triangles a root square; a to b is the longest side."""
+        """(a, b, c) x (row, col) of two triangles per root square; a to b is the longest side."""
         down, across = (np.arange(n)[part] for n, part in zip(self.roots, roots, strict=True))
         i, j = (one.ravel() for one in np.meshgrid(down, across, indexing="ij"))
         falling = (i + j) % 2 == 0
@@ -125,8 +125,8 @@ class RightTriangles:
         return np.concatenate([first, second], axis=2) << self.levels
 
     def _compact(self, corners: np.ndarray) -> GridMesh:
-        """Triangles without those over holes, and the points that they use."""
-        row, col = corners.sum(axis=0) // 3  # a square inside: corners of one square, too
+        """Triangles except those over holes, and the points that they use."""
+        row, col = corners.sum(axis=0) // 3  # # a square inside: also the corners of one square
         corners = corners[:, :, self.whole[row, col]]
         width = self.error.shape[1]
         used, index = np.unique(corners[:, 0] * width + corners[:, 1], return_inverse=True)
@@ -173,7 +173,7 @@ def _points(grid: np.ndarray, level: int, kind: str) -> list[np.ndarray]:
 
 
 def _interpolate(grid: np.ndarray, level: int, kind: str) -> None:
-    """Set the points of a level to the mean of the ends of the longest side that they halve."""
+    """Set the points of a level to the mean of the ends of the longest sides that they bisect."""
     s = 1 << level
     corners = grid[::s, ::s]
     half = np.float32(0.5)

@@ -1,14 +1,14 @@
-"""A terrain model as a solid that can be printed: its surface, walls around it and a flat base.
+"""A terrain model as a printable solid: its surface, walls around it and a flat base.
 
 The surface is that of `surface_mesh` (right triangles, no farther than a tolerance from the model).
-Every edge that only one of its triangles has is a border; below it stands a wall down to the base,
-and the base is the surface seen from below, laid flat. Each edge of the solid then belongs to
-exactly two triangles that run along it in opposite directions: it is watertight, whatever holes the
-model has, and by the divergence theorem it encloses
+Every edge with only one triangle is a border, with a wall down to the base; the base is the surface
+projected to a plane and reversed. Each edge of the solid then belongs to exactly two triangles with
+opposite directions: it is watertight, even if the model has holes, and by the divergence theorem it
+encloses
 
     V = 1/6 sum a . (b x c).
 
-Where patches of ground touch in a corner only, that corner is two vertices on top of each other.
+Where patches of ground touch only in a corner, that corner is duplicated.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ Triangles = Int32[np.ndarray, "triangles 3"]
 
 @dataclass(frozen=True, slots=True)
 class SolidParams:
-    """How to make a terrain model a solid."""
+    """Parameters of solids."""
 
     tolerance_m: float = 0.05
     """Largest vertical distance of the surface from the terrain model: half a millimetre of a model
     at 1 : 100. At 0.02 m a stop's rough ground takes 1.7 million triangles, 87 MB."""
     base_m: float = 0.5
-    """How far the base lies below the lowest ground; 0: the surface alone."""
+    """Depth of the base below the lowest ground; 0: only the surface."""
 
     def __post_init__(self) -> None:
         if not (self.tolerance_m > 0 and self.base_m >= 0):
             raise TerrainError(
-                f"a solid needs a tolerance above zero and a base not below it, not "
+                "a solid needs a tolerance above zero and a base of zero or more, not "
                 f"{self.tolerance_m} m and {self.base_m} m"
             )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solid:
-    """Triangles that enclose a volume, or a surface alone."""
+    """Triangles that enclose a volume, or only a surface."""
 
     points: ObjectPoints
     """East, north and up, metres of the local map."""
@@ -65,12 +65,12 @@ class Solid:
 
     @property
     def is_watertight(self) -> bool:
-        """Whether every edge is run along as often in one direction as in the other."""
+        """Whether every edge is used equally often in both directions."""
         return not len(open_edges(self.triangles))
 
 
 def build_solid(dtm: Dtm, params: SolidParams) -> Solid:
-    """A terrain model as a solid, or as its surface where no base is wanted.
+    """A terrain model as a solid, or as its surface where no base is requested.
 
     Raises:
         TerrainError: the model has no surface.
@@ -95,7 +95,7 @@ def build_solid(dtm: Dtm, params: SolidParams) -> Solid:
 
 
 def open_edges(triangles: Triangles) -> Int32[np.ndarray, "edges 2"]:
-    """Edges, in the direction that their triangle runs, that no triangle runs back along."""
+    """Edges, in the direction of their triangle, that no triangle has in the opposite direction."""
     edges = np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     size = np.int64(triangles.max(initial=0)) + 1
     there = edges[:, 0] * size + edges[:, 1]

@@ -1,19 +1,18 @@
 """Textured triangle meshes of a terrain model, whole and as a quadtree of tiles.
 
-Of a terrain model the vertices are the middles of seen cells and the triangles as few as a vertical
-tolerance allows (`right_triangles`); its texture is the orthophoto. A terrain model has one height
-a cell; what one stereo pair sees has overhangs and faces too steep for that (`view_mesh`).
+The vertices are the centres of a terrain model's known cells and the triangles as few as a vertical
+tolerance allows (`right_triangles`); the texture is the orthophoto. A terrain model has one height
+per cell; points of single stereo pairs also show overhangs and steep faces (`view_mesh`).
 
-Points are (east, north, up) in metres of the local map, in double precision. Files of meshes keep
-them relative to an origin near by, because there a coordinate has seven digits.
+Points are (east, north, up) in metres of the local map, in double precision. Mesh files store them
+relative to a nearby origin, because their coordinates have seven digits.
 
-Every level of the quadtree is half as fine as the one below. A tile of level L is one root square
-of the triangulation of every 2^L-th point, drawn with 2^L times the tolerance, so that all tiles
-have about as many triangles. At coarser levels the edge of what was seen moves by up to half a
-square, as is fair where a square is seen as a few pixels; at the finest, holes are exactly holes.
-Neighbours of one level meet exactly. Where a viewer shows two levels side by side, their borders
-part by about the coarser tolerance: a skirt as deep as that hangs from every tile's border, below
-the ground and only where ground reaches it, and closes the gap.
+Every level of the quadtree is half as fine as the next finer one. A tile of level L is one root
+square of the triangulation of every 2^L-th point, with 2^L times the tolerance, so that all tiles
+have about as many triangles. At coarser levels the edge of known ground moves by up to half a
+square, where a square is only a few pixels wide; at the finest, holes are exact. Neighbours of one
+level meet exactly. Where a viewer shows two levels side by side, their borders differ by about the
+coarser tolerance; a vertical skirt of that depth along every tile's border closes the gap.
 """
 
 from __future__ import annotations
@@ -42,24 +41,25 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.mesh.right_triangles import GridMesh, RightTriangles
 
 NORMAL_M = 0.2
-"""Side of the window that gives a cell its normal: rocks count, noise does not."""
+"""Side of the window for a cell's normal: includes rocks, averages noise."""
 CORNER = 0.25
-"""Share of that window that must have an elevation: a quarter has at a corner."""
+"""Least fraction of that window with an elevation: a corner has a quarter."""
 HALF = 0.5
-"""Share of a square that must have been seen at coarser levels."""
+"""Least fraction of a square with elevations at coarser levels."""
 
 
 @dataclass(frozen=True, slots=True)
 class ModelParams:
-    """How to draw a stop's terrain model in three dimensions."""
+    """Parameters of a stop's three-dimensional terrain model."""
 
     tolerance_m: Metres = 0.02
     """Largest vertical distance between the model and the terrain model's cells: the standard
-    deviation of half of the cells. Triangles that follow noise more closely show no more ground."""
+    deviation of half of the cells. A smaller value would only follow noise."""
     max_texture_px: WholePixels = 4096
-    """Longest side of the texture: what every graphics driver of the last decade takes."""
+    """Longest side of the texture, supported by every graphics driver of the last decade."""
     jpeg_quality: JpegQuality = 90
-    """Of the texture. The edge of what was seen is drawn by the mesh and cannot smear."""
+    """JPEG quality of the texture. The mesh defines the edge of known ground, so compression does
+    not blur it."""
 
     def __post_init__(self) -> None:
         if not (self.tolerance_m > 0 and self.max_texture_px > 0 and 0 < self.jpeg_quality <= 100):  # noqa: PLR2004 - percent
@@ -71,7 +71,7 @@ class ModelParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceMesh:
-    """Triangles in space, and where their corners lie in a texture."""
+    """Triangles in space, with texture coordinates."""
 
     points: ObjectPoints
     """(east, north, up), metres of the local map."""
@@ -87,7 +87,7 @@ class SurfaceMesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TexturedMesh:
-    """A mesh and the picture that it wears."""
+    """A mesh with its texture."""
 
     name: str
     mesh: SurfaceMesh
@@ -108,20 +108,20 @@ def mean_normals(points: ObjectPoints, triangles: Int32[np.ndarray, "m 3"]) -> D
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TerrainMesher:
-    """A grid of ground points, ready for being drawn with any tolerance, whole or in parts."""
+    """A grid of ground points, prepared for triangulation with any tolerance, whole or in parts."""
 
     east: Float64[np.ndarray, " cols"]
     north: Float64[np.ndarray, " rows"]
     elevation: Raster
     gradient: Gradients
-    """Of the terrain model, so that normals are the same on both sides of any border."""
+    """From the terrain model, so that normals are the same on both sides of any border."""
     seen: Float32[np.ndarray, "squares_down squares_across"]
-    """Share of every square between four points that the terrain model's cells have seen."""
+    """Fraction of every square between four points with known cells of the terrain model."""
     triangles: RightTriangles
 
     @classmethod
     def of(cls, dtm: Dtm) -> TerrainMesher:
-        """Prepare a terrain model: the middles of its cells are the points.
+        """Prepare a terrain model: the centres of its cells are the points.
 
         Raises:
             TerrainError: no four neighbouring cells have an elevation.
@@ -131,8 +131,8 @@ class TerrainMesher:
         whole = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]
         if not whole.any():
             raise TerrainError(
-                f"of {dtm.grid.rows} x {dtm.grid.cols} cells no four neighbours have an elevation, "
-                "so there is no surface to draw"
+                f"of {dtm.grid.rows} x {dtm.grid.cols} cells no four neighbours have an "
+                "elevation, so there is no surface"
             )
         gradient = window_gradients(dtm.elevation, cell_m, max(NORMAL_M, 3 * cell_m), CORNER)
         triangles = RightTriangles.of(dtm.elevation, whole)
@@ -140,7 +140,7 @@ class TerrainMesher:
         return cls(*dtm.grid.centres(), dtm.elevation, gradient, seen, triangles)
 
     def coarser(self) -> TerrainMesher:
-        """Every second point. A square is ground when at least half of it was seen."""
+        """Every second point. A square is ground when at least half of it is known."""
         down, across = (n // 2 * 2 for n in self.seen.shape)
         four = self.seen[:down, :across].reshape(down // 2, 2, across // 2, 2)
         seen = np.pad(four.mean(axis=(1, 3)), [(0, n % 2) for n in self.seen.shape])
@@ -164,7 +164,7 @@ class TerrainMesher:
         return float(east[0]), float(north[-1]), float(east[-1]), float(north[0])
 
     def surface(self, grid_mesh: GridMesh, texture_bounds: Bounds) -> SurfaceMesh:
-        """Triangles drawn on the grid, in space, and where they lie in an orthophoto."""
+        """Triangles on the grid, in space, with their positions in an orthophoto."""
         east, north = self.east[grid_mesh.col], self.north[grid_mesh.row]
         up = self.elevation[grid_mesh.row, grid_mesh.col].astype(np.float64)
         rise = np.nan_to_num(self.gradient[:, grid_mesh.row, grid_mesh.col].astype(np.float64))
@@ -178,16 +178,18 @@ class TerrainMesher:
 
 @dataclass(frozen=True, slots=True)
 class TilesetParams:
-    """How to cut a terrain model into tiles in three dimensions."""
+    """Parameters of dividing a terrain model into three-dimensional tiles."""
 
     tolerance_m: Metres = 0.02
-    """Largest vertical distance from the terrain model at the finest level; doubles with each."""
+    """Largest vertical distance from the terrain model at the finest level; doubled at each coarser
+    one."""
     texture_px: WholePixels = 1024
     """Side of a tile's texture: that of the orthophoto itself at the finest level."""
     jpeg_quality: JpegQuality = 85
     """Of the textures, percent."""
     draco: bool = False
-    """Whether to compress triangles with Draco: a third of the size; viewers need its decoder."""
+    """Whether to compress triangles with Draco: to a third of the size; viewers need its
+    decoder."""
 
     def __post_init__(self) -> None:
         if not (self.tolerance_m > 0 and self.texture_px > 0 and 0 < self.jpeg_quality <= 100):  # noqa: PLR2004 - percent
@@ -207,7 +209,7 @@ class TilePlace:
 
     @property
     def parent(self) -> TilePlace:
-        """The tile that shows this ground half as fine."""
+        """The tile of the next coarser level that contains this one."""
         return TilePlace(self.level + 1, self.row // 2, self.col // 2)
 
 
@@ -245,7 +247,7 @@ class MeshTile:
 
 
 def mesh_tiles(mesher: TerrainMesher, params: TilesetParams) -> Iterator[MeshTile]:
-    """All tiles that show ground, finest level first; the last one is the root."""
+    """All tiles with ground, finest level first; the last one is the root."""
     down, across = mesher.triangles.roots
     coarsest = math.ceil(math.log2(max(down, across)))
     for level in range(coarsest + 1):
@@ -263,7 +265,7 @@ def mesh_tiles(mesher: TerrainMesher, params: TilesetParams) -> Iterator[MeshTil
 def add_skirts(
     surface: SurfaceMesh, on_sides: Bool[np.ndarray, "4 n"], depth_m: float
 ) -> SurfaceMesh:
-    """The surface, and a strip of this depth hanging from its edges along the four sides."""
+    """The surface with a vertical strip of this depth below its edges along the four sides."""
     count = len(surface.points)
     a = surface.triangles.ravel().astype(np.int64)
     b = np.roll(surface.triangles, -1, axis=1).ravel().astype(np.int64)

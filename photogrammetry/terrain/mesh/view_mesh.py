@@ -1,18 +1,18 @@
-"""What stereo pairs see, in three dimensions: their dense points, wearing their own images.
+"""Three-dimensional meshes of stereo pairs: their dense points, textured with their own images.
 
-A terrain model has one height a cell; the points of a pair also show overhangs, the faces of rocks
-and outcrops edge-on to the map. Neighbouring pixels are joined where they are one surface
-(`dtm.ground`), so what was not seen stays open, and triangles are as few as a tolerance allows. The
-tolerance is in pixels of parallax, because there every plane is linear,
+A terrain model has one height per cell; the points of a pair also show overhangs and vertical faces
+of rocks and outcrops. Neighbouring pixels are joined where they are one surface (`dtm.ground`), so
+unseen parts stay open, and triangles are as few as a tolerance allows. The tolerance is in pixels
+of parallax, in which every plane is linear,
 
     n.P = d,   P = f B / p (x, y, 1)      =>      p = f B n.(x, y, 1) / d
 
-and a triangle between three points is a plane: a parallax within t of the matched one keeps the
-point within Z t / p of its place along its ray, a set number of its own standard deviations whether
-it is near or far. Seen from the camera nothing moves at all.
+and a triangle between three points is a plane: with a parallax within t of the matched one, a point
+moves along its ray by at most Z t / p, the same number of its standard deviations at any range. Its
+image does not move at all.
 
-Where pairs overlap, ground is drawn by the one that shows it best: with the most pixels on it, and
-not at the border of its image. Ties of the eye decide over blocks of pixels, and a block is left to
+Where pairs overlap, ground is taken from the pair that shows it best: with the most pixels on it,
+and not at the border of its image. This is decided for blocks of pixels, and a block is left to
 another pair only if that one is clearly better, so that no gap opens between them.
 """
 
@@ -53,35 +53,36 @@ from solmap.photogrammetry.terrain.mesh.surface_mesh import (
 from solmap.photogrammetry.terrain.orthophoto.view_sampling import NEAREST_M, ViewSampler
 
 GAP_PX = 4
-"""Widest gap of unmatched pixels that is bridged, where the surface around is smooth: specks less
-than half a matching window wide are not ground that something hides."""
+"""Widest gap of unmatched pixels that is filled, where the surface around is smooth: gaps narrower
+than half a matching window are not occlusions."""
 SAMPLED = 37
-"""Every how many pixels the brightness is looked at."""
+"""Step in pixels at which the brightness is sampled."""
 
 
 @dataclass(frozen=True, slots=True)
 class ViewModelParams(SightParams):
-    """How to draw what pairs see."""
+    """Parameters of view meshes."""
 
     max_relative_sigma: ShareAboveZero = 0.01
     """Largest standard deviation along the view over the distance: beyond it (10 m with Navcam, 43
-    m with Pancam) noise along the rays is larger than the relief that a model is looked at for."""
+    m with Pancam) noise along the rays is larger than the relief of interest."""
     tolerance_px: Pixels = 0.5
-    """How far a triangle's parallax may stray: two standard deviations of a dense parallax, which
-    is the most that noise on its own does to nearly all of them."""
+    """Largest deviation of a triangle's parallax: two standard deviations of a dense parallax,
+    which noise exceeds in few of them."""
     block_px: WholePixels = 8
-    """Side of the blocks over which it is decided which pair shows the ground."""
+    """Side of the blocks for which one pair is chosen."""
     yield_to: FactorFromOne = 1.25
-    """How many times better another pair must show a block for this one to leave it out."""
+    """Ratio by which another pair must be better for this one to leave a block out."""
     jpeg_quality: JpegQuality = 90
     """Of the textures, percent."""
     draco: bool = True
-    """Whether to compress triangles with Draco: a fifth of the size; viewers need its decoder."""
+    """Whether to compress triangles with Draco: to a fifth of the size; viewers need its
+    decoder."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PreparedView:
-    """A view with what of it is ground."""
+    """A view with its ground marked."""
 
     view: TerrainView
     parallax: ParallaxMap
@@ -90,17 +91,17 @@ class _PreparedView:
 
 
 def view_meshes(views: Sequence[TerrainView], params: ViewModelParams) -> list[TexturedMesh]:
-    """What every view shows best, as a mesh with its image; views without ground are left out.
+    """The ground that every view shows best, as a mesh with its image; may omit views.
 
     Raises:
-        TerrainError: no view has continuous ground that is near enough.
+        TerrainError: no view has continuous ground near enough.
     """
     prepared = [_prepare(view, params) for view in views]
     prepared = [one for one in prepared if one.whole.any()]
     if not prepared:
         raise TerrainError(
-            f"none of the {len(views)} views has continuous ground known to "
-            f"{params.max_relative_sigma:.1%} of its distance: look at the matching, or allow a "
+            f"none of the {len(views)} views has continuous ground accurate to "
+            f"{params.max_relative_sigma:.1%} of its distance: check the matching, or allow a "
             "larger max_relative_sigma"
         )
     samplers = [ViewSampler.of(one.view) for one in prepared]
@@ -124,7 +125,7 @@ def _prepare(view: TerrainView, params: ViewModelParams) -> _PreparedView:
 
 
 def _fill_specks(parallax: ParallaxMap, params: ViewModelParams) -> ParallaxMap:
-    """The parallax with narrow gaps filled by the mean around, where that is one smooth surface."""
+    """The parallax with narrow gaps filled by the mean around them, on smooth surfaces."""
     side = GAP_PX // 2 * 2 + 1
     around = np.ones((side, side), np.uint8)
     known = np.isfinite(parallax)
@@ -141,7 +142,7 @@ def _fill_specks(parallax: ParallaxMap, params: ViewModelParams) -> ParallaxMap:
 def _shown_better(
     number: int, one: _PreparedView, samplers: Sequence[ViewSampler], params: ViewModelParams
 ) -> Bool[np.ndarray, "squares_down squares_across"]:
-    """Squares whose block another view shows better, by more than a little."""
+    """Squares whose block another view shows clearly better."""
     step = params.block_px
     from_here = np.nan_to_num(one.planes[:, step // 2 :: step, step // 2 :: step], nan=1.0)
     distance = np.linalg.norm(from_here, axis=0)
@@ -159,7 +160,7 @@ def _shown_better(
 
 
 def _stretch(prepared: Sequence[_PreparedView]) -> tuple[float, float]:
-    """Brightness to show as black and as white in all textures."""
+    """Brightness shown as black and as white in all textures."""
     sample = np.concatenate([one.view.image[one.view.mask][::SAMPLED] for one in prepared])
     return black_and_white(sample)
 
@@ -170,7 +171,7 @@ def _mesh(
     stretch: tuple[float, float],
     tolerance_px: float,
 ) -> TexturedMesh:
-    """The view's squares as triangles, wearing the part of the image that shows them."""
+    """The view's squares as triangles, textured with the part of the image that shows them."""
     grid_mesh = RightTriangles.of(one.parallax, whole).mesh(tolerance_px)
     rows, cols = (slice(int(at.min()), int(at.max()) + 1) for at in (grid_mesh.row, grid_mesh.col))
     size = np.array([cols.stop - cols.start, rows.stop - rows.start])

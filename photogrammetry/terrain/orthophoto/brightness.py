@@ -1,4 +1,4 @@
-"""Brightness of views: one gain and offset for each, so that they agree where they overlap.
+"""Brightness balancing: one gain and offset per view, so that views agree where they overlap.
 
 For every two views a, b that share enough ground, the means m and spreads s of their brightness
 there should agree after balancing, and all gains stay near one:
@@ -7,9 +7,9 @@ there should agree after balancing, and all gains stay near one:
 
 each with its own weight, solved by least squares (after Brown & Lowe 2007, section 6, who balance
 gains only). The means are medians and the spreads are from the middle half of the values, so that
-a shadow or rock that one view shows and the other does not has no influence.
+shadows or rocks visible in only one of the views have no influence.
 
-Gains and the brightness to show as black and white are found from a sample of seen cells.
+Gains and the brightness shown as black and white are computed from a sample of known cells.
 """
 
 from __future__ import annotations
@@ -28,27 +28,27 @@ from solmap.photogrammetry.terrain.orthophoto.view_sampling import ViewSampler
 LEAST_SHARED = 50
 """Cells that two views must share to be compared."""
 SIGMA_MEAN = 0.01
-"""Agreement expected of means, relative to the level of brightness."""
+"""Expected agreement of means, relative to the level of brightness."""
 SIGMA_SPREAD = 0.05
-"""Agreement expected of spreads, relative to the spread."""
+"""Expected agreement of spreads, relative to the spread."""
 LEAST_SPREAD = 0.02
 """Spread, relative to the level, below which it is noise rather than contrast."""
 SIGMA_GAIN = 0.2
-"""How far gains stray: exposures and vignetting differ by tens of percent at most."""
+"""Prior deviation of gains: exposures and vignetting differ by tens of percent at most."""
 SIGMA_OFFSET = 0.1
-"""How far offsets stray, relative to the level: bias and stray light."""
+"""Prior deviation of offsets, relative to the level: bias and stray light."""
 
 Balance = Float64[np.ndarray, "views 2"]
 """Gain and offset of every view."""
 SIDE = 200
-"""Root of the number of cells at which the brightness of views is compared."""
+"""Root of the number of cells at which views are compared."""
 SMOOTH = np.float32(2.0)
-"""Pyramid level at which views are compared: four pixels a side, so that noise and a small
-misregistration have no say."""
+"""Pyramid level at which views are compared: four pixels per side, which reduces the effect of
+noise and small misregistration."""
 
 
 def balance(brightness: Float32[np.ndarray, "views n"]) -> Balance:
-    """Gains and offsets that make views agree on the cells they share; NaN where not shown."""
+    """Gains and offsets that make views agree on their common cells; NaN where not visible."""
     count = len(brightness)
     shown = np.isfinite(brightness)
     level = float(np.median(brightness[shown])) if shown.any() else 1.0
@@ -80,23 +80,23 @@ def _middle(values: Float32[np.ndarray, " n"]) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BrightnessSamples:
-    """Brightness of every view at the same cells; NaN where it does not show one."""
+    """Brightness of every view at the same cells; NaN where the cell is not visible."""
 
     smooth: Float32[np.ndarray, "views bands n"]
     """Averaged over some pixels."""
     best: Float32[np.ndarray, "bands n"]
-    """As the best view of each cell shows it; NaN where none does."""
+    """In the best view of each cell; NaN where it has none."""
     best_view: np.ndarray
 
     def balance(self) -> Float64[np.ndarray, "views bands 2"]:
-        """(gain, offset) that make the views agree, band by band."""
+        """(gain, offset) that make the views agree, for each band."""
         bands = range(self.smooth.shape[1])
         return np.stack([balance(self.smooth[:, band]) for band in bands], axis=1)
 
     def stretch(
         self, gains: Float64[np.ndarray, "views bands 2"]
     ) -> tuple[tuple[float, float], ...]:
-        """Percentiles of the balanced brightness, band by band; (0, 1) where there is none."""
+        """Percentiles of the balanced brightness, for each band; (0, 1) where there is none."""
         gain, offset = np.moveaxis(gains[self.best_view], 2, 0)
         bands = self.best * gain.T + offset.T
         return tuple(black_and_white(band[np.isfinite(band)]) for band in bands)
@@ -105,9 +105,9 @@ class BrightnessSamples:
 def sample_brightness(
     dtm: Dtm, samplers: Sequence[ViewSampler], cell_m: float
 ) -> BrightnessSamples:
-    """Brightness of all views at evenly chosen seen cells, also in orthophoto cells of `cell_m`.
+    """Brightness of all views at evenly chosen known cells, also in orthophoto cells of `cell_m`.
 
-    The ground is taken to be level, which is enough to choose good views by.
+    The ground is assumed to be level, which is sufficient for choosing views.
     """
     ground = _chosen_ground(dtm)
     shape = ground.shape[1:]
@@ -133,7 +133,7 @@ def sample_brightness(
 
 
 def _chosen_ground(dtm: Dtm) -> Float64[np.ndarray, "3 rows cols"]:
-    """Ground (east, north, up) of evenly chosen seen cells, about `SIDE` x `SIDE`."""
+    """Ground (east, north, up) of evenly chosen known cells, about `SIDE` x `SIDE`."""
     seen = np.flatnonzero(np.isfinite(dtm.elevation))
     chosen = seen[np.unique(np.linspace(0, len(seen) - 1, SIDE**2).astype(np.int64))]
     chosen = np.resize(chosen, (-(-len(chosen) // SIDE), SIDE))

@@ -1,15 +1,14 @@
-"""Orthophotos of stops merged to one of a region, without visible seams.
+"""Merge orthophotos of stops into one of a region, without visible seams.
 
-Brightness differs between stops with the light, the exposure and the stretch of what was seen:
-every stop has one gain and one offset, so that stops agree where they overlap
-(`brightness.balance`). What a stop is worth in a cell falls with the square of the distance from
-its cameras, as the density of their pixels does, and to nothing at the edge of what it shows; its
-share is
+Brightness differs between stops by light, exposure and stretch: every stop gets a gain and an
+offset, so that stops agree where they overlap (`brightness.balance`). The quality of a stop in a
+cell decreases with the square of the distance from its cameras, like the density of their pixels,
+and to zero at the edge of its orthophoto; its weight is
 
-    w ~ (worth / greatest worth)^k,     sum of all w = 1
+    w ~ (quality / best quality)^k, sum of all w = 1
 
-as for the views of one stop (`mosaic`), so that the nearest stop speaks for almost every cell and
-two change over within a narrow band.
+as for the views of one stop (`mosaic`), so that almost every cell is from its nearest stop, with
+narrow transitions.
 """
 
 from __future__ import annotations
@@ -27,9 +26,9 @@ from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.orthophoto.mosaic import LEAST_SHARE, SHARPNESS
 
 NEAREST_M = 1.0
-"""Distance within which a stop is worth no more: its own ground begins there."""
+"""Distance below which the quality is constant: the ground at the stop itself."""
 HOLES_M = 0.2
-"""Gaps in what a stop shows up to which no edge is seen."""
+"""Gaps in a stop's orthophoto that do not count as edges."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,34 +38,34 @@ class MergingParams:
     cell_m: CellSize = 0.02
     """Side of a cell: two cells of a stop's orthophoto, and no finer than the coarsest of them."""
     feather_m: Metres = 1.0
-    """Width over which the edge of what a stop shows fades."""
+    """Width over which a stop's weight decreases at its edge."""
 
     def __post_init__(self) -> None:
         if not self.feather_m >= self.cell_m > 0:
             raise TerrainError(
-                f"edges fade over at least a cell of {self.cell_m} m, not {self.feather_m} m"
+                f"feather_m must be at least a cell of {self.cell_m} m, not {self.feather_m} m"
             )
 
     @property
     def halo(self) -> int:
-        """Cells around a block that its own cells depend on."""
+        """Margin of a block in cells on which its own cells depend."""
         return int(np.ceil((self.feather_m + 2 * HOLES_M) / self.cell_m)) + 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StopPicture:
-    """What a stop shows of a block, and where the stop is."""
+    """The orthophoto of a stop in a block, and the stop's position."""
 
     place: tuple[float, float]
     """East and north of its cameras, metres."""
     brightness: Raster
-    """Balanced; NaN where it shows nothing."""
+    """Balanced; NaN where there is none."""
 
 
 def merge_block(
     stops: Sequence[StopPicture], grid: MapGrid, params: MergingParams
 ) -> Float32[np.ndarray, "rows cols"]:
-    """Brightness of a block, all of whose stops have its grid; NaN where none shows anything."""
+    """Brightness of a block, all of whose stops have its grid; NaN where no stop has any."""
     worth = np.stack([_worth(stop, grid, params) for stop in stops])
     greatest = worth.max(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -1,20 +1,22 @@
-"""Views projected onto patches of a terrain model and blended.
+"""Project views to patches of a terrain model and blend them.
 
-A patch holds the ground of one block of cells, its normals, and which cells were seen. It reaches
-one cell beyond its block, so that interpolation is continuous from one block to the next.
-Coordinates are counted from the patch's own origin: single precision then resolves a hundredth of a
-millimetre wherever on the map it lies.
+A patch contains the ground of one block of cells, its normals, and which cells are known. It
+extends one cell beyond its block, so that interpolation is continuous from one block to the next.
+Coordinates are relative to the patch's own origin: single precision then resolves a hundredth of a
+millimetre anywhere on the map.
 
-Every view has a share w of a cell, by its worth (`view_sampling`) against that of the best view,
+Every view has a weight w in a cell, by its quality (`view_sampling`) relative to that of the best
+view,
 
-    w ~ (worth / greatest worth)^k,     sum of all w = 1,
+    w ~ (quality / best quality)^k, sum of all w = 1,
 
-so that for large k one view alone speaks for almost every cell, and two of equal worth change over
-within some twenty pixels: no seam, and no room for ghosts. Shares below `LEAST_SHARE` are left out.
+so that for large k almost every cell is from one view, with transitions of some twenty pixels: no
+visible seams and no double images. Weights below `LEAST_SHARE` are ignored.
 
-Image coordinates, shares and widths of cells in pixels are found at the cells of the terrain model
-and interpolated between them: across a terrain cell of 0.04 m at 2 m distance the curvature of the
-perspective is 0.03 px. Only the part of a block where a view has a share is looked up in its image.
+Image coordinates, weights and widths of cells in pixels are computed at the cells of the terrain
+model and interpolated between them: across a terrain cell of 0.04 m at 2 m distance the curvature
+of the perspective is 0.03 px. A view's image is sampled only in the part of a block where it has
+weight.
 """
 
 from __future__ import annotations
@@ -33,21 +35,21 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.orthophoto.view_sampling import ProjectedCells, ViewSampler
 
 MARGIN = 1
-"""Cells around a block that its interpolation reaches into."""
+"""Cells around a block that its interpolation needs."""
 NORMAL_BASELINE_M = 0.2
-"""Baseline of the normals that decide on incidence: rocks count, noise does not."""
+"""Baseline of the normals for incidence: includes rocks, averages noise."""
 SHARPNESS = 8.0
-"""Exponent k: a view worth a quarter less than the best counts for a tenth."""
+"""Exponent k: a view of three quarters of the best quality has a tenth of its weight."""
 CARRIED = 2
-"""Cells that elevations are carried on beyond what was seen."""
+"""Cells by which elevations are extrapolated beyond known ground."""
 NO_SOURCE = np.iinfo(np.uint16).max
-"""Source index of cells that no view shows."""
+"""Source index of cells without a view."""
 LEAST_SHARE = np.float32(1 / 64)
-"""A view that counts for less is left out: with 8 bits a pixel, it moves no grey value by two."""
+"""Smallest weight used: with 8 bits per pixel, smaller ones change no grey value by two."""
 FineBlock = Float32[np.ndarray, "bands fine_rows fine_cols"]
 """Brightness of a block in cells of the orthophoto, band by band."""
 Sources = UInt16[np.ndarray, "block_rows block_cols"]
-"""Index of the view that counts most; `NO_SOURCE` where there is none."""
+"""Index of the view with the largest weight; `NO_SOURCE` where there is none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,9 +59,9 @@ class TerrainPatch:
     seen: Bool[np.ndarray, "block_rows block_cols"]
     """Cells of the block, without margin, that have an elevation."""
     origin: Vector3
-    """East, north and up that `ground` is counted from, metres."""
+    """Origin of `ground` (east, north, up), metres."""
     ground: Float32[np.ndarray, "3 rows cols"]
-    """East, north, up; up is NaN where there is no ground near."""
+    """East, north, up; up is NaN where no ground is near."""
     normal: Float32[np.ndarray, "3 rows cols"]
 
     @classmethod
@@ -89,7 +91,7 @@ class TerrainPatch:
         return self.origin + (first + last) / 2, float(np.linalg.norm(last - first)) / 2
 
     def from_camera(self, camera: Vector3) -> Float32[np.ndarray, "3 rows cols"]:
-        """The ground as counted from a camera (east, north, up)."""
+        """The ground relative to a camera (east, north, up)."""
         return self.ground - (camera - self.origin).astype(np.float32)[:, None, None]
 
 
@@ -101,7 +103,7 @@ def _level(elevation: Raster) -> float:
 def _window(
     raster: Raster, row: int, col: int, shape: tuple[int, int], reach: int
 ) -> Float32[np.ndarray, "window_rows window_cols"]:
-    """A window of the raster, widened by `reach` to all sides; NaN outside the raster."""
+    """A window of the raster, extended by `reach` on all sides; NaN outside the raster."""
     row, col = row - reach, col - reach
     window = np.full((shape[0] + 2 * reach, shape[1] + 2 * reach), np.nan, dtype=np.float32)
     top, left = max(0, row), max(0, col)
@@ -112,7 +114,7 @@ def _window(
 
 
 def _extrapolate(elevation: Raster) -> Raster:
-    """Elevations carried on beyond what was seen, so that interpolation reaches its edge."""
+    """Elevations extrapolated beyond known ground, so that interpolation covers its edge."""
     known = np.isfinite(elevation)
     if known.all():
         return elevation
@@ -132,17 +134,17 @@ def _normals(elevation: Raster, cell_m: float, half: int) -> Float32[np.ndarray,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewShares:
-    """Which views show the cells of a patch, and what each counts for."""
+    """The views of a patch's cells, and their weights."""
 
     views: Sequence[int]
     """Their numbers."""
     cells: list[ProjectedCells]
     weights: list[Raster]
     shown: Bool[np.ndarray, "rows cols"]
-    """Where any view counts."""
+    """Where any view has weight."""
 
     def sources(self, seen: Bool[np.ndarray, "block_rows block_cols"]) -> Sources:
-        """The view that counts most for every cell of the block, without margin."""
+        """The view with the largest weight in every cell of the block, without margin."""
         inner = (slice(MARGIN, -MARGIN), slice(MARGIN, -MARGIN))
         source = np.full(seen.shape, NO_SOURCE, np.uint16)
         if self.weights:
@@ -153,7 +155,7 @@ class ViewShares:
 
 
 def view_shares(samplers: Sequence[ViewSampler], patch: TerrainPatch, cell_m: float) -> ViewShares:
-    """What every view counts for in the cells of a patch."""
+    """The weight of every view in the cells of a patch."""
     middle, radius_m = patch.sphere()
     numbers, projected = [], []
     for number, sampler in enumerate(samplers):
@@ -180,7 +182,7 @@ def blend(
     cell_m: float,
     ratio: int,
 ) -> FineBlock:
-    """Brightness of a block in cells of `cell_m`, `ratio` to a terrain cell.
+    """Brightness of a block in cells of `cell_m`, `ratio` per terrain cell.
 
     NaN where no view shows the ground.
     """
@@ -192,9 +194,9 @@ def blend(
 
 
 def _part(weight: Raster) -> tuple[int, int, int, int]:
-    """First row, one after the last, first column, one after the last that a weight touches.
+    """First row, one after the last, first column, one after the last with weight.
 
-    Counted in the block, without its margin.
+    Relative to the block, without its margin.
     """
     return *_span(np.any(weight, axis=1)), *_span(np.any(weight, axis=0))
 
@@ -211,7 +213,7 @@ def _span(touched: Bool[np.ndarray, " n"]) -> tuple[int, int]:
 def _add(
     fine: FineBlock, sampler: ViewSampler, cells: ProjectedCells, weight: Raster, cell_m: float
 ) -> None:
-    """Add a view's weighted brightness to a block, where the view counts for something."""
+    """Add a view's weighted brightness to a block, where the view has weight."""
     top, bottom, left, right = _part(weight)
     if not (bottom > top and right > left):
         return
@@ -229,7 +231,7 @@ def _add(
 def _without_hidden(
     fine: FineBlock, patch: TerrainPatch, shared: ViewShares, ratio: int
 ) -> FineBlock:
-    """NaN where the ground was not seen or is not shown, and full weight at the edges of that."""
+    """NaN where the ground is unknown or not visible, and full weight at the edges of that."""
     if patch.seen.all() and shared.shown.all():
         return fine
     size = (patch.seen.shape[1] * ratio, patch.seen.shape[0] * ratio)

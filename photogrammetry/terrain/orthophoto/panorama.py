@@ -1,18 +1,18 @@
-"""The panorama: what a stop's images show all around, levelled, in azimuth and elevation.
+"""The panorama: a levelled mosaic of a stop's images in azimuth and elevation.
 
-The images of a mast are not taken from one place: its head swings a camera around by some
-decimetres. Every direction from the panorama's centre, the mean of the projection centres, is
-therefore projected to the ground that is seen there (`ground_ranges`) and from it into the images
-by their camera models and adjusted orientations; the sky is far away. Image coordinates are found
-at nodes, every `NODE` pixels of the panorama, and interpolated between them. Where several images
-show it, each counts with
+The images of a mast have different projection centres: the head moves a camera by some decimetres.
+Every direction from the panorama's centre, the mean of the projection centres, is therefore
+projected to the ground visible there (`ground_ranges`) and from it into the images by their camera
+models and adjusted orientations; the sky is at infinity. Image coordinates are computed at nodes,
+every `NODE` pixels of the panorama, and interpolated between them. Where several images show a
+direction, each has the weight
 
     w = (fade d^2)^k,     d = finest pixel / own pixel,
 
 by its distance to the border of the image (`view_sampling.border_fade`) and its resolution, so that
-all but one die off within some ten pixels: no seam, no ghost. Brightness is balanced as the
-orthophoto's (`brightness.balance`). Every image is sampled at the level of its pyramid that is as
-coarse as the panorama.
+transitions are some ten pixels wide: no visible seams and no double images. Brightness is balanced
+as for the orthophoto (`brightness.balance`). Every image is sampled at the level of its pyramid
+that is as coarse as the panorama.
 """
 
 from __future__ import annotations
@@ -55,18 +55,19 @@ from solmap.photogrammetry.terrain.orthophoto.view_sampling import (
 )
 
 BEYOND = 1.02
-"""How far off its axis a camera is asked, over the corner of its image: models fold back beyond."""
+"""Limit of the angle from a camera's axis, relative to the corner of its image: beyond it, models
+may fold back."""
 NOWHERE_PX = -1e6
 MOST_PIXELS = 1 << 26
-"""Pixels are made wider where there would be more: 64 million are twice a full circle from pole to
+"""Most pixels, for which pixels are made wider: 64 million are twice a full circle from pole to
 pole with Navcam's pixels."""
 SAMPLES = 1 << 16
-"""Directions in which brightness is compared, at most: of a full circle, every sixteenth pixel."""
+"""Most directions in which brightness is compared: of a full circle, every sixteenth pixel."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PanoramaImage:
-    """An image with its camera in the LSL, prepared for being looked up by direction."""
+    """An image with its camera in the LSL, prepared for sampling by direction."""
 
     id: str
     camera: CameraModel
@@ -83,7 +84,7 @@ class PanoramaImage:
     def of(
         cls, image_id: str, camera_in_lsl: CameraModel, image: GreyImage, mask: Mask
     ) -> PanoramaImage:
-        """Prepare an image; `camera_in_lsl` is oriented as adjusted."""
+        """Prepare an image; `camera_in_lsl` has the adjusted orientation."""
         lines, samples = image.shape
         middle = np.array([[(samples - 1) / 2, (lines - 1) / 2]])
         ahead = camera_in_lsl.rays(middle)[0]
@@ -103,7 +104,7 @@ class PanoramaImage:
 
     @property
     def span(self) -> tuple[Span, Span]:
-        """Azimuths and elevations of what it shows, degrees."""
+        """Azimuths and elevations of its field, degrees."""
         rays = self.camera.rays(border_points(self.size))
         return span_of_rays(rays, self.axis)
 
@@ -113,7 +114,7 @@ class PanoramaImage:
         return replace(self, pyramid=tuple(levels))
 
     def project(self, ground: ObjectPoints) -> Float64[np.ndarray, "n 2"]:
-        """Image points of places in the LSL; far off the image where it does not show them."""
+        """Image points of points in the LSL; far off the image where not visible."""
         away = ground - self.camera.centre
         ahead = away @ self.axis > self.cos_reach * np.linalg.norm(away, axis=1)
         found = np.full((len(ground), 2), NOWHERE_PX)
@@ -124,13 +125,13 @@ class PanoramaImage:
     def project_lattice(
         self, places: Float64[np.ndarray, "down across 3"]
     ) -> tuple[Raster, Raster]:
-        """Sample and line of a lattice of places in the LSL."""
+        """Sample and line of a lattice of points in the LSL."""
         points = self.project(places.reshape(-1, 3)).astype(np.float32)
         sample, line = points.T.reshape(2, *places.shape[:2])
         return sample, line
 
     def sample(self, sample: Raster, line: Raster, pixel_deg: float) -> tuple[Raster, Raster]:
-        """Brightness and fade at image points, for a picture with pixels that wide."""
+        """Brightness and fade at image points, for an output with pixels of that width."""
         level = round(math.log2(max(1.0, pixel_deg / self.pixel_deg)))
         level = min(level, LEVELS - 1)
         scale = np.float32(0.5**level)
@@ -144,7 +145,7 @@ def interpolate_nodes(
     """Sample and line at every pixel of a block, from those at its nodes; None: not in the image.
 
     Args:
-        image: The image to look at.
+        image: The image to sample.
         places: (down, across, 3) of the ground at the nodes and one beyond each way, LSL.
         shape: Rows and columns of the block.
     """
@@ -164,38 +165,38 @@ def interpolate_nodes(
 
 @dataclass(frozen=True, slots=True)
 class PanoramaParams:
-    """How to draw a panorama."""
+    """Parameters of panoramas."""
 
     eye: Eye = Eye.LEFT
     pixel_deg: PanoramaPixel = 0.0
-    """Width of a pixel; 0: that of the coarsest images, which are those that show all around."""
+    """Width of a pixel; 0: that of the coarsest images, which usually cover the full circle."""
     block_px: WholePixels = 512
 
     def __post_init__(self) -> None:
         if self.block_px < NODE or self.block_px % NODE or self.pixel_deg < 0:
             raise TerrainError(
-                f"a panorama's blocks are multiples of {NODE} pixels and its pixels not below zero "
-                f"degrees, not {self.block_px} and {self.pixel_deg}"
+                f"a panorama needs blocks of multiples of {NODE} pixels and pixels of zero "
+                f"degrees or more, not {self.block_px} and {self.pixel_deg}"
             )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PanoramaBlock:
-    """A piece of a panorama; its first pixel lies at (row, col) of the whole."""
+    """A piece of a panorama; its first pixel is at (row, col) of the whole."""
 
     row: int
     col: int
     brightness: Raster
     """Balanced; NaN where no image shows it."""
     sources: Sources
-    """At nodes: the image that counts most; `NO_SOURCE` where there is none."""
+    """At nodes: the image with the largest weight; `NO_SOURCE` where there is none."""
     ranges: GroundRanges
     """At nodes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panorama:
-    """A panorama about to be drawn."""
+    """A panorama prepared for rendering."""
 
     grid: AngleGrid
     centre: Vector3
@@ -209,7 +210,7 @@ class Panorama:
     gains: Float64[np.ndarray, "images 2"]
 
     def nodes(self, row: int, col: int, rows: int, cols: int) -> tuple[ObjectPoints, GroundRanges]:
-        """Places of the ground, in the LSL, at the nodes of a window and one beyond each way."""
+        """Points of the ground, in the LSL, at the nodes of a window and one beyond each way."""
         azimuths, elevations = self.grid.node_angles(row, col, rows, cols)
         ranges = ground_ranges(
             MAP_FROM_LSL @ self.centre, azimuths, elevations, self.plane, self.dtm
@@ -218,7 +219,7 @@ class Panorama:
         return away.reshape(-1, 3) + self.centre, ranges
 
     def blocks(self) -> Iterator[PanoramaBlock]:
-        """The blocks in which any image shows something, row by row."""
+        """The blocks in which any image is visible, row by row."""
         side = self.params.block_px
         for col in range(0, self.grid.cols, side):
             cols = min(side, self.grid.cols - col)
@@ -262,7 +263,7 @@ def prepare_panorama(
     params: PanoramaParams,
     dtm: Dtm | None = None,
 ) -> Panorama:
-    """The panorama of all that some images of a stop show, to be drawn block by block.
+    """Prepare the panorama of some images of a stop, to be rendered block by block.
 
     Raises:
         TerrainError: there is no image.

@@ -1,20 +1,20 @@
-"""Pixels of panoramas, and how far the ground is in the direction of each.
+"""Pixels of panoramas, and the range of the ground in the direction of each.
 
-Azimuth, clockwise from north, runs across and elevation above the horizon down. Both are linear in
-pixels (the "cylindrical" projection of rover panoramas), so a pixel is as many
-degrees wide as high, and levelled: the horizontal plane is that of the LSL. The direction at
+Azimuth, clockwise from north, runs across, and elevation above the horizon runs down. Both are
+linear in pixels (the "cylindrical" projection of rover panoramas), so a pixel has the same width
+and height in degrees, and levelled: the horizontal plane is that of the LSL. The direction at
 azimuth a and elevation e is
 
     (north, east, down) = (cos e cos a, cos e sin a, -sin e).
 
-Along each azimuth the terrain is read at distances r that grow by a hundredth. The ground that is
-seen at elevation angle e is the first that reaches it,
+Along each azimuth the terrain is sampled at distances r that grow by a hundredth. The visible
+ground at elevation angle e is the first that reaches it,
 
     r(e) = min { r : max over r' <= r of atan((z(r') - z_0) / r') >= e }.
 
 Across gaps of the terrain model its height over the plane that the rover stands on is interpolated;
 before its first and beyond its last known cell that height stays constant, over a plane that is
-level from `LEVEL_M` on. What nothing reaches is the sky, too far away for any parallax.
+level from `LEVEL_M` on. Directions that no ground reaches are sky, too far away for any parallax.
 """
 
 from __future__ import annotations
@@ -32,18 +32,19 @@ from solmap.photogrammetry.terrain.dtm.resampling import sample_bilinear
 
 CIRCLE = 360.0
 NODE = 4
-"""Pixels from node to node: directions are carried into images at nodes and interpolated between,
-which is off by (node / 2)^2 / 2 f = 0.002 px at most."""
+"""Distance of nodes in pixels: image coordinates are computed at nodes and interpolated, with an
+error of (node / 2)^2 / 2 f = 0.002 px at most."""
 MOST_ROWS = 1 << 14
 LEAST_GAP_DEG = 5.0
-"""Where the circle is cut: in the widest gap between images if it is that wide, else north."""
+"""Gap in degrees: the circle is cut in the widest gap between images if it is that wide, else at
+north."""
 
 Span = tuple[float, float]
 """From and to, degrees."""
 NEAREST_M, FARTHEST_M = 0.3, 300.0
 GROWTH = 1.01
 LEVEL_M = 20.0
-"""Beyond that from the rover its own tilt says nothing of the ground."""
+"""Distance from the rover beyond which its tilt does not describe the ground."""
 SKY_M = 10_000.0
 
 
@@ -67,7 +68,7 @@ class AngleGrid:
 
     @classmethod
     def covering(cls, azimuths: Iterable[Span], elevations: Span, pixel_deg: float) -> AngleGrid:
-        """The smallest grid over these spans, with pixels no finer than wanted that fill a circle.
+        """The smallest grid over these spans; its pixels are no finer than requested.
 
         Spans of azimuth may run past 360 degrees.
         """
@@ -117,7 +118,7 @@ def direction(azimuth_deg: np.ndarray, elevation_deg: np.ndarray) -> np.ndarray:
 def span_of_rays(rays: Directions, ahead: Vector3) -> tuple[Span, Span]:
     """Azimuths and elevations, degrees, between which rays (north, east, down) around one lie.
 
-    A bundle that holds the nadir or zenith looks all the way around.
+    A bundle that contains the nadir or zenith covers the full circle.
     """
     elevation = np.degrees(np.arcsin(np.clip(-rays[:, 2], -1.0, 1.0)))
     middle = math.degrees(math.atan2(ahead[1], ahead[0]))
@@ -150,7 +151,7 @@ def _span_of(spans: list[Span]) -> Span:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StandingPlane:
-    """The plane that a rover stands on, in the local map (east, north, up), metres."""
+    """The plane on which a rover stands, in the local map (east, north, up), metres."""
 
     point: Vector3
     normal: Vector3
@@ -158,7 +159,7 @@ class StandingPlane:
     def under(
         self, east: Float64[np.ndarray, "n m"], north: Float64[np.ndarray, "n m"]
     ) -> Float64[np.ndarray, "n m"]:
-        """Its elevation at places; level beyond `LEVEL_M` from its point."""
+        """Its elevation at points; level beyond `LEVEL_M` from its own point."""
         across, along = east - self.point[0], north - self.point[1]
         shrink = np.minimum(1.0, LEVEL_M / np.maximum(np.hypot(across, along), 1e-9))
         a, b, c = self.normal
@@ -171,7 +172,7 @@ class GroundRanges:
 
     range_m: Float64[np.ndarray, "down across"]
     is_measured: Bool[np.ndarray, "down across"]
-    """Whether the terrain model knows the ground there."""
+    """Whether the terrain model is known there."""
 
 
 def ground_ranges(
@@ -181,7 +182,7 @@ def ground_ranges(
     plane: StandingPlane,
     dtm: Dtm | None = None,
 ) -> GroundRanges:
-    """How far the ground is from `centre` (east, north, up); elevations fall from row to row."""
+    """Range of the ground from `centre` (east, north, up); elevations decrease from row to row."""
     count = int(np.log(FARTHEST_M / NEAREST_M) / np.log(GROWTH)) + 1
     r = NEAREST_M * GROWTH ** np.arange(count)
     turn = np.radians(azimuths_deg)[:, None]
@@ -204,7 +205,7 @@ def ground_ranges(
 
 
 def _bridge_gaps(height: Float64[np.ndarray, "n m"], r: Float64[np.ndarray, " m"]) -> np.ndarray:
-    """Heights over the plane with gaps bridged along each row; 0 in rows that know nothing."""
+    """Heights over the plane, gaps interpolated along each row; 0 in rows without ground."""
     filled = np.zeros(height.shape)
     for row, values in enumerate(height):
         known = np.isfinite(values)

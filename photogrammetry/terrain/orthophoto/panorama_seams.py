@@ -1,9 +1,8 @@
-"""How well neighbouring images of a panorama meet: the shift between them where both show it.
+"""Registration of neighbouring images of a panorama: the shift between them where they overlap.
 
-Small patches that two images both show are drawn from each alone, on the panorama's pixels. The
-middle of one is looked for in the other by normalised cross-correlation; a parabola through the
-peak gives fractions of a pixel. What is left is what pointing, camera models and the ground between
-them do not explain.
+Small patches visible in two images are rendered from each separately, on the panorama's pixels. The
+middle of one is searched in the other by normalised cross-correlation; a parabola through the peak
+gives fractions of a pixel. The shift is the error of pointing, camera models and ground.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from solmap.photogrammetry.terrain.orthophoto.panorama import (
 from solmap.photogrammetry.terrain.orthophoto.panorama_grid import NODE
 
 PATCHES_ACROSS = 16
-"""Of an image: neighbours in a panorama share a fifth of it."""
+"""Fraction of an image: neighbours in a panorama overlap by a fifth of it."""
 LEAST_PATCH, LARGEST_PATCH = 32, 64
 """Sides, pixels."""
 MOST_PATCHES = 12
@@ -30,12 +29,12 @@ MOST_PATCHES = 12
 INSIDE = 0.1
 """Fade that a patch must have in both images: a twentieth of the image off its border."""
 LEAST_CORRELATION = 0.8
-"""Bare sand and sky correlate with nothing."""
+"""Least correlation: bare sand and sky do not correlate."""
 
 
 @dataclass(frozen=True, slots=True)
 class Seam:
-    """Two images and how far apart they show the same things."""
+    """Two images and the shift between them."""
 
     first: str
     second: str
@@ -55,7 +54,7 @@ class Registration:
 
 
 def registration(made: Panorama) -> Registration:
-    """Compare every two images of a panorama where both show the same directions."""
+    """Compare every two images of a panorama where they overlap."""
     side = min(image.size[0] // PATCHES_ACROSS for image in made.images)
     side = int(np.clip(side - side % (2 * NODE), LEAST_PATCH, LARGEST_PATCH))
     ground, ranges = made.nodes(0, 0, made.grid.rows, made.grid.cols)
@@ -90,7 +89,7 @@ def _fades(image: PanoramaImage, places: np.ndarray) -> np.ndarray:
 
 
 def _shift(made: Panorama, numbers: tuple[int, int], places: np.ndarray, side: int) -> float | None:
-    """Length of the shift between two images in a patch; None where they show no texture."""
+    """Length of the shift between two images in a patch; None where there is no texture."""
     drawn = []
     for image in (made.images[number] for number in numbers):
         seen = interpolate_nodes(image, places, (side, side))
@@ -117,7 +116,7 @@ def _peak(correlation: np.ndarray, border: int) -> float | None:
 
 
 def _vertex(values: np.ndarray) -> float:
-    """Where the parabola through three values has its highest point."""
+    """Position of the maximum of a parabola through three values."""
     before, here, after = values.tolist()
     curvature = before - 2 * here + after
     return 0.0 if curvature >= 0 else 0.5 * (before - after) / curvature

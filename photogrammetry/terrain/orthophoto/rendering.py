@@ -1,12 +1,12 @@
-"""The orthophoto: the ground from straight above, each cell from its best view.
+"""The orthophoto: a vertical view of the ground, each cell from its best view.
 
-Every cell is projected onto the terrain model (bilinear) and from there into the images. The worth
-of a view (`view_sampling`) decides which one counts, and views change over without a seam
-(`mosaic`). Brightness is balanced first (`brightness`). What no view shows stays NaN.
+Every cell is projected onto the terrain model (bilinear) and from there into the images. The
+quality of a view (`view_sampling`) determines its weight, with seamless transitions between views
+(`mosaic`). Brightness is balanced first (`brightness`). Cells without a view are NaN.
 
 The map covers the part of the terrain model that a view may show. It is rendered block by block, so
-that memory does not grow with its size. Which image the ground came from is recorded at the cells
-of the terrain model.
+that memory does not grow with its size. The source image is recorded for each cell of the terrain
+model.
 """
 
 from __future__ import annotations
@@ -31,28 +31,29 @@ from solmap.photogrammetry.terrain.orthophoto.mosaic import (
 from solmap.photogrammetry.terrain.orthophoto.view_sampling import ViewSampler
 
 Stretch = tuple[float, float]
-"""Brightness to show as black and as white."""
+"""Brightness shown as black and as white."""
 
 
 @dataclass(frozen=True, slots=True)
 class OrthophotoParams:
-    """How to render an orthophoto."""
+    """Parameters of orthophotos."""
 
     cell_m: CellSize = 0.01
-    """Side of a cell: as `marsortho`, and as the paper's orthophotos (section 5)."""
+    """Side of a cell: as in `marsortho`, and in the paper's orthophotos (section 5)."""
     block_cells: WholePixels = 512
-    """Side of the blocks it is made in: a megabyte a layer stays in the processor's cache."""
+    """Side of the blocks: a megabyte per layer fits the processor's cache."""
 
     def __post_init__(self) -> None:
         if self.block_cells < 1 or not self.cell_m > 0:
             raise TerrainError(
-                f"an orthophoto needs cells and blocks, not {self.cell_m} m x {self.block_cells}"
+                f"an orthophoto needs cells and blocks above zero, not {self.cell_m} m x "
+                f"{self.block_cells}"
             )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrthophotoBlock:
-    """A piece of an orthophoto; its first cell lies at (row, col) of the whole."""
+    """A piece of an orthophoto; its first cell is at (row, col) of the whole."""
 
     row: int
     col: int
@@ -64,7 +65,7 @@ class OrthophotoBlock:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrthophotoRendering:
-    """An orthophoto about to be made: where, from what, how bright."""
+    """An orthophoto prepared for rendering."""
 
     dtm: Dtm
     samplers: tuple[ViewSampler, ...]
@@ -81,7 +82,7 @@ class OrthophotoRendering:
 
     @property
     def source_grid(self) -> MapGrid:
-        """Where the cells of the sources lie."""
+        """Grid of the sources."""
         grid, ratio = self.grid, self.ratio
         rows, cols = grid.rows // ratio, grid.cols // ratio
         return MapGrid(grid.west, grid.north, self.dtm.grid.cell_m, rows, cols)
@@ -111,16 +112,16 @@ def prepare_orthophoto(
     params: OrthophotoParams,
     bands: Sequence[Sequence[GreyImage]] = (),
 ) -> OrthophotoRendering:
-    """The orthophoto of all seen cells of a terrain model, to be made block by block.
+    """Prepare the orthophoto of all known cells of a terrain model, to be rendered block by block.
 
     Args:
         dtm: The ground.
-        views: What was seen of it.
+        views: Its views.
         params: How to render.
-        bands: For every view its images through several filters, instead of its own.
+        bands: For every view, images through several filters to use instead of its own.
 
     Raises:
-        TerrainError: the terrain model is empty, no view looks at it, or its cells are no multiple
+        TerrainError: the terrain model is empty, no view shows it, or its cells are not a multiple
             of the orthophoto's.
     """
     ratio = _ratio(dtm, params)
@@ -147,21 +148,21 @@ def _ratio(dtm: Dtm, params: OrthophotoParams) -> int:
     ratio = dtm.grid.cell_m / params.cell_m
     if abs(ratio - round(ratio)) > 1e-6 or ratio < 1 - 1e-6:  # noqa: PLR2004 - decimal fractions
         raise TerrainError(
-            f"the terrain model's cells of {dtm.grid.cell_m} m are no whole multiple of the "
-            f"orthophoto's of {params.cell_m} m: take finer orthophoto cells"
+            f"the terrain model's cells of {dtm.grid.cell_m} m are not a whole multiple of the "
+            f"orthophoto's of {params.cell_m} m: use finer orthophoto cells"
         )
     return round(ratio)
 
 
 def bounds_to_show(dtm: Dtm, samplers: Sequence[ViewSampler]) -> Bounds:
-    """Bounds of the seen cells near which any view may show ground.
+    """Bounds of the known cells near which any view may show ground.
 
     Raises:
-        TerrainError: the terrain model is empty, or no view looks at it.
+        TerrainError: the terrain model is empty, or no view shows it.
     """
     seen = np.isfinite(dtm.elevation)
     if not seen.any():
-        raise TerrainError("the terrain model has no seen cell, so there is nothing to show")
+        raise TerrainError("the terrain model has no known cell, so there is nothing to show")
     near = np.zeros_like(seen)
     for row, col, rows, cols in windows(dtm.grid, BLOCK):
         window = (slice(row, row + rows), slice(col, col + cols))
@@ -171,14 +172,14 @@ def bounds_to_show(dtm: Dtm, samplers: Sequence[ViewSampler]) -> Bounds:
     near &= seen
     if not near.any():
         raise TerrainError(
-            f"none of the {len(samplers)} views looks at the terrain model's seen cells"
+            f"none of the {len(samplers)} views shows known cells of the terrain model"
         )
     (top, bottom), (left, right) = (_extent(near.any(axis=axis)) for axis in (1, 0))
     return dtm.grid.part(top, left, bottom - top, right - left).bounds
 
 
 def _extent(marked: Flags) -> tuple[int, int]:
-    """First and one after the last that is marked."""
+    """First and one after the last marked one."""
     where = np.flatnonzero(marked)
     return int(where[0]), int(where[-1]) + 1
 

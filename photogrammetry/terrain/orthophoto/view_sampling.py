@@ -1,15 +1,15 @@
-"""One view looked at from the map: where it shows a cell, how well, and whether something hides it.
+"""Sampling of a view by map cells: position, quality and occlusion of each cell.
 
 A cell of ground at P (east, north, up from the camera) with the unit normal n fills
 
     q = f^2 (-n.P) / |P|^3
 
-pixels a square metre: nearness, incidence and focal length in one number. Towards the border of the
-usable image q is faded to nothing, so that of two views the one that shows the cell nearer its
-middle is preferred and no view ends abruptly.
+pixels per square metre: nearness, incidence and focal length in one number. Towards the border of
+the usable image q decreases to zero, so that the view with the cell nearer its middle is preferred
+and no view ends abruptly.
 
 A cell at depth Z should appear with the parallax p = f B / Z. Where the matched parallax is larger,
-something nearer stands in front and the cell is hidden from this view.
+nearer ground hides the cell from this view.
 """
 
 from __future__ import annotations
@@ -25,40 +25,40 @@ from solmap.photogrammetry.terrain.dtm.ground import camera_on_map, map_from_pai
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 
 NEAREST_M = 0.05
-"""Depths below this are behind or inside the camera."""
+"""Points with smaller depths are behind or inside the camera."""
 LEVELS = 4
-"""Levels of the image pyramid: ground that is up to eight pixels a cell wide."""
+"""Levels of the image pyramid: for ground cells up to eight pixels wide."""
 FADE_FROM_PX = 4.0
 """Distance from unusable pixels at which fading starts: the reach of the second pyramid level."""
 
 HIDDEN_PX = 1.0
-"""How far a matched parallax may exceed the expected one before the ground counts as hidden: four
+"""Excess of a matched parallax over the expected one from which the ground counts as hidden: four
 standard deviations of a dense parallax."""
 COARSER = 4
-"""Width, in pixels, of the steps in which the distance to unusable pixels is known."""
+"""Step, in pixels, of the distance to unusable pixels."""
 GRAZING = np.float32(0.02)
-"""Least sine of the angle at which ground is taken to be seen: what faces away by a degree or two
-does so by the noise of its elevation. What is hidden shows in the parallax."""
+"""Least sine of the angle at which ground counts as visible: ground that faces away by a degree or
+two may do so by the noise of its elevation. Hidden ground is detected by the parallax."""
 
 Pyramid = tuple[np.ndarray, ...]
-"""A band of an image, and the same at half the size, again and again."""
+"""A band of an image at full size, half the size, and so on."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProjectedCells:
-    """How a view shows the cells of a piece of map."""
+    """The cells of a piece of map in a view."""
 
     sample: Raster
     line: Raster
     density: Raster
-    """Pixels a square metre of ground; 0 where not shown."""
+    """Pixels per square metre of ground; 0 where not visible."""
     worth: Raster
-    """The density, faded towards the border of the image; 0 where hidden or not shown."""
+    """The density, reduced towards the border of the image; 0 where hidden or not visible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewSampler:
-    """A view prepared for being looked at from the map."""
+    """A view prepared for sampling by map cells."""
 
     camera: Vector3
     pair_from_map: Float32[np.ndarray, "3 3"]
@@ -68,7 +68,7 @@ class ViewSampler:
     sides: Float64[np.ndarray, "5 3"]
     """Outward normals (east, north, up) of the planes around the field of view."""
     bands: tuple[Pyramid, ...]
-    """The view's own image, or the images through several filters in its place."""
+    """The view's own image, or images through several filters instead."""
     fade: Float32[np.ndarray, "coarse_lines coarse_samples"]
     nearest: GreyImage
     """Matched parallax, 0 where there is none."""
@@ -106,10 +106,10 @@ class ViewSampler:
         normal: Float32[np.ndarray, "3 rows cols"],
         cell_m: float,
     ) -> ProjectedCells:
-        """How this view shows cells at `ground` (east, north, up from this camera).
+        """The cells at `ground` (east, north, up from this camera) in this view.
 
-        The parallax may exceed the expected one by `HIDDEN_PX` and by what a cell's own depth
-        makes, p cell / Z, before the cell counts as hidden.
+        A cell counts as hidden if the parallax exceeds the expected one by more than `HIDDEN_PX`
+        and the effect of the cell's own depth, p cell / Z.
         """
         turned = self.pair_from_map @ ground.reshape(3, -1)
         X, Y, Z = turned.reshape(ground.shape)
@@ -176,7 +176,7 @@ def coarse_points(sample: Raster, line: Raster) -> tuple[Raster, Raster]:
 
 
 def masked_pyramid(image: GreyImage, mask: Mask) -> Pyramid:
-    """The image at every level; unusable pixels have its mean, for they are never shown."""
+    """The image at every level; unusable pixels have its mean, because they are never shown."""
     level = cv2.mean(image, mask.astype(np.uint8))[0]
     pyramid = [image if mask.all() else np.where(mask, image, np.float32(level))]
     while len(pyramid) < LEVELS:

@@ -1,19 +1,19 @@
 """Contours of a terrain model.
 
-A contour of the raw model would run around every pebble and every noisy cell. Elevations are first
-averaged with a Gaussian of the size below which relief is not to be drawn, cells without elevation
-having no weight (normalised convolution),
+Contours of the raw model would enclose every pebble and every noisy cell. Elevations are first
+averaged with a Gaussian of the size of the smallest relief to be drawn, with zero weight for cells
+without elevation (normalised convolution),
 
     h' = G * (m h) / G * m,      m = 1 where there is an elevation, 0 elsewhere
 
-and h' counts where at least half of the Gaussian's weight fell on known cells: lines stop at unseen
-ground and run on across a missing cell or two. Lines are marching squares on h', whose nodes are
-kept off the contours' own elevations, so that no two lines touch.
+and h' is valid where at least half of the Gaussian's weight is on known cells: lines stop at
+unknown ground and continue across a missing cell or two. Lines are marching squares on h', whose
+nodes are kept off the contours' own elevations, so that no two lines touch.
 
-Every line is then simplified on its own (Douglas and Peucker 1973: no point of it moves away by
-more than the tolerance). Lines that then meet each other or themselves are simplified again with
-half the tolerance, and again, and in the end are left as they were; so if the lines given do not
-meet, those returned do not either.
+Every line is then simplified separately (Douglas and Peucker 1973: no point moves by more than the
+tolerance). Lines that then intersect each other or themselves are simplified again with half the
+tolerance, repeatedly, and finally left unchanged; so if the given lines do not intersect, neither
+do the returned ones.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 Line = Float64[np.ndarray, "_ 2"]
 """(east, north), metres; the first and last are equal where the line is closed."""
 HALVINGS = 4
-"""How often the tolerance of a line that meets another is halved before the line is left alone."""
+"""Most halvings of the tolerance of an intersecting line before it is left unchanged."""
 STEPS = (1.0, 2.0, 2.5, 5.0)
 """Intervals are one of these times a power of ten."""
 LEAST_OFF = 1e-3
 """Least distance of a node's elevation from a contour's, in intervals."""
 NODES_PER_SIGMA = 2.0
-"""Lattice nodes along one standard deviation of the Gaussian: finer ones show nothing new."""
+"""Lattice nodes per standard deviation of the Gaussian: finer ones add no detail."""
 
 
 def simplify_lines(lines: Sequence[Line], tolerance_m: float) -> list[Line]:
@@ -69,59 +69,59 @@ def simplify_lines(lines: Sequence[Line], tolerance_m: float) -> list[Line]:
 
 
 def _simplify_less(line: shapely.LineString, tolerance_m: float, halved: int) -> shapely.Geometry:
-    """A line simplified with a tolerance halved so often, or as it is after the last time."""
+    """A line simplified with a tolerance halved a number of times, or unchanged after the last."""
     if halved > HALVINGS:
         return line
     return shapely.simplify(line, tolerance_m / 2.0**halved, preserve_topology=False)
 
 
 def _intersecting(lines: np.ndarray) -> np.ndarray:
-    """Indices of the lines that meet another one or themselves."""
+    """Indices of the lines that intersect another one or themselves."""
     one, other = shapely.STRtree(lines).query(lines, predicate="intersects")
     return np.union1d(one[one != other], np.flatnonzero(~shapely.is_simple(lines)))
 
 
 @dataclass(frozen=True, slots=True)
 class ContourParams:
-    """How to trace contours."""
+    """Parameters of contours."""
 
     interval_m: ContourInterval | None = None
     """Difference in elevation between contours; chosen by the relief when absent."""
     contours_wanted: Few = 15
-    """Number of contours at most when the interval is chosen: lines stay apart on a screen."""
+    """Most contours when the interval is chosen: lines stay apart on a screen."""
     index_every: Few = 5
     """Every fifth contour is an index contour, as on printed maps."""
     smoothing_m: ShortMetresOrZero = 0.2
     """Standard deviation of the Gaussian: rocks below half a metre are not drawn."""
     min_share: Share = 0.5
-    """Least share of the Gaussian's weight that must fall on known cells: at an edge, half does."""
+    """Least fraction of the Gaussian's weight on known cells: at an edge it is half."""
     min_length_m: MetresOrZero = 1.0
     """Shortest contour: about a wheel base."""
     simplify_m: ShortMetresOrZero = 0.02
-    """Farthest that a contour may stray from where it was traced: a fifth of a node's distance."""
+    """Largest distance of a contour from where it was traced: a fifth of a node's distance."""
 
     def __post_init__(self) -> None:
         if self.interval_m is not None and not self.interval_m > 0:
-            raise TerrainError(f"a contour interval of {self.interval_m} m: give one above zero")
+            raise TerrainError(f"a contour interval must be above zero, not {self.interval_m} m")
 
 
 @dataclass(frozen=True, slots=True)
 class RegionContourParams(ContourParams):
-    """How to trace the contours of a region: many stops, seen from farther away."""
+    """Parameters of contours of a region: many stops, seen from farther away."""
 
     interval_m: ContourInterval | None = 1.0
     """As on the paper's maps of regions."""
     smoothing_m: ShortMetresOrZero = 0.5
     """Rocks of a metre are not drawn."""
     min_length_m: MetresOrZero = 5.0
-    """Shorter lines are mounds of a few metres."""
+    """Shorter lines enclose mounds of a few metres."""
     simplify_m: ShortMetresOrZero = 0.1
-    """Less than can be seen on a map of a hundred metres."""
+    """Invisible on a map of a hundred metres."""
 
 
 @dataclass(frozen=True, slots=True)
 class FarContourParams(ContourParams):
-    """How to trace contours of far ground."""
+    """Parameters of contours of far ground."""
 
     smoothing_m: ShortMetresOrZero = 3.2
     """Five cells, as in the map of a stop."""
@@ -177,9 +177,9 @@ def _levels(known: Float32[np.ndarray, " n"], interval_m: float) -> range:
 
 
 def _off_the_contours(nodes: Raster, interval_m: float) -> Float64[np.ndarray, "rows cols"]:
-    """Elevations of which none is a contour's: those nearer than a thousandth of it are raised.
+    """Elevations that differ from every contour's: those within a thousandth are raised.
 
-    Through a node on a contour's own elevation lines would run that touch there.
+    Lines through a node at a contour's own elevation would touch there.
     """
     intervals = nodes.astype(np.float64) / interval_m
     level = np.rint(intervals)
@@ -188,9 +188,9 @@ def _off_the_contours(nodes: Raster, interval_m: float) -> Float64[np.ndarray, "
 
 
 def interval_by_relief(known: Float64[np.ndarray, " n"] | np.ndarray, wanted: int) -> float:
-    """The smallest round interval that needs no more than `wanted` contours for most of the relief.
+    """The smallest round interval with at most `wanted` contours for most of the relief.
 
-    Relief is taken between the 1st and 99th percentile, so that one boulder does not decide.
+    Relief is taken between the 1st and 99th percentile, so that single boulders have no effect.
     """
     low, high = np.percentile(known, (1, 99))
     least = max(float(high - low) / wanted, 1e-3)
@@ -201,7 +201,7 @@ def interval_by_relief(known: Float64[np.ndarray, " n"] | np.ndarray, wanted: in
 
 
 def smooth_elevation(elevation: Raster, cell_m: float, sigma_m: float, min_share: float) -> Raster:
-    """Elevations averaged with a Gaussian; NaN where too little of it fell on known cells."""
+    """Elevations averaged with a Gaussian; NaN where too little of its weight is on known cells."""
     known = np.isfinite(elevation)
     if not known.any() or sigma_m < cell_m / 2:
         return elevation

@@ -6,17 +6,17 @@ is unit(-g_n, -g_e, -1), and as in VICAR's `marsslope`
 
     slope = 90 deg + atan(w / sqrt(u^2 + v^2)),   aspect = atan2(v, u),   northerly tilt = asin(u)
 
-The aspect is the azimuth in which the ground falls, clockwise from north. Hillshade is the cosine
-of the sun's incidence, as for a Lambert surface, with no cast shadow.
+The aspect is the azimuth of the steepest descent, clockwise from north. Hillshade is the cosine of
+the sun's incidence, as for a Lambert surface, without cast shadows.
 
 The standard deviation of slope is
 
     sigma^2 = d' (k v C^-1) d / (1 + g^2)^2        d = g / |g|, the direction of the slope
 
-which on level ground is that of the gradient; v is the variance of the cells without what
-their poses share, and k the number of cells below one matching window. Roughness is the standard
-deviation of the elevations from the plane: a terrain model's own noise is in it. VICAR's
-`marsrough` gives the largest deviation in a ring of 4 cm instead, for an arm's tool.
+which on level ground is that of the gradient; v is the variance of the cells without the common
+part of their poses, and k the number of cells in one matching window. Roughness is the standard
+deviation of the elevations from the plane, including the terrain model's noise. VICAR's `marsrough`
+gives the largest deviation in a ring of 4 cm instead, for an arm's tool.
 """
 
 from __future__ import annotations
@@ -53,42 +53,43 @@ from solmap.photogrammetry.terrain.dtm.resampling import (
 )
 
 CORRELATION_M = 0.15
-"""Least length over which neighbouring cells share their error, however close: what is left of
-lens, light and matching is smooth over some decimetres."""
+"""Least correlation length of neighbouring cells, even at short range: remaining errors of lens,
+light and matching are smooth over some decimetres."""
 HILLSHADE_BASELINE_CELLS = 3
-"""Side of the window in cells: the smallest that fits a plane, so that edges stay crisp."""
+"""Side of the window in cells: the smallest that fits a plane, which keeps edges sharp."""
 Normals = Float32[np.ndarray, "3 rows cols"]
 """Unit normals (north, east, down) in the LSL, pointing up; NaN where none could be fitted."""
 STRIP = 512
-"""Rows that are worked on together: 70 MB of a stop's width."""
+"""Rows that are processed together: 70 MB at a stop's width."""
 LEAST_STEEPNESS = 1e-6
-"""Gradient below which ground has no direction in which it falls: single precision."""
+"""Gradient below which ground has no aspect: single precision."""
 
 
 @dataclass(frozen=True, slots=True)
 class SlopeParams:
-    """How to map slope, aspect, northerly tilt and roughness."""
+    """Parameters of slope, aspect, northerly tilt and roughness."""
 
     baseline_m: ShortMetres = 1.1
-    """Length over which slope is felt: about a wheel base, so that pebbles do not count."""
+    """Length over which slope is measured: about a wheel base, so that pebbles have no effect."""
     min_share: Share = 0.5
-    """Least share of the window that must have an elevation: at a straight edge, half has."""
+    """Least fraction of the window with an elevation: at a straight edge it is half."""
     correlation_px: Pixels = 9.0
-    """Side of the window that refines dense parallax: points this close share their error. Seen
-    from afar few points lie in a cell, so that the window covers many cells."""
+    """Side of the window that refines dense parallax: points within it have a common error. At long
+    range few points lie in a cell, so that the window covers many cells."""
     cell_m: CellSize = 0.08
-    """Least side of a cell on the map: what is felt over a baseline of 1.1 m hardly changes over
-    less. Every cell of the terrain model has its plane; a map's cell is the mean of some."""
+    """Least side of a cell on the map: slope over a baseline of 1.1 m hardly changes over less.
+    Every cell of the terrain model has its plane; a map's cell is the mean of some."""
     most_cells: MapCells = 20_000_000
-    """Cells at most, 1 GB: of larger areas the cells are doubled. A stop has 1 million."""
+    """Most cells, 1 GB: for larger areas the cells are doubled. A stop has 1 million."""
 
 
 @dataclass(frozen=True, slots=True)
 class HillshadeParams:
-    """How to shade relief."""
+    """Parameters of shaded relief."""
 
     sun_azimuth_deg: Azimuth = 315.0
-    """Clockwise from north. North-west, as on printed maps: lit from below, relief inverts."""
+    """Clockwise from north. North-west, as on printed maps: lit from below, relief appears
+    inverted."""
     sun_elevation_deg: Elevation = 45.0
     """Above the horizon: flat ground is middle grey."""
     exaggeration: Factor = 1.0
@@ -140,7 +141,7 @@ def hillshade(elevation: Raster, cell_m: float, params: HillshadeParams) -> Rast
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Relief:
-    """What planes fitted over one baseline say of every cell."""
+    """Results of fitting planes over one baseline to every cell."""
 
     normal: Normals
     slope_sigma_deg: Raster
@@ -155,11 +156,12 @@ class Relief:
 
 
 def relief(dtm: Dtm, params: SlopeParams) -> Relief:
-    """Normals of a terrain model over the baseline, how certain they are, and roughness."""
+    """Normals of a terrain model over the baseline, their standard deviations, and roughness."""
     cell_m = dtm.grid.cell_m
     fit = fit_window_planes(dtm.elevation, cell_m, params.baseline_m, params.min_share)
     pose = np.float32(0) if dtm.pose_sigma_m is None else dtm.pose_sigma_m
-    own = np.maximum(dtm.sigma_m**2 - pose**2, 0)  # a tilted pose tilts all slopes, by 0.1 degrees
+    # # a tilted pose tilts all slopes, by 0.1 degrees
+    own = np.maximum(dtm.sigma_m**2 - pose**2, 0)
     variance = window_mean(own, cell_m, params.baseline_m)
     shared = _cells_that_share(dtm, params)
     g_e, g_n = fit.gradient
@@ -173,10 +175,10 @@ def relief(dtm: Dtm, params: SlopeParams) -> Relief:
 
 
 def _cells_that_share(dtm: Dtm, params: SlopeParams) -> Raster:
-    """Number k of neighbouring cells that share one error: those below a window of matched points.
+    """Number k of neighbouring cells with a common error: those in a window of matched points.
 
-    At most a quarter of the plane's window: a tilt that all of it shares would be no error of slope
-    but of pose.
+    At most a quarter of the plane's window: a tilt common to all of it would be an error of the
+    pose, not of the slope.
     """
     cell_m = dtm.grid.cell_m
     points = window_mean(dtm.observations, cell_m, params.baseline_m)
@@ -189,7 +191,7 @@ def _cells_that_share(dtm: Dtm, params: SlopeParams) -> Raster:
 def relief_map(dtm: Dtm, params: SlopeParams) -> tuple[Relief, MapGrid]:
     """The same as means over cells of at least `params.cell_m`, and their grid.
 
-    Strips of the model are worked on one after the other, so that a region takes no more memory
+    Strips of the model are processed one after the other, so that a region takes no more memory
     than its map.
     """
     cell_m = max(dtm.grid.cell_m, params.cell_m)

@@ -1,5 +1,5 @@
-"""Where a rover may stand and drive.
+"""Where a rover may stand and drive: hazards and reachability.
 
-A terrain model enters; hazard classes, and the shortest drives from a place, leave. Only `dtm` may
+A terrain model enters; hazard classes, and the shortest drives from a point, leave. Only `dtm` may
 be imported of terrain.
 """

@@ -1,13 +1,12 @@
-"""Driving: how far a rover has to drive to every place, and which way, around all hazards.
+"""Reachability: length and path of the shortest drive to every cell, around all hazards.
 
-Cells in which the middle of the rover may be (`hazard.py` looks at all ground below it) are joined
-to their sixteen neighbours, the eight around and the eight a knight's move away, by edges as long
-as the ground between them, rise included. Shortest ways through that graph are Dijkstra's (1959).
-A way in one of its sixteen directions is as long as it is; in others it is up to 2.8 % longer than
-a straight line.
+Cells in which the middle of the rover may be (`hazard.py` checks all ground below it) are joined to
+their sixteen neighbours, the eight around and the eight a knight's move away, by edges of the
+length on the ground. Shortest paths are found by Dijkstra's algorithm (1959). A path in one of the
+sixteen directions has its exact length; in others it is up to 2.8 % longer than a straight line.
 
-Unknown ground is not driven over, except where the rover stands, which no camera of its own sees,
-and across gaps of the map that are much smaller than a rover.
+Unknown ground is not driven over, except around the start, which the rover's own cameras do not
+see, and across gaps of the map that are much smaller than a rover.
 """
 
 from __future__ import annotations
@@ -32,52 +31,52 @@ Open = Bool[np.ndarray, "rows cols"]
 """True where the middle of the rover may be."""
 
 _MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
-"""(rows, columns) to half of the neighbours; the other half are the way back."""
+"""(rows, columns) to half of the neighbours; the other half are the reverse moves."""
 
 
 @dataclass(frozen=True, slots=True)
 class DrivingParams:
-    """What is driven over besides ground that is known to be free of hazards."""
+    """Unknown ground that may be driven over."""
 
     stand_m: float = 2.6
-    """Radius around the start in which unknown ground is taken for safe, since the rover stands
-    there: beyond its own sides, as wide as the window in which hazards are judged."""
+    """Radius around the start in which unknown ground counts as safe, because the rover is there:
+    its width plus that of the window in which hazards are evaluated."""
     gap_m: float = 0.5
-    """Unknown ground less wide than this is driven over where what surrounds it is safe."""
+    """Unknown ground narrower than this is driven over where the ground around is safe."""
     farthest_m: float = 100.0
-    """Longest way that is looked for."""
+    """Longest path that is searched."""
 
     def __post_init__(self) -> None:
         if not (self.stand_m >= 0 and self.gap_m >= 0 and self.farthest_m > 0):
             raise TerrainError(
-                f"driving {self.farthest_m} m over gaps of {self.gap_m} m from a stand of "
-                f"{self.stand_m} m: give a distance above zero, the others not below"
+                "farthest_m must be above zero, gap_m and stand_m zero or more, not "
+                f"{self.farthest_m} m, {self.gap_m} m and {self.stand_m} m"
             )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reachability:
-    """The shortest ways from one place to all others."""
+    """The shortest paths from one point to all others."""
 
     grid: MapGrid
     start: tuple[int, int]
-    """Row and column of the cell that they begin in."""
+    """Row and column of the start cell."""
     drive_m: Raster
-    """Length of the way to every cell; NaN where none leads."""
+    """Length of the path to every cell; NaN where there is none."""
     before: Int32[np.ndarray, "rows cols"]
-    """Number of the cell before it on that way, counted along rows; below zero where none is."""
+    """Index of the previous cell on that path, by rows; negative where there is none."""
 
     def path_to(self, place: tuple[float, float]) -> Places:
-        """Centres of the cells on the way to the cell of a place, the start first.
+        """Centres of the cells on the path to the cell of a point, the start first.
 
         Raises:
-            TerrainError: no way leads there.
+            TerrainError: there is no path.
         """
         cell = self.grid.cell_at(*place)
         if cell is None or not np.isfinite(self.drive_m[cell]):
             raise TerrainError(
-                f"no way free of hazards and unknown ground leads to east {place[0]:.2f}, north "
-                f"{place[1]:.2f}: choose another place, or allow wider gaps or a longer way"
+                f"there is no path free of hazards and unknown ground to east {place[0]:.2f}, "
+                f"north {place[1]:.2f}: choose another point, or allow wider gaps or a longer path"
             )
         before, at = self.before.ravel(), int(np.ravel_multi_index(cell, self.grid.shape))
         cells = [at]
@@ -96,10 +95,10 @@ def reachability(
     place: tuple[float, float],
     params: DrivingParams,
 ) -> Reachability:
-    """The shortest ways from (east, north) over cells of `Hazard`, with their elevations, metres.
+    """The shortest paths from (east, north) over cells of `Hazard`, with their elevations, metres.
 
     Raises:
-        TerrainError: the place is off the grid, or lies in a hazard.
+        TerrainError: the point is off the grid, or in a hazard.
     """
     start = grid.cell_at(*place)
     if start is None:
@@ -107,8 +106,7 @@ def reachability(
     if hazard[start] > Hazard.TRAVERSABLE:
         kind = Hazard(int(hazard[start])).name.lower()
         raise TerrainError(
-            f"east {place[0]:.2f}, north {place[1]:.2f} is itself a hazard ({kind}): start on "
-            "ground where a rover may stand"
+            f"east {place[0]:.2f}, north {place[1]:.2f} is a hazard ({kind}): start on safe ground"
         )
     way = drivable(hazard, grid, start, params)
     edges = drive_graph(way, fill_gaps(elevation), grid.cell_m)
@@ -126,7 +124,7 @@ def reachability(
 
 
 def drivable(hazard: Classes, grid: MapGrid, start: tuple[int, int], params: DrivingParams) -> Open:
-    """The cells that may be driven over: free of hazards, in small gaps, or below the rover."""
+    """The cells that may be driven over: free of hazards, in small gaps, or at the start."""
     free = (hazard == Hazard.TRAVERSABLE).astype(np.uint8)
     half = math.floor(params.gap_m / grid.cell_m / 2 + 1e-9)
     if half:

@@ -1,18 +1,17 @@
-"""Hazards: where a rover may stand, and what keeps it from where it may not.
+"""Hazards: where a rover may stand, and the kind of hazard elsewhere.
 
-After GESTALT, which drives the Mars Exploration Rovers around obstacles (Goldberg, Maimone and
-Matthies 2002; Biesiadecki and Maimone 2006): cells of about 0.2 m, and around each a window as
-large as the rover, 13 such cells, in which three things are judged,
+As in GESTALT, the hazard avoidance of the Mars Exploration Rovers (Goldberg, Maimone and Matthies
+2002; Biesiadecki and Maimone 2006): cells of about 0.2 m, and around each a window as large as the
+rover, 13 such cells, in which three quantities are evaluated,
 
 - tilt: the slope of the plane fitted to the window;
 - step: the largest difference in height, within a wheel's diameter and over that plane, anywhere in
   the window;
 - roughness: the standard deviation of the heights from that plane.
 
-Each is divided by its limit; the largest ratio says whether the middle of the rover may be here,
-and if it is above 1, its kind names the hazard. A window that is seen too little is UNKNOWN, unless
-what is seen of it is a hazard already; so is ground whose elevations are too uncertain to tell a
-step.
+Each is divided by its limit; the rover may be here if the largest ratio is at most 1, otherwise its
+quantity is the kind of hazard. A window with too few known cells is UNKNOWN, unless those are a
+hazard already; so is ground whose elevations are too uncertain to detect a step.
 """
 
 from __future__ import annotations
@@ -33,41 +32,42 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.dtm.resampling import coarsen
 
 STRIP = 1024
-"""Rows that are judged together."""
+"""Rows that are processed together."""
 
 
 class Hazard(IntEnum):
-    """What a rover finds whose middle is in the cell."""
+    """Class of a cell, for a rover with its middle in the cell."""
 
     UNKNOWN = 0
-    """Too little of the ground was seen, or it is known too poorly."""
+    """Too few cells are known, or too uncertain."""
     TRAVERSABLE = 1
-    """All is within its limits."""
+    """All quantities are within their limits."""
     ROUGH = 2
-    """The ground strays too far from a plane."""
+    """The ground deviates too much from a plane."""
     STEP = 3
-    """There is a step higher than a wheel takes."""
+    """There is a step higher than a wheel can climb."""
     STEEP = 4
     """The rover would tilt too much."""
 
 
 @dataclass(frozen=True, slots=True)
 class HazardParams:
-    """How large the rover is, and what it may drive over."""
+    """Size of the rover, and its limits."""
 
     window_m: ShortMetres = 2.6
     """Side of the rover-sized window: GESTALT's 13 cells of 0.2 m. MER is 1.6 by 2.3 m."""
     steepest_deg: Slope = 20.0
-    """Largest tilt. MER was to be safe up to 30 degrees, but slips on loose ground long before;
-    steeper slopes were driven with visual odometry only (Maimone, Cheng and Matthies 2007)."""
+    """Largest tilt. MER was designed to be safe up to 30 degrees, but slips on loose ground
+    long before; steeper slopes were driven with visual odometry only (Maimone, Cheng and
+    Matthies 2007)."""
     highest_step_m: Metres = 0.2
     """Highest step: MER's suspension climbs rocks as high as a wheel's diameter, 0.26 m."""
     roughest_m: Metres = 0.1
     """Largest standard deviation from the plane: a third of MER's ground clearance, 0.3 m."""
     wheel_m: ShortMetres = 0.26
-    """Diameter of a wheel: heights this close to each other make a step."""
+    """Diameter of a wheel: height differences within it are steps."""
     min_share: Share = 0.7
-    """Least share of the window that must be seen: more than a rover's half."""
+    """Least known fraction of the window: more than half of the rover."""
     cell_m: CellSize = 0.16
     """Side of a cell; GESTALT's are 0.2 m, which is no power of two times the map's finest cell."""
 
@@ -75,7 +75,7 @@ class HazardParams:
         limits = (self.steepest_deg, self.highest_step_m, self.roughest_m)
         if not all(limit > 0 for limit in limits):
             raise TerrainError(
-                f"hazard limits of {limits} (degrees, metres, metres): give all above zero"
+                f"hazard limits must be above zero, not {limits} (degrees, metres, metres)"
             )
 
 
@@ -83,14 +83,14 @@ def hazards(dtm: Dtm, params: HazardParams) -> tuple[Classes, MapGrid]:
     """A `Hazard` for every cell of a coarser grid, and that grid."""
     elevation, grid = coarsen(dtm.elevation, dtm.grid, params.cell_m)
     sigma, _ = coarsen(dtm.sigma_m, dtm.grid, params.cell_m)
-    if dtm.pose_sigma_m is not None:  # what all cells share makes no step
+    if dtm.pose_sigma_m is not None:  # # errors common to all cells cause no steps
         shared, _ = coarsen(dtm.pose_sigma_m, dtm.grid, params.cell_m)
         sigma = np.sqrt(np.maximum(sigma**2 - shared**2, 0))
     return _classify_in_strips(elevation, sigma, replace(params, cell_m=grid.cell_m)), grid
 
 
 def _classify_in_strips(elevation: Raster, sigma_m: Raster, params: HazardParams) -> Classes:
-    """The same, some rows at a time, so that a region takes no more memory than its map."""
+    """The same for some rows at a time, so that memory does not grow with the region."""
     margin = math.ceil(params.window_m / params.cell_m)  # a step half a window off, and its plane
     found = np.zeros(elevation.shape, np.uint8)
     for top in range(0, len(elevation), STRIP):
@@ -126,7 +126,7 @@ def classify_cells(elevation: Raster, sigma_m: Raster, params: HazardParams) -> 
 
 
 def step_heights(elevation: Raster, gradient: Gradients, params: HazardParams) -> Raster:
-    """Largest rise or fall, over the rover's plane, to a cell within a wheel's diameter."""
+    """Largest height difference over the rover's plane within a wheel's diameter."""
     reach = math.ceil(params.wheel_m / params.cell_m - 1e-9)
     east, north = (part * np.float32(params.cell_m) for part in gradient)
     padded = np.pad(elevation, reach, constant_values=np.nan)

@@ -1,13 +1,13 @@
-"""What an image shows of the ground: its outline on the map, and where it points.
+"""Footprints of images on the map, and their pointing.
 
-Rays through the border of the image meet the ground at
+Rays through the border of the image intersect the ground at
 
     P = C + t d,    t = (h - C_up) / d_up,    d_up < 0
 
-with h the ground's elevation. A ray that meets it too far away, or looks above the horizon, is cut
-off at the largest range in its own azimuth, so that a frame with sky in it reaches as far as its
-view is said to reach. Over a terrain model the ray is walked until it first passes below the
-terrain; where the model knows nothing, the plane stands in.
+with h the ground's elevation. A ray that intersects it too far away, or points above the horizon,
+is cut off at the largest range in its own azimuth, so that a frame with sky in it extends to the
+largest range. Over a terrain model the ray is followed until it first passes below the terrain;
+where the model is unknown, a plane is used.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ Outline = Float64[np.ndarray, "corners 2"]
 SIDE_POINTS = 16
 """Rays along a side of the image: lens distortion and the horizon bend it."""
 LEAST_SIDE_M = 1e-3
-"""Points of an outline closer than this are one."""
+"""Points of an outline closer than this are merged."""
 STEPS = 1000
 """Steps along a ray over terrain: some centimetres each, and straight in between."""
 
 
 @dataclass(frozen=True, slots=True)
 class FootprintParams:
-    """How far footprints and pointing lines reach."""
+    """Range of footprints and pointing lines."""
 
     max_range_m: Metres = 40.0
     """Navcam stereo is worse than a metre in range beyond; lines to the horizon are cut here."""
@@ -45,7 +45,7 @@ class FootprintParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ground:
-    """The ground as far as footprints need it: a plane, and a terrain model where there is one."""
+    """The ground for footprints: a plane, and a terrain model where available."""
 
     elevation_m: float
     dtm: Dtm | None = None
@@ -53,7 +53,7 @@ class Ground:
     def elevations(
         self, plan: Float64[np.ndarray, "rays steps 2"]
     ) -> Float64[np.ndarray, "rays steps"]:
-        """Elevation at (east, north); that of the plane where the model knows none."""
+        """Elevation at (east, north); that of the plane where the model is unknown."""
         plane = np.full(plan.shape[:2], self.elevation_m)
         if self.dtm is None:
             return plane
@@ -71,9 +71,9 @@ def footprint(
     ground: Ground,
     max_range_m: float,
 ) -> Outline:
-    """Outline on the map of the ground that an image of (samples, lines) shows.
+    """Outline on the map of the ground in an image of (samples, lines).
 
-    Empty where the image shows nothing but sky.
+    Empty where the image shows only sky.
     """
     return _outline(_rays(camera, _border(size), lsl_from_rover), ground, max_range_m)
 
@@ -107,10 +107,10 @@ def _outline(rays: tuple[Vector3, Directions], ground: Ground, max_range_m: floa
 
 
 def _sweep(ring: Outline, met: Flags, centre: Float64[np.ndarray, " 2"]) -> Outline:
-    """The outline with each stretch along the largest range swept in one direction.
+    """The outline with each stretch at the largest range ordered by azimuth.
 
-    The sides of an image go on above the horizon with other azimuths than where they cross it, so
-    cut-off points may run to and fro; the first point of the ring is not cut off.
+    The sides of an image continue above the horizon with other azimuths than where they cross it,
+    so the order of cut-off points may reverse; the first point of the ring is not cut off.
     """
     ring = ring.copy()
     edges = np.flatnonzero(np.diff(np.concatenate([[True], met, [True]]).astype(np.int8)))
@@ -138,9 +138,7 @@ def _rays(
 ) -> tuple[Vector3, Directions]:
     """Centre and rays of a camera, as (east, north, up)."""
     if lsl_from_rover.target.kind is not FrameKind.LSL:
-        raise TerrainError(
-            f"a footprint lies on the map of the LSL, not of {lsl_from_rover.target}"
-        )
+        raise TerrainError(f"a footprint is on the map of the LSL, not of {lsl_from_rover.target}")
     centre = lsl_from_rover.apply(camera.centre[None])[0]
     rays = lsl_from_rover.turn(camera.rays(image_points))
     return MAP_FROM_LSL @ centre, rays @ MAP_FROM_LSL.T

@@ -1,28 +1,27 @@
-"""Viewsheds and sight lines: which ground can be seen from an eye.
+"""Viewsheds and sight lines: ground visible from a viewpoint.
 
-Elevations are read along rays from the eye, one cell a step and close enough to each other that
-they lie a cell apart at the farthest one. Along a ray, a target at the distance d and the height z
-over the eye is hidden if nearer ground is seen higher,
+Elevations are sampled along rays from the viewpoint in steps of a cell; at the largest distance
+rays are a cell apart. Along a ray, a target at the distance d and the height z above the viewpoint
+is hidden if nearer ground has a larger elevation angle,
 
     max over r < d of  z(r) / r   >   z(d) / d
 
-so one running maximum a ray answers for all its cells at once (all of it O(cells); as sweeps and R2
-do, Franklin and Ray 1994, on rays of equal angle). A cell takes the answer of the nearest ray,
-which passes within half a cell of its centre. The map's plane is level: the planet's curvature
+so one running maximum per ray gives the visibility of all its cells (O(cells) in total; like sweeps
+and R2, Franklin and Ray 1994, on rays of equal angle). A cell gets the visibility of the nearest
+ray, which passes within half a cell of its centre. The map's plane is level: the planet's curvature
 hides 1 mm at 80 m.
 
-Ground that was not seen hides nothing that is known; a target beyond a long stretch of it is
-UNKNOWN, unless known ground hides it already. The unseen ground around the eye itself does not
-count: a mast stands on it and looks over it.
+Unknown ground hides nothing; a target beyond a long stretch of it is UNKNOWN, unless known ground
+hides it. The unknown ground around the viewpoint does not count, because the mast is higher.
 
-A sight line is the straight line from an eye to a single target, compared with the ground h(s)
+A sight line is the straight line from a viewpoint to a single target, compared with the ground h(s)
 below it. It is
 
     blocked     where known ground reaches above it,
-    doubtful    where it passes a long stretch whose ground was not seen,
+    doubtful    where it passes a long stretch of unknown ground,
 
 and free otherwise. The clearance is the smallest height of the line over known ground. Blocking
-ground outweighs doubtful ground, as in viewsheds.
+ground takes precedence over unknown ground, as in viewsheds.
 """
 
 from __future__ import annotations
@@ -41,51 +40,51 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.dtm.resampling import MapPoints, coarsen, manageable_cell_m
 
 Rays = Float32[np.ndarray, "rays steps"]
-"""Values along rays from the eye, one row a ray."""
+"""Values along rays from the viewpoint, one row per ray."""
 
 
 OCCLUDED_SHARE = 0.5
-"""Share of a cell that must be occluded for a cell without elevation to be hidden."""
+"""Fraction of a cell that must be occluded for a cell without elevation to be hidden."""
 NEAR_M = 0.3
-"""Ground so near to either end does not block: it carries the end."""
+"""Distance from either end within which ground does not block."""
 
 
 class Sight(IntEnum):
-    """Whether a cell of the map can be seen."""
+    """Visibility of a cell of the map."""
 
     UNKNOWN = 0
-    """It has no elevation, or lies behind a long stretch of unseen ground."""
+    """It has no elevation, or lies behind a long stretch of unknown ground."""
     VISIBLE = 1
-    """No known ground is in the way."""
+    """No known ground hides it."""
     HIDDEN = 2
-    """Known ground is in the way, or ground behind which a stop's own cameras saw nothing."""
+    """Known ground hides it, or it is occluded from the stop's own cameras."""
 
 
 @dataclass(frozen=True, slots=True)
 class ViewshedParams:
-    """Who looks at what, and how far unseen ground is believed to be low."""
+    """Parameters of visibility: heights, and the treatment of unknown ground."""
 
     eye_height_m: Metres = 1.5
-    """Of the eye above the ground, where no camera says it: the mast of MER."""
+    """Height of the viewpoint above the ground, if not given by a camera: the mast of MER."""
     target_height_m: MetresOrZero = 0.1
-    """Of what is looked at above the ground: a stone, and three times a terrain model's noise."""
+    """Height of the target above the ground: a stone, and three times a terrain model's noise."""
     max_unseen_m: MetresOrZero = 4.0
-    """Longest stretch of unseen ground over which a target counts as visible: twice as long as the
+    """Longest stretch of unknown ground over which a target counts as visible: twice as long as the
     shadow of a rock of 0.1 m at 30 m from a mast."""
     radius_m: Metres = 100.0
     """Farthest target: beyond the reach of a stop's terrain model."""
     cell_m: CellSize = 0.16
-    """Side of a cell: what is smaller than a hand hides no ground that matters."""
+    """Side of a cell: smaller objects hide no relevant ground."""
     most_cells: MapCells = 4_000_000
-    """Cells at most, 200 MB: of larger areas the cells are doubled. A stop has 0.2 million."""
+    """Most cells, 200 MB: for larger areas the cells are doubled. A stop has 0.2 million."""
 
 
 def viewshed_of_stop(dtm: Dtm, eye: Vector3, params: ViewshedParams) -> tuple[Classes, MapGrid]:
-    """A `Sight` for every cell of a coarser grid, from a stop's own eye, and that grid.
+    """A `Sight` for every cell of a coarser grid, from a stop's own viewpoint, and that grid.
 
-    The stop's cameras stood where the eye is. So what they measured is visible, however much unseen
-    ground lies before it, unless it reaches no higher than nearer ground; and what its terrain
-    model has as occluded is hidden.
+    The stop's cameras were at the viewpoint. Ground that they measured is therefore visible, even
+    beyond long unknown stretches, unless it is no higher than nearer ground; and occluded cells of
+    its terrain model are hidden.
     """
     cell_m = manageable_cell_m(dtm.elevation, dtm.grid, params.cell_m, params.most_cells)
     elevation, grid = coarsen(dtm.elevation, dtm.grid, cell_m)
@@ -102,7 +101,7 @@ def viewshed_of_stop(dtm: Dtm, eye: Vector3, params: ViewshedParams) -> tuple[Cl
 
 
 def viewshed(elevation: Raster, grid: MapGrid, eye: Vector3, params: ViewshedParams) -> Classes:
-    """A `Sight` for every cell of a terrain model, from an eye (east, north, up)."""
+    """A `Sight` for every cell of a terrain model, from a viewpoint (east, north, up)."""
     down, right = _offsets(grid, eye)
     distance: Raster = np.hypot(down, right)
     height = elevation - np.float32(eye[2])
@@ -126,14 +125,14 @@ def viewshed(elevation: Raster, grid: MapGrid, eye: Vector3, params: ViewshedPar
 
 
 def _offsets(grid: MapGrid, eye: Vector3) -> Float32[np.ndarray, "2 rows cols"]:
-    """Cells that every cell lies south and east of the eye."""
+    """Cells by which every cell is south and east of the viewpoint."""
     row, col = grid.cells_of(np.array([[eye[1], eye[0], 0.0]]))
     indices: Float32[np.ndarray, "2 rows cols"] = np.indices(grid.shape, dtype=np.float32)
     return indices - np.array([row, col], np.float32).reshape(2, 1, 1)
 
 
 def _along_rays(height: Raster, centre: tuple[float, float], count: int, steps: int) -> Rays:
-    """Height over the eye at whole cells along `count` rays; NaN where it is unknown."""
+    """Height above the viewpoint at whole cells along `count` rays; NaN where unknown."""
     known = np.isfinite(height)
     azimuth = (2 * np.pi / count * np.arange(count, dtype=np.float32))[:, None]
     away = np.arange(1, steps + 1, dtype=np.float32)[None, :]
@@ -150,13 +149,13 @@ def _along_rays(height: Raster, centre: tuple[float, float], count: int, steps: 
 
 
 def _highest(along: Rays) -> Rays:
-    """Largest tangent up to and with every step."""
+    """Largest tangent up to and including every step."""
     away = np.arange(1, along.shape[1] + 1, dtype=np.float32)
     return np.maximum.accumulate(np.nan_to_num(along / away, nan=-np.inf), axis=1)
 
 
 def _longest_unseen(along: Rays) -> Int32[np.ndarray, "rays steps"]:
-    """Steps of the longest stretch of unseen ground so far, from the first seen ground on."""
+    """Steps of the longest stretch of unknown ground so far, after the first known ground."""
     step = np.arange(along.shape[1], dtype=np.int32)
     last = np.maximum.accumulate(np.where(np.isfinite(along), step, np.int32(-1)), axis=1)
     gap = np.where(last >= 0, step - last, 0)
@@ -169,23 +168,23 @@ def _nearest(
     distance: Float32[np.ndarray, " n"],
     count: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest ray of every target, and its last step that is nearer; -1 beside the eye."""
+    """The nearest ray of every target, and its last nearer step; -1 beside the viewpoint."""
     ray = np.rint(np.arctan2(right, -down) * np.float32(count / (2 * np.pi))).astype(np.int64)
     return ray % count, np.floor(distance - 0.5).astype(np.int64) - 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SightLine:
-    """The line between an eye and a target, and the ground below it."""
+    """The line between a viewpoint and a target, and the ground below it."""
 
     sight: Sight
     distance_m: PerPoint
-    """Of stations, from the eye on the map."""
+    """Distance of stations from the viewpoint on the map."""
     places: MapPoints
     line_m: PerPoint
     """Elevation of the line."""
     ground_m: PerPoint
-    """Elevation of the ground; NaN where it is not known."""
+    """Elevation of the ground; NaN where unknown."""
     clearance_m: float | None
     """Least height over known ground; None where none is known."""
     obstruction: int | None
@@ -195,7 +194,7 @@ class SightLine:
 
 
 def sight_line_stations(eye: Vector3, target: Vector3, step_m: float) -> MapPoints:
-    """Stations on the map from an eye to a target, both (east, north, up), ends included."""
+    """Stations on the map from a viewpoint to a target, both (east, north, up), ends included."""
     length = float(np.hypot(*(target - eye)[:2]))
     share = np.linspace(0.0, 1.0, max(2, int(np.ceil(length / step_m)) + 1))
     return eye[:2] + share[:, None] * (target - eye)[:2]
@@ -208,7 +207,7 @@ def sight_line(
     ground_m: PerPoint,
     max_unseen_m: float,
 ) -> SightLine:
-    """What the ground at the stations of `sight_line_stations` lets an eye see of a target."""
+    """Visibility of a target from a viewpoint, by the ground at `sight_line_stations`."""
     share = np.linspace(0.0, 1.0, len(places))
     length = float(np.hypot(*(target - eye)[:2]))
     distance, line = share * length, eye[2] + share * (target - eye)[2]
@@ -224,9 +223,9 @@ def sight_line(
 
 
 def _longest(distance: PerPoint, known: np.ndarray) -> float:
-    """Longest stretch without known ground, from the first known ground on.
+    """Longest stretch without known ground, after the first known ground.
 
-    The unseen ground around the eye does not count: a mast stands on it and looks over it.
+    The unknown ground around the viewpoint does not count, because the mast is higher.
     """
     stations: Float64[np.ndarray, " k"] = distance[known]
     if not len(stations):

@@ -139,7 +139,7 @@ def test_a_camera_of_ros_is_read():
         (ROS.replace("[436.0, 0.0,", "[436.0, 2.0,"), "a.yaml", "skew"),
         (ROS.replace("436.0", "-436.0"), "a.yaml", "above zero"),
         (ROS.replace("436.0", "wide"), "a.yaml", "camera_matrix should be 9 numbers"),
-        (TSAI.replace("R = 0 0 1", "R = 0 0 2"), "a.tsai", "no rotation matrix"),
+        (TSAI.replace("R = 0 0 1", "R = 0 0 2"), "a.tsai", "not a rotation matrix"),
         (TSAI.replace("fu = 620.86", ""), "a.tsai", "fu should be 1 number"),
         (TSAI.replace("v_direction = 0 1 0", "v_direction = 0 -1 0"), "a.tsai", "v_direction"),
         (TSAI + "AdjustableTSAI\n", "a.tsai", "'AdjustableTSAI' is not known"),

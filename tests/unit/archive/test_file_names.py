@@ -58,18 +58,18 @@ def test_names_tell_the_two_camera_sets_of_curiosity_apart():
 
 @pytest.mark.parametrize("name", ["", "notes.img", "5N292280938EFFB100P0703L0M1.IMG", "a" * 500])
 def test_another_name_is_refused(name):
-    with pytest.raises(LabelError, match="follows no known pattern"):
+    with pytest.raises(LabelError, match="matches no known pattern"):
         parse_file_name(name)
 
 
 @pytest.mark.parametrize("code", ["", "A", "#1", "AAA", "é0"])
 def test_another_code_is_refused(code):
-    with pytest.raises(LabelError, match="is no site or drive code"):
+    with pytest.raises(LabelError, match="is not a site or drive code"):
         decode_counter(code)
 
 
 def test_a_negative_counter_has_no_code():
-    with pytest.raises(LabelError, match="not negative"):
+    with pytest.raises(LabelError, match="must not be negative"):
         encode_counter(-1)
 
 

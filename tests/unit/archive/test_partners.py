@@ -86,7 +86,7 @@ def test_pancam_filters_must_see_one_band():
     pairing = find_stereo_pairs([pan("L", 2), pan("R", 1)])
     assert pairing.pairs == ()
     for reason in pairing.unpaired.values():
-        assert reason.endswith("see different bands")
+        assert reason.endswith("have different bands")
         assert "(L2)" in reason
         assert "(R1)" in reason
 

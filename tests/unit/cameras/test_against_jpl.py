@@ -188,5 +188,7 @@ def test_the_papers_equations_place_a_camera_in_the_lsl(test_vectors, cameras):
 
 def test_a_wrong_length_of_axis_is_refused(cameras):
     camera = cameras["navcam_left_spirit_sol1869_linearised"]
-    with pytest.raises(Exception, match="A of a camera model is a unit vector, not one of 2"):
+    with pytest.raises(
+        Exception, match="A of a camera model should be a unit vector, but has length 2"
+    ):
         Cahv(camera.c, 2 * camera.a, camera.h, camera.v)

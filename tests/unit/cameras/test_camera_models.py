@@ -165,7 +165,7 @@ def test_an_unknown_type_of_cahvore_is_refused(hazcam):
     fields = {name: getattr(hazcam, name) for name in hazcam.__dataclass_fields__}
     with pytest.raises(CameraError, match="of type 1, 2 or 3, not 4"):
         Cahvore(**{**fields, "type": 4})
-    with pytest.raises(CameraError, match="P of a CAHVORE model is within -1 and 1"):
+    with pytest.raises(CameraError, match="P of a CAHVORE model must be between -1 and 1"):
         Cahvore(**{**fields, "parameter": 37.0})
 
 

@@ -78,5 +78,5 @@ def test_the_largest_field_loses_no_edge(navcam):
 
 
 def test_two_cameras_in_one_place_are_no_pair(navcam):
-    with pytest.raises(CameraError, match="no base to linearise along"):
+    with pytest.raises(CameraError, match="no baseline to linearise along"):
         linearise_pair(navcam, navcam, 1024, 1024)

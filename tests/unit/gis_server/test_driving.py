@@ -69,9 +69,9 @@ def test_a_route_is_told_with_its_length_and_climb(client):
 @pytest.mark.parametrize(
     ("what", "query", "said"),
     [
-        ("route", {"to_east": 10, "to_north": 20}, "no way free of hazards"),
-        ("route", {"to_east": 900, "to_north": 20}, "no way free of hazards"),
-        ("reach", {"north": 20}, "itself a hazard"),
+        ("route", {"to_east": 10, "to_north": 20}, "no path free of hazards"),
+        ("route", {"to_east": 900, "to_north": 20}, "no path free of hazards"),
+        ("reach", {"north": 20}, "is a hazard"),
     ],
 )
 def test_where_no_way_is_the_answer_says_why(client, what, query, said):

@@ -95,7 +95,7 @@ def test_points_with_their_own_elevation_need_no_ground(client):
     points = [[0, 0, 1.0], [10, 0, 1.0], [10, 10, 1.0], [0, 10, 1.001]]
     body = ask(client, "plane-fit", points=points, sigma_m=0.01)
     assert body["strike_deg"] is None
-    assert "level as far as can be told" in body["said_of_strike"]
+    assert "level within its uncertainty" in body["said_of_strike"]
     assert body["layers"] == []
 
 

@@ -53,7 +53,7 @@ def test_the_table_holds_the_same(client):
     ("question", "told"),
     [
         ({"line": [[0, 0]]}, "at least 2"),
-        ({"line": [[0, 0], [0, 0]]}, "two places"),
+        ({"line": [[0, 0], [0, 0]]}, "two different points"),
         ({"line": [[0, 0], [1e9, 0]]}, "less than or equal"),
         ({"line": [[0, 0], [1e6, 0]], "step_m": 0.01}, "stations"),
         ({"line": [[0, 0], [1, 0]], "step_m": -1}, "greater than 0"),

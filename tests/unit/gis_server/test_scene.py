@@ -48,9 +48,7 @@ def test_the_graph_says_that_telemetry_alone_holds_the_stops(client):
     assert answer.status_code == 200
     graph = answer.json()
     assert [stop["stop"] for stop in graph["stops"]] == [name for name, *_ in STOPS]
-    assert (
-        graph["summary"] == f"the bowl: nothing to adjust by, {len(STOPS)} stops stand by telemetry"
-    )
+    assert graph["summary"] == f"the bowl: no tie points; {len(STOPS)} positions left at telemetry"
     assert graph["links"] == []
 
 

@@ -123,5 +123,5 @@ def test_points_behind_a_camera_do_not_agree(rng, true):
 
 
 def test_no_ties_are_no_alignment(start):
-    with pytest.raises(MatchingError, match="needs ties, and there are none"):
+    with pytest.raises(MatchingError, match="needs at least one tie"):
         align(Ties.none(("a",)), {}, start, PRIOR, AlignmentParams())

@@ -125,7 +125,7 @@ def test_eyes_of_different_size_meet_in_one_geometry(rig):
 def test_exchanged_eyes_are_noticed(rig):
     left, right, geometry = rig
     image, mask = wall(right), np.ones((SIZE, SIZE), dtype=bool)
-    with pytest.raises(MatchingError, match=r"0\.2000 m from where .* eyes exchanged"):
+    with pytest.raises(MatchingError, match=r"0\.2000 m from its position .* eyes exchanged"):
         resample(image, mask, right, geometry, Eye.LEFT)
     with pytest.raises(MatchingError, match="left or the right eye"):
         resample(image, mask, left, geometry, Eye.MONO)

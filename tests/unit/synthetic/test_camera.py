@@ -79,7 +79,7 @@ def test_fewer_bits_lose_more(textured):
 
 
 def test_impossible_cameras_are_refused():
-    with pytest.raises(PixelError, match=r"points are at least 0\.43 px wide"):
+    with pytest.raises(PixelError, match=r"psf_px must be at least 0\.43"):
         CameraParams(psf_px=0.2)
 
 

@@ -96,5 +96,5 @@ def test_every_image_has_a_name_of_its_own():
 def test_a_plan_that_cannot_be_is_refused():
     with pytest.raises(PhotogrammetryError, match="10 gaps of 2 drives need 42 stops, not 12"):
         MissionPlan(stops=12)
-    with pytest.raises(PhotogrammetryError, match="500 stops of a site apart, not 501"):
+    with pytest.raises(PhotogrammetryError, match="500 stops of a site, not 501"):
         mission_names(MissionPlan(stops=501))

@@ -339,5 +339,5 @@ def test_impossible_parameters_are_refused():
         WorldParams(terrain="sea")
     with pytest.raises(PhotogrammetryError, match="1, 2 or 4"):
         WorldParams(averaging=3)
-    with pytest.raises(FrameError, match="slip runs from low to high"):
+    with pytest.raises(FrameError, match="slip must run from low to high"):
         TraverseParams(slip=(0.2, 0.1))

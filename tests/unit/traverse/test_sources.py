@@ -44,7 +44,7 @@ def test_a_header_that_is_separated_otherwise_than_its_rows_is_read():
     text = "latitude\tlongitude,rmcSite,rmcDrive,firstSol\n-14.5,175.4,1,0,2\n"
     table = parse_mission_table(text, "sites.csv")
     np.testing.assert_allclose(table.localised_deg, [[175.4, -14.5]])
-    with pytest.raises(TraverseError, match="holds no telemetry"):
+    with pytest.raises(TraverseError, match="contains no telemetry"):
         table.telemetry()
 
 
@@ -61,7 +61,7 @@ def test_geojson_that_claims_earth_is_taken_for_mars_and_says_so():
     }
     table = parse_mission_table(json.dumps(document), "sites.geojson")
     assert (table.stops, table.sols.tolist()) == (("3/7",), [20])
-    assert "degrees are of Mars" in table.notes[0]
+    assert "degrees are those of Mars" in table.notes[0]
 
 
 def test_elevations_that_are_all_zero_are_none():
@@ -71,7 +71,7 @@ def test_elevations_that_are_all_zero_are_none():
 
 def test_a_stop_with_rows_at_two_places_is_told():
     table = parse_mission_table(HEAD + "0,0,1,1,0,0,1,1,1\n0,0,2,2,5,5,1,6,6\n", "path.csv")
-    assert any("several places" in note and "0/0" in note for note in table.notes)
+    assert any("several positions" in note and "0/0" in note for note in table.notes)
     np.testing.assert_allclose(table.telemetry_m, [[0, 0, 1]])
 
 
@@ -85,9 +85,9 @@ def test_a_stop_with_rows_at_two_places_is_told():
         (HEAD + "0,0,1,1,nan,0,0,1,1\n", "line 2: raw_x"),
         (HEAD + "a,0,1,1,0,0,0,1,1\n", "site should be a whole number"),
         ("SITE,DRIVE,START_SOL\n1,2,3\n", "neither RAW_X"),
-        ('{"features": [{"geometry": null}]}', "no GeoJSON"),
-        ('{"features": 5}', "no GeoJSON"),
-        ("{", "no GeoJSON"),
+        ('{"features": [{"geometry": null}]}', "not a GeoJSON"),
+        ('{"features": 5}', "not a GeoJSON"),
+        ("{", "not a GeoJSON"),
     ],
 )
 def test_what_is_no_table_is_refused_and_says_where(text, said):

@@ -1,19 +1,19 @@
-"""The search of one bird's-eye view in another, over position and azimuth.
+"""Search one bird's-eye view in another, over position and azimuth.
 
-The later view is turned through every azimuth and correlated with the earlier one at every shift in
-the frequency domain. Channels have a mean of zero and a variance of one around every cell, so over
-the n cells that both views have seen
+The later view is rotated through every azimuth and correlated with the earlier one at every shift
+in the frequency domain. Channels have a mean of zero and a variance of one around every cell, so
+over the n cells measured in both views
 
     q = sum(a b) / sqrt(n)
 
-scatters by chance as widely whatever the overlap; on ground that repeats itself, as ripples do, it
-scatters more. Hence z: q over the scatter that it has at all shifts nearby, so that a peak stands
-out from what is usual there. The z of relief and detail, which do not depend on the sun, are added
-as independent and brought to their own scatter, z_h; then
+has the same standard deviation for random ground at any overlap; on repetitive ground, such as
+ripples, it is larger. Hence z: q over its standard deviation at all shifts nearby, so that a peak
+is compared with its neighbourhood. The z of relief and detail, which do not depend on the sun, are
+added as independent and divided by the standard deviation of the sum, z_h; then
 
     z = max(z_h, (z_h + z_grey) / sqrt(2)),
 
-grey values count where they agree with the heights and do no harm where they do not.
+grey values are used where they agree with the heights and have no effect elsewhere.
 """
 
 from __future__ import annotations
@@ -39,31 +39,31 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import (
 from solmap.photogrammetry.robust import robust_sigma
 
 STEP_RADIUS_M = 18.0
-"""From one azimuth to the next the ground moves by a cell at this distance."""
+"""Distance at which one azimuth step moves the ground by a cell."""
 
 LEAST_REACH_M = 4.0
-"""What correlates by chance is judged by shifts of this much at least, wherever the gate ends."""
+"""Least range of shifts for the statistics of random correlation, beyond the gate if necessary."""
 
 AROUND_M = 8.0
-"""Side of the square of shifts that tells how q scatters nearby."""
+"""Side of the square of shifts for the local standard deviation of q."""
 
 CAP = 3.0
-"""In that scatter q counts as so many standard deviations at most: a peak must not hide itself."""
+"""Limit of q in that estimate, in standard deviations, so that a peak does not mask itself."""
 
 LEAST_SCATTER = 0.5
-"""Of q nearby, as a share of that of all shifts."""
+"""Least local standard deviation of q, as a fraction of that of all shifts."""
 
 Framed: TypeAlias = Float32[np.ndarray, "frame_rows frame_cols"]
 
 Spectrum: TypeAlias = np.ndarray
-"""Half of a real picture's discrete Fourier transform, complex."""
+"""Half of a real raster's discrete Fourier transform, complex."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
-    """The part of the earlier view's grid that both views can share, and shifts around a start.
+    """The part of the earlier view's grid that both views can share, and shifts about its centre.
 
-    With a margin of `reach` cells on every side that `fixed` leaves empty, shifts never wrap.
+    With a margin of `reach` cells on every side, empty in `fixed`, shifts never wrap around.
     """
 
     start: tuple[int, int]
@@ -87,7 +87,7 @@ class _Frame:
         return cls(start, reach, (first[0], first[1]), (rows, cols))
 
     def place_earlier(self, raster: Raster) -> Framed:
-        """A raster of the earlier view in the frame, nothing in the margin."""
+        """A raster of the earlier view in the frame, with an empty margin."""
         size, margin = raster.shape[0], self.reach
         lows = [max(0, f + margin) for f in self.first]
         highs = [min(size, f + n - margin) for f, n in zip(self.first, self.shape, strict=True)]
@@ -100,7 +100,7 @@ class _Frame:
         return drawn
 
     def place_later(self, raster: Raster, azimuth: float) -> Framed:
-        """A raster of the later view turned clockwise about its rover and put at the start."""
+        """A raster of the later view rotated clockwise about its rover and shifted to the start."""
         size = raster.shape[0]
         turn = cv2.getRotationMatrix2D(((size - 1) / 2,) * 2, -float(np.degrees(azimuth)), 1.0)
         turn[:, 2] += self.start[1] - self.first[1], self.start[0] - self.first[0]
@@ -108,7 +108,7 @@ class _Frame:
 
 
 def azimuth_step(view: BirdsEyeView) -> float:
-    """Radians between the azimuths that are tried."""
+    """Radians between the azimuths of the search."""
     return view.cell_m / STEP_RADIUS_M
 
 
@@ -119,9 +119,9 @@ def correlate_views(
     most: int,
     min_overlap_m2: float,
 ) -> list[PlaneFit]:
-    """The best places of the later view on the earlier one, best first.
+    """The best positions of the later view on the earlier one, best first.
 
-    The rim of the gate is searched as well: what is highest there belongs to a peak outside.
+    The rim of the gate is searched as well: a maximum there belongs to a peak outside the gate.
     """
     cell_m = earlier.cell_m
     frame = _Frame.of(earlier.grey.shape[0], cell_m, gate)
@@ -157,7 +157,7 @@ def correlate_views(
 
 
 def _rasters(every: Sequence[Channel]) -> list[Raster]:
-    """The weight that channels share, then their values."""
+    """The common weight of the channels, then their values."""
     return [every[0].weight, *(channel.value for channel in every)]
 
 
@@ -168,7 +168,7 @@ def _correlate(
     least_cells: float,
     around: int,
 ) -> tuple[Raster, Raster]:
-    """(z, cells that both views have seen) at every shift, at one azimuth."""
+    """(z, cells measured in both views) at every shift, at one azimuth."""
     common, *sums = (
         lagged_products(one, other, frame.reach, frame.shape[1])
         for one, other in zip(fixed, moving, strict=True)
@@ -181,7 +181,7 @@ def _correlate(
 
 
 def standing_out(q: Raster, known: Mask, around: int) -> Raster:
-    """The sums over their scatter in squares `around` cells wide; 0 where it is not known."""
+    """The sums over their standard deviation in squares `around` cells wide; 0 where unknown."""
     if not known.any():
         return np.zeros_like(q)
     z = np.where(known, q / max(robust_sigma(q[known]), 1e-9), 0).astype(np.float32)
@@ -210,7 +210,7 @@ def _vertex(surface: Float[np.ndarray, "rows cols"], i: int, j: int) -> tuple[fl
 def _drop(
     earlier: BirdsEyeView, later: BirdsEyeView, azimuth: float, north_m: float, east_m: float
 ) -> float:
-    """How much lower the later rover stands, by the median over the common ground."""
+    """Height of the later rover below the earlier one, by the median over the common ground."""
     over = place_on(later.elevation, later.cell_m, azimuth, north_m, east_m)
     both = np.isfinite(over) & np.isfinite(earlier.elevation)
     return float(np.median(over[both] - earlier.elevation[both])) if both.any() else 0.0

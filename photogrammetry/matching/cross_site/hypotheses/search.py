@@ -1,13 +1,13 @@
-"""Hypotheses of where the later of two stops stands, stage by stage.
+"""Find hypotheses of the later stop's pose, stage by stage.
 
-Telemetry is right to some per cent of the drive as a rule, and wrong altogether where wheels spin.
-The gate is therefore searched first as narrow as telemetry usually deserves, and widened only where
-no peak stands out (`gate.search_stages`), until all places that share ground are exhausted.
+Telemetry is usually accurate to some per cent of the drive, but fails where wheels spin. A gate of
+its usual uncertainty is therefore searched first, and widened only where no peak is significant
+(`gate.search_stages`), until all positions with common ground are covered.
 
-A gate holds 10^4 (first stage) to some 10^6 places (last) that know nothing of each other, so
-chance comes to a z of 4 to 5.2 (`links.VerdictParams.least_z`). Wide gates are searched in views
-with cells twice as wide, in an eighth of the time; the best places there are searched again in the
-full views, and it is these peaks that have to stand out.
+A gate contains 10^4 (first stage) to about 10^6 independent positions (last), so the largest random
+z is 4 to 5.2 (`links.VerdictParams.least_z`). Wide gates are searched in views with cells of twice
+the size, in an eighth of the time; the best positions are searched again in the full views, and
+those peaks have to be significant.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from solmap.photogrammetry.matching.cross_site.hypotheses.correlation import (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypotheses:
-    """Where the later stop may stand, and the gate that it was found in."""
+    """Possible poses of the later stop, and the gate in which they were found."""
 
     fits: list[PlaneFit]
-    """Highest peak first; none where the stops share too little ground."""
+    """Highest peak first; empty where the stops share too little ground."""
     gate: SearchGate
     prior: PoseCovariance
 
     @property
     def highest(self) -> float:
-        """The z of the best; 0 if it does not lie in the gate, or if there is none."""
+        """The z of the best; 0 if it lies outside the gate, or if there is none."""
         return self.fits[0].z if self.fits and self.gate.holds(self.fits[0]) else 0.0
 
 
@@ -51,7 +51,7 @@ def find_hypotheses(
     params: BirdsEyeParams,
     least_z: float,
 ) -> Hypotheses:
-    """The best hypotheses of the first stage that one stands out in, else of the last stage."""
+    """The best hypotheses of the first stage with a significant one, else of the last stage."""
     first, *wider = stages
     fits = correlate_views(earlier, later, first.gate, params.peaks, params.min_overlap_m2)
     found = Hypotheses(fits, first.gate, first.prior)
@@ -66,7 +66,7 @@ def find_hypotheses(
 def _search_wide(
     earlier: BirdsEyeView, later: BirdsEyeView, gate: SearchGate, params: BirdsEyeParams
 ) -> list[PlaneFit]:
-    """The best places of a wide gate."""
+    """The best positions of a wide gate."""
     coarse = (earlier.halved, later.halved)
     step = azimuth_step(coarse[0])
     fits: list[PlaneFit] = []

@@ -142,7 +142,7 @@ def test_with_control_the_first_stop_keeps_its_place_and_gives_up_its_azimuth():
     assert turned > 1.0
     assert np.degrees(np.abs(errors(free, truth)[-1, 2])) < 0.17  # two standard deviations
     assert not free.stops[0].held
-    assert free.stops[0].held_by.startswith("the datum by its place")
+    assert free.stops[0].held_by.startswith("datum by its position")
 
 
 def test_a_gap_without_ties_is_bridged_by_control_on_both_sides():
@@ -160,7 +160,7 @@ def test_a_gap_without_ties_is_bridged_by_control_on_both_sides():
     assert apart[0] > 2 * apart[1]
     sigma = [one.stops[GAP].sigma_ned_m[:2].max() for one in (alone, adjusted)]
     assert sigma[1] < 0.5 * sigma[0]
-    assert "control: its place in orbit" in adjusted.stops[GAP].held_by
+    assert "control: its position in orbit" in adjusted.stops[GAP].held_by
     told = {finding.stop: finding.text for finding in report.findings}
     assert "control" in told[network.stop_ids[GAP]]
 
@@ -267,7 +267,7 @@ def test_control_that_is_taken_back_leaves_what_it_said_of_stops_that_have_left(
     recent = replace(recent, stops=bare.stops)  # all stops, the pairs of the window alone
     after, report = adjust_sequential(before, recent, network.stop_ids[-1:], PARAMS)
     assert report.converged
-    assert "control of stops that have left the window is new or changed" in report.message
+    assert "control of marginalised stops is new or changed" in report.message
     assert "adjust overall" in report.message
     assert len(after.stops) == 6
 

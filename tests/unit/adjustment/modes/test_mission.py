@@ -91,13 +91,13 @@ def test_an_overall_adjustment_that_fails_is_refused_and_a_step_that_fails_is_re
     network, params
 ):
     hasty = replace(params, max_iterations=1)
-    with pytest.raises(AdjustmentError, match="the network before stands"):
+    with pytest.raises(AdjustmentError, match="the previous network is kept"):
         advance(AdjustmentMode.OVERALL, None, network, (), hasty)
     two = network.within(set(network.stop_ids[:2]))
     first, _ = adjust_overall(network.within({network.stop_ids[0]}), params)
     adjusted, report = advance(AdjustmentMode.STEPWISE, first, two, two.stop_ids[1:], hasty)
     assert not report.converged
-    assert "telemetry stands instead" in report.message
+    assert "its stops remain at telemetry" in report.message
     told = [prior.lsl_from_rover.translation_m for prior in two.stops]
     for (old, new), (was, now) in zip(pairwise(told), pairwise(places(adjusted)), strict=True):
         assert np.linalg.norm(now - was) == pytest.approx(np.linalg.norm(new - old), rel=1e-6)

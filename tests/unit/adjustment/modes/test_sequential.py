@@ -157,7 +157,7 @@ def test_it_is_called_like_the_stepwise_adjustment_and_survives_as_a_document(ne
     assert [stop.stop for stop in previous.stops] == list(network.stop_ids)
     assert np.isfinite(previous.ties.points).all()
     assert all(stop.is_tied for stop in previous.stops)
-    assert any("what earlier stops said of it" in stop.held_by for stop in previous.stops[-7:])
+    assert any("the marginal of earlier stops" in stop.held_by for stop in previous.stops[-7:])
 
 
 def test_a_loop_re_opens_the_traverse(params):

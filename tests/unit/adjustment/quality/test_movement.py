@@ -43,5 +43,5 @@ def test_poses_of_different_pairs_are_not_compared():
 
 
 def test_a_negative_threshold_is_refused():
-    with pytest.raises(AdjustmentError, match=r"shift_m must not be below zero, as -0\.1 is"):
+    with pytest.raises(AdjustmentError, match=r"shift_m must not be negative, but is -0\.1"):
         ReissueParams(shift_m=-0.1)

@@ -134,7 +134,7 @@ def test_weak_places_are_named(params):
     adjusted, _ = adjust_overall(cut, params)
     found = stated(cut, adjusted)
     said = {weak.what: weak.why for weak in found.weaknesses}
-    assert "held by telemetry alone" in said[str(names[3])]
+    assert "left at telemetry" in said[str(names[3])]
     assert said[f"link {names[0]} - {names[1]}"] == "rests on 4 tie points, fewer than 7"
     assert found.links[names[0], names[1]] == 4
     assert (names[2], names[3]) not in found.links

@@ -137,7 +137,7 @@ def test_a_raster_may_have_its_label_in_a_file_of_its_own(xyz):
         (
             {"derived": "DERIVED_IMAGE_TYPE = IMAGE"},
             LabelError,
-            "no derived raster that is read here",
+            "not a supported derived raster",
         ),
         ({"derived": "DERIVED_IMAGE_TYPE = RANGE_MAP"}, PixelError, "range should be 1 bands of"),
         ({"sample_type": "MSB_INTEGER"}, PixelError, "xyz should be 3 bands of IEEE reals"),

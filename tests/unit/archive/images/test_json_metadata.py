@@ -131,11 +131,11 @@ def test_the_navcam_of_perseverance_needs_a_pose_from_elsewhere(shared_data):
     [
         ({"attitude": "(0,0,0,0)"}, "not a unit quaternion"),
         ({"attitude": "(1,0,0)"}, "attitude should be 4 numbers"),
-        ({"instrument": "EDL_CAM"}, "instrument 'EDL_CAM' is no camera"),
+        ({"instrument": "EDL_CAM"}, "unknown instrument 'EDL_CAM'"),
         ({"site": -1}, "site should be a whole number, but is '-1'"),
         ({"sclk": None}, "sclk should be seconds, but is None"),
         ({"dimension": "(1288)"}, "dimension should be 2 numbers"),
-        ({"dimension": "(0,0)"}, "no image"),
+        ({"dimension": "(0,0)"}, "is not that of an image"),
     ],
 )
 def test_metadata_that_lack_something_say_what(change, complaint):

@@ -73,5 +73,5 @@ def test_pictures_that_unpack_to_more_than_they_say_are_refused_unread(rng):
     deep[24] = 16
     scans = encoded(rng.integers(1, 200, (30, 40), dtype=np.uint8), ".jpg") + b"\xff\xda" * 40
     for data in (bytes(deep), scans):
-        with pytest.raises(PixelError, match="not a picture of 8 bits in at most 32 scans"):
+        with pytest.raises(PixelError, match="not an image of 8 bits in at most 32 scans"):
             read_picture(data, "x")

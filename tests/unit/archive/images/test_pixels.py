@@ -119,7 +119,7 @@ def test_the_pointer_may_count_bytes_or_name_a_file(small):
 @pytest.mark.parametrize(
     ("old", "new", "complaint"),
     [
-        ("^IMAGE ", "^OTHER ", r"\^IMAGE is missing from the label"),
+        ("^IMAGE ", "^OTHER ", r"\^IMAGE, the position of the pixels, is missing from the label"),
         ("^IMAGE                           = 9", "^IMAGE = 0", r"\^IMAGE should be a record"),
         ("RECORD_BYTES                     = 512", "RECORD_BYTES = 0", "RECORD_BYTES should be"),
         ("= MSB_INTEGER", "= VAX_REAL", "SAMPLE_TYPE 'VAX_REAL' of 16 bits is not read"),

@@ -26,8 +26,8 @@ CENTRE, VERTICAL = "(0.454993,0.141198,-1.23312)", "(50.6594,-19.3653,1294.76)"
         (CENTRE, "(30,0,0)", "within 10 m of the rover's origin"),
         (VERTICAL, "(5e-8,-2e-8,1e-6)", "cannot belong to an image of 60 x 40 pixels"),
         (VERTICAL, "(5e8,-2e8,1e10)", "cannot belong to an image of 60 x 40 pixels"),
-        ("78.801 <deg>", "1e9 <deg>", "the Sun should be at angles of one turn"),
-        ('"p0703"', '"p\0"', "no plain text of one line"),
+        ("78.801 <deg>", "1e9 <deg>", "the Sun's angles should be within one turn"),
+        ('"p0703"', '"p\0"', "not a plain text of one line"),
     ],
 )
 def test_an_impossible_value_is_named(small, old, new, complaint):

@@ -159,16 +159,20 @@ def test_a_linearised_product_holds_a_perspective_camera(small):
     [
         ("GROUP                            = GEOMETRIC_CAMERA_MODEL\n", "GROUP = OTHER\n", None),
         ("MODEL_TYPE                     = CAHVOR", "MODEL_TYPE = PSPH", "should be CAHV, CAHVOR"),
-        ("(-0.69585,0.571462,0.435)", "(0.0,0.0,0.0)", "A of a camera model is a unit vector"),
-        ("(-0.61985,0.672629,0.404174)", "(0,0,0)", "O is a unit vector, not one of 0"),
+        (
+            "(-0.69585,0.571462,0.435)",
+            "(0.0,0.0,0.0)",
+            "A of a camera model should be a unit vector",
+        ),
+        ("(-0.61985,0.672629,0.404174)", "(0,0,0)", "O should be a unit vector, but has length 0"),
         ("(-0.69585,0.571462,0.435)", "(1.0,0.0)", "MODEL_COMPONENT_2 should be 3 numbers"),
         (
             '"MER2"',
             '"LRO"',
             "INSTRUMENT_HOST_ID should be one of MER1, MER2, MSL, M20, M2020, but is 'LRO'",
         ),
-        ('"NAVCAM_LEFT"', '"APXS"', "INSTRUMENT_ID 'APXS' is no camera"),
-        ("= REGULAR", "= THUMBNAIL", "no mapping image: IMAGE_TYPE is 'THUMBNAIL'"),
+        ('"NAVCAM_LEFT"', '"APXS"', "unknown camera INSTRUMENT_ID 'APXS'"),
+        ("= REGULAR", "= THUMBNAIL", "not a mapping image: IMAGE_TYPE is 'THUMBNAIL'"),
         ("(137,0,0,13,7)", "(137)", "ROVER_MOTION_COUNTER should be whole numbers"),
         ("(137,0,0,13,7)", "(137,-1,0)", "ROVER_MOTION_COUNTER should be whole numbers"),
         ('"292280938.496"', '"noon"', "SPACECRAFT_CLOCK_START_COUNT should be seconds"),
@@ -192,7 +196,7 @@ def test_a_label_that_will_not_do_is_refused_in_one_line(small, old, new, compla
 
 @pytest.mark.parametrize("kind", ["ETH", "ITH", "ERP", "EHG", "DIS", "XYL", "SLL", "MSK"])
 def test_rasters_of_anything_but_grey_values_are_refused(small, kind):
-    with pytest.raises(LabelError, match=f"no mapping image: product type {kind}"):
+    with pytest.raises(LabelError, match=f"not a mapping image: product type {kind}"):
         record(small, f"2n292280938{kind.lower()}b100p0703l0m1.img")
 
 

@@ -45,7 +45,7 @@ def test_a_segment_that_is_not_whole_is_masked(small, quote):
     lost = np.zeros((40, 60), dtype=bool)
     lost[:20, 30:] = True
     np.testing.assert_array_equal(read.mask, ~lost)
-    assert read.notes == ("600 pixels are masked: the label calls their segments lost",)
+    assert read.notes == ("600 pixels are masked: their segments are marked as lost in the label",)
 
 
 def test_a_segment_without_a_single_pixel_is_masked_and_one_with_some_is_not(small):
@@ -117,7 +117,7 @@ def test_codes_without_a_table_stay_codes_and_say_so(small):
     image = coded(small)
     read = read_image(image.data, NAME)
     np.testing.assert_array_equal(read.pixels, image.pixels)
-    assert read.notes == ("pixels are 8-bit codes of LUT3, no counts: no inverse table was given",)
+    assert read.notes == ("pixels are 8-bit codes of LUT3, not counts: no inverse table was given",)
 
 
 def test_a_table_turns_codes_into_counts(small):
@@ -160,11 +160,11 @@ def test_the_approximation_agrees_with_the_counts_of_an_archived_frame(shared_da
 
 
 def test_a_table_that_falls_or_is_short_is_refused():
-    with pytest.raises(PixelError, match="expected 256 counts that do not fall"):
+    with pytest.raises(PixelError, match="expected 256 non-decreasing counts"):
         InverseTable("LUT1", np.arange(255, dtype=np.float32), "a test")
     with pytest.raises(PixelError, match="inverse table LUT1"):
         InverseTable("LUT1", np.arange(256, dtype=np.float32)[::-1].copy(), "a test")
-    with pytest.raises(PixelError, match="up to 300 are no 8-bit codes of LUT1"):
+    with pytest.raises(PixelError, match="up to 300 are not 8-bit codes of LUT1"):
         expand_codes(np.full((2, 2), 300, np.float32), square_root_table("LUT1"))
 
 
@@ -207,5 +207,5 @@ def test_a_sub_frame_sees_its_part_of_the_flat_field(small):
 
 
 def test_a_model_that_goes_dark_is_refused():
-    with pytest.raises(PixelError, match=r"through at the edge; expected more than 0.05"):
+    with pytest.raises(PixelError, match=r"at the edge; expected more than 0.05"):
         RadialVignetting(k1=-0.6).flat_field(1024, 1024)

@@ -80,7 +80,7 @@ def test_a_picture_may_be_what_a_label_describes(small):
     picture = cv2.imencode(".png", grey)[1].tobytes()
     np.testing.assert_array_equal(read_image(join_label(label, picture, NAME), NAME).pixels, grey)
     other = cv2.imencode(".jpg", grey[:20])[1].tobytes()
-    with pytest.raises(PixelError, match="picture is 60 x 20 pixels, its label says 60 x 40"):
+    with pytest.raises(PixelError, match="image is 60 x 20 pixels, its label says 60 x 40"):
         read_image(join_label(label, other, NAME), NAME)
 
 
@@ -95,7 +95,7 @@ def test_metadata_of_a_raw_image_stand_in_for_its_label(shared_data):
     described = describe_image(data, picture.name)
     assert described.label is None
     assert (described.state.code, described.state.darkened_by) == (None, None)
-    with pytest.raises(LabelError, match="JSON metadata stand in for the label"):
+    with pytest.raises(LabelError, match="it has JSON metadata instead of a label"):
         read_label(data, picture.name)
 
 
@@ -104,9 +104,9 @@ def test_data_that_are_too_short_or_a_label_that_is_broken_are_refused(small, pi
     with pytest.raises(PixelError, match="truncated"):
         read_image(join_label(label, pixel_file[:-1], NAME), NAME)
     without = small.but("^IMAGE ", "^OTHER ").label.encode()
-    with pytest.raises(LabelError, match=r"\^IMAGE is missing"):
+    with pytest.raises(LabelError, match=r"\^IMAGE, the position of the pixels, is missing"):
         read_image(join_label(without, pixel_file, NAME), NAME)
-    with pytest.raises(LabelError, match="too long to be one"):
+    with pytest.raises(LabelError, match="too many for a label"):
         join_label(label.ljust(MAX_DETACHED_BYTES + 1), pixel_file, NAME)
     with pytest.raises(LabelError, match=r"should be \d+ bytes, but the file ends after 1000"):
         split_label(

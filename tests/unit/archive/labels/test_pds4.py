@@ -144,7 +144,7 @@ def test_a_reverse_quaternion_is_turned_round():
         ("<sequence_number>1<", "<sequence_number>x<", "<sequence_number> of Axis_Array should"),
         ('<offset unit="byte">16', '<offset unit="byte">-16', "<offset> of Array_3D_Image"),
         ("Forward", "Sideways", "<rotation_direction> should be Forward or Reverse"),
-        ("NAVCAM_LEFT", "EDL_CAM", "INSTRUMENT_ID 'EDL_CAM' is no camera"),
+        ("NAVCAM_LEFT", "EDL_CAM", "unknown camera INSTRUMENT_ID 'EDL_CAM'"),
         ("<geom:qcos>0.174493", "<geom:qcos>many", "ORIGIN_ROTATION_QUATERNION should be a num"),
         ("<geom:c1>0.0501396", "<geom:c1>", "MODEL_COMPONENT_6 should be a number"),
         ("SITE_FRAME_30", "", "site"),

@@ -71,7 +71,7 @@ def test_its_end_is_found_in_the_head_of_a_file():
 @pytest.mark.parametrize(
     ("data", "complaint"),
     [
-        (b"nothing", "no VICAR label"),
+        (b"nothing", "not a VICAR label"),
         (b"LBLSIZE=99999 FORMAT='BYTE'", "LBLSIZE is 99999, but 27 bytes follow"),
         (b"LBLSIZE=20 ((((((((((", "expected KEY=value"),
         (b"LBLSIZE=50 FORMAT='X' ", "FORMAT of the VICAR label 'X' is not read"),
@@ -116,8 +116,8 @@ def test_the_head_of_a_file_is_read_without_the_part_behind():
     ("text", "behind", "complaint"),
     [
         (FIRST, b"pixels and no label", "EOL=1, but byte 1504 starts no second label"),
-        (FIRST.replace("N2=10", "N2=-10"), SECOND, "RECSIZE, N2, N3, NLB do not say"),
-        (FIRST.replace("RECSIZE=40", "RECSIZE='x'"), SECOND, "RECSIZE, N2, N3, NLB do not say"),
+        (FIRST.replace("N2=10", "N2=-10"), SECOND, "RECSIZE, N2, N3, NLB do not locate"),
+        (FIRST.replace("RECSIZE=40", "RECSIZE='x'"), SECOND, "RECSIZE, N2, N3, NLB do not locate"),
         (FIRST, SECOND.replace(b"PROPERTY=", b"PROPERTY "), "expected KEY=value"),
     ],
 )

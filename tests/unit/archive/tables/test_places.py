@@ -68,9 +68,9 @@ def test_rows_without_a_place_or_an_attitude_are_no_poses():
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("", "no PLACES table: its first line lacks frame, site, drive, landing_x"),
+        ("", "not a PLACES table: its first line lacks frame, site, drive, landing_x"),
         ("frame,site\nSITE,1", "lacks drive, landing_x, landing_y, landing_z"),
-        (f"{HEADER}\n", "expected at least one place with a pose, found none"),
+        (f"{HEADER}\n", "expected at least one pose, found none"),
         (f"{HEADER}\n{SITE_3.replace('SITE,3', 'SITE,x')}", "line 2: site should be a whole"),
         (f"{HEADER}\n{SITE_3.replace('10.5', 'nan')}", "line 2: landing_x, y, z should be numbers"),
         (f"{HEADER}\n{SITE_3}\n{ROVER_3.replace('0.8', '0.0').replace('0.6', '0')}", "line 3: .*n"),

@@ -44,8 +44,8 @@ def test_angles_and_quaternion_say_the_same():
     [
         ("x_m,y_m,z_m\n1,2,3\n", r"poses\.csv: .* lacks image, or site and drive"),
         ("site,drive,x_m,y_m,z_m,heading\n", "has 'heading'"),
-        ("site,drive,x_m,y_m,z_m\n", "expected at least one row"),
-        ("site,drive,x_m,y_m,z_m\n1,,0,0,0\n", r"poses\.csv, row 1: which stop"),
+        ("site,drive,x_m,y_m,z_m\n", "expected at least one pose"),
+        ("site,drive,x_m,y_m,z_m\n1,,0,0,0\n", r"poses\.csv, row 1: the stop is missing"),
         ("site,drive,x_m,y_m,z_m\n1,2,0,0,north\n", "x_m, y_m, z_m should be numbers"),
         ("site,drive,x_m,y_m,z_m\n1,2,0,0,\n", "x_m, y_m, z_m should be numbers"),
         ("site,drive,x_m,y_m,z_m,qw,qx,qy,qz\n1,2,0,0,0,2,0,0,0\n", "not a unit quaternion"),

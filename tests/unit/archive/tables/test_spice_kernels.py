@@ -44,7 +44,7 @@ def test_a_file_that_is_no_kernel_is_refused_by_name(tmp_path):
     file = tmp_path / "broken.bsp"
     file.write_bytes(bytes(3000))
     with (
-        pytest.raises(VectorFileError, match=r"broken\.bsp: no SPICE kernel"),
+        pytest.raises(VectorFileError, match=r"broken\.bsp: not a SPICE kernel"),
         open_kernels([file]),
     ):
         pass

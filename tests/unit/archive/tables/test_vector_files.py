@@ -174,7 +174,7 @@ def test_nothing_given_is_no_lsl():
         (f"<rmc_file>{solution(counter=('x',))}</rmc_file>", "index1 of .* whole number"),
         (f"<rmc_file>{solution(offset=(1, 'nan', 2))}</rmc_file>", "y of .* should be a number"),
         (f"<rmc_file>{solution(quaternion=(0, 0, 0, 0))}</rmc_file>", "not a unit quaternion"),
-        (f"<rmc_file>{solution(reference=11)}</rmc_file>", r"site\[11\] is placed in itself"),
+        (f"<rmc_file>{solution(reference=11)}</rmc_file>", r"site\[11\] refers to itself"),
         (
             f"<rmc_file>{solution().replace('<offset', '<of')}</rmc_file>",
             "<solution name=SITE_FRAME index1=11> lacks <offset>",

@@ -78,7 +78,7 @@ def test_a_fit_is_a_pose_with_the_tilt_of_telemetry():
 
 
 def test_a_gate_without_width_is_refused():
-    with pytest.raises(MatchingError, match="as wide as telemetry is uncertain"):
+    with pytest.raises(MatchingError, match="standard deviations of a gate must be above zero"):
         GateParams(tilt_sigma=0.0)
 
 

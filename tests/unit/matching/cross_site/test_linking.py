@@ -84,7 +84,7 @@ def test_ties_of_a_link_run_from_the_earlier_stop_to_the_later(link):
 def test_other_ground_at_the_claimed_place_is_not_linked(foreign):
     assert not foreign.linked
     assert foreign.verdict == "not linked"
-    assert "no peak stands out" in foreign.reason
+    assert "no significant peak" in foreign.reason
     assert len(foreign.ties) == 0
 
 
@@ -109,5 +109,5 @@ def test_a_stop_that_is_not_linked_keeps_the_pose_of_telemetry(foreign, first, f
 
 
 def test_fewer_ties_than_unknowns_are_no_link():
-    with pytest.raises(MatchingError, match="is no link"):
+    with pytest.raises(MatchingError, match="a link needs more than"):
         VerdictParams(least_ties=3)

@@ -39,7 +39,7 @@ def test_fewer_ties_than_hold_the_drift_are_no_link():
 def test_ties_that_chance_could_have_found_are_no_link(by_chance):
     linked, reason = judged(by_chance=by_chance)
     assert not linked
-    assert f"a wrong place gets {by_chance} by chance" in reason
+    assert f"a wrong position gets {by_chance} by chance" in reason
 
 
 def test_of_few_ties_twice_chance_does_not_do():

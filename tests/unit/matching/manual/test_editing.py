@@ -150,7 +150,7 @@ def test_a_veto_of_a_stop_with_itself_drops_its_inter_stereo_ties(bodies, ties):
     other = EditPoint("mer2-site0010-drive0064")
     found = edited([ties], [wish("veto", stop, other)], bodies)
     assert found.vetoed == 0
-    assert found.notes == ("f, row 1: there is no automatic tie here to veto",)
+    assert found.notes == ("f, row 1: no automatic tie here to veto",)
 
 
 def test_a_veto_without_second_image_drops_whatever_starts_there(bodies, ties):
@@ -174,17 +174,17 @@ def test_a_moved_tie_goes_to_the_second_point(bodies, ties):
 @pytest.mark.parametrize(
     ("first", "second", "said"),
     [
-        (EditPoint("A", (500.0, 500.0)), EditPoint("X", (5.0, 5.0)), "X is no left"),
+        (EditPoint("A", (500.0, 500.0)), EditPoint("X", (5.0, 5.0)), "X is not a left"),
         (EditPoint("A", (-900.0, 5.0)), EditPoint("B", (5.0, 5.0)), "lies outside the usable"),
         (
             EditPoint("A", (500.0, 500.0), (600.0, 500.0)),
             EditPoint("B", (500.0, 500.0)),
-            "cannot be one feature: parallax -",
+            "cannot be the same feature: parallax -",
         ),
         (
             EditPoint("A", (500.0, 500.0), (450.0, 580.0)),
             EditPoint("B", (500.0, 500.0)),
-            "cannot be one feature: .* px apart",
+            "cannot be the same feature: .* px apart",
         ),
     ],
 )

@@ -36,7 +36,7 @@ def test_a_wrong_bar_is_said(scene, ground):
     assert "rows correspond" in str(vertical_parallax(world.images))
     text = str(vertical_parallax(shifted_down(world.images, -2.67)))
     assert text.startswith("vertical parallax -2.6")
-    assert "another exposure, or a bent stereo bar" in text
+    assert "another exposure, or a bent stereo rig" in text
 
 
 def test_the_rotation_of_a_bent_bar_is_found_and_put_right(scene, ground, rng):
@@ -68,7 +68,7 @@ def test_rows_that_differ_from_point_to_point_do_not_correspond(scene, ground, r
 def test_too_few_points_tell_no_rotation(scene, ground):
     geometry = scene([ground]).images.geometry
     few = VerticalParallax(np.zeros((3, 2)), np.zeros(3), np.ones(3), geometry)
-    assert "too few to tell" in str(few)
+    assert "too few to estimate" in str(few)
     assert not few.fits_the_rig
     with pytest.raises(MatchingError, match="3 points with vertical parallax are too few"):
         rig_rotation(few)

@@ -185,7 +185,7 @@ def test_pairs_that_look_along_the_base_or_away_are_no_instrument(scene, ground)
         )
     ]
     assert select_wide_pairs(eyes[:1], eyes[1:], InstrumentLimits()) == []
-    with pytest.raises(MatchingError, match=r"0 and 1 make no wide pair: a view 0 degrees from"):
+    with pytest.raises(MatchingError, match=r"0 and 1 are not a wide pair: a view 0 degrees from"):
         match_wide_baseline(eyes[0], eyes[1])
     with pytest.raises(MatchingError, match=r"a base of 0\.5 m"):
         match_wide_baseline(eyes[0], eyes[2])

@@ -72,5 +72,5 @@ def test_control_stands_in_the_report_with_the_wrong_one_named(network):
     east_m, north_m = np.sqrt(np.diagonal(wrong.covariance)[:2])
     assert f"{east_m:.2f}, {north_m:.2f}" in section
     assert section.count("set aside: off by +8.") + section.count("set aside: off by +7.") == 1
-    assert f"<b>{wrong.stop} in orbit</b>: its place was set aside" in page
-    assert "control: its place in orbit" in page.split("<h2>Stops</h2>")[1]
+    assert f"<b>{wrong.stop} in orbit</b>: its position was set aside" in page
+    assert "control: its position in orbit" in page.split("<h2>Stops</h2>")[1]

@@ -182,7 +182,7 @@ def test_stated_poses_bridge_a_gap_in_the_ties_whatever_frame_they_are_in():
             adjust_overall(one, params)
             for one in (with_control(network, [frame], control, params), network)
         )
-        assert "control: its place in poses-csv" in found.stops[3].held_by
+        assert "control: its position in poses-csv" in found.stops[3].held_by
         assert all(one.used for one in found.control)
         off_m.append([np.hypot(*errors(one, truth)[-1, 3:5]) for one in (found, without)])
     with_poses_m, without_m = np.median(off_m, axis=0)
@@ -235,7 +235,7 @@ def test_standard_deviations_survive_the_vector_file(tmp_path):
     text = vector_text(replace(file, mission="MSL", solutions=(stated,)))
     (back,) = parse_vector_file(text, "x").solutions
     assert (back.sigma_m, back.sigma_deg) == (0.5, 0.25)
-    with pytest.raises(VectorFileError, match=r"sigma_m of .* should be more than 0"):
+    with pytest.raises(VectorFileError, match=r"sigma_m of .* should be above 0"):
         parse_vector_file(text.replace('sigma_m="0.5"', 'sigma_m="-1"'), "x")
 
 
@@ -250,7 +250,7 @@ def test_a_label_with_attitude_stays_byte_for_byte(shared_data):
 def test_a_file_of_no_kind_is_refused_by_name(tmp_path):
     file = of("east,north\n1,2\n", tmp_path / "notes.csv")
     with (
-        pytest.raises(VectorFileError, match=r"notes\.csv: no PLACES table"),
+        pytest.raises(VectorFileError, match=r"notes\.csv: not a PLACES table"),
         open_pose_sources([file]),
     ):
         pass

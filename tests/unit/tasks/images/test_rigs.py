@@ -124,7 +124,7 @@ def _resize(folder):
             lambda folder: (folder / "poses.csv").write_text(
                 POSES.format(rows="0001,0,0,0,0,0,0,\n")
             ),
-            ["left/0002.png: no row of the poses CSV is about it", "right/0002.png: no row"],
+            ["left/0002.png: no row of the poses CSV matches it", "right/0002.png: no row"],
             2,
         ),
         (
@@ -134,7 +134,7 @@ def _resize(folder):
         ),
         (
             lambda folder: (folder / "left" / "0002.png").write_bytes(b"no picture"),
-            ["0002.png: neither a PNG nor a JPEG picture"],
+            ["0002.png: neither a PNG nor a JPEG image"],
             3,
         ),
     ],

@@ -124,4 +124,4 @@ def test_a_file_that_is_no_traverse_ends_with_one_line(tmp_path):
     file.write_text("nothing\n")
     ran = CliRunner().invoke(app, ["traverse", "compare", str(file)])
     assert ran.exit_code == 1
-    assert "notes.txt: no traverse table" in ran.output
+    assert "notes.txt: not a traverse table" in ran.output

@@ -163,7 +163,7 @@ def test_finer_cells_of_a_plane_lie_on_it(scenes):
 
 
 def test_edges_that_do_not_fade_are_refused():
-    with pytest.raises(TerrainError, match=r"edges fade over at least a cell of 0\.08 m"):
+    with pytest.raises(TerrainError, match=r"feather_m must be at least a cell of 0\.08 m"):
         RegionParams(feather_m=0.01)
 
 

@@ -208,7 +208,7 @@ def test_no_trusted_parallax_is_an_error_that_names_the_limit(scenes):
 
 def test_ground_outside_the_grid_is_an_error(scenes):
     elsewhere = MapGrid.covering((500.0, 500.0, 510.0, 510.0), 0.04)
-    with pytest.raises(TerrainError, match="no measured ground falls into the grid"):
+    with pytest.raises(TerrainError, match="no measured ground lies in the grid"):
         build_dtm([scenes.view_of(scenes.level)], PARAMS, elsewhere)
 
 

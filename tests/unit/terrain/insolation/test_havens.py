@@ -86,5 +86,5 @@ def test_a_hole_in_a_haven_stays_one(scenes):
 
 
 def test_a_haven_of_no_width_is_an_error():
-    with pytest.raises(TerrainError, match="give both above zero"):
+    with pytest.raises(TerrainError, match="needs a width and an area above zero"):
         HavenParams(width_m=0.0)

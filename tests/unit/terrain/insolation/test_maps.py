@@ -204,5 +204,5 @@ def test_large_areas_have_larger_cells(scenes):
 def test_a_model_without_elevations_is_an_error(scenes):
     dtm = scenes.dtm_of(scenes.level)
     dtm.elevation[:] = np.nan
-    with pytest.raises(TerrainError, match="has nothing to map"):
+    with pytest.raises(TerrainError, match="has no elevations"):
         insolation(dtm.elevation, dtm.grid, GUSEV, CLEAR)

@@ -114,5 +114,5 @@ def test_local_planes_are_exact_where_the_window_is_full():
 
 
 def test_windows_without_a_middle_are_refused():
-    with pytest.raises(TerrainError, match=r"odd window of at least 3 pixels .* not 16 and 4"):
+    with pytest.raises(TerrainError, match=r"window_px must be odd and at least 3 .* not 16 and 4"):
         PlanarRegionParams(window_px=16)

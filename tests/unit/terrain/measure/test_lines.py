@@ -127,9 +127,9 @@ def test_a_gap_has_no_slope_and_spoils_no_neighbour():
 @pytest.mark.parametrize(
     ("corners", "step", "told"),
     [
-        ([[1.0, 1.0], [1.0, 1.0]], 0.1, "two places"),
+        ([[1.0, 1.0], [1.0, 1.0]], 0.1, "two different points"),
         ([[0.0, 0.0], [1e6, 0.0]], 0.01, "step of 50 m"),
-        ([[0.0, 0.0], [1.0, 0.0]], 0.0, "two places"),
+        ([[0.0, 0.0], [1.0, 0.0]], 0.0, "two different points"),
     ],
 )
 def test_lines_that_are_none_or_too_long_are_refused(corners, step, told):

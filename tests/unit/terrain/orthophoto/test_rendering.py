@@ -159,7 +159,7 @@ def test_the_stretch_holds_most_of_the_brightness(orthophoto):
 def test_an_empty_terrain_model_is_an_error(pan):
     dtm, views = pan
     nothing = np.full_like(dtm.elevation, np.nan)
-    with pytest.raises(TerrainError, match="no seen cell"):
+    with pytest.raises(TerrainError, match="no known cell"):
         render_orthophoto(replace(dtm, elevation=nothing), views, PARAMS)
 
 
@@ -171,10 +171,10 @@ def test_the_map_reaches_no_farther_than_its_views(scenes):
     whole = np.isfinite(orthophoto.brightness).sum() * 0.01**2
     assert whole > 20.0
     away = replace(view, lsl_from_pair=scenes.looking(90.0, 20.0, camera=(99.0, 0.0, 1.5))[1])
-    with pytest.raises(TerrainError, match="none of the 1 views looks at"):
+    with pytest.raises(TerrainError, match="none of the 1 views shows"):
         render_orthophoto(wide, [away], PARAMS)
 
 
 def test_cells_coarser_than_the_terrain_are_an_error(pan):
-    with pytest.raises(TerrainError, match="take finer orthophoto cells"):
+    with pytest.raises(TerrainError, match="use finer orthophoto cells"):
         render_orthophoto(*pan, OrthophotoParams(cell_m=0.08))

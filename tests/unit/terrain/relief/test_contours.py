@@ -124,5 +124,5 @@ def test_an_empty_model_has_no_contours(scenes):
 
 
 def test_an_interval_of_nothing_is_an_error():
-    with pytest.raises(TerrainError, match="give one above zero"):
+    with pytest.raises(TerrainError, match="must be above zero"):
         ContourParams(interval_m=0.0)

@@ -147,7 +147,7 @@ def test_normals_follow_from_gradients():
 
 
 def test_a_baseline_longer_than_the_model_is_an_error(scenes):
-    with pytest.raises(TerrainError, match="take a shorter baseline"):
+    with pytest.raises(TerrainError, match="use a shorter baseline"):
         window_gradients(scenes.dtm_of(scenes.level, side=16).elevation, 0.04, 3.0)
 
 

@@ -71,7 +71,7 @@ def test_no_way_leads_through_a_wall_of_one_cell_laid_aslant():
     found = ways(np.abs(EAST + NORTH - 8.0) < 0.9 * GRID.cell_m)
     beyond = EAST + NORTH > 9
     assert np.isnan(found.drive_m[beyond]).all()
-    with pytest.raises(TerrainError, match="no way free of hazards"):
+    with pytest.raises(TerrainError, match="no path free of hazards"):
         found.path_to((10.0, 10.0))
 
 
@@ -93,7 +93,7 @@ def test_unknown_ground_below_the_rover_is_left_but_hazards_there_are_not_entere
 
 
 def test_nobody_starts_in_a_hazard_or_off_the_map():
-    with pytest.raises(TerrainError, match="itself a hazard \\(step\\)"):
+    with pytest.raises(TerrainError, match="is a hazard \\(step\\)"):
         ways(straight() < 1)
     with pytest.raises(TerrainError, match="not on the map"):
         reachability(
@@ -116,5 +116,5 @@ def test_ground_without_elevation_is_taken_for_level_with_what_is_next_to_it():
 
 @pytest.mark.parametrize("wrong", [{"stand_m": -1.0}, {"gap_m": -0.1}, {"farthest_m": 0.0}])
 def test_absurd_parameters_are_refused(wrong):
-    with pytest.raises(TerrainError, match="distance above zero"):
+    with pytest.raises(TerrainError, match="farthest_m must be above zero"):
         DrivingParams(**wrong)

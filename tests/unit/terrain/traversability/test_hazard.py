@@ -119,5 +119,5 @@ def test_strips_of_a_large_map_have_no_seams(scenes, rng, monkeypatch):
 
 
 def test_a_limit_of_nothing_is_an_error():
-    with pytest.raises(TerrainError, match="give all above zero"):
+    with pytest.raises(TerrainError, match="must be above zero"):
         HazardParams(highest_step_m=0.0)
