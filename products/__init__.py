@@ -1,4 +1,4 @@
-"""Products: what has been made, by which recipe, where it lies, and which versions are published.
+"""Products: files, recipes, storage and published versions.
 
 Enters: arrays and records of `photogrammetry`, and recipes of `tasks`. Leaves: files in the store,
 layers in the catalogue, documents and pages. Each subpackage imports only those to its right:

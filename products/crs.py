@@ -1,4 +1,4 @@
-"""The local map of a landing site, and where it lies on Mars.
+"""The local map of a landing site, and its position on Mars.
 
 The map is the plane tangent to a sphere of radius R at the landing point (longitude l0, latitude
 p0): the orthographic projection
@@ -6,26 +6,25 @@ p0): the orthographic projection
     east  = R cos p sin(l - l0)
     north = R (cos p0 sin p - sin p0 cos p cos(l - l0))
 
-drops a point of the sphere perpendicularly onto that plane (Snyder 1987, section 20). East is y and
-north is x of the LSL, exactly, for points on the sphere; no other projection has that property,
+projects a point of the sphere perpendicularly to that plane (Snyder 1987, section 20). East is y
+and north is x of the LSL, exactly, for points on the sphere; no other projection has that property,
 and PROJ and proj4js agree on it to a nanometre when R is part of its definition (proj4js ignores
-`+k_0`, so a scale factor is no way to bring in the local radius).
+`+k_0`, so the local radius cannot be introduced by a scale factor).
 
-R is decided once, with the landing point, and written into the CRS. A landing point on the IAU
+R is chosen once, with the landing point, and written into the CRS. A landing point on the IAU
 sphere (3396190 m) uses IAU_2015:49900 itself as its base, so that every tool recognises Mars. At
 Gusev the ground lies near 3393.0 km from the centre: on the IAU sphere, longitude and latitude of a
-place 7 km from the lander would be 6.6 m off. A landing point with a radius of its own therefore
-uses a sphere of that radius, named after the landing point. Planetocentric longitude and latitude
-are directions from the centre of Mars and the same numbers on either sphere.
+point 7 km from the lander would be 6.6 m off. A landing point with its own radius therefore uses a
+sphere of that radius, named after the landing point. Planetocentric longitude and latitude are
+directions from the centre of Mars and the same numbers on either sphere.
 
-Height is no part of this CRS: it is metres above the tangent plane at the landing point, which
-leaves the sphere by d²/2R (0.15 m at 1 km, 3.7 m at 5 km). A point 100 m above the plane is seen
-15 cm away at 7 km; rasters and vectors share that shift, so they stay aligned.
+Height is not part of this CRS: it is metres above the tangent plane at the landing point, which
+departs from the sphere by d²/2R (0.15 m at 1 km, 3.7 m at 5 km). A point 100 m above the plane is
+displaced by 15 cm at 7 km; rasters and vectors share that shift, so they stay aligned.
 
-The map of sites that nothing ties to the lander lies nowhere on Mars, and that of an own stereo rig
-on no known body: its CRS is an engineering CRS
-in metres east and north of its origin, with a name that says so, and its places have no longitude
-and latitude (NaN).
+The map of sites not tied to the lander has no position on Mars, and that of an own stereo rig is on
+no known body: its CRS is an engineering CRS in metres east and north of its origin, named
+accordingly, and its points have no longitude and latitude (NaN).
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ _ORIGIN = "origin: "
 
 @dataclass(frozen=True, slots=True)
 class LandingPoint:
-    """The origin of a mission's map: where on Mars it is, and who says so."""
+    """The origin of a mission's map: its position on Mars, and the source of it."""
 
     name: str
     longitude: float
@@ -61,13 +60,13 @@ class LandingPoint:
     latitude: float
     """Degrees, planetocentric."""
     radius_m: float
-    """Distance of the ground from the centre of Mars, metres; 0 where it is on no known body."""
+    """Distance of the ground from the centre of Mars, metres; 0 for an unknown body."""
     source: str
     sigma_m: float = 0.0
-    """Standard deviation of its place on Mars, of each coordinate."""
+    """Standard deviation of its position on Mars, of each coordinate."""
     origin: str = ""
-    """What the origin of a map is that is not tied to the lander: `site 137`. Longitude, latitude
-    and radius then tell only about where the mission is, for the height of the Sun."""
+    """Origin of a map that is not tied to the lander: `site 137`. Longitude, latitude and radius
+    are then only those of the mission, for the height of the Sun."""
 
     def __post_init__(self) -> None:
         if not (-180.0 <= self.longitude <= 360.0 and -90.0 <= self.latitude <= 90.0):  # noqa: PLR2004
@@ -77,8 +76,8 @@ class LandingPoint:
             )
         if self.is_on_mars and not _POLAR_RADIUS_M < self.radius_m < _HIGHEST_RADIUS_M:
             raise ProductError(
-                f"the landing point {self.name} lies {self.radius_m} m from the centre of Mars, "
-                f"where no ground is; metres near {IAU_RADIUS_M} are expected"
+                f"the landing point {self.name} is {self.radius_m} m from the centre of Mars, "
+                f"where there is no ground; metres near {IAU_RADIUS_M} are expected"
             )
         if not self.name.strip() or '"' in self.name:
             raise ProductError(f"{self.name!r} cannot name a coordinate system")
@@ -101,9 +100,9 @@ def nowhere(source: str) -> LandingPoint:
 
 
 def mars_crs(definition: str) -> CRS:
-    """A CRS on Mars by its name or WKT. EPSG numbers are the Earth's: it says at once it has none.
+    """A CRS on Mars by its name or WKT; EPSG numbers, which are the Earth's, are rejected at once.
 
-    geopandas would have PROJ search among all of them for 0.3 s.
+    geopandas would make PROJ search all of them, for 0.3 s.
     """
     return _mars_crs_type().from_user_input(definition)
 
@@ -155,7 +154,7 @@ def _base(landing: LandingPoint) -> str:
 
 
 def local_proj4(landing: LandingPoint) -> str | None:
-    """The same CRS as a PROJ string, for proj4js and WMTS clients; there is none of an untied map.
+    """The same CRS as a PROJ string, for proj4js and WMTS clients; None for an untied map.
 
     `crs_text` gives clients a string in either case.
     """
@@ -179,7 +178,7 @@ def height_reference(crs: CRS) -> str:
 
 
 def crs_text(landing: LandingPoint) -> str:
-    """The CRS in one string: as PROJ string, or as WKT where the map is not tied to Mars."""
+    """The CRS as one string: as PROJ string, or as WKT where the map is not tied to Mars."""
     return local_proj4(landing) or local_crs(landing).to_wkt()
 
 
@@ -194,7 +193,7 @@ def _to_degrees(landing: LandingPoint) -> Transformer:
 def lon_lat(
     landing: LandingPoint, east: PerPoint | float, north: PerPoint | float
 ) -> tuple[PerPoint, PerPoint]:
-    """Planetocentric longitude (east) and latitude of places on the map, degrees.
+    """Planetocentric longitude (east) and latitude of points on the map, degrees.
 
     NaN on a map that is not tied to the lander.
     """
@@ -209,7 +208,7 @@ def lon_lat(
 def east_north(
     landing: LandingPoint, longitude: PerPoint | float, latitude: PerPoint | float
 ) -> tuple[PerPoint, PerPoint]:
-    """Places on the map, metres, of planetocentric longitude (east) and latitude in degrees.
+    """Points on the map, metres, from planetocentric longitude (east) and latitude in degrees.
 
     NaN on a map that is not tied to the lander.
     """
@@ -224,7 +223,7 @@ def east_north(
 
 
 def _nowhere(*places: PerPoint | float) -> tuple[PerPoint, PerPoint]:
-    """As many places that are not known."""
+    """The same number of unknown points."""
     import numpy as np  # noqa: PLC0415 - as above
 
     shape = np.broadcast_shapes(*(np.shape(np.atleast_1d(one)) for one in places))

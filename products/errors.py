@@ -1,10 +1,10 @@
-"""The errors of the product store and catalogue, and how any error is put into one line."""
+"""The errors of the product store and catalogue, and one-line texts of any error."""
 
 LONGEST_LINE = 400
 
 
 class ProductError(Exception):
-    """A product cannot be kept, found or read."""
+    """A product cannot be stored, found or read."""
 
 
 class ProductNotFoundError(ProductError):
@@ -12,27 +12,27 @@ class ProductNotFoundError(ProductError):
 
 
 class OutsideCoverageError(ProductError):
-    """The product exists but holds nothing at the place asked for."""
+    """The product exists but has no data at the requested position."""
 
 
 class StoreFullError(ProductError):
-    """The disk of the store is full; nothing already made is lost."""
+    """The disk of the store is full; finished products are kept."""
 
 
 class StoreBusyError(ProductError):
-    """Others work on the store, and what was asked for is done alone."""
+    """Others are using the store, and the action needs it exclusively."""
 
 
 class StoreReadOnlyError(ProductError):
-    """The store may not be changed: by this user, or because its disk may only be read."""
+    """The store may not be changed: by this user, or because its disk is read-only."""
 
 
 class StoreAwayError(ProductError):
-    """The store or its catalogue does not answer now; trying again may help."""
+    """The store or its catalogue does not respond now; trying again may help."""
 
 
 def cause_of(error: BaseException, *, is_named: bool = False) -> str:
-    """What went wrong, in one bounded line: our own errors speak for themselves, others are named.
+    """The cause of an error, in one bounded line: with the name of errors other than our own.
 
     Args:
         error: Of any kind.
@@ -56,7 +56,7 @@ def one_line(text: str) -> str:
 
 
 def printable(text: object) -> str:
-    """A text on one line that steers no terminal.
+    """A text on one line without control sequences for terminals.
 
     Control characters, line ends, changes of the writing direction and lone surrogates are shown as
     escapes, as Python writes them.

@@ -1,4 +1,4 @@
-"""The catalogue: which missions, images and layers there are, and which version is the latest.
+"""The catalogue: missions, images and layers, with the latest version of each.
 
 One transaction publishes everything that belongs together; readers see all of it or nothing. The
 catalogue is a database (SQLite in the store's folder unless another URL is given), the products are
@@ -53,10 +53,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class MissionEntry:
-    """A map of a rover whose images are in the store, and where it lies on Mars.
+    """A map of a rover whose images are in the store, and its position on Mars.
 
-    What is tied to the lander is on the map that bears the name of the mission; every other group
-    of sites has a map of its own (`products.model.untied_map`).
+    Sites tied to the lander are on the map with the name of the mission; every other group of sites
+    has its own map (`products.model.untied_map`).
     """
 
     mission: str
@@ -64,16 +64,16 @@ class MissionEntry:
     title: str
     landing: LandingPoint
     lsl_note: str | None
-    """What ties the map to the lander, where nothing does yet."""
+    """What is missing to tie the map to the lander, if it is not tied."""
 
 
 @dataclass(frozen=True, slots=True)
 class ImageEntry:
-    """An ingested image: what it is, its stereo partner, and its files."""
+    """An ingested image: identifiers, stereo partner, and files."""
 
     id: str
     mission: str
-    """Name of the map that its stop is on: as `MissionEntry` has it."""
+    """Name of the map of its stop, as in `MissionEntry`."""
     stop: str
     site: int
     drive: int
@@ -88,22 +88,22 @@ class ImageEntry:
     ref: ProductRef
     browse: ProductRef
     code: str | None = None
-    """The table that its pixels are coded by, where its label says so."""
+    """The table by which its pixels are coded, if its label names one."""
     darkened_by: str | None = None
-    """The camera whose fall of light is still in its pixels, where its label says so."""
+    """The camera whose vignetting is still in its pixels, according to its label."""
     radiometry: ProductRef | None = None
-    """The tables and flat fields that its pixels are read with; None: they are taken as stored."""
+    """The tables and flat fields with which its pixels are read; None: pixels as stored."""
     notes: tuple[str, ...] = ()
-    """What is peculiar about its pixels, a line each."""
+    """Notes on its pixels, one per line."""
     created: str | None = None
-    """When its file was made on Earth, as its label says."""
+    """When its file was made on Earth, according to its label."""
     repeats: str | None = None
-    """The image of the same exposure that is used instead of this one: they differ in processing,
-    version or size, and are one observation."""
+    """The image of the same exposure that is used instead: both differ in processing, version or
+    size, and are one observation."""
 
     @property
     def stop_id(self) -> StopId:
-        """The stop that it was taken at; `stop` is its name."""
+        """The stop of the image; `stop` is its name."""
         from solmap.photogrammetry.imagery import StopId  # noqa: PLC0415 - lists need no arrays
 
         return StopId(mission_of(self.mission), self.site, self.drive)
@@ -122,7 +122,7 @@ class Outcome:
 
     @classmethod
     def now(cls, subject: str, notes: tuple[str, ...], *, is_failure: bool = False) -> Outcome:
-        """What has just ended."""
+        """The outcome of processing that ended now."""
         return cls(subject, is_failure, notes, datetime.now(UTC).isoformat(timespec="seconds"))
 
 
@@ -211,9 +211,9 @@ class Catalogue:
 
     @classmethod
     def open(cls, root: Path, url: str | None = None) -> Catalogue:
-        """Open or found the catalogue of the store at `root`, or at a database URL.
+        """Open or create the catalogue of the store at `root`, or at a database URL.
 
-        An older one is migrated first; where nothing may be written, it is read as it is.
+        An older one is migrated first; where writing is not permitted, it is read unchanged.
 
         Raises:
             ProductError: the URL cannot be used, its database does not answer, or the store is of
@@ -270,7 +270,7 @@ class Catalogue:
         raise ProductNotFoundError(f"no image {image_id!r} has been ingested")
 
     def maps_of(self, mission: str) -> list[str]:
-        """The names of all maps of a mission that have images, by name."""
+        """The names of all maps of a mission with images, by name."""
         query = sa.select(IMAGES.c.mission).distinct().order_by(IMAGES.c.mission)
         with self.engine.connect() as connection:
             names = connection.execute(query).scalars()
@@ -336,7 +336,7 @@ class Catalogue:
         raise ProductNotFoundError(f"no {kind} of {scope}{version} has been published")
 
     def latest(self, scope: str, kind: ProductKind) -> str | None:
-        """The digest that the pointer of a scope and kind is at, published as a layer or not."""
+        """The digest of the latest product of a scope and kind, published as a layer or not."""
         query = sa.select(LATEST.c.digest).where(
             LATEST.c.scope == scope, LATEST.c.kind == str(kind)
         )
@@ -344,7 +344,7 @@ class Catalogue:
             return connection.execute(query).scalar_one_or_none()
 
     def pointers(self, kind: ProductKind) -> list[ProductRef]:
-        """What the pointers of a kind are at, by scope: inputs and stages that are no layers.
+        """The latest products of a kind, by scope: inputs and stages that are not layers.
 
         Raises:
             ProductError: products of this kind are layers.
@@ -359,7 +359,7 @@ class Catalogue:
             ]
 
     def outcomes(self) -> list[Outcome]:
-        """How the last processing of every file and sol ended, by subject."""
+        """Outcome of the last processing of every file and sol, by subject."""
         rows = self._documents(sa.select(OUTCOMES.c.document).order_by(OUTCOMES.c.subject))
         return [outcome_of(row) for row in rows]
 
@@ -369,13 +369,14 @@ class Catalogue:
             return events_since(connection, event_id)
 
     def version(self) -> int:
-        """The number of the last event: while it stays, so does what is published."""
+        """The number of the last event: published content changes only when it does."""
         with self.engine.connect() as connection:
             return last_event(connection)
 
     def published_version(self) -> int:
         """Like `version`, but unchanged by the progress of runs and by edits."""
-        with self.engine.connect() as connection:  # those of them may be forgotten, newer ones not
+        # # progress events may be deleted, so only newer events of other kinds are counted
+        with self.engine.connect() as connection:
             return last_event(connection, PUBLICATIONS) or last_event(connection)
 
     def append_event(self, kind: str, document: dict[str, Any]) -> None:
@@ -411,7 +412,7 @@ class Catalogue:
     def withdraw(self, layers: Sequence[Layer], pointers: Sequence[ProductRef] = ()) -> None:
         """Remove layers from the map, all at once; their versions stay known.
 
-        `pointers` are products that are no layers, and the latest of their kind no longer.
+        `pointers` are products that are not layers, and no longer the latest of their kind.
         """
         with write_transaction(self.engine) as connection:
             _withdraw(connection, layers)
@@ -421,7 +422,7 @@ class Catalogue:
     def forget_sols(self, name: str, kept: Collection[str]) -> None:
         """Forget how sols went that are no longer on a map: when they are again, they are made.
 
-        `kept` are the names of those that are on it.
+        `kept` are the names of those on the map.
         """
         with write_transaction(self.engine) as connection:
             for table, column in ((FINISHED, FINISHED.c.scope), (OUTCOMES, OUTCOMES.c.subject)):
@@ -429,7 +430,7 @@ class Catalogue:
                 connection.execute(table.delete().where(of_map & column.not_in(kept)))
 
     def forget_map(self, name: str) -> None:
-        """Forget a map on which no image is any more."""
+        """Delete a map without images."""
         self.forget_sols(name, kept=())
         with write_transaction(self.engine) as connection:
             if connection.execute(MISSIONS.delete().where(MISSIONS.c.mission == name)).rowcount:
@@ -500,6 +501,6 @@ def latest_network(mission: str, catalogue: Catalogue) -> ProductRef:
     refs = published_networks(mission, catalogue)
     if not refs:
         raise ProductNotFoundError(
-            f"no network of {mission} has been adjusted yet, so no image has a place; run a sol"
+            f"no network of {mission} has been adjusted yet, so no image has a position; run a sol"
         )
     return refs[-1]

@@ -1,14 +1,14 @@
 """Databases of the catalogue, SQLite in the store's folder or PostgreSQL at a URL, and its tables.
 
-SQLite lets one writer in at a time. PostgreSQL would let many, but then events would get their
-numbers in another order than their transactions commit, and who asks for events "after number 7"
-would miss a 6 that is committed later. So writers take turns there too (an advisory lock that ends
-with the transaction, even if its process is killed): numbers are in the order of commits, and what
-a writer reads stays true until it has written. Readers wait for nobody.
+SQLite permits one writer at a time. PostgreSQL permits many, but then events could get their
+numbers in another order than their transactions commit, and a request for events "after number 7"
+would miss a 6 that is committed later. Writers therefore take turns there too (an advisory lock
+that ends with the transaction, even if its process is killed): numbers are in the order of commits,
+and data read by a writer stay valid until it has written. Readers never wait.
 
-Databases of a store that may only be read are opened so that SQLite writes nothing beside them. One
-that its owner has open is read with its write-ahead log; one at rest is read as a file that does
-not change. Every question opens it anew, so it is seen when the owner comes back to work.
+Databases of a read-only store are opened so that SQLite writes nothing beside them. One that its
+owner has open is read with its write-ahead log; otherwise it is read as an immutable file. Every
+query opens it again, so that later changes by the owner are read.
 """
 
 from __future__ import annotations
@@ -45,21 +45,21 @@ from solmap.products.store.faults import (
 )
 
 Text = sa.String().with_variant(sa.String(collation="C"), "postgresql")
-"""Text that both sort by its bytes, whatever the language of the database."""
+"""Text type that both sort by bytes, independent of the database's language."""
 _WRITES = "solmap_writes"
 _TURN = 0x501_3A9
-"""Number of the writers' turn among PostgreSQL's advisory locks; other programs have others."""
+"""Number of the writers' lock among PostgreSQL's advisory locks; other programs use others."""
 _WAIT_S = 30
-"""For another writer."""
+"""Waiting time for another writer."""
 _CONNECT_S = 10
 _PRIMARY_CODE = 0xFF
 """The rest of an error code of SQLite is detail."""
 _SPARE = 20
-"""Connections beside the pool's five, while so many requests are answered at once."""
+"""Connections beyond the pool's five, while so many requests are answered at once."""
 
 
 def engine_of(path: Path, url: str | None = None) -> sa.Engine:
-    """A database in a file, or at a URL; one pool of connections for all who ask for a URL."""
+    """A database in a file, or at a URL; one connection pool per URL."""
     if not url and is_read_only(path):
         return _read_only_engine(path)
     if not url:
@@ -73,8 +73,8 @@ def engine_of(path: Path, url: str | None = None) -> sa.Engine:
 def close_pools() -> None:
     """Close the connections to databases at URLs; an engine that is used again opens new ones.
 
-    An engine is never dropped before that: its connections would stay open until the garbage is
-    collected, and then be lost with a warning.
+    An engine is never dropped before that: its connections would stay open until garbage
+    collection, which would warn.
     """
     with _AT_URLS_LOCK:
         for engine in _AT_URLS.values():
@@ -104,12 +104,12 @@ def _engine(url: str) -> sa.Engine:
     except (ArgumentError, NoSuchModuleError, ModuleNotFoundError) as error:
         raise ProductError(f"the catalogue's URL cannot be used: {error}; {_URLS}") from error
     except ValueError:  # its text may be a part of the password
-        raise ProductError(f"the port in the catalogue's URL is no number; {_URLS}") from None
+        raise ProductError(f"the port in the catalogue's URL is not a number; {_URLS}") from None
 
 
 def _read_only_engine(path: Path) -> sa.Engine:
     if not path.is_file():
-        raise ProductError(f"{path.parent} holds no catalogue, and none can be made there")
+        raise ProductError(f"{path.parent} has no catalogue, and none can be created there")
     creator = partial(read_only_connection, path)
     engine = sa.create_engine("sqlite://", creator=creator, poolclass=sa.NullPool)
 
@@ -122,7 +122,7 @@ def _read_only_engine(path: Path) -> sa.Engine:
 
 
 def read_only_connection(path: Path) -> sqlite3.Connection:
-    """A connection to an SQLite database beside which nothing may be written."""
+    """A connection to an SQLite database beside which no file may be written."""
     uri, log = path.resolve().as_uri(), Path(f"{path}-wal")
     connect = partial(
         sqlite3.connect, uri=True, timeout=_WAIT_S, check_same_thread=False, isolation_level=None
@@ -132,7 +132,7 @@ def read_only_connection(path: Path) -> sqlite3.Connection:
     connection = connect(f"{uri}?mode=ro")
     try:
         connection.execute("SELECT 1 FROM sqlite_master").fetchone()
-    except sqlite3.OperationalError:  # nobody has it open, the log was left
+    except sqlite3.OperationalError:  # # no process has it open; a log was left behind
         connection.close()
         if not log.stat().st_size:
             return connect(f"{uri}?mode=ro&immutable=1")
@@ -156,14 +156,14 @@ def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(prefix="solmap-")
 
 
-_URLS = "say SOLMAP_CATALOGUE_URL=postgresql+psycopg://user:password@host/database, or leave it out"
+_URLS = "set SOLMAP_CATALOGUE_URL=postgresql+psycopg://user:password@host/database, or omit it"
 
 
 def tables_of(engine: sa.Engine) -> set[str]:
     """The names of the tables in a database.
 
     Raises:
-        StoreAwayError: the database does not answer.
+        StoreAwayError: the database does not respond.
         ProductError: its file cannot be opened, or is damaged.
     """
     try:
@@ -175,13 +175,13 @@ def tables_of(engine: sa.Engine) -> set[str]:
             if code & _PRIMARY_CODE != sqlite3.SQLITE_CANTOPEN:
                 raise
             raise ProductError(
-                f"the catalogue {_name_of(engine)} cannot be opened: is its folder there, and may "
-                "this user read and write it?"
+                f"the catalogue {_name_of(engine)} cannot be opened: does its folder exist, and "
+                "may this user read and write it?"
             ) from error
         where = engine.url.render_as_string(hide_password=True)
         raise StoreAwayError(
-            f"the catalogue's database {where} does not answer: {str(error.orig).strip()}; "
-            "is it running, and is SOLMAP_CATALOGUE_URL right?"
+            f"the catalogue's database {where} does not respond: {str(error.orig).strip()}; is it "
+            "running, and is SOLMAP_CATALOGUE_URL right?"
         ) from error
     except DatabaseError as error:
         raise ProductError(
@@ -192,7 +192,7 @@ def tables_of(engine: sa.Engine) -> set[str]:
 
 @contextmanager
 def write_transaction(engine: sa.Engine) -> Iterator[sa.Connection]:
-    """A transaction that writes, alone among writers from its first statement on."""
+    """A write transaction, exclusive among writers from its first statement on."""
     with (
         explain_full_disk(_name_of(engine)),
         engine.connect().execution_options(**{_WRITES: True}) as connection,
@@ -205,21 +205,21 @@ def write_transaction(engine: sa.Engine) -> Iterator[sa.Connection]:
 
 
 def _name_of(engine: sa.Engine) -> str:
-    """The file of a database in SQLite, or what its server calls it."""
+    """The file of a database in SQLite, or its name on the server."""
     return engine.url.database or "the catalogue"
 
 
 @contextmanager
 def explain_full_disk(database: Path | str) -> Iterator[None]:
-    """Say plainly that a database cannot be written, or opened, because its disk is full."""
+    """Report that a database cannot be written, or opened, because its disk is full."""
     try:
         yield
     except (DBAPIError, sqlite3.Error) as error:
         folder = Path(database).parent
         if is_database_full(error) or (folder.is_dir() and is_disk_full(folder, error)):
             raise StoreFullError(
-                f"the disk of {database} is full; free some space and run again: what was made "
-                "before is kept"
+                f"the disk of {database} is full; free some space and run again: finished "
+                "products are kept"
             ) from error
         raise
 
@@ -237,13 +237,13 @@ def upsert(
 
 def _configure(connection: DBAPIConnection, _record: object) -> None:
     """Readers never wait for a writer, and two writers wait for each other."""
-    connection.isolation_level = None  # `_begin` says when a transaction begins
+    connection.isolation_level = None  # # `_begin` starts transactions
     for pragma in ("journal_mode=WAL", f"busy_timeout={1000 * _WAIT_S}", "synchronous=NORMAL"):
         connection.cursor().execute(f"PRAGMA {pragma}")
 
 
 def _begin(connection: sa.Connection) -> None:
-    """One who will write takes the turn at once: to find out later that it is gone is too late."""
+    """Writers take the lock at the beginning: a later failure would lose the transaction."""
     writes = connection.get_execution_options().get(_WRITES)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 
@@ -301,7 +301,7 @@ INGESTED = sa.Table(
     sa.Column("mission", Text, primary_key=True),
     sa.Column("times", sa.Integer, nullable=False),
 )
-"""How often images of a mission were taken in, anew or for the first time."""
+"""Number of ingests of a mission's images, repeated ones included."""
 
 FINISHED = sa.Table(
     "finished",
@@ -331,7 +331,7 @@ def put_document(
     document: dict[str, Any],
     **columns: Any,  # noqa: ANN401 - column values
 ) -> bool:
-    """Insert or replace a row; whether its document has changed."""
+    """Insert or replace a row; returns whether its document changed."""
     where = sa.and_(*(table.c[name] == value for name, value in keys.items()))
     before = connection.execute(sa.select(table.c.document).where(where)).scalar_one_or_none()
     if before is not None and before == json.loads(json.dumps(document)):
@@ -341,7 +341,7 @@ def put_document(
 
 
 def move_pointer(connection: sa.Connection, ref: ProductRef) -> bool:
-    """Move the pointer of a scope and kind; whether it moved."""
+    """Move the pointer of a scope and kind; returns whether it moved."""
     keys = pointer_keys(ref)
     where = sa.and_(LATEST.c.scope == keys["scope"], LATEST.c.kind == keys["kind"])
     before = connection.execute(sa.select(LATEST.c.digest).where(where)).scalar_one_or_none()
@@ -352,12 +352,12 @@ def move_pointer(connection: sa.Connection, ref: ProductRef) -> bool:
 
 
 def count_ingested(connection: sa.Connection, mission: str, images: int) -> None:
-    """Count images that were taken in, so that others see that there are some."""
+    """Count ingested images, so that other processes notice them."""
     before = times_ingested(connection, mission)
     upsert(connection, INGESTED, {"mission": mission}, {"times": before + images})
 
 
 def times_ingested(connection: sa.Connection, mission: str) -> int:
-    """How many images of a mission were ever taken in."""
+    """Number of ingests of a mission's images."""
     query = sa.select(INGESTED.c.times).where(INGESTED.c.mission == mission)
     return connection.execute(query).scalar_one_or_none() or 0

@@ -1,10 +1,9 @@
-"""What people write on the map: edits of tie points, annotations, and requests for runs.
+"""Edits from the map: edits of tie points, annotations, and requests for runs.
 
-No product is changed by it: edits of tie points are requests that the next run carries out, as it
-does those in files (`products.formats.documents.edit_requests`). All lie in a database of their
-own, `edits.sqlite`. The log of edits is only ever appended to, and the database refuses anything
-else: undoing an edit is an edit too, and can itself be undone. Requests for runs are taken by
-`solmap up`.
+Edits change no product: edits of tie points are requests that the next run applies, like those in
+files (`products.formats.documents.edit_requests`). All are in a separate database, `edits.sqlite`.
+The log of edits is append-only, which the database enforces: undoing an edit is an edit too, and
+can itself be undone. `solmap up` processes requests for runs.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ _INSERT = (
     "INSERT INTO edits(mission, kind, document, author, at, note, undoes) VALUES(?,?,?,?,?,?,?)"
 )
 _WAIT_S = 30.0
-"""For others who write."""
+"""Waiting time for other writers."""
 
 
 _SCHEMA = """
@@ -49,10 +48,10 @@ CREATE TABLE IF NOT EXISTS requests(
 
 @contextmanager
 def transaction(path: Path) -> Iterator[sqlite3.Connection]:
-    """A transaction on the database, which is made where it is not there yet.
+    """A transaction on the database, which is created if necessary.
 
     Raises:
-        StoreReadOnlyError: nothing may be written there.
+        StoreReadOnlyError: writing is not permitted there.
         StoreFullError: its disk is full.
     """
     require_writable(path)
@@ -68,7 +67,7 @@ def transaction(path: Path) -> Iterator[sqlite3.Connection]:
 
 @contextmanager
 def _reading(path: Path) -> Iterator[sqlite3.Connection]:
-    """The same for readers, also where nothing may be written."""
+    """The same for readers, also without write permission."""
     if not is_read_only(path):
         with transaction(path) as connection:
             yield connection
@@ -83,13 +82,13 @@ class EditKind(StrEnum):
     TIE = "tie"
     """An edit request: a tie point to add, veto or move."""
     ANNOTATION = "annotation"
-    """A place, line or area with a text."""
+    """A point, line or area with a text."""
     UNDO = "undo"
-    """Another edit, which has no effect any more."""
+    """Another edit, which is then without effect."""
 
 
 class EditConflictError(ProductError):
-    """The edit contradicts another that came before."""
+    """The edit contradicts an earlier one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +106,7 @@ class Edit:
     """Why, in the author's words."""
     undoes: int | None
     counts: bool
-    """Whether it has effect: nobody has undone it."""
+    """Whether it has effect: it has not been undone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +117,7 @@ class EditLog:
 
     @classmethod
     def of(cls, root: Path) -> EditLog:
-        """That of the store at `root`; nothing is written before the first edit is."""
+        """The log of the store at `root`; nothing is written before the first edit."""
         return cls(root / FILE)
 
     def append(
@@ -132,7 +131,7 @@ class EditLog:
 
         Raises:
             ProductNotFoundError: the mission has no such edit.
-            EditConflictError: it has been taken back already.
+            EditConflictError: it has been undone already.
         """
         self._effective(mission, number)
         return self._append(mission, EditKind.UNDO, {}, author, note, number)
@@ -140,15 +139,17 @@ class EditLog:
     def replace(
         self, mission: str, number: int, document: dict[str, Any], author: str, note: str = ""
     ) -> Edit:
-        """Undo an annotation and make another in its place, both or neither.
+        """Undo an annotation and add another one instead, both or neither.
 
         Raises:
             ProductNotFoundError: the mission has no such edit.
-            EditConflictError: it has been taken back or replaced already.
+            EditConflictError: it has been undone or replaced already.
         """
         old = self._effective(mission, number)
         if old.kind is not EditKind.ANNOTATION:
-            raise EditConflictError(f"edit {number} of {mission} is no annotation: undo it instead")
+            raise EditConflictError(
+                f"edit {number} of {mission} is not an annotation: undo it instead"
+            )
         at = datetime.now(UTC).isoformat(timespec="milliseconds")
         row = (mission, str(old.kind), json.dumps(document), author, at, note, None)
         with transaction(self.path) as connection:
@@ -163,7 +164,7 @@ class EditLog:
             raise ProductNotFoundError(f"{mission} has no edit {number}")
         if not known[number].counts:
             raise EditConflictError(
-                f"edit {number} of {mission} has been taken back already; read the log again"
+                f"edit {number} of {mission} has been undone already; read the log again"
             )
         return known[number]
 
@@ -178,7 +179,8 @@ class EditLog:
                 (mission, mission),
             ).fetchall()
         undone: set[int] = set()
-        for number, *_, undoes in reversed(rows):  # who undoes comes after what is undone
+        # # an undo has a higher number than the edit it undoes
+        for number, *_, undoes in reversed(rows):
             if undoes is not None and number not in undone:
                 undone.add(undoes)
         return [_edit(row, row[0] not in undone) for row in rows]
@@ -186,15 +188,15 @@ class EditLog:
     def move(
         self, old: str, new: str, carry: Callable[[dict[str, Any]], dict[str, Any]]
     ) -> list[Edit]:
-        """Move what has effect on one map to another, when its name or its origin changes.
+        """Move edits with effect from one map to another, when its name or its origin changes.
 
-        In the log each edit is taken back on the old map and made again on the new one, by its
-        author and at its time. Nothing is moved twice.
+        In the log each edit is undone on the old map and added again on the new one, with its
+        author and time. Nothing is moved twice.
 
         Args:
-            old: Name of the map that it was on.
-            new: Name of the other.
-            carry: An annotation of the old map as it is on the new one.
+            old: Name of the old map.
+            new: Name of the new map.
+            carry: Transforms an annotation of the old map to the new one.
         """
         moved = [edit for edit in self.edits(old) if edit.counts and edit.kind is not EditKind.UNDO]
         if not moved:
@@ -211,7 +213,7 @@ class EditLog:
         return moved
 
     def effective(self, kind: EditKind, mission: str | None = None) -> list[Edit]:
-        """The edits of a kind that have effect."""
+        """The edits of a kind with effect."""
         return [edit for edit in self.edits(mission) if edit.counts and edit.kind is kind]
 
     def _append(
@@ -238,26 +240,26 @@ def _edit(row: tuple[Any, ...], counts: bool) -> Edit:  # noqa: FBT001 - a fact 
 
 
 class RequestKind(StrEnum):
-    """What is to be run, or done with a run or a deployment."""
+    """Kind of a request: a run, or an action on a run or a deployment."""
 
     DOWNLINK = "downlink"
-    """Process what is in the inbox."""
+    """Process the files in the inbox."""
     OVERALL = "overall adjustment"
-    """Adjust all stops of a mission, or of all, together."""
+    """Adjust all stops of a mission, or of all missions, together."""
     REGION = "region"
-    """Join stops to regions anew."""
+    """Join stops into regions again."""
     FETCH = "fetch"
-    """Bring images of some sols from the archive to the inbox."""
+    """Fetch images of some sols from the archive to the inbox."""
     CANCEL = "cancel"
-    """End the run of the engine that `run` names."""
+    """Cancel the run `run` of the engine."""
     PAUSE = "pause"
-    """Start no scheduled run of `deployment` any more."""
+    """Pause the schedule of `deployment`."""
     RESUME = "resume"
-    """Start them again."""
+    """Resume it."""
 
 
 class RequestState(StrEnum):
-    """What became of it."""
+    """State of a request."""
 
     WAITING = "waiting"
     TAKEN = "taken"
@@ -277,7 +279,7 @@ class RunRequest:
     """UTC, ISO 8601."""
     state: RequestState
     answer: str | None
-    """The name of the run, or why there is none."""
+    """The name of the run, or the reason why there is none."""
     parameters: dict[str, Any] = field(default_factory=dict)
 
 
@@ -289,7 +291,7 @@ class RunRequests:
 
     @classmethod
     def of(cls, root: Path) -> RunRequests:
-        """Those of the store at `root`; nothing is written before the first."""
+        """The requests of the store at `root`; nothing is written before the first."""
         return cls(root / FILE)
 
     def add(
@@ -299,7 +301,7 @@ class RunRequests:
         author: str,
         parameters: Mapping[str, Any] | None = None,
     ) -> RunRequest:
-        """Add a request, unless the same is waiting already; the one that waits."""
+        """Add a request, unless an equal one is waiting; returns the waiting one."""
         given = json.dumps(parameters or {}, sort_keys=True)
         with transaction(self.path) as connection:
             connection.execute("BEGIN IMMEDIATE")
@@ -328,12 +330,12 @@ class RunRequests:
             return [_request(row) for row in rows]
 
     def waiting(self) -> list[RunRequest]:
-        """Those that nobody has taken, oldest first."""
+        """Requests that have not been processed, oldest first."""
         asked = self.requests(limit=1000)
         return [one for one in reversed(asked) if one.state is RequestState.WAITING]
 
     def trim(self, before: str) -> None:
-        """Delete the answered ones that were made before a time."""
+        """Delete the answered requests made before a time."""
         if self.path.is_file():
             with transaction(self.path) as connection:
                 connection.execute(
@@ -350,7 +352,7 @@ class RunRequests:
 
 
 def _request(row: tuple[Any, ...]) -> RunRequest:
-    """A row; those of stores before version 2 have no parameters."""
+    """A request of a row; stores before version 2 have no parameters."""
     number, kind, mission, author, at, state, answer, *rest = row
     parameters = json.loads(rest[0]) if rest else {}
     known = RequestKind(kind), mission, author, at, RequestState(state), answer
@@ -358,7 +360,7 @@ def _request(row: tuple[Any, ...]) -> RunRequest:
 
 
 def add_parameters(path: Path) -> None:
-    """Give the requests of an older store their column of parameters, if they have none."""
+    """Add the column of parameters to the requests of an older store."""
     with transaction(path) as connection:
         names = {row[1] for row in connection.execute("PRAGMA table_info(requests)")}
         if "parameters" not in names:

@@ -1,8 +1,8 @@
-"""What `solmap up` says of the engine: its deployments, runs that wait there, and that it lives.
+"""State of the engine as written by `solmap up`: deployments, waiting runs, and whether it is up.
 
-The map gives the engine no orders and does not ask it anything. `solmap up` does, and writes the
-state down in the file `engine.json` of the store, again and again: a state that is old says that
-neither `solmap up` nor the engine is to be reckoned with.
+The map does not communicate with the engine. `solmap up` does, and writes the state to the file
+`engine.json` of the store at intervals: an old state means that neither `solmap up` nor the engine
+is running.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from typing import Any
 
 FILE = "engine.json"
 OLD_S = 30.0
-"""A state that was written so long ago holds no more."""
+"""Age in seconds from which a state is outdated."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeploymentState:
-    """A deployment: a flow that may be run, and when it is."""
+    """A deployment: a flow with its schedule."""
 
     name: str
     """Flow and deployment, as `downlink/inbox`."""
@@ -30,19 +30,19 @@ class DeploymentState:
     schedules: tuple[str, ...]
     """Cron lines, UTC."""
     next_run: str | None
-    """UTC, ISO 8601, as all times; None: nothing is scheduled."""
+    """UTC, ISO 8601, as for all times; None: nothing is scheduled."""
     last_state: str | None
-    """How its last run ended, as `completed`; None: none has."""
+    """State of its last run, such as `completed`; None: there was none."""
     last_ended_at: str | None
     pool: str | None
     """Its work pool; None: `solmap up` runs it itself."""
     is_ready: bool
-    """Whether somebody takes its runs."""
+    """Whether a worker takes its runs."""
 
 
 @dataclass(frozen=True, slots=True)
 class QueuedRun:
-    """A run that was asked for and has not begun."""
+    """A run that was requested and has not begun."""
 
     flow_run: str
     deployment: str
@@ -58,21 +58,21 @@ class EngineState:
     at: str
     is_up: bool
     trouble: str | None = None
-    """Why it is not up."""
+    """Reason why it is not up."""
     has_inbox: bool = False
     """Whether an inbox is watched."""
     deployments: tuple[DeploymentState, ...] = ()
     queued: tuple[QueuedRun, ...] = ()
 
     def write(self, root: Path) -> None:
-        """Put it in place of the one before."""
+        """Write the state, replacing the previous one."""
         draft = root / f".{FILE}.{os.getpid()}"
         draft.write_text(json.dumps(asdict(self)))
         draft.replace(root / FILE)
 
 
 def read_engine_state(root: Path) -> EngineState:
-    """The state as it holds now."""
+    """The present state."""
     now = datetime.now(UTC)
     at = now.isoformat(timespec="milliseconds")
     try:
@@ -92,6 +92,8 @@ def read_engine_state(root: Path) -> EngineState:
         }
     )
     if (now - datetime.fromisoformat(found.at)).total_seconds() > OLD_S:
-        trouble = f"`solmap up` does not run; it last did at {found.at[:19].replace('T', ' ')} UTC"
+        trouble = (
+            f"`solmap up` is not running; it last did at {found.at[:19].replace('T', ' ')} UTC"
+        )
         return EngineState(found.at, is_up=False, trouble=trouble, deployments=found.deployments)
     return found

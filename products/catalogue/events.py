@@ -1,12 +1,11 @@
-"""Events: what has changed in a store, in order, for browsers that listen.
+"""Events: changes in a store, in order, for browsers that listen.
 
-Event numbers are in the order in which transactions committed (`write_transaction` lets one writer
-in at a time): after number 7 no 6 can follow.
+Event numbers are in the order of commits (`write_transaction` permits one writer at a time): after
+number 7 no 6 can follow.
 
 Events are rows that are only appended, in the transaction that makes the change, and deleted when
-there are many newer ones or they are old. A browser that was away asks for those after the last it
-has seen; where these are deleted already, `is_gone` says so and the browser asks for everything
-again.
+they are old or many newer ones exist. A browser that reconnects requests those after its last one;
+where these are deleted already, `is_gone` is true and the browser reloads everything.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ import sqlalchemy as sa
 from solmap.products.catalogue.database import TABLES, Text
 
 KEPT = 10_000
-"""Events; a downlink makes some hundred."""
+"""Most events kept; a downlink makes some hundred."""
 LAYERS_PUBLISHED, IMAGES_INGESTED, MISSION_CHANGED = (
     "layers.published",
     "images.ingested",
@@ -42,7 +41,7 @@ EVENTS = sa.Table(
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """A change that browsers are told of."""
+    """A change that browsers are notified of."""
 
     id: int
     kind: str
@@ -74,9 +73,9 @@ def last_event(connection: sa.Connection, kinds: Collection[str] = ()) -> int:
 
 
 def trim_events(connection: sa.Connection, before: str) -> None:
-    """Delete the events before a time, but for those since the last publication.
+    """Delete the events before a time, except those since the last publication.
 
-    What is left has no gaps, and the newest stays: numbers go on from it.
+    The remaining ones have no gaps, and the newest stays, so that numbering continues.
     """
     young = connection.execute(sa.select(sa.func.min(EVENTS.c.id)).where(EVENTS.c.at >= before))
     first = young.scalar_one() or last_event(connection)
@@ -85,6 +84,6 @@ def trim_events(connection: sa.Connection, before: str) -> None:
 
 
 def is_gone(connection: sa.Connection, event_id: int) -> bool:
-    """Whether events after `event_id` have been deleted already."""
+    """Whether events after `event_id` have been deleted."""
     oldest = connection.execute(sa.select(sa.func.min(EVENTS.c.id))).scalar_one()
     return oldest is not None and event_id + 1 < oldest

@@ -1,8 +1,8 @@
-"""Images as products: their labels and pixels, read back by way of the catalogue.
+"""Images as products: labels and pixels, read through the catalogue.
 
 A run needs the labels of a whole mission to chain its stops; parsing those of ten thousand images
-takes a minute. So what a label says is cached as JSON in the catalogue's database, under the digest
-of its image and the version of the reader. The cache can be made again from the images.
+takes a minute. So labels are cached as JSON in the catalogue's database, under the digest of the
+image and the version of the reader. The cache can be rebuilt from the images.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from solmap.products.store.product_store import ProductStore
 
 _READER = f"{SCIENCE_VERSION}/{version('solmap')}"
 _AT_ONCE = 500
-"""Rows asked for or written in one statement."""
+"""Rows read or written in one statement."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,19 +44,20 @@ class LabelCache:
     engine: sa.Engine
 
     def find(self, digests: Iterable[str]) -> dict[str, RoverImage]:
-        """Those of some images that are kept, by the digest of the image."""
+        """The cached labels of some images, by the digest of the image."""
         found: dict[str, RoverImage] = {}
         with self.engine.connect() as connection:
             for some in _batches(digests):
                 names = [f"{digest}/{_READER}" for digest in some]
                 query = sa.select(LABELS).where(LABELS.c.digest.in_(names))
                 for name, text in connection.execute(query):
-                    with contextlib.suppress(PhotogrammetryError):  # read anew, and refused then
+                    # # read again, and rejected then
+                    with contextlib.suppress(PhotogrammetryError):
                         found[name.partition("/")[0]] = label_of_text(text)
         return found
 
     def keep(self, labels: Mapping[str, RoverImage]) -> None:
-        """Keep labels by the digests of their images; where nothing may be written, none."""
+        """Store labels by the digests of their images; nothing without write permission."""
         try:
             with write_transaction(self.engine) as connection:
                 for digest, label in labels.items():
@@ -72,16 +73,16 @@ def _batches(digests: Iterable[str]) -> Iterable[list[str]]:
 
 
 REMEMBERED = 1 << 15
-"""Labels that one process keeps: more than the Navcam frames of a rover; some 6 kB each."""
+"""Labels kept in memory per process: more than the Navcam frames of a rover; about 6 kB each."""
 
 
 @dataclass(frozen=True, slots=True)
 class ImageFile:
-    """An ingested image, and the tables and flat fields that its pixels are read with."""
+    """An ingested image, with the tables and flat fields for reading its pixels."""
 
     image: ProductRef
     radiometry: ProductRef | None = None
-    """None: the pixels are taken as they are stored."""
+    """None: the pixels as they are stored."""
 
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
@@ -102,7 +103,7 @@ def read_product_image(file: ImageFile, store: ProductStore) -> ReadImage:
 
 
 def image_record(entry: ImageEntry, workspace: Workspace) -> RoverImage:
-    """The label of an ingested image; read once a process, for a product never changes."""
+    """The label of an ingested image; read once per process, because products never change."""
     name = _name(entry, workspace)
     known = _remembered.get(name)
     if known is None:
@@ -112,7 +113,7 @@ def image_record(entry: ImageEntry, workspace: Workspace) -> RoverImage:
 
 
 def image_records(entries: Iterable[ImageEntry], workspace: Workspace) -> list[RoverImage]:
-    """The labels of several ingested images; the catalogue keeps them from now on."""
+    """The labels of several ingested images; they are cached in the catalogue."""
     asked = {_name(entry, workspace): entry for entry in entries}
     book = LabelCache(workspace.catalogue.engine)
     kept = book.find(digest for root, digest in asked if (root, digest) not in _remembered)

@@ -1,9 +1,9 @@
-"""The versions of a layer, and the solution of the network that each is made from.
+"""The versions of a layer, and the network solution that each is made from.
 
-Published versions stay, so earlier ones can be looked at and compared. The recipe of a map holds
-the orientations of its pairs and no network: the map belongs to the solutions whose orientations of
-those pairs are equal. What is made from maps belongs to the solutions that all of these belong to;
-what is drawn from a network names it.
+Published versions are kept, so earlier ones can be viewed and compared. The recipe of a map
+contains the orientations of its pairs and no network: the map belongs to the solutions with equal
+orientations of those pairs. A product of several maps belongs to the solutions common to all of
+them; a product of a network names it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ PairOrientations = frozenset[tuple[str, tuple[float, ...], tuple[float, ...]]]
 
 @dataclass(frozen=True, slots=True)
 class _Origin:
-    """Networks, orientations and maps that the recipe of a product names."""
+    """Networks, orientations and maps in the recipe of a product."""
 
     networks: tuple[ProductRef, ...]
     oriented: PairOrientations
@@ -37,12 +37,12 @@ class _Origin:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """A network, and the orientations that stops are mapped with since it."""
+    """A network, and the orientations with which stops were mapped since."""
 
     network: ProductRef
     made_at: str
     oriented: tuple[PairOrientations, ...]
-    """By stops, those that the network touched first."""
+    """By stop, for the first of the network's stops."""
 
     def has(self, orientations: PairOrientations) -> bool:
         """Whether stops were mapped with all of these orientations."""
@@ -56,7 +56,7 @@ class Solution:
 
 
 def versions_of(scope: str, kind: ProductKind, catalogue: Catalogue) -> list[Layer]:
-    """All published versions of a layer, newest first; none where none was published."""
+    """All published versions of a layer, newest first; empty if never published."""
     query = sa.select(LAYERS.c.document).where(LAYERS.c.scope == scope, LAYERS.c.kind == str(kind))
     with catalogue.engine.connect() as connection:
         layers = [layer_of(row[0]) for row in connection.execute(query)]
@@ -66,7 +66,7 @@ def versions_of(scope: str, kind: ProductKind, catalogue: Catalogue) -> list[Lay
 
 
 def solutions_of_mission(mission: str, catalogue: Catalogue, store: ProductStore) -> list[Solution]:
-    """All solutions of a mission that stops were mapped by or drawn from, oldest first."""
+    """All solutions of a mission with maps or figures made from them, oldest first."""
     found = [
         _solution(ref, tuple(store.versions(ProductKind.ORIENTATIONS, ref.scope)), store)
         for published in published_networks(mission, catalogue)
@@ -78,7 +78,7 @@ def solutions_of_mission(mission: str, catalogue: Catalogue, store: ProductStore
 def solutions_behind(
     ref: ProductRef, solutions: list[Solution], store: ProductStore
 ) -> list[ProductRef]:
-    """The networks that a product holds for, the one it was made for first; none if unknown."""
+    """The networks for which a product is valid, its own first; empty if unknown."""
     origin = _origin(ref, store)
     if origin.networks:
         return list(origin.networks)
@@ -111,7 +111,8 @@ def _orientations_by_stop(
 ) -> tuple[dict[str, PairOrientations], References]:
     """What `tasks.orientations` chose, by stop, and the products that hold the other stops."""
     document = json.loads(store.path(ref).read_text())
-    rows = document["mapped"] if isinstance(document, dict) else document  # as it was written once
+    # # as written by earlier versions
+    rows = document["mapped"] if isinstance(document, dict) else document
     holders = references_of_document(document["holders"]) if isinstance(document, dict) else {}
     own = {row["stop"]: frozenset(_pose(one) for one in row["orientations"]) for row in rows}
     return own, holders
@@ -130,7 +131,7 @@ def _origin(ref: ProductRef, store: ProductStore) -> _Origin:
 
 
 def _inputs(recipe: dict[str, Any]) -> list[ProductRef]:
-    """The inputs of a recipe; of a map's stop the level is right, which paths do not need."""
+    """The inputs of a recipe; a map's stop has the right level, which paths do not need."""
     split = (text.split("/") for text in recipe["inputs"])
     return [
         ProductRef(kind, Scope(kind.level or ScopeLevel.STOP, scope), digest)

@@ -35,9 +35,9 @@ from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel
 
 _NETWORKS = 2
 _MATCHED = 20
-"""Pairs whose dense matches are kept in memory, some 8 MB each."""
+"""Pairs whose dense matches are kept in memory, about 8 MB each."""
 _IMAGES = 4096
-"""Oriented images that are remembered, 4 kB each: a network and an image never change."""
+"""Oriented images kept in memory, 4 kB each: a network and an image never change."""
 _ORIENTED: dict[tuple[Path, ProductRef, ImageEntry], OrientedImage] = {}
 _POINTED = float(np.radians(AdjustmentParams().pointing_deg))
 
@@ -66,14 +66,14 @@ class OrientedMission:
     """The network."""
     network: NetworkProduct
     stops: Mapping[StopId, StopPose]
-    """Where the stops are, in the order of the traverse."""
+    """Poses of the stops, in the order of the traverse."""
     pairs: Mapping[str, AdjustedPair]
     """Adjusted pairs and single images, by identifier."""
     workspace: Workspace
 
     @classmethod
     def latest(cls, mission: str, workspace: Workspace) -> OrientedMission:
-        """The mission as it was adjusted last.
+        """The mission by its latest adjustment.
 
         Raises:
             ProductNotFoundError: it has not been adjusted yet.
@@ -83,11 +83,11 @@ class OrientedMission:
         return cls(ref, network, *_stops_and_pairs(network), workspace)
 
     def pair_of(self, entry: ImageEntry) -> AdjustedPair | None:
-        """The adjusted pair, or single image, that an image is part of."""
+        """The adjusted pair, or single image, of an image."""
         return self.pairs.get(entry.id) or self.pairs.get(entry.partner or "")
 
     def record(self, entry: ImageEntry) -> RoverImage:
-        """The image's label; the right camera of a pair as matching found it to stand."""
+        """The image's label; the right camera of a pair with its correction from matching."""
         return matched_record(entry, self.workspace)
 
     def oriented_image(self, entry: ImageEntry) -> OrientedImage:
@@ -108,8 +108,8 @@ class OrientedMission:
         pose = self.stops.get(entry.stop_id)
         if pose is None:
             raise ProductNotFoundError(
-                f"{entry.id} was taken at {entry.stop}, which the latest network of "
-                f"{entry.mission} does not hold; run the sol it was taken on"
+                f"{entry.id} was taken at {entry.stop}, which is not in the latest network of "
+                f"{entry.mission}; run its sol"
             )
         pair = self.pair_of(entry)
         if pair is None:
@@ -118,12 +118,12 @@ class OrientedMission:
         return OrientedImage.of(self.record(entry), pose, pointing)
 
     def stereo_partners(self, entry: ImageEntry) -> StereoPartners | None:
-        """The matched pair that an image is part of; None for one without partner or matches."""
+        """The matched pair of an image; None without partner or matches."""
         return stereo_partners(entry, self.workspace)
 
 
 def matched_record(entry: ImageEntry, workspace: Workspace) -> RoverImage:
-    """An image's label; the right camera of a pair as matching found it to stand."""
+    """An image's label; the right camera of a pair with its correction from matching."""
     image = image_record(entry, workspace)
     matches = matches_of(entry, workspace) if entry.eye == Eye.RIGHT else None
     turn = _right_turn(workspace.store.path(matches)) if matches else None
@@ -134,7 +134,7 @@ def matched_record(entry: ImageEntry, workspace: Workspace) -> RoverImage:
 
 
 def matches_of(entry: ImageEntry, workspace: Workspace) -> ProductRef | None:
-    """What was matched in the pair that an image is part of; None where nothing was."""
+    """The matches of an image's pair; None where there are none."""
     pair_id = entry.id if entry.eye == Eye.LEFT else entry.partner
     scope = Scope(ScopeLevel.PAIR, (pair_id or "").lower())
     digest = workspace.catalogue.latest(scope.name, ProductKind.MATCHES)
@@ -142,12 +142,12 @@ def matches_of(entry: ImageEntry, workspace: Workspace) -> ProductRef | None:
 
 
 def geometry_of(matches: ProductRef, workspace: Workspace) -> EpipolarPair:
-    """The geometry that a pair was matched in."""
+    """The geometry in which a pair was matched."""
     return _geometry(workspace.store.path(matches))
 
 
 def stereo_partners(entry: ImageEntry, workspace: Workspace) -> StereoPartners | None:
-    """The matched pair that an image is part of; None for one without partner or matches."""
+    """The matched pair of an image; None without partner or matches."""
     matches = matches_of(entry, workspace)
     if matches is None or entry.partner is None:
         return None

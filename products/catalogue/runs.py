@@ -1,12 +1,11 @@
-"""Records of runs, and of the sols that they have finished.
+"""Records of runs, and of the sols that they finished.
 
-A flow writes the record of its own run: how far it is and how it ended, so that the map need not
-ask the orchestrator. Every change is an event too. A run whose process is gone without having
-recorded its end is `lost`: it was killed.
+A flow records its own run, its progress and its end, so that the map does not depend on the
+orchestrator. Every change is also an event. A run whose process ended without recording it is
+`lost`: it was killed.
 
-Of a finished sol, the key names all that its processing reads; while the key is the same, so is the
-outcome, and a run passes the sol over. A mission of years has thousands of sols, and a downlink
-changes the last.
+The key of a finished sol names all its inputs; while the key is the same, so is the outcome, and a
+run skips the sol. A mission of years has thousands of sols, and a downlink changes the last.
 """
 
 from __future__ import annotations
@@ -35,9 +34,9 @@ from solmap.products.catalogue.events import RUN_CHANGED, append
 from solmap.products.errors import ProductNotFoundError
 
 KEPT = 500
-"""Records; older ones are forgotten."""
+"""Most records; older ones are deleted."""
 _LINES = 500
-"""Messages kept of a run."""
+"""Most messages kept for a run."""
 
 
 class RunState(StrEnum):
@@ -52,7 +51,7 @@ class RunState(StrEnum):
 
 
 RESTARTABLE = (RunState.FAILED, RunState.LOST, RunState.CANCELLED)
-"""States after which a run may be started again with the same parameters."""
+"""States after which a run may be repeated with the same parameters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,24 +62,24 @@ class Run:
     kind: str
     """The flow: `downlink`, `overall adjustment`."""
     subject: str
-    """What it works on: the name of a folder, a mission."""
+    """Its input: the name of a folder, a mission."""
     state: RunState
     started_at: str
-    """UTC, ISO 8601, as all times."""
+    """UTC, ISO 8601, as for all times."""
     changed_at: str
     ended_at: str | None = None
     stage: str | None = None
     done: int = 0
     total: int = 0
-    """Parts of the stage that are finished, and all."""
+    """Finished parts of the stage, and their total."""
     lines: tuple[str, ...] = ()
     """Messages, oldest first."""
     process: str = ""
     """Host and number of the process."""
     flow_run: str | None = None
-    """The run of a deployment in the engine that it is; None: it was started by a command."""
+    """Its run in the engine, of a deployment; None: it was started by a command."""
     parameters: dict[str, Any] = field(default_factory=dict)
-    """Those that the deployment was run with."""
+    """Parameters of the deployment's run."""
 
     @classmethod
     def start(
@@ -106,7 +105,7 @@ class Run:
         )
 
     def with_progress(self, stage: str, done: int, total: int) -> Run:
-        """The run, so far along."""
+        """The run with its progress."""
         return dataclasses.replace(self, changed_at=_now(), stage=stage, done=done, total=total)
 
     def with_lines(self, lines: Iterable[str]) -> Run:
@@ -115,7 +114,7 @@ class Run:
         return dataclasses.replace(self, changed_at=_now(), lines=kept)
 
     def with_end(self, state: RunState) -> Run:
-        """The run at its end."""
+        """The run with its end."""
         now = _now()
         return dataclasses.replace(self, changed_at=now, ended_at=now, state=state)
 
@@ -155,7 +154,7 @@ class RunRecords:
         with self.engine.connect() as connection:
             for row in connection.execute(query):
                 return _run(row[0])
-        raise ProductNotFoundError(f"no run {name!r} is known")
+        raise ProductNotFoundError(f"there is no run {name!r}")
 
 
 def _run(document: dict[str, Any]) -> Run:
@@ -171,7 +170,7 @@ def _this_process() -> str:
 
 
 def _is_gone(process: str) -> bool:
-    """Whether a process of this machine has ended; of others nothing is known."""
+    """Whether a process of this machine has ended; unknown for others."""
     host, _, number = process.rpartition("-")
     return host == socket.gethostname() and not Path(f"/proc/{number}").exists()
 
@@ -187,7 +186,7 @@ class FinishedSolRecords:
     engine: sa.Engine
 
     def find(self, scope: str, key: str) -> dict[str, Any] | None:
-        """The document of a sol that was processed from what `key` names; None if it was not."""
+        """The document of a sol that was processed with the inputs of `key`; None if it was not."""
         query = sa.select(FINISHED.c.document).where(
             FINISHED.c.scope == scope, FINISHED.c.key == key
         )
@@ -195,12 +194,12 @@ class FinishedSolRecords:
             return connection.execute(query).scalar_one_or_none()
 
     def note(self, scope: str, key: str, document: dict[str, Any]) -> None:
-        """Record that a sol is finished, in place of an earlier record."""
+        """Record a finished sol, replacing an earlier record."""
         with write_transaction(self.engine) as connection:
             upsert(connection, FINISHED, {"scope": scope}, {"key": key, "document": document})
 
     def forget(self, first: str, of: str) -> None:
-        """Forget the sols from the scope `first` on, of those whose names begin with `of`."""
+        """Delete the sols from the scope `first` on, of those whose names begin with `of`."""
         later = (FINISHED.c.scope >= first) & FINISHED.c.scope.startswith(of, autoescape=True)
         with write_transaction(self.engine) as connection:
             connection.execute(FINISHED.delete().where(later))

@@ -1,12 +1,12 @@
 """The schema of a store: the version of its tables and folders, and the migrations between them.
 
-One number stands for the tables of the catalogue, the databases of edits and tokens, and the layout
-of the folder. It is kept in the catalogue, where every migration that was carried out has a row,
-and in the folder, in the file `schema`. A store without either is of version 0.
+One number is the version of the tables of the catalogue, the databases of edits and tokens, and the
+layout of the folder. It is stored in the catalogue, with a row for every migration, and in the
+folder, in the file `schema`. A store without either is of version 0.
 
-Whoever opens an older store migrates it first, alone on the store. Each migration changes the
-catalogue in one transaction, together with its row; what it changes in the folder may be done again
-by the next process if this one is killed. Copies of the SQLite databases as they were are kept in
+An older store is migrated when it is opened, with no other process on it. Each migration changes
+the catalogue in one transaction, together with its row; its changes of the folder may be repeated
+by the next process if this one is killed. Copies of the previous SQLite databases are kept in
 `before-schema-N`.
 """
 
@@ -47,18 +47,18 @@ FILE = "schema"
 CATALOGUE = "catalogue.sqlite"
 DATABASES = (CATALOGUE, edits.FILE, tokens.FILE)
 RESTORING = "restoring"
-"""File in a store that is being restored: it is not whole yet."""
+"""File in a store that is being restored: the store is incomplete."""
 SAFETY_COPIES = "before-"
-"""Folders with copies of the databases begin so; they go when they are old (`history`)."""
+"""Prefix of folders with copies of the databases; they are deleted when old (`history`)."""
 STEPS = sa.Table(
     "schema_steps",
     TABLES,
     sa.Column("version", sa.Integer, primary_key=True, autoincrement=False),
     sa.Column("at", sa.String, nullable=False),
 )
-"""Every migration that the catalogue has had."""
+"""Every migration applied to the catalogue."""
 _WAIT_S, _LOOK_S = 60.0, 0.2
-"""For another process that migrates the same store."""
+"""Waiting time for another process that migrates the same store."""
 
 
 def _add_missing_tables(root: Path, connection: sa.Connection) -> None:
@@ -70,17 +70,17 @@ def _add_missing_tables(root: Path, connection: sa.Connection) -> None:
 
 
 def _add_parameters_of_requests(root: Path, _connection: sa.Connection) -> None:
-    """Requests for runs had none."""
+    """Requests for runs had no parameters before."""
     if (root / edits.FILE).is_file():
         edits.add_parameters(root / edits.FILE)
 
 
 Migration = Callable[[Path, sa.Connection], None]
-"""Changes the folder of a store and its catalogue; it may be called again after a kill."""
+"""Changes the folder of a store and its catalogue; must be repeatable after a kill."""
 MIGRATIONS: list[Migration] = [_add_missing_tables, _add_parameters_of_requests]
-"""In their order: the first leads to version 1. Append to them, and never change one."""
+"""In order: the first leads to version 1. Append to them, and never change one."""
 OLDEST_READABLE = 0
-"""Stores from this version on are read without migration where nothing may be written."""
+"""Stores from this version on are read without migration if they are read-only."""
 
 
 def latest_version() -> int:
@@ -89,11 +89,11 @@ def latest_version() -> int:
 
 
 def prepare(root: Path, engine: sa.Engine) -> None:
-    """Found the tables of a new store, migrate those of an older one, refuse those of a newer one.
+    """Create the tables of a new store, migrate those of an older one, reject those of a newer one.
 
     Raises:
         ProductError: the store is newer, or being restored; or a run is working on an older one.
-        StoreFullError: there is no space for the migration; the store is as it was.
+        StoreFullError: there is no space for the migration; the store is unchanged.
     """
     _refuse_half_restored(root)
     version = version_of(root, engine)
@@ -113,7 +113,7 @@ def prepare(root: Path, engine: sa.Engine) -> None:
                 f"{OLDEST_READABLE} to {latest_version()}: migrate a copy of it"
             )
     elif root.is_dir() and not ((root / FILE).exists() or is_read_only(root)):
-        write_version(root, version)  # the folder of another machine, new beside its catalogue
+        write_version(root, version)  # # the folder of another machine, new beside its catalogue
 
 
 def version_of(root: Path, engine: sa.Engine) -> int | None:
@@ -132,7 +132,7 @@ def version_of(root: Path, engine: sa.Engine) -> int | None:
 
 
 def _version_of_folder(root: Path) -> int:
-    """As its file says; a folder without one is new, or of a version that wrote none."""
+    """The version in its file; a folder without one is new, or of a version without such a file."""
     try:
         return int((root / FILE).read_text())
     except FileNotFoundError:
@@ -140,12 +140,12 @@ def _version_of_folder(root: Path) -> int:
         return 0 if is_old else latest_version()
     except ValueError as error:
         raise ProductError(
-            f"{root / FILE} holds no version; remove it, and the store is migrated again"
+            f"{root / FILE} has no version; remove it, and the store is migrated again"
         ) from error
 
 
 def _found(root: Path, engine: sa.Engine) -> int:
-    """Make the tables of a new store; processes that start together do so one after the other."""
+    """Create the tables of a new store; processes that start together do so one after the other."""
     root.mkdir(parents=True, exist_ok=True)
     version = _version_of_folder(root)
     if version == latest_version():
@@ -157,7 +157,7 @@ def _found(root: Path, engine: sa.Engine) -> int:
 
 
 def _migrate_when_free(root: Path, engine: sa.Engine) -> None:
-    """Migrate alone; where another process is just doing it, wait for it to end."""
+    """Migrate with no other process on the store; wait if another one is migrating."""
     end = time.monotonic() + _WAIT_S
     while True:
         try:
@@ -192,14 +192,14 @@ def _note_step(connection: sa.Connection, number: int) -> None:
 
 
 def write_version(root: Path, number: int) -> None:
-    """Write the version of a store's folder down."""
+    """Write the version of a store's folder."""
     draft = root / f".{FILE}.{os.getpid()}"
     draft.write_text(f"{number}\n")
     draft.replace(root / FILE)
 
 
 def keep_safety_copies(root: Path, folder: str) -> None:
-    """Copy the SQLite databases as they are into a new folder of the store, all or none.
+    """Copy the SQLite databases to a new folder of the store, all or none.
 
     Raises:
         StoreFullError: there is no space for them.
@@ -219,7 +219,7 @@ def keep_safety_copies(root: Path, folder: str) -> None:
         if is_disk_full(root, error):
             raise StoreFullError(
                 f"the disk of {root} is full: there is no space to copy its databases before they "
-                "are changed; free some and try again, nothing was changed"
+                "are changed; free some and try again; nothing was changed"
             ) from error
         raise
 
@@ -229,7 +229,7 @@ def _copy_even_damaged(source: Path, target: Path) -> None:
         copy_database(source, target)
     except sqlite3.OperationalError:
         raise
-    except sqlite3.DatabaseError:  # its bytes, for who can make something of them
+    except sqlite3.DatabaseError:  # # its bytes, for recovery by hand
         for end in ("", "-wal"):
             file, copy = Path(f"{source}{end}"), Path(f"{target}{end}")
             if file.is_file():
@@ -238,7 +238,7 @@ def _copy_even_damaged(source: Path, target: Path) -> None:
 
 
 def copy_database(source: Path, target: Path) -> None:
-    """Copy an SQLite database as it is at one moment, also while it is written to."""
+    """Copy an SQLite database as a snapshot, also while it is written to."""
     is_new = not target.exists()
     target.touch(mode=source.stat().st_mode & 0o777)
     with (
@@ -246,7 +246,7 @@ def copy_database(source: Path, target: Path) -> None:
         closing(sqlite3.connect(target)) as copy,
     ):
         original.backup(copy)
-        if is_new:  # one that others have open keeps its log; a copy is read without any
+        if is_new:  # # an open database keeps its log; the copy needs none
             copy.execute("PRAGMA journal_mode=DELETE")
 
 
@@ -260,6 +260,6 @@ def database_reader(database: Path) -> sqlite3.Connection:
 def _refuse_half_restored(root: Path) -> None:
     if (root / RESTORING).exists():
         raise ProductError(
-            f"{root} was not restored to the end: say `solmap restore "
+            f"{root} was not restored completely: run `solmap restore "
             f"{(root / RESTORING).read_text().strip()} --store {root}` again"
         )

@@ -1,7 +1,7 @@
-"""Who may write: tokens and the roles they give.
+"""Tokens and their roles, which permit writing.
 
-A token is 256 random bits, shown once when it is made. Only its SHA-256 is kept, which is enough
-for what cannot be guessed (passwords would need a slow hash), in a database of its own,
+A token is 256 random bits, shown once when it is made. Only its SHA-256 is stored, which is
+sufficient for random secrets (passwords would need a slow hash), in a separate database,
 `access.sqlite`, that only its owner may read.
 """
 
@@ -34,7 +34,7 @@ class Role(IntEnum):
     """What the owner of a token may do; each role includes those before it."""
 
     VIEWER = 1
-    """Look."""
+    """View."""
     ANALYST = 2
     """Edit ties and annotations."""
     OPERATOR = 3
@@ -45,7 +45,7 @@ class Role(IntEnum):
 
     @classmethod
     def of_name(cls, name: str) -> Role:
-        """The role of a name in small letters."""
+        """The role of a name in lower case."""
         return cls[name.upper()]
 
 
@@ -55,10 +55,10 @@ class Token:
 
     id: str
     name: str
-    """Whose it is."""
+    """Its owner."""
     role: Role
     made_at: str
-    """UTC, ISO 8601, as all times."""
+    """UTC, ISO 8601, as for all times."""
     ends_at: str | None = None
     revoked_at: str | None = None
 
@@ -76,11 +76,11 @@ class Tokens:
 
     @classmethod
     def of(cls, root: Path) -> Tokens:
-        """Those of the store at `root`; nothing is written before the first token is."""
+        """The tokens of the store at `root`; nothing is written before the first token."""
         return cls(root / FILE)
 
     def add(self, name: str, role: Role, days: int | None = None) -> tuple[Token, str]:
-        """Make a token; returns it and its text with the secret, which is not kept."""
+        """Make a token; returns it and its text with the secret, which is not stored."""
         number, secret = secrets.token_hex(4), secrets.token_urlsafe(32)
         ends = _now(timedelta(days=days)) if days is not None else None
         token = Token(number, name, role, _now(), ends)
@@ -131,7 +131,7 @@ class Tokens:
 
     @contextmanager
     def _reading(self) -> Iterator[sqlite3.Connection]:
-        """A connection for readers, also where nothing may be written."""
+        """A connection for readers, also without write permission."""
         if not os.access(self.path, os.R_OK):
             raise StoreReadOnlyError(f"{self.path} cannot be read: it belongs to another user")
         if not is_read_only(self.path):

@@ -1,9 +1,9 @@
-"""Who works on a store: runs share a lock, changes of a mission take turns, maintenance is alone.
+"""Locks of a store: runs share one, changes of a mission take turns, maintenance is exclusive.
 
 The locks are those of the store's folder (`products.store.locks`). Where the catalogue is in
-PostgreSQL, flows of several machines may work on it, each with a folder of its own: there the same
-locks are taken in the database too. They belong to a session, so the database releases them when
-the process that holds them ends, however it ends.
+PostgreSQL, flows of several machines may use it, each with its own folder: there the same locks are
+taken in the database too. They belong to a session, so the database releases them when the process
+that holds them ends in any way.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from solmap.products.store.locks import exclusive_lock, run_lock_path, shared_ru
 
 _RUNS = "runs"
 _LOST_AFTER_S = 60
-"""Of silence: then the database takes the machine that holds a lock to be gone."""
+"""Seconds of silence after which the database considers a client machine lost."""
 
 
 @contextmanager
 def run_turn(
     root: Path, engine: sa.Engine, on_wait: Callable[[], None] = lambda: None
 ) -> Iterator[None]:
-    """Work on a store beside other runs; nothing is pruned, migrated or restored meanwhile."""
+    """Use a store beside other runs; nothing is pruned, migrated or restored meanwhile."""
     with shared_run_lock(root, on_wait), _database_lock(engine, _RUNS, on_wait, shared=True):
         yield
 
@@ -38,22 +38,22 @@ def run_turn(
 def mission_turn(
     root: Path, engine: sa.Engine, mission: str, on_wait: Callable[[], None] = lambda: None
 ) -> Iterator[None]:
-    """Change a mission alone; waits for the run that does."""
+    """Change a mission exclusively; waits for another run that does."""
     with exclusive_lock(root, mission, on_wait), _database_lock(engine, mission, on_wait):
         yield
 
 
 @contextmanager
 def maintenance_turn(root: Path, engine: sa.Engine, what: str) -> Iterator[None]:
-    """Work on a store alone: no run, backup or other maintenance goes on. Never waits.
+    """Use a store exclusively: no run, backup or other maintenance is in progress. Never waits.
 
     Raises:
-        StoreBusyError: one does.
+        StoreBusyError: one is.
     """
     with try_lock(run_lock_path(root)) as is_alone, _database_lock(engine, _RUNS) as is_free:
         if not (is_alone and is_free):
             raise StoreBusyError(
-                f"a run, a backup or maintenance is working on {root}: {what} when it has ended"
+                f"a run, a backup or maintenance is using {root}: {what} when it has ended"
             )
         yield
 

@@ -16,7 +16,7 @@ from solmap.products.store.product_store import ProductStore
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Workspace:
-    """Where products are kept, and what says which there are."""
+    """A store of products with its catalogue."""
 
     store: ProductStore
     catalogue: Catalogue
@@ -28,12 +28,12 @@ class Workspace:
         catalogue_url: str | None = None,
         object_storage: ObjectStorage | None = None,
     ) -> Workspace:
-        """Open or found the workspace at `root`; catalogue and products may lie elsewhere."""
+        """Open or create the workspace at `root`; catalogue and products may be elsewhere."""
         store = ProductStore.open(root, object_storage)
         return cls(store, Catalogue.open(store.root, catalogue_url))
 
     def run_turn(self, on_wait: Callable[[], None] = lambda: None) -> AbstractContextManager[None]:
-        """Work on it beside other runs: nothing is pruned, repaired or restored meanwhile."""
+        """Use it beside other runs: nothing is pruned, repaired or restored meanwhile."""
         return turns.run_turn(self.store.root, self.catalogue.engine, on_wait)
 
     def mission_turn(
@@ -44,7 +44,7 @@ class Workspace:
         return turns.mission_turn(self.store.root, self.catalogue.engine, name, on_wait)
 
     def maintenance_turn(self, what: str) -> AbstractContextManager[None]:
-        """Work on it alone; `what` is asked for again later where others work on it.
+        """Use it exclusively; `what` names the action to repeat later if others use it.
 
         Raises:
             StoreBusyError: they do.

@@ -8,7 +8,7 @@ examples.
 CSM state: the frame camera of USGSCSM, body-fixed, as ASP's tools for orbiters and terrain on Mars
 expect. Lengths on the focal plane are pixels and the first pixel's centre is (0.5, 0.5), so that
 with the rotation M from the camera to the body-fixed frame and d from the projection centre to a
-place
+point
 
     (x, y, z) = M' d,      sample = f x / z + ccd_sample,      line = f y / z + ccd_line
 

@@ -6,9 +6,9 @@ share focal length, image centre and size; an image without partner is one camer
 was measured in a pair at (x, y) with the parallax p is at (x, y) in the left image and at
 (x - p, y) in the right one.
 
-Places are in metres of the map (east, north, up), rotations from the camera (right, down, forward)
+Points are in metres of the map (east, north, up), rotations from the camera (right, down, forward)
 to the map. Image points have (0, 0) at the centre of the first pixel. Observations that the
-adjustment set aside are left out, and so are tie points that fewer than two of the images see.
+adjustment set aside are left out, and so are tie points in fewer than two of the images.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ from solmap.products.crs import LandingPoint
 
 _FEWEST_VIEWS = 2
 _DARKEST = 1
-"""Of a picture; 0 is where nothing was seen."""
+"""Of an image; 0 where it has no data."""
 _PERCENTILES = (0.5, 99.5)
-"""Of brightness, shown black and white."""
+"""Percentiles of brightness, shown black and white."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraView:
-    """One epipolar image and where it looks from."""
+    """One epipolar image with its pose."""
 
     entry: ImageEntry
     camera: int
@@ -64,7 +64,7 @@ class CameraView:
         return self.entry.id
 
     def project(self, points: ObjectPoints) -> ImagePoints:
-        """Image points of places on the map; NaN behind the camera."""
+        """Image points of points on the map; NaN behind the camera."""
         seen = (points - self.centre_m) @ self.map_from_camera
         depth = np.where(seen[:, 2] > 0, seen[:, 2], np.nan)
         plane = seen[:, :2] / depth[:, None]
@@ -109,7 +109,7 @@ def body_fixed(landing: LandingPoint) -> tuple[Rotation, Vector3]:
 
 
 def camera_network(mission: OrientedMission, chosen: Collection[str]) -> CameraNetwork:
-    """Cameras and tie points of the images of a mission whose identifiers are chosen."""
+    """Cameras and tie points of the selected images of a mission."""
     images = mission.workspace.catalogue.images(mission.network.mission)
     entries = {entry.id: entry for entry in images}
     views: list[CameraView] = []
@@ -177,7 +177,7 @@ def _with_ties(
 
 
 def view_picture(view: CameraView, mission: OrientedMission) -> bytes:
-    """The epipolar image of a camera as 8-bit PNG, 0 where nothing was seen."""
+    """The epipolar image of a camera as 8-bit PNG, 0 where it has no data."""
     read = read_product_image(image_file(view.entry), mission.workspace.store)
     eye = Eye.RIGHT if view.entry.eye == Eye.RIGHT else Eye.LEFT
     camera = mission.record(view.entry).camera

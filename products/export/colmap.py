@@ -1,8 +1,8 @@
 """A camera network as a COLMAP model in text: `cameras.txt`, `images.txt`, `points3D.txt`.
 
-COLMAP's cameras look along +z with x right and y down; its poses lead from the world to the camera,
-as a quaternion (scalar first) and a translation. The first pixel's centre is (0.5, 0.5). Numbers of
-cameras, images and points begin with 1. The world is the map: east, north, up in metres.
+COLMAP's cameras point along +z with x right and y down; its poses lead from the world to the
+camera, as a quaternion (scalar first) and a translation. The first pixel's centre is (0.5, 0.5).
+Numbers of cameras, images and points begin with 1. The world is the map: east, north, up in metres.
 
 Source: https://colmap.github.io/format.html
 """
@@ -18,7 +18,7 @@ from solmap.products.export.camera_network import CameraNetwork, CameraView
 
 _HALF_PIXEL = 0.5
 _GREY = "128 128 128"
-"""Points have a colour there; ours have none."""
+"""Points have a colour there, but not here."""
 
 
 def colmap_texts(network: CameraNetwork) -> dict[str, str]:

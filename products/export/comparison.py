@@ -1,11 +1,11 @@
-"""Rasters of the archive beside what a store measured in the same image.
+"""Compare archived rasters with those of a store for the same image.
 
 An archived raster of a left image (XYZ, range, surface normal, slope) is compared with the rasters
 of its pair in the store, pixel by pixel: the ray of the archived pixel, by the camera model of its
-own label, meets the epipolar image of the pair at a place between pixels, where our values are
-interpolated. XYZ and ranges are taken to the points that they mean first, for the projection
-centres of both may differ by the pointing of the mast. Both are given with the rover as telemetry
-has it, so that what differs is of stereo and of the pointing alone.
+own label, is projected to the epipolar image of the pair, where our values are interpolated. XYZ
+and ranges are first converted to points, because the projection centres of both may differ by the
+pointing of the mast. Both use the rover's pose by telemetry, so that differences are only those of
+stereo and pointing.
 """
 
 from __future__ import annotations
@@ -36,11 +36,12 @@ from solmap.products.errors import ProductNotFoundError
 from solmap.products.export.pair_rasters import NORMAL, RANGE, SLOPE, XYZ, RasterType, pair_values
 
 MOST_PIXELS = 100_000
-"""Pixels that are compared at most, spread evenly."""
+"""Most pixels compared, distributed evenly."""
 FAR_M = 1e4
-"""Where a ray meets the ground, for kinds that do not say: the centres of both cameras are one."""
+"""Distance at which rays are projected for kinds without ranges: the centres of both cameras
+coincide."""
 _NORMAL_SHARE = 1.4826
-"""Median absolute deviation of a normal distribution -> its standard deviation."""
+"""Ratio of the standard deviation of a normal distribution to its median absolute deviation."""
 TYPES: dict[RasterKind, RasterType] = {
     RasterKind.XYZ: XYZ,
     RasterKind.RANGE: RANGE,
@@ -51,7 +52,7 @@ TYPES: dict[RasterKind, RasterType] = {
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Archived less ours."""
+    """Archived minus ours."""
 
     name: str
     unit: str
@@ -62,29 +63,29 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """An archived raster beside ours."""
+    """Comparison of an archived raster with ours."""
 
     image_id: str
     pixels: int
-    """That were compared."""
+    """Number of compared values."""
     share: float
-    """Of the archived values that are looked at, those that we have one for."""
+    """Fraction of the examined archived values for which we have one."""
     differences: tuple[Difference, ...]
 
 
 def compare_raster(raster: DerivedRaster, label: Label, workspace: Workspace) -> Comparison:
-    """An archived raster beside the rasters of the same image in a store.
+    """Compare an archived raster with the rasters of the same image in a store.
 
     Raises:
-        LabelError: its label does not say which image it is of, or with which camera.
+        LabelError: its label does not identify its image or its camera.
         ProductNotFoundError: the store has no matched pair of that image, or the kind has no
             counterpart.
     """
     kind = TYPES.get(raster.kind)
     if kind is None:
         raise ProductNotFoundError(
-            f"{label.source}: there is no {raster.kind} of ours; XYZ, ranges, normals and slopes "
-            "are compared"
+            f"{label.source}: solmap has no {raster.kind}; XYZ, ranges, normals and slopes are "
+            "compared"
         )
     record, mission, entry = _image_of(label, workspace)
     partners, pair = mission.stereo_partners(entry), mission.pairs.get(entry.id)
@@ -103,13 +104,13 @@ def compare_raster(raster: DerivedRaster, label: Label, workspace: Workspace) ->
         theirs = _in_site(raster, theirs, record)
     known = np.isfinite(ours).all(axis=1)
     if not known.any():
-        raise ProductNotFoundError(f"{label.source}: nothing of it was measured in {entry.id}")
+        raise ProductNotFoundError(f"{label.source}: none of its pixels was measured in {entry.id}")
     differences = _differences(raster.kind, theirs[known], ours[known])
     return Comparison(entry.id, int(known.sum()), float(known.mean()), differences)
 
 
 def _image_of(label: Label, workspace: Workspace) -> tuple[RoverImage, OrientedMission, ImageEntry]:
-    """The left image that a raster is of, by rover, motion counter and clock."""
+    """The left image of a raster, by rover, motion counter and clock."""
     counter = label.require_numbers("", "ROVER_MOTION_COUNTER")
     if len(counter) < 2:  # noqa: PLR2004 - site, drive
         raise LabelError(f"{label.source}: ROVER_MOTION_COUNTER should have site and drive")
@@ -142,7 +143,7 @@ def _points_in_rover(
     record: RoverImage,
     label: Label,
 ) -> ObjectPoints:
-    """Points in the rover frame that the pixels show."""
+    """Points in the rover frame shown by the pixels."""
     if raster.kind is RasterKind.XYZ:
         return record.site_from_rover.inverse.apply(_in_site(raster, theirs, record))
     frame = label.optional(CAMERA, "REFERENCE_COORD_SYSTEM_NAME", str) or "ROVER_FRAME"

@@ -1,4 +1,4 @@
-"""What an export holds: products under readable names, and what describes them.
+"""Content of an export: products under readable names, and their descriptions.
 
     README.md             what lies where, and how to open it
     SHA256SUMS            checksums of all files (`products.export.writing`)
@@ -11,7 +11,7 @@
     epipolar/             the pictures that these belong to
     pds/                  XYZ, range, normals and slope of stereo pairs, where asked for
 
-Sites that nothing ties to the lander have maps of their own, with projects and names of their own.
+Sites not tied to the lander have their own maps, projects and names.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ _SOL = re.compile(r"-sol(\d+)")
 
 @dataclass(frozen=True, slots=True)
 class _Export:
-    """An export that is being gathered."""
+    """An export in preparation."""
 
     selection: Selection
     workspace: Workspace
@@ -85,18 +85,18 @@ class _Export:
 def export(
     target: Path, selection: Selection, workspace: Workspace
 ) -> tuple[Written, tuple[str, ...]]:
-    """Export what is selected as a folder, or as a ZIP archive where the target ends in `.zip`.
+    """Export the selection as a folder, or as a ZIP archive where the target ends in `.zip`.
 
     Args:
-        target: The folder or archive; an earlier export is brought up to date.
-        selection: What is exported.
+        target: The folder or archive; an earlier export is updated.
+        selection: Selection of products.
         workspace: The store, which is only read.
 
     Returns:
-        What was done, and the names of all files of the export.
+        What was written, and the names of all files of the export.
 
     Raises:
-        ProductError: nothing is selected, or the target holds something else.
+        ProductError: nothing is selected, or the target has other content.
         OSError: the target cannot be written.
     """
     store = workspace.store
@@ -128,7 +128,7 @@ def _gather(out: _Export) -> None:
             out.add(name, content)
     if not out.files:
         known = ", ".join(entry.mission for entry in catalogue.missions()) or "no mission"
-        raise ProductError(f"nothing is selected; {out.workspace.store.root} holds {known}")
+        raise ProductError(f"nothing is selected; {out.workspace.store.root} contains {known}")
     mapped = [entry for entry, layers in maps if layers]
     if mapped:
         out.add("stac/catalog.json", _json(catalogue_document(mapped)))
@@ -146,7 +146,7 @@ def _reported_sols(entry: MissionEntry, layers: Sequence[Layer], out: _Export) -
 
 
 def _add_maps(entry: MissionEntry, layers: Sequence[Layer], out: _Export) -> None:
-    """The layers of a map, their STAC items, and a QGIS project that shows them."""
+    """The layers of a map, their STAC items, and a QGIS project for them."""
     if not layers:
         return
     store, images = out.workspace.store, out.workspace.catalogue.images(entry.mission)
@@ -171,7 +171,7 @@ def _add_maps(entry: MissionEntry, layers: Sequence[Layer], out: _Export) -> Non
 
 
 def _documents(entry: MissionEntry, out: _Export) -> Iterator[tuple[ProductRef, str]]:
-    """Products of a map that are no layers, and the folders that they go to."""
+    """Products of a map that are not layers, and their folders."""
     catalogue, store = out.workspace.catalogue, out.workspace.store
     names = sorted((one.mission.lower() for one in catalogue.missions()), key=len, reverse=True)
     for kind in (*_TABLES, ProductKind.REPORT):

@@ -1,4 +1,4 @@
-"""What is made for other programs: cameras, epipolar images, ties, and rasters of pairs."""
+"""Files for other programs: cameras, epipolar images, ties, and rasters of pairs."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from solmap.products.export.selection import EXCHANGE, PICTURES, Selection
 def exchange_files(
     entry: MissionEntry, selection: Selection, workspace: Workspace
 ) -> Iterator[tuple[str, bytes | str]]:
-    """Names and contents of the files of a map that `EXCHANGE` names and are selected.
+    """Names and contents of the selected files of a map among `EXCHANGE`.
 
-    CSM states and an ISIS control network are body-fixed: there are none of a map that is not tied
+    CSM states and an ISIS control network are body-fixed: there are none for a map that is not tied
     to the lander.
 
     Raises:
@@ -56,7 +56,7 @@ def _asp(network: CameraNetwork, entry: MissionEntry) -> Iterator[tuple[str, str
 
 
 def _rasters(image: ImageEntry, name: str, mission: OrientedMission) -> Iterator[tuple[str, bytes]]:
-    """The rasters of the pair whose left image this is; nothing where it is none."""
+    """The rasters of the pair of a left image; empty for other images."""
     pair = mission.pairs.get(image.id)
     partners = mission.stereo_partners(image) if pair and image.partner else None
     if pair is None or partners is None:

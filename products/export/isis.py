@@ -1,9 +1,9 @@
 """Tie points as an ISIS control network in PVL, version 5.
 
-Adjusted places are body-fixed (x, y, z) in metres: `camera_network.body_fixed`. Covariance
-matrices are upper triangles, row by row. Samples and lines count from 1 at the centre of the first
-pixel, in the epipolar images that are exported beside it; their identifiers stand for serial
-numbers, for ISIS has no cameras of these rovers to make any.
+Adjusted places are body-fixed (x, y, z) in metres: `camera_network.body_fixed`. Covariance matrices
+are upper triangles, row by row. Samples and lines count from 1 at the centre of the first pixel, in
+the epipolar images of the same export; their identifiers replace serial numbers, because ISIS has
+no cameras of these rovers.
 
 Source: `ControlNetVersioner` of USGS ISIS.
 """

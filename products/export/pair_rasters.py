@@ -1,4 +1,4 @@
-"""Rasters of a stereo pair as JPL's pipeline makes them: XYZ, range, normals and slope, in VICAR.
+"""Rasters of a stereo pair as in JPL's pipeline: XYZ, range, normals and slope, in VICAR.
 
     XYL   x north, y east, z down in the frame of the site, metres
     RNL   distance from the projection centre of the left camera, metres
@@ -6,17 +6,17 @@
     SLL   slope, degrees from the level
 
 in the left epipolar image of the pair ("linearised", hence the L), whose camera model the label
-gives. XYZ are triangulated from the dense parallax, with the pointing of the mast as adjusted and
-the pose of the rover as the label of the image has it, so that they compare with archived products
-of the same image. Normals are of planes z = a x + b y + c fitted to all points in a window of
-`WINDOW_PX` pixels around a pixel; a window that is less than half filled has none.
+gives. XYZ are triangulated from the dense parallax, with the adjusted pointing of the mast and the
+pose of the rover from the image's label, so that they can be compared with archived products of the
+same image. Normals are of planes z = a x + b y + c fitted to all points in a window of `WINDOW_PX`
+pixels around a pixel; a window that is less than half filled has none.
 
-A pixel whose parallax is less than `FEWEST_SIGMAS` of its standard deviations counts as not
-measured: nobody knows how far away it is.
+A pixel with a parallax below `FEWEST_SIGMAS` of its standard deviations counts as not measured,
+because its range is unknown.
 
 Files are VICAR with an attached label; values are little-endian 32-bit floats, band after band, and
-0 in all bands stands for nothing measured. `solmap inspect`, GDAL and VICAR read them; a PDS4 label
-(`.xml`) lies beside each.
+0 in all bands means not measured. `solmap inspect`, GDAL and VICAR read them; each has a PDS4 label
+(`.xml`) beside it.
 """
 
 from __future__ import annotations
@@ -38,20 +38,20 @@ from solmap.products.store.provenance import SOFTWARE
 WINDOW_PX = 15
 """0.7 degrees of a Navcam: a decimetre at 8 m, the size of a wheel."""
 FEWEST_SIGMAS = 3.0
-"""Of the parallax: the range is known to a third."""
+"""Least parallax in standard deviations: the range is accurate to a third."""
 _FILLED = 0.5
-"""Share of a window that has to be measured."""
+"""Least measured fraction of a window."""
 _FLATTEST = 1e-6
-"""Least determinant of a fit, relative to its diagonal: below it points lie on a line."""
+"""Least determinant of a fit, relative to its diagonal: below it points are on a line."""
 Bands = Float32[np.ndarray, "bands lines samples"]
 
 
 @dataclass(frozen=True, slots=True)
 class RasterType:
-    """A raster of the archive: its letters, and what its label calls it."""
+    """A raster of the archive: its letters, and its name in labels."""
 
     letters: str
-    """In place of the product type in the name of an image."""
+    """Product type in the name of an image."""
     derived: str
     """DERIVED_IMAGE_TYPE."""
     title: str
@@ -165,7 +165,7 @@ Value = str | int | float | Iterable[int | float]
 
 
 def _groups(image: RoverImage, raster: RasterType, name: str) -> dict[str, dict[str, Value]]:
-    """The label's groups but for the camera's."""
+    """The label's groups except the camera's."""
     stop, pose = image.stop, image.site_from_rover
     return {
         "IDENTIFICATION": {
@@ -255,7 +255,7 @@ def vicar_bytes(bands: Bands, groups: Mapping[str, Mapping[str, Value]]) -> byte
 
 
 def _item(value: Value) -> str:
-    """A value as VICAR writes it."""
+    """A value in VICAR's notation."""
     if isinstance(value, str):
         return "'" + value.replace("'", "''") + "'"
     if isinstance(value, int | float):

@@ -1,9 +1,9 @@
-"""PDS4 labels of rasters: where in a file the values lie, and what image they are of.
+"""PDS4 labels of rasters: layout of the values in a file, and their image.
 
-The label stands beside the file that it describes; it says all that is needed to read the values
-with a PDS4 reader such as GDAL's, and names image, time and target. Camera and frames are in the
-VICAR label of the file itself. It validates against the core schema of the information model, not
-against a mission's own dictionaries: solmap is no archive, and gives no identifiers of one.
+The label is a file beside the data file; it has all that a PDS4 reader such as GDAL's needs to read
+the values, and names image, time and target. Camera and frames are in the VICAR label of the file
+itself. It validates against the core schema of the information model, not against a mission's own
+dictionaries: solmap is not an archive, and assigns no archive identifiers.
 
 Source: PDS4 Information Model 1.16, `Array_3D_Image`.
 """
@@ -32,9 +32,9 @@ def pds4_label(
     """The label of a file of little-endian floats, band after band, as XML.
 
     Args:
-        image: The image that the values belong to.
+        image: The image of the values.
         name: The file.
-        title: What it holds.
+        title: Its content.
         offset: First byte of the values.
         shape: Bands, lines and samples.
         unit: Of the values; None where they have none.
@@ -77,7 +77,7 @@ def pds4_label(
 
 
 def _observation(root: Element, image: RoverImage) -> None:
-    """When, by what and of what the image is."""
+    """Time, instrument and target of the image."""
     area = _add(root, "Observation_Area")
     times = _add(area, "Time_Coordinates")
     for name in ("start_date_time", "stop_date_time"):

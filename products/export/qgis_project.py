@@ -1,13 +1,12 @@
-"""QGIS projects: the layers of a map in groups, coloured as on the server, in the map's own CRS.
+"""QGIS projects: the layers of a map in groups, with the server's colours, in the map's own CRS.
 
-A project (`.qgz`) is a ZIP archive with one XML document (`.qgs`). The elements are those that
-QGIS 3.22 writes; what is left out takes QGIS's defaults, so that later versions read it as well.
-Files are named relative to the project. The CRS stands in each layer as WKT 2, so that nothing has
-to be looked up; distances are those of the map's plane (ellipsoid `NONE`).
+A project (`.qgz`) is a ZIP archive with one XML document (`.qgs`). The elements are those written
+by QGIS 3.22; omitted ones get QGIS's defaults, so that later versions also read it. Files are named
+relative to the project. Each layer contains the CRS as WKT 2, so that no CRS database is needed;
+distances are those of the map's plane (ellipsoid `NONE`).
 
-Layers of the whole map come first, then regions and stops, each a group; vectors lie above rasters.
-Of a group the orthophoto, the contours and the outlines are shown at first, the rest is switched
-off.
+Layers of the whole map come first, then regions and stops, each a group; vectors are above rasters.
+Of a group the orthophoto, the contours and the outlines are initially visible, the others hidden.
 """
 
 from __future__ import annotations
@@ -33,9 +32,9 @@ from solmap.products.model import Layer, ProductKind, ScopeLevel
 _VERSION = "3.22.0"
 _DOCTYPE = b"<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 _DATE = (1980, 1, 1, 0, 0, 0)
-"""Of the document in the archive: equal layers give equal bytes."""
+"""Date of the document in the archive: equal layers give equal bytes."""
 _DARKEST, _BRIGHTEST = 1, 255
-"""Stored values of an 8-bit picture; 0 is where nothing was seen."""
+"""Stored values of an 8-bit image; 0 is where it has no data."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,14 +43,14 @@ class VectorStyle:
 
     geometry: Literal["Point", "Line", "Polygon"]
     colour: str
-    """`#rrggbb`; of polygons the outline."""
+    """`#rrggbb`; for polygons the outline."""
     size_mm: float
     """Diameter of a point, width of a line."""
     attribute: str = ""
     values: tuple[tuple[str, str], ...] = ()
     """Values of the attribute and their colours."""
     is_shown: bool = False
-    """Switched on when the project is opened."""
+    """Visible when the project is opened."""
 
 
 TELEMETRY, ADJUSTED = "#1769e0", "#e02d25"
@@ -86,16 +85,16 @@ _SHOWN_RASTERS = {
     ProductKind.ORBITAL,
 }
 _ORDER = [*VECTOR_STYLES, ProductKind.COLOUR, ProductKind.ORTHOPHOTO, *STYLES]
-"""Of layers in a group, the topmost first."""
+"""Order of layers in a group, the topmost first."""
 
 
 @dataclass(frozen=True, slots=True)
 class MapFile:
-    """A layer of a map, and where its file lies."""
+    """A layer of a map, and its file."""
 
     layer: Layer
     path: Path
-    """Of a file to read its bands and classes from."""
+    """A local file to read its bands and classes from."""
     href: str
     """Relative to the project."""
 
@@ -106,8 +105,8 @@ def project_bytes(title: str, landing: LandingPoint, files: Sequence[MapFile]) -
     Args:
         title: Title of the project's window.
         landing: Origin of the map; it decides the CRS.
-        files: What is to be seen; models and panoramas, which lie on no map, are left out, and so
-            is what has no feature.
+        files: Layers to show; models and panoramas, which are not on a map, are left out, and so
+            are layers without features.
     """
     shown = sorted(
         (f for f in files if f.layer.ref.kind in _ORDER and any(f.layer.bounds)),
@@ -156,7 +155,7 @@ def _archive(document: bytes) -> bytes:
 
 
 def _groups(files: Sequence[MapFile]) -> dict[str, list[MapFile]]:
-    """Files by what they are about: the whole map, its regions, then the stops, the last first."""
+    """Files by subject: the whole map, its regions, then the stops, the last first."""
     groups: dict[tuple[int, str], list[MapFile]] = {}
     for file in files:
         scope = file.layer.ref.scope
@@ -164,7 +163,7 @@ def _groups(files: Sequence[MapFile]) -> dict[str, list[MapFile]]:
         is_vector = file.layer.type == "vector"
         key = (2, scope.name) if of_stop else (int("region" in scope.name), "")
         if not of_stop and not is_vector and key[0] == 0:
-            key = (3, "")  # an orbital image lies below everything
+            key = (3, "")  # # an orbital image is below everything
         groups.setdefault(key, []).append(file)
     named: dict[str, list[MapFile]] = {}
     stops = [key for key in groups if key[0] == 2]  # noqa: PLR2004 - as above
@@ -207,7 +206,7 @@ def _name(file: MapFile) -> str:
 
 
 def _map_layer(file: MapFile, crs: CRS | None, provider: str) -> Element:
-    """What layers of both types have."""
+    """Elements common to layers of both types."""
     layer = Element("maplayer", type=file.layer.type)
     for tag, text in (("id", _id(file)), ("datasource", file.href), ("layername", _name(file))):
         SubElement(layer, tag).text = text
@@ -226,7 +225,7 @@ def _crs(crs: CRS, tag: str) -> Element:
 
 
 def _extent(files: Sequence[MapFile]) -> Bounds:
-    """The box of all rasters; of all features where there is none."""
+    """The box of all rasters; of all features if there are none."""
     boxes = [file.layer.bounds for file in files if file.layer.type == "raster"]
     boxes = boxes or [file.layer.bounds for file in files]
     return union(boxes) if boxes else (0.0, 0.0, 1.0, 1.0)

@@ -1,4 +1,4 @@
-"""The README of an export: what lies where, on which Mars, and how programs open it."""
+"""The README of an export: its files, their position on Mars, and how to open them."""
 
 from __future__ import annotations
 
@@ -26,11 +26,13 @@ GeoTIFFs have the tags MISSION, SOL, SITE, DRIVE, INSTRUMENT and LOCAL_TIME (tru
 first and the last exposure of a day), beside all parameters that they were made with.
 """
 _FOLDERS = {
-    "traverse": "PLACES table (CSV), site and rover vector files (SVF, RVF), the traverse with "
-    "error ellipses (GeoPackage), and how far telemetry strays from it",
-    "reports": "how good every adjustment is, and the report of each sol",
+    "traverse": (
+        "PLACES table (CSV), site and rover vector files (SVF, RVF), the traverse with error "
+        "ellipses (GeoPackage), and the differences to telemetry"
+    ),
+    "reports": "quality of every adjustment, and the report of each sol",
     **EXCHANGE,
-    PICTURES: "pictures of the stereo pairs resampled so that rows correspond, without distortion",
+    PICTURES: "images of the stereo pairs resampled to epipolar geometry, without distortion",
 }
 
 
@@ -40,14 +42,14 @@ def readme_text(
     """The README of some maps with their layers, in Markdown.
 
     Args:
-        maps: The maps of the export, each with the layers that were selected.
+        maps: The maps of the export, each with the selected layers.
         names: Of all files of the export.
     """
     lines = [
         "# Maps from the stereo images of rovers",
         "",
-        f"Made with {SOFTWARE}. `sha256sum --check SHA256SUMS` tells whether all files are as they "
-        "were exported.",
+        f"Made with {SOFTWARE}. `sha256sum --check SHA256SUMS` checks that all files are "
+        "unchanged.",
     ]
     for entry, layers in maps:
         lines += ["", *_about(entry), *_table(layers)]
@@ -62,7 +64,7 @@ def readme_text(
 
 
 def _about(entry: MissionEntry) -> Iterator[str]:
-    """What a map is, and where it lies."""
+    """Description of a map and its position."""
     landing = entry.landing
     yield f"## {entry.title} ({entry.mission})"
     yield ""

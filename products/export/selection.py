@@ -1,4 +1,4 @@
-"""What of a store is exported: missions, sols, stops and kinds, and what was made since a time."""
+"""Selection of products for an export: missions, sols, stops, kinds, and time of creation."""
 
 from __future__ import annotations
 
@@ -14,40 +14,44 @@ from solmap.products.model import Layer, ProductKind, ProductRef, mission_of
 MAPS, TRAVERSE, REPORTS = "maps", "traverse", "reports"
 BY_DEFAULT = frozenset({MAPS, TRAVERSE, REPORTS})
 EXCHANGE: Mapping[str, str] = {
-    "colmap": "cameras, images and tie points as a COLMAP model in text; its pictures lie in "
-    "`epipolar/`, its world is the map in metres east, north, up",
-    "asp": "cameras of the pictures in `epipolar/` for the Ames Stereo Pipeline: pinhole (.tsai), "
-    "in metres of the map, and CSM states (.json), body-fixed",
+    "colmap": (
+        "cameras, images and tie points as a COLMAP model in text; its images are in "
+        "`epipolar/`, its world is the map in metres east, north, up"
+    ),
+    "asp": (
+        "cameras of the images in `epipolar/` for the Ames Stereo Pipeline: pinhole (.tsai), in "
+        "metres of the map, and CSM states (.json), body-fixed"
+    ),
     "isis": "tie points as an ISIS control network (PVL), body-fixed",
     "pds": "XYZ, range, normals and slope of every stereo pair (VICAR, with PDS4 labels)",
 }
-"""What is made for other programs only where it is asked for, and what it is."""
+"""Files for other programs that are only exported on request, and their descriptions."""
 PICTURES = "epipolar"
-"""Folder of the epipolar images that cameras and tie points belong to."""
+"""Folder of the epipolar images of the exported cameras and tie points."""
 _STOP = re.compile(r"(?:.*site)?0*(\d{1,6})(?:/|-drive|-)0*(\d{1,6})", re.ASCII)
 
 
 def stop_named(text: str) -> tuple[int, int]:
-    """Site and drive of a stop, as `10/100` or `mer2-site0010-drive0100` name it.
+    """Site and drive of a stop, from `10/100` or `mer2-site0010-drive0100`.
 
     Raises:
-        ProductError: it names none.
+        ProductError: it does not name a stop.
     """
     found = _STOP.fullmatch(text.strip().lower())
     if found is None:
-        raise ProductError(f"{text!r} names no stop; SITE/DRIVE is expected, such as 10/100")
+        raise ProductError(f"{text!r} does not name a stop; SITE/DRIVE is expected, such as 10/100")
     return int(found[1]), int(found[2])
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What is asked for; nothing given means everything."""
+    """A selection; empty parts select everything."""
 
     mission: str | None = None
     """A mission with all of its maps, or one of its maps."""
     sols: frozenset[int] | None = None
     stops: frozenset[tuple[int, int]] = frozenset()
-    """Site and drive; with any given, maps of regions and of whole missions are left out."""
+    """Site and drive; if given, maps of regions and of whole missions are left out."""
     kinds: frozenset[str] = frozenset()
     """Kinds of layers, and words for several: `maps`, `traverse`, `reports` and `EXCHANGE`."""
     since: datetime | None = None
@@ -63,15 +67,15 @@ class Selection:
             )
 
     def has_map(self, name: str) -> bool:
-        """Whether a map is asked for."""
+        """Whether a map is selected."""
         return self.mission is None or self.mission.upper() in {name, mission_of(name)}
 
     def has(self, word: str) -> bool:
-        """Whether `maps`, `traverse`, `reports` or one of `EXCHANGE` is asked for."""
+        """Whether `maps`, `traverse`, `reports` or one of `EXCHANGE` is selected."""
         return word in (self.kinds or BY_DEFAULT)
 
     def has_layer(self, layer: Layer) -> bool:
-        """Whether a layer is asked for."""
+        """Whether a layer is selected."""
         of_kind = self.has(MAPS) or str(layer.ref.kind) in self.kinds
         return (
             of_kind
@@ -91,7 +95,7 @@ class Selection:
         )
 
     def has_image(self, image: ImageEntry) -> bool:
-        """Whether an image is asked for."""
+        """Whether an image is selected."""
         return (self.sols is None or image.sol in self.sols) and (
             not self.stops or (image.site, image.drive) in self.stops
         )

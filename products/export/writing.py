@@ -1,11 +1,11 @@
-"""Writing an export: a folder that is brought up to date, or a ZIP archive that is replaced.
+"""Write an export: update a folder, or replace a ZIP archive.
 
-`SHA256SUMS` lists every file with its checksum, as `sha256sum --check` reads it. It also says what
-an earlier export left there: of a folder only files with other checksums are written, and files
-that are no longer part of it are removed; files that no export wrote are left alone. Before a file
-changes it is struck from the list, so that an interrupted export is completed by the next; one
-that somebody changed later than the list is written anew. An archive is written beside its target
-and renamed when it is whole.
+`SHA256SUMS` lists every file with its checksum, as `sha256sum --check` reads it. It also lists the
+files of an earlier export: in a folder only files with other checksums are written, and files that
+are no longer part of the export are removed; files of other origin are left unchanged. Before a
+file changes it is removed from the list, so that an interrupted export is completed by the next;
+files changed after the list are written again. An archive is written beside its target and renamed
+when it is complete.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from solmap.products.store.product_store import ProductStore
 SUMS = "SHA256SUMS"
 _CHUNK = 1 << 20
 _DATE = (1980, 1, 1, 0, 0, 0)
-"""Of all members of an archive: equal files give equal archives."""
+"""Date of all members of an archive: equal files give equal archives."""
 _COMPRESSED = {".tif", ".glb", ".3tz", ".png", ".qgz", ".pdf"}
-"""Suffixes of files that are packed as they are."""
+"""Suffixes of files that are stored without compression."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +35,9 @@ class ExportFile:
     """A file of an export."""
 
     name: str
-    """Its place in the export, parts separated by `/`."""
+    """Its path in the export, parts separated by `/`."""
     source: ProductRef | Path
-    """The product, or the file, that it is a copy of."""
+    """The product, or the file, of which it is a copy."""
     sha256: str
 
     @classmethod
@@ -49,10 +49,10 @@ class ExportFile:
             return cls(name, source, hashlib.file_digest(file, "sha256").hexdigest())
 
     def chunks(self, store: ProductStore) -> Iterator[bytes]:
-        """Its bytes, a few at a time.
+        """Its bytes, in pieces.
 
         Raises:
-            ProductError: they are not those of the checksum.
+            ProductError: they do not match the checksum.
         """
         digest = hashlib.sha256()
         for chunk in self._read(store):
@@ -74,7 +74,7 @@ class ExportFile:
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """What an export did."""
+    """Result of an export."""
 
     written: int
     """Files that are new or changed."""
@@ -89,19 +89,19 @@ def sums_text(sums: Mapping[str, str]) -> str:
 
 
 def read_sums(text: str) -> dict[str, str]:
-    """The twin of `sums_text`; lines that are none of it are left out."""
+    """The inverse of `sums_text`; other lines are ignored."""
     pairs = (line.split("  ", 1) for line in text.splitlines() if "  " in line)
     return {name: digest for digest, name in pairs}
 
 
 def check_target(target: Path, store: ProductStore) -> None:
-    """Refuse what an export must not be written over.
+    """Reject a target that an export must not overwrite.
 
     Raises:
-        ProductError: it lies in the store, is of another type, or holds something else.
+        ProductError: it is in the store, is of another type, or has other content.
     """
     if target.resolve().is_relative_to(store.root):
-        raise ProductError(f"{target} lies in the store; name a folder or .zip file outside of it")
+        raise ProductError(f"{target} is in the store; name a folder or .zip file outside of it")
     if is_archive(target):
         if target.is_dir():
             raise ProductError(f"{target} is a folder; name another .zip file")
@@ -109,16 +109,16 @@ def check_target(target: Path, store: ProductStore) -> None:
     if target.exists() and not target.is_dir():
         raise ProductError(f"{target} is a file; name a folder, or a file that ends in .zip")
     if target.is_dir() and not (target / SUMS).is_file() and any(target.iterdir()):
-        raise ProductError(f"{target} holds files and no earlier export; name an empty folder")
+        raise ProductError(f"{target} contains files and no earlier export; name an empty folder")
 
 
 def is_archive(target: Path) -> bool:
-    """Whether a ZIP archive is asked for."""
+    """Whether the target is a ZIP archive."""
     return target.suffix.lower() == ".zip"
 
 
 def write_folder(target: Path, files: Sequence[ExportFile], store: ProductStore) -> Written:
-    """Bring a folder up to date with some files."""
+    """Update a folder with some files."""
     target.mkdir(parents=True, exist_ok=True)
     sums = {file.name: file.sha256 for file in files}
     listed = target / SUMS
@@ -144,12 +144,12 @@ def write_folder(target: Path, files: Sequence[ExportFile], store: ProductStore)
 
 
 def _is_older(path: Path, listed: Path) -> bool:
-    """Whether a file is there and has not been changed since the list was written."""
+    """Whether a file exists and has not been changed since the list was written."""
     return path.is_file() and path.stat().st_mtime_ns <= listed.stat().st_mtime_ns
 
 
 def _replace(path: Path, chunks: Iterable[bytes]) -> None:
-    """Write a file beside its place and put it there when it is whole."""
+    """Write a file beside its target and rename it when complete."""
     draft = path.with_name(f".{path.name}.draft")
     try:
         with draft.open("wb") as file:
@@ -164,7 +164,7 @@ def _remove(target: Path, name: str) -> None:
     """Remove a file of an earlier export, and folders that it leaves empty."""
     path = (target / name).resolve()
     if not path.is_relative_to(target.resolve()):
-        return  # nothing that an export wrote
+        return  # # not part of an export
     path.unlink(missing_ok=True)
     for folder in path.parents:
         if folder == target.resolve() or any(folder.iterdir()):
@@ -173,7 +173,7 @@ def _remove(target: Path, name: str) -> None:
 
 
 def write_archive(target: Path, files: Sequence[ExportFile], store: ProductStore) -> Written:
-    """Write an archive with some files in one folder, unless it holds them already."""
+    """Write an archive with some files in one folder, unless it contains them already."""
     sums = {file.name: file.sha256 for file in files}
     folder, text = target.stem, sums_text(sums)
     before = _sums_of_archive(target, folder)
@@ -206,7 +206,7 @@ def _pack(archive: zipfile.ZipFile, name: str, chunks: Iterable[bytes]) -> None:
 
 
 def _sums_of_archive(target: Path, folder: str) -> dict[str, str]:
-    """What an archive holds, by its own list; empty where it is none that can be read."""
+    """Content of an archive, from its own list; empty if it cannot be read."""
     try:
         with zipfile.ZipFile(target) as archive:
             return read_sums(archive.read(f"{folder}/{SUMS}").decode())

@@ -1,9 +1,9 @@
-"""The collections of features of a mission, and how each is drawn from layers.
+"""The collections of features of a mission, and how each is derived from layers.
 
-A collection joins the latest layers of its kinds: contours lie in one layer for each stop, tie
-points in one for the mission. Some are drawn from others: differences join the two places of a
-stop. Every collection is kept in an index (`products.features.index`) under the digests of its
-layers, so that it is read again only when they have changed.
+A collection joins the latest layers of its kinds: contours have one layer for each stop, tie points
+one for the mission. Some are derived from others: differences join the two positions of a stop.
+Every collection is kept in an index (`products.features.index`) under the digests of its layers, so
+that it is read again only when they have changed.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ Draw = Callable[[Iterable[Feature], Mapping[str, ImageEntry]], Iterable[Feature]
 def all_features(
     features: Iterable[Feature], _images: Mapping[str, ImageEntry]
 ) -> Iterable[Feature]:
-    """All of them."""
+    """All features."""
     return features
 
 
 def of_solution(solution: str) -> Draw:
-    """Those of one solution: telemetry or adjusted."""
+    """Features of one solution: telemetry or adjusted."""
 
     def draw(features: Iterable[Feature], _images: Mapping[str, ImageEntry]) -> Iterable[Feature]:
         return [one for one in features if one.properties.get("solution") == solution]
@@ -41,7 +41,7 @@ _STOP = ("stop", "site", "drive", "sols")
 
 
 def _in_both(features: Iterable[Feature]) -> Iterator[tuple[Feature, Feature]]:
-    """Every stop by telemetry and as adjusted, in the order of the traverse."""
+    """Every stop by telemetry and by the adjustment, in the order of the traverse."""
     places: dict[str, dict[str, Feature]] = {}
     for one in features:
         known = one.properties
@@ -54,9 +54,9 @@ def _in_both(features: Iterable[Feature]) -> Iterator[tuple[Feature, Feature]]:
 def differences(
     features: Iterable[Feature], _images: Mapping[str, ImageEntry]
 ) -> Iterable[Feature]:
-    """From where telemetry has a stop to where the adjustment puts it.
+    """Lines from the position of each stop by telemetry to the adjusted one.
 
-    `up_m` is null, and the line without elevations, where either place has none.
+    `up_m` is null, and the line without elevations, where either position has none.
     """
     for telemetry, adjusted in _in_both(features):
         line = _line_between(telemetry, adjusted)
@@ -74,8 +74,7 @@ def differences(
 def profile(features: Iterable[Feature], _images: Mapping[str, ImageEntry]) -> Iterable[Feature]:
     """Stops along the adjusted traverse with the elevations of both solutions.
 
-    An elevation that is not known is null; a step to or from such a stop counts as its length on
-    the map.
+    An unknown elevation is null; a step to or from such a stop counts as its length on the map.
     """
     along, last = 0.0, None
     for telemetry, adjusted in _in_both(features):
@@ -102,13 +101,13 @@ def _line_between(start: Feature, end: Feature) -> np.ndarray:
 
 
 def _elevation_m(place: Feature) -> float | None:
-    """Metres above the tangent plane at the landing point; None where it is not known."""
+    """Metres above the tangent plane at the landing point; None where unknown."""
     known = place.points[0, 2:].tolist()
     return round(known[0], 4) if known else None
 
 
 def cameras(features: Iterable[Feature], images: Mapping[str, ImageEntry]) -> Iterable[Feature]:
-    """Where images were taken from: pointing lines start in the camera."""
+    """Camera positions of images: the first points of pointing lines."""
     for one in features:
         entry = images.get(one.id or "")
         if entry:
@@ -116,7 +115,7 @@ def cameras(features: Iterable[Feature], images: Mapping[str, ImageEntry]) -> It
 
 
 def with_times(features: Iterable[Feature], images: Mapping[str, ImageEntry]) -> Iterable[Feature]:
-    """What stands for an image, with the time at which it was taken."""
+    """Features of images, with the time of each image."""
     for one in features:
         entry = images.get(one.id or "")
         known = {"start_time": entry.start_time} if entry else {}
@@ -124,7 +123,7 @@ def with_times(features: Iterable[Feature], images: Mapping[str, ImageEntry]) ->
 
 
 def image_properties(entry: ImageEntry) -> dict[str, Any]:
-    """What is known of an image."""
+    """Properties of an image."""
     names = ("mission", "stop", "site", "drive", "sol", "instrument", "eye", "product_type")
     times = ("start_time", "local_solar_time", "partner", "unpaired_because")
     return {"image": entry.id, **{name: getattr(entry, name) for name in names + times}}
@@ -132,7 +131,7 @@ def image_properties(entry: ImageEntry) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class CollectionDefinition:
-    """A collection: its name, the layers it comes from, and how it is drawn from them."""
+    """A collection: its name, its layers, and how it is derived from them."""
 
     id: str
     title: str
@@ -141,11 +140,11 @@ class CollectionDefinition:
     kinds: tuple[ProductKind, ...]
     draw: Draw = all_features
     shows_images: bool = False
-    """Whether a feature stands for an image and has its identifier."""
+    """Whether a feature represents an image and has its identifier."""
     all_images: bool = False
-    """Whether images without a feature are in it too, without a place."""
+    """Whether it includes images without a feature, without geometry."""
     is_written: bool = False
-    """Whether people write it on the map; it comes from the log of edits and no layer."""
+    """Whether people write it on the map; it comes from the log of edits, not from a layer."""
 
 
 COLLECTIONS = (

@@ -1,13 +1,13 @@
-"""An index of features on disk, so that a page of 150,000 costs milliseconds, and queries to it.
+"""An index of features on disk, so that a page of 150,000 takes milliseconds, with its queries.
 
 Layers are GeoJSON files, one for each scope: reading them for every request would take seconds. The
 index is a table of all their features beside an R*Tree of their boxes (SQLite's own), filled once
-for each version of a layer under a key of its own. It can be made again from products, so it may
-be deleted while nothing runs.
+for each version of a layer, each with its own key. It can be rebuilt from products, so it may be
+deleted while nothing runs.
 
 Shapes are well-known binary in metres of the local map, (east, north) or (east, north, up). The
-R*Tree keeps boxes in single precision, rounded outwards; whether a shape meets the area of a query
-is then decided on the shape itself.
+R*Tree keeps boxes in single precision, rounded outwards; whether a shape intersects the area of a
+query is then tested with the shape itself.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ import shapely
 from solmap.photogrammetry.terrain.dtm.grid import Bounds
 
 COLUMNS = "f.name, f.shape, f.properties, f.first_sol, f.last_sol, f.first, f.last"
-"""What `feature_of` reads."""
+"""Columns read by `feature_of`."""
 
 
 @dataclass(frozen=True, slots=True)
 class IndexedFeature:
-    """A feature as the index keeps it."""
+    """A feature in the index."""
 
     name: str
     """Its identifier, unique in its layer."""
     shape: bytes | None
-    """Well-known binary, metres of the local map; None where its place is not known."""
+    """Well-known binary, metres of the local map; None without geometry."""
     properties: str
     """A JSON object."""
     sols: tuple[int, int] | None = None
@@ -49,12 +49,12 @@ class IndexedFeature:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Area:
-    """What part of the map is asked for."""
+    """Requested part of the map."""
 
     shape: shapely.Geometry
     """Metres of the local map."""
     inner: Bounds
-    """A box that lies in it whole; what is in this box need not be looked at closer."""
+    """A box inside it; features in this box need no further test."""
 
     @classmethod
     def of_box(cls, bounds: Bounds) -> Area:
@@ -64,7 +64,7 @@ class Area:
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Which features are asked for; what is None does not matter."""
+    """Requested features; None selects all."""
 
     keys: Sequence[str]
     """Of layers."""
@@ -76,13 +76,13 @@ class Selection:
 
     @property
     def is_whole(self) -> bool:
-        """Whether all features of the layers are asked for."""
+        """Whether all features of the layers are selected."""
         return not (self.area or self.sols or self.times or self.equal)
 
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """Where and when the features of some layers are."""
+    """Extent of some layers in space and time."""
 
     count: int
     bounds: Bounds | None
@@ -97,14 +97,14 @@ class Meets:
         self._area = area
 
     def __call__(self, shape: bytes) -> bool:
-        """Whether this one does."""
+        """Test one shape."""
         return bool(self._area.intersects(shapely.from_wkb(shape)))
 
 
 def condition_of(selection: Selection) -> tuple[str, list[Any]]:
-    """FROM and what follows, and its values; it asks the table `asked` and the function `meets`.
+    """The FROM clause and its values; it uses the table `asked` and the function `meets`.
 
-    An area alone is answered by the boxes; features are looked up only for what boxes do not say.
+    An area alone is answered by the boxes; features are only read for other conditions.
     """
     terms, values = _other_conditions(selection)
     if not selection.area:
@@ -126,7 +126,7 @@ def condition_of(selection: Selection) -> tuple[str, list[Any]]:
 
 
 def _other_conditions(selection: Selection) -> tuple[list[str], list[Any]]:
-    """What is asked of features beside where they are."""
+    """Conditions on features other than their position."""
     terms: list[str] = []
     values: list[Any] = []
     for span, first, last in (
@@ -145,7 +145,7 @@ def _other_conditions(selection: Selection) -> tuple[list[str], list[Any]]:
 
 
 def feature_of(row: tuple[Any, ...]) -> IndexedFeature:
-    """A row of `COLUMNS`."""
+    """The feature of a row of `COLUMNS`."""
     name, shape, properties, first_sol, last_sol, first, last = row
     sols = None if first_sol is None else (first_sol, last_sol)
     return IndexedFeature(name, shape, properties, sols, (first, last) if first else None)
@@ -172,34 +172,35 @@ _TYPES: dict[type, str] = {
     dict: "object",
 }
 _VERSION = 2
-"""Of the tables, raised when they change."""
+"""Version of the tables, increased when they change."""
 _FORGET_ALL = f"""
 DROP TABLE IF EXISTS layers; DROP TABLE IF EXISTS features; DROP TABLE IF EXISTS boxes;
 PRAGMA user_version={_VERSION};
 """
 _FIELDS_OF = 100
-"""Features whose properties are looked at for the fields of a collection."""
+"""Features whose properties are examined for the fields of a collection."""
 _WAIT_S = 60.0
-"""For another process that fills the index."""
+"""Waiting time for another process that fills the index."""
 
 
 @dataclass(frozen=True, slots=True)
 class FeatureIndex:
-    """The index in a file. Every call opens it anew, so threads and processes may share it."""
+    """The index in a file. Every call opens it again, so threads and processes may share it."""
 
     path: Path
 
     @classmethod
     def open(cls, path: Path) -> FeatureIndex:
-        """Open or found the index; one that is damaged is made anew."""
+        """Open or create the index; a damaged one is rebuilt."""
         path.parent.mkdir(parents=True, exist_ok=True)
         index = cls(path)
         try:
             index._prepare()
-        except sqlite3.OperationalError:  # it cannot be written, or another holds it too long
+        # # it cannot be written, or another process holds it too long
+        except sqlite3.OperationalError:
             raise
         except sqlite3.DatabaseError as error:
-            log.warning("%s is damaged and made anew: %s", path.name, error)
+            log.warning("%s is damaged and rebuilt: %s", path.name, error)
             for file in path.parent.glob(f"{path.name}*"):
                 file.unlink(missing_ok=True)
             index._prepare()
@@ -209,7 +210,7 @@ class FeatureIndex:
         with self._connection() as connection:
             connection.execute("PRAGMA journal_mode=WAL")
             (version,) = connection.execute("PRAGMA user_version").fetchone()
-            if version != _VERSION:  # it can be made again from the products
+            if version != _VERSION:  # # it can be rebuilt from the products
                 connection.executescript(_FORGET_ALL)
             connection.executescript(_SCHEMA)
 
@@ -220,9 +221,9 @@ class FeatureIndex:
         return [key for key in keys if key not in held]
 
     def put(self, key: str, family: str, features: Iterable[IndexedFeature]) -> None:
-        """Add a layer, unless another process just has; earlier ones of its family are forgotten.
+        """Add a layer, unless another process just has; earlier ones of its family are removed.
 
-        A family is what the versions of one layer have in common: its collection and scope.
+        The versions of one layer are a family: its collection and scope.
         """
         rows = list(features)
         shapes = shapely.from_wkb([row.shape for row in rows])
@@ -257,7 +258,7 @@ class FeatureIndex:
                 (
                     (last + k, box[0], box[2], box[1], box[3], number)
                     for k, box in enumerate(boxes.tolist(), 1)
-                    if not math.isnan(box[0])  # it has no place
+                    if not math.isnan(box[0])  # # it has no geometry
                 ),
             )
 
@@ -272,7 +273,7 @@ class FeatureIndex:
         return Extent(count, bounds, (first, last) if first else None)
 
     def count(self, selection: Selection) -> int:
-        """How many features are selected."""
+        """Number of selected features."""
         if selection.is_whole:
             return self.extent(selection.keys).count
         with self._connection(selection.keys, selection.area) as connection:
@@ -314,7 +315,7 @@ class FeatureIndex:
     def _connection(
         self, keys: Sequence[str] | None = None, area: Area | None = None
     ) -> Iterator[sqlite3.Connection]:
-        """A connection that knows the layers (table `asked`) and the area (`meets`) asked for."""
+        """A connection with the requested layers (table `asked`) and area (`meets`)."""
         connection = sqlite3.connect(self.path, timeout=_WAIT_S)
         try:
             with connection:
@@ -336,7 +337,7 @@ def _ask(connection: sqlite3.Connection, keys: Sequence[str]) -> None:
 
 
 def _forget(connection: sqlite3.Connection, family: str) -> None:
-    """Leave out the earlier versions of a layer."""
+    """Remove the earlier versions of a layer."""
     for (number,) in connection.execute(
         "SELECT number FROM layers WHERE family = ?", (family,)
     ).fetchall():

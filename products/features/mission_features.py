@@ -1,11 +1,11 @@
-"""The features of a mission, collection by collection, in an index that fills itself.
+"""The features of a mission, collection by collection, in an index filled on demand.
 
     features = MissionFeatures.open(store, catalogue)
     keys = features.keys(BY_ID["tie-points"], "MER2")
     features.index.page(Selection(keys), limit=100)
 
-Publishing fills the index ahead of time (`fill`); otherwise the first request does. Each feature
-has the sols and moments (UTC) of the images behind it.
+Publishing fills the index in advance (`fill`); otherwise the first request does. Each feature has
+the sols and times (UTC) of its images.
 """
 
 from __future__ import annotations
@@ -43,15 +43,15 @@ Times = tuple[str, str]
 
 
 class FeatureTimes:
-    """The images of a mission, asked when a feature of a layer was seen."""
+    """The images of a mission, for the times of the features of a layer."""
 
     def __init__(self, images: Mapping[str, ImageEntry], layer: Layer) -> None:
-        """Features that name neither sol nor image are as old as their layer."""
+        """Features without sol and image have the time of their layer."""
         self._images, self._layer = images, layer
         self._known: dict[tuple[Sols, str | None], Times | None] = {}
 
     def of(self, properties: Mapping[str, Any]) -> tuple[Sols | None, Times | None]:
-        """First and last sol, and first and last start of the images behind a feature."""
+        """First and last sol, and first and last exposure of the images of a feature."""
         named = [properties.get("image"), *(properties.get("pairs") or ())]
         behind = [self._images[name] for name in named if name in self._images]
         own = properties.get("sol", properties.get("sols"))
@@ -75,22 +75,22 @@ class FeatureTimes:
 
 
 def times_of(images: Iterable[ImageEntry]) -> Times | None:
-    """First and last start of images; None where no label tells it."""
+    """First and last exposure of images; None where no label gives it."""
     starts = {image.start_time for image in images if utc_of(image.start_time)}
     known = sorted(moment(start) for start in starts if start)
     return (known[0], known[-1]) if known else None
 
 
-@lru_cache(maxsize=65536)  # an image is behind many features
+@lru_cache(maxsize=65536)  # # many features share an image
 def moment(text: str) -> str:
-    """A moment in the form that all of the index have: UTC with milliseconds.
+    """A time in the format of the index: UTC with milliseconds.
 
     Raises:
-        ValueError: it is no moment.
+        ValueError: it is not a time.
     """
     utc = utc_of(text)
     if utc is None:
-        raise ValueError(f"{text[:40]!r} is no moment")
+        raise ValueError(f"{text[:40]!r} is not a time")
     return utc.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
@@ -100,19 +100,19 @@ FOLDER = "index"
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What a collection takes from one layer."""
+    """The part of a collection from one layer."""
 
     key: str
-    """Names its version in the index."""
+    """Identifies its version in the index."""
     family: str
     layer: Layer | None
-    """None: people wrote it."""
+    """None: annotations."""
 
 
 def temporary_folder(root: Path) -> Path:
-    """A folder for what belongs to a store that may only be read; no other user may write in it.
+    """A folder for files of a read-only store; no other user may write in it.
 
-    It is the same each time, unless another user was first to make one of its name.
+    It is the same each time, unless another user created one of that name first.
     """
     digest = hashlib.sha256(str(root).encode()).hexdigest()[:16]
     folder = Path(gettempdir()) / f"solmap-{digest}"
@@ -126,18 +126,18 @@ def temporary_folder(root: Path) -> Path:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionFeatures:
-    """The index of a store and what fills it."""
+    """The index of a store, and the code that fills it."""
 
     store: ProductStore
     catalogue: Catalogue
     index: FeatureIndex
     _filling: threading.Lock = field(default_factory=threading.Lock)
     _known: dict[tuple[str, str], tuple[int, list[str]]] = field(default_factory=dict)
-    """By collection and mission: a version of the catalogue, and what `keys` answers to it."""
+    """By collection and mission: a version of the catalogue, and the result of `keys` for it."""
 
     @classmethod
     def open(cls, store: ProductStore, catalogue: Catalogue) -> MissionFeatures:
-        """Open the index of a store, in the store or, where nothing may be written, beside it."""
+        """Open the index of a store, in the store or, if that is read-only, beside it."""
         name = "features.sqlite"
         try:
             index = FeatureIndex.open(store.root / FOLDER / name)
@@ -146,7 +146,7 @@ class MissionFeatures:
         return cls(store, catalogue, index)
 
     def keys(self, collection: CollectionDefinition, mission: str) -> list[str]:
-        """The layers of a collection in the index, which holds all of them when this returns."""
+        """The layers of a collection in the index, which contains all of them on return."""
         asked, version = (collection.id, mission), self.catalogue.version()
         if asked not in self._known or self._known[asked][0] != version:
             parts = list(self._parts(collection, mission))
@@ -158,17 +158,17 @@ class MissionFeatures:
         return self._known[asked][1]
 
     def fill(self, mission: str, kinds: Collection[ProductKind]) -> None:
-        """Take what has been published of some kinds into the index.
+        """Add published layers of some kinds to the index.
 
-        Collections of other kinds may have changed, too: that of footprints lists every image that
-        was ever taken. They are filled when they are published, or asked for.
+        Collections of other kinds may have changed, too: that of footprints lists every image ever
+        taken. They are filled when they are published, or requested.
         """
         for collection in COLLECTIONS:
             if any(kind in kinds for kind in collection.kinds):
                 self.keys(collection, mission)
 
     def _annotation_part(self, collection: CollectionDefinition, mission: str) -> Part:
-        """What people wrote, up to now."""
+        """The annotations so far."""
         edits = EditLog.of(self.store.root).edits(mission)
         family = f"{collection.id}/{mission}"
         return Part(f"{family}/{edits[-1].id if edits else 0}", family, None)
@@ -194,7 +194,7 @@ class MissionFeatures:
             yield Part(f"{family}/{layer.ref.digest}/{sols}{images}", family, layer)
 
     def _annotations(self, mission: str) -> Iterator[IndexedFeature]:
-        """The annotations that count but drafts. When one was written is when it is of."""
+        """The annotations with effect except drafts. Their time is when they were written."""
         for edit in EditLog.of(self.store.root).effective(EditKind.ANNOTATION, mission):
             if edit.document.get("state") == "draft":
                 continue
@@ -240,16 +240,16 @@ def _annotation(edit: Edit) -> IndexedFeature:
 
 
 def _annotation_shape(geometry: Mapping[str, Any]) -> shapely.Geometry:
-    """The shape of an annotation, without elevations unless every place of it has one."""
+    """The shape of an annotation, without elevations unless every point of it has one."""
     try:
         return shapely.geometry.shape(geometry)
-    except ValueError:  # some places have one and others have none
+    except ValueError:  # # some points have one and others have none
         level = {**geometry, "coordinates": _without_elevation(geometry["coordinates"])}
         return shapely.geometry.shape(level)
 
 
 def _without_elevation(part: Any) -> Any:  # noqa: ANN401 - places, or lists of them
-    """Places as (east, north), whatever else is known of them."""
+    """Points as (east, north), without further coordinates."""
     if isinstance(part[0], int | float):
         return part[:2]
     return [_without_elevation(one) for one in part]

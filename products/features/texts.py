@@ -1,9 +1,9 @@
 """Features of a layer as GeoJSON text in local metres, each encoded once.
 
-A moving map asks for the same features again and again, of layers with ten thousand footprints or a
+A moving map requests the same features repeatedly, from layers with ten thousand footprints or a
 hundred thousand tie points. Their file is read once, its coordinates are transformed to the local
-map all together, and of each feature only the box is kept beside the file's own values; a feature
-is encoded when it is first asked for.
+map together, and for each feature only the box is stored besides the file's own values; a feature
+is encoded when first requested.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from solmap.products.crs import crs_text
 from solmap.products.formats.vector.geojson import PlacedFeatures, read_placed
 
 _KEPT, _LEAST = 150_000_000, 1_000_000
-"""Bytes of files whose features are kept at a time, which take three times that; a file counts as
-so many at least."""
+"""Bytes of files whose features are kept in memory, which take three times that; smaller files
+count with a least size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,11 +35,11 @@ class FeatureTexts:
     boxes: np.ndarray
     """(n, 4): west, south, east, north of each, metres."""
     numbers: Mapping[str, int]
-    """Where the feature of an identifier is."""
+    """Index of a feature by its identifier."""
     texts: list[bytes | None] = field(repr=False)
 
     def within(self, bounds: Bounds) -> Sequence[int]:
-        """The features whose box meets a box."""
+        """The features whose box intersects a box."""
         west, south, east, north = bounds
         w, s, e, n = self.boxes.T
         meets = (w <= east) & (e >= west) & (s <= north) & (n >= south)
@@ -47,7 +47,7 @@ class FeatureTexts:
         return numbers
 
     def find(self, names: Iterable[str]) -> Sequence[int]:
-        """The features of some identifiers; those that are not there are left out."""
+        """The features of some identifiers; unknown ones are skipped."""
         return [self.numbers[name] for name in names if name in self.numbers]
 
     def collection(self, numbers: Iterable[int] | None = None) -> bytes:
@@ -78,7 +78,7 @@ def _in_metres(item: Mapping[str, Any], rings: Sequence[np.ndarray]) -> dict[str
 def feature_texts(path: Path) -> FeatureTexts:
     """The features of a file. Products never change, so they are read once.
 
-    Who asks meanwhile waits: a map asks for a dozen boxes at a time, and each would read it.
+    Concurrent requests wait: a map requests a dozen boxes at a time, and each would read the file.
     """
     return _reading(path).texts()
 

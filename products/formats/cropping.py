@@ -1,7 +1,7 @@
 """Parts of products: the cells or features in a box, as files of the same kind.
 
 Cells are copied as they are stored: the box grows to whole cells, nothing is resampled, and the
-part says what it was cut from. Lines and areas are cut at the box.
+part names its source. Lines and areas are cut at the box.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from solmap.products.formats.raster.raster import (
 from solmap.products.formats.vector.geojson import Feature, FeatureCollection
 
 MOST_CELLS = 50_000_000
-"""Of all bands: 200 MB of floats."""
+"""Most cells of all bands: 200 MB of floats."""
 _AT_ONCE = 1024
-"""Rows that are copied at a time."""
+"""Rows copied at a time."""
 _CUT_FROM = "CUT_FROM"
 _OWN = {"CLASSES", "AREA_OR_POINT"}
-"""Tags that every file is given anew."""
+"""Tags that are written again for every file."""
 
 
 def crop_raster(source: Path | str, target: Path, bounds: Bounds) -> MapGrid:
-    """Write the cells that a box touches as a Cloud Optimised GeoTIFF; the grid of the part.
+    """Write the cells that a box touches as a Cloud Optimised GeoTIFF; returns the part's grid.
 
     Raises:
         OutsideCoverageError: the box touches no cell.
-        ProductError: it touches more cells than are handed out at once.
-        StoreAwayError: the object store does not answer.
+        ProductError: it touches more cells than may be downloaded at once.
+        StoreAwayError: the object store does not respond.
     """
     with open_raster(source) as dataset:
         window, part = _window(dataset, bounds)
@@ -53,7 +53,8 @@ def crop_raster(source: Path | str, target: Path, bounds: Bounds) -> MapGrid:
         if cells > MOST_CELLS:
             raise ProductError(
                 f"the box has {part.cols} x {part.rows} cells in {dataset.count} bands, more than "
-                f"the {MOST_CELLS} handed out at once; take a smaller box, or the whole file"
+                f"the {MOST_CELLS} that may be downloaded at once; use a smaller box, or the "
+                "whole file"
             )
         crs = CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
         with create_cog(target, part, crs, _description_of(dataset)) as out:
@@ -81,14 +82,14 @@ def _window(dataset: rasterio.DatasetReader, bounds: Bounds) -> tuple[Window, Ma
     bottom = min(grid.rows, math.ceil((grid.north - south) / grid.cell_m))
     if left >= right or top >= bottom:
         raise OutsideCoverageError(
-            f"no cell lies in the box {bounds}; the layer covers {grid.bounds}, metres"
+            f"no cell is in the box {bounds}; the layer covers {grid.bounds}, metres"
         )
     window = Window(left, top, right - left, bottom - top)
     return window, grid.part(top, left, bottom - top, right - left)
 
 
 def _description_of(dataset: rasterio.DatasetReader) -> RasterDescription:
-    """What the whole file says beside its values, and that this is a part of it."""
+    """Metadata of the whole file, marked as a part of it."""
     classes = class_names(dataset)
     colours = dataset.colormap(1) if classes else {}
     properties = zip(
@@ -115,7 +116,7 @@ def _description_of(dataset: rasterio.DatasetReader) -> RasterDescription:
 
 
 def crop_features(collection: FeatureCollection, bounds: Bounds) -> FeatureCollection:
-    """The features in a box; lines and areas are cut at it and may come in several parts."""
+    """The features in a box; lines and areas are cut at it and may have several parts."""
     box = shapely.box(*bounds)
     cut = tuple(part for one in collection.features for part in _cut(one, box))
     return replace(collection, features=cut)
@@ -128,7 +129,7 @@ def _cut(feature: Feature, box: shapely.Geometry) -> Iterator[Feature]:
         return
     for part in shapely.get_parts(shapely.intersection(shape, box)):
         if part.geom_type != feature.geometry or part.is_empty:
-            continue  # a line that only touches a corner is no line
+            continue  # # a line that only touches a corner is not a line
         rings = [part.exterior, *part.interiors] if feature.geometry == "Polygon" else [part]
         first, *others = (_rows(ring) for ring in rings)
         yield replace(feature, points=first, holes=tuple(others))

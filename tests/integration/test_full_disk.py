@@ -59,7 +59,7 @@ def test_a_backup_to_a_full_disk_leaves_the_earlier_one_and_goes_on(disk, tmp_pa
     ballast = fill(disk, 2_000_000)
     with pytest.raises(StoreFullError, match=r"the disk of .*backups is full; free some space"):
         back_up(workspace, disk / "backups")
-    with pytest.raises(ProductError, match="holds no backup"):
+    with pytest.raises(ProductError, match="has no backup"):
         newest_backup(disk / "backups")
     ballast.unlink()
     first = back_up(workspace, disk / "backups")
@@ -78,7 +78,7 @@ def test_restoring_to_a_full_disk_goes_on_when_there_is_space(disk, tmp_path):
     ballast = fill(disk, 2_000_000)
     with pytest.raises(StoreFullError, match="is full"):
         restore(tmp_path / "backups", disk / "new")
-    with pytest.raises(ProductError, match="was not restored to the end"):
+    with pytest.raises(ProductError, match="was not restored completely"):
         Workspace.open(disk / "new")
     ballast.unlink()
     restore(tmp_path / "backups", disk / "new")

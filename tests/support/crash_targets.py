@@ -78,7 +78,7 @@ def maintain(what: Maintenance, store: Path, backups: Path, log: Path) -> None:
     os._exit(0)
 
 
-LEFT_BY_KILLS = ("is there without its product", "was left by a process")
+LEFT_BY_KILLS = ("exists without its product", "was left by a process")
 """What `check --repair` may find of a process that was killed."""
 
 

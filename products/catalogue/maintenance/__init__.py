@@ -1,5 +1,5 @@
-"""Maintenance of a store: backups, checks, and what is removed because nothing refers to it.
+"""Maintenance of a store: backups, checks, and removal of unreferenced products.
 
-Enters: a workspace. Leaves: copies, findings, and a store without what is old or broken; what is
-published stays. Imports all of `products.catalogue` but `images` and `oriented_images`.
+Enters: a workspace. Leaves: copies, findings, and a store without old or broken files; published
+products are kept. Imports all of `products.catalogue` but `images` and `oriented_images`.
 """

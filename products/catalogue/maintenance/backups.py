@@ -1,15 +1,15 @@
-"""Backups of a store, made while it is worked on, and stores restored from them.
+"""Back up a store in use, and restore stores from backups.
 
-A backup folder holds the files of products once, however many backups there are, and for each
-backup a dated folder with a manifest, copies of the databases and the documents:
+A backup folder contains the files of products once for all backups, and for each backup a dated
+folder with a manifest, copies of the databases and the documents:
 
     DEST/products/KIND/SCOPE/FILE      as in the store; copied when DEST lacks them
     DEST/backups/20261123T012000Z/     manifest.json, catalogue.sqlite, edits.sqlite ...
 
-The databases are copied first, each as it is at one moment, and the products after them: whatever
-the catalogue names was there already, and nothing is pruned meanwhile. The dated folder gets its
-name when it is whole. The catalogue of a backup is SQLite also where that of the store lies in
-PostgreSQL, so it can be restored to either.
+The databases are copied first, each as a snapshot, and the products after them: all products in the
+catalogue exist by then, and nothing is pruned meanwhile. The dated folder gets its name when it is
+complete. The catalogue of a backup is SQLite even if that of the store is in PostgreSQL, so it can
+be restored to either.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ OnProgress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class BackupReport:
-    """What was backed up or restored."""
+    """Result of a backup or restore."""
 
     folder: Path
     files: int
     copied: int
-    """Of the files, those that were not there yet."""
+    """Number of files that were not in the target before."""
     broken: tuple[str, ...]
-    """Files left out, because their bytes are not what their checksum says."""
+    """Files left out because their bytes do not match their checksum."""
 
 
 def back_up(
@@ -74,21 +74,22 @@ def back_up(
     keep: int | None = None,
     on_progress: OnProgress = lambda _done, _total: None,
 ) -> BackupReport:
-    """Back a store up into a folder; the newest `keep` backups stay there, or all.
+    """Back up a store into a folder; keeps the newest `keep` backups, or all.
 
     Raises:
         ProductError: the folder cannot be used, or another backup is being made there.
-        StoreFullError: its disk is full; earlier backups are as they were.
+        StoreFullError: its disk is full; earlier backups are unchanged.
     """
     root, target = workspace.store.root, destination.resolve()
     if target.is_relative_to(root) or root.is_relative_to(target):
-        raise ProductError(f"{destination} and {root} lie in each other; name another folder")
+        raise ProductError(f"{destination} and {root} contain each other; name another folder")
     if (target / schema.CATALOGUE).exists():
         raise ProductError(f"{destination} is a store; name another folder")
     is_ours = (target / _LOCK).exists() or any((target / BACKUPS).glob(f"*/{MANIFEST}"))
     if not is_ours and (taken := [one for one in _FOLDERS if (target / one).exists()]):
         raise ProductError(
-            f"{target / taken[0]} is of no backup, and backups would change it; name another folder"
+            f"{target / taken[0]} does not belong to a backup, and backups would change it; name "
+            "another folder"
         )
     with _explaining(target), _alone_in(target):
         with contextlib.nullcontext() if is_read_only(root) else workspace.run_turn():
@@ -102,15 +103,13 @@ def _back_up(workspace: Workspace, target: Path, on_progress: OnProgress) -> Bac
     root, began = workspace.store.root, datetime.now(UTC)
     draft = target / _DRAFTS / "backup"
     draft.mkdir(parents=True)
-    if (root / _INBOX).is_file():  # before the catalogue: what it says was processed is in there
+    if (root / _INBOX).is_file():  # # before the catalogue, which lists it as processed
         shutil.copyfile(root / _INBOX, draft / _INBOX)
     _copy_catalogue(workspace, draft / schema.CATALOGUE)
     for name in _OWN:
         if (root / name).is_file():
             if not os.access(root / name, os.R_OK):
-                raise ProductError(
-                    f"{root / name} cannot be read: back up as the user that it belongs to"
-                )
+                raise ProductError(f"{root / name} cannot be read: back up as its owner")
             schema.copy_database(root / name, draft / name)
     for name in workspace.store.backend.names(_STAC):
         (draft / name).parent.mkdir(parents=True, exist_ok=True)
@@ -153,7 +152,7 @@ class _Taken:
 
 
 def _take(name: str, store: ProductStore, target: Path) -> _Taken | None:
-    """Have a product and its provenance in the backup folder; None where the product is broken."""
+    """Copy a product and its provenance to the backup folder; None where the product is broken."""
     notes = store.backend.read(provenance_name(name))
     size = store.backend.size(name)
     try:
@@ -202,13 +201,13 @@ def newest_backup(folder: Path) -> Path:
     """The folder of a backup: the one named, or the newest of a backup folder.
 
     Raises:
-        ProductError: there is none that is whole.
+        ProductError: there is no complete one.
     """
     if (folder / MANIFEST).is_file():
         return folder
     whole = sorted(one.parent for one in (folder / BACKUPS).glob(f"*/{MANIFEST}"))
     if not whole:
-        raise ProductError(f"{folder} holds no backup; `solmap backup {folder}` makes one")
+        raise ProductError(f"{folder} has no backup; `solmap backup {folder}` makes one")
     return whole[-1]
 
 
@@ -221,12 +220,11 @@ def restore(
     replace: bool = False,
     on_progress: OnProgress = lambda _done, _total: None,
 ) -> BackupReport:
-    """Restore a backup into an empty store, or with `replace` in place of what a store holds.
+    """Restore a backup into an empty store, or with `replace` over the content of a store.
 
-    Every file is held against its checksum. Killed in between, the store cannot be opened until it
-    is restored again. Products that the backup does not have stay where they are, unreferenced.
-    The SQLite databases as they were are kept in `before-restore-TIME`, with edits and tokens that
-    are newer than the backup.
+    Every file is compared with its checksum. If the process is killed, the store cannot be opened
+    until it is restored again. Products outside the backup remain, unreferenced. The previous
+    SQLite databases are kept in `before-restore-TIME`, with edits and tokens newer than the backup.
 
     Raises:
         ProductError: there is no such backup, it is newer than this solmap or its databases are
@@ -237,8 +235,8 @@ def restore(
     manifest = _read_manifest(folder)
     if not (replace or (root / schema.RESTORING).exists()) and _is_used(root, catalogue_url):
         raise ProductError(
-            f"{root} or its catalogue is not empty; name an empty folder, or say --replace to put "
-            "the backup in place of what it holds"
+            f"{root} or its catalogue is not empty; name an empty folder, or use --replace to "
+            "replace its content by the backup"
         )
     root.mkdir(parents=True, exist_ok=True)
     require_writable(root)
@@ -260,7 +258,7 @@ def restore(
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:
-    """The manifest of a backup whose databases and documents are as they were written."""
+    """The manifest of a backup whose databases and documents are unchanged."""
     try:
         manifest: dict[str, Any] = json.loads((folder / MANIFEST).read_bytes())
         is_newer = manifest["schema"] > schema.latest_version()
@@ -276,18 +274,21 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
             f"{folder} has schema {manifest['schema']}, this solmap reads up to "
             f"{schema.latest_version()}: update solmap"
         )
-    if strange:  # whoever made it wants to have another file overwritten
+    if strange:  # # a forged manifest could overwrite other files
         raise ProductError(
-            f"{folder / MANIFEST} names {strange[0][:60]!a}, which no backup holds; restore another"
+            f"{folder / MANIFEST} names {strange[0][:60]!a}, which is not part of a backup; "
+            "restore another"
         )
     for name, sha256 in manifest["own"].items():
         if not (folder / name).is_file() or _sha256(folder / name) != sha256:
-            raise ProductError(f"{folder / name} is not what was backed up; restore another backup")
+            raise ProductError(
+                f"{folder / name} has changed since the backup; restore another backup"
+            )
     return manifest
 
 
 def _is_below(name: str, first: Collection[str]) -> bool:
-    """Whether a name is that of a file of a store, in one of some places."""
+    """Whether a name is that of a file of a store, in one of some folders."""
     parts = name.split("/")
     return parts[0] in first and not {"", ".", ".."}.intersection(parts)
 
@@ -342,12 +343,12 @@ def _restore_databases(folder: Path, root: Path, engine: sa.Engine) -> None:
 
 
 def _overwrite_database(source: Path, target: Path) -> None:
-    """Put a database in place of another, in one transaction of those who have it open."""
+    """Replace a database by another, in one transaction of the processes that have it open."""
     try:
         schema.copy_database(source, target)
     except sqlite3.OperationalError:
         raise
-    except sqlite3.DatabaseError:  # what is there is damaged
+    except sqlite3.DatabaseError:  # # the existing one is damaged
         _remove_database(target)
         schema.copy_database(source, target)
 
@@ -359,10 +360,10 @@ def _remove_database(database: Path) -> None:
 
 
 def _remove_older(target: Path, keep: int) -> None:
-    """Remove all but the newest backups, then the products that none of these names."""
+    """Remove all but the newest backups, then the products that none of these contains."""
     whole = sorted(one.parent for one in (target / BACKUPS).glob(f"*/{MANIFEST}"))
     for folder in whole[:-keep]:
-        gone = target / _DRAFTS / folder.name  # no backup any more, however this ends
+        gone = target / _DRAFTS / folder.name  # # from now on not a backup, even if interrupted
         folder.replace(gone)
         shutil.rmtree(gone)
     named = {
@@ -378,7 +379,7 @@ def _remove_older(target: Path, keep: int) -> None:
 
 @contextmanager
 def _alone_in(target: Path) -> Iterator[None]:
-    """Make backups in a folder alone, without what killed processes left there."""
+    """Lock a folder for one backup, and remove what killed processes left there."""
     with try_lock(target / _LOCK) as is_alone:
         if not is_alone:
             raise ProductError(f"another backup is being made in {target}; wait for it to end")
@@ -393,15 +394,15 @@ def _alone_in(target: Path) -> Iterator[None]:
 
 @contextmanager
 def _explaining(target: Path) -> Iterator[None]:
-    """Say in one line that a folder is full, or cannot be written."""
+    """Report in one line that a folder is full, or cannot be written."""
     try:
         yield
     except (OSError, sqlite3.Error, SQLAlchemyError) as error:
         there = next(one for one in (target, *target.parents) if one.exists())
         if is_disk_full(there, error):
             raise StoreFullError(
-                f"the disk of {target} is full; free some space and say it again: what was made "
-                "before is kept"
+                f"the disk of {target} is full; free some space and repeat the command: finished "
+                "files are kept"
             ) from error
         if isinstance(error, OSError):
             raise ProductError(f"{error.filename or target}: {error.strerror}") from error
@@ -409,7 +410,7 @@ def _explaining(target: Path) -> Iterator[None]:
 
 
 def _dated(folder: Path, at: datetime, prefix: str = "") -> Path:
-    """A name by time for a new folder; a second one within a second gets a number."""
+    """A name by time for a new folder, numbered within the same second."""
     name = f"{prefix}{at:%Y%m%dT%H%M%SZ}"
     names = (name, *(f"{name}-{number}" for number in range(2, 1000)))
     return next(folder / one for one in names if not (folder / one).exists())

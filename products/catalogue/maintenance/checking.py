@@ -1,15 +1,15 @@
-"""Checking a store: files against their provenance, the catalogue against the files, databases.
+"""Check a store: files against their provenance, the catalogue against the files, databases.
 
-Found are
+It finds
 
 - products whose bytes are not those of their provenance, or that have none;
 - files that are no products, provenance without a product, drafts that nobody works on;
 - rows of the catalogue that name a product which is not there, or by a name no path can hold;
 - databases that SQLite finds damaged, documents that are no JSON.
 
-Repairing removes what is broken and withdraws what is lost, so that the next run makes it anew.
-Images cannot be made: their files have to be delivered again. Files that were delivered are moved
-to `broken` when only their provenance is lost.
+Repairing removes broken products and withdraws missing ones, so that the next run makes them again.
+Images cannot be made again: their files have to be delivered again. Delivered files are moved to
+`broken` when only their provenance is lost.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ from solmap.products.store.product_store import provenance_name, write_chunks
 
 _PROVENANCE = ".provenance.json"
 _YOUNG_S = 3600.0
-"""Provenance and drafts may wait so long for their product while runs go on."""
-_AGAIN = "removed, the next run makes it anew; what was delivered has to come again"
+"""Age in seconds below which provenance and drafts may belong to an unfinished product."""
+_AGAIN = "removed, the next run makes it again; delivered files have to be delivered again"
 _BROKEN = "broken"
-"""Folder of a store for delivered files that nothing is known of any more."""
+"""Folder of a store for delivered files without known provenance."""
 _DELIVERED = {
     ProductKind.IMAGE,
     ProductKind.VECTORS,
@@ -59,22 +59,22 @@ _DELIVERED = {
     ProductKind.CONTROL_FILE,
     ProductKind.ORBITAL_IMAGE,
 }
-"""Kinds that solmap cannot make anew."""
+"""Kinds that solmap cannot make again."""
 _PARTS = "standing", "layers", "pointers"
 """Lists of products in the document of a finished sol."""
 _REFERENCES = "ref", "browse", "radiometry"
 """Products in the document of an image."""
 _LEVELS = 4
-"""Of a product's name: `products/KIND/SCOPE/FILE`."""
+"""Parts of a product's name: `products/KIND/SCOPE/FILE`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What is wrong with a part of a store."""
+    """A fault of a part of a store."""
 
     text: str
     remedy: str
-    """What was done about it, or is to be done."""
+    """What was done about it, or has to be done."""
     is_mended: bool = False
 
     def __str__(self) -> str:
@@ -85,7 +85,7 @@ class Finding:
 class _Fault:
     text: str
     remedy: str
-    """What mending has done; without it, what people have to do."""
+    """Repairs made; without them, actions for the operator."""
     mend: Callable[[], object] | None = None
 
 
@@ -95,13 +95,13 @@ def check(
     repair: bool = False,
     on_progress: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> Iterator[Finding]:
-    """Look through a store, and with `repair` mend what can be; every finding as it is met.
+    """Check a store, and with `repair` repair what is possible; yields every finding.
 
-    Runs may go on meanwhile; repairing is done alone.
+    Checking may run beside other runs; repairing may not.
 
     Raises:
         StoreBusyError: others work on a store that is to be repaired.
-        StoreReadOnlyError: nothing can be mended there.
+        StoreReadOnlyError: nothing can be repaired there.
     """
     if repair:
         turn = workspace.maintenance_turn("repair it")
@@ -115,7 +115,7 @@ def check(
                 fault.mend()
                 yield Finding(fault.text, fault.remedy, is_mended=True)
             elif fault.mend is not None:
-                yield Finding(fault.text, "`solmap check --repair` mends it")
+                yield Finding(fault.text, "`solmap check --repair` repairs it")
             else:
                 yield Finding(fault.text, fault.remedy)
 
@@ -137,7 +137,7 @@ def _faulty_databases(workspace: Workspace) -> Iterator[_Fault]:
     root, engine = workspace.store.root, workspace.catalogue.engine
     names = [schema.CATALOGUE] if engine.dialect.name == "sqlite" else []
     for name in (*names, edits.FILE, tokens.FILE):
-        if os.access(root / name, os.R_OK):  # tokens are their owner's
+        if os.access(root / name, os.R_OK):  # # tokens belong to their owner
             answer = _integrity(root / name)
             if answer != "ok":
                 yield _Fault(f"{name} is damaged: {answer}", "`solmap restore` a backup of it")
@@ -170,23 +170,24 @@ def _file_fault(name: str, workspace: Workspace, names: set[str], oldest: float)
     remove = partial(_remove, name, workspace)
     product = _product_name(name)
     if product is None and provenance_name(name) in names:
-        return _Fault(f"{short} lies where no product does", "removed", remove)
+        return _Fault(f"{short} is not in the place of a product", "removed", remove)
     if product is None:
-        return _Fault(f"{short} is no product", "it is not touched: remove it or keep it elsewhere")
+        return _Fault(
+            f"{short} is not a product", "it is left unchanged: remove it or move it elsewhere"
+        )
     try:
         notes = json.loads(backend.read(provenance_name(name)) or b"")
         made_at, sha256 = datetime.fromisoformat(notes["made_at"]), str(notes["sha256"])
     except (ValueError, LookupError, TypeError):
-        is_gone = not backend.has(name)  # pruned, or removed with its product, since it was listed
+        # # pruned, or removed with its product, since it was listed
+        is_gone = not backend.has(name)
         return None if is_gone else _fault_without_provenance(name, product, workspace)
     if name != product:
         is_lone = product not in names and made_at.timestamp() < oldest and not backend.has(product)
-        return (
-            _Fault(f"{short} is there without its product", "removed", remove) if is_lone else None
-        )
+        return _Fault(f"{short} exists without its product", "removed", remove) if is_lone else None
     if _sha256(name, workspace) in (None, sha256):
         return None
-    return _Fault(f"{short} is broken: its checksum is not that of its provenance", _AGAIN, remove)
+    return _Fault(f"{short} is broken: its checksum differs from its provenance", _AGAIN, remove)
 
 
 def _fault_without_provenance(name: str, product: str, workspace: Workspace) -> _Fault:
@@ -205,7 +206,7 @@ def _remove(name: str, workspace: Workspace) -> None:
 
 
 def _set_aside(product: str, kept: str, workspace: Workspace) -> None:
-    """Move a product out of the products, and remove what is left of its provenance."""
+    """Move a product out of the products, and remove the rest of its provenance."""
     backend, target = workspace.store.backend, workspace.store.root / kept
     target.parent.mkdir(parents=True, exist_ok=True)
     write_chunks(target, backend.chunks(product, 0, backend.size(product) or 0))
@@ -213,7 +214,7 @@ def _set_aside(product: str, kept: str, workspace: Workspace) -> None:
 
 
 def _product_name(name: str) -> str | None:
-    """The name of the product that a file is, or that it is the provenance of, if of any."""
+    """The name of the product of a file or of its provenance, if any."""
     levels, kind = name.split("/"), name.split("/")[1]
     if len(levels) != _LEVELS or kind not in set(ProductKind):
         return None
@@ -240,13 +241,13 @@ def _faulty_documents(workspace: Workspace) -> Iterator[_Fault]:
         try:
             json.loads(backend.read(name) or b"{}")
         except ValueError as error:
-            remedy = "removed, the next publication writes it anew"
+            remedy = "removed, the next publication writes it again"
             yield _Fault(f"half of {name}: {error}", remedy, partial(backend.remove, name))
 
 
 def _left_drafts(workspace: Workspace, oldest: float) -> Iterator[_Fault]:
     for folder in (workspace.store.root / "drafts").glob("*"):
-        with contextlib.suppress(FileNotFoundError):  # put into place meanwhile
+        with contextlib.suppress(FileNotFoundError):  # # completed meanwhile
             if folder.stat().st_mtime < oldest:
                 mend = partial(shutil.rmtree, folder, ignore_errors=True)
                 yield _Fault(f"drafts/{folder.name} was left by a process", "removed", mend)
@@ -254,13 +255,13 @@ def _left_drafts(workspace: Workspace, oldest: float) -> Iterator[_Fault]:
 
 @dataclass(slots=True)
 class _Presence:
-    """Which products are in the store; each is looked for once."""
+    """Which products exist in the store; each is checked once."""
 
     workspace: Workspace
     _known: dict[_Key, bool] = field(default_factory=dict)
 
     def has(self, key: _Key) -> bool:
-        """Whether it is there, under a name that a path can hold."""
+        """Whether it exists, under a valid name."""
         if key not in self._known:
             has = self.workspace.store.backend.has
             self._known[key] = _is_sound(key) and has(_name_of(key))
@@ -268,7 +269,7 @@ class _Presence:
 
 
 def _faulty_rows(workspace: Workspace) -> Iterator[_Fault]:
-    """Rows that name what is not there, or by a name that no path can hold."""
+    """Rows that refer to missing products, or have an invalid name."""
     presence = _Presence(workspace)
     with workspace.catalogue.engine.connect() as connection:
         pointers = [_Key(*row) for row in connection.execute(sa.select(*_columns(LATEST)))]
@@ -277,20 +278,20 @@ def _faulty_rows(workspace: Workspace) -> Iterator[_Fault]:
         images = connection.execute(sa.select(IMAGES.c.id, IMAGES.c.document)).all()
     named = sorted({*pointers, *versions})
     if named and not any(True for _ in workspace.store.backend.names("products")):
-        what = f"the catalogue names {len(named)} products and the store holds no file"
+        what = f"the catalogue lists {len(named)} products and the store has no file"
         yield _Fault(what, "mount its disk, or `solmap restore` a backup; no row was changed")
         return
     for key in named:
         if not presence.has(key):
-            remedy = "withdrawn, the next run makes it anew"
-            what = f"{'/'.join(key)} is in the catalogue and not in the store"
+            remedy = "withdrawn, the next run makes it again"
+            what = f"{'/'.join(key)} is in the catalogue, but not in the store"
             yield _Fault(what, remedy, partial(_withdraw, key, workspace))
     for scope, document in sols:
         keys = [_key_of_text(text) for part in _PARTS for text in document.get(part, ())]
         if not all(key is not None and presence.has(key) for key in keys):
-            remedy = "forgotten, the next run processes it anew"
+            remedy = "forgotten, the next run processes it again"
             mend = partial(_delete, FINISHED, FINISHED.c.scope == scope, workspace)
-            yield _Fault(f"what finished sol {scope} left is not in the store", remedy, mend)
+            yield _Fault(f"products of the finished sol {scope} are not in the store", remedy, mend)
     for name, document in images:
         yield from _faults_of_image(name, document, presence)
 
@@ -299,7 +300,7 @@ def _faults_of_image(name: str, document: dict[str, Any], presence: _Presence) -
     keys = [_key_of_reference(document[one]) for one in _REFERENCES if document.get(one)]
     if not all(map(_is_sound, keys)):
         mend = partial(_delete, IMAGES, IMAGES.c.id == name, presence.workspace)
-        yield _Fault(f"no path can hold the name of image {name!r}", "forgotten", mend)
+        yield _Fault(f"the name of image {name!r} is not a valid path", "forgotten", mend)
         return
     for key in keys:
         if not presence.has(key):
@@ -308,7 +309,7 @@ def _faults_of_image(name: str, document: dict[str, Any], presence: _Presence) -
 
 
 class _Key(NamedTuple):
-    """What names a product in the catalogue."""
+    """Identifies a product in the catalogue."""
 
     kind: str
     scope: str
@@ -342,7 +343,7 @@ def _name_of(key: _Key) -> str:
 
 
 def _withdraw(key: _Key, workspace: Workspace) -> None:
-    """Take a product out of the catalogue, all at once; browsers are notified."""
+    """Remove a product from the catalogue, in one transaction; browsers are notified."""
     of_layer, of_pointer = (
         sa.and_(*(one == value for one, value in zip(_columns(table), key, strict=True)))
         for table in (LAYERS, LATEST)

@@ -1,7 +1,6 @@
-"""The history of a store, trimmed by age: runs, events, answered requests, old logs and copies.
+"""Trim the history of a store by age: runs, events, answered requests, old logs and copies.
 
-What a store publishes does not depend on any of it. Edits, tokens and the outcomes of files and
-sols stay.
+Published layers do not depend on it. Edits, tokens and the outcomes of files and sols are kept.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from solmap.products.catalogue.workspace import Workspace
 
 
 def trim_history(workspace: Workspace, days: float) -> None:
-    """Delete what is older than so many days of the history of a store."""
+    """Delete the history of a store that is older than so many days."""
     oldest = datetime.now(UTC) - timedelta(days=days)
     before = oldest.isoformat(timespec="milliseconds")
     with write_transaction(workspace.catalogue.engine) as connection:
@@ -28,12 +27,12 @@ def trim_history(workspace: Workspace, days: float) -> None:
         trim_events(connection, before)
     RunRequests.of(workspace.store.root).trim(before)
     for path in _old_files(workspace.store.root):
-        with contextlib.suppress(OSError):  # another run has just removed it
+        with contextlib.suppress(OSError):  # # another process has just removed it
             if path.stat().st_mtime < oldest.timestamp():
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def _old_files(root: Path) -> Iterator[Path]:
-    """Logs that nothing is written to any more, and copies of databases kept before a change."""
+    """Logs that are no longer written, and copies of databases kept before a change."""
     yield from (root / "logs").glob("*.[0-9]")
     yield from root.glob(f"{schema.SAFETY_COPIES}*")

@@ -1,4 +1,4 @@
-"""Pruning: unreferenced products are removed; what is needed or recent stays.
+"""Pruning: remove unreferenced products; needed and recent ones are kept.
 
 Needed are
 
@@ -12,9 +12,9 @@ Needed are
 - of kinds that no pointer ever names (quick-looks, ties, matches between stops) the newest that was
   made from needed products only: a rerun looks it up.
 
-All else was made with earlier parameters or from earlier adjustments. It is removed from the
-catalogue first, in one transaction, and then from the disk; killed in between, the next pruning
-completes the work.
+All others were made with earlier parameters or from earlier adjustments. They are removed from the
+catalogue first, in one transaction, and then from the disk; if interrupted, the next pruning
+completes it.
 """
 
 from __future__ import annotations
@@ -43,18 +43,18 @@ UNPUBLISHED = {
 
 @dataclass(frozen=True, slots=True)
 class PruningParams:
-    """What is kept beside what is needed."""
+    """What is kept besides needed products."""
 
     versions: int = 2
-    """Of each kind and scope: the published one, and those before it."""
+    """Number per kind and scope: the published one, and those before it."""
     youngest: timedelta = timedelta(days=7)
-    """What is younger stays."""
+    """Age below which products are kept."""
 
     def __post_init__(self) -> None:
         if self.versions < 1 or self.youngest < timedelta(0):
             raise ProductError(
-                f"pruning keeps at least one version and ages are not negative, but "
-                f"{self.versions} versions and {self.youngest} were asked for"
+                "pruning must keep at least one version, and the age must not be negative, but "
+                f"{self.versions} versions and {self.youngest} were requested"
             )
 
 
@@ -64,30 +64,30 @@ class UnreferencedProduct:
 
     ref: ProductRef
     size: int
-    """Bytes, its provenance not counted."""
+    """Bytes, without its provenance."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """What the store says of a product."""
+    """Data of a product in the store."""
 
     ref: ProductRef
     inputs: tuple[str, ...]
     params: str
-    """The class of its parameters: two products that differ in it are no versions of each other."""
+    """The class of its parameters: products that differ in it are not versions of each other."""
     made_at: str
     size: int
 
 
 @dataclass(slots=True)
 class _Needs:
-    """The names of what is needed, and of what that was made from."""
+    """The names of needed products, and of their inputs."""
 
     known: Mapping[str, _Known]
     names: set[str] = field(default_factory=set)
 
     def add(self, names: Iterable[str]) -> None:
-        """Products, what they were made from, and so on."""
+        """Add products, their inputs, and so on."""
         waiting = [name for name in names if name in self.known]
         while waiting:
             name = waiting.pop()
@@ -97,7 +97,7 @@ class _Needs:
 
 
 def unreferenced_products(workspace: Workspace, params: PruningParams) -> list[UnreferencedProduct]:
-    """What may be removed from a store, by kind, scope and digest; nothing is removed."""
+    """The unreferenced products of a store, by kind, scope and digest; removes nothing."""
     known = dict(_known_products(workspace))
     needs = _Needs(known)
     published = set(_published_names(workspace))
@@ -118,7 +118,7 @@ def prune(workspace: Workspace, params: PruningParams) -> list[UnreferencedProdu
     """Remove the unreferenced products, and return them.
 
     Raises:
-        StoreBusyError: a run is going on, which may need what is unreferenced yet.
+        StoreBusyError: a run is in progress, which may still need them.
     """
     with workspace.maintenance_turn("prune"):
         found = unreferenced_products(workspace, params)
@@ -134,7 +134,7 @@ def _known_products(workspace: Workspace) -> Iterator[tuple[str, _Known]]:
         try:
             yield _name(ref), _known(ref, store.provenance(ref))
         except (ProductNotFoundError, ValueError, LookupError, TypeError):
-            continue  # what cannot be told the origin of stays; `solmap check` names it
+            continue  # # products of unknown origin are kept; `solmap check` lists them
 
 
 def _known(ref: ProductRef, notes: dict[str, Any]) -> _Known:
@@ -146,7 +146,7 @@ def _known(ref: ProductRef, notes: dict[str, Any]) -> _Known:
 
 
 def _named_in(params: Any) -> Iterator[str]:  # noqa: ANN401 - plain JSON
-    """Products that parameters name, as `products.model.plain` writes them."""
+    """Products named in parameters, as written by `products.model.plain`."""
     if isinstance(params, dict):
         if params.get("") == ProductRef.__name__:
             yield f"{params['kind']}/{params['scope']['name']}/{params['digest']}"
@@ -158,14 +158,14 @@ def _named_in(params: Any) -> Iterator[str]:  # noqa: ANN401 - plain JSON
 
 
 def _published_names(workspace: Workspace) -> Iterator[str]:
-    """What pointers are at, what finished sols left, and the images."""
+    """The products of pointers and of finished sols, and the images."""
     with workspace.catalogue.engine.connect() as connection:
         for row in connection.execute(sa.select(LATEST)):
             yield f"{row.kind}/{row.scope}/{row.digest}"
         finished = connection.execute(sa.select(FINISHED.c.document)).scalars().all()
     for document in finished:
         for text in (*document["standing"], *document["layers"], *document.get("pointers", ())):
-            kind, _, rest = text.partition("/")  # a scope may have an odd name
+            kind, _, rest = text.partition("/")  # # a scope may have an odd name
             yield f"{kind}/{rest.partition('/')[2]}"
     for image in workspace.catalogue.images():
         for ref in (image.ref, image.browse, image.radiometry):
@@ -174,7 +174,7 @@ def _published_names(workspace: Workspace) -> Iterator[str]:
 
 
 def _versions(known: Mapping[str, _Known], published: set[str], count: int) -> Iterator[str]:
-    """The newest versions beside what is published, of each kind and scope that is."""
+    """The newest versions besides the published ones, of each published kind and scope."""
     earlier: dict[tuple[str, str], list[_Known]] = {}
     pointed = {tuple(name.split("/")[:2]) for name in published}
     for name, one in known.items():
@@ -187,7 +187,7 @@ def _versions(known: Mapping[str, _Known], published: set[str], count: int) -> I
 
 
 def _newest_unpublished(known: Mapping[str, _Known], needed: set[str]) -> Iterator[str]:
-    """The newest of each sort of what no pointer is at and needed products alone have made."""
+    """The newest unpublished product of each sort made only from needed products."""
     newest: dict[tuple[object, ...], _Known] = {}
     for one in known.values():
         if one.ref.kind in UNPUBLISHED and one.inputs and needed.issuperset(one.inputs):
@@ -200,7 +200,7 @@ def _newest_unpublished(known: Mapping[str, _Known], needed: set[str]) -> Iterat
 
 
 def _forget(workspace: Workspace, refs: Iterable[ProductRef]) -> None:
-    """Remove layers, and the labels of images, from the catalogue, all at once."""
+    """Remove layers, and the labels of images, from the catalogue, in one transaction."""
     with write_transaction(workspace.catalogue.engine) as connection:
         for ref in refs:
             connection.execute(

@@ -1,7 +1,8 @@
 """The adjusted network and its quality as JSON documents; the network is read back too.
 
-Numbers are written in full, so that poses, covariances and the memory of a sequential adjustment
-come back bit for bit. NaN (not measured, not placed) is written as null, which JSON has instead.
+Numbers are written in full, so that poses, covariances and the marginal of a sequential adjustment
+are read back bit for bit. NaN (not measured, not placed) is written as null, which JSON has
+instead.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ FORMAT = "solmap adjusted network 1"
 def network_document(
     network: AdjustedNetwork, reports: Iterable[AdjustmentReport] = ()
 ) -> Document:
-    """The network and the reports of the adjustments that led to it, for JSON."""
+    """The network and the reports of its adjustments, for JSON."""
     return {
         "format": FORMAT,
         "stops": [_stop_document(stop) for stop in network.stops],
@@ -63,7 +64,7 @@ def network_document(
 
 
 def network_of_document(document: Document) -> AdjustedNetwork:
-    """The network that `network_document` wrote.
+    """The network written by `network_document`.
 
     Raises:
         AdjustmentError: the document is of another kind or lacks a part.
@@ -107,7 +108,7 @@ def components_document(components: VarianceComponents) -> Document:
 
 
 def components_of_document(document: Document) -> VarianceComponents:
-    """The twin of `components_document`; what it lacks is as stated."""
+    """The inverse of `components_document`; missing values are as stated."""
     nothing = {"prior": 1.0, "factor": 1.0, "scatter": np.zeros((4, 3)).tolist()}
     rows = [document.get(str(name), nothing) for name in COMPONENTS]
     columns = _array([row["scatter"] for row in rows], -1, 4, 3).swapaxes(0, 1).copy()
@@ -120,7 +121,7 @@ def components_of_document(document: Document) -> VarianceComponents:
 
 
 def report_document(report: AdjustmentReport) -> Document:
-    """A report for JSON, with its one line in words."""
+    """A report for JSON, with its one-line text."""
 
     def agreement(kinds: dict[TieKind, Any]) -> Document:
         return {
@@ -303,7 +304,7 @@ def _ties_of(document: Document) -> AdjustedTies:
 
 
 def memory_document(memory: Memory) -> Document:
-    """A memory for JSON."""
+    """The marginal of a sequential adjustment, for JSON."""
     names = ("rotations", "centres", "pointings", "root", "right")
     return {
         "window": [_stop_id_document(stop) for stop in memory.window],
@@ -320,7 +321,7 @@ def memory_document(memory: Memory) -> Document:
 
 
 def memory_of_document(document: Document) -> Memory:
-    """The memory that `memory_document` wrote."""
+    """The inverse of `memory_document`."""
     stops, right = document["stops"], np.array(document["right"], dtype=np.float64)
     pairs, frames = document["pairs"], document.get("frames", [])
     mast = np.array(document.get("mast", []), dtype=np.float64)
@@ -344,7 +345,7 @@ def memory_of_document(document: Document) -> Memory:
 
 
 def quality_document(value: Any) -> Any:  # noqa: ANN401 - a record, or what one holds
-    """Records as plain JSON values: identifiers in words, null for what was not measured."""
+    """Records as plain JSON values: identifiers as text, null for values not measured."""
     if isinstance(value, StopId):
         return str(value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

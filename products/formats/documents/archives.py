@@ -1,7 +1,7 @@
 """Matches, parallax, ties and radiometric tables as compressed NumPy archives, read back.
 
 The archives hold no dates, so the same arrays give the same bytes. Parallax is kept in whole steps
-of 1/128 pixel (coarser only beyond 511 pixels), far below what matching resolves; 0 means "not
+of 1/128 pixel (coarser only beyond 511 pixels), far below the resolution of matching; 0 means "not
 matched". Its standard deviation is kept in one byte, in steps of three percent from 0.005 pixel.
 """
 
@@ -60,11 +60,11 @@ def read_archive(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             arrays = {name: archive[name] for name in archive.files}
         return json.loads(arrays.pop("header").tobytes()), arrays
     except (OSError, ValueError, KeyError) as error:
-        raise ProductError(f"{path.name} is no archive of arrays: {error}") from error
+        raise ProductError(f"{path.name} is not an archive of arrays: {error}") from error
 
 
 def finite(value: Any) -> Any:  # noqa: ANN401 - a figure, or a tuple of them
-    """A figure as a plain JSON value: null where nothing was measured."""
+    """A number as a plain JSON value: null where not measured."""
     if isinstance(value, tuple):
         return [finite(item) for item in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value
@@ -76,7 +76,7 @@ def frame_document(frame: Frame) -> dict[str, Any]:
 
 
 def frame_of_document(document: dict[str, Any]) -> Frame:
-    """The twin of `frame_document`."""
+    """The inverse of `frame_document`."""
     return Frame(FrameKind(document["kind"]), tuple(document["index"]))
 
 
@@ -91,7 +91,7 @@ def pose_document(pose: Pose) -> dict[str, Any]:
 
 
 def pose_of_document(document: dict[str, Any]) -> Pose:
-    """The twin of `pose_document`."""
+    """The inverse of `pose_document`."""
     return Pose(
         frame_of_document(document["target"]),
         frame_of_document(document["source"]),
@@ -113,7 +113,7 @@ def geometry_document(geometry: EpipolarPair) -> dict[str, Any]:
 
 
 def geometry_of_document(document: dict[str, Any]) -> EpipolarPair:
-    """The twin of `geometry_document`."""
+    """The inverse of `geometry_document`."""
     return EpipolarPair(
         rover_from_pair=pose_of_document(document["rover_from_pair"]),
         base_m=document["base_m"],
@@ -136,10 +136,10 @@ def write_matches(
     Args:
         path: The file to write.
         geometry: The epipolar geometry.
-        matches: What was matched.
+        matches: The matches.
         mast_in_rover: The mast head, metres.
-        right_turn: Rotation vector in the rover frame by which the right camera was turned from
-            its label's model, so that the rows correspond; None where they did.
+        right_turn: Rotation vector in the rover frame of the right camera from its label's
+            model, so that rows correspond; None where they did.
     """
     header = {
         "pair": matches.pair_id,
@@ -153,18 +153,18 @@ def write_matches(
 
 
 def read_matches(path: Path) -> tuple[EpipolarPair, StereoMatches]:
-    """The geometry and matches that `write_matches` wrote."""
+    """The geometry and matches written by `write_matches`."""
     header, arrays = read_archive(path)
     return geometry_of_document(header["geometry"]), StereoMatches(header["pair"], **arrays)
 
 
 def read_mast(path: Path) -> tuple[float, float, float] | None:
-    """The mast head that `write_matches` wrote."""
+    """The mast head written by `write_matches`."""
     return _triple(path, "mast_in_rover")
 
 
 def read_right_turn(path: Path) -> tuple[float, float, float] | None:
-    """The turn of the right camera that `write_matches` wrote."""
+    """The rotation of the right camera written by `write_matches`."""
     return _triple(path, "right_turn")
 
 
@@ -189,7 +189,7 @@ def write_dense(path: Path, dense: DenseMatches) -> None:
 
 
 def read_dense(path: Path) -> DenseMatches:
-    """The twin of `write_dense`."""
+    """The inverse of `write_dense`."""
     header, arrays = read_archive(path)
     parallax = _parallax(header, arrays)
     codes = arrays["sigma"].astype(np.float32)
@@ -200,7 +200,7 @@ def read_dense(path: Path) -> DenseMatches:
 
 
 def read_parallax(path: Path) -> ParallaxMap:
-    """The parallax that `write_dense` wrote."""
+    """The parallax written by `write_dense`."""
     return _parallax(*read_archive(path))
 
 
@@ -216,13 +216,13 @@ def write_ties(path: Path, ties: Ties, header: dict[str, Any]) -> None:
 
 
 def read_ties(path: Path) -> tuple[Ties, dict[str, Any]]:
-    """The twin of `write_ties`."""
+    """The inverse of `write_ties`."""
     header, arrays = read_archive(path)
     return Ties(tuple(header.pop("pair_ids")), **arrays), header
 
 
 def radiometry_digest(radiometry: Radiometry) -> str:
-    """SHA-256 of all that it holds: equal for equal tables, wherever they came from."""
+    """SHA-256 of its content: equal for equal tables of any origin."""
     header, arrays = _documents(radiometry)
     digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     for name in sorted(arrays):
@@ -238,7 +238,7 @@ def write_radiometry(path: Path, radiometry: Radiometry) -> None:
 
 
 def read_radiometry(path: Path) -> Radiometry:
-    """The twin of `write_radiometry`.
+    """The inverse of `write_radiometry`.
 
     Raises:
         ProductError: the file is no archive of ours.

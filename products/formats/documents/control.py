@@ -1,6 +1,6 @@
-"""Control as JSON documents, read back bit for bit, and the product that holds them.
+"""Control as JSON documents, read back bit for bit, and the product with them.
 
-A product of control is one control frame, an orbital image as a rule, and where stops lie in it.
+A product of control is one control frame, usually an orbital image, and positions of stops in it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FORMAT = "solmap control 1"
 
 
 def read_control(ref: ProductRef, store: ProductStore) -> tuple[ControlFrame, list[StopControl]]:
-    """A control frame, and where it shows stops."""
+    """A control frame, and positions of stops in it."""
     document = _read(ref, store)
     found = [control_of_document(row) for row in document["control"]]
     return control_frame_of_document(document["frame"]), found
@@ -50,7 +50,7 @@ def _read(ref: ProductRef, store: ProductStore) -> dict[str, Any]:
 def control_product(
     frame: ControlFrame, control: Sequence[StopControl], refused: dict[str, str]
 ) -> dict[str, Any]:
-    """A product of control for JSON; `refused` are stops that were looked for in vain, and why."""
+    """A product of control for JSON; `refused` are stops that were not found, with the reasons."""
     return {
         "format": FORMAT,
         "frame": control_frame_document(frame),
@@ -73,7 +73,7 @@ def control_frame_document(frame: ControlFrame) -> Document:
 
 
 def control_frame_of_document(document: Document) -> ControlFrame:
-    """The frame that `control_frame_document` wrote."""
+    """The inverse of `control_frame_document`."""
     east, north = document["centre_m"]
     return ControlFrame(
         document["name"],
@@ -99,7 +99,7 @@ def control_document(control: StopControl) -> Document:
 
 
 def control_of_document(document: Document) -> StopControl:
-    """The control that `control_document` wrote."""
+    """The inverse of `control_document`."""
     return StopControl(
         StopId(document["mission"], document["site"], document["drive"]),
         document["frame"],
@@ -112,7 +112,7 @@ def control_of_document(document: Document) -> StopControl:
 
 
 def adjusted_control_document(adjusted: AdjustedControl) -> Document:
-    """What became of control, for JSON."""
+    """Results of control, for JSON."""
     return {
         **control_document(adjusted.control),
         "used": adjusted.used,
@@ -124,7 +124,7 @@ def adjusted_control_document(adjusted: AdjustedControl) -> Document:
 
 
 def adjusted_control_of_document(document: Document) -> AdjustedControl:
-    """What `adjusted_control_document` wrote."""
+    """The inverse of `adjusted_control_document`."""
     return AdjustedControl(
         control_of_document(document),
         document["used"],
@@ -136,7 +136,7 @@ def adjusted_control_of_document(document: Document) -> AdjustedControl:
 
 
 def adjusted_frame_document(adjusted: AdjustedFrame) -> Document:
-    """Where a frame lies, for JSON."""
+    """Adjusted position of a frame, for JSON."""
     return {
         "frame": control_frame_document(adjusted.frame),
         "place": adjusted.place.tolist(),
@@ -145,7 +145,7 @@ def adjusted_frame_document(adjusted: AdjustedFrame) -> Document:
 
 
 def adjusted_frame_of_document(document: Document) -> AdjustedFrame:
-    """What `adjusted_frame_document` wrote."""
+    """The inverse of `adjusted_frame_document`."""
     return AdjustedFrame(
         control_frame_of_document(document["frame"]),
         np.array(document["place"], dtype=np.float64),

@@ -1,8 +1,8 @@
-"""Control that a person measured: the records, and the text they are read from.
+"""Control measured by people: the records, and the text they are read from.
 
-A row says where a stop lies on another map, an orbital image as a rule. Two formats hold the same
-columns: CSV with a line of names at its head, and GeoJSON, a FeatureCollection of points with the
-other columns as properties and [longitude, latitude] as geometry.
+A row gives the position of a stop on another map, usually an orbital image. Two formats have the
+same columns: CSV with a line of names at its head, and GeoJSON, a FeatureCollection of points with
+the other columns as properties and [longitude, latitude] as geometry.
 
     stop                        `mer2-site0010-drive0064`, or `10/64` (site and drive)
     longitude, latitude         of the place in the image, degrees of Mars, east and planetocentric
@@ -48,14 +48,14 @@ TOGETHER = (
     ("up_m", "sigma_up_m"),
     ("azimuth_deg", "sigma_azimuth_deg"),
 )
-"""Columns of which a row gives both or neither."""
+"""Columns that are given together or not at all."""
 FORMAT = RowFormat(COLUMNS, "stop", AdjustmentError, has_places=True)
 STOP = re.compile(r"(?:[a-z0-9]+-site0*(\d+)-drive0*(\d+)|(\d+)\s*/\s*(\d+))", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
 class ControlRow:
-    """Where one stop, or a point that it sees, lies on another map."""
+    """Position of a stop, or of a point that it sees, on another map."""
 
     stop: StopId
     place: tuple[float, float]
@@ -63,7 +63,7 @@ class ControlRow:
     in_degrees: bool
     sigma_m: float
     map_point: tuple[float, float] | None = None
-    """(east, north) of the same place on the rover's map; None: the rover's own."""
+    """(east, north) of the same point on the rover's map; None: the rover's own position."""
     up: tuple[float, float] | None = None
     """Height of the rover and its standard deviation, metres."""
     azimuth: tuple[float, float] | None = None
@@ -74,10 +74,11 @@ def parse_control(text: str, mission: str, source: str) -> tuple[ControlRow, ...
     """Read a file of control; GeoJSON where it starts with a brace, CSV otherwise.
 
     Raises:
-        AdjustmentError: names the file, the row (first below the names: 1), and what is wrong.
+        AdjustmentError: the message names the file, the row (first below the names: 1), and the
+            fault.
     """
     if not text.strip():
-        return ()  # an emptied file takes all of it back
+        return ()  # # an empty file withdraws all of it
     return FORMAT.parse(text, source, lambda row, _: _row(row, mission))
 
 
@@ -85,20 +86,24 @@ def _row(row: Row, mission: str) -> ControlRow:
     values = {name: _number(name, row.get(name)) for name in NUMBERS}
     for pair in TOGETHER:
         if (values[pair[0]] is None) != (values[pair[1]] is None):
-            raise AdjustmentError(f"{pair[0]} and {pair[1]} are given together or not at all")
+            raise AdjustmentError(f"{pair[0]} and {pair[1]} must be given together or not at all")
     in_degrees = values["longitude"] is not None
     if in_degrees == (values["east_m"] is not None):
-        raise AdjustmentError("give the place as longitude and latitude, or as east_m and north_m")
+        raise AdjustmentError(
+            "give the position as longitude and latitude, or as east_m and north_m"
+        )
     for name in ("sigma_m", "sigma_up_m", "sigma_azimuth_deg"):
         value = values[name]
         if value is not None and value <= 0:
             raise AdjustmentError(f"{name} must be above zero, not {value:g}")
     sigma_m = values["sigma_m"]
     if sigma_m is None:
-        raise AdjustmentError("sigma_m is missing: how well is the place known, in metres?")
+        raise AdjustmentError(
+            "sigma_m, the standard deviation of the position in metres, is missing"
+        )
     place = _both(values, "longitude", "latitude") or _both(values, "east_m", "north_m")
     if place is None:
-        raise AdjustmentError("the place is missing")
+        raise AdjustmentError("the position is missing")
     return ControlRow(
         _stop(str(row.get("stop") or ""), mission),
         place,
@@ -131,7 +136,7 @@ def _stop(name: str, mission: str) -> StopId:
     found = STOP.fullmatch(name.strip())
     if found is None:
         raise AdjustmentError(
-            f"{name!r} is no stop: {mission.lower()}-site0010-drive0064 or 10/64 is expected"
+            f"{name!r} is not a stop: {mission.lower()}-site0010-drive0064 or 10/64 is expected"
         )
     site, drive = (int(part) for part in found.groups() if part is not None)
     return StopId(mission, site, drive)

@@ -1,8 +1,8 @@
 """Tables of comma-separated values for spreadsheets.
 
-A spreadsheet takes a text that begins with one of a few characters for a formula and carries it
-out, whoever wrote it. Such texts are written with an apostrophe before them, which spreadsheets
-take for "this is text" (OWASP, CSV injection). Numbers stay numbers.
+A spreadsheet interprets a text that begins with certain characters as a formula and executes it.
+Such texts are written with a leading apostrophe, which marks text in spreadsheets (OWASP, CSV
+injection). Numbers stay numbers.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 def csv_table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
-    """A table; None is an empty cell, and no text is a formula."""
+    """A table; None is an empty cell, and texts cannot become formulas."""
     text = io.StringIO()
-    table = csv.writer(text)  # ends lines by RFC 4180, so that both of its characters are quoted
+    table = csv.writer(text)  # # ends lines by RFC 4180, so that both of its characters are quoted
     table.writerow([_cell(name) for name in head])
     table.writerows([_cell(value) for value in row] for row in rows)
     return text.getvalue()

@@ -36,7 +36,7 @@ def refusal(read, file, text):
     [
         ("longitude = 175.0", "longitude = nan", "longitude takes a finite number"),
         ("longitude = 175.0", "longitude = 1000", "not on a globe"),
-        ("radius_m = 3393000.0", "radius_m = -1", "no ground is"),
+        ("radius_m = 3393000.0", "radius_m = -1", "there is no ground"),
         ("radius_m = 3393000.0", "radius_m = 'far'", "radius_m takes float"),
         ('name = "CMS"', "name = 3", "name takes str"),
         ('source = "me"', "", "source"),

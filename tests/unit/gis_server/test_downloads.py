@@ -56,7 +56,7 @@ def test_a_part_of_a_vector_layer_is_cut_at_the_box(client, world, tmp_path, for
         ({}, 400, "is missing"),
         ({"bbox": "1,2,3"}, 422, ""),
         ({"bbox": "nan,0,1,1"}, 422, ""),
-        ({"bbox": "5000,5000,5001,5001"}, 404, "no cell lies in the box"),
+        ({"bbox": "5000,5000,5001,5001"}, 404, "no cell is in the box"),
     ],
 )
 def test_a_box_that_is_none_is_refused(client, world, query, status, says):
@@ -69,7 +69,7 @@ def test_a_box_with_too_many_cells_is_refused_by_number(client, world, monkeypat
     monkeypatch.setattr("solmap.products.formats.cropping.MOST_CELLS", 100)
     answer = part_of(client, world, ProductKind.DTM, bbox="0,0,9,9")
     assert answer.status_code == 400
-    assert "more than the 100 handed out at once" in answer.json()["description"]
+    assert "more than the 100 that may be downloaded at once" in answer.json()["description"]
 
 
 def test_addresses_lead_to_everything(client):

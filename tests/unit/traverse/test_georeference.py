@@ -61,7 +61,7 @@ def test_points_that_fix_nothing_are_refused():
     line = np.column_stack([np.arange(5.0), 2 * np.arange(5.0)])
     with pytest.raises(TraverseError, match="one line"):
         georeference(line, line, MapTransform.AFFINITY)
-    with pytest.raises(TraverseError, match="one place"):
+    with pytest.raises(TraverseError, match="coincide"):
         georeference(np.zeros((4, 2)), TRACK[:4])
     with pytest.raises(TraverseError, match="at least 3"):
         georeference(TRACK[:2], TRACK[:2], MapTransform.AFFINITY)

@@ -148,7 +148,7 @@ def test_a_reverse_quaternion_is_turned_round():
         ("<geom:qcos>0.174493", "<geom:qcos>many", "ORIGIN_ROTATION_QUATERNION should be a num"),
         ("<geom:c1>0.0501396", "<geom:c1>", "MODEL_COMPONENT_6 should be a number"),
         ("SITE_FRAME_30", "", "site"),
-        ("<?xml version", "<!DOCTYPE a []><?xml version", "line 1: <!DOCTYPE is refused"),
+        ("<?xml version", "<!DOCTYPE a []><?xml version", "line 1: <!DOCTYPE is not allowed"),
     ],
 )
 def test_a_broken_label_is_refused_in_one_line(old, new, complaint):

@@ -79,7 +79,7 @@ def test_rows_without_a_place_or_an_attitude_are_no_poses():
         ("<other/>", "expected <msl>, found <other>"),
         ("<msl/>", "no <location> of site 0"),
         ("<msl><location><site>0</site></location></msl>", "drive should be a whole number"),
-        ("<!DOCTYPE msl []><msl/>", "<!DOCTYPE is refused"),
+        ("<!DOCTYPE msl []><msl/>", "<!DOCTYPE is not allowed"),
     ],
 )
 def test_a_broken_table_is_refused_with_its_line(text, complaint):

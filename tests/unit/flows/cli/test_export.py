@@ -37,7 +37,7 @@ def test_a_folder_is_exported_and_brought_up_to_date(store, tmp_path):
     ("options", "says"),
     [
         (["--kind", "dem"], "there is no kind dem"),
-        (["--stop", "south"], "names no stop; SITE/DRIVE is expected"),
+        (["--stop", "south"], "does not name a stop; SITE/DRIVE is expected"),
         (["--sol", "900"], "nothing is selected"),
     ],
 )

@@ -48,7 +48,7 @@ def test_what_is_taken_back_counts_no_more_until_that_is_taken_back(log):
 def test_an_edit_is_taken_back_once_and_only_by_its_mission(log):
     edit = log.append("MER2", EditKind.TIE, {}, "Ada")
     log.undo("MER2", edit.id, "Ada")
-    with pytest.raises(EditConflictError, match="taken back already"):
+    with pytest.raises(EditConflictError, match="undone already"):
         log.undo("MER2", edit.id, "Ben")
     with pytest.raises(ProductNotFoundError, match="MER1 has no edit 1"):
         log.undo("MER1", edit.id, "Ben")

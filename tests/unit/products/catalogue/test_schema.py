@@ -187,7 +187,7 @@ def test_a_damaged_catalogue_is_named(tmp_path):
 
 
 def test_a_url_without_a_port_is_refused_without_what_may_be_its_password(tmp_path):
-    with pytest.raises(ProductError, match="port in the catalogue's URL is no number") as caught:
+    with pytest.raises(ProductError, match="port in the catalogue's URL is not a number") as caught:
         Workspace.open(tmp_path, "postgresql+psycopg://user@host:secret/database")
     assert "secret" not in str(caught.value)
     assert caught.value.__cause__ is None

@@ -127,7 +127,7 @@ def test_nothing_selected_is_an_error_that_says_so(workspace, tmp_path, selectio
 def test_a_wrong_kind_or_stop_is_named_with_what_there_is():
     with pytest.raises(ProductError, match="there is no kind dem; there are maps"):
         Selection(kinds=frozenset({"dem"}))
-    with pytest.raises(ProductError, match="'south' names no stop; SITE/DRIVE is expected"):
+    with pytest.raises(ProductError, match="'south' does not name a stop; SITE/DRIVE is expected"):
         stop_named("south")
     for text in (
         "10/64",

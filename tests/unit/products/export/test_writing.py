@@ -127,7 +127,7 @@ def test_equal_files_give_equal_archives(store, tmp_path):
     ("name", "says"),
     [
         ("store/out", "lies in the store"),
-        ("full", "holds files and no earlier export"),
+        ("full", "contains files and no earlier export"),
         ("file.txt", "is a file"),
         ("folder.zip", "is a folder"),
     ],

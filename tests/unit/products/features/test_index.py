@@ -108,7 +108,7 @@ def test_a_damaged_index_is_made_anew(index, caplog):
         file.write_bytes(b"no database" * 1000)
     again = FeatureIndex.open(index.path)
     assert again.missing(["a/1"]) == ["a/1"]
-    assert "is damaged and made anew" in caplog.text
+    assert "is damaged and rebuilt" in caplog.text
 
 
 coordinates = st.floats(-5_000, 5_000, width=32)

@@ -112,7 +112,7 @@ def test_the_same_arrays_give_the_same_bytes(tmp_path, rng):
 
 def test_a_file_that_is_no_archive_is_named(tmp_path):
     (tmp_path / "broken.npz").write_bytes(b"not a zip")
-    with pytest.raises(ProductError, match=r"broken\.npz is no archive"):
+    with pytest.raises(ProductError, match=r"broken\.npz is not an archive"):
         read_parallax(tmp_path / "broken.npz")
 
 

@@ -50,8 +50,11 @@ def test_an_emptied_file_holds_nothing():
         (f"{HEAD}\n10/64,1,2,0.1\nsol 5,1,2,1", "row 2: 'sol 5' is no stop.*10/64 is expected"),
         (f"{HEAD}\n10/64,here,2,1", "row 1: east_m should be a number, not 'here'"),
         (f"{HEAD}\n10/64,1,2,0", "sigma_m must be above zero, not 0"),
-        (f"{HEAD}\n10/64,1,2,", "sigma_m is missing: how well is the place known"),
-        (f"{HEAD}\n10/64,1,,1", "east_m and north_m are given together"),
+        (
+            f"{HEAD}\n10/64,1,2,",
+            "sigma_m, the standard deviation of the position in metres, is missing",
+        ),
+        (f"{HEAD}\n10/64,1,,1", "east_m and north_m must be given together"),
         (f"{HEAD},longitude,latitude\n10/64,1,2,1,175,-14", "as longitude and latitude, or as"),
         (f"{HEAD}\n10/64,nan,2,1", "east_m should be finite"),
         (

@@ -111,7 +111,7 @@ def test_a_backup_that_lost_bytes_restores_the_rest_and_says_so(workspace, tmp_p
 def test_a_backup_with_a_broken_database_is_refused(workspace, tmp_path):
     folder = back_up(workspace, tmp_path / "backups").folder
     (folder / schema.CATALOGUE).write_bytes(b"x")
-    with pytest.raises(ProductError, match=r"catalogue.sqlite is not what was backed up"):
+    with pytest.raises(ProductError, match=r"catalogue.sqlite has changed since the backup"):
         restore(tmp_path / "backups", tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
@@ -119,7 +119,7 @@ def test_a_backup_with_a_broken_database_is_refused(workspace, tmp_path):
 def test_a_store_that_holds_something_is_replaced_only_when_told(workspace, tmp_path):
     back_up(workspace, tmp_path / "backups")
     workspace.catalogue.append_event(RUN_CHANGED, {})
-    with pytest.raises(ProductError, match="is not empty; name an empty folder, or say --replace"):
+    with pytest.raises(ProductError, match="is not empty; name an empty folder, or use --replace"):
         restore(tmp_path / "backups", workspace.store.root)
     with shared_run_lock(workspace.store.root), pytest.raises(StoreBusyError, match="restore when"):
         restore(tmp_path / "backups", workspace.store.root, replace=True)
@@ -158,7 +158,7 @@ def test_a_store_that_was_not_restored_to_the_end_cannot_be_opened(
         patch.setattr(backups, "_restore_databases", stop)
         with pytest.raises(KeyboardInterrupt):
             restore(tmp_path / "backups", tmp_path / "new")
-    with pytest.raises(ProductError, match=r"was not restored to the end: say `solmap restore "):
+    with pytest.raises(ProductError, match=r"was not restored completely: run `solmap restore "):
         Workspace.open(tmp_path / "new")
     restore(tmp_path / "backups", tmp_path / "new")
     assert faults(tmp_path / "new") == []
@@ -166,11 +166,11 @@ def test_a_store_that_was_not_restored_to_the_end_cannot_be_opened(
 
 def test_backups_are_refused_where_they_would_lie_in_the_store(workspace, tmp_path):
     for wrong in (workspace.store.root / "backups", tmp_path):
-        with pytest.raises(ProductError, match="lie in each other"):
+        with pytest.raises(ProductError, match="contain each other"):
             back_up(workspace, wrong)
     with try_lock(tmp_path / "b" / "backup.lock"), pytest.raises(ProductError, match="another"):
         back_up(workspace, tmp_path / "b")
-    with pytest.raises(ProductError, match="holds no backup; `solmap backup"):
+    with pytest.raises(ProductError, match="has no backup; `solmap backup"):
         restore(tmp_path / "b", tmp_path / "new")
 
 
@@ -208,7 +208,7 @@ def test_a_backup_that_was_killed_is_never_offered(workspace, tmp_path):
         assert process.stdout is not None
         assert process.stdout.readline() == "1\n"
         process.kill()
-    with pytest.raises(ProductError, match="holds no backup"):
+    with pytest.raises(ProductError, match="has no backup"):
         newest_backup(tmp_path / "backups")
     assert back_up(workspace, tmp_path / "backups").copied == 2  # the first was there
     restore(tmp_path / "backups", tmp_path / "new")
@@ -260,7 +260,7 @@ def test_a_folder_with_something_else_in_it_is_not_made_a_backup_folder(
     mine = tmp_path / "papers" / folder / "thesis.txt"
     mine.parent.mkdir(parents=True)
     mine.write_text("years of work")
-    with pytest.raises(ProductError, match=f"{folder} is of no backup"):
+    with pytest.raises(ProductError, match=f"{folder} does not belong to a backup"):
         back_up(workspace, tmp_path / "papers", keep=1)
     assert mine.read_text() == "years of work"
 
@@ -285,7 +285,7 @@ def test_a_backup_cannot_have_other_files_overwritten(workspace, tmp_path, part,
     given.write_text("given")
     manifest[part][name] = hashlib.sha256(b"given").hexdigest()
     (report.folder / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(ProductError, match="which no backup holds"):
+    with pytest.raises(ProductError, match="which is not part of a backup"):
         restore(report.folder, tmp_path / "new")
     assert not (tmp_path / "outside").exists()
     assert not (tmp_path / "new").exists()

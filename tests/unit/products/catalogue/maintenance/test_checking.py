@@ -80,13 +80,13 @@ def test_nothing_is_wrong_with_a_sound_store(workspace):
 def test_a_broken_product_is_removed_and_the_catalogue_names_it_no_more(workspace):
     seen = workspace.catalogue.version()
     path_of(workspace, ProductKind.DTM).write_text("bits that rotted")
-    assert "is broken: its checksum is not that of its provenance; `solmap check" in texts(
+    assert "is broken: its checksum differs from its provenance; `solmap check" in texts(
         list(check(workspace))
     )
     said = repaired(workspace)
     assert "removed, the next run makes it anew" in said
     assert "withdrawn, the next run makes it anew" in said
-    assert "what finished sol mer2-sol0155 left is not in the store; forgotten" in said
+    assert "products of the finished sol mer2-sol0155 are not in the store; forgotten" in said
     assert workspace.catalogue.layers() == []
     assert workspace.catalogue.events_since(seen)[0].document["layers"] == [f"{STOP}/dtm"]
     with workspace.catalogue.engine.connect() as connection:
@@ -106,7 +106,7 @@ def test_a_store_whose_disk_is_not_mounted_loses_no_row(workspace):
     products = workspace.store.root / "products"
     products.rename(away := products.with_name("away"))
     found = texts(list(check(workspace, repair=True)))
-    assert "the catalogue names 2 products and the store holds no file; mount its disk" in found
+    assert "the catalogue lists 2 products and the store has no file; mount its disk" in found
     away.rename(products)
     assert list(check(workspace)) == []
 
@@ -153,7 +153,7 @@ def test_lone_provenance_is_an_orphan_when_no_run_can_be_making_its_product(work
     document = json.loads(twin.read_bytes())
     yesterday = (datetime.now(UTC) - timedelta(days=1)).isoformat(timespec="seconds")
     twin.write_text(json.dumps(document | {"made_at": yesterday}))
-    assert "is there without its product" in repaired(workspace)
+    assert "exists without its product" in repaired(workspace)
     assert not twin.exists()
 
 
@@ -171,7 +171,7 @@ def test_strange_files_are_named_and_left_alone(workspace):
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text("mine")
     said = repaired(workspace)
-    assert said.count("is no product; it is not touched") == 4
+    assert said.count("is not a product; it is left unchanged") == 4
     assert (workspace.store.root / "products" / "loose").exists()
     prune(workspace, NOW)
 
@@ -184,7 +184,7 @@ def test_odd_names_of_an_existing_store_stop_neither_pruning_nor_checking(worksp
     finished = FinishedSolRecords(workspace.catalogue.engine)
     finished.note("mer2-sol0156", "key", {"standing": [f"ties/stop/{name}/0"], "layers": ["x"]})
     prune(workspace, NOW)
-    assert "no path can hold the name of image" in repaired(workspace)
+    assert "is not a valid path" in repaired(workspace)
     assert [one.id for one in workspace.catalogue.images()] == ["2N1"]
     assert list(check(workspace)) == []
     prune(workspace, NOW)
