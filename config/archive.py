@@ -1,4 +1,4 @@
-"""Where the archive lies: base addresses and volumes of each mission, and who may redirect."""
+"""The archive: URLs and volumes of each mission, and hosts for redirects."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class MissionArchive:
 
     title: str
     base_urls: tuple[str, ...]
-    """Tried in turn; the volumes' folders lie below each."""
+    """Tried in turn; each contains the volumes' folders."""
     volumes: Mapping[str, str]
     """Instrument, lower case -> volume."""
     index: str = "index/edrindex.lbl"
@@ -66,7 +66,7 @@ class Archive:
     missions: Mapping[str, MissionArchive]
     redirect_hosts: tuple[str, ...] = ()
     transfer: Mapping[str, Any] = field(default_factory=dict)
-    """The table of transfer parameters, whose record stands beside the transfer."""
+    """The table of transfer parameters, whose record is in `tasks.fetch.transfer`."""
 
     @property
     def hosts(self) -> frozenset[str]:
@@ -90,10 +90,10 @@ class Archive:
 
 
 def sols_of(text: str) -> frozenset[int]:
-    """The sols that a text like 155-157,160 names.
+    """The sols of a text like 155-157,160.
 
     Raises:
-        ConfigError: it names none.
+        ConfigError: it does not name any.
     """
     sols: set[int] = set()
     for part in text.split(","):
@@ -107,7 +107,7 @@ def sols_of(text: str) -> frozenset[int]:
 
 
 def load_archive(path: Path = SHIPPED) -> Archive:
-    """The archive as a TOML file describes it.
+    """The archive from a TOML file.
 
     Raises:
         ConfigError: the file cannot be read, or a setting in it is wrong.

@@ -1,7 +1,7 @@
-"""The configuration as people read it: every parameter with its value, unit and reason.
+"""The configuration as text: every parameter with its value, unit and reason.
 
 Units come from the parameters' names (`cell_m`), reasons from the docstrings below the fields, read
-from the records' source, so there is one place for each.
+from the records' source, so each is written only once.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ names the variable; a name with `SOLMAP_` that is no setting gives a warning.
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter: its key, its value and what is said of it."""
+    """One parameter: its key, value and documentation."""
 
     name: str
     value: Any
@@ -70,11 +70,11 @@ class Parameter:
     choices: tuple[str, ...] = ()
     """Of an enumeration."""
     range: str = ""
-    """What it may be set to."""
+    """Its permitted range."""
 
     @property
     def unit(self) -> str:
-        """The unit that the name tells; empty where it tells none."""
+        """The unit in the name; empty if there is none."""
         rest, _, last = self.name.lower().rpartition("_")
         unit = UNITS.get(last, "") if rest else ""
         return f"per {unit}" if unit and rest.endswith("per") else unit
@@ -85,13 +85,13 @@ class Table:
     """A table of parameters: one record."""
 
     key: str
-    """`models.terrain`; empty for what stands before the first table."""
+    """`models.terrain`; empty for parameters before the first table."""
     purpose: str
     parameters: tuple[Parameter, ...]
 
 
 def tables_of(record: Any, key: str = "") -> Iterator[Table]:  # noqa: ANN401 - any record
-    """The tables of a record and of those it holds, in the order of the fields."""
+    """The tables of a record and of its nested records, in the order of the fields."""
     kind = type(record)
     values = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
     own = {name: value for name, value in values.items() if not dataclasses.is_dataclass(value)}
@@ -107,7 +107,7 @@ def tables_of(record: Any, key: str = "") -> Iterator[Table]:  # noqa: ANN401 - 
 
 
 def reasons(kind: type) -> dict[str, str]:
-    """The docstring below each field of a record, those of its base classes too."""
+    """The docstring below each field of a record, including those of its base classes."""
     base = kind.__base__
     found = {} if base is None or base is object else reasons(base)
     if not dataclasses.is_dataclass(kind) and not issubclass(kind, Settings):
@@ -199,7 +199,7 @@ def configuration_page() -> str:
 
 
 def _display_value(value: Any) -> Any:  # noqa: ANN401 - any setting
-    """A default without the folder that this machine happens to have the package in."""
+    """A default without the folder of this machine's installation."""
     text = str(value)
     return "as shipped" if "/config/" in text else value.value if isinstance(value, Enum) else value
 
@@ -220,5 +220,5 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - any setting
 
 
 def _prose(text: str) -> str:
-    """A docstring as Markdown takes it in a table."""
+    """A docstring as Markdown for a table cell."""
     return re.sub(r"([|<>])", r"\\\1", " ".join(text.split()))

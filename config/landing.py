@@ -1,4 +1,4 @@
-"""Landing points: where each mission's map is tied to Mars, each with its source."""
+"""Landing points: position of each mission's map on Mars, with its source."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ def landing_sites(path: Path = SHIPPED) -> dict[str, LandingSite]:
 
 
 def landing_site(mission: str, path: Path = SHIPPED) -> LandingSite:
-    """The landing site of one mission, or where a map of it lies that is not tied to the lander.
+    """The landing site of one mission, or the origin of a map that is not tied to the lander.
 
-    A mission without a table, such as an own stereo rig, is mapped in a frame of its own.
+    A mission without a table, such as an own stereo rig, is mapped in its own frame.
 
     Raises:
-        ConfigError: the file cannot be read, or is none of landing sites.
+        ConfigError: the file cannot be read, or does not contain landing sites.
     """
     origin = origin_of(mission)
     if origin:

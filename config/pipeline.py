@@ -1,7 +1,7 @@
-"""The pipeline's parameters: one TOML table a stage, mirrored by the stages' own records.
+"""The pipeline's parameters: one TOML table per stage, mirrored by the stages' own records.
 
-A pipeline file names only what differs from the defaults, which stand beside the algorithms that
-read them; an unknown key is an error that names itself. `solmap run --pipeline` takes the name of a
+A pipeline file contains only differences from the defaults, which are defined beside their
+algorithms; the error of an unknown key names the key. `solmap run --pipeline` takes the name of a
 shipped file (`config/pipelines/`) or a path.
 """
 
@@ -48,10 +48,10 @@ SHIPPED = Path(__file__).parent / "pipelines"
 
 @dataclass(frozen=True, slots=True)
 class FarGround:
-    """Whether two linked stops are used as one stereo instrument, and how."""
+    """Whether two linked stops are used for wide-baseline stereo, and how."""
 
     enabled: bool = True
-    """A link of two panoramas takes some four seconds of processor."""
+    """A link of two panoramas takes about four seconds of processor time."""
     matching: WideParams = field(default_factory=WideParams)
     dtm: FarDtmParams = field(default_factory=FarDtmParams)
     contour: FarContourParams = field(default_factory=FarContourParams)
@@ -59,16 +59,17 @@ class FarGround:
 
 @dataclass(frozen=True, slots=True)
 class Models:
-    """Which models of a stop are made in three dimensions, and how."""
+    """Three-dimensional models of a stop, and their parameters."""
 
     of_terrain: bool = True
     """The terrain model with its orthophoto: one glTF, and 3D Tiles."""
     of_views: bool = True
-    """What the pairs see, with their own images: rocks and outcrops from all sides that were."""
+    """The views of the pairs, with their own images: rocks and outcrops from all photographed
+    sides."""
     of_points: bool = True
-    """The dense stereo points as they are: one PLY, and 3D Tiles."""
+    """The dense stereo points: one PLY, and 3D Tiles."""
     dips_of_facets: bool = False
-    """Strike and dip of planar facets. Off: few stops need it (`solmap dip rocks`)."""
+    """Strike and dip of planar facets. Off by default: needed for few stops (`solmap dips`)."""
     terrain: ModelParams = field(default_factory=ModelParams)
     tiles: TilesetParams = field(default_factory=TilesetParams)
     views: ViewModelParams = field(default_factory=ViewModelParams)
@@ -99,7 +100,7 @@ class PipelineConfig:
     """Everything that may be tuned, stage by stage."""
 
     adjustment_mode: AdjustmentMode = AdjustmentMode.SEQUENTIAL
-    """How the sols of a mission follow each other: set before the first table of the file."""
+    """How the sols of a mission are adjusted: set before the first table of the file."""
     sparse: SparseParams = field(default_factory=SparseParams)
     dense: DenseParams = field(default_factory=DenseParams)
     inter_stereo: InterStereoParams = field(default_factory=InterStereoParams)
@@ -137,10 +138,10 @@ def load_pipeline(name: str) -> PipelineConfig:
 
 
 def faults_of_pipeline(name: str) -> list[str]:
-    """Everything that is wrong with a pipeline's settings, a line each.
+    """All errors of a pipeline's settings, one per line.
 
     Raises:
-        ConfigError: there is no such pipeline, or its file is no TOML.
+        ConfigError: there is no such pipeline, or its file is not TOML.
     """
     path, table = _read(name)
     return faults_of(PipelineConfig, table, path.name)

@@ -1,6 +1,6 @@
 """Inverse tables, vignetting and flat fields of each mission's cameras.
 
-They stand in TOML files, one a mission, in the folder that `SOLMAP_INSTRUMENTS` names:
+They are set in TOML files, one per mission, in the folder `SOLMAP_INSTRUMENTS`:
 
     hosts = ["MER2"]                                    INSTRUMENT_HOST_ID of its labels
     companding.approximate = false                      may the square root stand in for a table?
@@ -33,14 +33,16 @@ TABLES = frozenset({"hosts", "companding", "vignetting", "flat_fields"})
 
 
 def load_radiometry(folder: Path) -> dict[str, Radiometry]:
-    """What is known of the cameras of each spacecraft, by INSTRUMENT_HOST_ID.
+    """Tables of the cameras of each spacecraft, by INSTRUMENT_HOST_ID.
 
     Raises:
-        ConfigError: the folder is not there, or a file cannot be read or holds what is no table,
-            model or flat field.
+        ConfigError: the folder does not exist, or a file cannot be read or contains anything but
+            tables, models and flat fields.
     """
     if not folder.is_dir():
-        raise ConfigError(f"{folder} is no folder; it should hold a TOML file for each mission")
+        raise ConfigError(
+            f"{folder} is not a folder; it should contain a TOML file for each mission"
+        )
     found: dict[str, Radiometry] = {}
     for path in sorted(folder.glob("*.toml")):
         content = read_toml(path)
@@ -118,5 +120,5 @@ def _flat_field(file: Path, where: str) -> FlatField:
     middle = pixels[lines // 4 : -(-3 * lines // 4), samples // 4 : -(-3 * samples // 4)]
     level = float(np.median(middle))
     if not (mask & (pixels > 0)).all() or level <= 0:
-        raise ConfigError(f"{where}: {file.name} has pixels without light: no flat field")
+        raise ConfigError(f"{where}: {file.name} has pixels without light: not a flat field")
     return pixels / np.float32(level)

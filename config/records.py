@@ -1,7 +1,7 @@
-"""TOML files and tables as frozen parameter records, and what is wrong with them.
+"""TOML files and tables as frozen parameter records, with their errors.
 
-A wrong key, a value of another type, one outside the range that the field's type names
-(`photogrammetry.ranges`) and one that the record refuses are errors that name the key.
+A wrong key, a value of another type, outside the range of the field's type
+(`photogrammetry.ranges`) or rejected by the record raises an error that names the key.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ T = TypeVar("T")
 
 
 class ConfigError(Exception):
-    """A setting is missing, unknown or impossible; names the file and the key."""
+    """A setting is missing, unknown or impossible; the message names the file and the key."""
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file.
 
     Raises:
-        ConfigError: it cannot be read, or is no TOML.
+        ConfigError: it cannot be read, or is not TOML.
     """
     try:
         if path.exists() and not path.is_file():
-            raise ConfigError(f"{path} is no file")
+            raise ConfigError(f"{path} is not a file")
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{path} cannot be read: {error.strerror}") from error
@@ -48,16 +48,16 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def record_of(kind: type[T], table: Any, where: str, default: T | None = None) -> T:  # noqa: ANN401 - as a file has it
-    """The record of class `kind` that a TOML table describes; absent keys keep their defaults.
+    """The record of class `kind` for a TOML table; absent keys keep their defaults.
 
     Args:
         kind: A dataclass.
-        table: As a file has it.
+        table: From a file.
         where: File and table, for messages.
-        default: The record whose values absent keys keep; none: those of the class.
+        default: The record with the values of absent keys; none: those of the class.
 
     Raises:
-        ConfigError: an unknown key, a value of another type, or one that the record refuses.
+        ConfigError: an unknown key, a value of another type, or one that the record rejects.
     """
     if not isinstance(table, dict):
         raise ConfigError(f"{where} is a table, not {_shown(table)}")
@@ -101,7 +101,7 @@ def faults_of(kind: type, table: dict[str, Any], where: str) -> list[str]:
 
 
 def _default_of(kind: type, key: str, default: Any) -> Any:  # noqa: ANN401 - any record
-    """What a field holds where nothing is set: that of `default`, else that of the class."""
+    """The default of a field: that of `default`, else that of the class."""
     if default is not None:
         return getattr(default, key)
     (field,) = (field for field in dataclasses.fields(kind) if field.name == key)
@@ -125,13 +125,13 @@ def _describe_unknown_setting(kind: type, key: str, where: str) -> str:
 
 
 def nearest_name(name: str, names: list[str]) -> str:
-    """The end of a message on an unknown name: which one may be meant, if any."""
+    """The end of a message on an unknown name: the most similar known name, if any."""
     nearest = difflib.get_close_matches(name, names, 1)
     return f"; did you mean {nearest[0]}?" if nearest else ""
 
 
 def range_of(hint: Any) -> str:  # noqa: ANN401 - any hint
-    """What values the type of a field allows, in words; empty where it names no range."""
+    """The range of a field's type, as text; empty without one."""
     if get_origin(hint) is Annotated:
         base, *limits = get_args(hint)
         return ", ".join(filter(None, [limits_in_words(limits), range_of(base)]))
@@ -139,12 +139,12 @@ def range_of(hint: Any) -> str:  # noqa: ANN401 - any hint
 
 
 def limits_in_words(limits: Iterable[Any]) -> str:
-    """Limits of a value, as `annotated_types` has them."""
+    """Limits of a value, from `annotated_types`."""
     return ", ".join(words for words, _ in _limits(limits))
 
 
 def _limits(limits: Iterable[Any]) -> Iterator[tuple[str, Callable[[Any], bool]]]:
-    """Each limit in words, and as a test of a value."""
+    """Each limit as text, and as a test of a value."""
     for limit in limits:
         match limit:
             case GroupedMetadata():
@@ -162,7 +162,7 @@ def _limits(limits: Iterable[Any]) -> Iterator[tuple[str, Callable[[Any], bool]]
 def _shown(value: Any) -> str:  # noqa: ANN401 - any setting
     try:
         return f"{value!r:.60}"
-    except ValueError:  # a number of thousands of digits
+    except ValueError:  # # a number of thousands of digits
         return "such a number"
 
 

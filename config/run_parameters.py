@@ -1,7 +1,7 @@
-"""Runs that may be asked for: their parameters, in plain values only, and what they do.
+"""Runs that may be requested: their parameters, in plain values only, and descriptions.
 
-The flows of deployments take the same types (`flows.service.deployed`), the server checks requests
-by these models, and the viewer draws its forms from their schemas.
+The flows of deployments have the same parameter types (`flows.service.deployed`), the server
+validates requests by these models, and the viewer makes its forms from their schemas.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class _Run(BaseModel):
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """Those of the flow; what was left out stays so."""
+        """The flow's parameters; omitted ones stay omitted."""
         given = self.model_dump(mode="json", exclude={"kind"})
         return {name: value for name, value in given.items() if value is not None}
 
@@ -88,7 +88,7 @@ RunWish = DownlinkRun | OverallRun | RegionRun | FetchRun
 
 @dataclass(frozen=True, slots=True)
 class RunKind:
-    """A kind of run: its parameters, its deployment and what it does, for whoever starts it."""
+    """A kind of run: its parameters, its deployment and its description."""
 
     model: type[DownlinkRun] | type[OverallRun] | type[RegionRun] | type[FetchRun]
     deployment: str

@@ -1,4 +1,4 @@
-"""Settings from the environment: where things are and how the server listens."""
+"""Settings from the environment: locations, and addresses of the server."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def _cron_line(text: str) -> str:
 
 
 CronLine = Annotated[str, AfterValidator(_cron_line)]
-"""When something is done; Prefect reads it."""
+"""Schedule, read by Prefect."""
 
 
 class TaskRunnerName(StrEnum):
-    """What carries out the tasks of a flow."""
+    """Runner of the tasks of a flow."""
 
     THREADS = "threads"
     """Of the flow's own process."""
@@ -38,7 +38,7 @@ class TaskRunnerName(StrEnum):
 
 
 class Settings(BaseSettings):
-    """Everything that differs from one machine to the next; `SOLMAP_STORE` and so on set it.
+    """Everything that differs between machines; set by `SOLMAP_STORE` and so on.
 
     A variable that is empty counts as not set.
     """
@@ -49,56 +49,57 @@ class Settings(BaseSettings):
     """Folder of products and catalogue."""
     catalogue_url: str | None = Field(default=None, repr=False)
     """Database of the catalogue, as `postgresql+psycopg://user:password@host/database`; SQLite in
-    the store's folder where there is none. It may hold a password: it is shown nowhere."""
+    the store's folder by default. It may contain a password, so it is never shown."""
     store_url: str | None = None
     """Object store of the products, as `s3://bucket/prefix`, with keys and endpoint by the usual
-    `AWS_*` variables; the store's folder where there is none."""
+    `AWS_*` variables; the store's folder by default."""
     store_cache_gb: float = Field(default=20.0, gt=0.0, allow_inf_nan=False)
-    """Copies of such products that this machine keeps at most."""
+    """Limit of local copies of such products."""
     host: str = "127.0.0.1"
-    """Address the server listens on; the default serves this machine only."""
+    """Address the server listens on; by default only this machine can connect."""
     port: int = Field(default=8765, ge=1, le=65535)
     cors_origins: str = ""
-    """Other sites whose pages may ask this server, as `https://a.example https://b.example`;
-    none by default."""
+    """Other sites whose pages may use this server, as `https://a.example https://b.example`; none
+    by default."""
     public_url: str | None = Field(default=None, pattern=r"^https?://[^\s/?#]+(/[^\s?#]*)?$")
-    """Address that people reach the map at, for links to it and in what the server answers:
+    """Public address of the map, for links to it and in the server's responses:
     `https://maps.example.org/solmap/`."""
     trusted_proxies: str = ""
-    """Addresses or networks of reverse proxies, as `127.0.0.1,10.0.0.0/8`: these, and nobody else,
-    name the client and the scheme of a request (`X-Forwarded-For`, `X-Forwarded-Proto`)."""
+    """Addresses or networks of reverse proxies, as `127.0.0.1,10.0.0.0/8`: only these may give the
+    client and the scheme of a request (`X-Forwarded-For`, `X-Forwarded-Proto`)."""
     pipeline: str = "default"
     """Name of a shipped pipeline, or path of a TOML file."""
     landing_sites: Path = landing.SHIPPED
-    """TOML file of landing points, for those who prefer another source."""
+    """TOML file of landing points from another source."""
     archive: Path = archive.SHIPPED
-    """TOML file of the archive's addresses, for those with a mirror of their own."""
+    """TOML file of the archive's addresses, for another mirror."""
     instruments: Path = Path(__file__).parent / "instruments"
-    """Folder of TOML files with inverse tables and flat fields, one a mission."""
+    """Folder of TOML files with inverse tables and flat fields, one per mission."""
     inbox: Path | None = None
-    """Folder that downlinks arrive in; `solmap up` watches it."""
+    """Inbox of downlinks, watched by `solmap up`."""
     inbox_settle_s: float = Field(default=20.0, gt=0.0, allow_inf_nan=False)
-    """Seconds after which a file of the inbox that has not changed counts as whole."""
+    """Seconds without change after which a file of the inbox counts as complete."""
     downlink_cron: CronLine = "30 */6 * * *"
-    """When the inbox is processed whether or not files came: after every downlink window, UTC."""
+    """Schedule for processing the inbox even without new files, UTC: after every downlink
+    window."""
     overall_cron: CronLine = "0 3 * * 0"
-    """When all stops of every mission are adjusted together, UTC."""
+    """Schedule for adjusting all stops of every mission together, UTC."""
     task_runner: TaskRunnerName = TaskRunnerName.THREADS
-    """What carries out the work on pairs, stops and maps."""
+    """Runner of the tasks of pairs, stops and maps."""
     task_workers: int = Field(default=2, ge=1, le=1024)
     """Tasks at a time: each works on arrays of some hundred megabytes. For Dask without an address,
     processes on this machine."""
     dask_address: str | None = None
-    """Scheduler of a Dask cluster whose workers reach the store, as `tcp://host:8786`."""
+    """Scheduler of a Dask cluster whose workers have access to the store, as `tcp://host:8786`."""
     engine_port: int = Field(default=4200, ge=1, le=65535)
     """Port of Prefect's server and its run pages; it listens on this machine only."""
 
     server_memory_mb: int = Field(default=1500, ge=600)
-    """Memory for the map's server and the two processes that answer its heavy requests, megabytes:
-    a third of it bounds what one such request may take."""
+    """Memory for the map's server and the two processes for its heavy requests, megabytes: a third
+    of it limits a single such request."""
     history_days: int = Field(default=90, ge=1, le=36_500)
-    """Days after which records of runs are removed: solmap's own and those of the engine that it
-    starts, with their tasks, messages and events."""
+    """Days after which records of runs are removed: solmap's own and those of its engine, with
+    their tasks, messages and events."""
     debug: bool = False
     """Whether a command that ends with an unexpected error prints its traceback."""
 
@@ -106,7 +107,7 @@ class Settings(BaseSettings):
         """Read the environment.
 
         Raises:
-            ConfigError: a variable has a value that its setting cannot have.
+            ConfigError: a variable has an invalid value.
         """
         try:
             super().__init__(**values)
@@ -115,12 +116,12 @@ class Settings(BaseSettings):
 
     @property
     def object_storage(self) -> ObjectStorage | None:
-        """Where products lie if not in the store's folder."""
+        """Location of the products if not in the store's folder."""
         return ObjectStorage(self.store_url, self.store_cache_gb) if self.store_url else None
 
     @property
     def map_url(self) -> str:
-        """Where the map is."""
+        """Address of the map."""
         return (self.public_url or f"http://{self.host}:{self.port}").rstrip("/")
 
     @property
@@ -139,10 +140,10 @@ def _faults(error: ValidationError) -> Iterator[str]:
 
 
 def unknown_variables() -> list[str]:
-    """What is said of each environment variable that looks like a setting and is none."""
+    """Messages on environment variables that look like settings but are not."""
     names = [f"{PREFIX}{name.upper()}" for name in Settings.model_fields]
     return [
-        f"{name} is no setting of solmap{nearest_name(name.upper(), names)}"
+        f"{name} is not a setting of solmap{nearest_name(name.upper(), names)}"
         for name in sorted(os.environ)
         if name.upper().startswith(PREFIX) and name.upper() not in names
     ]

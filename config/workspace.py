@@ -1,4 +1,4 @@
-"""The store and catalogue that the settings name."""
+"""The store and catalogue of the settings."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from solmap.products.catalogue.workspace import Workspace
 
 
 def open_workspace(root: Path) -> Workspace:
-    """Open or found the store at `root`.
+    """Open or create the store at `root`.
 
-    Its catalogue lies where `SOLMAP_CATALOGUE_URL` says, its products where `SOLMAP_STORE_URL`.
+    `SOLMAP_CATALOGUE_URL` sets the location of its catalogue, `SOLMAP_STORE_URL` that of its
+    products.
 
     Raises:
-        ProductError: the folder cannot be written, or the catalogue's database or the object store
-            does not answer.
+        ProductError: the folder cannot be written, or the catalogue's database or the object
+            store does not respond.
     """
     settings = Settings()
     return Workspace.open(root, settings.catalogue_url, settings.object_storage)
 
 
 def open_catalogue(root: Path) -> Catalogue:
-    """The catalogue alone."""
+    """Open only the catalogue."""
     return Catalogue.open(root, Settings().catalogue_url)

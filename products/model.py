@@ -1,8 +1,8 @@
-"""What a product is: its kind, what it is about, the recipe it was made by, and its layer.
+"""Definition of products: kind, scope, recipe, and layer.
 
 A product is a file made once under the digest of its recipe: kind, scope, inputs, parameters and
-version of the science. Two runs with the same recipe ask for the same file, so a rerun looks up
-what is there. Nothing is edited in place.
+version of the science. Two runs with the same recipe use the same file, so a rerun finds existing
+products. Nothing is edited in place.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ from typing import Any, Literal, Self
 from solmap.products.recipe_names import RECIPE_NAMES, RecipeNames
 
 SCIENCE_VERSION = 4
-"""Raised when equal inputs and parameters give other products; CHANGELOG.md says what changed."""
+"""Version of the science: increased when equal inputs and parameters give other products;
+CHANGELOG.md lists the changes."""
 
 
 class ScopeLevel(StrEnum):
-    """What a product is about."""
+    """Subject of a product."""
 
     IMAGE = "image"
     PAIR = "pair"
@@ -33,7 +34,7 @@ class ScopeLevel(StrEnum):
 
 
 class ProductKind(StrEnum):
-    """Every kind of product: its name, the suffix of its files and what it is about.
+    """Every kind of product: its name, the suffix of its files and its subject.
 
     The name is the kind's folder in the store and its name in the catalogue.
     """
@@ -128,28 +129,28 @@ _UNTIED = re.compile(r"(.+)-ORIGIN(\d+)(?:-(\d+))?")
 
 
 def untied_map(mission: str, site: int, drive: int | None = None) -> str:
-    """Name of the map of stops that nothing ties to the lander: `MER2-ORIGIN137`.
+    """Name of the map of stops that are not tied to the lander: `MER2-ORIGIN137`.
 
-    Its origin is a site, or the rover at one stop: `MER2-ORIGIN10-64`. The map of what is tied to
-    the lander bears the name of the mission.
+    Its origin is a site, or the rover at one stop: `MER2-ORIGIN10-64`. The map of sites tied to the
+    lander has the name of the mission.
     """
     return f"{mission}-ORIGIN{site}" + ("" if drive is None else f"-{drive}")
 
 
 def mission_of(map_name: str) -> str:
-    """The mission that a map is of."""
+    """The mission of a map."""
     found = _UNTIED.fullmatch(map_name)
     return found[1] if found else map_name
 
 
 def origin_of(map_name: str) -> tuple[int, ...]:
-    """(site,) or (site, drive) where the origin of an untied map is; empty for a mission's map."""
+    """(site,) or (site, drive) of the origin of an untied map; empty for a mission's map."""
     found = _UNTIED.fullmatch(map_name)
     return tuple(int(number) for number in found.groups()[1:] if number) if found else ()
 
 
 def _variants(prefix: str) -> dict[ProductKind, ProductKind]:
-    """Kinds that exist with a prefix too, and the kinds with the prefix."""
+    """Kinds that also exist with a prefix, and the kinds with the prefix."""
     names = set(ProductKind)
     return {
         kind: ProductKind(f"{prefix}{kind}") for kind in ProductKind if f"{prefix}{kind}" in names
@@ -157,7 +158,7 @@ def _variants(prefix: str) -> dict[ProductKind, ProductKind]:
 
 
 FAR_KINDS = _variants("far-")
-"""Kinds of a stop's map, and of its map of far ground: layers of their own beside each other."""
+"""Kinds of a stop's map, and of its map of far ground, which are separate layers."""
 REGION_KINDS = _variants("region-")
 """The same for the map of all stops of a mission together."""
 _VARIANTS = {ProductKind.FAR_DTM: FAR_KINDS, ProductKind.REGION_DTM: REGION_KINDS}
@@ -166,7 +167,7 @@ _VARIANTS = {ProductKind.FAR_DTM: FAR_KINDS, ProductKind.REGION_DTM: REGION_KIND
 
 @dataclass(frozen=True, slots=True, order=True)
 class Scope:
-    """What a product is about: one image, pair, stop or sol, or the whole region of a mission.
+    """Subject of a product: one image, pair, stop or sol, or the whole region of a mission.
 
     `name` is lower case and safe in paths and URLs: `mer2-site0010-drive0064`, `mer2-sol0156`,
     `mer2` for the region.
@@ -181,7 +182,7 @@ class Scope:
 
 @dataclass(frozen=True, slots=True, order=True)
 class ProductRef:
-    """A few bytes that stand for a product; the store turns them into a path."""
+    """A reference of a few bytes to a product; the store resolves it to a path."""
 
     kind: ProductKind
     scope: Scope
@@ -189,28 +190,28 @@ class ProductRef:
     """Hexadecimal digest of the recipe, 16 digits."""
 
     def map_kind(self, kind: ProductKind) -> ProductKind:
-        """The kind of a map made from this terrain model: of a stop, of far ground, of a region."""
+        """The kind of a map made from a terrain model: of a stop, of far ground, of a region."""
         return _VARIANTS[self.kind][kind] if self.kind in _VARIANTS else kind
 
     @property
     def text(self) -> str:
-        """All of it in one line, for documents; `of_text` reads it."""
+        """The reference in one line, for documents; the inverse is `of_text`."""
         return f"{self.kind}/{self.scope.level}/{self.scope.name}/{self.digest}"
 
     @classmethod
     def of_text(cls, text: str) -> ProductRef:
-        """What `text` wrote."""
+        """The inverse of `text`."""
         kind, level, scope, digest = text.split("/")
         return cls(ProductKind(kind), Scope(ScopeLevel(level), scope), digest)
 
     def readable_name(
         self, map_name: str, sols: tuple[int, ...] = (), cell_m: float | None = None
     ) -> str:
-        """Name for a file outside of the store, without suffix.
+        """Name for a file outside the store, without suffix.
 
         Args:
-            map_name: The mission, or the untied map, that the product belongs to.
-            sols: Sols that it shows, ascending; of several the first and last are named.
+            map_name: The mission, or the untied map, of the product.
+            sols: Its sols, ascending; of several the first and last are named.
             cell_m: Size of its cells.
         """
         place = _PLACE.sub(_short_place, _place_of(self.scope, map_name)).replace("-", "_")
@@ -221,13 +222,13 @@ class ProductRef:
 
     @property
     def file_name(self) -> str:
-        """The file's place below the folder of products."""
+        """The file's path below the folder of products."""
         return f"{self.kind}/{self.scope.name}/{self.digest}{self.kind.suffix}"
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """All that determines a product."""
+    """Everything that determines a product."""
 
     kind: ProductKind
     scope: Scope
@@ -249,7 +250,7 @@ class Recipe:
 
     @cached_property
     def ref(self) -> ProductRef:
-        """The reference of the product this recipe makes."""
+        """The reference of this recipe's product."""
         text = json.dumps(self.document, sort_keys=True, separators=(",", ":"))
         return ProductRef(self.kind, self.scope, hashlib.sha256(text.encode()).hexdigest()[:16])
 
@@ -276,7 +277,7 @@ def plain(value: Any) -> Any:  # noqa: ANN401 - any parameter record
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """A published product as the map and its users see it.
+    """A published product for the map and its users.
 
     Bounds are (west, south, east, north) in metres of the mission's local map; for rasters the
     range of values is that of the first band, for stretch and legend.
@@ -286,7 +287,7 @@ class Layer:
     mission: str
     title: str
     type: Literal["raster", "vector", "model", "panorama"]
-    """Models and panoramas are not on the map: they are looked at elsewhere."""
+    """Models and panoramas are not on the map; they have other viewers."""
     bounds: tuple[float, float, float, float]
     cell_m: float | None
     unit: str | None
@@ -307,7 +308,7 @@ class Layer:
 
     @property
     def full_title(self) -> str:
-        """Title that stands alone: `Elevation, sol 156, site 10 drive 100, 4 cm`."""
+        """Complete title: `Elevation, sol 156, site 10 drive 100, 4 cm`."""
         place = _PLACE.sub(_spoken_place, _place_of(self.ref.scope, self.mission))
         cell = re.sub(r"(\d)([a-z])", r"\1 \2", _size(self.cell_m))
         sols = "-".join(str(sol) for sol in _ends(self.sols))
@@ -346,7 +347,7 @@ def _size(cell_m: float | None) -> str:
 _PLACE = re.compile(r"\b(site|drive)(\d+)")
 _DIGITS = {"site": 3, "drive": 4}
 _WHOLE = 1e-6
-"""Part of a unit that a size may be off and still be a whole number of it."""
+"""Tolerance, in units, for a size to count as a whole number."""
 
 
 def _short_place(found: re.Match[str]) -> str:

@@ -1,8 +1,8 @@
-"""Names that recipes keep when the code's names change, so that stores stay valid.
+"""Names in recipes that stay when names in the code change, so that stores remain valid.
 
 A product's digest is that of its recipe, and the recipe names the classes and fields of its
-parameters. Renaming a class, or turning a parameter that nobody set into a constant, changes no
-product; an entry here keeps the recipe as it was. Entries go when `SCIENCE_VERSION` is raised.
+parameters. Renaming a class, or replacing an unused parameter by a constant, changes no product; an
+entry here keeps the recipe unchanged. Entries are removed when `SCIENCE_VERSION` is raised.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class RecipeNames:
-    """How one record is written in recipes."""
+    """Names and values of one record in recipes."""
 
     name: str | None = None
     """Class name in recipes, if not the name in the code."""

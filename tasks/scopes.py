@@ -1,4 +1,4 @@
-"""Names of what products are about."""
+"""Names of scopes, the subjects of products."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from solmap.products.model import Scope, ScopeLevel, mission_of
 
 _MAX_NAME_BYTES = 200
 OVERALL = f"-{AdjustmentMode.OVERALL}"
-"""What the names of overall adjustments end in."""
+"""Suffix of the names of overall adjustments."""
 
 
 def image_scope(image_id: str) -> Scope:
@@ -28,7 +28,7 @@ def stop_scope(stop: StopId) -> Scope:
 
 
 def stop_of(scope: Scope, mission: str) -> StopId:
-    """The stop of a mission, or on one of its maps, that `stop_scope` named."""
+    """The stop of a mission, or on one of its maps, of a scope of `stop_scope`."""
     site, drive = scope.name.rpartition("-site")[2].split("-drive")
     return StopId(mission_of(mission), int(site), int(drive))
 
@@ -39,9 +39,9 @@ def sol_scope(mission: str, sol: int) -> Scope:
 
 
 def network_scope(mission: str, sol: int, mode: AdjustmentMode) -> Scope:
-    """The network of a sol; after the sol's own comes that of an overall adjustment up to it.
+    """The network of a sol; an overall adjustment up to it follows the sol's own.
 
-    In this order their names sort: `mer2-sol0156`, `mer2-sol0156-overall`, `mer2-sol0157`.
+    Their names sort in this order: `mer2-sol0156`, `mer2-sol0156-overall`, `mer2-sol0157`.
     """
     of_sol = sol_scope(mission, sol)
     if mode is AdjustmentMode.OVERALL:
@@ -50,36 +50,36 @@ def network_scope(mission: str, sol: int, mode: AdjustmentMode) -> Scope:
 
 
 def is_of_mission(network: Scope, mission: str) -> bool:
-    """Whether a scope is one that `network_scope` names for a mission."""
+    """Whether a scope is one of `network_scope` for a mission."""
     return network.name.startswith(f"{mission.lower()}-sol")
 
 
 def is_overall(network: Scope) -> bool:
-    """Whether a scope that `network_scope` names is of an overall adjustment."""
+    """Whether a scope of `network_scope` is of an overall adjustment."""
     return network.name.endswith(OVERALL)
 
 
 def sol_of(network: Scope) -> int:
-    """The sol of a scope that `network_scope` names."""
+    """The sol of a scope of `network_scope`."""
     return int(network.name.removesuffix(OVERALL).rpartition("-sol")[2])
 
 
 def file_scope(name: str) -> Scope:
-    """One file that is about more than one image, by its name.
+    """One file that concerns more than one image, by its name.
 
     Raises:
-        ProductError: the name cannot be that of a product.
+        ProductError: the name cannot be used for a product.
     """
     if not name.isprintable() or "\\" in name or len(name.encode()) > _MAX_NAME_BYTES:
         raise ProductError(
-            f"{one_line(name)[:60]}: rename it; names of files that are kept have up to "
-            f"{_MAX_NAME_BYTES} bytes, all of them printable and none a backslash"
+            f"{one_line(name)[:60]}: rename it; names of stored files may have up to "
+            f"{_MAX_NAME_BYTES} bytes, all printable and no backslash"
         )
     return Scope(ScopeLevel.REGION, name.lower().replace(".", "-"))
 
 
 def region_scope(mission: str) -> Scope:
-    """Everything a mission has mapped."""
+    """The whole mapped region of a mission."""
     return Scope(ScopeLevel.REGION, mission.lower())
 
 

@@ -1,7 +1,7 @@
-"""Stages: the tasks of a flow, and when one is tried again.
+"""Stages: the tasks of a flow, and their retries.
 
-A stage keeps what it makes in the store, so that Prefect need not; calling it twice is harmless.
-Transient errors (`products.store.faults`) are retried after a pause that doubles; others are not.
+A stage stores its result in the product store, not in Prefect; it may be called repeatedly.
+Transient errors (`products.store.faults`) are retried after a doubling pause; others are not.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ R = TypeVar("R")
 
 RETRIES = 4
 FIRST_PAUSE_S = 1.0
-"""Before the second attempt; doubled for each further one, 15 s in all."""
+"""Before the second attempt; doubled for each further one, 15 s in total."""
 _JITTER = 0.3
-"""Pauses vary by this share, so that two stages do not meet at the same lock again."""
+"""Random variation of pauses, so that two stages do not collide at the same lock again."""
 
 
 def stage(task_run_name: str) -> Callable[[Callable[P, R]], Task[P, R]]:
@@ -40,7 +40,7 @@ def stage(task_run_name: str) -> Callable[[Callable[P, R]], Task[P, R]]:
 
     run_as = task(
         task_run_name=task_run_name,
-        cache_policy=NO_CACHE,  # the store remembers what has been made
+        cache_policy=NO_CACHE,  # # the store caches results
         retries=RETRIES,
         retry_delay_seconds=exponential_backoff(FIRST_PAUSE_S),
         retry_jitter_factor=_JITTER,
@@ -50,7 +50,7 @@ def stage(task_run_name: str) -> Callable[[Callable[P, R]], Task[P, R]]:
 
 
 def _log_effort(work: Callable[P, R], name: str) -> Callable[P, R]:
-    """The same work, and a line in the log of what it took."""
+    """The same function with a log line of its time and memory."""
     shape = signature(work)
 
     @wraps(work)
@@ -73,7 +73,7 @@ def _log_effort(work: Callable[P, R], name: str) -> Callable[P, R]:
 
 
 def is_worth_retrying(_task: Task[Any, Any], _run: TaskRun, state: State[Any]) -> bool:
-    """Whether a stage that failed is worth another attempt."""
+    """Whether a failed stage should be retried."""
     error = state.data
     return isinstance(error, httpx.TransportError) or (
         isinstance(error, BaseException) and is_transient(error)

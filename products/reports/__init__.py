@@ -1,5 +1,5 @@
-"""Reports: figures, pages and quick-looks for people, and STAC for programs that search.
+"""Reports: figures, pages and previews for people, and STAC for programs.
 
-Enters: results of the science, and what store and catalogue know. Leaves: SVG, PNG, HTML and JSON;
-nothing is computed anew. May import `catalogue` and `formats`, not `features`.
+Enters: results of the science, and data of store and catalogue. Leaves: SVG, PNG, HTML and JSON;
+nothing is computed again. May import `catalogue` and `formats`, not `features`.
 """

@@ -80,10 +80,10 @@ def draw_candidates(images: EpipolarImages, candidates: Candidates) -> Picture:
 def draw_residuals(
     images: EpipolarImages, matches: StereoMatches, parallax: ParallaxMap
 ) -> Picture:
-    """The left image with the matches, coloured by how far dense matching is from them.
+    """The left image with the matches, coloured by their difference from dense matching.
 
-    Least squares and semi-global matching come to a parallax each in its own way: green agrees to
-    0.3 px, orange to one, red does not; white has no dense parallax.
+    Least squares and semi-global matching are independent: green agrees to 0.3 px, orange to one,
+    red does not; white has no dense parallax.
     """
     picture = in_three_bands(images.left, images.left_mask)
     sample, line = np.rint(matches.left).astype(int).T
@@ -99,7 +99,7 @@ def draw_residuals(
 
 
 def draw_parallax(parallax: ParallaxMap) -> Picture:
-    """Parallax in colours over its own range, logarithmic as ranges are; black where unmatched."""
+    """Parallax in colours over its own range, on a logarithmic scale; black where unmatched."""
     return _colours(parallax)
 
 
@@ -110,7 +110,7 @@ def draw_pair(
     dense: DenseMatches,
     params: VerificationParams,
 ) -> Picture:
-    """All that was matched in a pair, on one sheet.
+    """All matches of a pair, on one sheet.
 
     Top: candidates in both images. Middle: matches coloured by residual, and the dense parallax.
     Foot: the standard deviation of the dense parallax, and the parallax curve.
@@ -165,7 +165,7 @@ def _dots(
     colour: tuple[int, int, int],
     rim: tuple[int, int, int] | None,
 ) -> None:
-    """Small discs, drawn into the picture."""
+    """Small discs, drawn into the image."""
     for x, y in np.rint(points).astype(int).tolist():
         if rim is not None:
             cv2.circle(picture, (x, y), 3, rim, -1)
@@ -174,17 +174,15 @@ def _dots(
 
 GAP_PX = 8
 COLUMNS = 2
-"""Couples of images side by side on a sheet."""
+"""Most couples of images on a sheet."""
 SHEET_PX = 1536
 TITLE_PX = 22
-LEGEND = (
-    "a tie's line: green where it agrees with all others, yellow, red at the limit of the verdict"
-)
+LEGEND = "a tie's line: green where it agrees with all others, yellow, red at the limit of the test"
 LEAST_SHEET_PX = 64
 GREY_STEP = 8
-"""Grey values are told apart by so much: the noise of soil makes up most of a picture's bytes."""
+"""Step of grey levels: the noise of soil is most of an image's bytes."""
 GREEN_DEG = 120.0
-"""Hue of a tie that fits; 0 is red."""
+"""Hue of a tie without misfit; 0 is red."""
 
 
 def misfits(
@@ -194,7 +192,7 @@ def misfits(
     covariance: Float64[np.ndarray, "6 6"] | None,
     params: AlignmentParams,
 ) -> PerPoint:
-    """Residuals of ties after alignment, as shares of the limit of the verdict."""
+    """Residuals of ties after alignment, as fractions of the test's limit."""
     if not len(ties):
         return np.zeros(0)
     aligned = align(ties, geometries, first_from_second, covariance, params)
@@ -203,7 +201,7 @@ def misfits(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FigureImage:
-    """An image that ties are drawn on."""
+    """An image on which ties are drawn."""
 
     name: str
     image: GreyImage
@@ -244,10 +242,10 @@ def draw_ties(
 def draw_sheet(
     images: Iterable[FigureImage], ties: Ties, misfit: PerPoint, *, first_left: bool = False
 ) -> Picture:
-    """All couples of images that ties join, two to a row, those with most ties first.
+    """All couples of images joined by ties, two per row, those with most ties first.
 
-    With `first_left` the image where ties start, the earlier stop's, is always left; without, the
-    couple is so ordered that what both show is next to each other.
+    With `first_left` the image where ties start, the earlier stop's, is always left; otherwise the
+    couple is ordered so that the overlap is in the middle.
     """
     shown = {image.name: image for image in images}
     counts = sorted(ties.counts().items(), key=lambda item: -item[1])
@@ -280,7 +278,7 @@ def caption(text: str, width: int) -> Picture:
 def _side_by_side(
     first: FigureImage, second: FigureImage, ties: Ties, *, first_left: bool
 ) -> tuple[FigureImage, FigureImage, Flags]:
-    """A couple as it is to stand, and the ties between them."""
+    """A couple in its order, and the ties between them."""
     rows = _between(ties, first.name, second.name)
     if first_left:
         return first, second, rows
@@ -317,7 +315,7 @@ def _between(ties: Ties, one: str, other: str) -> Flags:
 def _lines(
     first: str, second: str, ties: Ties, misfit: PerPoint
 ) -> list[tuple[np.ndarray, np.ndarray, float]]:
-    """(point in the first pair, point in the second, misfit), whichever way the ties run."""
+    """(point in the first pair, point in the second, misfit), for either direction of the ties."""
     forth, back = _between(ties, first, second), _between(ties, second, first)
     return [
         *zip(ties.first_left[forth], ties.second_left[forth], misfit[forth].tolist(), strict=True),
@@ -337,7 +335,7 @@ def _misfit_colour(share: float) -> tuple[int, int, int]:
 def draw_overlay(earlier: BirdsEyeView, later: BirdsEyeView, fit: PlaneFit) -> Picture:
     """Relief, then grey of both views, the earlier in red, the later in green and blue.
 
-    Where they agree the picture is grey; where only one saw the ground it has that one's colour.
+    Where they agree the figure is grey; ground seen by only one has that one's colour.
     """
     pictures = []
     for red, cyan in ((earlier.elevation, later.elevation), (earlier.grey, later.grey)):

@@ -1,4 +1,4 @@
-"""Figures of networks and traverses (matplotlib): what a mean hides shows here.
+"""Figures of networks and traverses (matplotlib), which show what means hide.
 
 All are SVG or PNG without dates, so equal input gives equal bytes.
 """
@@ -33,13 +33,14 @@ from solmap.photogrammetry.traverse.records import Traverse
 
 INK, FAINT = "#222222", "#9a9a9a"
 TELEMETRY_BLUE, ADJUSTED_RED = "#1769e0", "#e02d25"
-"""The paper's colours of both traverses (its figure 7), as the viewer draws them."""
+"""The paper's colours of both traverses (its figure 7), also used by the viewer."""
 
-mpl.rcParams["svg.hashsalt"] = "solmap"  # names of clip paths: from this, or else from chance
+# # names of clip paths: derived from this instead of random numbers
+mpl.rcParams["svg.hashsalt"] = "solmap"
 
 
 def png(figure: Figure) -> bytes:
-    """The figure as PNG, 150 dots an inch, free of frames' upper and right edges."""
+    """The figure as PNG, 150 dots per inch, without upper and right frame edges."""
     _without_frames(figure)
     buffer = io.BytesIO()
     FigureCanvasAgg(figure).print_figure(buffer, format="png", dpi=150, metadata={"Software": None})
@@ -52,7 +53,7 @@ def _without_frames(figure: Figure) -> None:
 
 
 def svg(figure: Figure) -> bytes:
-    """The figure as SVG, free of dates and of frames' upper and right edges."""
+    """The figure as SVG, without dates and without upper and right frame edges."""
     _without_frames(figure)
     buffer = io.BytesIO()
     FigureCanvasSVG(figure).print_figure(buffer, format="svg", metadata={"Date": None})
@@ -60,11 +61,11 @@ def svg(figure: Figure) -> bytes:
 
 
 SIGMAS = 3.0
-"""Error ellipses are drawn this many standard deviations large."""
+"""Size of error ellipses in standard deviations."""
 MOST_ELLIPSES = 200
-"""Of longer traverses only every n-th stop gets one."""
+"""Stops beyond which only every n-th gets an ellipse."""
 MOST_MARKS = 60
-"""Stops of longer traverses are no marks but a line."""
+"""Stops beyond which they are drawn as a line without marks."""
 
 
 def traverse_figure(
@@ -78,8 +79,8 @@ def traverse_figure(
     """Map, profile and differences of two traverses of the same stops, as SVG or PNG.
 
     Args:
-        telemetry: What the rover believed.
-        corrected: Where it was.
+        telemetry: By telemetry.
+        corrected: As adjusted or localised.
         found: Their differences.
         plan_covariances: Of (east, north) of the corrected stops, square metres.
         form: `svg` or `png` of `photogrammetry.figures`.
@@ -137,7 +138,7 @@ def _apart(axes: Axes, found: Differences) -> None:
         axes.plot(found.distance_m, up, "--", color=FAINT, lw=1.2, label="in elevation")
     axes.set(
         xlabel="distance travelled [m]",
-        ylabel="telemetry off by [m]",
+        ylabel="telemetry minus corrected [m]",
         title=f"at the end {summary.end}; at worst {summary.worst}",
     )
     axes.title.set_fontsize("small")
@@ -148,9 +149,9 @@ T = TypeVar("T")
 
 WARM, COOL = "#b5442a", "#2a6f97"
 LONGEST = 4.0
-"""Residual vectors are cut off at so many times the third quartile of their lengths."""
+"""Residual vectors are truncated at this multiple of the third quartile of their lengths."""
 MOST_VECTORS = 1500
-"""Residual vectors in a plot: more cover each other."""
+"""Most residual vectors in a plot: more would overlap."""
 
 
 def network_figure(
@@ -256,15 +257,15 @@ def _figure(width: float, height: float) -> tuple[Figure, Axes]:
 
 
 def _draw_links(axes: Axes, places: Mapping[StopId, np.ndarray], quality: Quality) -> None:
-    """Links between stops, broad where many ties hold them."""
+    """Links between stops, wider for more ties."""
     lines = [[places[a][[1, 0]], places[b][[1, 0]]] for a, b in quality.links]
     widths = [0.5 + np.log10(max(count, 1)) for count in quality.links.values()]
     axes.add_collection(LineCollection(lines, linewidths=widths, colors=COOL, alpha=0.35))
-    axes.plot([], [], color=COOL, alpha=0.35, lw=2, label="links, broader with more ties")
+    axes.plot([], [], color=COOL, alpha=0.35, lw=2, label="links, wider with more ties")
 
 
 def _draw_vectors(axes: Axes, network: AdjustedNetwork, rows: np.ndarray, size: int) -> None:
-    """Residuals by kind of tie, those of cross-site ties in colour; the longest are cut off."""
+    """Residuals by kind of tie, those of cross-site ties in colour; the longest are truncated."""
     rows = np.array(_some(rows.tolist(), MOST_VECTORS), dtype=np.int64)
     seen = network.ties.observations
     v = network.ties.residuals_px[rows, :2]
@@ -295,7 +296,7 @@ def _draw_means(figure: Figure, axes: Axes, found: CameraResiduals, size: int) -
 
 
 def _some(items: Sequence[T], most: int) -> list[T]:
-    """At most so many of the items, evenly spread, the last one among them."""
+    """At most that many of the items, evenly spread, including the last."""
     if len(items) <= most:
         return list(items)
     return [items[round(k)] for k in np.linspace(0, len(items) - 1, most)]

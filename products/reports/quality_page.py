@@ -1,4 +1,4 @@
-"""The quality report as one page: everything it shows lies in the file itself."""
+"""The quality report as one self-contained page."""
 
 from __future__ import annotations
 
@@ -243,11 +243,11 @@ stops.</p>
 </html>
 """
 MOST_ROWS = 200
-"""Weak places or blunders shown; all of them are in the JSON."""
+"""Weak parts or blunders shown; all of them are in the JSON."""
 
 
 def report_page(title: str, document: Mapping[str, Any], pictures: Mapping[str, bytes]) -> str:
-    """The page of a quality document with its pictures (SVG), by name."""
+    """The page of a quality document with its figures (SVG), by name."""
     page = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True).from_string(
         PAGE
     )

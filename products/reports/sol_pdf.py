@@ -1,8 +1,8 @@
-"""The report of a sol as a PDF to print or send: what came of it, its maps, its images.
+"""The report of a sol as a PDF: its results, its maps, its images.
 
-The first page has the figures of the HTML report in short; pages of maps follow, one picture a
-layer with the colours of the server's map and a scale in metres of the map, then small pictures of
-the images. It holds no date of its own, so the same products give the same bytes.
+The first page has the figures of the HTML report in short; pages of maps follow, one per layer with
+the colours of the server's map and a scale in metres of the map, then thumbnails of the images. It
+contains no creation date, so the same products give the same bytes.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ MAPS_A_PAGE, IMAGES_A_PAGE = (3, 2), (7, 5)
 """Rows and columns."""
 MOST_IMAGES = 70
 _THUMBNAIL_PX = 500
-"""Longest side of the picture of a map."""
+"""Longest side of a map's raster."""
 _MOST_LINES, _WIDTH = 30, 105
-"""Of notes on the first page: lines, and letters a line."""
+"""Notes on the first page: lines, and letters per line."""
 
 
 def sol_pdf(mission: str, sol: int, workspace: Workspace) -> bytes:

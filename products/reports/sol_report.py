@@ -1,7 +1,7 @@
 """The report of a sol as one HTML page: images, pairs, links, adjustment, layers, times.
 
-Everything is read from the catalogue and from provenance, and nothing is computed anew, so a report
-can be made at any time. All that the page shows lies in the file itself.
+Everything is read from the catalogue and from provenance, and nothing is computed again, so a
+report can be made at any time. The page is self-contained.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class SolPair:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """What the products of a kind took, all together; of some the processor's time is not known."""
+    """Total time and memory of the products of a kind; the processor time of some is unknown."""
 
     kind: str
     count: int
@@ -54,7 +54,7 @@ class Timing:
 
 @dataclass(frozen=True, slots=True)
 class SolFacts:
-    """A sol as its report shows it."""
+    """Content of a sol's report."""
 
     mission: str
     origin: str
@@ -78,19 +78,19 @@ class SolFacts:
 
     @property
     def failures(self) -> list[str]:
-        """What went wrong."""
+        """Failures of the sol."""
         failed = (outcome for outcome in self.outcomes if outcome.is_failure)
         return [f"{one.subject}: {note}" for one in failed for note in one.notes]
 
     @property
     def notes(self) -> list[str]:
-        """What was said without anything being wrong."""
+        """Notes of the sol that are not failures."""
         well = (outcome for outcome in self.outcomes if not outcome.is_failure)
         return [f"{one.subject}: {note}" for one in well for note in one.notes]
 
 
 def sol_facts(mission: str, sol: int, workspace: Workspace) -> SolFacts:
-    """Gather what the store knows of a sol.
+    """Collect the data of a sol from the store.
 
     Raises:
         ProductNotFoundError: it has no image of that sol.
@@ -132,7 +132,7 @@ def sol_facts(mission: str, sol: int, workspace: Workspace) -> SolFacts:
 
 
 def timings(refs: list[ProductRef], workspace: Workspace) -> list[Timing]:
-    """What some products took, kind by kind, the longest first."""
+    """Time and memory of some products, kind by kind, the longest first."""
     found: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for ref in dict.fromkeys(refs):
         document = _provenance(ref, workspace)
@@ -143,7 +143,7 @@ def timings(refs: list[ProductRef], workspace: Workspace) -> list[Timing]:
 
 
 def thumbnail(image: ImageEntry, workspace: Workspace) -> bytes | None:
-    """A small JPEG of an image, or None where its picture is gone."""
+    """A small JPEG of an image, or None where its browse image is missing."""
     try:
         picture = cv2.imread(str(workspace.store.path(image.browse)), cv2.IMREAD_GRAYSCALE)
     except ProductError:
@@ -231,8 +231,8 @@ def _concerns(subject: str, of_sol: str, names: set[str]) -> bool:
 
 
 def why_unpaired(images: list[ImageEntry]) -> list[tuple[str, int]]:
-    """Reasons, and of how many images."""
-    return Counter(image.unpaired_because or "no reason is known" for image in images).most_common()
+    """Reasons, with the number of images of each."""
+    return Counter(image.unpaired_because or "reason unknown" for image in images).most_common()
 
 
 MOST_ROWS = 300
@@ -376,7 +376,7 @@ the thread that made a product; memory is the most that its whole process had he
 
 
 def sol_report(mission: str, sol: int, workspace: Workspace, base: str = "") -> str:
-    """The page of a sol; addresses of layers begin with `base`, that of the map's server.
+    """The page of a sol; addresses of layers begin with `base`, the address of the map's server.
 
     Raises:
         ProductNotFoundError: the store has no image of that sol.
@@ -418,7 +418,7 @@ def _weak(one: Any) -> str:  # noqa: ANN401 - a row of the quality document
 
 
 def _figures(facts: SolFacts, workspace: Workspace) -> list[str]:
-    """The pictures of the quality report, which lie inside its page."""
+    """The figures of the quality report, which are embedded in its page."""
     if facts.report is None:
         return []
     try:

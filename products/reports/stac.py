@@ -1,15 +1,15 @@
-"""STAC: the latest products as a catalogue of plain files, for search by place and time.
+"""STAC: the latest products as a catalogue of plain files, for search by position and time.
 
     stac/catalog.json                                      all missions
     stac/<mission>/collection.json                         one mission
     stac/<mission>/<scope>-<kind>.json                     one layer: an item, at its latest version
 
-Links are relative, so the folder of the store may be moved or served as it is. The catalogue lies
-where the products lie; every file is replaced by a whole one.
+Links are relative, so the folder of the store may be moved or served as it is. The catalogue is
+beside the products; files are replaced atomically.
 
 Items follow STAC 1.1 with the extensions projection 2.0, raster 1.1, processing 1.1, classification
-2.0 and ssys 1.1 (what body the degrees are on). GeoJSON means the Earth; `ssys:targets` says Mars,
-and `proj:wkt2` and `proj:transform` say where the cells lie on its map.
+2.0 and ssys 1.1 (the body of the coordinates). GeoJSON assumes the Earth; `ssys:targets` is Mars,
+and `proj:wkt2` and `proj:transform` give the position of the cells on its map.
 """
 
 from __future__ import annotations
@@ -59,14 +59,14 @@ class AcquisitionTimes:
 
     @classmethod
     def of(cls, layer: Layer, times: Iterable[str | None]) -> AcquisitionTimes:
-        """From the images' own times, UTC; when it was made where none has any."""
+        """From the images' own times, UTC; the time of production if none has any."""
         known = sorted(moment for moment in map(utc_of, times) if moment is not None)
         made = datetime.fromisoformat(layer.made_at).replace(tzinfo=UTC)
         return cls(known[0], known[-1]) if known else cls(made, made)
 
     @classmethod
     def of_images(cls, layer: Layer, images: Iterable[ImageEntry]) -> AcquisitionTimes:
-        """From the images behind a layer: those of its sols and, where it shows one, its stop."""
+        """From the images of a layer: those of its sols and, where it has one, its stop."""
         of_stop = layer.ref.scope.level is ScopeLevel.STOP
         return cls.of(
             layer,
@@ -81,7 +81,7 @@ class AcquisitionTimes:
 def item_of(
     layer: Layer, mission: MissionEntry, taken: AcquisitionTimes, store: ProductStore
 ) -> pystac.Item:
-    """A layer as a STAC item; links and places of files are relative to its own."""
+    """A layer as a STAC item; links and paths of files are relative to the item."""
     provenance = store.provenance(layer.ref)
     is_on_mars = any(layer.bounds) and not mission.landing.origin
     item = pystac.Item(
@@ -122,7 +122,7 @@ def item_of(
 
 
 def item_id(layer: Layer) -> str:
-    """The name of a layer's item, which stays when the layer is made anew."""
+    """The name of a layer's item, the same for all versions."""
     return f"{layer.ref.scope}-{layer.ref.kind}"
 
 
@@ -213,7 +213,7 @@ def _corners(bounds: Bounds) -> tuple[PerPoint, PerPoint]:
 
 FOLDER = "stac"
 _SOMEWHERE: Bounds = (-180.0, -90.0, 180.0, 90.0)
-"""Extent of a map that is not tied to the lander: the format asks for one."""
+"""Extent of a map that is not tied to the lander: the format requires one."""
 
 
 def write_items(
@@ -232,7 +232,7 @@ def write_catalogue(
     taken: AcquisitionTimes,
     store: ProductStore,
 ) -> None:
-    """Write the catalogue of all missions and the collection of the one whose layers these are."""
+    """Write the catalogue of all missions and the collection of the mission of these layers."""
     _write("catalog.json", catalogue_document(missions), store)
     name = layers[0].mission
     entry = next(mission for mission in missions if mission.mission == name)
@@ -256,8 +256,8 @@ def collection_document(
 
     Args:
         mission: The mission.
-        layers: The layers whose items lie beside it; none: it is empty.
-        taken: When the first and the last of all images were taken.
+        layers: The layers whose items are beside it; none: it is empty.
+        taken: Times of the first and the last of all images.
     """
     collection = _collection(mission, layers, taken)
     return collection.to_dict(include_self_link=False, transform_hrefs=False)
@@ -274,8 +274,10 @@ def _collection(
     collection = pystac.Collection(
         id=mission.mission,
         title=mission.title,
-        description=f"Latest maps of {mission.title}; places are relative to "
-        f"{mission.landing.name} ({mission.landing.source})",
+        description=(
+            f"Latest maps of {mission.title}; positions are relative to {mission.landing.name} "
+            f"({mission.landing.source})"
+        ),
         extent=pystac.Extent(
             pystac.SpatialExtent([[*extent]]),
             pystac.TemporalExtent([[taken.first, taken.last]]),

@@ -1,4 +1,4 @@
-"""Quick-look pictures of terrain products: red, green, blue and opacity, for people to look at."""
+"""Preview images of terrain products: red, green, blue and opacity."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ CLASS_COLOURS = {
     GroundClass.INTERPOLATED: (238, 204, 102, 255),
     GroundClass.OCCLUDED: (102, 17, 0, 255),
 }
-"""Blue, yellow and a dark red: told apart by everybody."""
+"""Blue, yellow and dark red: distinguishable by everyone."""
 DARKEST = 0.35
-"""Share of its colour that ground in shade keeps."""
+"""Fraction of its colour that ground in shade keeps."""
 
 
 def relief_figure(dtm: Dtm, shading: HillshadeParams, max_side: int = 1024) -> Picture:
-    """Elevation in colour, lit by a sun; clear where nothing was seen."""
+    """Elevation in colour, lit by a sun; transparent where unknown."""
     small = slice(None, None, step_for(dtm.elevation.shape, max_side))
     elevation, light = (
         dtm.elevation[small, small],
@@ -37,7 +37,7 @@ def relief_figure(dtm: Dtm, shading: HillshadeParams, max_side: int = 1024) -> P
 
 
 def class_figure(dtm: Dtm, max_side: int = 1024) -> Picture:
-    """How cells came by their elevation, in colours."""
+    """The classes of cells (origin of their elevation), in colours."""
     small = slice(None, None, step_for(dtm.ground.shape, max_side))
     table = np.zeros((256, 4), dtype=np.uint8)
     for ground, colour in CLASS_COLOURS.items():
@@ -46,7 +46,7 @@ def class_figure(dtm: Dtm, max_side: int = 1024) -> Picture:
 
 
 def step_for(shape: tuple[int, ...], max_side: int) -> int:
-    """Every how many cells a picture takes one, so that no side is longer than `max_side`."""
+    """Step in cells such that no side of a preview is longer than `max_side`."""
     return max(1, -(-max(shape) // max_side))
 
 

@@ -1,7 +1,7 @@
-"""Storage backends: where the bytes of a store lie, in a folder or an object store.
+"""Storage backends: the bytes of a store in a folder or an object store.
 
-Names are paths below the store, `products/dtm/<scope>/<digest>.tif`, the same in both. A file that
-has a name is whole. The backend of object stores is `products.store.object_backend`.
+Names are paths below the store, `products/dtm/<scope>/<digest>.tif`, the same in both. Named files
+are always complete. The backend of object stores is `products.store.object_backend`.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ from solmap.products.errors import ProductError
 
 _CHUNK = 1 << 20
 _URL = "products.url"
-"""File in the store's folder that says where its products lie, if not beside it."""
+"""File in the store's folder with the location of its products, if elsewhere."""
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectStorage:
-    """An object store that products lie in."""
+    """An object store for products."""
 
     url: str
-    """As `s3://bucket/prefix`."""
+    """For example `s3://bucket/prefix`."""
     cache_gb: float = 20.0
-    """Of copies to keep on this machine."""
+    """Limit of local copies."""
 
 
 class StorageBackend(Protocol):
-    """A place for the files of a store. `FolderBackend` and `ObjectBackend` are two."""
+    """A location for the files of a store. `FolderBackend` and `ObjectBackend` implement it."""
 
     def has(self, name: str) -> bool:
         """Whether there is a file of this name."""
         ...
 
     def path(self, name: str) -> Path | None:
-        """A file on this machine with the same bytes; None where there is none of this name."""
+        """A local file with the same bytes; None where there is none of this name."""
         ...
 
     def address(self, name: str) -> Path | str:
@@ -45,19 +45,19 @@ class StorageBackend(Protocol):
         ...
 
     def read(self, name: str) -> bytes | None:
-        """A small file, whole; None where there is none."""
+        """A small file, completely; None where there is none."""
         ...
 
     def size(self, name: str) -> int | None:
-        """How many bytes the file has; None where there is none."""
+        """Size of the file in bytes; None where there is none."""
         ...
 
     def chunks(self, name: str, start: int, end: int) -> Iterator[bytes]:
-        """The bytes from `start` up to `end` in order, a few at a time."""
+        """The bytes from `start` up to `end` in order, in pieces."""
         ...
 
     def put(self, file: Path, name: str, *, once: bool) -> None:
-        """Move a whole file here under a name; with `once` one that is there already may stay."""
+        """Move a complete file here under a name; with `once` an existing one may stay."""
         ...
 
     def names(self, folder: str) -> Iterator[str]:
@@ -65,13 +65,13 @@ class StorageBackend(Protocol):
         ...
 
     def remove(self, name: str) -> None:
-        """Remove the file; it may be gone already."""
+        """Remove the file; it may not exist any more."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class FolderBackend:
-    """A folder on a disk; files come in by renaming, so drafts lie on the same disk."""
+    """A folder on a disk; files are renamed into it, so drafts are on the same disk."""
 
     root: Path
 
@@ -126,10 +126,10 @@ class FolderBackend:
 
 
 def object_storage_of(root: Path, wanted: ObjectStorage | None) -> ObjectStorage | None:
-    """The object store of a store's products: at the given URL, or where they lay before.
+    """The object store of a store's products: at the given URL, or at the recorded one.
 
     Raises:
-        ProductError: the store has its products in another place.
+        ProductError: the store has its products elsewhere.
     """
     file = root / _URL
     before = file.read_text().strip() if file.is_file() else None
@@ -139,20 +139,19 @@ def object_storage_of(root: Path, wanted: ObjectStorage | None) -> ObjectStorage
         return wanted
     if before is not None:
         raise ProductError(
-            f"the products of {root} lie at {before}, not at {wanted.url}; set "
+            f"the products of {root} are at {before}, not at {wanted.url}; set "
             f"SOLMAP_STORE_URL={before}, or copy them there and remove {file}"
         )
     if any(FolderBackend(root).names("products")):
         raise ProductError(
-            f"{root} holds products of its own; copy its folders products/ and stac/ to "
-            f"{wanted.url} with a tool of the object store and remove them here, or name another "
-            "folder"
+            f"{root} contains products; copy its folders products/ and stac/ to {wanted.url} with "
+            "a tool of the object store and remove them here, or name another folder"
         )
     return wanted
 
 
 def remember_object_storage(object_storage: ObjectStorage, root: Path) -> None:
-    """Write down where the products of a store lie."""
+    """Record the location of a store's products."""
     if object_storage_of(root, None) != object_storage:
         draft = root / f".{_URL}.{os.getpid()}"
         draft.write_text(f"{object_storage.url}\n")

@@ -1,4 +1,4 @@
-"""Faults of disks, networks and databases: which are transient, and whether a disk is full.
+"""Errors of disks, networks and databases: transient ones, and full disks.
 
 A transient error may be gone at the next attempt: a network file system hangs for a moment, or
 another process holds the database. Images that cannot be matched, wrong settings and a full disk
@@ -51,16 +51,16 @@ _TRANSIENT_SQLITE = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_
 _PRIMARY_CODE = 0xFF
 """The rest of an error code of SQLite is detail."""
 _PARSED_AT_ONCE = "recursion depth mismatch"
-"""Python 3.11 says so, seldom, where two threads parse the headers of NumPy archives at once."""
+"""Python 3.11 raises it, rarely, when two threads parse the headers of NumPy archives at once."""
 _FULL_DISK = "53100"
 """PostgreSQL's code for it; it is not transient."""
 
 
 def retry_transient(call: Callable[[], T]) -> T:
-    """The result of a call, which is tried again after a transient error.
+    """The result of a call, which is repeated after a transient error.
 
-    For parts of a stage that may fail on their own, like the files of a downlink; a whole stage is
-    tried again by the engine.
+    For parts of a stage that may fail separately, like the files of a downlink; whole stages are
+    retried by the engine.
     """
     from tenacity import (  # noqa: PLC0415 - slow to import, and commands that list retry nothing
         Retrying,
@@ -92,7 +92,7 @@ def is_transient(error: BaseException) -> bool:
 
 
 def _database_is_away(error: DBAPIError) -> bool:
-    """Whether the connection was lost, or another transaction was in the way."""
+    """Whether the connection was lost, or another transaction interfered."""
     if isinstance(error.orig, sqlite3.Error):
         return is_transient(error.orig)
     return (
@@ -109,35 +109,35 @@ def is_database_full(error: DBAPIError | sqlite3.Error) -> bool:
 
 
 _FULL_BYTES = 1 << 20
-"""Free bytes below which a failed write is put down to a full disk."""
+"""Free bytes below which a failed write is attributed to a full disk."""
 
 
 def is_disk_full(folder: Path, error: Exception) -> bool:
-    """Whether `error`, met while writing below `folder`, means that its disk is full.
+    """Whether `error`, raised while writing below `folder`, means that its disk is full.
 
-    Libraries often say only that writing failed; then the free space decides.
+    Libraries often report only that writing failed; then the free space decides.
     """
     number = error.errno if isinstance(error, OSError) else None
     full = number in (errno.ENOSPC, errno.EDQUOT)
-    with contextlib.suppress(OSError):  # the disk is away
+    with contextlib.suppress(OSError):  # # the disk is not available
         full = full or shutil.disk_usage(folder).free < _FULL_BYTES
     return full
 
 
 def is_read_only(path: Path) -> bool:
-    """Whether a folder, or a file and its folder, is there and this process may not change it."""
+    """Whether a folder, or a file and its folder, exists and this process may not change it."""
     folder = path if path.is_dir() else path.parent
     return any(there.exists() and not os.access(there, os.W_OK) for there in (folder, path))
 
 
 def require_writable(root: Path) -> None:
-    """Refuse to go on where the store at `root` is there and may only be read.
+    """Raise an error if the store at `root` exists and is read-only.
 
     Raises:
-        StoreReadOnlyError: it may.
+        StoreReadOnlyError: it is read-only.
     """
     if is_read_only(root):
         raise StoreReadOnlyError(
-            f"{root} can only be read, by this user or because of its disk: what it holds can be "
-            "served and listed; to change it, use a copy or the user that it belongs to"
+            f"{root} is read-only for this user or on this disk: its products can be served and "
+            "listed; to change it, use a copy or its owner's account"
         )

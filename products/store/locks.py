@@ -1,8 +1,8 @@
-"""Locks between the processes of a store: who changes a mission, who makes products, who prunes.
+"""Locks between the processes of a store: changes of a mission, runs, and pruning.
 
-They are locks of the kernel (flock), which it releases when the holding process ends, however it
-ends. Runs share one lock; pruning, migration, repair and restoring take it alone. Where several
-machines share a catalogue, `products.catalogue.turns` adds locks of its database.
+They are locks of the kernel (flock), which it releases when the holding process ends in any way.
+Runs share one lock; pruning, migration, repair and restoring take it alone. Where several machines
+share a catalogue, `products.catalogue.turns` adds locks of its database.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from solmap.products.store.faults import is_read_only, require_writable
 def exclusive_lock(
     root: Path, name: str, on_wait: Callable[[], None] = lambda: None
 ) -> Iterator[None]:
-    """Hold the lock called `name` in the store at `root`; wait while another process holds it.
+    """Hold the lock `name` in the store at `root`; wait while another process holds it.
 
     Args:
         root: Folder of the store.
-        name: What is changed, like a mission.
+        name: The subject of changes, like a mission.
         on_wait: Called once before waiting.
 
     Raises:
-        StoreReadOnlyError: nothing may be written in the store.
+        StoreReadOnlyError: the store is read-only.
     """
     with _opened(root / "locks" / f"{name.lower()}.lock") as file:
         _wait_for(file, fcntl.LOCK_EX, on_wait)
@@ -38,20 +38,20 @@ def exclusive_lock(
 
 @contextmanager
 def shared_run_lock(root: Path, on_wait: Callable[[], None] = lambda: None) -> Iterator[None]:
-    """Hold the lock of runs, with other runs: nothing is pruned meanwhile. Waits for a pruning."""
+    """Share the lock of runs with other runs: nothing is pruned meanwhile. Waits for a pruning."""
     with _opened(run_lock_path(root)) as file:
         _wait_for(file, fcntl.LOCK_SH, on_wait)
         yield
 
 
 def run_lock_path(root: Path) -> Path:
-    """The lock file that runs share and that pruning takes alone."""
+    """The lock file that runs share and that pruning holds exclusively."""
     return root / "locks" / "runs.lock"
 
 
 @contextmanager
 def try_lock(path: Path) -> Iterator[bool]:
-    """Take the lock file at `path` alone if it is free; whether it was. Never waits."""
+    """Lock the file at `path` exclusively if it is free; returns whether it was. Never waits."""
     with _opened(path) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -62,7 +62,7 @@ def try_lock(path: Path) -> Iterator[bool]:
 
 
 def _opened(path: Path) -> IO[str]:
-    """The lock file, made where it is missing."""
+    """The lock file, created if missing."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         return path.open("a")

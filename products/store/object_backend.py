@@ -1,14 +1,14 @@
 """The storage backend of S3-compatible object stores: objects, their client, and a read cache.
 
-An object appears at once and whole, whether it was sent in one piece or in parts. Two makers of the
-same product do not collide: small objects are created only where there is none, large ones replace
-equal bytes. GDAL reads objects in place; tasks read copies on this machine, of which the least
-recently used are removed first. A copy appears by renaming, so it is whole, and all processes of a
-machine share the folder.
+An object appears atomically, whether it was sent in one piece or in parts. Two processes that make
+the same product do not collide: small objects are created only where there is none, large ones
+replace equal bytes. GDAL reads objects in place; tasks read local copies, of which the least
+recently used are removed first. Copies are completed by renaming, and all processes of a machine
+share the folder.
 
 Keys, region and endpoint come from the usual AWS_* variables; GDAL is given the same endpoint.
-Where there are no keys the clients would ask the cloud's metadata address for some: that is
-refused, unless the environment says that the machine has a role.
+Without keys the clients would request some from the cloud's metadata address: this raises an error,
+unless the environment states that the machine has a role.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
 
 _CACHE = "cache"
 _PIECE = 16 << 20
-"""Larger files are sent in parts, which no condition can be put to."""
+"""Size above which files are sent in parts, without a condition."""
 _PART, _PARTS_AT_ONCE = 8 << 20, 4
 _NO_CONDITIONS = ("NotImplemented", "501 Not Implemented")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectBackend:
-    """Objects below `prefix` of a bucket, with copies on this machine."""
+    """Objects below `prefix` of a bucket, with local copies."""
 
     bucket: str
     prefix: str
@@ -52,14 +52,14 @@ class ObjectBackend:
         return self.size(name) is not None
 
     def path(self, name: str) -> Path | None:
-        """A copy, fetched where it is not here yet."""
+        """A local copy, fetched if necessary."""
         try:
             return self.cache.path(name, lambda half: self._fetch(name, half))
         except FileNotFoundError:
             return None
 
     def address(self, name: str) -> str:
-        """What GDAL opens to read parts of the object."""
+        """GDAL's address for reading parts of the object."""
         return "/".join(part for part in ("/vsis3", self.bucket, self.prefix, name) if part)
 
     def read(self, name: str) -> bytes | None:
@@ -94,7 +94,7 @@ class ObjectBackend:
                 yield bytes(chunk)
 
     def put(self, file: Path, name: str, *, once: bool) -> None:
-        """Send a file; what was sent is the copy on this machine too, if it is to stay as it is."""
+        """Send a file; it also becomes the local copy, if it is not to change."""
         with explain_errors(self.url, sending=True):
             is_ours = self._send(file, name, once=once)
         if once and is_ours:
@@ -117,11 +117,11 @@ class ObjectBackend:
         self.cache.remove(name)
 
     def probe(self) -> None:
-        """See whether the bucket answers.
+        """Check whether the bucket responds.
 
         Raises:
-            StoreAwayError: nobody answers.
-            ProductError: there is no such bucket, or the keys do not open it.
+            StoreAwayError: it does not respond.
+            ProductError: there is no such bucket, or the keys give no access to it.
         """
         import obstore  # noqa: PLC0415
 
@@ -129,7 +129,7 @@ class ObjectBackend:
             next(iter(obstore.list(self.store, chunk_size=1)), None)
 
     def _send(self, file: Path, name: str, *, once: bool) -> bool:
-        """Send a file; False where an object of this name was there already and stays."""
+        """Send a file; False where an object of this name existed and is kept."""
         import obstore  # noqa: PLC0415
         from obstore.exceptions import AlreadyExistsError, BaseError  # noqa: PLC0415
 
@@ -164,7 +164,7 @@ class ObjectBackend:
 
     @property
     def url(self) -> str:
-        """Where the objects are."""
+        """Location of the objects."""
         return f"s3://{self.bucket}/{self.prefix}".rstrip("/")
 
 
@@ -172,7 +172,7 @@ def open_object_backend(object_storage: ObjectStorage, root: Path) -> ObjectBack
     """The objects below a URL, with copies in a store's folder; one client for a whole process.
 
     Raises:
-        ProductError: the URL is of another kind, or what reads it is not installed.
+        ProductError: the URL is of another kind, or the client library is not installed.
     """
     return _object_backend(object_storage, root, os.getpid(), endpoint())
 
@@ -189,7 +189,7 @@ def _object_backend(
 _RETRIES, _RETRY_S = 4, 60
 _CONNECT_S, _SILENCE_S, _REQUEST_S = 5, 60, 600
 _AMAZON = "https://s3.amazonaws.com"
-_URLS = "say SOLMAP_STORE_URL=s3://bucket/prefix, or leave it out"
+_URLS = "set SOLMAP_STORE_URL=s3://bucket/prefix, or omit it"
 _REFUSALS = ("AccessDenied", "InvalidAccessKeyId", "SignatureDoesNotMatch", "403 Forbidden")
 _KEYS = {"AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"}
 _ROLES = {
@@ -197,7 +197,7 @@ _ROLES = {
     "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
     "AWS_CONTAINER_CREDENTIALS_FULL_URI",
 }
-"""Variables that say where keys are to be had."""
+"""Variables that name a source of keys."""
 _GDAL = {
     "GDAL_HTTP_MAX_RETRY": "3",
     "GDAL_HTTP_RETRY_DELAY": "0.2",
@@ -214,7 +214,7 @@ def bucket_and_prefix(url: str) -> tuple[str, str]:
     """
     parts = urlsplit(url)
     if parts.scheme != "s3" or not parts.netloc or parts.query or parts.fragment:
-        raise ProductError(f"products cannot lie at {url!r}; {_URLS}")
+        raise ProductError(f"products cannot be stored at {url!r}; {_URLS}")
     return parts.netloc, parts.path.strip("/")
 
 
@@ -222,7 +222,7 @@ def client_of(bucket: str, prefix: str) -> S3Store:
     """A client of the objects below a prefix; threads may share it, processes may not.
 
     Raises:
-        ProductError: what reads objects is not installed, or there are no keys.
+        ProductError: the client library is not installed, or there are no keys.
     """
     try:
         from obstore.store import S3Store  # noqa: PLC0415 - only where a store is given by URL
@@ -247,16 +247,16 @@ def client_of(bucket: str, prefix: str) -> S3Store:
 
 
 def _check_keys(bucket: str, prefix: str) -> None:
-    """Refuse an environment that has no keys and does not say where there are some.
+    """Raise an error if the environment has no keys and names no source of them.
 
     Raises:
-        ProductError: that is so.
+        ProductError: it has none.
     """
     given = {name for name, value in os.environ.items() if value}
     may_ask = os.environ.get("AWS_EC2_METADATA_DISABLED", "").lower() in {"false", "no", "0"}
     is_open = os.environ.get("AWS_SKIP_SIGNATURE", "").lower() in {"true", "yes", "1"}
     if is_open:
-        os.environ.setdefault("AWS_NO_SIGN_REQUEST", "YES")  # GDAL's word for the same
+        os.environ.setdefault("AWS_NO_SIGN_REQUEST", "YES")  # # GDAL's name of the same
     if not (may_ask or is_open or given >= _KEYS or given & _ROLES):
         raise ProductError(
             f"there are no keys to s3://{bucket}/{prefix}: set AWS_ACCESS_KEY_ID and "
@@ -265,7 +265,7 @@ def _check_keys(bucket: str, prefix: str) -> None:
 
 
 def endpoint() -> str:
-    """Where the object store is."""
+    """Address of the object store."""
     names = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT")
     return next((url for url in map(os.environ.get, names) if url), _AMAZON)
 
@@ -273,7 +273,7 @@ def endpoint() -> str:
 def _configure_gdal(bucket: str) -> None:
     """Give GDAL the same endpoint by its own variables; it reads those of keys by itself.
 
-    What it could not open it would remember as absent, long after the store answers again.
+    GDAL would otherwise cache failures, long after the store responds again.
     """
     os.environ["CPL_VSIL_CURL_NON_CACHED"] = f"/vsis3/{bucket}"
     for name, value in _GDAL.items():
@@ -290,12 +290,12 @@ def _configure_gdal(bucket: str) -> None:
 
 @contextlib.contextmanager
 def explain_errors(url: str, *, sending: bool = False) -> Iterator[None]:
-    """Turn the object store's errors into ours, which say what to do.
+    """Convert the object store's errors to ours, with remedies.
 
     Raises:
         FileNotFoundError: there is no such object.
-        StoreAwayError: nobody answers, which may pass.
-        ProductError: there is no such bucket, or the keys do not open it.
+        StoreAwayError: it does not respond, which may be transient.
+        ProductError: there is no such bucket, or the keys give no access to it.
     """
     from obstore.exceptions import (  # noqa: PLC0415
         BaseError,
@@ -317,32 +317,33 @@ def explain_errors(url: str, *, sending: bool = False) -> Iterator[None]:
         refused = isinstance(error, PermissionDeniedError | UnauthenticatedError)
         if refused or mentions(error, _REFUSALS):
             raise ProductError(
-                f"{endpoint()} does not open {url} with these keys: {_first(error)}; "
+                f"{endpoint()} does not give access to {url} with these keys: {_first(error)}; "
                 "set AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY and AWS_REGION right"
             ) from error
         raise StoreAwayError(
-            f"the object store {url} at {endpoint()} does not answer: {_first(error)}; "
-            "is it running, and is AWS_ENDPOINT_URL right?"
+            f"the object store {url} at {endpoint()} does not respond: {_first(error)}; is it "
+            "running, and is AWS_ENDPOINT_URL right?"
         ) from error
 
 
 def mentions(error: Exception, words: tuple[str, ...]) -> bool:
-    """Whether an error of the client has one of some words."""
+    """Whether an error of the client contains one of some words."""
     return any(word in str(error) for word in words)
 
 
 def _first(error: Exception) -> str:
-    """What happened, without the client's own record of it."""
+    """The message without the client's own trace."""
     return " ".join(str(error).partition("Debug source")[0].split())
 
 
 _JUST_USED_S = 300.0
 _TOUCHED_S = 10.0
-"""Uses closer together than this are one use."""
+"""Uses closer together than this count as one."""
 _SLACK = 20
-"""Room is made whenever a process has added this part of the limit, and that much more of it."""
+"""Fraction of the limit that a process may add before it removes old copies, down to that much
+below."""
 _DEAD_S = 3600.0
-"""A copy that has been half done for so long belongs to a process that was killed."""
+"""Age from which an unfinished copy belongs to a killed process."""
 _HALF = ".half-"
 
 
@@ -352,12 +353,12 @@ class ReadCache:
 
     folder: Path
     limit: int
-    """Bytes of copies to keep."""
+    """Limit of the copies in bytes."""
     _added: int = field(default=0, init=False)
-    """Bytes since room was last made."""
+    """Bytes since the last removal."""
 
     def path(self, name: str, fetch: Callable[[Path], None]) -> Path:
-        """The copy of a file; `fetch` writes it where it is not here yet."""
+        """The copy of a file; `fetch` writes it if it does not exist."""
         path = self.folder / name
         try:
             _touch(path)
@@ -373,7 +374,7 @@ class ReadCache:
         return path
 
     def put(self, file: Path, name: str) -> None:
-        """Take a whole file of the same disk as the copy."""
+        """Move a complete file of the same disk here as the copy."""
         path = self.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         self._added += file.stat().st_size
@@ -388,10 +389,10 @@ class ReadCache:
         (self.folder / name).unlink(missing_ok=True)
 
     def evict(self) -> None:
-        """Remove what was not used for longest, until there is some room below the limit."""
+        """Remove the least recently used copies, until there is some space below the limit."""
         now, copies = time.time(), []
         for path in self.folder.rglob("*"):
-            with contextlib.suppress(FileNotFoundError):  # others make room too
+            with contextlib.suppress(FileNotFoundError):  # # other processes remove copies too
                 stat = path.stat()
                 if path.is_file():
                     copies.append((stat.st_mtime, stat.st_size, path))
@@ -406,7 +407,7 @@ class ReadCache:
 
 
 def _touch(path: Path) -> None:
-    """Note that a copy is used.
+    """Record a use of a copy.
 
     Raises:
         FileNotFoundError: there is none.

@@ -1,14 +1,13 @@
-"""What a process that works on a store keeps of itself: its log, and the resources that it used.
+"""Log and resource use of a process that works on a store.
 
-Logs are for programs: one JSON object a line, below `logs/` in the store. Every process of a store
-may append to the same file, because a line is one write. A file that has grown is renamed to `.1`
-(the one before to `.2`, and so on) under a lock; other processes see that the name leads to a new
-file and follow.
+Logs are machine-readable: one JSON object per line, below `logs/` in the store. Every process of a
+store may append to the same file, because a line is one write. A large file is renamed to `.1` (the
+previous one to `.2`, and so on) under a lock; other processes detect the new file by its name.
 
-Resources are measured for each stage. Stages run beside each other as threads of one process, so
-processor time is that of the thread itself, without threads that a library starts (OpenCV does).
-Memory is known of the process only: `peak_rss_mb` is the most it has held since it began, and
-`rss_rise_mb` by how much that mark rose meanwhile, whichever thread raised it.
+Resources are measured for each stage. Stages run concurrently as threads of one process, so
+processor time is that of the thread itself, without threads started by libraries (such as OpenCV).
+Memory is known only for the process: `peak_rss_mb` is its maximum since its start, and
+`rss_rise_mb` the increase of that maximum meanwhile, by any thread.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ _context: ContextVar[Mapping[str, object]] = ContextVar("solmap_log", default=_N
 
 @contextmanager
 def log_context(**facts: object) -> Iterator[None]:
-    """Add facts (`run`, `sol`, `subject`) to every line that is logged inside the block."""
+    """Add facts (`run`, `sol`, `subject`) to every log line inside the block."""
     before = _context.set({**_context.get(), **facts})
     try:
         yield
@@ -68,7 +67,7 @@ class JsonLineFormatter(logging.Formatter):
 
 
 class SharedLogHandler(WatchedFileHandler):
-    """A file of lines that several processes append to and that is renamed when it has grown."""
+    """A file of lines that several processes append to and that is rotated by size."""
 
     def __init__(self, path: Path, most_bytes: int = MOST_BYTES, kept: int = KEPT) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -76,7 +75,7 @@ class SharedLogHandler(WatchedFileHandler):
         self._path, self._most, self._kept = path, most_bytes, kept
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a line; a failure to write is reported and goes no further."""
+        """Write a line; a failure to write is reported without further effect."""
         try:
             super().emit(record)
             if self._path.stat().st_size > self._most:
@@ -96,7 +95,7 @@ class SharedLogHandler(WatchedFileHandler):
 
 
 def log_to_store(root: Path, program: str) -> None:
-    """Write the log of this process to `logs/PROGRAM.jsonl` of a store, if that may be written."""
+    """Write the log of this process to `logs/PROGRAM.jsonl` of a store, if it is writable."""
     path = root.resolve() / "logs" / f"{program}.jsonl"
     if is_read_only(root) or is_read_only(path):
         return
@@ -117,7 +116,7 @@ def _peak_mb() -> float:
 
 @dataclass(frozen=True, slots=True)
 class ResourceMeter:
-    """Clocks and memory of this thread and process at the beginning of a measurement."""
+    """Time and memory of this thread and process at the beginning of a measurement."""
 
     wall: float = field(default_factory=time.monotonic)
     cpu: float = field(default_factory=time.thread_time)
@@ -140,14 +139,14 @@ million lists without a cycle, and collecting would take twice as long as readin
 
 
 def collect_garbage_seldom() -> None:
-    """Let this process look for cycles of objects less often than by default."""
+    """Let this process collect garbage less often than by default."""
     gc.set_threshold(_OBJECTS)
 
 
 def exempt_objects_from_collection() -> None:
-    """Have collections pass over the objects that there are: modules and routes of a server.
+    """Exempt the existing objects from garbage collection: modules and routes of a server.
 
-    Looking through the 180,000 of them stops all threads for 0.15 s of a processor.
+    Scanning the 180,000 of them stops all threads for 0.15 s of processor time.
     """
     gc.collect()
     gc.freeze()

@@ -1,12 +1,12 @@
 """The store: products are made once, then read by reference.
 
-A product is drafted in a folder of its own and put into place when it is whole, so that a product
-that is there is complete, whichever process was killed. Beside each product lies its provenance:
-the recipe, when it was made and with what resources, its size and checksum. The product's own bytes
+A product is drafted in a separate folder and moved into place when complete, so that existing
+products are always complete, even if a process is killed. Beside each product is its provenance:
+the recipe, the time and resources of its making, its size and checksum. The product's own bytes
 hold no dates, so the same recipe gives the same bytes.
 
-Bytes lie in the store's folder or in an object store; drafts, databases and what can be made again
-(indexes, copies of objects) always lie in the folder.
+Products are in the store's folder or in an object store; drafts, databases and caches (indexes,
+copies of objects) are always in the folder.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from solmap.products.store.process import ResourceMeter
 
 _PRODUCTS = "products"
 _LEVELS = 4
-"""Of the name of a product: `products/KIND/SCOPE/FILE`."""
+"""Parts of the name of a product: `products/KIND/SCOPE/FILE`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,17 +50,17 @@ class ProductStore:
     root: Path
     """The folder of this machine."""
     object_storage: ObjectStorage | None = None
-    """The object store that products lie in; None: in the folder."""
+    """The object store of the products; None: in the folder."""
 
     @classmethod
     def open(cls, root: Path, object_storage: ObjectStorage | None = None) -> ProductStore:
-        """Open or found the store at `root`, and clear the drafts that killed processes left.
+        """Open or create the store at `root`, and remove drafts of killed processes.
 
-        One that may only be read is opened for that.
+        A read-only one is opened for reading.
 
         Raises:
             ProductError: the folder cannot be made, or the URL cannot be used.
-            StoreAwayError: the object store does not answer.
+            StoreAwayError: the object store does not respond.
         """
         store = cls(root.resolve())
         try:
@@ -68,8 +68,7 @@ class ProductStore:
         except OSError as error:
             if not (store.root / _PRODUCTS).is_dir():
                 raise ProductError(
-                    f"{root} cannot hold a store: {error.strerror}; name a folder that can be "
-                    "written"
+                    f"{root} cannot be a store: {error.strerror}; name a writable folder"
                 ) from error
         store._clear_dead_drafts()
         object_storage = object_storage_of(store.root, object_storage)
@@ -81,7 +80,7 @@ class ProductStore:
 
     @property
     def backend(self) -> StorageBackend:
-        """Where its files lie; for what looks after them, products are reached by reference."""
+        """Storage of its files; for maintenance, while products are reached by reference."""
         if self.object_storage is None:
             return FolderBackend(self.root)
         return open_object_backend(self.object_storage, self.root)
@@ -91,7 +90,7 @@ class ProductStore:
         return self.root / "drafts"
 
     def path(self, ref: ProductRef) -> Path:
-        """A file of this machine that holds the product; read it soon, and do not change it.
+        """A local file of the product; read it soon, and do not change it.
 
         Raises:
             ProductNotFoundError: it has not been made.
@@ -102,11 +101,11 @@ class ProductStore:
         return path
 
     def address(self, ref: ProductRef) -> Path | str:
-        """What GDAL opens to read parts of a raster where it lies, be it made or not."""
+        """GDAL's address of parts of a raster, whether it exists or not."""
         return self.backend.address(_name(ref))
 
     def size(self, ref: ProductRef) -> int:
-        """How many bytes the product has.
+        """Size of the product in bytes.
 
         Raises:
             ProductNotFoundError: it has not been made.
@@ -117,7 +116,7 @@ class ProductStore:
         return size
 
     def chunks(self, ref: ProductRef, start: int, end: int) -> Iterator[bytes]:
-        """The bytes of a product from `start` up to `end` in order, a few at a time."""
+        """The bytes of a product from `start` up to `end` in order, in pieces."""
         return self.backend.chunks(_name(ref), start, end)
 
     def has(self, ref: ProductRef) -> bool:
@@ -133,7 +132,7 @@ class ProductStore:
         return sorted(found, key=lambda ref: (self.made_at(ref), ref.digest))
 
     def refs(self) -> Iterator[ProductRef]:
-        """Every product there is, latest or not, in the order of their names."""
+        """Every existing product, latest or not, in the order of their names."""
         for kind in sorted(ProductKind):
             for name in sorted(self.backend.names(f"{_PRODUCTS}/{kind}")):
                 parts = name.split("/")
@@ -141,17 +140,17 @@ class ProductStore:
                     yield ProductRef(kind, Scope(self._level(kind, name), parts[2]), digest)
 
     def remove(self, ref: ProductRef) -> None:
-        """Remove a product, then its provenance; it may be gone already."""
+        """Remove a product, then its provenance; it may not exist any more."""
         require_writable(self.root)
         self.backend.remove(_name(ref))
         self.backend.remove(provenance_name(_name(ref)))
 
     def make(self, recipe: Recipe, write: Callable[[Path], None]) -> ProductRef:
-        """Make the product of `recipe` with `write`, unless it is there already.
+        """Make the product of `recipe` with `write`, unless it exists.
 
         Raises:
-            StoreFullError: the disk is full; the draft is gone, everything made before remains.
-            StoreAwayError: the object store does not answer; nothing of the product can be seen.
+            StoreFullError: the disk is full; the draft is removed, finished products are kept.
+            StoreAwayError: the object store does not respond; no part of the product is visible.
         """
         ref = recipe.ref
         if self.has(ref):
@@ -166,7 +165,7 @@ class ProductStore:
             write(draft)
             notes = folder / PurePosixPath(provenance_name(name)).name
             notes.write_text(json.dumps(_provenance(recipe, draft, effort)))
-            # the product last: where it is, its provenance is too
+            # # the product last: if it exists, its provenance does too
             self.backend.put(notes, provenance_name(name), once=False)
             self.backend.put(draft, name, once=True)
         return ref
@@ -195,14 +194,15 @@ class ProductStore:
         return None if found is None else found.decode()
 
     def _level(self, kind: ProductKind, name: str) -> ScopeLevel:
-        """What a product is about; where its kind does not say the level, its provenance does."""
+        """Level of a product's scope: by its kind, or else by its provenance."""
         if kind.level is not None:
             return kind.level
         try:
             notes = json.loads(self.backend.read(provenance_name(name)) or b"{}")
             return ScopeLevel(notes["recipe"]["scope"]["level"])
         except (ValueError, LookupError, TypeError):
-            return ScopeLevel.REGION  # its provenance is broken, and says so to who asks for it
+            # # its provenance is broken, which is reported when it is read
+            return ScopeLevel.REGION
 
     def admit(self, name: str, chunks: Iterable[bytes], sha256: str) -> bool:
         """Take a file of a backup under its name, unless its checksum is another; whether it was.
@@ -220,7 +220,7 @@ class ProductStore:
     @contextlib.contextmanager
     def _draft(self) -> Iterator[Path]:
         require_writable(self.root)
-        self._drafts.mkdir(parents=True, exist_ok=True)  # a store that another machine opened
+        self._drafts.mkdir(parents=True, exist_ok=True)  # # a store opened by another machine
         prefix = f"{socket.gethostname()}-{os.getpid()}-"
         folder = Path(tempfile.mkdtemp(prefix=prefix, dir=self._drafts))
         try:
@@ -230,14 +230,14 @@ class ProductStore:
 
     @contextlib.contextmanager
     def _explaining_full_disk(self, what: str) -> Iterator[None]:
-        """Say plainly that the disk is full, also where a library only says that writing failed."""
+        """Report that the disk is full, even if a library only reports that writing failed."""
         try:
             yield
         except Exception as error:
             if is_disk_full(self.root, error):
                 raise StoreFullError(
-                    f"the disk is full while {what}; free some space and run again: what was made "
-                    "before is kept"
+                    f"the disk is full while {what}; free some space and run again: finished "
+                    "products are kept"
                 ) from error
             raise
 
@@ -254,13 +254,13 @@ def _name(ref: ProductRef) -> str:
 
 
 def provenance_name(name: str) -> str:
-    """The name of the file that says how the product of a name was made."""
+    """The name of the provenance file of a product."""
     folder, _, file = name.rpartition("/")
     return f"{folder}/{file.split('.')[0]}.provenance.json"
 
 
 def _digests(names: Iterable[str], kind: ProductKind) -> Iterator[str]:
-    """The digests of the products among some names; provenance may end like a product."""
+    """The digests of the products among some names; provenance may have a product's suffix."""
     for name in names:
         digest = name.rpartition("/")[2].removesuffix(kind.suffix)
         if name.endswith(kind.suffix) and "." not in digest:
@@ -275,7 +275,7 @@ def _not_found(ref: ProductRef) -> ProductNotFoundError:
 
 
 def write_chunks(path: Path, chunks: Iterable[bytes]) -> str:
-    """Write a new file, and flush it to the disk; its checksum."""
+    """Write a new file, and flush it to the disk; returns its checksum."""
     digest = hashlib.sha256()
     with path.open("wb") as file:
         for chunk in chunks:

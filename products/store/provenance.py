@@ -1,4 +1,4 @@
-"""How a product was made: tags inside rasters, and the adjustment that it depends on."""
+"""Provenance of a product: tags inside rasters, and the adjustment that it depends on."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _ADJUSTED = {"Orientation"}
 def provenance_tags(recipe: Recipe) -> dict[str, str]:
     """Tags with a product's name, inputs, parameters, software and version of the science.
 
-    The parameters hold the adjusted orientations a map was made with, number by number, for a map
-    depends on these and not on the network they came from; `ADJUSTMENT` names them.
+    The parameters contain the adjusted orientations of a map, number by number, because a map
+    depends on these and not on their network; `ADJUSTMENT` names them.
     """
     document, ref = recipe.document, recipe.ref
     adjustment = orientations_id(document["params"])
@@ -36,10 +36,10 @@ def provenance_tags(recipe: Recipe) -> dict[str, str]:
 
 
 def adjustment_id(ref: ProductRef, store: ProductStore) -> str | None:
-    """The adjustment that a product depends on: the digest of its orientations, or its network.
+    """The adjustment of a product: the digest of its orientations, or its network.
 
-    Products of one stop with equal names were made from the very same orientations. None where no
-    adjustment stands behind it, or its inputs are gone.
+    Products of one stop with equal names were made from the same orientations. None for products
+    without adjustment, or with missing inputs.
     """
     try:
         recipe = store.provenance(ref)["recipe"]

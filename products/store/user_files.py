@@ -1,8 +1,8 @@
-"""Files that people deliver or name: opened only where they are regular files, and read in bounds.
+"""Files delivered or named by people: only regular files are opened, and they are read in bounds.
 
-Whoever made a folder may have put into it a FIFO, which is waited for without end, a device, whose
-reading changes something, or a link to a file that was never meant to be read here. Links may lead
-to regular files of the same folder. What is refused raises `OSError`, its reason in `strerror`.
+A folder may contain a FIFO, whose reading never ends, a device, whose reading has effects, or a
+link to a file outside. Links to regular files of the same folder are permitted. Others raise
+`OSError`, with the reason in `strerror`.
 """
 
 from __future__ import annotations
@@ -32,31 +32,32 @@ _KINDS = {
 
 @contextmanager
 def open_user_file(path: Path, folder: Path | None = None) -> Iterator[BufferedReader]:
-    """A file opened for reading, after a look at what it is.
+    """A file opened for reading, after a check of its type.
 
     Args:
         path: Its path.
-        folder: Where links may lead to: the folder of a delivery; that of the file, if not given.
+        folder: Folder within which links are permitted: that of a delivery; by default that of
+            the file.
 
     Raises:
-        OSError: it is no regular file, lies outside of the folder, or cannot be opened.
+        OSError: it is not a regular file, is outside the folder, or cannot be opened.
     """
     folder = (folder or path.parent).resolve()
     try:
         place = path.resolve(strict=True)
-    except RuntimeError:  # what Python 3.11 raises of links in a circle
-        raise OSError(errno.ELOOP, "a link that leads to itself", str(path)) from None
+    except RuntimeError:  # # raised by Python 3.11 for links in a circle
+        raise OSError(errno.ELOOP, "a link to itself", str(path)) from None
     if path.is_symlink() and not place.is_relative_to(folder):
         raise OSError(
             errno.EACCES, "a link that leads out of its folder is not followed", str(path)
         )
-    _check_regular(path, place.lstat())  # opening a device may do something
+    _check_regular(path, place.lstat())  # # opening a device may have effects
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_NOCTTY | os.O_CLOEXEC
     with os.fdopen(os.open(place, flags), "rb") as file:
-        _check_regular(path, os.fstat(file.fileno()))  # another file may be there by now
+        _check_regular(path, os.fstat(file.fileno()))  # # another file may be there by now
         opened = Path(f"/proc/self/fd/{file.fileno()}")
-        if opened.exists() and opened.readlink() != place:  # by a folder exchanged for a link
-            raise OSError(errno.EACCES, "it was exchanged while it was opened", str(path))
+        if opened.exists() and opened.readlink() != place:  # # by a folder replaced by a link
+            raise OSError(errno.EACCES, "it was replaced while it was opened", str(path))
         yield file
 
 
@@ -65,10 +66,10 @@ def read_user_file(
 ) -> bytes:
     """The bytes of a file that `open_user_file` opens.
 
-    No more are read than its size says, so that files of the kernel that have none end at once.
+    At most its size is read, so that kernel files without size end at once.
 
     Raises:
-        OSError: it is none of these files, is larger than `most_bytes`, or cannot be read.
+        OSError: it is not such a file, is larger than `most_bytes`, or cannot be read.
     """
     with open_user_file(path, folder) as file:
         size = os.fstat(file.fileno()).st_size
@@ -79,12 +80,12 @@ def read_user_file(
 
 
 def reason_of(error: OSError) -> str:
-    """Why a file could not be read, without its number and path."""
+    """The reason why a file could not be read, without its number and path."""
     return error.strerror or str(error)
 
 
 def plain_name(name: str) -> str:
-    """A file's name as text that can be printed, kept and sent.
+    """A file's name as text that can be printed, stored and sent.
 
     Bytes that are not UTF-8, control characters and marks that turn the direction of writing are
     escaped.

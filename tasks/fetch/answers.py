@@ -1,10 +1,10 @@
-"""What a server answers: a file, a part of it, that nothing has changed, or a fault.
+"""Responses of a server: a file, a part of it, "not modified", or an error.
 
     transport errors, 408, 425, 429, 5xx              the same address again, after a wait
     other 4xx, redirects off the list, coded bytes    the next mirror
 
-Redirects are followed to listed hosts only, and never from https to http. The errors of fetching
-stand here, too.
+Redirects are followed to listed hosts only, and never from https to http. This module also defines
+the errors of fetching.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ TRANSIENT = frozenset(
     {HTTPStatus.REQUEST_TIMEOUT, HTTPStatus.TOO_EARLY, HTTPStatus.TOO_MANY_REQUESTS}
     | {HTTPStatus(code) for code in (500, 502, 503, 504)}
 )
-"""Faults that may pass."""
+"""Transient HTTP statuses."""
 ANSWERS = frozenset(
     {HTTPStatus.OK, HTTPStatus.PARTIAL_CONTENT, HTTPStatus.NOT_MODIFIED}
     | {HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE}
 )
-"""What tells of the file; who asked for a range knows what to make of each."""
+"""Statuses that concern the file; the caller interprets each."""
 
 
 class FetchError(Exception):
@@ -35,7 +35,7 @@ class FetchError(Exception):
 
 
 class WrongContentError(FetchError):
-    """A file came whole, but is not what it should be."""
+    """A file was transferred completely, but has the wrong content."""
 
 
 class DiskError(FetchError):
@@ -43,7 +43,7 @@ class DiskError(FetchError):
 
 
 class TryAgainError(Exception):
-    """A fault that may pass; `reached` says whether the host was there at all."""
+    """A transient error; `reached` is whether the host was reached at all."""
 
     def __init__(self, reason: str, wait_s: float = 0.0, *, reached: bool = True) -> None:
         super().__init__(reason)
@@ -52,11 +52,11 @@ class TryAgainError(Exception):
 
 
 class NextMirrorError(Exception):
-    """A fault that asking the same server again does not mend."""
+    """An error that a retry on the same server does not resolve."""
 
 
 def open_client(timeout_s: float, connections: int) -> httpx.Client:
-    """A client that asks for files as they are, not compressed on the way; close it."""
+    """A client that requests files without compression; close it."""
     return httpx.Client(
         headers={"User-Agent": USER_AGENT, "Accept-Encoding": "identity"},
         timeout=httpx.Timeout(timeout_s),
@@ -68,11 +68,11 @@ def open_client(timeout_s: float, connections: int) -> httpx.Client:
 def answer(
     client: httpx.Client, url: str, headers: dict[str, str], hosts: frozenset[str]
 ) -> Iterator[httpx.Response]:
-    """The answer that tells of a file, redirects to `hosts` followed; its body is still to come.
+    """The response for a file, after redirects within `hosts`; its body is not read yet.
 
     Raises:
-        TryAgainError: the connection broke, or the server said that it cannot at present.
-        NextMirrorError: the server has no such file, or sends elsewhere.
+        TryAgainError: the connection broke, or the server is temporarily unavailable.
+        NextMirrorError: the server has no such file, or redirects elsewhere.
     """
     for _ in range(MAX_REDIRECTS + 1):
         response = _send(client, url, headers)
@@ -88,7 +88,7 @@ def answer(
 
 
 def body(response: httpx.Response) -> Iterable[bytes]:
-    """The bytes of an answer, as they come.
+    """The bytes of a response, as they arrive.
 
     Raises:
         TryAgainError: the connection broke before the end.
@@ -101,7 +101,7 @@ def body(response: httpx.Response) -> Iterable[bytes]:
 
 
 def host_of(url: str) -> str:
-    """The host of an address, to name it in a complaint."""
+    """The host of an address, for messages."""
     return urlsplit(url).hostname or url
 
 
@@ -122,7 +122,9 @@ def _check(response: httpx.Response) -> None:
     if status in ANSWERS:
         coding = response.headers.get("content-encoding", "identity")
         if coding != "identity":  # byte ranges would be those of the compressed file
-            raise NextMirrorError(f"{host} sends the file {coding}-coded, though asked not to")
+            raise NextMirrorError(
+                f"{host} sends the file {coding}-coded, although no coding was requested"
+            )
         return
     said = f"{host} answers {status} {response.reason_phrase} for {response.url.path}"
     if status in TRANSIENT:
@@ -136,7 +138,7 @@ def _redirect_target(response: httpx.Response, hosts: frozenset[str]) -> str:
     try:
         target = response.url.join(response.headers["location"])
     except httpx.InvalidURL as error:
-        raise NextMirrorError(f"{host} redirects to no address") from error
+        raise NextMirrorError(f"{host} redirects without an address") from error
     if target.host not in hosts or target.scheme not in {"http", "https"}:
         raise NextMirrorError(
             f"{host} redirects to {target.host or str(target)!r}, which is not among the hosts of "

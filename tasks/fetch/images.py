@@ -1,4 +1,4 @@
-"""The images of a selection, several at a time; what is here and whole is not fetched again."""
+"""The images of a selection, several at a time; complete ones are not fetched again."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from solmap.tasks.stage import stage
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """How the fetching of one image ended."""
+    """Result of fetching one image."""
 
     path: Path
     received_bytes: int = 0
@@ -37,16 +37,16 @@ def fetch_images(
     transfer: Transfer,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> list[Arrival]:
-    """Bring images here, each into the folder of its sol; a failure stops nothing else.
+    """Fetch images, each into the folder of its sol; a failure does not stop the others.
 
     Raises:
-        DiskError: the disk is full, so that nothing else can be written either.
+        DiskError: the disk is full, so that nothing else can be written.
     """
     pool = ThreadPoolExecutor(transfer.params.connections)
     try:
         futures = [pool.submit(_fetch, entry, volume, out_dir, transfer) for entry in entries]
         for done, future in enumerate(as_completed(futures), 1):
-            future.result()  # a full disk stops the rest
+            future.result()  # # a full disk stops the others
             progress(done, len(futures))
         return [future.result() for future in futures]
     finally:
@@ -54,12 +54,12 @@ def fetch_images(
 
 
 def target_of(entry: IndexEntry, out_dir: Path) -> Path:
-    """Where an image lies here."""
+    """Local path of an image."""
     return out_dir / f"sol{entry.sol:04d}" / local_name(entry)
 
 
 def is_whole(path: Path) -> bool:
-    """Whether an image is here, as long as its label says."""
+    """Whether an image exists with the size in its label."""
     try:
         check_image(path)
     except (WrongContentError, FileNotFoundError):
@@ -70,10 +70,10 @@ def is_whole(path: Path) -> bool:
 
 
 def check_image(path: Path) -> None:
-    """Hold the size of a file against RECORD_BYTES x FILE_RECORDS of its attached label.
+    """Compare the size of a file with RECORD_BYTES x FILE_RECORDS of its attached label.
 
     Raises:
-        WrongContentError: it is no image, or of another size.
+        WrongContentError: it is not an image, or of another size.
     """
     name = path.name.removesuffix(".part")
     with open_user_file(path) as file:
@@ -98,7 +98,7 @@ def _fetch(entry: IndexEntry, volume: Volume, out_dir: Path, transfer: Transfer)
         return Arrival(path, was_here=True)
     try:
         if path.exists():
-            path.unlink()  # spoilt here: no server can say that it has not changed
+            path.unlink()  # # damaged locally, so "not modified" must not be accepted
         fetched = transfer.fetch(volume.image_urls(entry), path, check_image)
         PartialFile(path).forget()
     except DiskError:

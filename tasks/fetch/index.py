@@ -1,4 +1,4 @@
-"""A volume of the archive on its mirrors, and its index: fetched, kept, and searched.
+"""A volume of the archive on its mirrors, and its index: fetched, cached, and searched.
 
     MER         {base}/{volume}/index/edrindex.lbl, .tab
                 {base}/{volume}/data/sol####/edr/{name}.img      sol of four digits, lower case
@@ -7,9 +7,9 @@
     Mars 2020   {base}/{bundle}/data/collection_data_inventory.csv
                 {base}/{bundle}/data/sol/#####/ids/edr/ncam/{name}.IMG
 
-An index is asked for again only if it has changed. It names folder and file; what it says is tried
-first, the layout above after it. Both come over the network and end up in addresses and file names,
-so nothing but plain path parts is taken.
+An index is downloaded again only if it has changed. It names folder and file; these are tried
+first, the layout above after them. Both come over the network and become part of addresses and file
+names, so only plain path parts are accepted.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ MIB = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class Volume:
-    """A volume and where it can be had."""
+    """A volume and its mirrors."""
 
     name: str
     base_urls: tuple[str, ...]
@@ -58,10 +58,10 @@ class Volume:
         return [f"{self._at(base)}/{folder}/{file_name}" for base in self.base_urls]
 
     def image_urls(self, entry: IndexEntry) -> list[str]:
-        """Addresses of an image, mirror by mirror.
+        """Addresses of an image, one per mirror.
 
         Raises:
-            FetchError: the index gives a name or folder that is none.
+            FetchError: the index gives an invalid name or folder.
         """
         is_mer = entry.name.mission.startswith("MER")
         paths = [f"data/sol{entry.sol:04d}/edr/{local_name(entry)}"] if is_mer else []
@@ -74,7 +74,7 @@ class Volume:
         ]
 
     def answering_first(self, url: str) -> Volume:
-        """The same volume, the mirror that an address belongs to in front."""
+        """The same volume with the mirror of an address first."""
         order = sorted(self.base_urls, key=lambda base: not url.startswith(self._at(base) + "/"))
         return replace(self, base_urls=tuple(order))
 
@@ -82,7 +82,7 @@ class Volume:
         return f"{base.rstrip('/')}/{self.name}"
 
     def _folder(self, entry: IndexEntry) -> str:
-        """The folder that the index gives, below the volume."""
+        """The folder given by the index, below the volume."""
         parts = [_part(part, entry) for part in re.split(r"[/\\]", entry.path_name) if part]
         if parts and parts[0].lower() == self.name.lower():
             parts = parts[1:]
@@ -90,7 +90,7 @@ class Volume:
 
 
 def local_name(entry: IndexEntry) -> str:
-    """How a file is called here: as in the archive, which has lower case for MER alone."""
+    """Local name of a file: as in the archive, which has lower case for MER only."""
     if not entry.name.mission.startswith("MER"):
         return _part(entry.file_name, entry)
     return f"{entry.name.product_id.lower().replace('#', '_')}.img"
@@ -107,12 +107,12 @@ def _part(text: str, entry: IndexEntry) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """An index that is here."""
+    """A downloaded index."""
 
     volume: Volume
-    """Its mirrors, the one that gave the index in front."""
+    """Its mirrors, the source of the index first."""
     layout: IndexLayout | None
-    """Of its columns; None where it is an inventory."""
+    """Its columns; None for an inventory."""
     table: Path
     warning: str = ""
 
@@ -131,10 +131,10 @@ def fetch_index(
     transfer: Transfer,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> Index:
-    """Bring label and table of a volume's index here; progress counts mebibytes.
+    """Fetch label and table of a volume's index; progress counts mebibytes.
 
     Raises:
-        FetchError: no mirror gives them, and they are not here from an earlier time.
+        FetchError: no mirror provides them, and there is no earlier copy.
     """
     label = folder / volume.index.rpartition("/")[2]
     is_table = label.suffix.lower() == ".lbl"
@@ -157,7 +157,7 @@ def fetch_index(
     except FetchError as error:
         if not (label.is_file() and table.is_file()):
             raise
-        warning = f"the index from an earlier time is used: {error}"
+        warning = f"an earlier copy of the index is used: {error}"
         layout = _layout(label) if is_table else None
     return Index(volume, layout, table, warning)
 
@@ -176,13 +176,13 @@ def _layout(path: Path) -> IndexLayout:
 
 
 def _check_table(path: Path, layout: IndexLayout | None) -> None:
-    """Refuse what is no table: a page that says sorry, or one that another label describes."""
+    """Reject what is not a table: an error page, or one with another label."""
     name = path.name.removesuffix(".part")
     try:
         if layout is None:
             line = next(read_lines(_chunks(path), name), b"")
             if not line.startswith((b"P,", b"S,")):
-                raise WrongContentError(f"{name} is no inventory of a collection")
+                raise WrongContentError(f"{name} is not an inventory of a collection")
             return
         first = next(read_index_rows(layout, _chunks(path)), None)
         if first is None:

@@ -1,11 +1,10 @@
-"""A file that is not whole yet, and what must be known to go on with it.
+"""An incomplete file, and the data needed to continue its download.
 
-A file grows under `NAME.part` and takes its name when it is whole. Beside it stands `NAME.source`:
-the address, the length, and the validator (strong ETag, else Last-Modified) that the server gave.
-The next attempt, in this run or a later one, asks for the rest under the condition that the file is
-still the same (`Range`, `If-Range`); a server that gives it from the beginning is obeyed, and
-lengths that disagree mean a new beginning. Of a file that is whole the notes serve to ask whether
-it has changed.
+A file is downloaded to `NAME.part` and renamed when it is complete. Beside it is `NAME.source`: the
+address, the length, and the validator (strong ETag, else Last-Modified) of the server. The next
+attempt, in this run or a later one, requests the rest on condition that the file is still the same
+(`Range`, `If-Range`). If the server sends it from the beginning, or lengths differ, the download
+restarts. For a complete file the notes are used to ask whether it has changed.
 """
 
 from __future__ import annotations
@@ -21,15 +20,15 @@ import httpx
 from solmap.tasks.fetch.answers import NextMirrorError, TryAgainError, WrongContentError
 
 MAX_FILE_BYTES = 1 << 30
-"""Three times the largest index; a server that sends more without saying so is stopped."""
+"""Three times the largest index; a transfer of unknown length is stopped there."""
 
 Progress = Callable[[int, int | None], None]
-"""Told the bytes of a file that are here, and its length if the server says."""
+"""Called with the local bytes of a file, and its length if the server gives it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """What a server said of a file."""
+    """Address, length and validator of a file on a server."""
 
     url: str
     validator: str | None = None
@@ -37,7 +36,7 @@ class Source:
 
     @classmethod
     def of(cls, url: str, response: httpx.Response, start: int) -> Source:
-        """What an answer says that goes on from byte `start`."""
+        """From a response that continues at byte `start`."""
         tag = response.headers.get("etag", "")
         validator = tag if tag.startswith('"') else response.headers.get("last-modified")
         length = response.headers.get("content-length", "")
@@ -46,27 +45,27 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class PartialFile:
-    """What is here of a file."""
+    """The local part of a file."""
 
     target: Path
 
     @property
     def part(self) -> Path:
-        """Where it grows."""
+        """Path of the incomplete file."""
         return self.target.with_name(self.target.name + ".part")
 
     @property
     def notes(self) -> Path:
-        """Where it is written down whence it comes."""
+        """Path of the notes on its source."""
         return self.target.with_name(self.target.name + ".source")
 
     @property
     def size(self) -> int:
-        """Bytes of the part that are here."""
+        """Bytes of the local part."""
         return self.part.stat().st_size if self.part.is_file() else 0
 
     def source(self, url: str) -> Source | None:
-        """What an earlier attempt at the same address wrote down."""
+        """The source recorded by an earlier attempt at the same address."""
         try:
             source = Source(**json.loads(self.notes.read_text()))
         except (OSError, ValueError, TypeError):
@@ -74,7 +73,7 @@ class PartialFile:
         return source if source.url == url else None
 
     def headers(self, url: str) -> dict[str, str]:
-        """How to ask for what is missing, or whether a whole file has changed."""
+        """Headers of a request for the missing bytes, or for changes of a complete file."""
         known = self.source(url)
         if known is None:
             return {}
@@ -86,7 +85,7 @@ class PartialFile:
         return {"Range": f"bytes={self.size}-", **condition}
 
     def start_of(self, url: str, response: httpx.Response) -> int | None:
-        """Byte from which an answer goes on; None where it does not go on from what is here."""
+        """Byte at which a response continues; None where it does not continue the local part."""
         if response.status_code == HTTPStatus.OK:
             return 0
         known, here = self.source(url), self.size
@@ -99,7 +98,7 @@ class PartialFile:
         return here if goes_on and here else None
 
     def begin(self, source: Source) -> None:
-        """Start anew: an empty part first, so that no notes stand beside bytes of another file."""
+        """Start again: an empty part first, so that no notes exist beside bytes of another file."""
         self.part.parent.mkdir(parents=True, exist_ok=True)
         self.part.write_bytes(b"")
         self.notes.write_text(json.dumps(asdict(source)))
@@ -107,7 +106,7 @@ class PartialFile:
     def append(
         self, chunks: Iterable[bytes], start: int, length: int | None, progress: Progress
     ) -> int:
-        """Write what comes behind the first `start` bytes; how many bytes came."""
+        """Write the bytes after the first `start`; returns how many arrived."""
         limit = MAX_FILE_BYTES if length is None else length
         with self.part.open("r+b") as file:
             file.seek(start)
@@ -119,25 +118,25 @@ class PartialFile:
             return file.tell() - start
 
     def finish(self, length: int | None, check: Callable[[Path], None]) -> None:
-        """Let a whole file take its name; remove one that is not what it should be.
+        """Rename a complete file; remove one with wrong content.
 
         Raises:
-            TryAgainError: it is not whole yet.
-            WrongContentError: it is whole, but `check` refuses it.
+            TryAgainError: it is not complete yet.
+            WrongContentError: it is complete, but `check` rejects it.
         """
         if length is not None and self.size < length:
-            raise TryAgainError(f"the transfer broke off at {self.size} of {length} bytes")
+            raise TryAgainError(f"the transfer ended at {self.size} of {length} bytes")
         try:
             check(self.part)
         except WrongContentError as error:
             self.forget()
-            if length is None:  # nobody said how long it is: it may have been cut
+            if length is None:  # # its length is unknown: it may be truncated
                 raise TryAgainError(str(error)) from error
             raise
         self.part.replace(self.target)
 
     def forget(self) -> None:
-        """Remove the part and the notes: the next attempt begins anew."""
+        """Remove the part and the notes, so that the next attempt starts again."""
         self.part.unlink(missing_ok=True)
         self.notes.unlink(missing_ok=True)
 

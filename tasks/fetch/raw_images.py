@@ -1,12 +1,12 @@
-"""Public raw images of Curiosity and Perseverance: the list of mars.nasa.gov, then its pictures.
+"""Public raw images of Curiosity and Perseverance: the lists of mars.nasa.gov and their images.
 
 The lists answer in pages of JSON, `items` of `api/v1/raw_image_items` (MSL) and `images` of
-`rss/api` (Mars 2020). What an image's item says is kept beside its picture as X.json, which is the
-label that ingestion reads it by; `photogrammetry.archive.images.json_metadata` says what stands in
-it. Stereo pairs are found in the items as ingestion finds them in labels. Thumbnails are left out,
-and so is what cannot be placed: an image without camera model or attitude.
+`rss/api` (Mars 2020). An image's item is stored beside its file as X.json, which ingestion reads as
+its label; `photogrammetry.archive.images.json_metadata` documents its content. Stereo pairs are
+found in the items as in labels. Thumbnails are left out, and so are images without camera model or
+attitude.
 
-Addresses of pictures come over the network, so only those of the archive file's hosts are asked.
+Addresses of images come over the network, so only those on the archive file's hosts are used.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from solmap.tasks.fetch.transfer import Transfer
 from solmap.tasks.stage import stage
 
 PAGE = 100
-"""Images a page: the lists give no more at a time."""
+"""Images per page: the most that the lists return."""
 MAX_PAGES = 2_000
 LISTS = {"MSL": "items", "M20": "images"}
-"""Mission -> where a page has its images."""
+"""Mission -> key of a page's images."""
 _PLAIN = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*\.(?:png|jpe?g)\Z", re.IGNORECASE)
 
 
@@ -48,23 +48,23 @@ class RawImage:
     record: RoverImage
     url: str
     name: str
-    """Of its picture."""
+    """Of its file."""
     item: dict[str, Any]
 
     def path(self, out_dir: Path) -> Path:
-        """Where its picture lies here."""
+        """Local path of its file."""
         return out_dir / f"sol{self.record.sol:04d}" / self.name
 
 
 @dataclass(frozen=True, slots=True)
 class RawFindings:
-    """What a list holds of a selection."""
+    """Images of a selection in a list."""
 
     wanted: tuple[RawImage, ...]
     """The images of all pairs, left before right."""
     unpaired: int
     left_out: int
-    """Images that cannot be placed."""
+    """Images without a known pose."""
     first_fault: str = ""
 
 
@@ -77,11 +77,11 @@ def find_raw_images(
     Args:
         url: the address of the list, without a query.
         selection: mission (MSL, M20), instrument, sols.
-        folder: where the pages of the list are kept.
-        transfer: fetches them.
+        folder: where the pages of the list are stored.
+        transfer: to fetch them with.
 
     Raises:
-        FetchError: the list cannot be had, or is none.
+        FetchError: the list is not available, or is not a list.
     """
     images: dict[str, RawImage] = {}
     left_out, first_fault = 0, ""
@@ -106,16 +106,16 @@ def fetch_raw_images(
     transfer: Transfer,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> list[Arrival]:
-    """Bring pictures and their metadata here, each into the folder of its sol.
+    """Fetch images and their metadata, each into the folder of its sol.
 
     Raises:
-        DiskError: the disk is full, so that nothing else can be written either.
+        DiskError: the disk is full, so that nothing else can be written.
     """
     pool = ThreadPoolExecutor(transfer.params.connections)
     try:
         futures = [pool.submit(_fetch, image, out_dir, transfer) for image in images]
         for done, future in enumerate(as_completed(futures), 1):
-            future.result()  # a full disk stops the rest
+            future.result()  # # a full disk stops the others
             progress(done, len(futures))
         return [future.result() for future in futures]
     finally:
@@ -123,7 +123,7 @@ def fetch_raw_images(
 
 
 def is_raw_image_here(image: RawImage, out_dir: Path) -> bool:
-    """Whether picture and metadata are here and whole."""
+    """Whether image and metadata exist and are complete."""
     path = image.path(out_dir)
     try:
         _check_picture(path, image.record)
@@ -177,7 +177,8 @@ def _query(selection: IndexSelection, cameras: list[str], page: int) -> str:
             "order": "sol asc",
             "extended": "sample_type::full,",
         }
-    return urlencode({**query, **sols}, quote_via=quote)  # a plus is no blank to these servers
+    # # these servers do not read a plus as a blank
+    return urlencode({**query, **sols}, quote_via=quote)
 
 
 def _check_page(path: Path, key: str) -> None:
@@ -194,10 +195,10 @@ def _check_page(path: Path, key: str) -> None:
 def _raw_image(
     item: dict[str, Any], selection: IndexSelection, hosts: frozenset[str]
 ) -> RawImage | None:
-    """What an item says; None where it is not of the selection.
+    """The image of an item; None where not selected.
 
     Raises:
-        LabelError: it is of the selection and cannot be placed or fetched.
+        LabelError: it is selected, but has no known pose or cannot be fetched.
     """
     camera = item.get("camera")
     instrument = str((camera if isinstance(camera, dict) else item).get("instrument")).upper()
@@ -219,8 +220,8 @@ def _raw_image(
     name = unquote(urlsplit(url).path).rpartition("/")[2]
     if urlsplit(url).hostname not in hosts or not _PLAIN.match(name):
         raise LabelError(
-            f"{str(item.get('imageid'))[:60]!a}: its picture should lie on a host of the archive's "
-            f"file, under a plain name, but lies at {url[:100]!a}"
+            f"{str(item.get('imageid'))[:60]!a}: its file should be on a host of the archive's "
+            f"file, under a plain name, but is at {url[:100]!a}"
         )
     return RawImage(rover_image_of_metadata(json.dumps(item), name), url, name, item)
 
@@ -243,7 +244,7 @@ def _fetch(image: RawImage, out_dir: Path, transfer: Transfer) -> Arrival:
 
 
 def _check_picture(path: Path, record: RoverImage) -> None:
-    """Refuse what is no picture, or one of another size than its metadata say."""
+    """Reject what is not an image, or has another size than its metadata."""
     data = path.read_bytes()
     name = path.name.removesuffix(".part")
     try:

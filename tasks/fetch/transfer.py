@@ -1,9 +1,9 @@
-"""One file from one of several mirrors, whole or not at all.
+"""Fetch one file from one of several mirrors, complete or not at all.
 
-A mirror is asked until as many attempts as are allowed in a row brought nothing new, each going on
-where the last one broke off (`partial`), with waits that double. A fault that does not pass
-(`answers`) or wrong content mean the next mirror. A host that could not be reached at all is not
-asked again in the same run, so that a dead mirror costs one file's attempts and not every file's.
+A mirror is tried until a number of consecutive attempts brought no new bytes, each continuing where
+the last one ended (`partial`), with doubling waits. After a permanent error (`answers`) or wrong
+content the next mirror is tried. A host that could not be reached at all is not tried again in the
+same run, so that a dead mirror costs the attempts of only one file.
 """
 
 from __future__ import annotations
@@ -36,24 +36,24 @@ from solmap.tasks.fetch.partial import PartialFile, Progress, Source
 log = logging.getLogger(__name__)
 
 FRUITFUL_BYTES = 1 << 16
-"""An attempt that brought less brought nothing new."""
+"""An attempt with fewer new bytes counts as without progress."""
 Wait = Annotated[float, Interval(ge=0.0, le=3600.0)]
 
 
 @dataclass(frozen=True, slots=True)
 class TransferParams:
-    """How patient a transfer is."""
+    """Retry limits of a transfer."""
 
     connections: Annotated[int, Interval(ge=1, le=32)] = 3
-    """Files at a time: the archive is shared by many."""
+    """Files at a time: the archive has many users."""
     attempts: Few = 5
-    """In a row that bring nothing new, per file and mirror."""
+    """Consecutive attempts without progress, per file and mirror."""
     first_wait_s: Wait = 1.0
     """Before the second attempt; doubled for each further one."""
     longest_wait_s: Wait = 60.0
-    """Also caps what a server asks for by Retry-After."""
+    """Also the limit of a server's Retry-After."""
     timeout_s: Annotated[float, Interval(gt=0.0, le=3600.0)] = 60.0
-    """Without a byte."""
+    """Without receiving a byte."""
 
     def __post_init__(self) -> None:
         if min(self.connections, self.attempts) < 1 or self.timeout_s <= 0:
@@ -64,13 +64,13 @@ class TransferParams:
 
 @dataclass(frozen=True, slots=True)
 class Fetched:
-    """A file that is here."""
+    """A fetched file."""
 
     path: Path
     url: str
-    """The address that gave it."""
+    """Its source address."""
     received_bytes: int
-    """0 where it was here already and unchanged."""
+    """0 where it existed already and is unchanged."""
 
 
 class Transfer:
@@ -83,7 +83,7 @@ class Transfer:
         params: TransferParams,
         wait: Callable[[float], None] = time.sleep,
     ) -> None:
-        """Fetch with a client; redirects are followed to `hosts`."""
+        """Fetch with a client; only redirects to `hosts` are followed."""
         self.params = params
         self.hosts = frozenset(hosts)
         self._client, self._wait = client, wait
@@ -96,19 +96,19 @@ class Transfer:
         check: Callable[[Path], None],
         progress: Progress = lambda _here, _length: None,
     ) -> Fetched:
-        """Bring a file here from the first address that gives it.
+        """Fetch a file from the first address that provides it.
 
-        A target that is there already is asked for only under the condition that it has changed.
+        An existing target is requested only on condition that it has changed.
 
         Args:
-            urls: the same file on several mirrors, in the order of trust.
-            target: where it shall lie.
-            check: raises `WrongContentError` for a file that is not what it should be.
-            progress: told of every chunk.
+            urls: the same file on several mirrors, in the order of preference.
+            target: local path.
+            check: raises `WrongContentError` for wrong content.
+            progress: called for every chunk.
 
         Raises:
-            FetchError: no mirror gave it.
-            DiskError: it cannot be written here.
+            FetchError: no mirror provides it.
+            DiskError: it cannot be written.
         """
         reasons: list[str] = []
         file = PartialFile(target)
@@ -127,7 +127,7 @@ class Transfer:
     def _from_mirror(
         self, url: str, file: PartialFile, check: Callable[[Path], None], progress: Progress
     ) -> Fetched:
-        """Attempt after attempt, see the module."""
+        """Repeated attempts, see the module."""
         fruitless, best = 0, 0
         while True:
             if unreachable := self._unreachable.get(urlsplit(url).netloc):
@@ -152,7 +152,7 @@ class Transfer:
             start = file.start_of(url, response)
             if start is None:
                 file.forget()
-                raise TryAgainError(f"{host_of(url)} does not go on where it broke off")
+                raise TryAgainError(f"{host_of(url)} does not continue an interrupted transfer")
             length = Source.of(url, response, start).length
             received = 0
             if start == 0:

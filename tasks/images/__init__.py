@@ -1,5 +1,5 @@
-"""The files of a downlink become products: images with their partners, telemetry, manual ties.
+"""Ingest the files of a downlink: images with their partners, telemetry, manual ties.
 
-Enter folders of files, leave image products, entries of the catalogue, the stops as telemetry has
-them, and pairs as records that later stages read by. Imported by `network`, `maps` and `mission`.
+Enter folders of files, leave image products, entries of the catalogue, the stops by telemetry, and
+records of pairs for later stages. Imported by `network`, `maps` and `mission`.
 """

@@ -1,4 +1,4 @@
-"""The files of a downlink: which label belongs to which, how they are kept."""
+"""The files of a downlink: labels of images, and how files are stored."""
 
 from __future__ import annotations
 
@@ -26,38 +26,39 @@ from solmap.tasks.images.folders import IMAGE_SUFFIXES, PICTURE_SUFFIXES
 from solmap.tasks.scopes import file_scope
 
 LABEL_ENDINGS = (".lbl", ".LBL", ".xml", ".XML", "-metadata.json", ".json")
-"""What follows the stem of an image in the name of its label, where that is a file of its own."""
+"""Suffixes of detached labels after the stem of an image."""
 
 
-OWN_RIG = "`solmap run` takes pictures of an own stereo rig from a folder with a rig.toml"
+OWN_RIG = "`solmap run` ingests images of an own stereo rig from a folder with a rig.toml"
 FETCHED = frozenset({"NAVCAM", "PANCAM", "MASTCAM", "FRONT_HAZCAM", "REAR_HAZCAM"})
-"""Instruments that `solmap fetch` brings."""
+"""Instruments that `solmap fetch` supports."""
 
 
 def remedy(name: str) -> str:
-    """What helps with a file that cannot be taken: a command, by the file's name.
+    """Remedy for a file that cannot be ingested: a command, by the file's name.
 
-    Empty where the name says nothing of the image.
+    Empty where the name does not identify the image.
     """
     try:
         found = parse_file_name(name)
     except LabelError:
         return ""
     if found.product_type in KINDS and Path(name).suffix.lower() in IMAGE_SUFFIXES:
-        return f"`solmap inspect {name}` says what it holds"
+        return f"`solmap inspect {name}` prints its content"
     if found.sol is None or found.instrument not in FETCHED or found.sol < 0:
         return ""
     is_raw = Path(name).suffix.lower() in PICTURE_SUFFIXES and not found.mission.startswith("MER")
     return (
         f"`solmap fetch --mission {found.mission} --sols {found.sol} --instrument "
-        f"{found.instrument.lower()}{' --raw' * is_raw} --out FOLDER` brings the images of that sol"
+        f"{found.instrument.lower()}{' --raw' * is_raw} --out FOLDER` fetches the images of that "
+        "sol"
     )
 
 
 def is_settled(file: Path, settle_s: float) -> bool:
-    """Whether a file, and the label beside it, have not changed for so many seconds.
+    """Whether a file, and the label beside it, have not changed for that many seconds.
 
-    A date in the future is a clock that goes wrong, and no file that still arrives.
+    A date in the future is a wrong clock, not a file that is still arriving.
     """
     if settle_s <= 0.0:
         return True
@@ -68,13 +69,13 @@ def is_settled(file: Path, settle_s: float) -> bool:
 
 
 def image_bytes(path: Path, folder: Path | None = None) -> bytes:
-    """An image with its label: as it came, or joined to the label that lies beside it.
+    """An image with its label: as delivered, or joined to the label beside it.
 
     `folder` is that of the delivery, which links may not leave (`open_user_file`).
 
     Raises:
-        LabelError: it is a picture without a label.
-        OSError: it is no regular file, too large, or cannot be read.
+        LabelError: it is an image without a label.
+        OSError: it is not a regular file, is too large, or cannot be read.
     """
     data = read_user_file(path, folder)
     if has_attached_label(data):
@@ -84,9 +85,8 @@ def image_bytes(path: Path, folder: Path | None = None) -> bytes:
     if is_picture(data):
         name, stem = plain_name(path.name), plain_name(path.stem)
         raise LabelError(
-            f"{name}: a picture without a label; it takes {stem}-metadata.json, .xml or "
-            ".lbl beside it to say where it was taken from"
-            f"; {remedy(name) or OWN_RIG}"
+            f"{name}: an image without a label; {stem}-metadata.json, .xml or .lbl beside it "
+            f"should give its camera and pose; {remedy(name) or OWN_RIG}"
         )
     return data
 
@@ -112,16 +112,16 @@ def _labels_beside(path: Path) -> Iterator[Path]:
 
 
 def _facts(path: Path) -> os.stat_result | None:
-    """What the system says of a file; None where there is none or it cannot be asked."""
+    """The file's status; None where there is no file or the status is not available."""
     try:
         return path.stat()
-    except OSError:  # also of names that are too long
+    except OSError:  # # also for names that are too long
         return None
 
 
 @dataclass(frozen=True, slots=True)
 class ContentDigest:
-    """What an ingested file is made from: its content."""
+    """Recipe parameters of an ingested file: the digest of its content."""
 
     sha256: str
 
@@ -132,18 +132,18 @@ class ContentDigest:
 
 
 def keep_file(kind: ProductKind, name: str, data: bytes, store: ProductStore) -> ProductRef:
-    """Keep a file that is about more than one image, as it came, under its name and content."""
+    """Store a file that concerns more than one image unchanged, by its name and content."""
     recipe = Recipe(kind, file_scope(name), params=ContentDigest.of(data))
     return store.make(recipe, lambda draft: write_bytes(draft, data))
 
 
 def keep_vector_file(name: str, data: bytes, store: ProductStore) -> ProductRef:
-    """Keep a vector file beside earlier ones of its name: files add to each other."""
+    """Store a vector file beside earlier ones of its name: their contents are combined."""
     return keep_file(
         ProductKind.VECTORS, f"{name}-{ContentDigest.of(data).sha256[:8]}", data, store
     )
 
 
 def write_bytes(draft: Path, data: bytes) -> None:
-    """Write a file as it came."""
+    """Write a file unchanged."""
     draft.write_bytes(data)

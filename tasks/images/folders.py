@@ -1,4 +1,4 @@
-"""Which files of a folder are taken for a downlink. Imports nothing: `solmap run` asks it first."""
+"""Files of a folder that belong to a downlink. Imports nothing: `solmap run` calls it first."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg"})
 VECTOR_SUFFIXES = frozenset({".svf", ".rvf"})
 MANUAL_TIE_SUFFIXES = (".ties.csv", ".ties.geojson")
 NO_FILES = "it holds no image (.img, .png, .jpg) and no vector file (.svf, .rvf)"
-"""What is said of a folder without any of them."""
+"""Message for a folder without any of them."""
 
 
 def files_of(downlink: Path) -> list[Path]:
-    """Every image, picture, vector file and file of manual ties below a folder, by name.
+    """Every image, vector file and file of manual ties below a folder, by name.
 
-    Suffixes may be written in any case. What bears such a name and is no file is among them, and so
-    is a folder that cannot be read: whoever opens it says so.
+    Suffixes may be written in any case. Entries of such a name that are not files are included, and
+    so are unreadable folders: opening them reports the error.
 
-    A picture that is called after an image beside it (X.png or X.img.jpg beside X.img) shows the
-    same in eight bits, and is left out.
+    A PNG or JPEG named after an image beside it (X.png or X.img.jpg beside X.img) is an eight-bit
+    copy, and is left out.
     """
     known = IMAGE_SUFFIXES | PICTURE_SUFFIXES | VECTOR_SUFFIXES
     files = sorted(
@@ -40,7 +40,7 @@ def files_of(downlink: Path) -> list[Path]:
 
 
 def _below(folder: Path) -> Iterator[tuple[Path, bool]]:
-    """What lies below a folder but its folders; of these, with True, those that cannot be read."""
+    """Entries below a folder except its folders; with True, unreadable folders."""
     waiting = [folder]
     while waiting:
         here = waiting.pop()
@@ -56,5 +56,5 @@ def _below(folder: Path) -> Iterator[tuple[Path, bool]]:
 
 
 def is_manual_tie_file(name: str) -> bool:
-    """Whether a file of a downlink holds manual ties, by its name."""
+    """Whether a file of a downlink contains manual ties, by its name."""
     return name.lower().endswith(MANUAL_TIE_SUFFIXES)

@@ -1,14 +1,14 @@
-"""Ingest: take over the files of a downlink, state what each is, and find the stereo partners.
+"""Ingest the files of a downlink: store them, catalogue images, and find the stereo partners.
 
-An image product is the file as it came, byte for byte, under the digest of its content; whoever
-needs its label or pixels reads them from there. Where the label is a file of its own (.lbl, .xml or
-.json beside the image), the product holds both, one after the other, each unchanged. A file that
-cannot be read is an outcome with one clear line, and stops nothing else; what is peculiar about the
-pixels of one that can is kept in its outcome, too.
+An image product is the delivered file, byte for byte, under the digest of its content; label and
+pixels are read from it. A detached label (.lbl, .xml or .json beside the image) is joined to the
+image in the product, both unchanged. A file that cannot be read gets an outcome with a one-line
+reason, and does not stop the others; notes on the pixels of readable ones are also stored in their
+outcomes.
 
-How its pixels are read belongs to the image: of all that is known of the mission's cameras the part
-that its label calls for, kept as a small product. So a changed table makes anew what was made from
-images coded by it and nothing else, and where no table is given, recipes know of none.
+The tables for reading its pixels belong to the image: those of the mission's cameras that its label
+requires, stored as a small product. A changed table therefore affects only products of images that
+need it, and without tables, recipes contain none.
 """
 
 from __future__ import annotations
@@ -69,10 +69,10 @@ from solmap.tasks.stage import stage
 log = logging.getLogger(__name__)
 
 LAST = "~"
-"""Sorts behind every digest: an attitude that is stated anew counts."""
+"""Sorts after every digest: an attitude given again has precedence."""
 LARGE_BYTES = 32 << 20
 LARGE_PIXELS = 1 << 23
-"""Files and images above these are read one at a time: each may take some 600 MB."""
+"""Files and images above these sizes are read one at a time: each may take about 600 MB."""
 _LARGE = threading.RLock()
 
 
@@ -82,16 +82,16 @@ def _in_turn(is_large: bool) -> AbstractContextManager[object]:  # noqa: FBT001 
 
 @dataclass(frozen=True, slots=True)
 class BrowseParams:
-    """How a browse image is stretched."""
+    """Parameters of browse images."""
 
     low_percent: float = 1.0
     high_percent: float = 99.0
-    """Share of pixels below black and white: keeps specular pixels from darkening the rest."""
+    """Fraction of pixels below black and white: keeps specular pixels from darkening the rest."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TakenImage:
-    """An image that is in the store."""
+    """An image in the store."""
 
     file_name: str
     record: RoverImage
@@ -100,28 +100,28 @@ class TakenImage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Intake:
-    """What images are taken into, and with."""
+    """Store and settings for ingesting images."""
 
     store: ProductStore
     radiometry: Mapping[str, Radiometry]
-    """What is known of the cameras of each spacecraft."""
+    """Tables of the cameras of each spacecraft."""
     known: Mapping[str, ImageEntry]
-    """The images that were taken before, by identifier."""
+    """The images ingested before, by identifier."""
     rigs: RigPictures = field(default_factory=RigPictures)
-    """Pictures of own stereo rigs among the files."""
+    """Images of own stereo rigs among the files."""
     poses: PoseSources = field(default_factory=PoseSources)
-    """Of rovers at images whose labels lack the attitude."""
+    """Poses of rovers for images whose labels lack the attitude."""
     _tables: dict[tuple[str, PixelState], ProductRef | None] = field(default_factory=dict)
 
     def take(self, name: str, data: bytes) -> TakenImage | Outcome:
-        """Take an image; what is in the store already is looked up.
+        """Ingest an image; one in the store is looked up.
 
-        Of two files of one image the one made later on Earth counts, whichever comes first: the
-        other is left aside, with an outcome that says so.
+        Of two files of one image the one made later on Earth is used, in any order of delivery: the
+        other gets an outcome with the reason.
 
         Raises:
-            LabelError: the file holds no mapping image.
-            PixelError: its pixels are broken; nothing of it is kept.
+            LabelError: the file is not a mapping image.
+            PixelError: its pixels are broken; nothing is stored.
         """
         delivered, data = data, self.poses.with_attitude(data, name)
         described = describe_image(data, name)
@@ -144,14 +144,14 @@ class Intake:
             notes = image.notes
         entry = _entry(record, described.state, file, browse.ref, notes)
         if before is not None and before.stop == entry.stop:
-            entry = replace(entry, mission=before.mission)  # on the map that it is on
+            entry = replace(entry, mission=before.mission)  # # on its map
         return TakenImage(name, record, entry)
 
     def take_picture(self, path: Path, name: str, picture: bytes) -> TakenImage | Outcome:
-        """Take a picture of an own stereo rig.
+        """Ingest an image of an own stereo rig.
 
         Raises:
-            LabelError: it is not of the size that its camera was calibrated for.
+            LabelError: it has another size than its camera was calibrated for.
             PixelError: it cannot be read.
         """
         shot, created = self.rigs.shots[path]
@@ -160,7 +160,7 @@ class Intake:
         return self.take(name, rig_image_bytes(shot, created, picture, name, kept))
 
     def tables_for(self, mission: str, state: PixelState) -> ProductRef | None:
-        """The product of what pixels in a state are read with; None where that is nothing."""
+        """The product of the tables for pixels in a state; None if none are needed."""
         if (mission, state) not in self._tables:
             needed = self._of(mission).needed_by(state)
             self._tables[mission, state] = (
@@ -169,7 +169,7 @@ class Intake:
         return self._tables[mission, state]
 
     def is_read_otherwise(self, entry: ImageEntry) -> bool:
-        """Whether a known image is read with other tables now than when it was taken."""
+        """Whether a known image has other tables now than when it was ingested."""
         state = PixelState(entry.code, entry.darkened_by)
         return self.tables_for(entry.stop_id.mission, state) != entry.radiometry
 
@@ -189,7 +189,7 @@ class Intake:
 
 
 def newest_of_each(images: Sequence[TakenImage]) -> tuple[list[TakenImage], list[Outcome]]:
-    """The files that count, one for each image, and an outcome for each of the others."""
+    """The files to use, one for each image, and an outcome for each of the others."""
     counts: dict[str, TakenImage] = {}
     for image in sorted(images, key=lambda one: _rank(one.entry)):
         counts[image.record.id] = image
@@ -201,13 +201,13 @@ def newest_of_each(images: Sequence[TakenImage]) -> tuple[list[TakenImage], list
 
 
 def superseded_outcome(name: str, image_id: str) -> Outcome:
-    """How it ended for a file of an image that another file shows as well."""
-    why = f"{name}: another file of {image_id} was made later and counts; this one is left aside"
+    """The outcome of a file whose image has a newer file."""
+    why = f"{name}: another file of {image_id} was made later and is used instead"
     return Outcome.now(name, (why,))
 
 
 def _rank(entry: ImageEntry) -> tuple[str, str]:
-    """By this the files of one image are told apart: when they were made, and else by content."""
+    """Order of the files of one image: by time of production, else by content."""
     return entry.created or "", entry.ref.digest
 
 
@@ -252,19 +252,19 @@ def _entry(
 
 
 Taken = Outcome | ProductRef | TakenImage
-"""What became of a file: a fault, a vector file or manual ties, or an image in the store."""
+"""Result of a file: an error, a vector file or manual ties, or an image in the store."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Delivery:
-    """What a downlink brought."""
+    """Content of a downlink after ingestion."""
 
     images: tuple[RoverImage, ...]
     faults: tuple[Outcome, ...]
-    """Files that could not be taken or do not count, and why."""
+    """Files that could not be ingested or are not used, with the reason."""
     files: int
     missions: tuple[str, ...]
-    """Those of its images, in the order they came, and those of its vector files."""
+    """Sols of its images, in the order of arrival, and those of its vector files."""
 
 
 @stage(task_run_name="ingest-{downlink}")
@@ -276,11 +276,12 @@ def ingest_downlink(
     settle_s: float = 0.0,
     poses: PoseSources | None = None,
 ) -> Delivery:
-    """Take every image and vector file below a folder into the store and catalogue.
+    """Ingest every image and vector file below a folder into the store and catalogue.
 
     Images of earlier downlinks are read again where `radiometry` (by spacecraft) has changed for
-    them. Files that changed less than `settle_s` seconds ago are left: they may still be arriving.
-    Images whose labels lack the attitude of the rover get it from `poses` and vector files.
+    them. Files that changed less than `settle_s` seconds ago are skipped: they may still be
+    arriving. Images whose labels lack the attitude of the rover get it from `poses` and vector
+    files.
     """
     files = [file for file in files_of(downlink) if is_settled(file, settle_s)]
     rigs = rig_pictures(files, downlink)
@@ -324,7 +325,7 @@ def ingest_downlink(
 
 
 def _subjects(files: Sequence[Path], downlink: Path) -> dict[Path, str]:
-    """What outcomes call each file: its name, with its folder where several have the same name."""
+    """Subjects of the files' outcomes: names, with folders where several have the same name."""
     times = Counter(file.name for file in files)
     return {
         file: plain_name(str(file.relative_to(downlink)) if times[file.name] > 1 else file.name)
@@ -333,10 +334,10 @@ def _subjects(files: Sequence[Path], downlink: Path) -> dict[Path, str]:
 
 
 def _take(subjects: Mapping[Path, str], downlink: Path, intake: Intake, path: Path) -> Taken:
-    """Take a file; whatever it raises becomes its outcome, but for faults of the store.
+    """Ingest a file; errors become its outcome, except errors of the store.
 
     Raises:
-        StoreFullError, StoreAwayError: nothing else could be kept either.
+        StoreFullError, StoreAwayError: no other file could be stored.
     """
     name, subject = plain_name(path.name), subjects[path]
     try:
@@ -346,7 +347,7 @@ def _take(subjects: Mapping[Path, str], downlink: Path, intake: Intake, path: Pa
     except Exception as error:
         if is_disk_full(intake.store.root, error):
             raise StoreFullError(
-                f"the disk is full while taking {subject}; free some space and run again"
+                f"the disk is full while ingesting {subject}; free some space and run again"
             ) from error
         return _fault(subject, error)
     return replace(taken, file_name=subject) if isinstance(taken, TakenImage) else taken
@@ -354,10 +355,11 @@ def _take(subjects: Mapping[Path, str], downlink: Path, intake: Intake, path: Pa
 
 def _take_file(path: Path, name: str, downlink: Path, intake: Intake) -> Taken:
     if path.is_dir() and not path.is_symlink():
-        os.scandir(path).close()  # says why a folder cannot be read
+        os.scandir(path).close()  # # raises the reason why a folder cannot be read
     if path.suffix.lower() in VECTOR_SUFFIXES:
         data = read_user_file(path, downlink, most_bytes=MAX_ROWS_BYTES)
-        parse_vector_file(data.decode("utf-8", "replace"), name)  # refuses what is broken
+        # # raises an error for broken files
+        parse_vector_file(data.decode("utf-8", "replace"), name)
         return keep_vector_file(name, data, intake.store)
     if is_manual_tie_file(path.name):
         data = read_user_file(path, downlink, most_bytes=MAX_ROWS_BYTES)
@@ -369,7 +371,7 @@ def _take_file(path: Path, name: str, downlink: Path, intake: Intake) -> Taken:
 
 
 def _reread(intake: Intake, delivered: set[str]) -> Iterator[Taken]:
-    """The images of earlier downlinks that are read with other tables now."""
+    """The images of earlier downlinks whose tables have changed."""
     for entry in intake.known.values():
         if entry.id in delivered or not intake.is_read_otherwise(entry):
             continue
@@ -381,10 +383,10 @@ def _reread(intake: Intake, delivered: set[str]) -> Iterator[Taken]:
 
 
 def _fault(name: str, error: Exception) -> Outcome:
-    """Of a file that could not be taken, in one line that names it."""
+    """Error of a file that could not be ingested, in one line with its name."""
     reason = reason_of(error) if isinstance(error, OSError) else cause_of(error)
     if not isinstance(error, PhotogrammetryError | ProductError | OSError):
-        log.debug("%s could not be taken", name, exc_info=error)
+        log.debug("%s could not be ingested", name, exc_info=error)
     line = one_line(reason if name in reason else f"{name}: {reason}")
     help_with = remedy(name) if isinstance(error, LabelError | PixelError) else ""
     if help_with and "`solmap " not in line:
@@ -398,10 +400,10 @@ def _publish(
     faults: Sequence[Outcome],
     workspace: Workspace,
 ) -> dict[str, Outcome]:
-    """Publish what was taken at once, or if that fails without those that the catalogue refuses.
+    """Publish all images, or, if that fails, those that the catalogue accepts.
 
     Returns:
-        Outcomes of the files that were refused, by name.
+        Outcomes of the rejected files, by name.
     """
     catalogue, refused = workspace.catalogue, dict[str, Outcome]()
     entries = _pair_entries(images, workspace)
@@ -430,7 +432,7 @@ def _publish(
 
 
 def _outcomes(images: Sequence[TakenImage], workspace: Workspace) -> list[Outcome]:
-    """Of images with peculiar pixels, and of those that could not be taken at an earlier time."""
+    """Outcomes of images with notes, and of those that could not be ingested before."""
     before = {outcome.subject for outcome in workspace.catalogue.outcomes()}
     return [
         Outcome.now(image.file_name, image.entry.notes)
@@ -440,7 +442,7 @@ def _outcomes(images: Sequence[TakenImage], workspace: Workspace) -> list[Outcom
 
 
 def _pair_entries(images: Sequence[TakenImage], workspace: Workspace) -> list[ImageEntry]:
-    """The new entries and those already known at the same stops, with their partners filled in."""
+    """The new entries and the known ones at the same stops, with their partners set."""
     by_id = {image.record.id: image.entry for image in images}
     records = {image.record.id: image.record for image in images}
     for stop in sorted({entry.stop for entry in by_id.values()}):
@@ -449,7 +451,7 @@ def _pair_entries(images: Sequence[TakenImage], workspace: Workspace) -> list[Im
             try:
                 records[known.id] = image_record(known, workspace)
             except (PhotogrammetryError, ProductNotFoundError) as error:
-                log.warning("%s is left as it is: %s", known.id, error)
+                log.warning("%s is unchanged: %s", known.id, error)
             else:
                 by_id[known.id] = known
     pairing = find_stereo_pairs(list(records.values()))

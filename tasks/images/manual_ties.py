@@ -1,8 +1,8 @@
-"""Manual ties: edit requests, kept as they came and applied to the automatic ties of a network.
+"""Manual ties: edit requests, stored unchanged and applied to the automatic ties of a network.
 
-A file of manual ties is an input product. The version delivered last under a name counts; an
-emptied file takes all its requests back. What a network depends on is not the file but the requests
-in it that concern its images, so that a new row remakes what it touches and nothing else.
+A file of manual ties is an input product. The version delivered last under a name is used; an empty
+file withdraws all its requests. A network depends not on the file but on the requests for its
+images, so that a new row affects only the networks of its images.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ from solmap.tasks.scopes import file_scope
 
 log = logging.getLogger(__name__)
 EDITS_FILE = "map-edits.ties.geojson"
-"""The file of manual ties that the edits on the map become."""
+"""File name of the manual ties from edits on the map."""
 
 
 def take_manual_ties(name: str, data: bytes, store: ProductStore) -> ProductRef:
-    """Take a file of manual ties into the store.
+    """Ingest a file of manual ties into the store.
 
     Raises:
-        MatchingError: it cannot be read; one line says where and why.
+        MatchingError: it cannot be read; the message names the place and the reason.
     """
-    read_edit_requests(data, name)  # refuses what is broken
+    read_edit_requests(data, name)  # # raises an error for broken files
     return keep_file(ProductKind.MANUAL_TIES, name, data, store)
 
 
@@ -55,14 +55,14 @@ def read_edit_requests(data: bytes, name: str) -> tuple[EditRequest, ...]:
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise MatchingError(f"{name}: manual ties are text in UTF-8, but {error}") from error
+        raise MatchingError(f"{name}: manual ties should be UTF-8 text, but {error}") from error
     return parse_edit_requests(text, name)
 
 
 def take_edits(workspace: Workspace) -> None:
-    """Take the edits of ties that people made on the map into the store, as a file of manual ties.
+    """Store the edits of ties made on the map as a file of manual ties.
 
-    Edits that were taken back are not in it; where all were, it is empty and asks for nothing.
+    Undone edits are not included; if all were undone, the file is empty and has no requests.
     """
     edits = EditLog.of(workspace.store.root).effective(EditKind.TIE)
     digest = workspace.catalogue.latest(file_scope(EDITS_FILE).name, ProductKind.MANUAL_TIES)
@@ -81,13 +81,13 @@ def all_edit_requests(workspace: Workspace) -> tuple[EditRequest, ...]:
         data = workspace.store.path(ref).read_bytes()
         try:
             found += read_edit_requests(data, ref.scope.name)
-        except MatchingError as error:  # an earlier version took it
+        except MatchingError as error:  # # stored by an earlier version
             log.warning("%s is left out: %s", ref.scope, error)
     return tuple(found)
 
 
 def named_in(requests: Iterable[EditRequest]) -> set[str]:
-    """The images and stops that requests name."""
+    """The images and stops named in requests."""
     points = (point for request in requests for point in (request.first, request.second))
     return {point.image for point in points if point.image}
 
@@ -100,7 +100,7 @@ def requests_within(
 
 
 def without_rows(requests: Iterable[EditRequest]) -> tuple[EditRequest, ...]:
-    """Requests without where they stand, for recipes: the row of a file changes nothing."""
+    """Requests without their source rows, for recipes: the row number changes nothing."""
     return tuple(replace(request, row="") for request in requests)
 
 
@@ -110,7 +110,7 @@ def edit_ties(
     pairs: Sequence[PairProducts],
     store: ProductStore,
 ) -> EditedTies:
-    """Automatic ties between pairs with the requests of a person carried out."""
+    """Automatic ties between pairs with edit requests applied."""
     named = named_in(requests)
     bodies = {pair.files.id: _body(pair, store) for pair in pairs if pair.files.id in named}
     return apply_edits(ties, requests, bodies, {p.files.id: str(p.files.stop) for p in pairs})

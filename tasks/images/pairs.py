@@ -1,4 +1,4 @@
-"""Stereo pairs as products: which files they are, and how they are read back with their matches."""
+"""Stereo pairs as products: their files, and reading them with their matches."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ class PairFiles:
     """The two images of a stereo pair, as products."""
 
     id: str
-    """The left image's identifier stands for the pair."""
+    """The left image's identifier identifies the pair."""
     stop: StopId
     sol: int
     instrument: str
-    """The camera set, as of `camera_set`: each has a stereo rig of its own."""
+    """The camera set, from `camera_set`: each has its own stereo rig."""
     left: ImageFile
     right: ImageFile
 
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
-        """The products that the pixels of both depend on."""
+        """The products on which the pixels of both depend."""
         return (*self.left.inputs, *self.right.inputs)
 
 
@@ -64,7 +64,7 @@ class PairProducts:
 
     @property
     def made(self) -> tuple[ProductRef, ProductRef]:
-        """What matching made of it."""
+        """The products of matching."""
         return self.matches, self.parallax
 
 
@@ -82,7 +82,7 @@ def pairs_of(entries: Iterable[ImageEntry]) -> list[PairFiles]:
 
 
 def camera_set(entry: ImageEntry) -> str:
-    """The rig that took an image: NAVCAM, NAVCAM B of two sets, MASTCAM 034 of a zoom lens."""
+    """The rig of an image: NAVCAM, NAVCAM B of two sets, MASTCAM 034 of a zoom lens."""
     return f"{entry.instrument} {camera_string(entry.id)}".strip()
 
 
@@ -92,7 +92,7 @@ def read_pair(pair: PairFiles, store: ProductStore) -> tuple[ReadImage, ReadImag
 
 
 def pair_frame(image: RoverImage) -> Frame:
-    """The frame of the pair that a left image belongs to."""
+    """The frame of the pair of a left image."""
     camera = CAMERAS.index(image.instrument) if image.instrument in CAMERAS else len(CAMERAS)
     exposure = (image.stop.site, image.stop.drive, camera, round(image.clock * 1000))
     tile = tile_number(image.id)
@@ -149,7 +149,7 @@ def read_epipolar(
 
 
 def read_matched_pair(pair: PairProducts, store: ProductStore) -> MatchedPair:
-    """A pair with its epipolar images and all that was matched in it."""
+    """A pair with its epipolar images and all its matches."""
     path = store.path(pair.matches)
     left, images = read_epipolar(pair.files, read_right_turn(path), store)
     return MatchedPair(
@@ -168,6 +168,6 @@ def read_matched_stop(
     pairs: Sequence[PairProducts],
     store: ProductStore,
 ) -> MatchedStop:
-    """All matched pairs of a stop, placed by telemetry."""
+    """All matched pairs of a stop, with the pose of telemetry."""
     matched = tuple(read_matched_pair(pair, store) for pair in pairs)
     return MatchedStop(telemetry.stop, matched, telemetry.lsl_from_rover, covariance)

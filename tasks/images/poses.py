@@ -1,8 +1,8 @@
-"""Poses of stops by other sources than labels: files that people name, and what is kept of them.
+"""Poses of stops from other sources than labels: files named by people, stored as vector files.
 
 PLACES tables, location files, vector files, poses CSV and SPICE kernels become vector files in the
-store, one a file, with a standard deviation of every pose; the file taken last under a name counts.
-Images whose labels lack the attitude of the rover are taken with the one that is stated.
+store, one per file, with a standard deviation of every pose; the latest file of a name is used.
+Images whose labels lack the attitude of the rover get it from these files.
 """
 
 from __future__ import annotations
@@ -54,13 +54,13 @@ from solmap.tasks.images.telemetry import read_vector_file
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Table:
-    """A file that was read, and when it was written."""
+    """A file as read, with its date."""
 
     name: str
     written: str
     """UTC, ISO 8601."""
     stated: VectorFile | None = None
-    """Its mission is empty where the file does not say."""
+    """Its mission is empty if the file does not name one."""
     rows: tuple[PoseRow, ...] = ()
 
 
@@ -71,36 +71,36 @@ class PoseSources:
     tables: tuple[_Table, ...] = ()
     kernels: Kernels | None = None
     others: tuple[VectorFile, ...] = ()
-    """Vector files that were delivered, of any mission."""
+    """Delivered vector files, of any mission."""
 
     @property
     def names(self) -> str:
-        """The names of the files, with commas between."""
+        """The names of the files, separated by commas."""
         kernels = [self.kernels.names] if self.kernels else []
         return ", ".join([*(table.name for table in self.tables), *kernels])
 
     @property
     def missions(self) -> tuple[str, ...]:
-        """Those that the files name, if all of them name one."""
+        """The missions of the files, if all name one."""
         named = [mission_id(table.stated.mission) for table in self.tables if table.stated]
         is_all = len(named) == len(self.tables) and not self.kernels
         return tuple(dict.fromkeys(named)) if is_all and all(named) else ()
 
     def beside(self, vectors: Iterable[ProductRef], workspace: Workspace) -> PoseSources:
-        """These, and vector files: some that were just delivered, and those in the catalogue."""
+        """These, and vector files: those just delivered, and those in the catalogue."""
         refs = [*vectors, *workspace.catalogue.pointers(ProductKind.VECTORS)]
         found: list[VectorFile] = []
         for ref in dict.fromkeys(ref for ref in refs if ref.kind is ProductKind.VECTORS):
-            with suppress(VectorFileError):  # an earlier version took it
+            with suppress(VectorFileError):  # # stored by an earlier version
                 found.append(read_vector_file(ref, workspace))
         return replace(self, others=tuple(found))
 
     def with_attitude(self, data: bytes, name: str) -> bytes:
-        """An image with the attitude that is stated here, where its metadata lack one.
+        """An image with the attitude from these sources, where its metadata lack one.
 
         Raises:
             LabelError: its metadata are broken.
-            VectorFileError: SPICE kernels that are needed are missing.
+            VectorFileError: required SPICE kernels are missing.
         """
         label, picture = split_label(data, name)
         text = "" if label is None else decode_label(label)
@@ -110,7 +110,7 @@ class PoseSources:
         return data if stated is text else join_label(stated.encode(), picture, name)
 
     def _attitude_of(self, image: RoverImage) -> Quaternion | None:
-        """What is stated of the rover at an image: rover into north, east, down."""
+        """Attitude of the rover at an image: rover into north, east, down."""
         stop = image.stop
         for row in (row for table in self.tables for row in table.rows):
             is_here = (row.site, row.drive) == (stop.site, stop.drive) or row.image == image.id
@@ -130,7 +130,7 @@ def open_pose_sources(files: Sequence[Path]) -> Iterator[PoseSources]:
     """Read files with poses, of any kind.
 
     Raises:
-        VectorFileError: one is none of them, or a row of it is broken.
+        VectorFileError: one is of no known kind, or a row of it is broken.
         OSError: one cannot be read.
     """
     kernels = [file for file in files if file.suffix.lower() in SUFFIXES]
@@ -151,10 +151,10 @@ def _read(file: Path) -> _Table:
 
 
 def take_poses(sources: PoseSources, mission: str, workspace: Workspace) -> list[str]:
-    """Keep what the sources state of a mission's stops; a line on each of them.
+    """Store the poses of a mission's stops from the sources; returns a line on each source.
 
     Raises:
-        VectorFileError: a pose cannot be true.
+        VectorFileError: a pose is impossible.
     """
     first: dict[StopId, ImageEntry] = {}
     for entry in sorted(workspace.catalogue.images(), key=lambda entry: (entry.sol, entry.id)):
@@ -175,7 +175,7 @@ def take_poses(sources: PoseSources, mission: str, workspace: Workspace) -> list
 
 def _keep(file: VectorFile, workspace: Workspace) -> str:
     ref = keep_file(ProductKind.VECTORS, file.source, vector_text(file).encode(), workspace.store)
-    line = f"{file.source}: {len(file.solutions)} sites and stops; the next run places maps by them"
+    line = f"{file.source}: {len(file.solutions)} sites and stops; the next run uses them for maps"
     workspace.catalogue.publish(pointers=[ref], outcomes=[Outcome.now(file.source, (line,))])
     return line
 
@@ -186,7 +186,7 @@ def _of_rows(
     first: Mapping[StopId, ImageEntry],
     workspace: Workspace,
 ) -> tuple[VectorFile | None, list[str]]:
-    """The rows of a poses CSV as a vector file, and a line on each that has to be left out."""
+    """The rows of a poses CSV as a vector file, and a line on each that is left out."""
     solutions, notes = [], []
     stops = {entry.id: entry.stop_id for entry in workspace.catalogue.images()}
     for row in table.rows:
@@ -198,7 +198,7 @@ def _of_rows(
             what = row.image if stop is None else str(stop)
             notes.append(
                 f"{row.where}: no image {'' if stop is None else 'of '}{what} is in the store; "
-                f"`solmap run FOLDER --places {table.name}` takes both"
+                f"`solmap run FOLDER --places {table.name}` ingests both"
             )
             continue
         quaternion = row.quaternion
@@ -225,7 +225,7 @@ def _of_rows(
 def _take_kernels(
     kernels: Kernels, mission: str, first: Mapping[StopId, ImageEntry], workspace: Workspace
 ) -> str:
-    """Keep the poses that SPICE kernels have at the first image of every stop."""
+    """Store the poses of SPICE kernels at the first image of every stop."""
     solutions = []
     for stop, entry in first.items():
         found = kernels.pose(mission, image_record(entry, workspace).clock)

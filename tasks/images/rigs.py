@@ -1,7 +1,7 @@
-"""Pictures of an own stereo rig in a delivery: a folder with a `rig.toml` (`archive.rig`).
+"""Images of an own stereo rig in a delivery: a folder with a `rig.toml` (`archive.rig`).
 
-A picture becomes an image of the store with its record as its label, camera and pose included, so
-that all later steps read it like any other image.
+They become images of the store with a record, including camera and pose, as their label, so that
+all later steps read them like any other image.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from solmap.tasks.images.folders import PICTURE_SUFFIXES
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigPictures:
-    """The pictures of all rigs in a delivery."""
+    """The images of all rigs in a delivery."""
 
     shots: dict[Path, tuple[RigShot, str]] = field(default_factory=dict)
-    """What is known of each but its size, and when its calibration or poses were written last."""
+    """Data of each except its size, and the last change of its calibration or poses."""
     faults: dict[Path, str] = field(default_factory=dict)
-    """Pictures that cannot be taken and files of rigs that cannot be used, and why."""
+    """Images that cannot be ingested and files of rigs that cannot be used, with the reasons."""
     unusable: set[Path] = field(default_factory=set)
-    """Pictures of rigs whose own file is at fault, which says it once for all of them."""
+    """Images of rigs whose own file has an error, which is reported only once."""
 
 
 def rig_pictures(files: Sequence[Path], downlink: Path) -> RigPictures:
-    """The pictures among the files of a delivery that lie with or below a `rig.toml`."""
+    """The images among the files of a delivery in or below a folder with a `rig.toml`."""
     found = RigPictures()
     by_folder: dict[Path, list[Path]] = {}
     for file in files:
@@ -48,14 +48,14 @@ def rig_pictures(files: Sequence[Path], downlink: Path) -> RigPictures:
 def rig_image_bytes(
     shot: RigShot, created: str, picture: bytes, name: str, kept: bytes | None
 ) -> bytes:
-    """A picture joined to its record, which is its label.
+    """An image joined to its record, which is its label.
 
     Args:
-        shot: What is known of it.
-        created: When its calibration or poses were written last.
+        shot: Its data.
+        created: Last change of its calibration or poses.
         picture: The file.
-        name: Its name, for complaints.
-        kept: The image as it is in the store already; where nothing but the date differs, it stays.
+        name: Its name, for messages.
+        kept: The image in the store, if any; it is kept if only the date differs.
     """
     record = shot.record(picture, name, created)
     if kept is not None:
@@ -68,7 +68,7 @@ def rig_image_bytes(
 
 
 def _rig_folder(file: Path, downlink: Path) -> Path | None:
-    """The nearest folder of a picture that has a `rig.toml`, not above the delivery's."""
+    """The nearest folder of an image that has a `rig.toml`, not above the delivery's."""
     if file.suffix.lower() not in PICTURE_SUFFIXES:
         return None
     for folder in file.parents:
@@ -80,7 +80,7 @@ def _rig_folder(file: Path, downlink: Path) -> Path | None:
 
 
 def _add_folder(folder: Path, pictures: Sequence[Path], downlink: Path, found: RigPictures) -> None:
-    """Add the pictures of one rig to those found."""
+    """Add the images of one rig to those found."""
     rig_file = folder / RIG_FILE
     read: list[Path] = []
 
@@ -106,18 +106,19 @@ def _add_folder(folder: Path, pictures: Sequence[Path], downlink: Path, found: R
 
 
 def _text_of(path: Path, name: str, downlink: Path) -> str:
-    """The text of a file that a rig is described by.
+    """The text of a file named in a rig's description.
 
     Raises:
-        LabelError: it lies elsewhere, or cannot be read.
+        LabelError: it is elsewhere, or cannot be read.
     """
     place = PurePosixPath(name)
     if place.is_absolute() or ".." in place.parts:
-        raise LabelError(f"{plain_name(name)} should lie with {RIG_FILE} or below it")
+        raise LabelError(f"{plain_name(name)} should be in the folder of {RIG_FILE} or below it")
     try:
         data = read_user_file(path, downlink, most_bytes=MAX_ROWS_BYTES)
     except OSError as error:
         raise LabelError(
-            f"{plain_name(name)} cannot be read: {reason_of(error)}; it should lie with {RIG_FILE}"
+            f"{plain_name(name)} cannot be read: {reason_of(error)}; it should be in the folder "
+            f"of {RIG_FILE}"
         ) from error
     return data.decode("utf-8", "replace")

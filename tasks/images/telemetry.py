@@ -1,4 +1,4 @@
-"""Where telemetry says the rover stood: labels and vector files, chained into the LSL."""
+"""Poses of stops by telemetry: labels and vector files, chained to the LSL."""
 
 from __future__ import annotations
 
@@ -39,29 +39,31 @@ from solmap.products.model import ProductKind, ProductRef, mission_of
 log = logging.getLogger(__name__)
 
 LOCALISED_SIGMA_M = 5.0
-"""Of a place found in an orbital image with cells of 0.25 m, which lies some metres off itself."""
+"""Standard deviation of a position in an orbital image with cells of 0.25 m, whose georeference has
+an error of some metres."""
 STATED = (LOCALISED, SPICE)
-"""Solutions that are no telemetry of labels; `LOCALISED_SIGMA_M` where they state no deviation."""
+"""Solutions other than the labels' telemetry; `LOCALISED_SIGMA_M` is used where they have no
+standard deviation."""
 STATED_SHIFT_M, STATED_TURN_DEG = 300.0, 3.0
-"""How far poses of one source may lie off as a whole: the place of the map's first stop counts."""
+"""Common error of the poses of one source: relative to the position of the map's first stop."""
 StatedPoses: TypeAlias = tuple[ControlFrame, tuple[StopControl, ...]]
-"""What one source says of stops, as observations of the network in a frame of their own."""
+"""The poses of stops by one source, as observations of the network in a separate frame."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Telemetry:
-    """All stops of a mission in the order of the traverse, and the frames they hang in."""
+    """All stops of a mission in the order of the traverse, with their frames."""
 
     stops: tuple[StopPrior, ...]
     first_clocks: Mapping[StopId, float]
     """Spacecraft clock of the first image of each of them, seconds."""
     tree: FrameTree
     origins: Mapping[int, int]
-    """The lowest site of its group, by site: 0 of all that are tied to the lander."""
+    """The lowest site of its group, by site: 0 for all that are tied to the lander."""
     unplaced: Mapping[StopId, str]
-    """Stops that are not on this map, and why: no chain joins their sites to the LSL."""
+    """Stops that are not on this map, with the reason: no chain joins their sites to the LSL."""
     sigma_m: Mapping[tuple[Frame, Frame], float] = field(default_factory=dict)
-    """Of sites and stops that were placed in sites by other means than wheels, by both frames."""
+    """Standard deviations of sites and stops located by other means than wheels, by both frames."""
     stated: tuple[StatedPoses, ...] = ()
     """Poses of stops by other sources than their labels, source by source."""
 
@@ -69,7 +71,7 @@ class Telemetry:
         """The telemetry of one stop.
 
         Raises:
-            FrameError: the stop is not placed.
+            FrameError: the stop has no pose.
         """
         for known in self.stops:
             if known.stop == stop:
@@ -77,10 +79,10 @@ class Telemetry:
         raise FrameError(self.unplaced.get(stop, f"{stop} is not known"))
 
     def sigma_from_origin_m(self, stop: StopId, slip: float) -> float:
-        """Standard deviation of a stop's place relative to the LSL's origin, by telemetry alone.
+        """Standard deviation of a stop's position relative to the LSL's origin, by telemetry.
 
-        Wheels that slip do so all the way, so their error grows with the distance along the chain
-        of sites, `slip` of it.
+        Slip is systematic, so the error grows with the distance along the chain of sites, by `slip`
+        of it.
         """
         driven_m, found_m, here = 0.0, 0.0, stop.frame
         while here in self.tree.parent_from:
@@ -107,12 +109,13 @@ class Telemetry:
 def read_telemetry(
     images: Sequence[RoverImage], vector_files: Sequence[VectorFile], origin: tuple[int, ...] = ()
 ) -> Telemetry:
-    """Chain the labels' rover poses through the vector files into the LSL of one group of sites.
+    """Chain the labels' rover poses through the vector files to the LSL of one group of sites.
 
     The rover's pose in its site comes from the label of the first image of the stop; chains between
-    sites come from the vector files and, for sites they leave out, from labels that say where their
-    site lies in another one of the traverse (those of MER do not). Where vector files place the
-    rover in another site (a PLACES table in site 0), that ties its site where nothing else does.
+    sites come from the vector files and, for sites missing there, from labels that give the
+    position of their site in another one of the traverse (those of MER do not). Where vector files
+    give the rover in another site (a PLACES table in site 0), this connects its site if nothing
+    else does.
 
     Args:
         images: Of one mission.
@@ -166,7 +169,7 @@ def _sigma_m(one: Solution) -> float:
 def stated_poses(
     files: Sequence[VectorFile], stops: Sequence[StopId], tree: FrameTree
 ) -> Iterator[StatedPoses]:
-    """What each file says of stops that are on the map, by other means than telemetry."""
+    """Poses of stops on the map from each file, by other means than telemetry."""
     by_frame = {stop.frame: stop for stop in stops}
     for file in sorted(files, key=lambda file: file.source):
         control: dict[StopId, StopControl] = {}
@@ -175,7 +178,7 @@ def stated_poses(
                 continue
             try:
                 pose = tree.pose(LSL, site_frame(one.reference_site)) @ one.pose
-            except FrameError:  # that site is not on this map
+            except FrameError:  # # that site is not on this map
                 continue
             stop = by_frame[one.frame]
             control[stop] = _control(stop, pose, one, file.source)
@@ -228,7 +231,7 @@ def _tree(
 def _declared_sites(
     images: Sequence[RoverImage], chain: Sequence[Pose], sites: set[int]
 ) -> list[Pose]:
-    """Sites placed by labels in another site that is known, where no vector file places them."""
+    """Sites located by labels in another known site, where no vector file locates them."""
     placed = {pose.source for pose in chain}
     known = {site_frame(site) for site in {0, *sites}} | placed | {pose.target for pose in chain}
     by_site = {
@@ -240,17 +243,17 @@ def _declared_sites(
 
 
 def vector_files(mission: str, workspace: Workspace) -> list[VectorFile]:
-    """The vector files of a mission that were delivered."""
+    """The delivered vector files of a mission."""
     files: list[VectorFile] = []
     for ref in workspace.catalogue.pointers(ProductKind.VECTORS):
         try:
             files.append(read_vector_file(ref, workspace))
-        except VectorFileError as error:  # an earlier version took it
+        except VectorFileError as error:  # # stored by an earlier version
             log.warning("%s is left out: %s", ref.scope, error)
     return [file for file in files if mission_id(file.mission) == mission_of(mission)]
 
 
 def read_vector_file(ref: ProductRef, workspace: Workspace) -> VectorFile:
-    """A vector file that was delivered."""
+    """A delivered vector file."""
     text = workspace.store.path(ref).read_text(errors="replace")
     return parse_vector_file(text, ref.scope.name)

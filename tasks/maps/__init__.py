@@ -1,5 +1,5 @@
 """Maps of stops and regions: terrain, orthophotos, suitability, panoramas, models, far ground.
 
 Enter oriented pairs of `network` and terrain models; leave rasters, vectors and models, one product
-a file. May not import `mission`.
+per file. May not import `mission`.
 """

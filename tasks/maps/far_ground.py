@@ -44,16 +44,16 @@ from solmap.tasks.stage import stage
 
 @dataclass(frozen=True, slots=True)
 class WidePair:
-    """Two oriented pairs, and what was matched between their left images, as products."""
+    """Two oriented pairs, and the matches between their left images, as products."""
 
     eyes: tuple[OrientedPair, OrientedPair]
     matches: ProductRef
-    """The geometry of the instrument, given in the LSL."""
+    """The epipolar geometry of the wide pair, in the LSL."""
     parallax: ProductRef
 
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
-        """The products that mapping reads."""
+        """The input products of mapping."""
         return (*inputs_of(self.eyes), self.matches, self.parallax)
 
     @property
@@ -73,12 +73,12 @@ def choose_wide_pairs(
     limits: InstrumentLimits,
     store: ProductStore,
 ) -> list[tuple[OrientedPair, OrientedPair]]:
-    """The pairs of two stops that make an instrument, without a look at their images."""
+    """The wide-baseline pairs of two stops, chosen without reading their images."""
     sides: tuple[dict[str, list[_Outlook]], ...] = ({}, {})
     for side, pairs in zip(sides, (ones, others), strict=True):
         for pair in pairs:
             instrument = pair.products.files.instrument
-            if "HAZCAM" not in instrument:  # they look at the ground before the wheels
+            if "HAZCAM" not in instrument:  # # hazard cameras look at the ground before the wheels
                 side.setdefault(instrument, []).append(_Outlook.of(pair, store))
     return [
         (one.pair, other.pair)
@@ -89,7 +89,7 @@ def choose_wide_pairs(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Outlook:
-    """Where an oriented pair stands and looks, as far as its matches tell."""
+    """Position and view direction of an oriented pair, from its matches."""
 
     pair: OrientedPair
     centre: Vector3
@@ -108,7 +108,7 @@ class _Outlook:
 def match_wide_pair(
     one: OrientedPair, other: OrientedPair, params: WideParams, store: ProductStore
 ) -> WidePair:
-    """Match the left images of two pairs at different stops, as they are oriented."""
+    """Match the left images of two pairs at different stops, with their orientations."""
     eyes = (one, other)
 
     @cache
@@ -131,7 +131,7 @@ def match_wide_pair(
 
 
 def read_eye(pair: OrientedPair, store: ProductStore) -> WideBaselineImage:
-    """A pair as one eye of a wide instrument."""
+    """A pair as one image of a wide-baseline pair."""
     geometry, _ = read_matches(store.path(pair.products.matches))
     left = read_product_image(pair.products.files.left, store)
     lsl_from_pair = pair.orientation.lsl_from(geometry.rover_from_pair.source)
@@ -147,7 +147,7 @@ def read_eye(pair: OrientedPair, store: ProductStore) -> WideBaselineImage:
 
 
 def read_wide_view(pair: WidePair, store: ProductStore) -> TerrainView:
-    """A wide pair as a look at the ground."""
+    """A wide pair as a view of the ground."""
     geometry, _ = read_matches(store.path(pair.matches))
     left, _ = order_left_right(*(read_eye(eye, store) for eye in pair.eyes))
     of_left = next(eye for eye in pair.eyes if eye.products.files.id == left.pair_id)
@@ -175,7 +175,7 @@ def build_far_dtm(
     landing: LandingPoint,
     store: ProductStore,
 ) -> ProductRef:
-    """Build the terrain model of the far ground that a stop sees together with earlier ones."""
+    """Build the terrain model of the far ground seen by a stop together with earlier ones."""
     inputs = tuple(ref for pair in pairs for ref in pair.inputs)
     recipe = Recipe(ProductKind.FAR_DTM, stop_scope(stop), inputs, (params, landing))
 

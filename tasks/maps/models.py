@@ -1,7 +1,7 @@
-"""Models of a stop in three dimensions: terrain, what its pairs see, dense points; dips of rocks.
+"""Three-dimensional models of a stop: terrain, views of its pairs, dense points; dips of rocks.
 
-Terrain is one glTF binary and 3D Tiles, what pairs see one glTF with the pairs' own images, points
-one PLY and 3D Tiles.
+Terrain is one glTF binary and 3D Tiles, the views of pairs one glTF with the pairs' own images,
+points one PLY and 3D Tiles.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
 
 SPACINGS = 5.0
-"""Spacings that a tile's geometric error is worth: a viewer that allows 16 pixels of error shows
+"""Geometric error of a tile, in point spacings: a viewer that allows 16 pixels of error shows
 points three pixels apart."""
 
 
@@ -57,7 +57,7 @@ def model_terrain(
     landing: LandingPoint,
     store: ProductStore,
 ) -> ProductRef:
-    """Model a stop's terrain, wearing its orthophoto, as one glTF binary."""
+    """Model a stop's terrain, textured with its orthophoto, as one glTF binary."""
     recipe = Recipe(ProductKind.MODEL, dtm.scope, (dtm, orthophoto), (params, landing))
 
     def write(path: Path) -> None:
@@ -80,7 +80,7 @@ def tile_terrain(
     landing: LandingPoint,
     store: ProductStore,
 ) -> ProductRef:
-    """Cut a stop's terrain and orthophoto into 3D Tiles with levels of detail."""
+    """Divide a stop's terrain and orthophoto into 3D Tiles with levels of detail."""
     recipe = Recipe(ProductKind.TILESET, dtm.scope, (dtm, orthophoto), (params, landing))
 
     def write(path: Path) -> None:
@@ -121,7 +121,7 @@ def model_views(
     landing: LandingPoint,
     store: ProductStore,
 ) -> ProductRef:
-    """Model what the pairs of a stop see, wearing their own images."""
+    """Model the ground seen by the pairs of a stop, textured with their own images."""
     recipe = _recipe(ProductKind.VIEW_MODEL, stop, pairs, (params, landing))
 
     def write(path: Path) -> None:
@@ -149,7 +149,7 @@ def map_dips(
     landing: LandingPoint,
     store: ProductStore,
 ) -> ProductRef:
-    """Map strike and dip of the planar facets that the pairs of a stop see."""
+    """Map strike and dip of the planar facets seen by the pairs of a stop."""
 
     def write(path: Path) -> None:
         facets = [facet for view in read_views(pairs, store) for facet in find_facets(view, params)]
@@ -166,7 +166,7 @@ def _recipe(
 
 
 def facet_feature(facet: Facet) -> Feature:
-    """A facet as a point on the map, with what a geologist writes down."""
+    """A facet as a point on the map, with the attributes recorded by geologists."""
     found, plane = facet.attitude, facet.plane
     return Feature(
         "Point",
@@ -200,7 +200,7 @@ def make_points(
     landing: LandingPoint,
     store: ProductStore,
 ) -> tuple[ProductRef, ProductRef]:
-    """Keep what the pairs of a stop saw as points, in one file and as tiles."""
+    """Store the dense points of the pairs of a stop, in one file and as tiles."""
     orientations = tuple(pair.orientation for pair in pairs)
     file, tiles = (
         Recipe(kind, stop_scope(stop), inputs_of(pairs), (params, landing, orientations))

@@ -1,7 +1,7 @@
 """Orthophotos of a stop: from its pairs' images with the source of each cell, and in colour.
 
-Colour takes left images with three bands or a Bayer mosaic (Mastcam-Z, Navcam of Perseverance), or
-Pancam frames of one pointing through three filters.
+Colour requires left images with three bands or a Bayer mosaic (Mastcam-Z, Navcam of Perseverance),
+or Pancam frames of one pointing through three filters.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def render_orthophoto(
     landing: LandingPoint,
     store: ProductStore,
 ) -> tuple[ProductRef, ProductRef]:
-    """Render the orthophoto of a terrain model from its images, and which each cell came from."""
+    """Render the orthophoto of a terrain model from its images, and the source of each cell."""
     orientations = tuple(pair.orientation for pair in pairs)
     picture, sources = (
         Recipe(kind, dtm.scope, (dtm, *inputs_of(pairs)), (params, landing, orientations))
@@ -77,7 +77,7 @@ def render_orthophoto(
 
     def write_codes(path: Path) -> None:
         made, codes = prepare()
-        if not codes.any():  # the picture was there already
+        if not codes.any():  # # the orthophoto existed already
             deque(_pieces(made, codes), maxlen=0)
         tags = raster_tags(sources, store)
         write_sources(path, made.source_grid, codes, made.pair_ids, local_crs(landing), tags=tags)
@@ -92,13 +92,13 @@ def write_rendering(
     landing: LandingPoint,
     tags: dict[str, str],
 ) -> None:
-    """Render block by block into a file, and note in `codes` which view each cell came from."""
+    """Render block by block into a file, and record the source view of each cell in `codes`."""
     pieces, crs = _pieces(made, codes), local_crs(landing)
     write_brightness_blocks(path, made.grid, pieces, crs, stretches=made.stretch, tags=tags)
 
 
 def _pieces(made: OrthophotoRendering, codes: Classes) -> Iterator[BrightnessBlock]:
-    """The blocks of a picture; `codes` takes 1 for the first view, 0 for none."""
+    """The blocks of an orthophoto; `codes` is set to 1 for the first view, 0 for none."""
     for block in made.blocks():
         numbers = np.where(block.sources == NO_SOURCE, 0, block.sources + 1).astype(np.uint8)
         row, col = block.row // made.ratio, block.col // made.ratio
@@ -108,24 +108,24 @@ def _pieces(made: OrthophotoRendering, codes: Classes) -> Iterator[BrightnessBlo
 
 @dataclass(frozen=True, slots=True)
 class ColourFrame:
-    """A mapped pair, and what its left camera saw in colour."""
+    """A mapped pair, and its left images in colour."""
 
     pair: OrientedPair
     filters: Triple | None
-    """None of a left image that is in colour itself."""
+    """None for a left image that is in colour itself."""
     images: tuple[ImageFile, ...]
     """Red, green and blue, or the left image."""
 
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
-        """The products that it is made from."""
+        """Its input products."""
         return (*self.pair.inputs, *(ref for image in self.images for ref in image.inputs))
 
 
 def colour_frames(
     pairs: Iterable[OrientedPair], entries: Sequence[ImageEntry], workspace: Workspace
 ) -> tuple[ColourFrame, ...]:
-    """The pairs of a stop that can be shown in colour, all through the same filters or none."""
+    """The pairs of a stop with colour, all through the same filters or none."""
     records = {e.id: image_record(e, workspace) for e in entries if e.instrument == CAMERA}
     known = {entry.id: entry for entry in entries}
     frames = []
@@ -135,7 +135,7 @@ def colour_frames(
         if left is not None:
             frame = _frame(pair, left, records, known)
         elif files.stop.mission in MER.hosts or _colours(files.left, workspace.store) is None:
-            frame = None  # no detector of theirs sees colour
+            frame = None  # # their detectors have no colour filters
         else:
             frame = ColourFrame(pair, None, (files.left,))
         if frame is not None:
@@ -150,7 +150,7 @@ def _frame(
     records: dict[str, RoverImage],
     known: dict[str, ImageEntry],
 ) -> ColourFrame | None:
-    """The pair in colour; None where its left camera did not use enough filters."""
+    """The pair in colour; None where its left camera used too few filters."""
     by_filter: dict[int, RoverImage] = {}
     for image in sorted(records.values(), key=lambda image: _preference(image, left)):
         if image.filter_number and has_same_view(left, image):
@@ -163,7 +163,7 @@ def _frame(
 
 
 def _preference(image: RoverImage, left: RoverImage) -> tuple[bool, int, str]:
-    """The same kind of product first, then large frames; the best comes last."""
+    """Order of preference: the same kind of product, then large frames; the best comes last."""
     return image.product_type == left.product_type, image.samples * image.lines, image.id
 
 
@@ -175,7 +175,7 @@ def render_colour(
     landing: LandingPoint,
     store: ProductStore,
 ) -> ProductRef:
-    """Render the orthophoto of a terrain model in colour, where there are images for it."""
+    """Render the orthophoto of a terrain model in colour, if there are images for it."""
     orientations = tuple(frame.pair.orientation for frame in frames)
     inputs = (dtm, *(ref for frame in frames for ref in frame.inputs))
     recipe = Recipe(ProductKind.COLOUR, dtm.scope, inputs, (params, landing, orientations))
@@ -193,7 +193,7 @@ def render_colour(
 
 
 def _read(frame: ColourFrame, store: ProductStore) -> tuple[TerrainView, list[GreyImage]]:
-    """The pair's view, usable where all three bands are, and these in its geometry."""
+    """The pair's view, usable where all three bands are, and the bands in its geometry."""
     (view,) = read_views([frame.pair], store)
     bands, mask = [], view.mask
     for camera, pixels, seen in _bands(frame, store):

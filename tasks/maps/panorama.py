@@ -1,4 +1,4 @@
-"""Panorama: all that the images of a stop show around it, with their adjusted orientations."""
+"""Panorama: a mosaic of the images of a stop, with their adjusted orientations."""
 
 from __future__ import annotations
 
@@ -48,22 +48,22 @@ from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
 
 SUN_FILTER = 8
-"""Of Pancam: it lets through a hundred-thousandth, for pictures of the sun."""
+"""Pancam's solar filter, which transmits a hundred-thousandth."""
 
 
 @dataclass(frozen=True, slots=True)
 class OrientedFrame:
-    """An image and where it looks from."""
+    """An image with its adjusted orientation."""
 
     id: str
     file: ImageFile
     matches: ProductRef | None
-    """Of the pair that it belongs to; None for an image without partner."""
+    """Matches of its pair; None for an image without partner."""
     orientation: Orientation
 
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
-        """The products that it is drawn from."""
+        """Its input products."""
         return (*self.file.inputs, *((self.matches,) if self.matches else ()))
 
 
@@ -74,14 +74,14 @@ def oriented_frames(
     eye: Eye,
     workspace: Workspace,
 ) -> tuple[OrientedFrame, ...]:
-    """The images of one eye that the adjustment has oriented; of one pointing only one.
+    """The oriented images of one eye; only one of each pointing.
 
     Args:
         entries: The images of a stop.
-        matches: What was matched, by the pair.
+        matches: Matches by pair.
         orientations: Of the stop's pairs and single images.
         eye: Which camera.
-        workspace: Where labels are read.
+        workspace: To read labels from.
     """
     known = {orientation.pair_id: orientation for orientation in orientations}
     kept: list[RoverImage] = []
@@ -109,7 +109,7 @@ def draw_panorama(
     landing: LandingPoint,
     store: ProductStore,
 ) -> tuple[ProductRef, ProductRef]:
-    """Draw the panorama of a stop; beside it, how far the ground is in every direction."""
+    """Draw the panorama of a stop, and the distance to the ground in every direction."""
     inputs = (*((dtm,) if dtm else ()), *(ref for frame in frames for ref in frame.inputs))
     known = (params, landing, tuple(frame.orientation for frame in frames))
     origin = {"ORIGIN": landing.name} if landing.origin else {}
@@ -133,7 +133,7 @@ def draw_panorama(
 
     def write_ground(path: Path) -> None:
         made, distances = prepare()
-        if not np.isfinite(distances[1]).any():  # the picture was there already
+        if not np.isfinite(distances[1]).any():  # # the panorama existed already
             deque(brightness_blocks(made.blocks(), distances), maxlen=0)
         write_panorama_ground(path, made, distances, raster_tags(ground, store) | origin)
 
@@ -157,7 +157,7 @@ def _panorama(
 
 
 def _read(frame: OrientedFrame, store: ProductStore) -> tuple[ReadImage, Pose]:
-    """An image with its pixels, and the pose of its label's rover frame as adjusted."""
+    """An image with its pixels, and the adjusted pose of its label's rover frame."""
     read = read_product_image(frame.file, store)
     if frame.matches is None:
         geometry = _alone(read.image)

@@ -1,4 +1,4 @@
-"""Region: the terrain models and orthophotos of stops as one, and where the stops disagree."""
+"""Region: the terrain models and orthophotos of stops merged, with the stops' disagreement."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def fuse_region(
     landing: LandingPoint,
     store: ProductStore,
 ) -> tuple[ProductRef, ProductRef]:
-    """Fuse the terrain models of stops; the region's model and the layer of its seams.
+    """Fuse the terrain models of stops; returns the region's model and the layer of its seams.
 
-    Both are made in one pass over the stops and become products one after the other.
+    Both are made in one pass over the stops and stored one after the other.
     """
     inputs = tuple(sorted(stops))
     scope = part_scope(mission, min(ref.scope for ref in inputs))
@@ -90,7 +90,7 @@ def _sources(stops: Iterable[ProductRef], store: ProductStore) -> list[RegionSou
 
 
 def _place(ref: ProductRef, store: ProductStore) -> tuple[float, float]:
-    """East and north of the cameras of a model; of its middle if it does not say."""
+    """East and north of the cameras of a model; of its middle if unknown."""
     found = list(_translations(store.provenance(ref)["recipe"]["params"]))
     if not found:
         with open_raster(store.path(ref)) as dataset:
@@ -112,7 +112,7 @@ def _translations(params: object) -> Iterable[list[float]]:
 
 
 def seam_notes(seams: ProductRef, store: ProductStore) -> list[str]:
-    """One line for every two stops that share ground: by how much they disagree."""
+    """One line for every two stops with common ground: their disagreement."""
     stops, pairs = read_seams(store.path(seams))
     return [
         f"{stops[pair.stops[0]]} and {stops[pair.stops[1]]} disagree by {pair.median_m:.3f} m "

@@ -1,4 +1,4 @@
-"""Where a rover may stand and drive: insolation and winter havens, hazards, and the viewshed."""
+"""Suitability for a rover: insolation and winter havens, hazards, and the viewshed."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def map_insolation(
     landing: LandingPoint,
     store: ProductStore,
 ) -> tuple[ProductRef, ProductRef]:
-    """Map the light that the ground receives in every season, and outline winter havens."""
+    """Map the insolation of every season, and outline winter havens."""
     latitude = planetographic(math.radians(landing.latitude))
 
     @cache
@@ -72,14 +72,14 @@ def map_insolation(
 
 
 def _bands(light: Insolation) -> dict[str, np.ndarray]:
-    """A band for every season, `insolation_ls090`, and the share of the sky that is seen."""
+    """A band for every season, `insolation_ls090`, and the visible fraction of the sky."""
     seasons = zip(light.seasons, light.received, strict=True)
     by_season = {f"insolation_ls{season.ls_deg:03.0f}": cells for season, cells in seasons}
     return {**by_season, "sky_view": light.sky}
 
 
 def _season_tags(light: Insolation, params: InsolationParams) -> dict[str, str]:
-    """The seasons and their sky, and what level ground receives, for those who read the file."""
+    """Tags with the seasons, their sky, and the insolation of level ground."""
     return {
         "LS_DEG": " ".join(f"{season.ls_deg:g}" for season in light.seasons),
         "LEVEL_WH_M2": " ".join(f"{level:.1f}" for level in light.level),
@@ -107,7 +107,7 @@ def _feature(number: int, haven: Haven) -> Feature:
 def map_hazards(
     dtm: ProductRef, params: HazardParams, landing: LandingPoint, store: ProductStore
 ) -> ProductRef:
-    """Map steps, slopes and roughness that a rover of these limits does not take."""
+    """Map steps, slopes and roughness beyond the limits of a rover."""
     recipe = Recipe(dtm.map_kind(ProductKind.HAZARD), dtm.scope, (dtm,), (params, landing))
 
     def write(path: Path) -> None:
@@ -122,7 +122,7 @@ def map_hazards(
 
 @dataclass(frozen=True, slots=True)
 class Eye:
-    """Where is looked from, metres of the local map."""
+    """Position of a viewpoint, metres of the local map."""
 
     east: float
     north: float
@@ -131,7 +131,7 @@ class Eye:
 
 
 def highest_camera(pairs: tuple[OrientedPair, ...]) -> Eye:
-    """The left camera of a stop that stands highest: that of the mast, pointed as it was."""
+    """The highest left camera of a stop: that of the mast, as it was pointed."""
     places = [pair.orientation.translation_m for pair in pairs]
     north, east, down = min(places, key=lambda place: place[2])
     return Eye(round(east, 4), round(north, 4), round(-down, 4))
@@ -141,7 +141,7 @@ def highest_camera(pairs: tuple[OrientedPair, ...]) -> Eye:
 def map_viewshed(
     dtm: ProductRef, eye: Eye, params: ViewshedParams, landing: LandingPoint, store: ProductStore
 ) -> ProductRef:
-    """Map what can be seen from an eye."""
+    """Map the ground visible from a viewpoint."""
     recipe = Recipe(dtm.map_kind(ProductKind.VIEWSHED), dtm.scope, (dtm,), (eye, params, landing))
 
     def write(path: Path) -> None:

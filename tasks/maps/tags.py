@@ -1,4 +1,4 @@
-"""Tags of a raster: how it was made, and what its images are.
+"""Tags of a raster: its provenance, and data of its images.
 
     MISSION     mission of the images: MER2
     SOL         sols on which they were taken, ascending: 155 156
@@ -9,7 +9,7 @@
                 11:02:33/12:45:10
 
 Lists are separated by blanks. The values follow from the inputs of the recipe: the labels of its
-images, and the tags of the rasters that it is made from. A tag without a value is left out.
+images, and the tags of its source rasters. A tag without a value is omitted.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def raster_tags(recipe: Recipe, store: ProductStore) -> dict[str, str]:
 
 
 def origin_tags(inputs: Iterable[ProductRef], store: ProductStore) -> dict[str, str]:
-    """What the images behind some products are."""
+    """Data of the images of some products."""
     found: dict[str, set[str]] = {name: set() for name in ORIGIN_TAGS}
     for ref in inputs:
         for name, values in _values(ref, store):

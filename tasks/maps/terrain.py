@@ -1,4 +1,4 @@
-"""The terrain model of a stop and what is derived from it: contours, slope, aspect, hillshade."""
+"""The terrain model of a stop and its derivatives: contours, slope, aspect, hillshade."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ RELIEF: Mapping[ProductKind, tuple[str, Callable[[Relief], Bands]]] = {
     ),
     ProductKind.ROUGHNESS: ("m", lambda r: {"roughness": r.roughness_m}),
 }
-"""What is mapped of the planes over one baseline: kind, unit and bands."""
+"""Maps derived from the planes over one baseline: kind, unit and bands."""
 
 
 @stage(task_run_name="dtm-{stop}")
@@ -94,7 +94,7 @@ def trace_contours(
 def map_relief(
     dtm: ProductRef, params: SlopeParams, landing: LandingPoint, store: ProductStore
 ) -> tuple[ProductRef, ...]:
-    """Map how steep the ground is, where it falls to, how it leans to the north, and how rough."""
+    """Map slope, aspect, northerly tilt and roughness."""
 
     @cache
     def fit_relief() -> tuple[Relief, MapGrid]:
@@ -118,7 +118,7 @@ def map_relief(
 def shade_relief(
     dtm: ProductRef, params: HillshadeParams, landing: LandingPoint, store: ProductStore
 ) -> ProductRef:
-    """Shade the relief, for the eye."""
+    """Map shaded relief."""
     recipe = Recipe(dtm.map_kind(ProductKind.HILLSHADE), dtm.scope, (dtm,), (params, landing))
 
     def write(path: Path) -> None:

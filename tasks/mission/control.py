@@ -1,7 +1,7 @@
-"""Control: where stops lie in orbital images, by registration or as people measured it.
+"""Control: positions of stops in orbital images, by registration or measured by people.
 
-A product of control is one frame, an orbital image or a file of measured points, with the places of
-stops in it (see `photogrammetry.adjustment.control`). The version made last under a name counts.
+A product of control is one frame, an orbital image or a file of measured points, with the positions
+of stops in it (see `photogrammetry.adjustment.control`). The latest version of a name is used.
 """
 
 from __future__ import annotations
@@ -41,25 +41,27 @@ from solmap.tasks.network.orientations import MappedStop, Standing, read_orienta
 from solmap.tasks.stage import stage
 
 MAST_DEG = AdjustmentParams().pointing_deg
-"""By how much a pair, and a map by the mean of its pairs, may be turned against the rover."""
+"""Rotation of a pair, and of a map by the mean of its pairs, against the rover."""
 BEND = 0.25
-"""What an image is bent by at a distance, as part of what its scale may be off there: 8 m over 3 km
-are left of an uncontrolled mosaic without its shift, turn and scale (Di et al. 2008, section 4)."""
+"""Bending of an image over a distance, as a fraction of its scale error there: 8 m over 3 km remain
+of an uncontrolled mosaic after its shift, rotation and scale (Di et al. 2008, section 4)."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameParams:
-    """How well the place of an orbital image, or of a map that points were measured in, is known.
+    """Accuracy of the position of an orbital image, or of the map of measured points.
 
-    Standard deviations; zero where it is certain.
+    Standard deviations; zero if exact.
     """
 
     shift_m: float = 300.0
-    """A mosaic that nobody controlled; one that was is good to some 5 m, on older maps to 50 m."""
+    """For an uncontrolled mosaic; a controlled one is accurate to about 5 m, on older maps to
+    50 m."""
     rotation_deg: float = 3.0
     """The same: an uncontrolled mosaic was turned by 1.3 degrees (Di et al. 2008, section 4), an
-    orthoimage of HiRISE or CTX is off by a few metres over kilometres, 0.1 degrees. An image said
-    to be better than the azimuth of the first stop turns the map (`adjustment.model.datum`)."""
+    orthoimage of HiRISE or CTX is off by a few metres over kilometres, 0.1 degrees. An image
+    declared more accurate than the azimuth of the first stop rotates the map
+    (`adjustment.model.datum`)."""
     scale: float = 0.01
 
     def __post_init__(self) -> None:
@@ -67,15 +69,15 @@ class FrameParams:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise ProductError(
-                    f"{name} is a standard deviation: zero (certain) or more, not {value}"
+                    f"{name} is a standard deviation: zero (exact) or more, not {value}"
                 )
 
     def frame(
         self, name: str, places: Sequence[StopControl], up_m: Sequence[float] = ()
     ) -> ControlFrame:
-        """The frame, turned about the middle of what it shows.
+        """The frame, with the middle of its points as centre of rotation.
 
-        `up_m`: how its heights differ from the rover's, for they are above another level.
+        `up_m`: offset of its heights from the rover's, since they refer to another level.
         """
         middle = np.mean([one.values[:2] for one in places], axis=0) if places else np.zeros(2)
         centre = float(middle[0]), float(middle[1])
@@ -132,7 +134,7 @@ def control_by_image(
                     stop_in_image(stop, pose, outcome.correction, image.scope.name, turn_deg)
                 )
             except (PhotogrammetryError, ProductError, ArithmeticError, ValueError) as error:
-                refused[str(stop)] = cause_of(error)  # of this stop
+                refused[str(stop)] = cause_of(error)  # # only of this stop
                 continue
             up_m += [outcome.correction.up_m] if outcome.correction.up_m else []
         frame = params[1].frame(image.scope.name, found, up_m)
@@ -143,7 +145,7 @@ def control_by_image(
 
 
 def _mapped_pose(stop: StopId, adjusted: AdjustedNetwork, mapped: dict[str, MappedStop]) -> Pose:
-    """The pose of a rover that its maps were made with: up to the reissue limit off today's."""
+    """The pose of a rover in its maps: up to the reissue limit different from the latest."""
     pose = adjusted.stop(stop).lsl_from_rover
     today = {pair.pair_id: pair.lsl_from_pair for pair in adjusted.pairs}
     old = [o for o in mapped[str(stop)].orientations if o.pair_id in today]
@@ -163,7 +165,7 @@ def take_control(
     landing: LandingPoint,
     store: ProductStore,
 ) -> ProductRef:
-    """Take a file of measured control into the store.
+    """Store a file of measured control.
 
     Raises:
         AdjustmentError: it cannot be read, or names a stop that is not in the network.
@@ -173,7 +175,7 @@ def take_control(
     try:
         rows = parse_control(data.decode("utf-8"), mission_of(mission), name)
     except UnicodeDecodeError as error:
-        raise AdjustmentError(f"{name}: control is text in UTF-8, but {error}") from error
+        raise AdjustmentError(f"{name}: control should be UTF-8 text, but {error}") from error
     found = [_control_of_row(row, adjusted, params, landing, name) for row in rows]
     file = keep_file(ProductKind.CONTROL_FILE, name, data, store)
     inputs = (file, *((network,) if any(row.map_point for row in rows) else ()))
@@ -190,7 +192,7 @@ def _control_of_row(
     landing: LandingPoint,
     source: str,
 ) -> StopControl:
-    """Control of a stop by a row; of a point on its map carried over to the rover."""
+    """Control of a stop from a row; a point on its map is transferred to the rover."""
     known = {stop.stop: stop for stop in adjusted.stops}
     if row.stop not in known:
         raise AdjustmentError(
@@ -221,12 +223,12 @@ def _control_of_row(
 
 
 def control_of(mission: str, workspace: Workspace) -> tuple[ProductRef, ...]:
-    """All control that is published for a mission."""
+    """All published control of a mission."""
     pointers = workspace.catalogue.pointers(ProductKind.CONTROL)
     return tuple(ref for ref in pointers if holds_control_of(ref, mission, workspace.store))
 
 
 def holds_control_of(ref: ProductRef, mission: str, store: ProductStore) -> bool:
-    """Whether the stops that control is of are of a mission, or there are none any more."""
+    """Whether the stops of some control belong to a mission, or control has none any more."""
     _, control = read_control(ref, store)
     return not control or control[0].stop.mission == mission_of(mission)

@@ -1,4 +1,4 @@
-"""The traverse of a whole mission from files of others: tables, vector files, location files."""
+"""The traverse of a whole mission from external files: tables, vector files, location files."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TELEMETRY = "telemetry"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionTraverses:
-    """What some files say of one traverse, on the landing site's map."""
+    """One traverse from some files, on the landing site's map."""
 
     found: tuple[Traverse, ...]
     notes: tuple[str, ...]
@@ -42,20 +42,20 @@ class MissionTraverses:
         """The traverse of one solution.
 
         Raises:
-            TraverseError: no file gives it.
+            TraverseError: no file contains it.
         """
         for traverse in self.found:
             if traverse.solution == solution:
                 return traverse
         known = ", ".join(traverse.solution for traverse in self.found) or "none"
         raise TraverseError(
-            f"no file gives a {solution} traverse, only {known}; name one that does"
+            f"no file contains a {solution} traverse, only {known}; name one that does"
         )
 
     def at_common_stops(
         self, first_sol: int = 0, last_sol: int = 1 << 30
     ) -> tuple[Traverse, Traverse]:
-        """Telemetry and the localised places of the stops that both have, within some sols."""
+        """Telemetry and the localised positions of the stops that both have, within some sols."""
         telemetry, localised = common_stops(self.of(TELEMETRY), self.of(LOCALISED))
         within = np.flatnonzero((localised.sols >= first_sol) & (localised.sols <= last_sol))
         return telemetry.at(within), localised.at(within)
@@ -65,7 +65,7 @@ def read_traverses(files: Sequence[Path], mission: str, landing: LandingPoint) -
     """Read traverse tables, vector files, PLACES tables and location files of one mission.
 
     Raises:
-        TraverseError, VectorFileError: a file is none of them, or is broken.
+        TraverseError, VectorFileError: a file is of no known kind, or is broken.
         OSError: it cannot be read.
     """
     tables: list[MissionTable] = []
@@ -87,7 +87,7 @@ def read_traverses(files: Sequence[Path], mission: str, landing: LandingPoint) -
 
 
 def _of_table(table: MissionTable, landing: LandingPoint) -> Iterable[Traverse]:
-    """Its localised places on the map, and telemetry moved to where those begin."""
+    """Its localised positions on the map, and telemetry shifted to the same start."""
     start = None
     if table.localised_deg is not None:
         east, north = east_north(landing, table.localised_deg[:, 0], table.localised_deg[:, 1])
@@ -136,7 +136,7 @@ def traverse_lines(traverses: MissionTraverses) -> list[Feature]:
 
 
 def traverse_stops(traverses: MissionTraverses) -> list[Feature]:
-    """A point for every stop and solution; localised ones say how far telemetry is off."""
+    """A point for every stop and solution; localised ones have the difference to telemetry."""
     off = _telemetry_errors(traverses)
     return [
         Feature(

@@ -1,10 +1,9 @@
-"""Localise: what the adjusted traverse says of telemetry, and the traverse for other tools.
+"""Localise: differences of telemetry to the adjusted traverse, and the traverse for other tools.
 
 After every adjustment: a table of accumulated differences with the vertical profile (JSON), the
 same as a figure (SVG, PNG), lines, stops and error ellipses (GeoPackage), a PLACES table, and site
-and rover vector files with the adjusted solution. Sites keep the offsets of telemetry; rovers are
-given in them where the adjustment puts them, so both files together give the adjusted stop in the
-LSL.
+and rover vector files with the adjusted solution. Sites keep the offsets of telemetry; rovers have
+their adjusted positions in them, so both files together give the adjusted stop in the LSL.
 """
 
 from __future__ import annotations
@@ -61,17 +60,17 @@ KINDS = (
     ProductKind.TRAVERSE_PACKAGE,
 )
 FEWEST = 2
-"""Stops of a traverse that can be compared: a leg has two ends."""
+"""Fewest stops of a traverse to compare: a leg has two ends."""
 FORMAT = 2
-"""Of the table: raised when its fields change."""
+"""Version of the table: increased when its fields change."""
 ELLIPSE_POINTS = 64
 """Corners of an error ellipse."""
 PLAN = np.array([4, 3])
-"""East and north in a stop's covariance, which holds turns before (north, east, down)."""
+"""East and north in a stop's covariance, which begins with rotations (north, east, down)."""
 
 
 def traverse_products(name: str, catalogue: Catalogue) -> list[ProductRef]:
-    """The latest of what `localise` made of a map, kind by kind."""
+    """The latest products of `localise` for a map, kind by kind."""
     region = region_scope(name).name
     return [
         ref
@@ -88,7 +87,7 @@ def localise(
     landing: LandingPoint,
     store: ProductStore,
 ) -> list[ProductRef]:
-    """State the adjusted traverse of a mission and how far telemetry strays from it."""
+    """Write the adjusted traverse of a mission and the differences to telemetry."""
     product = cached_whole_network(network, store)
     frames = SiteFrames.of(telemetry, {stop.stop.site for stop in product.adjusted.stops})
     clocks = telemetry.first_clocks
@@ -110,15 +109,15 @@ def localise(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SiteFrames:
-    """The frames of sites, as telemetry chains them to the LSL."""
+    """The frames of sites, chained to the LSL by telemetry."""
 
     origin: int
-    """The site whose frame the LSL is: 0, the lander, if the chain reaches it."""
+    """The site whose frame the LSL is: 0, the lander, if the chain includes it."""
     lsl_from_site: Mapping[int, Pose]
 
     @classmethod
     def of(cls, telemetry: Telemetry, sites: Iterable[int]) -> SiteFrames:
-        """Those of some sites, in ascending order."""
+        """The frames of some sites, in ascending order."""
         tree = telemetry.tree
         origin = next(f.index[0] for f, pose in tree.parent_from.items() if pose.target == LSL)
         return cls(origin, {site: tree.pose(LSL, site_frame(site)) for site in sorted(set(sites))})
@@ -140,9 +139,9 @@ def _contents(
     clocks: Mapping[StopId, float],
     landing: LandingPoint,
 ) -> Iterator[tuple[ProductKind, Scope, Callable[[], str | bytes]]]:
-    """Every file that tells of the traverse, and how it is made."""
+    """Every file about the traverse, and the function that makes it."""
     region = region_scope(product.mission)
-    if not landing.origin:  # a table whose offsets are from the lander
+    if not landing.origin:  # # a table with offsets from the lander
         yield (
             ProductKind.PLACES,
             region,
@@ -191,7 +190,7 @@ def traverse_table(product: NetworkProduct, landing: LandingPoint) -> dict[str, 
 
 
 def _certainty(stop: AdjustedStop) -> dict[str, Any]:
-    """How well a stop is known, and what holds it."""
+    """Accuracy of a stop, and what determines its pose."""
     north, east, down = np.round(stop.sigma_ned_m, 4).tolist()
     azimuth_deg = float(np.degrees(np.sqrt(max(stop.covariance[2, 2], 0.0))))
     return {
@@ -237,7 +236,7 @@ def placed_stops(
 
 
 def site_vectors(mission: str, frames: SiteFrames) -> str:
-    """The SVF: the sites that the stops belong to, in the one whose frame the LSL is."""
+    """The SVF: the sites of the stops, in the one whose frame the LSL is."""
     solutions = [
         _solution("telemetry", FrameKind.SITE, (site,), frames.origin, pose)
         for site, pose in frames.lsl_from_site.items()
@@ -248,7 +247,7 @@ def site_vectors(mission: str, frames: SiteFrames) -> str:
 
 
 def rover_vectors(product: NetworkProduct, site: int, lsl_from_site: Pose) -> str:
-    """The RVF of a site: its stops where the adjustment puts them."""
+    """The RVF of a site: its stops at their adjusted positions."""
     solutions = [
         _solution(
             "adjusted",

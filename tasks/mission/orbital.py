@@ -1,4 +1,4 @@
-"""Orbital images: laid on what the rover mapped, and drawn as base layer of the map."""
+"""Orbital images: registered to the rover's map, and drawn as base layer of the map."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ from solmap.tasks.scopes import file_scope, region_scope
 from solmap.tasks.stage import stage
 
 MARGIN_M = 500.0
-"""An orbital image is drawn that far around what is mapped: what lies ahead, and a horizon."""
+"""Margin of an orbital image around the mapped ground: ground ahead, and a horizon."""
 
 
 @dataclass(frozen=True, slots=True)
 class StopMap:
-    """What registration reads of a mapped stop."""
+    """Data of a mapped stop for registration."""
 
     dtm: ProductRef
     orthophoto: ProductRef
@@ -51,7 +51,7 @@ class StopMap:
 
 @dataclass(frozen=True, slots=True)
 class RegisteredImage:
-    """An orbital image, and what came of registering it to all that is mapped."""
+    """An orbital image, and the result of registering it to all mapped ground."""
 
     image: ProductRef
     registration: ProductRef
@@ -67,13 +67,13 @@ class RegistrationMethod:
 
     @property
     def settings(self) -> tuple[RegistrationParams | str, ...]:
-        """What a recipe depends on."""
+        """The settings on which a recipe depends."""
         return (self.registration, *(("heights",) if self.heights else ()))
 
 
 @dataclass(frozen=True, slots=True)
 class AssumedOrigin:
-    """About where the origin of a map lies that is not tied to the lander."""
+    """Approximate position of the origin of a map that is not tied to the lander."""
 
     lander: LandingPoint
     place_m: tuple[float, float]
@@ -82,11 +82,11 @@ class AssumedOrigin:
 
 @dataclass(frozen=True, slots=True)
 class FoundOrigin:
-    """Where the origin of a map lies by an orbital image, if it could be told."""
+    """Position of the origin of a map by an orbital image, if determined."""
 
     registration: Registration
     place_m: tuple[float, float]
-    """(east, north) on the lander's map, where the image is right."""
+    """(east, north) on the lander's map, if the image is correct."""
     sigma_m: float
     """Of each coordinate, within the image."""
 
@@ -99,10 +99,10 @@ def find_origin(
     origin: AssumedOrigin,
     store: ProductStore,
 ) -> FoundOrigin:
-    """Where a map that is not tied to the lander lies in an orbital image.
+    """Locate a map that is not tied to the lander in an orbital image.
 
-    It is looked for within the reach of the search about `origin`. The middle of what is mapped is
-    placed; which way is north, the rover knows better.
+    It is searched within the reach of the search about `origin`. Only the position of the map's
+    middle is used, because the rover's north is more accurate.
     """
     found, _ = find_registration(image, stops, params, landing, store, origin)
     if found.correction is None:
@@ -117,7 +117,7 @@ def find_origin(
 
 
 def take_orbital(file: Path, store: ProductStore) -> ProductRef:
-    """Keep an orbital image as it came."""
+    """Store an orbital image unchanged."""
     scope = file_scope(file.name)
     with open_user_file(file) as opened:
         digest = hashlib.file_digest(opened, "sha256").hexdigest()
@@ -139,7 +139,7 @@ def register_orbital(
     landing: LandingPoint,
     store: ProductStore,
 ) -> ProductRef:
-    """Find where an orbital image, or terrain model, lies on what the stops mapped."""
+    """Locate an orbital image, or terrain model, on the maps of the stops."""
     inputs = (image, *(ref for stop in stops for ref in (stop.dtm, stop.orthophoto)))
     settings = (*params.settings, landing)
     recipe = Recipe(ProductKind.ORBITAL_REGISTRATION, image.scope, inputs, settings)
@@ -167,10 +167,10 @@ def find_registration(
     store: ProductStore,
     start: Correction | AssumedOrigin | None = None,
 ) -> tuple[Registration, float]:
-    """What comes of registering an image to the map of some stops, and the side of its cells.
+    """The registration of an image to the map of some stops, and the side of its cells.
 
-    With the correction of a larger map as `start` the place is looked for near there alone; of a
-    map that is not tied to the lander, about where it is assumed to lie.
+    With the correction of a larger map as `start` the search is limited to its neighbourhood; for a
+    map that is not tied to the lander, it starts at the assumed position.
     """
     origin = start if isinstance(start, AssumedOrigin) else None
     crs = local_crs(landing)
@@ -201,7 +201,7 @@ def find_registration(
 
 
 def _carried(bounds: Bounds, carry: Callable[[np.ndarray], np.ndarray]) -> Bounds:
-    """Bounds around where the corners of others are carried to."""
+    """Bounds around the transformed corners of others."""
     west, south, east, north = bounds
     corners = carry(np.array([[west, south], [west, north], [east, south], [east, north]]))
     (left, low), (right, top) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
@@ -217,7 +217,7 @@ def draw_base(
     landing: LandingPoint,
     store: ProductStore,
 ) -> ProductRef:
-    """Draw an orbital image around what is mapped: where it truly lies, or where it claims to."""
+    """Draw an orbital image around the mapped ground, at its corrected or stated position."""
     inputs = (image,) if registration is None else (image, registration)
     params = landing, [*mapped], MARGIN_M
     recipe = Recipe(ProductKind.ORBITAL, region_scope(mission), inputs, params)
@@ -241,7 +241,7 @@ def draw_base(
 
 
 def read_registration(ref: ProductRef, store: ProductStore) -> dict[str, Any]:
-    """What a registration found, as plain JSON."""
+    """Content of a registration, as plain JSON."""
     document: dict[str, Any] = json.loads(store.path(ref).read_text())
     return document
 
@@ -278,9 +278,9 @@ def _document(correction: Correction | None) -> dict[str, Any] | None:
 
 
 def _widen(bounds: Bounds, margin_m: float, within: Bounds) -> Bounds:
-    """Bounds with a margin, cut to what there is."""
+    """Bounds with a margin, limited to the image."""
     west, south = (max(bounds[k] - margin_m, within[k]) for k in (0, 1))
     east, north = (min(bounds[k] + margin_m, within[k]) for k in (2, 3))
     if not (east > west and north > south):
-        raise ProductError("the orbital image does not show the ground that was mapped")
+        raise ProductError("the orbital image does not show the mapped ground")
     return west, south, east, north

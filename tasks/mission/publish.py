@@ -1,6 +1,6 @@
-"""Publish: turn products into layers and move the catalogue's pointers, all at once.
+"""Publish: turn products into layers and move the catalogue's pointers, in one transaction.
 
-The STAC catalogue follows with what was just published.
+The STAC catalogue is then updated.
 """
 
 from __future__ import annotations
@@ -114,17 +114,17 @@ MODELS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Published:
-    """What came of publishing."""
+    """Result of publishing."""
 
     layers: tuple[Layer, ...]
     failures: dict[str, str]
-    """What could not be published, and why."""
+    """Products that could not be published, with the reasons."""
 
     def check(self) -> None:
-        """Refuse to go on where anything is missing.
+        """Raise an error if anything is missing.
 
         Raises:
-            ProductError: it is.
+            ProductError: something is missing.
         """
         if self.failures:
             lines = [f"{what}: {cause}" for what, cause in self.failures.items()]
@@ -141,7 +141,7 @@ def publish(
     *,
     is_last: bool = True,
 ) -> Published:
-    """Publish products with the sols that they show; readers see all of it or nothing.
+    """Publish products with their sols; readers see all of it or nothing.
 
     A product that cannot be read is left out: what was published of its kind stays. Of several
     publications that belong together the STAC catalogue follows the last, which is all of them.
@@ -164,7 +164,7 @@ def publish(
 
 @contextmanager
 def _note_failure(failures: dict[str, str], what: str, workspace: Workspace) -> Iterator[None]:
-    """Go on after the block with the cause of what fails in it, but for a full disk."""
+    """Continue after the block with the cause of its failure, except for a full disk."""
     try:
         yield
     except Exception as error:
@@ -180,7 +180,7 @@ def withdraw(
     pointers: Sequence[ProductRef],
     workspace: Workspace,
 ) -> None:
-    """Show layers no longer, and have the catalogue point at products no longer, all at once."""
+    """Remove layers from the map and pointers from the catalogue, in one transaction."""
     if layers or pointers:
         workspace.catalogue.withdraw(layers, pointers)
     if layers:
@@ -189,7 +189,7 @@ def withdraw(
 
 
 def _index(mission: str, kinds: Collection[ProductKind], workspace: Workspace) -> None:
-    """Read the new features into the index now, so that no visitor of the map waits for it."""
+    """Index the new features now, so that no request has to wait for it."""
     try:
         MissionFeatures.open(workspace.store, workspace.catalogue).fill(mission, kinds)
     except Exception as error:  # noqa: BLE001 - the server fills it when it is asked
@@ -244,7 +244,7 @@ def _type_of(kind: ProductKind) -> Literal["raster", "vector", "model", "panoram
 
 
 def update_stac(mission: MissionEntry, fresh: Sequence[Layer], workspace: Workspace) -> None:
-    """Write the items of fresh layers, and the collection and catalogue that list all latest."""
+    """Write the items of new layers, and the collection and catalogue with all latest ones."""
     if not fresh:
         return
     images, catalogue = workspace.catalogue.images(mission.mission), workspace.catalogue

@@ -1,6 +1,6 @@
 """A simulated mission as products: labels without pixels, their entries, and the adjusted network.
 
-What comes after it (layers, traverse, report) is drawn by the tasks that draw real missions.
+Layers, traverse and report are then made by the tasks for real missions.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ NO_PIXELS = "simulated: there are no pixels"
 
 @dataclass(frozen=True, slots=True)
 class SimulationParams:
-    """All that a simulated mission is made from."""
+    """All parameters of a simulated mission."""
 
     plan: MissionPlan
     seed: int
@@ -48,7 +48,7 @@ class SimulationParams:
 
 
 def simulate(params: SimulationParams) -> SimulatedMission:
-    """The mission itself, under the names of an archive."""
+    """The mission, with the names of an archive."""
     names = mission_names(params.plan)
     return simulate_mission(np.random.default_rng(params.seed), params.plan, names=names)
 
@@ -60,7 +60,7 @@ def keep_labels(
     workspace: Workspace,
     told: Callable[[int, int], None],
 ) -> None:
-    """Keep the labels of all images, and enter them in the catalogue; `told` how far it is."""
+    """Store the labels of all images, and enter them in the catalogue; `told` reports progress."""
     browse = _no_picture(workspace)
     entries: list[ImageEntry] = []
     count = len(mission.network.pairs)
@@ -100,7 +100,7 @@ def _entry(
 
 
 def _no_picture(workspace: Workspace) -> ProductRef:
-    """The one browse picture of all images: it says that there is none."""
+    """The common browse image of all images, which states that there are no pixels."""
 
     def write(path: Path) -> None:
         picture = np.full((256, 256), 96, dtype=np.uint8)
@@ -120,7 +120,7 @@ def _no_picture(workspace: Workspace) -> ProductRef:
 def adjust_simulated(
     mission: SimulatedMission, params: SimulationParams, workspace: Workspace
 ) -> ProductRef:
-    """Adjust the mission overall, with the control that it has."""
+    """Adjust the mission overall, with its control."""
 
     def write(path: Path) -> None:
         network = mission.network
@@ -144,14 +144,14 @@ def adjust_simulated(
 
 
 def network_recipe(params: SimulationParams) -> Recipe:
-    """All that determines the network."""
+    """Everything that determines the network."""
     scope = network_scope(MISSION, params.plan.stops, AdjustmentMode.OVERALL)
     return Recipe(ProductKind.NETWORK, scope, params=params)
 
 
 @stage(task_run_name="truth")
 def write_truth(mission: SimulatedMission, path: Path) -> None:
-    """Write where stops truly are, for judging only."""
+    """Write the true positions of stops, for evaluation only."""
     drives = [None, *mission.slips.tolist()]
     rows = [
         {

@@ -36,7 +36,7 @@ from solmap.tasks.stage import stage
 
 log = logging.getLogger(__name__)
 WHEELS_M = 0.294
-"""The ground below the rover origin when it stands level (VICAR's default ground plane)."""
+"""The ground below the rover origin on level ground (VICAR's default ground plane)."""
 
 POSITIONS = (ProductKind.TRAVERSE, ProductKind.STOPS)
 VECTORS = (*POSITIONS, ProductKind.TIE_POINTS, ProductKind.FOOTPRINTS, ProductKind.POINTING)
@@ -56,7 +56,7 @@ def draw_vectors(  # noqa: PLR0913 - all that features tell of
 ) -> list[ProductRef]:
     """Draw the vector layers of a mission, or some of them, from its network and images.
 
-    `sigmas_m` are standard deviations of telemetry's places relative to the map's origin.
+    `sigmas_m` are standard deviations of telemetry's positions relative to the map's origin.
     """
     origins = tuple((str(stop), round(sigma_m, 2)) for stop, sigma_m in (sigmas_m or {}).items())
     read = _Reading(network, entries, workspace)
@@ -100,7 +100,7 @@ class _Reading:
         poses = {stop.stop: stop.lsl_from_rover for stop in self.network.adjusted.stops}
         pointings = {pair.pair_id: pair.pointing for pair in self.network.adjusted.pairs}
         for entry in self._entries:
-            if entry.repeats is not None:  # drawn with the image that is used
+            if entry.repeats is not None:  # # drawn with the image that replaces it
                 continue
             try:
                 image = image_record(entry, self._workspace)
@@ -110,7 +110,7 @@ class _Reading:
                 if pointing is not None:
                     image = apply_pointing(image, pointing)
                 drawn = draw(image, entry, poses[image.stop], params)
-            except (PhotogrammetryError, ArithmeticError, ValueError) as error:  # of this image
+            except (PhotogrammetryError, ArithmeticError, ValueError) as error:  # # of this image
                 log.warning("%s is not drawn: %s", entry.id, cause_of(error))
                 continue
             if drawn is not None:
@@ -118,7 +118,7 @@ class _Reading:
 
 
 def traverse_features(network: NetworkProduct) -> list[Feature]:
-    """The traverse by telemetry and as adjusted; a single stop makes no line."""
+    """The traverse by telemetry and as adjusted; a single stop has no line."""
     stops = [stop.stop for stop in network.adjusted.stops]
     if len(stops) < 2:  # noqa: PLR2004 - a line has two ends
         return []
@@ -144,7 +144,7 @@ def traverse_features(network: NetworkProduct) -> list[Feature]:
 def stop_features(
     network: NetworkProduct, sigmas_m: Mapping[str, float] | None = None
 ) -> Iterator[Feature]:
-    """Every stop where telemetry has it and where the adjustment puts it, with its ellipse.
+    """Every stop at its positions by telemetry and adjustment, with its ellipse.
 
     The ellipse is relative to the held stop, `origin_sigma_m` to the origin of the map.
     """
@@ -190,7 +190,7 @@ def _certainty(stop: AdjustedStop) -> dict[str, Any]:
 
 
 def tie_point_features(network: NetworkProduct) -> Iterator[Feature]:
-    """The tie points of the last adjustment that join pairs, with their residuals."""
+    """The tie points of the last adjustment between pairs, with their residuals."""
     ties = network.adjusted.ties
     used = np.flatnonzero(ties.status == USED)
     order = used[np.argsort(ties.observations.point[used], kind="stable")]
@@ -213,7 +213,7 @@ def tie_point_features(network: NetworkProduct) -> Iterator[Feature]:
 def footprint_feature(
     image: RoverImage, entry: ImageEntry, lsl_from_rover: Pose, params: FootprintParams
 ) -> Feature | None:
-    """The ground that an image shows; None where it shows none."""
+    """The ground in an image; None where there is none."""
     outline = footprint(
         image.camera,
         (image.samples, image.lines),

@@ -1,8 +1,8 @@
 """Adjust: one step of the network along the traverse, sol by sol.
 
 Each sol's network starts from the one before and adds the new stops, in the mode of the pipeline
-(`adjustment.modes`). It holds the stops that the step may touch; those it leaves behind are kept as
-products of their own, which it names (`products.formats.documents.network`).
+(`adjustment.modes`). It contains the stops that the step may change; those it leaves behind are
+separate products, to which it refers (`products.formats.documents.network`).
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ from solmap.tasks.network.tie import PlainPose
 from solmap.tasks.scopes import is_overall, network_scope, stop_scope
 from solmap.tasks.stage import stage
 
-VETOED = {"linked": False, "reason": "all its ties are vetoed by hand"}
-"""What becomes of a link that a person does not believe."""
+VETOED = {"linked": False, "reason": "all its ties are vetoed manually"}
+"""Status of a link that a person rejects."""
 
 
 @dataclass(frozen=True, slots=True)
 class NetworkParams:
-    """How tie points are put together and adjusted."""
+    """Parameters of tie points and their adjustment."""
 
     tracks: TrackParams = field(default_factory=TrackParams)
     adjustment: AdjustmentParams = field(default_factory=AdjustmentParams)
@@ -60,18 +60,18 @@ class NetworkParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NetworkStep:
-    """What one step of the adjustment works on."""
+    """Input of one step of the adjustment."""
 
     mission: str
     sol: int
     mode: AdjustmentMode
     previous: ProductRef | None
-    """The network before: that of an earlier sol, or the sol's own for an overall adjustment."""
+    """The previous network: that of an earlier sol, or the sol's own for an overall adjustment."""
     stops: tuple[StopPrior, ...]
     """All stops up to this sol, in the order of the traverse."""
     new_stops: tuple[StopId, ...]
     window: tuple[StopId, ...]
-    """The stops that the step may touch, and those they are linked to; the new ones too."""
+    """The stops that the step may change, and those linked to them; including the new ones."""
     pairs: tuple[PairProducts, ...]
     """Pairs of the window."""
     ties: tuple[ProductRef, ...]
@@ -79,11 +79,11 @@ class NetworkStep:
     singles: tuple[ProductRef, ...] = ()
     """Ties of images without a stereo partner, by stop."""
     edit_requests: tuple[EditRequest, ...] = ()
-    """What people want added, vetoed or moved, as far as it concerns these pairs."""
+    """Edit requests for these pairs."""
     control: tuple[ProductRef, ...] = ()
-    """Where stops lie in orbital images, or where people measured them to lie."""
+    """Positions of stops in orbital images, or measured by people."""
     stated: tuple[StatedPoses, ...] = ()
-    """Poses of stops by other sources than their labels."""
+    """Poses of stops from other sources than their labels."""
 
     @property
     def names(self) -> frozenset[str]:
@@ -98,7 +98,7 @@ class NetworkStep:
 
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
-        """The products that the step reads."""
+        """The input products of the step."""
         named = named_in(self.edit_requests)
         return (
             *((self.previous,) if self.previous else ()),
@@ -113,7 +113,7 @@ class NetworkStep:
 
 @stage(task_run_name="adjust-sol{step.sol}")
 def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore) -> ProductRef:
-    """Adjust the network of a mission up to a sol, at the stops that the step touches."""
+    """Adjust the network of a mission up to a sol, at the stops that the step changes."""
     before = read_network(step.previous, store) if step.previous else None
     settled = _keep_left_stops(step, before, store) if before else {}
 
@@ -141,9 +141,9 @@ def adjust_network(step: NetworkStep, params: NetworkParams, store: ProductStore
 def _keep_left_stops(
     step: NetworkStep, before: NetworkProduct, store: ProductStore
 ) -> dict[str, ProductRef]:
-    """Products that hold the stops which the step leaves behind, as they were left.
+    """Products of the stops that the step leaves behind, in their last state.
 
-    An overall adjustment holds all stops, and goes on to hold those that are left behind.
+    An overall adjustment contains all stops, including those left behind.
     """
     left = [stop for stop in before.telemetry if stop not in set(step.window)]
     if step.previous is None or is_overall(step.previous.scope):
@@ -164,7 +164,7 @@ def _keep_left_stops(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _EditedTies:
-    """What joins pairs, after people had their say."""
+    """Ties between pairs after edit requests."""
 
     ties: tuple[Ties, ...]
     links: tuple[dict[str, Any], ...]

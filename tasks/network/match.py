@@ -46,7 +46,7 @@ class MatchParams:
 
 @stage(task_run_name="rows-{pair.id}")
 def measure_rows(pair: PairFiles, store: ProductStore) -> ProductRef:
-    """Measure how the rows of a stereo pair correspond, with the rig as labelled."""
+    """Measure the correspondence of the rows of a stereo pair, with the rig as labelled."""
 
     def write(path: Path) -> None:
         left, images = read_epipolar(pair, None, store)
@@ -67,7 +67,7 @@ def measure_rows(pair: PairFiles, store: ProductStore) -> ProductRef:
 
 
 def rows_of_pair(measured: VerticalParallax) -> CameraRows | None:
-    """What the rows of a pair say of its rig; None where no rotation makes them correspond."""
+    """The rig rotation by the rows of a pair; None where no rotation makes them correspond."""
     if len(measured.left) < FEWEST_POINTS or not straightened(measured).fits_the_rig:
         return None
     geometry = measured.geometry
@@ -82,9 +82,9 @@ def match_stereo_pair(
 
     Args:
         pair: The images.
-        params: How they are matched.
-        store: Where the products lie.
-        turn: By which the right camera stands off its label.
+        params: Parameters of matching.
+        store: The product store.
+        turn: Rotation of the right camera from its label.
     """
 
     def write_sparse(path: Path) -> None:

@@ -1,11 +1,11 @@
-"""Oriented stereo pairs, which adjustment hands to mapping, and when a stop is mapped again.
+"""Oriented stereo pairs for mapping, and the decision to map a stop again.
 
-Every adjustment moves what it may: new ties weigh the pointing of old stops afresh, mostly by
-millimetres. Maps are not made anew for that. The orientations that a mission's stops are mapped
-with are a product of their own, one a network: made from the network and from the orientations
-before, and from nothing else, so whatever was interrupted, repeated or published in between, the
-same networks lead to the same maps. Stops that a network did not touch are mapped as before: its
-product refers to those that hold them.
+Every adjustment changes orientations: new ties change the pointing of old stops too, mostly by
+millimetres. Maps are not made again for that. The orientations used for mapping a mission's stops
+are a separate product, one per network: made only from the network and the previous orientations,
+so that the same networks lead to the same maps, independent of interruptions, repetitions and
+publications. Stops that a network did not change are mapped as before: its product refers to those
+that contain them.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ from solmap.tasks.stage import stage
 
 @dataclass(frozen=True, slots=True)
 class Orientation:
-    """Where a pair looks from: plain numbers, so that they are part of a product's recipe.
+    """Pose of a pair for mapping: plain numbers, so that they are part of a product's recipe.
 
-    A terrain model depends on the orientations of its own pairs and not on the network they come
-    from; so a later stop that leaves them as they were leaves the model as it was.
+    A terrain model depends on the orientations of its own pairs and not on their network, so it
+    stays valid while a later network does not change them.
     """
 
     pair_id: str
@@ -60,11 +60,11 @@ class Orientation:
     translation_m: tuple[float, ...]
     covariance: tuple[float, ...] = ()
     """Of rotation vector (radians) and position (metres) in the LSL, row by row: stop and pointing
-    together, against the held stop. Empty: the orientation is taken for true."""
+    together, relative to the held stop. Empty: the orientation is treated as exact."""
     toe_in_sigma: float = 0.0
-    """Standard deviation of the stereo rig's toe-in, radians, which all pairs of a camera share."""
+    """Standard deviation of the stereo rig's toe-in, radians, common to all pairs of a camera."""
     height_bias: HeightBias = NO_BIAS
-    """By how much the ground around the stop is drawn too high."""
+    """Height bias of the ground around the stop."""
 
     @classmethod
     def of(cls, pair: AdjustedPair) -> Orientation:
@@ -79,7 +79,7 @@ class Orientation:
 
     @property
     def covariance_6x6(self) -> PoseCovariance | None:
-        """The covariance as a matrix; None where the orientation is taken for true."""
+        """The covariance as a matrix; None where the orientation is treated as exact."""
         return np.array(self.covariance).reshape(6, 6) if self.covariance else None
 
     def lsl_from(self, pair: Frame) -> Pose:
@@ -90,24 +90,24 @@ class Orientation:
 
 @dataclass(frozen=True, slots=True)
 class OrientedPair:
-    """A matched pair and where it looks from."""
+    """A matched pair with its orientation."""
 
     products: PairProducts
     orientation: Orientation
 
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
-        """The products that mapping reads."""
+        """The input products of mapping."""
         return (*self.products.files.left.inputs, *self.products.made)
 
 
 def inputs_of(pairs: Iterable[OrientedPair]) -> tuple[ProductRef, ...]:
-    """All products that mapping with these pairs reads."""
+    """All input products of mapping with these pairs."""
     return tuple(ref for pair in pairs for ref in pair.inputs)
 
 
 def read_views(pairs: Iterable[OrientedPair], store: ProductStore) -> list[TerrainView]:
-    """The pairs as looks at the ground."""
+    """The views of some pairs."""
     return [_read_view(pair, store) for pair in pairs]
 
 
@@ -152,18 +152,18 @@ def _read_in_place(products: PairProducts, store: ProductStore) -> tuple[Terrain
 
 @dataclass(frozen=True, slots=True)
 class MappedStop:
-    """What a stop is mapped with, and why."""
+    """Orientations used for mapping a stop, and the reason."""
 
     stop: str
     orientations: tuple[Orientation, ...]
     moved_m: float | None
-    """By how much the adjustment moved ground at most, against the maps there were; None: new."""
+    """Largest movement of ground by the adjustment, relative to the existing maps; None: new."""
     is_new: bool
-    """Whether it is mapped with other orientations than by the network before."""
+    """Whether its orientations differ from those of the previous network."""
     toe_in_sigmas: Mapping[str, float] = field(default_factory=dict)
     """Standard deviation of the toe-in of its stereo rigs, radians, by camera set."""
     height_bias: HeightBias = NO_BIAS
-    """By how much its ground is drawn too high, as its links tell."""
+    """Height bias of its ground, from its links."""
 
 
 @stage(task_run_name="orientations-{network.scope}")
@@ -174,7 +174,7 @@ def choose_orientations(
     store: ProductStore,
     rig: ProductRef | None = None,
 ) -> ProductRef:
-    """Take the network's orientations of the stops that moved; those of the others stay."""
+    """Use the network's orientations for the stops that moved; keep those of the others."""
 
     def write(path: Path) -> None:
         rigs = read_rig(store.path(rig)) if rig else RigProduct()
@@ -214,7 +214,7 @@ def choose_for_stop(
     toe_in_sigmas: Mapping[str, float] | None = None,
     height_bias: HeightBias = NO_BIAS,
 ) -> MappedStop:
-    """What a stop is to be mapped with: all of its adjusted pairs, or all as they were mapped."""
+    """Orientations for mapping a stop: all of its adjusted pairs, or all as mapped before."""
     adjusted = tuple(Orientation.of(pair) for pair in sorted(pairs, key=lambda p: p.pair_id))
     sigmas = toe_in_sigmas or {}
     new = MappedStop(
@@ -237,7 +237,7 @@ def choose_for_stop(
 
 
 def height_bias_of(stop: str, links: Iterable[Mapping[str, Any]]) -> HeightBias:
-    """By how much the ground of a stop is drawn too high, as all of its links tell."""
+    """Height bias of the ground of a stop, from all of its links."""
     figures = [link["figures"] for link in links if stop in (link["earlier"], link["later"])]
     return HeightBias.pooled(
         HeightBias(told["height_bias_lines"], told["height_bias_sigma"])
@@ -249,12 +249,12 @@ def height_bias_of(stop: str, links: Iterable[Mapping[str, Any]]) -> HeightBias:
 def read_orientations(
     ref: ProductRef, store: ProductStore, stops: Collection[str] | None = None
 ) -> dict[str, MappedStop]:
-    """What stops are mapped with, by their names.
+    """The orientations for mapping stops, by their names.
 
     Args:
-        ref: What was chosen from a network, of the stops that it touched.
-        store: Where it lies.
-        stops: Further stops that are asked for; None for all of the mission.
+        ref: Orientations of a network's own stops.
+        store: The product store.
+        stops: Further requested stops; None for all of the mission.
     """
     own, holders = _read(ref, store)
     by_product: dict[ProductRef, list[str]] = {}
@@ -269,14 +269,15 @@ def read_orientations(
 
 
 def orientation_references(ref: ProductRef, store: ProductStore) -> References:
-    """The products that hold what each stop of a mission is mapped with."""
+    """The products with the orientations of each stop of a mission."""
     own, holders = _read(ref, store)
     return holders | dict.fromkeys(own, ref)
 
 
 def _read(ref: ProductRef, store: ProductStore) -> tuple[dict[str, MappedStop], References]:
     document = json.loads(store.path(ref).read_text())
-    rows = document["mapped"] if isinstance(document, dict) else document  # as it was written once
+    # # format of earlier versions
+    rows = document["mapped"] if isinstance(document, dict) else document
     holders = references_of_document(document["holders"]) if isinstance(document, dict) else {}
     return {row["stop"]: _mapped_of(row) for row in rows}, holders
 
@@ -297,7 +298,7 @@ def _mapped_of(row: dict[str, Any]) -> MappedStop:
 
 
 def _untouched_stop(before: MappedStop) -> MappedStop:
-    """A stop that the network has not touched."""
+    """A stop that the network has not changed."""
     return replace(before, moved_m=0.0, is_new=False)
 
 
@@ -308,11 +309,11 @@ class Standing:
     network: ProductRef
     orientations: ProductRef
     rig: ProductRef | None = None
-    """What is known of the stereo rigs."""
+    """Estimates of the stereo rigs."""
 
 
 def standing_of(network: ProductRef, workspace: Workspace) -> Standing | None:
-    """A published network with the orientations that were chosen from it."""
+    """A published network with its orientations."""
     kind = ProductKind.ORIENTATIONS
     digest = workspace.catalogue.latest(network.scope.name, kind)
     rig = latest_rig(network.scope.name.rpartition("-sol")[0], workspace, sol_of(network.scope))
@@ -320,7 +321,7 @@ def standing_of(network: ProductRef, workspace: Workspace) -> Standing | None:
 
 
 def latest_rig(mission: str, workspace: Workspace, sol: int | None = None) -> ProductRef | None:
-    """What was last known of a mission's stereo rigs, up to a sol if one is given."""
+    """The latest estimates of a mission's stereo rigs, up to a sol if given."""
     refs = [
         ref
         for ref in workspace.catalogue.pointers(ProductKind.RIG)
@@ -330,7 +331,7 @@ def latest_rig(mission: str, workspace: Workspace, sol: int | None = None) -> Pr
 
 
 def orient_pairs(pairs: list[PairProducts], mapped: MappedStop | None) -> tuple[OrientedPair, ...]:
-    """The pairs of a stop that the network has, looking from where the stop is mapped with them."""
+    """The pairs of a stop in the network, with their orientations for mapping."""
     known = {o.pair_id: o for o in mapped.orientations} if mapped else {}
     sigmas, bias = (mapped.toe_in_sigmas, mapped.height_bias) if mapped else ({}, NO_BIAS)
 

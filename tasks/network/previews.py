@@ -1,6 +1,6 @@
-"""Previews: figures of matches, ties, links and terrain, for a look at what a stage made.
+"""Previews: figures of matches, ties, links and terrain, for checking a stage.
 
-They are products like any other, below `quicklook/` in the store, and no layer of the map.
+They are products like any other, below `quicklook/` in the store, but not layers of the map.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ FROM_ABOVE = (
 
 @stage(task_run_name="picture-{pair.files.id}")
 def preview_pair(pair: PairProducts, params: SparseParams, store: ProductStore) -> ProductRef:
-    """What was matched in a pair: points, matches by residual, dense parallax, parallax curve."""
+    """Matches of a pair: points, matches by residual, dense parallax, parallax curve."""
 
     def write(path: Path) -> None:
         matched = read_matched_pair(pair, store)
@@ -70,7 +70,7 @@ def preview_pair(pair: PairProducts, params: SparseParams, store: ProductStore) 
 
 @stage(task_run_name="picture-{dtm.scope}")
 def preview_terrain(dtm: ProductRef, store: ProductStore) -> ProductRef:
-    """The relief of a terrain model, and how its cells came by their elevation."""
+    """The relief of a terrain model, and the classes of its cells."""
 
     def write(path: Path) -> None:
         terrain = read_dtm(store.path(dtm))
@@ -81,26 +81,26 @@ def preview_terrain(dtm: ProductRef, store: ProductStore) -> ProductRef:
 
 
 def write_ties_preview(path: Path, stop: MatchedStop, ties: Ties, params: AlignmentParams) -> None:
-    """Every two pairs of a stop with their ties, coloured by how well they agree."""
+    """Every two pairs of a stop with their ties, coloured by their agreement."""
     rest = Pose.identity(stop.stop.frame, stop.stop.frame)
     share = misfits(ties, _geometries(stop.pairs), rest, None, params)
     write_sheet(path, [FigureImage.of(pair) for pair in stop.pairs], ties, share)
 
 
 def write_sheet(path: Path, images: Iterable[FigureImage], ties: Ties, misfit: PerPoint) -> None:
-    """Every two images that ties join, side by side, the ties coloured by their misfit."""
+    """Every two images joined by ties, side by side, the ties coloured by their misfit."""
     write_preview(path, draw_sheet(images, ties, misfit))
 
 
 def write_link_preview(
     path: Path, earlier: StopViews, later: StopViews, link: SiteLink, params: CrossSiteParams
 ) -> None:
-    """The verdict, both stops from above as the link found them to stand, and all its ties.
+    """The result, both stops from above in their relative pose by the link, and all its ties.
 
-    What is the earlier stop's is left, and red where the two are laid over each other.
+    The earlier stop is left, and red in the overlay.
     """
     if link.fit is None:
-        above = np.zeros((16, MAX_WIDTH, 3), np.uint8)  # no place was found to lay them over
+        above = np.zeros((16, MAX_WIDTH, 3), np.uint8)  # # no pose was found for the overlay
     else:
         above = _from_above(earlier, later, link.fit)
     pairs = [pair for views in (earlier, later) for pair in views.stop.pairs]
@@ -114,11 +114,11 @@ def write_link_preview(
 
 
 ENLARGED = 3
-"""Picture elements to a cell from above, along either axis."""
+"""Pixels per cell of the bird's-eye view, along either axis."""
 
 
 def _from_above(earlier: StopViews, later: StopViews, fit: PlaneFit) -> Picture:
-    """Two stops from above, laid over each other."""
+    """Two stops from above, overlaid."""
     over = draw_overlay(earlier.birds_eye, later.birds_eye, fit)
     return over.repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)[:, :, ::-1]
 
@@ -128,14 +128,14 @@ def _geometries(pairs: Iterable[MatchedPair]) -> dict[str, EpipolarPair]:
 
 
 def _stack(above: Picture, below: Picture) -> Picture:
-    """Two pictures as wide as the second, one over the other."""
+    """Two images of the width of the second, stacked."""
     scale = below.shape[1] / above.shape[1]
     size = (below.shape[1], max(1, round(above.shape[0] * scale)))
     return np.vstack([cv2.resize(above, size, interpolation=cv2.INTER_AREA), below])
 
 
 def write_preview(path: Path, picture: Picture) -> None:
-    """Write a picture (BGR or BGRA) as PNG, no wider than `MAX_WIDTH`."""
+    """Write an image (BGR or BGRA) as PNG, no wider than `MAX_WIDTH`."""
     shrink = min(1.0, MAX_WIDTH / picture.shape[1])
     small = cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
     encoded, png = cv2.imencode(".png", small, [cv2.IMWRITE_PNG_COMPRESSION, LEVEL])

@@ -1,4 +1,4 @@
-"""Report: how good an adjustment is, as figures for programs and as a page for people."""
+"""Report: quality of an adjustment, as figures for programs and as a page for people."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ FORMAT = "solmap quality 1"
 def report_quality(
     network: ProductRef, pairs: tuple[PairProducts, ...], params: QualityParams, store: ProductStore
 ) -> list[ProductRef]:
-    """State the quality of a network, in JSON and as a page; `pairs` are those it may touch."""
+    """Report the quality of a network, as JSON and as a page; `pairs` are those it may change."""
     inputs = (network, *(pair.matches for pair in pairs))
 
     @cache

@@ -1,10 +1,10 @@
-"""Rig: the rotation of right cameras that matching applies, one a camera set, pooled over stops.
+"""Rig: the rotation of right cameras applied by matching, one per camera set, pooled over stops.
 
-First the rows of a sol's pairs are taken in, measured with the rigs of the labels, and the pairs
-are matched with what they ask for; then the ties within the sol's stops, which tell toe-in
-(`adjustment.modes.rig_pooling`). Each product holds what the last stops say and the rotations that
-stand; that of a sol is made from the one before, so that the same images end in the same rotations
-in whatever order they came.
+First the rows of a sol's pairs, measured with the rigs of the labels, are added, and the pairs are
+matched with the resulting rotations; then the ties within the sol's stops, which determine toe-in
+(`adjustment.modes.rig_pooling`). Each product contains the observations of the last stops and the
+applied rotations; that of a sol is made from the previous one, so that the same images lead to the
+same rotations in any order of delivery.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from solmap.tasks.stage import stage
 log = logging.getLogger(__name__)
 
 MOST_STOPS = 30
-"""Stops that rotations are pooled over, the last ones: stereo bars change over the years."""
+"""Number of the last stops over which rotations are pooled: stereo rigs change over the years."""
 
 
 @stage(task_run_name="rig-sol{sol}")
@@ -89,7 +89,7 @@ def refine_rig(
     params: NetworkParams,
     store: ProductStore,
 ) -> ProductRef:
-    """Take in what the ties within a sol's stops say of the stereo rigs."""
+    """Add the ties within a sol's stops to the estimates of the stereo rigs."""
 
     def write(path: Path) -> None:
         before = read_rig(store.path(previous))
@@ -106,16 +106,16 @@ def refine_rig(
 
 @dataclass(frozen=True, slots=True)
 class StopTies:
-    """A matched stop and what ties its pairs."""
+    """A matched stop and the ties of its pairs."""
 
     products: StopProducts
     ties: ProductRef
 
 
 def turn_of_pair(pair: PairRows, rig: RigProduct) -> tuple[Turn | None, bool]:
-    """By how much the right camera of a pair is turned, and whether it is the pair's own rotation.
+    """Rotation of the right camera of a pair, and whether it is the pair's own.
 
-    A pair whose rows contradict the pooled rotation is turned as its own rows ask for, with the
+    A pair whose rows contradict the pooled rotation gets a rotation by its own rows, with the
     toe-in of the camera set.
     """
     turn = rig.applied_at(pair.stop, pair.instrument)
@@ -129,7 +129,7 @@ def turn_of_pair(pair: PairRows, rig: RigProduct) -> tuple[Turn | None, bool]:
 
 
 def _rows_of_stop(pairs: list[PairRows]) -> dict[str, CameraRows]:
-    """The rows of a stop by camera set, without pairs that most of their set contradict."""
+    """The rows of a stop by camera set, without pairs that contradict most of their set."""
     found: dict[str, CameraRows] = {}
     for camera in sorted({pair.instrument for pair in pairs}):
         rows = [pair.rows for pair in pairs if pair.instrument == camera and pair.rows]
@@ -148,7 +148,7 @@ def _rows_of_stop(pairs: list[PairRows]) -> dict[str, CameraRows]:
 def _ties_of_stop(
     stop: StopTies, rig: RigProduct, params: NetworkParams, store: ProductStore
 ) -> NormalEquations | None:
-    """What the ties within a stop say; None where they determine nothing."""
+    """Normal equations of the ties within a stop; None where they determine nothing."""
     name, pairs = stop.products.stop, stop.products.pairs
     read = [(pair, *read_matches(path := store.path(pair.matches)), path) for pair in pairs]
     ties = weigh_by_cells(read_ties(store.path(stop.ties))[0])
@@ -169,18 +169,18 @@ def _ties_of_stop(
     try:
         return stop_normal_equations(network, instruments, applied, params.adjustment)
     except AdjustmentError as error:
-        log.info("%s says nothing of the stereo rigs: %s", name, error)
+        log.info("%s does not determine the stereo rigs: %s", name, error)
         return None
 
 
 def _is_turned_by(rotation: Vector3, shape: EpipolarPair, matches: Path) -> bool:
-    """Whether a pair was matched with this rotation, and not with one of its own."""
+    """Whether a pair was matched with this rotation, and not with its own."""
     turn = np.array(read_right_turn(matches) or (0.0, 0.0, 0.0))
     return bool(np.allclose(shape.rover_from_pair.rotation.T @ turn, rotation, rtol=0, atol=1e-5))
 
 
 def _pooled(stops: Mapping[str, StopRig], before: RigProduct) -> RigProduct:
-    """What is known with these stops, and which corrections stand."""
+    """The estimates with these stops, and the applied corrections."""
     last = dict(list(stops.items())[-MOST_STOPS:])
     found = pooled_rotations(last)
     applied = {stop: dict(turns) for stop, turns in before.applied.items()}

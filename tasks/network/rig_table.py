@@ -1,8 +1,8 @@
-"""The table of a mission's stereo rigs: what matching applies, and what its latest network adds.
+"""The table of a mission's stereo rigs: corrections by matching, and those by its latest network.
 
-The network is put together as an overall adjustment has it: all stops with their telemetry and
-control, and the ties that the latest network kept, those between stops too. Images without a stereo
-partner have no rig and are left out. Nothing is made or changed: the result are rows.
+The network is that of an overall adjustment: all stops with their telemetry and control, and the
+ties of the latest network, including those between stops. Images without a stereo partner have no
+rig and are left out. Nothing is stored: the result is rows.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ COMPONENTS = ("rotation about x", "toe-in, about y", "rotation about z", "baseli
 """Axes of the pair: x right along the baseline, y down, z forward."""
 UNITS = ("degree", "degree", "degree", "mm")
 SCALES = np.array([*3 * [np.degrees(1.0)], 1e3])
-"""From radians and metres to these."""
+"""Factors from radians and metres to these units."""
 STANDS_OUT = 3.0
-"""Standard deviations from zero that chance reaches once in 370 times."""
+"""Standard deviations from zero that occur by chance once in 370 times."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,20 +54,20 @@ class RigRow:
     pairs: int
     """Stereo pairs of the camera set in the network."""
     pairs_rotated_by_matching: int
-    """Of these, the pairs whose right camera matching had rotated."""
+    """Of these, pairs whose right camera was rotated by matching."""
     component: str
     unit: str
     applied: float
-    """By how much matching corrects the labels, at the mission's last stop with this camera set."""
+    """Correction of the labels by matching, at the mission's last stop with this camera set."""
     applied_sigma: float | None
-    """Standard deviation of that; None where nothing is known, and of the baseline."""
+    """Its standard deviation; None where unknown, and for the baseline."""
     value: float
-    """What the network finds beyond it."""
+    """Additional correction by the network."""
     sigma: float
     stands_out: bool
     """Whether it differs from zero by more than `STANDS_OUT` standard deviations."""
     parallax_px: float
-    """What it changes the parallaxes of the tie points by, root mean square."""
+    """Root mean square change of the parallaxes of the tie points."""
     sigma0_labelled: float
     """Of the network with the rigs of the labels."""
     sigma0_corrected: float
@@ -75,7 +75,7 @@ class RigRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RigNetwork:
-    """A mission's network, and which camera sets measured it."""
+    """A mission's network, and the camera sets of its pairs."""
 
     network: Network
     adjusted: AdjustedNetwork
@@ -91,13 +91,13 @@ def rig_rows(
     """The correction of every camera set of a mission, a row a component; x, y, z of the rotation.
 
     Args:
-        mission: As its labels have it: MER2.
-        control: What is published of control of its stops.
+        mission: As in its labels: MER2.
+        control: Published control of its stops.
         params: Of the adjustment.
-        workspace: Holds the mission.
+        workspace: With the mission.
 
     Raises:
-        ProductNotFoundError: the mission, a network of it, or the matches of a pair are not there.
+        ProductNotFoundError: the mission, its network, or the matches of a pair do not exist.
         AdjustmentError: the network cannot be adjusted, or determines no correction.
     """
     read = _read_rig_network(mission, control, params, workspace)
@@ -133,7 +133,7 @@ def rig_rows(
 
 
 def _applied(rig: RigProduct, camera: str) -> tuple[list[float], list[float | None]]:
-    """The four components that matching applies, and their standard deviations."""
+    """The four components applied by matching, and their standard deviations."""
     stop = next((name for name in reversed(tuple(rig.found)) if camera in rig.found[name]), "")
     known = rig.found.get(stop, {}).get(camera)
     turn = np.append(rig.applied_at(stop, camera), 0.0) * SCALES
@@ -179,8 +179,8 @@ def _matches_of(pair_id: str, workspace: Workspace) -> ProductRef:
     digest = workspace.catalogue.latest(scope.name, ProductKind.MATCHES)
     if digest is None:
         raise ProductNotFoundError(
-            f"no matches of pair {pair_id} are in the store, so the geometry of its rig is not "
-            "known; a mission that was simulated without images has none"
+            f"no matches of pair {pair_id} are in the store, so the geometry of its rig is "
+            "unknown; a mission simulated without images has none"
         )
     return ProductRef(ProductKind.MATCHES, scope, digest)
 

@@ -1,7 +1,7 @@
 """Tie images that have no stereo partner: with one another, and with the pairs of their stop.
 
-The product holds the ties and, in its header, the geometry that every single image was resampled
-to, so that the adjustment takes each as a body of its own: its pointing is adjusted like a pair's.
+The product contains the ties and, in its header, the geometry to which every single image was
+resampled, so that the adjustment treats each like a pair: its pointing is estimated too.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from solmap.tasks.network.previews import write_sheet
 from solmap.tasks.stage import stage
 
 ON_THE_MAST = frozenset({"NAVCAM", "PANCAM", "MASTCAM"})
-"""Cameras whose pointing the mast's motors tell, and ties correct."""
+"""Cameras whose pointing is given by the mast's motors and corrected by ties."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +74,9 @@ def singles_of(entries: Iterable[ImageEntry]) -> dict[StopId, tuple[SingleFile, 
 def drop_repeats(entries: Iterable[ImageEntry], workspace: Workspace) -> list[ImageEntry]:
     """The images without those unpaired ones that repeat an exposure, or a view by another filter.
 
-    Frames of one pointing share the mast's error, which the pair among them tells, and have no
-    base between them: their ties would be many and say nothing. Of unpaired ones alone one stays.
+    Frames of one pointing share the mast's error, which is determined by the pair among them, and
+    have no baseline: their ties would add no information. Of several unpaired ones only one is
+    kept.
     """
     kept: list[ImageEntry] = []
     once = (entry for entry in entries if entry.repeats is None)
@@ -122,7 +123,7 @@ def tie_singles(
 
 
 def read_singles(ref: ProductRef, store: ProductStore) -> SingleTies:
-    """What `tie_singles` made."""
+    """The inverse of `tie_singles`."""
     ties, header = read_ties(store.path(ref))
     stop = StopId(*header["stop"])
     bodies = tuple(
@@ -139,7 +140,7 @@ def singles_notes(stop: StopId, singles: SingleTies) -> list[str]:
         return []
     apart = sorted(abs(link["label_px"]) for link in linked)
     return [
-        f"{len(singles.bodies)} images of {stop} are tied without a stereo pair of their own: "
+        f"{len(singles.bodies)} images of {stop} without a stereo pair are tied: "
         f"{len(singles.ties)} ties in {len(linked)} overlaps, by their labels up to "
         f"{apart[-1]:.1f} px off the epipolar line"
     ]

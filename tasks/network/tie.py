@@ -43,7 +43,7 @@ from solmap.tasks.stage import stage
 
 @dataclass(frozen=True, slots=True)
 class PlainPose:
-    """A pose as plain numbers, so that it is part of a recipe."""
+    """A pose as plain numbers, so that it can be part of a recipe."""
 
     rotation: tuple[float, ...]
     translation_m: tuple[float, ...]
@@ -54,27 +54,28 @@ class PlainPose:
         return cls(tuple(pose.rotation.ravel().tolist()), tuple(pose.translation_m.tolist()))
 
     def between(self, target: Frame, source: Frame) -> Pose:
-        """The pose, of these frames."""
+        """The pose between two frames."""
         rotation = np.array(self.rotation).reshape(3, 3)
         return Pose(target, source, rotation, np.array(self.translation_m))
 
 
 @dataclass(frozen=True, slots=True)
 class StopProducts:
-    """A stop with its matched pairs: what tying works on."""
+    """A stop with its matched pairs: input of tying."""
 
     stop: StopId
     pairs: tuple[PairProducts, ...]
     toe_in_sigmas: tuple[tuple[str, float], ...] = ()
-    """Standard deviation of toe-in, radians, by camera set, where it matters to links."""
+    """Standard deviation of toe-in, radians, by camera set, where relevant for links."""
     ties: ProductRef | None = None
-    """Inter-stereo ties, by which links point its pairs; None: as labelled."""
+    """Inter-stereo ties, by which links correct its pairs' pointing; None: as labelled."""
     beside: tuple[tuple[StopProducts, PlainPose], ...] = ()
-    """Stops whose ground is merged with its own in links, and where its rover frame has theirs."""
+    """Stops whose ground is merged with its own for linking, with their poses in its rover
+    frame."""
 
     @property
     def inputs(self) -> tuple[ProductRef, ...]:
-        """The products that tying reads."""
+        """The input products of tying."""
         return tuple(ref for pair in self.pairs for ref in pair.made)
 
 
@@ -112,7 +113,7 @@ def link_stops(
     params: CrossSiteParams,
     store: ProductStore,
 ) -> ProductRef:
-    """Tie two stops by the ground that both see, or say why that cannot be done."""
+    """Link two stops by their common ground, or give the reason why not."""
 
     @cache
     def tie_sites() -> tuple[StopViews, StopViews, SiteLink]:
@@ -144,7 +145,7 @@ def links_recipe(
     later_telemetry: StopPrior,
     params: CrossSiteParams,
 ) -> Recipe:
-    """What the links of two stops are made of."""
+    """Everything that determines the link of two stops."""
     telemetry = (earlier_telemetry, later_telemetry)
     poses = [PlainPose.of(prior.lsl_from_rover) for prior in telemetry]
     poses += [place for stop in (earlier, later) for _, place in stop.beside]
@@ -157,14 +158,14 @@ def links_recipe(
 
 
 def link_scope(earlier: StopId, later: StopId) -> Scope:
-    """A stop and the earlier one it is linked to."""
+    """A stop and the earlier one to which it is linked."""
     return Scope(ScopeLevel.STOP, f"{later}-to-site{earlier.site:04d}-drive{earlier.drive:04d}")
 
 
 def link_poses(
     links: Mapping[tuple[StopId, StopId], ProductRef], store: ProductStore
 ) -> dict[tuple[StopId, StopId], Pose]:
-    """Earlier rover from later one, of the links that stand."""
+    """Poses of the later rover in the earlier one, from accepted links."""
     read = {stops: read_ties(store.path(ref))[1] for stops, ref in links.items()}
     return {
         stops: pose_of_document(link["earlier_from_later"])

@@ -435,7 +435,7 @@ def test_a_file_that_is_compressed_on_the_way_is_refused(archive, images, fetch)
     path = next(iter(images))
     archive.faults[path] = [{"coding": "gzip"}]
     (line,) = fetch(archive).failures
-    assert line.endswith("127.0.0.1 sends the file gzip-coded, though asked not to")
+    assert line.endswith("127.0.0.1 sends the file gzip-coded, although no coding was requested")
 
 
 def test_as_many_files_come_at_a_time_as_there_are_connections(archive, images, fetch):
@@ -538,7 +538,7 @@ def test_without_any_mirror_the_index_from_an_earlier_time_serves(archive, image
     report = fetch(ArchiveServer(url="http://127.0.0.1:9"))
     assert len(fetch.waits) == 2  # a mirror that is not there is not asked again for the image
     (warning,) = report.warnings
-    assert warning.startswith("the index from an earlier time is used: edrindex.lbl: 127.0.0.1 ")
+    assert warning.startswith("an earlier copy of the index is used: edrindex.lbl: 127.0.0.1 ")
     (failure,) = report.failures
     assert "cannot be reached" in failure
     assert report.already_here == 5

@@ -160,7 +160,7 @@ def test_what_cannot_be_placed_is_one_line_and_stops_nothing(shared_data, downli
         "without_model": "camera_model_type should be CAHV, CAHVOR or CAHVORE",
         "of_another_size": "image is 1288 x 968 pixels, its label says 1280 x 960",
         "thumbnail": "not a mapping image: sample_type is 'Thumbnail'",
-        "without_metadata": "a picture without a label; it takes without_metadata-metadata.json",
+        "without_metadata": "an image without a label; without_metadata-metadata.json",
     }.items():
         (line,) = lines[f"{name}.png"]
         assert line.startswith(f"{name}.png: ")
@@ -272,7 +272,7 @@ def test_of_two_files_of_an_image_the_one_made_later_counts_however_they_come(tm
                 path.parent.mkdir(parents=True)
                 path.write_bytes(contents[what])
             faults = ingested(tmp_path / name / str(number), workspace).faults
-            assert all("was made later and counts" in fault.notes[0] for fault in faults)
+            assert all("was made later and is used instead" in fault.notes[0] for fault in faults)
             assert not any(fault.is_failure for fault in faults)
             aside += len(faults)
         (entry,) = workspace.catalogue.images()

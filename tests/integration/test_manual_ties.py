@@ -135,7 +135,7 @@ def test_a_link_without_ties_left_is_no_link(stop):
     wishes = stop.wishes(f"veto,{stop.ids[0]},,,{stop.ids[1]},,\n")
     after = read_network(stop.network(wishes, links=(link,)), stop.store)
     assert not after.links[0]["linked"]
-    assert after.links[0]["reason"] == "all its ties are vetoed by hand"
+    assert after.links[0]["reason"] == "all its ties are vetoed manually"
 
 
 def test_ties_that_were_clicked_hold_the_network_alone(stop):

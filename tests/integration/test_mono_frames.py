@@ -62,7 +62,7 @@ def test_their_ties_are_kept_with_the_geometry_of_both(spirit):
     assert kept.bodies[0].mast_in_rover == pytest.approx((0.45781, 0.02779, -1.09668))
     assert len(kept.ties) > 423  # the data README's inliers
     (note,) = singles_notes(kept.bodies[0].stop, kept)
-    assert "2 images of mer2-site0137-drive0000 are tied without a stereo pair" in note
+    assert "2 images of mer2-site0137-drive0000 without a stereo pair are tied" in note
 
 
 def test_a_picture_shows_their_ties(spirit):

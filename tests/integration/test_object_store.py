@@ -253,11 +253,11 @@ def test_a_store_that_another_process_is_handed_works_there(url, tmp_path):
 def test_where_the_products_lie_is_remembered_and_not_mistaken(url, tmp_path):
     ref = ProductStore.open(tmp_path, ObjectStorage(url)).make(image(1), writing(b"label"))
     assert ProductStore.open(tmp_path).has(ref)
-    with pytest.raises(ProductError, match=f"lie at {url}, not at s3://other/maps"):
+    with pytest.raises(ProductError, match=f"are at {url}, not at s3://other/maps"):
         ProductStore.open(tmp_path, ObjectStorage("s3://other/maps"))
     local = tmp_path / "local"
     ProductStore.open(local).make(image(1), writing(b"label"))
-    with pytest.raises(ProductError, match="holds products of its own"):
+    with pytest.raises(ProductError, match="contains products"):
         ProductStore.open(local, ObjectStorage(url))
 
 
@@ -390,7 +390,7 @@ def test_a_bucket_that_is_missing_is_named(tmp_path):
 def test_keys_that_do_not_open_the_bucket_are_named(url, objects, tmp_path):
     objects.ask("POST", "moto-api/reset-auth", b"0")
     try:
-        with pytest.raises(ProductError, match=r"does not open s3://.*AWS_ACCESS_KEY_ID"):
+        with pytest.raises(ProductError, match=r"does not give access to s3://.*AWS_ACCESS_KEY_ID"):
             ProductStore.open(tmp_path, ObjectStorage(url))
     finally:
         objects.ask("POST", "moto-api/reset-auth", b"inf")
@@ -398,7 +398,7 @@ def test_keys_that_do_not_open_the_bucket_are_named(url, objects, tmp_path):
 
 @pytest.mark.parametrize("wrong", ["http://a/b", "s3:///prefix", "bucket/prefix", "gs://a/b"])
 def test_an_address_that_is_none_of_an_object_store_is_refused(wrong, tmp_path):
-    with pytest.raises(ProductError, match="say SOLMAP_STORE_URL=s3://bucket/prefix"):
+    with pytest.raises(ProductError, match="set SOLMAP_STORE_URL=s3://bucket/prefix"):
         ProductStore.open(tmp_path, ObjectStorage(wrong))
 
 

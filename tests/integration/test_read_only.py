@@ -97,7 +97,7 @@ def holds(told: dict[str, Any], *, has_token: bool) -> None:
         name = next(one for one in told if one.startswith(command))
         code, output = told[name]
         assert code == 1, output
-        assert "can only be read" in output
+        assert "is read-only" in output
         assert len(output.strip().splitlines()) == 1
     assert told["layers"] > LAYERS / 2
     assert told["edits"] == EDITS
@@ -105,7 +105,7 @@ def holds(told: dict[str, Any], *, has_token: bool) -> None:
     assert told["runs"] == 200
     status, text = told["note"]
     assert status == 403, text
-    assert ("can only be read" if has_token else "belongs to another user") in text
+    assert ("is read-only" if has_token else "belongs to another user") in text
     assert told["token list"][0] == (0 if has_token else 1)
 
 

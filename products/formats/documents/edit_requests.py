@@ -1,8 +1,8 @@
 """Files of edit requests: manual tie points to add, automatic ties to veto or move.
 
-Two formats hold the same columns (`COLUMNS`): CSV with a line of names at its head, and GeoJSON, a
+Two formats have the same columns (`COLUMNS`): CSV with a line of names at its head, and GeoJSON, a
 FeatureCollection whose features have the columns as properties; geometries, which a map may add,
-are not read. What the columns mean is said of `EditRequest`.
+are ignored. The columns are documented in `EditRequest`.
 """
 
 from __future__ import annotations
@@ -29,14 +29,15 @@ COLUMNS = (
 )
 FORMAT = RowFormat(COLUMNS, "action", MatchingError, may_end_short=True)
 LARGEST_PX = 1e5
-"""No image is wider."""
+"""Upper limit of image coordinates."""
 
 
 def parse_edit_requests(text: str, source: str) -> tuple[EditRequest, ...]:
     """Read a file of edit requests; GeoJSON where it starts with a brace, CSV otherwise.
 
     Raises:
-        MatchingError: names the file, the row (the first below the names is 1), and what is wrong.
+        MatchingError: the message names the file, the row (the first below the names is 1), and
+            the fault.
     """
     return FORMAT.parse(text, source, _request)
 
@@ -44,7 +45,7 @@ def parse_edit_requests(text: str, source: str) -> tuple[EditRequest, ...]:
 def _request(row: Row, where: str) -> EditRequest:
     strange = sorted(set(row) - set(COLUMNS))
     if strange:
-        raise MatchingError(f"no column is called {strange[0]!a}; there are {', '.join(COLUMNS)}")
+        raise MatchingError(f"there is no column {strange[0]!a}; there are {', '.join(COLUMNS)}")
     action = str(row.get("action") or "").lower()
     if action not in set(EditAction):
         raise MatchingError(f"action should be add, veto or move, not {action[:40]!a}")
@@ -68,7 +69,9 @@ def _point(row: Row, side: str) -> EditPoint:
 def _place(row: Row, prefix: str) -> tuple[float, float] | None:
     sample, line = (_number(row, f"{prefix}{what}", math.nan) for what in ("sample", "line"))
     if math.isnan(sample) != math.isnan(line):
-        raise MatchingError(f"{prefix}sample and {prefix}line go together; one of them is empty")
+        raise MatchingError(
+            f"{prefix}sample and {prefix}line must be given together; one of them is empty"
+        )
     return None if math.isnan(sample) else (sample, line)
 
 

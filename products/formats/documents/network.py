@@ -1,8 +1,8 @@
 """The adjusted network of a mission as a product, read back.
 
-The network of a sol holds the stops that its step changed. All others are as earlier steps left
-them, in a product for each marginalised stop or in an overall adjustment. The network of the sol
-refers to these products, stop by stop, so it does not grow with the traverse.
+The network of a sol contains the stops that its step changed. All others are in earlier products:
+one for each marginalised stop, or an overall adjustment. The network of the sol refers to these
+products, stop by stop, so it does not grow with the traverse.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from solmap.products.model import ProductRef
 from solmap.products.store.product_store import ProductStore
 
 References = dict[str, ProductRef]
-"""The product that holds a stop, by the name of the stop."""
+"""The product that contains a stop, by the name of the stop."""
 
 
 def references_document(references: Mapping[str, ProductRef]) -> dict[str, str]:
@@ -40,19 +40,19 @@ def references_document(references: Mapping[str, ProductRef]) -> dict[str, str]:
 
 
 def references_of_document(document: Mapping[str, str]) -> References:
-    """The twin of `references_document`."""
+    """The inverse of `references_document`."""
     return {name: ProductRef.of_text(text) for name, text in document.items()}
 
 
 _NETWORKS = 4
-"""Whole networks that are remembered; a large one takes seconds to read."""
+"""Whole networks kept in memory; a large one takes seconds to read."""
 _PARTS = 2
-"""Networks of sols that are remembered: that of a sol, and the one before it."""
+"""Networks of sols kept in memory: that of a sol, and the previous one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NetworkPart:
-    """Some stops of a network, with where and when telemetry has them."""
+    """Some stops of a network, with their poses and times by telemetry."""
 
     telemetry: dict[StopId, Pose]
     sols: dict[StopId, tuple[int, ...]]
@@ -70,7 +70,7 @@ class NetworkPart:
 
     @property
     def settled(self) -> NetworkPart:
-        """The same without what steps carry on from one to the next: memory, control, sigmas."""
+        """The same without what steps pass on: marginal, control, sigmas."""
         alone = replace(self.adjusted, memory=None, control=(), frames=())
         alone = replace(alone, components=VarianceComponents(), mast=AdjustedMast())
         return replace(self, adjusted=alone)
@@ -78,7 +78,7 @@ class NetworkPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NetworkProduct:
-    """The network of a mission after a sol: the stops that its step touched, or all of them."""
+    """The network of a mission after a sol: the stops that its step changed, or all of them."""
 
     mission: str
     sol: int
@@ -86,21 +86,21 @@ class NetworkProduct:
     sols: dict[StopId, tuple[int, ...]]
     adjusted: AdjustedNetwork
     links: tuple[dict[str, Any], ...]
-    """What came of every pair of stops that was tried, this sol."""
+    """Result of every pair of stops that was tried on this sol."""
     report: dict[str, Any]
     """The report of this network's own adjustment."""
     manual_tie_notes: tuple[str, ...] = ()
-    """What became of the manual ties, line by line."""
+    """Results of the manual ties, line by line."""
     references: References = field(default_factory=dict)
-    """The products that hold the other stops."""
+    """The products that contain the other stops."""
 
     @property
     def part(self) -> NetworkPart:
-        """The stops that are in it."""
+        """The stops in it."""
         return NetworkPart(self.telemetry, self.sols, self.adjusted)
 
     def with_stops(self, names: Collection[str], store: ProductStore) -> NetworkProduct:
-        """The network with those of the named stops, too, that other products hold."""
+        """The network with the named stops added from other products."""
         wanted = {name: self.references[name] for name in names if name in self.references}
         if not wanted:
             return self
@@ -116,7 +116,7 @@ class NetworkProduct:
 
 @lru_cache(maxsize=_PARTS)
 def read_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
-    """The network of a sol, at the stops that its step touched; remembered for those after it."""
+    """The network of a sol, at the stops that its step changed; kept in memory for later sols."""
     document = json.loads(store.path(ref).read_text())
     part = _part(document)
     return NetworkProduct(
@@ -140,7 +140,7 @@ def whole_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
 
 @lru_cache(maxsize=_NETWORKS)
 def cached_whole_network(ref: ProductRef, store: ProductStore) -> NetworkProduct:
-    """A whole network, remembered: a product never changes."""
+    """A whole network, kept in memory: a product never changes."""
     return whole_network(ref, store)
 
 
@@ -176,7 +176,7 @@ def product_document(network: NetworkProduct) -> dict[str, Any]:
 
 
 def _part(document: dict[str, Any]) -> NetworkPart:
-    """The twin of `part_document`."""
+    """The inverse of `part_document`."""
     stops = {_stop_of(row): row for row in document["stops"]}
     return NetworkPart(
         {stop: pose_of_document(row["telemetry"]) for stop, row in stops.items()},
@@ -186,7 +186,7 @@ def _part(document: dict[str, Any]) -> NetworkPart:
 
 
 def _parts(wanted: Mapping[str, ProductRef], store: ProductStore) -> list[NetworkPart]:
-    """The parts that hold some stops, one for each product that has to be read."""
+    """The parts that contain some stops, one for each product to be read."""
     by_product: dict[ProductRef, set[str]] = {}
     for name, ref in wanted.items():
         by_product.setdefault(ref, set()).add(name)

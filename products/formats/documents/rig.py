@@ -1,4 +1,4 @@
-"""Stereo rigs as JSON: what the rows of a pair say, and what is known of a mission's rigs."""
+"""Stereo rigs as JSON: rows of pairs, and the estimated rotations of a mission's rigs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SIGNIFICANT = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairRows:
-    """How the rows of a pair correspond, with the rig as labelled."""
+    """Correspondence of the rows of a pair, with the rig as labelled."""
 
     pair_id: str
     stop: str
@@ -34,26 +34,27 @@ class PairRows:
     summary: str
     rover_from_pair: Rotation
     rows: CameraRows | None
-    """None where they tell nothing of the rig: few points, or rows that no rotation makes fit."""
+    """None where they do not determine the rig: few points, or rows that no rotation corrects."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigProduct:
-    """What is known of the stereo rigs of a mission, and by how much right cameras are turned."""
+    """Estimates of the stereo rigs of a mission, and the applied rotations of right cameras."""
 
     stops: Mapping[str, StopRig] = field(default_factory=dict)
     """The last stops of the mission, by name."""
     found: Mapping[str, Mapping[str, RigRotation]] = field(default_factory=dict)
     """By stop and camera set, of the same stops."""
     applied: Mapping[str, Mapping[str, Vector3]] = field(default_factory=dict)
-    """Rotation by stop and camera set, of all stops so far; without those that stay as labelled."""
+    """Rotation by stop and camera set, of all stops so far; without those that keep their
+    labels."""
 
     def applied_at(self, stop: str, camera: str) -> Vector3:
         """Rotation vector of the right camera that matching applies, radians."""
         return self.applied.get(stop, {}).get(camera, np.zeros(3))
 
     def toe_in_sigmas(self, stop: str) -> dict[str, float]:
-        """Standard deviation of toe-in by camera set, radians: all pairs of the set share it."""
+        """Standard deviation of toe-in by camera set, radians: common to all pairs of the set."""
         return {
             camera: float(
                 f"{found.toe_in_sigma(self.applied_at(stop, camera)):.{SIGNIFICANT - 1}e}"
@@ -64,7 +65,7 @@ class RigProduct:
     def toe_in_sigmas_of_ties(self, stop: str) -> tuple[tuple[str, float], ...]:
         """The same for ties between stops, in powers of two, so that they seldom change.
 
-        Without those below what parallaxes share anyway.
+        Without those below the common error of parallaxes.
         """
         sigmas = self.toe_in_sigmas(stop)
         focal_px = {camera: rows.focal_px for camera, rows in self._rows(stop).items()}
@@ -79,7 +80,7 @@ class RigProduct:
 
 
 def write_pair_rows(path: Path, pair: PairRows) -> None:
-    """Write how the rows of a pair correspond."""
+    """Write the correspondence of the rows of a pair."""
     document = {
         "pair": pair.pair_id,
         "stop": pair.stop,
@@ -92,7 +93,7 @@ def write_pair_rows(path: Path, pair: PairRows) -> None:
 
 
 def read_pair_rows(path: Path) -> PairRows:
-    """The twin of `write_pair_rows`."""
+    """The inverse of `write_pair_rows`."""
     document = json.loads(path.read_text())
     return PairRows(
         document["pair"],
@@ -105,7 +106,7 @@ def read_pair_rows(path: Path) -> PairRows:
 
 
 def write_rig(path: Path, rig: RigProduct) -> None:
-    """Write what is known of the stereo rigs of a mission."""
+    """Write the estimates of the stereo rigs of a mission."""
     document = {
         "stops": {name: _stop_document(stop) for name, stop in rig.stops.items()},
         "found": {
@@ -127,7 +128,7 @@ def write_rig(path: Path, rig: RigProduct) -> None:
 
 
 def read_rig(path: Path) -> RigProduct:
-    """The twin of `write_rig`."""
+    """The inverse of `write_rig`."""
     document = json.loads(path.read_text())
     return RigProduct(
         {name: _stop_of(stop) for name, stop in document["stops"].items()},

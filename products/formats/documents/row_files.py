@@ -1,8 +1,8 @@
-"""Files of rows that people write: CSV with a line of names at its head, or GeoJSON.
+"""Files of rows written by people: CSV with a line of names at its head, or GeoJSON.
 
-Both hold the same columns. In GeoJSON they are the properties of the features of a
-FeatureCollection; the features may be points, whose places become the columns `longitude` and
-`latitude`, or have a geometry that is not read.
+Both have the same columns. In GeoJSON they are the properties of the features of a
+FeatureCollection; the features may be points, whose coordinates become the columns `longitude` and
+`latitude`, or have a geometry that is ignored.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class RowFormat:
-    """What a file of rows holds, and the error that says what is wrong with one."""
+    """Columns of a file of rows, and the error class for its faults."""
 
     columns: tuple[str, ...]
     key: str
-    """The column that a file cannot be without."""
+    """The column that is required."""
     error: type[PhotogrammetryError]
     has_places: bool = False
-    """Whether features of GeoJSON are points whose places are read."""
+    """Whether features of GeoJSON are points whose coordinates are read."""
     may_end_short: bool = False
-    """Whether a row of CSV may leave out its last columns."""
+    """Whether a row of CSV may omit its last columns."""
 
     def parse(self, text: str, source: str, record: Callable[[Row, str], T]) -> tuple[T, ...]:
-        """The records of a file, made row by row by `record` from the row and where it stands.
+        """The records of a file, made by `record` from each row and its location.
 
         Raises:
-            PhotogrammetryError: an `error` that names the file, the row (the first below the names
-                is 1), and what is wrong.
+            PhotogrammetryError: an `error` that names the file, the row (the first below the
+                names is 1), and the fault.
         """
         text = text.removeprefix("\ufeff")
         is_geojson = text.lstrip().startswith("{")
@@ -55,7 +55,7 @@ class RowFormat:
         try:
             lines = list(csv.reader(io.StringIO(text), strict=True))
         except csv.Error as error:
-            raise self.error(f"{source}: this is no CSV: {error}") from error
+            raise self.error(f"{source}: this is not CSV: {error}") from error
         names = [name.strip().lower() for name in lines[0]] if lines else []
         self._check_head(names, source)
         for number, values in enumerate(lines[1:], 1):
@@ -74,7 +74,7 @@ class RowFormat:
             raise self.error(
                 f"{source}: the first line should name the columns, of {', '.join(self.columns)}; "
                 + (
-                    f"{unknown[0][:60]!a} is none of them"
+                    f"{unknown[0][:60]!a} is not one of them"
                     if unknown
                     else f"{self.key!r} is missing"
                 )

@@ -1,4 +1,4 @@
-"""Draco compression of a mesh, as KHR_draco_mesh_compression has it: a tenth of the size.
+"""Draco compression of a mesh by KHR_draco_mesh_compression: to a tenth of the size.
 
 Positions keep 16 bits over the longest side, as quantised files do, texture coordinates 14 and
 normals 8. Draco reorders triangles and splits vertices, so the compressed mesh is decoded for its
@@ -16,12 +16,12 @@ POSITION_BITS, NORMAL_BITS, PLACE_BITS = 16, 8, 14
 LEVEL = 4
 """Of compression, 0 to 10: 7 takes twice as long, here and in browsers, and gains a fourteenth."""
 _NAMES = {0: "POSITION", 1: "NORMAL", 3: "TEXCOORD_0"}
-"""Draco's types of attributes, as glTF calls them."""
+"""Draco's types of attributes, by their names in glTF."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compressed:
-    """A compressed mesh, and what a glTF says of it."""
+    """A compressed mesh, with the data for its glTF."""
 
     data: bytes
     attributes: dict[str, int]

@@ -4,18 +4,18 @@ A file holds meshes of the local map. glTF's axes are right-handed with y up, so
 
     x = east - east_0,     y = up - up_0,     z = -(north - north_0)
 
-in single precision relative to an origin near by, and the scene's root node is translated by the
-origin: its children are in metres of the local map. What glTF has no field for (frame, CRS, units,
-which products it was made from) stands in the `extras` of that node.
+in single precision relative to a nearby origin, and the scene's root node is translated by the
+origin: its children are in metres of the local map. Data without a field in glTF (frame, CRS,
+units, source products) are in the `extras` of that node.
 
-`PLAIN` files use nothing beyond the core of glTF. `QUANTISED` ones store positions in 16 bits
-(65535 steps over the longest side of a mesh, 0.2 mm over 10 m), normals in 8 and texture
-coordinates in 16, as KHR_mesh_quantization allows: half the size, read by all current viewers of
-tiles. `DRACO` ones are as exact and a tenth of the size, but have to be decompressed. Textures are
-JPEG, grey or RGB. Equal input gives equal bytes.
+`PLAIN` files use only the core of glTF. `QUANTISED` ones store positions in 16 bits (65535 steps
+over the longest side of a mesh, 0.2 mm over 10 m), normals in 8 and texture coordinates in 16, as
+KHR_mesh_quantization allows: half the size, supported by all current viewers of tiles. `DRACO` ones
+are equally exact and a tenth of the size, but have to be decompressed. Textures are JPEG, grey or
+RGB. Equal input gives equal bytes.
 
-Points have quantised positions, a colour, which glTF wants linear in light and not as the eye sees
-it, and, as `_SIGMA`, their standard deviation in metres.
+Points have quantised positions, a colour, which in glTF is linear in light, and, as `_SIGMA`, their
+standard deviation in metres.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ _MAGIC, _VERSION, _JSON, _BIN = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
 _FLOAT, _BYTE, _USHORT, _UINT = 5126, 5120, 5123, 5125
 _VERTICES, _INDICES = 34962, 34963
 _LARGEST_SHORT = 65534
-"""Index 65535 of 16-bit indices means "start again"."""
+"""Index 65535 of 16-bit indices is reserved as restart marker."""
 _STEPS = 65535
 _LINEAR_MIPMAP_LINEAR, _LINEAR, _CLAMP = 9987, 9729, 33071
 
 
 class Encoding(StrEnum):
-    """How numbers are stored."""
+    """Encoding of numbers."""
 
     PLAIN = "plain"
     QUANTISED = "quantised"
@@ -61,7 +61,7 @@ _EXTENSION = {
 
 @dataclass(slots=True)
 class GlbWriter:
-    """A file being put together: its document's lists and its binary part."""
+    """A file in preparation: its document's lists and its binary part."""
 
     encoding: Encoding
     binary: bytearray = field(default_factory=bytearray)
@@ -88,7 +88,7 @@ class GlbWriter:
     def _uncompressed_primitive(
         self, mesh: SurfaceMesh, origin: tuple[float, float, float]
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """A mesh as it is: its primitive, and what its node does to it."""
+        """An uncompressed mesh: its primitive, and its node's transform."""
         positions, node = self._positions(_y_up(mesh.points - np.asarray(origin)))
         attributes = {
             "POSITION": positions,
@@ -115,7 +115,7 @@ class GlbWriter:
         return {"attributes": attributes, "indices": indices, "extensions": extension}, {}
 
     def _positions(self, points: np.ndarray) -> tuple[int, dict[str, Any]]:
-        """Accessor of positions, and what their node does to them."""
+        """Accessor of positions, and their node's transform."""
         if self.encoding is Encoding.PLAIN:
             return self._vertices(points.astype("<f4"), _FLOAT, bounded=True), {}
         low = points.min(axis=0)
@@ -145,7 +145,7 @@ class GlbWriter:
     def _vertices(
         self, rows: np.ndarray, kind: int, *, bounded: bool = False, normalized: bool = False
     ) -> int:
-        """Accessor of one row a vertex, every row padded to whole words of four bytes."""
+        """Accessor of one row per vertex, every row padded to whole words of four bytes."""
         width = rows.shape[1] * rows.itemsize
         stride = -(-width // 4) * 4
         padded = np.zeros((len(rows), stride), np.uint8)
@@ -224,7 +224,7 @@ _SAMPLER = {
 
 
 def _material(number: int) -> dict[str, Any]:
-    """Matt, seen from both sides, and unlit: the sun is in the texture."""
+    """Matt, visible from both sides, and unlit: the texture includes the illumination."""
     return {
         "pbrMetallicRoughness": {
             "baseColorTexture": {"index": number},
@@ -261,8 +261,8 @@ def write_glb(
 
     Args:
         meshes: What to write; a mesh without triangles is left out.
-        origin: East, north and up of a place near by, metres of the local map.
-        encoding: How numbers are stored.
+        origin: East, north and up of a nearby point, metres of the local map.
+        encoding: Encoding of numbers.
         jpeg_quality: Of the textures, percent.
         notes: Plain JSON values to keep with the file.
 
@@ -271,7 +271,7 @@ def write_glb(
     """
     drawn = [mesh for mesh in meshes if len(mesh.mesh)]
     if not drawn:
-        raise ProductError("a model without a triangle is nothing to look at; leave it out")
+        raise ProductError("a model without triangles is empty; leave it out")
     file = GlbWriter(encoding)
     for mesh in drawn:
         file.add(mesh, origin, jpeg_quality)
@@ -282,7 +282,7 @@ def read_glb(data: bytes) -> tuple[dict[str, Any], bytes]:
     """The JSON document and the binary part of a glTF binary.
 
     Raises:
-        ProductError: it is none.
+        ProductError: it is not a glTF binary.
     """
     if data[:8] != struct.pack("<2I", _MAGIC, _VERSION):
         raise ProductError(f"a glTF 2.0 binary begins with b'glTF' and 2, not with {data[:8]!r}")
@@ -296,7 +296,7 @@ def read_glb(data: bytes) -> tuple[dict[str, Any], bytes]:
 
 
 def box_of_glb(data: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest (east, north, up) of all meshes of a file of ours, metres."""
+    """Least and largest (east, north, up) of all meshes of a solmap file, metres."""
     document, _ = read_glb(data)
     root, *nodes = document["nodes"]
     corners = []

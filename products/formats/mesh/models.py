@@ -1,4 +1,4 @@
-"""What models in three dimensions say of themselves, whatever their format: notes and extent."""
+"""Notes and extent of three-dimensional models, independent of their format."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from solmap.products.model import Recipe
 
 
 def notes_of(recipe: Recipe, landing: LandingPoint) -> dict[str, Any]:
-    """Frame, CRS and provenance, as plain JSON values that travel inside a model.
+    """Frame, CRS and provenance, as plain JSON values stored inside a model.
 
-    The inputs name the terrain model and with it the adjustment that its pairs were oriented by.
+    The inputs name the terrain model and with it the adjustment of its pairs.
     """
     ref = recipe.ref
     return {

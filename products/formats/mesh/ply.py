@@ -1,8 +1,8 @@
-"""Point clouds as binary PLY, which CloudCompare, MeshLab, PDAL, Open3D and others open.
+"""Point clouds as binary PLY, for CloudCompare, MeshLab, PDAL, Open3D and others.
 
-One row a point, little-endian: x, y, z (east, north, up; metres of the local map, double), red,
+One row per point, little-endian: x, y, z (east, north, up; metres of the local map, double), red,
 green, blue (uchar) and `sigma` (float, metres: standard deviation along the line of sight). PLY has
-no place for a frame, so comments in its header name CRS, units and what the file was made from.
+no field for a frame, so comments in its header name CRS, units and source.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _ROW = np.dtype(
 )
 _TYPES = {"<f8": "double", "|u1": "uchar", "<f4": "float"}
 _CHUNK = 1 << 18
-"""Rows that are written at once, 8 MB."""
+"""Rows written together, 8 MB."""
 _END = b"end_header\n"
 _HEADER = 1 << 16
 
@@ -48,20 +48,20 @@ def write_ply(path: Path, cloud: PointCloud, notes: Mapping[str, Any]) -> None:
 
 
 def read_ply(path: Path) -> np.ndarray:
-    """The rows of a file of ours, as they lie on disk.
+    """The rows of a solmap file, as stored on disk.
 
     Raises:
-        ProductError: it is none.
+        ProductError: it is not such a file.
     """
     with path.open("rb") as file:
         head = file.read(_HEADER)
     end = head.find(_END)
     counts = [line for line in head[: max(end, 0)].split(b"\n") if line.startswith(b"element ver")]
     if end < 0 or not head.startswith(b"ply\n") or len(counts) != 1:
-        raise ProductError(f"{path.name} is no point cloud of ours; make it again")
+        raise ProductError(f"{path.name} is not a point cloud of solmap; make it again")
     count, start = int(counts[0].split()[-1]), end + len(_END)
     if path.stat().st_size != start + count * _ROW.itemsize:
-        raise ProductError(f"{path.name} does not hold its {count} points; make it again")
+        raise ProductError(f"{path.name} does not contain its {count} points; make it again")
     return np.memmap(path, _ROW, "r", offset=start, shape=(count,))
 
 

@@ -1,8 +1,8 @@
-"""Solids as binary STL, which every program that prints in three dimensions reads.
+"""Solids as binary STL, the common format of 3D printing.
 
-Metres of the local map (east, north, up), counted from an origin near by so that single precision
-does: the 80 bytes of the header say which. STL has no units; printing programs take millimetres, so
-that 1 m is printed as 1 mm, a model at 1 : 1000.
+Metres of the local map (east, north, up), relative to a nearby origin because of single precision:
+the 80 bytes of the header name it. STL has no units; printing programs take millimetres, so that 1
+m is printed as 1 mm, a model at 1 : 1000.
 """
 
 from __future__ import annotations

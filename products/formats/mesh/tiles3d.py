@@ -1,16 +1,16 @@
 """3D Tiles 1.1: a quadtree of glTF tiles with levels of detail, in one archive (.3tz).
 
-A tileset is many small files that belong together. A product is one file, made whole, with one
-checksum, so the tileset is kept in the archive format of its own community: 3TZ, a ZIP whose
-members a server reads out one by one, with an index of their places at the end (MD5 of the name,
-offset; in the order of the hashes). Unpacked by any ZIP program it is a folder that a plain
-web server can offer. Members are stored, not deflated, but for the JSON: pictures are small as they
-are.
+A tileset has many small files. A product is one file with one checksum, so the tileset is stored in
+the usual archive format: 3TZ, a ZIP whose members a server reads one by one, with an index of their
+offsets at the end (MD5 of the name, offset; in the order of the hashes). Unpacked by any ZIP
+program it is a folder for a plain web server. Members except the JSON are stored, not deflated,
+because images are compressed already.
 
-Tiles hold glTF with y up, which viewers of 3D Tiles turn to z up: coordinates of the tileset are
-(east, north, up) in metres of the mission's local map. There is no globe in it and no transform;
-`asset.extras` names the CRS. A tile's geometric error is in metres, and is chosen so that the
-texture looks sharp as well: a viewer that allows 16 pixels of error shows a texel on two pixels.
+Tiles contain glTF with y up, which viewers of 3D Tiles rotate to z up: coordinates of the tileset
+are (east, north, up) in metres of the mission's local map. There is no globe in it and no
+transform; `asset.extras` names the CRS. A tile's geometric error is in metres, and is chosen so
+that the texture is sharp as well: a viewer that allows 16 pixels of error shows a texel on two
+pixels.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _INDEX = "@3dtilesIndex1@"
 _DAY_ONE = (1980, 1, 1, 0, 0, 0)
 """The date of all members: equal input gives equal bytes."""
 TEXELS = 8.0
-"""Texels that a tile's geometric error is at least worth."""
+"""Least geometric error of a tile, in texels."""
 
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 """Least and largest (east, north, up), metres."""
@@ -51,12 +51,12 @@ class _Tile:
 
 @dataclass(slots=True)
 class TilesetWriter:
-    """Writes the tiles of one tileset as they come, in any order, and then the tree of them."""
+    """Writes the tiles of one tileset in any order, and then the tree of them."""
 
     path: Path
     notes: Mapping[str, Any]
     refine: Literal["REPLACE", "ADD"] = "REPLACE"
-    """Whether finer tiles take the place of a coarser one, or add to it as points do."""
+    """Whether finer tiles replace a coarser one, or add to it, as points do."""
     _archive: zipfile.ZipFile = field(init=False)
     _tiles: dict[TilePlace, _Tile] = field(init=False, default_factory=dict)
 
@@ -66,7 +66,7 @@ class TilesetWriter:
         return self
 
     def add(self, place: TilePlace, glb: bytes, points: ObjectPoints, error_m: float) -> None:
-        """Add a tile: its file, the points in it, and the error of showing it and not the finer."""
+        """Add a tile: its file, its content, and the error of showing it instead of finer ones."""
         uri = f"{place.level}/{place.row}-{place.col}.glb"
         self._put(uri, glb)
         low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
@@ -75,7 +75,7 @@ class TilesetWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
     ) -> None:
-        """Write the tree and the index, unless something went wrong."""
+        """Write the tree and the index, unless there was an error."""
         with self._archive:
             if kind is None:
                 document = _document(self._tiles, self.notes, self.refine)
@@ -93,7 +93,7 @@ def _json(document: Mapping[str, Any]) -> bytes:
 
 
 def _index_of(members: Iterable[zipfile.ZipInfo]) -> bytes:
-    """Hash of the name and place of every member, in the order of the hashes' two numbers."""
+    """Hash of the name and offset of every member, in the order of the hashes' two numbers."""
     hashed = [
         (hashlib.md5(m.filename.encode(), usedforsecurity=False).digest(), m.header_offset)
         for m in members
@@ -106,19 +106,19 @@ def _document(
     tiles: Mapping[TilePlace, _Tile], notes: Mapping[str, Any], refine: str
 ) -> dict[str, Any]:
     if not tiles:
-        raise ProductError("a tileset without a tile is nothing to look at; leave it out")
+        raise ProductError("a tileset without tiles is empty; leave it out")
     nodes = {place: _node(tile, place.level, refine) for place, tile in tiles.items()}
     root = max(nodes)
     for place, node in sorted(nodes.items()):
         if place != root:
             nodes[_shown_by(place, nodes)].setdefault("children", []).append(node)
-    for place in sorted(nodes):  # finest first: a tile's box holds those of its children
+    for place in sorted(nodes):  # # finest first: a tile's box contains those of its children
         _widen(nodes[place])
     return tileset_document([nodes[root]], notes)
 
 
 def _shown_by(place: TilePlace, nodes: Mapping[TilePlace, Any]) -> TilePlace:
-    """The next coarser tile there is; narrow strips of ground may be missing at coarser levels."""
+    """The next coarser existing tile; narrow strips of ground may be missing at coarser levels."""
     above = place.parent
     while above not in nodes and above.level < max(nodes).level:
         above = above.parent
@@ -141,7 +141,7 @@ def _widen(node: dict[str, Any]) -> None:
 
 
 def tileset_document(roots: list[dict[str, Any]], notes: Mapping[str, Any]) -> dict[str, Any]:
-    """A `tileset.json` of one tile, or of several under a root without content of its own."""
+    """A `tileset.json` of one tile, or of several under a root without its own content."""
     box = _union([box_of(root["boundingVolume"]["box"]) for root in roots])
     extent = max(high - low for low, high in zip(*box, strict=True))
     root = roots[0]
@@ -161,7 +161,7 @@ def tileset_document(roots: list[dict[str, Any]], notes: Mapping[str, Any]) -> d
 
 
 def external_tileset(uri: str, document: Mapping[str, Any]) -> dict[str, Any]:
-    """The tile that stands for another tileset in a larger one."""
+    """The tile that refers to another tileset in a larger one."""
     return {
         "boundingVolume": document["root"]["boundingVolume"],
         "geometricError": document["geometricError"],
@@ -177,7 +177,7 @@ def _union(boxes: list[Box]) -> Box:
 
 
 def _volume(box: Box) -> list[float]:
-    """A box as 3D Tiles have it: its middle and its three half axes."""
+    """A box in the format of 3D Tiles: its middle and its three half axes."""
     low, high = (np.array(corner) for corner in box)
     half = np.diag((high - low) / 2)
     return [*((low + high) / 2).tolist(), *half.ravel().tolist()]
@@ -202,7 +202,7 @@ def read_member(path: Path, name: str) -> bytes:
     except KeyError as error:
         raise ProductNotFoundError(f"{path.name} has no member {name!r}") from error
     except (OSError, zipfile.BadZipFile) as error:
-        raise ProductError(f"{path.name} is no tileset: {error}; make it again") from error
+        raise ProductError(f"{path.name} is not a tileset: {error}; make it again") from error
 
 
 def read_tileset(path: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Cloud Optimised GeoTIFFs: everything about the format is decided here, once.
+"""Cloud Optimised GeoTIFFs: all properties of the format are defined here.
 
 - Blocks of 256 x 256 cells, which are the tiles of the site's tile matrix set, and overviews that
   halve down to one block, which are its lower zooms. Blocks with nothing measured are left out.
@@ -63,10 +63,10 @@ class Band:
 
 @dataclass(frozen=True, slots=True)
 class RasterClass:
-    """A value of a class layer: what it means, and the colour it is drawn in."""
+    """A value of a class layer: its meaning, and its colour."""
 
     value: int
-    """1 to 255; 0 is not known."""
+    """1 to 255; 0 is unknown."""
     name: str
     colour: str
     """`#rrggbb`."""
@@ -80,12 +80,12 @@ class RasterClass:
 
 @dataclass(frozen=True, slots=True)
 class RasterDescription:
-    """The properties of a file beside the values and places of its cells."""
+    """The properties of a file besides the values and positions of its cells."""
 
     kind: Kind
     bands: tuple[Band, ...]
     overview_resampling: OverviewResampling = "AVERAGE"
-    """How four cells become one in the overviews."""
+    """Method of the overviews."""
     tags: Mapping[str, str] | None = None
     classes: tuple[RasterClass, ...] = ()
     """Of the only band of a class layer."""
@@ -95,9 +95,9 @@ class RasterDescription:
 def create_cog(
     path: Path, grid: MapGrid, crs: CRS, description: RasterDescription
 ) -> Iterator[rasterio.io.DatasetWriter]:
-    """A dataset to write bands or windows to; it becomes a COG at `path` when all is written.
+    """A dataset to write bands or windows to; it becomes a COG at `path` when complete.
 
-    Windows that are never written hold nothing and take no room.
+    Windows that are never written take no space.
     """
     draft = path.with_name(f"{path.name}.draft")
     try:
@@ -112,7 +112,7 @@ def create_cog(
             OVERVIEW_RESAMPLING=description.overview_resampling,
             **_LOSSLESS,
         )
-    except RasterioError as error:  # GDAL only says that writing failed
+    except RasterioError as error:  # # GDAL only reports that writing failed
         if is_disk_full(path.parent, error):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
         raise

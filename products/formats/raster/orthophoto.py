@@ -1,8 +1,8 @@
-"""Orthophotos on disk: 8-bit images, grey or in colour, their sources, and textures cut from them.
+"""Orthophotos on disk: 8-bit images, grey or colour, their sources, and textures cut from them.
 
-Brightness is stretched to 1 .. 255, band by band, and 0 is where nothing was seen; a band's scale
-and offset lead back to brightness. The sources are a class layer of their own at the cells of the
-terrain model: which image each patch of ground was taken from, by name.
+Brightness is stretched to 1 .. 255, band by band, and 0 where there is no image; a band's scale and
+offset convert back to brightness. The sources are a separate class layer at the cells of the
+terrain model: the name of the image of each cell.
 """
 
 from __future__ import annotations
@@ -30,11 +30,12 @@ from solmap.products.formats.raster.raster import (
 Stretch = tuple[float, float]
 """Brightness shown as black and as white."""
 BrightnessBlock = tuple[int, int, Float32[np.ndarray, "bands rows cols"]]
-"""First row and column of a block of an image, and its brightness; NaN where nothing was seen."""
+"""First row and column of a block of an image, and its brightness; NaN where there is no image."""
 _GREY = (("brightness", ColorInterp.gray),)
 _COLOUR = (("red", ColorInterp.red), ("green", ColorInterp.green), ("blue", ColorInterp.blue))
 _STRETCH_PERCENTILES = (0.5, 99.5)
-"""Brightness that becomes black and white: what lies beyond is glint, deep shadow or noise."""
+"""Percentiles of brightness shown as black and white: beyond them are glint, deep shadow or
+noise."""
 _MOST_SOURCES = 255
 
 
@@ -51,11 +52,11 @@ def write_brightness_blocks(
 
     Args:
         path: The file to write.
-        grid: Where the cells lie.
-        blocks: The blocks of the image; what none of them covers was not seen.
+        grid: Grid of the cells.
+        blocks: The blocks of the image; cells outside all of them have no image.
         crs: The local CRS of the landing site.
         stretches: Brightness shown black and white, by band.
-        tags: What else to keep with the file.
+        tags: Further tags of the file.
     """
     kinds = _GREY if len(stretches) == 1 else _COLOUR
     bands = [
@@ -80,9 +81,9 @@ def write_orthophoto(
     stretch: Stretch | None = None,
     tags: Mapping[str, str] | None = None,
 ) -> None:
-    """Write brightness (NaN where nothing was seen) as a grey image.
+    """Write brightness (NaN where there is no image) as a grey image.
 
-    By default, two percentiles of what was seen are shown black and white.
+    By default, two percentiles of the brightness are shown as black and white.
     """
     stretches = [stretch or _stretch_of(brightness)]
     write_brightness_blocks(
@@ -99,19 +100,21 @@ def write_sources(
     *,
     tags: Mapping[str, str] | None = None,
 ) -> None:
-    """Write which image each cell came from: 1 for the first of `names`, 0 for none.
+    """Write the source image of each cell: 1 for the first of `names`, 0 for none.
 
     Raises:
         ProductError: there are more images than fit.
     """
     if len(names) > _MOST_SOURCES:
-        raise ProductError(f"{path.name}: {len(names)} images, but {_MOST_SOURCES} can be told")
+        raise ProductError(
+            f"{path.name}: {len(names)} images, but only {_MOST_SOURCES} can be distinguished"
+        )
     classes = tuple(RasterClass(i, name, source_colour(i)) for i, name in enumerate(names, start=1))
     write_classes(path, grid, source, crs, name="source", classes=classes, tags=tags)
 
 
 def source_colour(number: int) -> str:
-    """A colour for an image, unlike those of its neighbours in the panorama: `#rrggbb`.
+    """A colour for an image, different from its neighbours in the panorama: `#rrggbb`.
 
     Hues go around by the golden ratio, so that the first few and any few in a row differ.
     """
@@ -123,7 +126,7 @@ def source_colour(number: int) -> str:
 
 
 def _step(stretch: Stretch) -> tuple[float, float]:
-    """The brightness shown black, and that of one step of grey: 1 is black, 255 is white."""
+    """The brightness shown black, and that of one grey level: 1 is black, 255 is white."""
     low, high = stretch
     return low, (high - low) / 254.0
 
@@ -145,18 +148,18 @@ def _stretch_of(brightness: Raster) -> Stretch:
 
 
 _EXTENDED_PX = 4
-"""How far the edge of what was seen is extended: the reach of filtering and of two mipmaps."""
+"""Pixels by which the image is extended beyond its edge: the reach of filtering and two mipmaps."""
 _BLANK = 128
-"""Grey of ground that no image shows."""
+"""Grey of ground without image."""
 _TINY = 1e-6
-"""Part of a cell that decimal fractions may be off."""
+"""Tolerance of decimal fractions, in cells."""
 
 
 def read_texture(path: Path, bounds: Bounds, max_px: int) -> tuple[Picture, Bounds]:
-    """An orthophoto within (west, south, east, north), and the bounds of its outer pixels' edges.
+    """An orthophoto within (west, south, east, north), and the outer bounds of its pixels.
 
-    It is shrunk until its longest side is at most `max_px` pixels. Ground that was not seen is
-    grey, but for a few pixels along its edge that carry on what is beside them.
+    It is shrunk until its longest side is at most `max_px` pixels. Ground without image is grey,
+    except for a few pixels along its edge that continue the image.
     """
     with open_raster(path) as dataset:
         grid = grid_of(dataset)
@@ -178,7 +181,7 @@ def read_texture(path: Path, bounds: Bounds, max_px: int) -> tuple[Picture, Boun
 
 
 def _extend_edges(grey: Picture) -> Picture:
-    """The image with seen pixels extended into unseen ones (0), and grey beyond."""
+    """The image with its pixels extended into unseen ones (0), and grey beyond."""
     reach = np.ones((2 * _EXTENDED_PX + 1,) * 2, np.uint8)
     extended = np.where(grey > 0, grey, cv2.dilate(grey, reach))
     return np.where(extended > 0, extended, np.uint8(_BLANK)).astype(np.uint8)

@@ -1,9 +1,9 @@
-"""Panoramas on disk: a picture in azimuth and elevation, and where on the ground its pixels lie.
+"""Panoramas on disk: an image in azimuth and elevation, and the ground at its pixels.
 
-The picture is a GeoTIFF whose "map" is the sphere of directions: x is azimuth clockwise from north,
-y elevation above the horizon, both in degrees, with a CRS of its own that says so. Its companion is
-four times as coarse and holds, in each direction, the distance to the ground (NaN for sky and for
-ground that the terrain model does not know) and the number of the image that is shown.
+The panorama is a GeoTIFF whose "map" is the sphere of directions: x is azimuth clockwise from
+north, y elevation above the horizon, both in degrees, with its own CRS. Its companion is four times
+as coarse and contains, for each direction, the distance to the ground (NaN for sky and for unknown
+ground) and the number of the source image.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ ANGLES = CRS.from_wkt(
 )
 _TAG = "PANORAMA"
 _NEAR_M = 0.5
-"""Half a side of the box on the map that a panorama is said to be taken in."""
+"""Half a side of the box on the map that represents the position of a panorama."""
 
 Ground = Float32[np.ndarray, "two down across"]
 """Distance in metres and number of the image, from 1, at the nodes of a panorama."""
@@ -44,17 +44,17 @@ Ground = Float32[np.ndarray, "two down across"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PanoramaFacts:
-    """The facts kept inside a panorama."""
+    """Facts stored inside a panorama."""
 
     grid: AngleGrid
     centre: Vector3
-    """East, north and elevation it is seen from, metres of the local map."""
+    """East, north and elevation of its centre, metres of the local map."""
     eye: str
     images: tuple[str, ...]
     ground: str | None
-    """Digest of the companion that knows the ground."""
+    """Digest of the companion with the ground."""
     registration: Mapping[str, Any]
-    """`median_px` and `p90_px` of the shifts between neighbouring images, and every seam's."""
+    """`median_px` and `p90_px` of the shifts between neighbouring images, and of every seam."""
 
 
 def write_panorama(
@@ -79,7 +79,7 @@ def write_panorama(
 
 
 def write_panorama_ground(path: Path, made: Panorama, ground: Ground, tags: dict[str, str]) -> None:
-    """Write how far the ground is in each direction, and in which image it is seen."""
+    """Write the distance to the ground in each direction, and its source image."""
     distance, source = ground
     bands = {"distance": distance, "image": source}
     place = _map_of(made.grid, NODE)
@@ -87,7 +87,7 @@ def write_panorama_ground(path: Path, made: Panorama, ground: Ground, tags: dict
 
 
 def brightness_blocks(blocks: Iterable[PanoramaBlock], ground: Ground) -> Iterator[BrightnessBlock]:
-    """The blocks of a panorama as blocks of an image; `ground` is filled on the way."""
+    """The blocks of a panorama as blocks of an image; also fills `ground`."""
     for block in blocks:
         row, col = block.row // NODE, block.col // NODE
         rows, cols = block.sources.shape
@@ -99,19 +99,19 @@ def brightness_blocks(blocks: Iterable[PanoramaBlock], ground: Ground) -> Iterat
 
 
 def blank_ground(grid: AngleGrid) -> Ground:
-    """Directions of which nothing is known yet."""
+    """Empty values for all directions."""
     return np.full((2, grid.rows // NODE, grid.cols // NODE), np.nan, np.float32)
 
 
 def read_panorama_facts(dataset: rasterio.DatasetReader) -> PanoramaFacts:
-    """The facts kept inside an open panorama.
+    """The facts stored inside an open panorama.
 
     Raises:
-        ProductError: the file is none.
+        ProductError: the file is not a panorama.
     """
     text = dataset.tags().get(_TAG)
     if text is None:
-        raise ProductError(f"{dataset.name} is no panorama: it has no tag {_TAG}; make it again")
+        raise ProductError(f"{dataset.name} is not a panorama: it has no tag {_TAG}; make it again")
     facts = json.loads(text)
     at = dataset.transform
     grid = AngleGrid(at.c, at.f, at.a, dataset.height, dataset.width)
@@ -126,14 +126,14 @@ def read_panorama_facts(dataset: rasterio.DatasetReader) -> PanoramaFacts:
 
 
 def panorama_bounds(path: Path) -> tuple[float, float, float, float]:
-    """A small box on the map around where a panorama was taken."""
+    """A small box on the map around the position of a panorama."""
     with open_raster(path) as dataset:
         east, north, _ = read_panorama_facts(dataset).centre.tolist()
     return east - _NEAR_M, north - _NEAR_M, east + _NEAR_M, north + _NEAR_M
 
 
 def _map_of(grid: AngleGrid, coarser: int) -> MapGrid:
-    """The directions as a raster's place; node n of a coarser one is the middle of pixel n."""
+    """The directions as position of a raster; node n of a coarser one is the middle of pixel n."""
     cell = grid.cell_deg * coarser
     aside = (grid.cell_deg - cell) / 2
     rows, cols = grid.rows // coarser, grid.cols // coarser

@@ -1,11 +1,12 @@
-"""Rasters on disk: bands of one grid, in the local CRS of the landing site, and read back.
+"""Rasters on disk: bands of one grid, in the local CRS of the landing site, written and read.
 
-The layout of the bytes is decided in `products.formats.raster.cog`. In overviews of a DTM, cells of
-the band `class` are averages and may lie between classes. Class layers carry names and colours,
-which keep apart without colour vision (Paul Tol's bright and muted sets): good ground is blue or
-green, bad ground yellow to red, and lightness falls from one to the other.
+The layout of the bytes is defined in `products.formats.raster.cog`. In overviews of a DTM, cells of
+the band `class` are averages and may be between classes. Class layers include names and colours
+that can be distinguished without colour vision (Paul Tol's bright and muted sets): good ground is
+blue or green, bad ground yellow to red, and lightness decreases from one to the other.
 
-Rasters of other producers, such as orbital images in any Mars CRS, are read onto a grid of the map.
+Rasters of other producers, such as orbital images in any Mars CRS, are resampled to a grid of the
+map.
 """
 
 from __future__ import annotations
@@ -44,19 +45,19 @@ from solmap.products.formats.raster.cog import (
 )
 
 _DIRECTIONS = {"aspect"}
-"""Bands whose values run in a circle."""
+"""Bands with cyclic values."""
 _DTM_UNITS = {"elevation": "m", "standard_deviation": "m", "observations": "", "class": ""}
 _POSE_DEVIATION = "pose_deviation"
-"""Band of a DTM whose poses are not taken for true: the part of the deviation that cells share."""
+"""Band of a DTM whose poses have errors: the part of the deviation common to neighbouring cells."""
 _IN_PLACE = {
     "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
     "GDAL_INGESTED_BYTES_AT_OPEN": "32768",
 }
-"""Nothing lies beside a product that GDAL might look for, and its header is had in one request."""
+"""GDAL options: no sidecar files are searched, and the header is read in one request."""
 _LASTING = ("not recognized", "Access Denied", "AccessKeyId", "signature", "bucket does not exist")
-"""What GDAL says of objects that asking again does not open: broken ones, wrong keys, no bucket."""
+"""GDAL's messages on objects that a retry does not open: broken ones, wrong keys, no bucket."""
 _LOOK = 1 << 20
-"""Cells that are looked at for a summary: an overview of at most this many."""
+"""Cells read for a summary: an overview of at most this many."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,16 +80,17 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
     tags: Mapping[str, str] | None = None,
     overviews: OverviewResampling | None = None,
 ) -> None:
-    """Write the bands of one grid, float32 with NaN or uint8 with 0 where nothing was measured.
+    """Write the bands of one grid, float32 with NaN or uint8 with 0 where not measured.
 
     Args:
         path: The file to write.
-        grid: Where the cells lie, metres of the local map.
+        grid: Grid of the cells, metres of the local map.
         bands: Cell values by the name of the band.
         crs: The local CRS of the landing site.
         unit: Unit of all bands, or of each by name: `m`, `degree`.
-        tags: What else to keep with the file, as text.
-        overviews: How four cells become one; by default the mean, but of directions the nearest.
+        tags: Further tags of the file, as text.
+        overviews: Method of the overviews; by default the mean, but the nearest cell for
+            directions.
 
     Raises:
         ProductError: a band does not fit the grid, or types are mixed or unknown.
@@ -116,7 +118,7 @@ def write_classes(  # noqa: PLR0913 - the properties of one file
     classes: Sequence[RasterClass],
     tags: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a layer of classes, 0 where nothing is known, with their names and colours inside."""
+    """Write a layer of classes, 0 where unknown, with their names and colours inside."""
     if codes.shape != grid.shape:
         raise ProductError(f"{path.name}: {codes.shape} classes on a grid of {grid.shape}")
     band = Band(name, colour=ColorInterp.palette)
@@ -143,11 +145,11 @@ def _band_stack(
 
 
 def open_raster(address: Path | str) -> rasterio.DatasetReader:
-    """Open a raster for reading: a file, or by GDAL's address of an object.
+    """Open a raster for reading: a file, or an object by GDAL's address.
 
     Raises:
         ProductNotFoundError: there is no such file.
-        StoreAwayError: the object store does not answer.
+        StoreAwayError: the object store does not respond.
         ProductError: it cannot be read as a raster.
     """
     try:
@@ -163,23 +165,23 @@ def open_raster(address: Path | str) -> rasterio.DatasetReader:
             else "key does not" in str(error)
         ):
             raise ProductNotFoundError(
-                f"{name} is not there; run the flow that makes it"
+                f"{name} does not exist; run the flow that makes it"
             ) from error
         if isinstance(address, str) and not any(word in str(error) for word in _LASTING):
-            raise StoreAwayError(f"the store of {name} does not answer: {error}") from error
+            raise StoreAwayError(f"the store of {name} does not respond: {error}") from error
         raise ProductError(f"{name} cannot be read as a raster: {error}") from error
 
 
 def read_error(address: Path | str, error: RasterioError) -> ProductError:
-    """The error to raise where a part of an open raster cannot be read."""
+    """The error for a part of an open raster that cannot be read."""
     name = PurePosixPath(address).name
-    if isinstance(address, str):  # which of the two GDAL does not say
-        return StoreAwayError(f"the store of {name} does not answer, or it is broken: {error}")
+    if isinstance(address, str):  # # GDAL does not report which of the two
+        return StoreAwayError(f"the store of {name} does not respond, or it is broken: {error}")
     return ProductError(f"{name} is broken: {error}; make it again")
 
 
 def grid_of(dataset: rasterio.DatasetReader) -> MapGrid:
-    """Where the cells of an open raster lie."""
+    """The grid of an open raster."""
     transform = dataset.transform
     return MapGrid(transform.c, transform.f, transform.a, dataset.height, dataset.width)
 
@@ -256,10 +258,10 @@ def write_dtm(path: Path, dtm: Dtm, crs: CRS, *, tags: Mapping[str, str] | None 
 
 
 def read_dtm(path: Path) -> Dtm:
-    """Read what `write_dtm` wrote.
+    """The inverse of `write_dtm`.
 
     Raises:
-        ProductError: the file is no terrain model.
+        ProductError: the file is not a terrain model.
     """
     grid, bands = _read_terrain(path, _DTM_UNITS.keys(), _POSE_DEVIATION)
     return Dtm(
@@ -296,7 +298,7 @@ def _read_terrain(
 def values_in(
     dataset: rasterio.DatasetReader, east: float, north: float
 ) -> dict[str, float] | None:
-    """True values of every band in the cell that holds a place; None beyond the raster's edge.
+    """True values of every band in the cell at a position; None beyond the raster's edge.
 
     NaN where nothing was measured.
     """
@@ -325,7 +327,7 @@ VISIBILITY_CLASSES = (
 _PLANE = "+proj=eqc +R=3396190 +units=m +no_defs"
 """Any plane in metres: rasters in the same engineering CRS are not transformed."""
 MOST_CELLS = 100_000_000
-"""Of an image that is read whole: 10,000 x 10,000."""
+"""Most cells of an image that is read whole: 10,000 x 10,000."""
 
 
 def bounds_on_map(path: Path, crs: CRS) -> tuple[Bounds, float]:
@@ -343,17 +345,17 @@ def bounds_on_map(path: Path, crs: CRS) -> tuple[Bounds, float]:
         except (CRSError, RasterioError) as error:
             raise ProductError(f"{path.name} is not on this map: {error}") from error
         if not np.isfinite(bounds).all():
-            raise ProductError(f"{path.name} does not lie near the landing site")
+            raise ProductError(f"{path.name} is not near the landing site")
         width_m = (bounds[2] - bounds[0]) / dataset.width
         height_m = (bounds[3] - bounds[1]) / dataset.height
     return bounds, float(np.sqrt(width_m * height_m))
 
 
 def _crs_of(dataset: rasterio.DatasetReader, crs: CRS) -> tuple[str, str]:
-    """The CRS of a raster and a map, as PROJ takes them.
+    """The CRS of a raster and a map, in PROJ's form.
 
-    It knows no operation from an engineering CRS to itself: a raster that is on an untied map stays
-    where it is.
+    PROJ has no operation from an engineering CRS to itself: a raster on an untied map is not
+    transformed.
     """
     own = dataset.crs.to_wkt()
     if crs.is_engineering and own.startswith(f'LOCAL_CS["{crs.name}"'):
@@ -362,7 +364,7 @@ def _crs_of(dataset: rasterio.DatasetReader, crs: CRS) -> tuple[str, str]:
 
 
 def read_onto_grid(path: Path, grid: MapGrid, crs: CRS) -> Raster:
-    """The first band of a raster on a grid of the local map; NaN where it has nothing.
+    """The first band of a raster on a grid of the local map; NaN where it has no data.
 
     Larger cells are interpolated, smaller ones averaged.
 
@@ -370,7 +372,7 @@ def read_onto_grid(path: Path, grid: MapGrid, crs: CRS) -> Raster:
         ProductError: the grid is too large to be read whole, or the file is broken.
     """
     if grid.rows * grid.cols > MOST_CELLS:
-        raise ProductError(f"{path.name} on {grid.shape} cells is too large: ask for less ground")
+        raise ProductError(f"{path.name} on {grid.shape} cells is too large: request less ground")
     out = np.full(grid.shape, np.nan, dtype=np.float32)
     transform = Affine(grid.cell_m, 0.0, grid.west, 0.0, -grid.cell_m, grid.north)
     with open_raster(path) as dataset:

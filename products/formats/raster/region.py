@@ -1,6 +1,6 @@
-"""A region's terrain model on disk: read and written tile by tile, whatever its size.
+"""A region's terrain model on disk: read and written tile by tile, at any size.
 
-A tile and the halo that its cells depend on are read from the models of the stops that reach it,
+A tile and the margin that its cells depend on are read from the models of the stops that cover it,
 fused, and written; the rest of the region is never in memory. Models with finer cells are averaged
 down, those with coarser ones (far ground) are interpolated.
 """
@@ -37,7 +37,7 @@ from solmap.products.formats.raster.raster import band_names, grid_of, open_rast
 TILE = 512
 """Cells along the side of a tile: two blocks of the file."""
 CACHE_MB = 64
-"""What GDAL may keep of blocks; its default is a twentieth of the machine's memory."""
+"""Cache of GDAL for blocks; its default is a twentieth of the machine's memory."""
 DTM_BANDS = (
     Band("elevation", "m"),
     Band("standard_deviation", "m"),
@@ -62,7 +62,7 @@ class RegionSource:
 
 @dataclass(frozen=True, slots=True)
 class RegionFiles:
-    """What is written of a region."""
+    """Output files of a region."""
 
     dtm: Path
     seams: Path
@@ -75,12 +75,12 @@ def write_region(
     crs: CRS,
     tags: tuple[Mapping[str, str], Mapping[str, str]] = ({}, {}),
 ) -> tuple[Seam, ...]:
-    """Fuse the models of stops to one of the region; how far any two of them disagree.
+    """Fuse the models of stops into one of the region; returns the disagreement of any two.
 
-    `tags` are kept with the model and with the seams.
+    `tags` are written to the model and to the seams.
 
     Raises:
-        ProductError: the cells of a model are no power of two of the region's.
+        ProductError: the cells of a model are not a power of two of the region's.
     """
     names = {"STOPS": json.dumps([source.name for source in sources])}
     height = {"VERTICAL": height_reference(crs)}
@@ -114,7 +114,7 @@ def write_region(
 
 
 def read_seams(path: Path) -> tuple[tuple[str, ...], tuple[Seam, ...]]:
-    """The stops of a region, and how far any two of them disagree."""
+    """The stops of a region, and the disagreement of any two of them."""
     with open_raster(path) as dataset:
         tags = dataset.tags()
     rows = json.loads(tags["SEAMS"])
@@ -142,7 +142,7 @@ def _fuse_tile(
     out: tuple[rasterio.io.DatasetWriter, rasterio.io.DatasetWriter],
     counter: SeamCounter,
 ) -> None:
-    """Read, fuse and write one tile; nothing where no stop reaches."""
+    """Read, fuse and write one tile; does nothing where no stop covers it."""
     row, col = corner
     rows, cols = min(TILE, grid.rows - row), min(TILE, grid.cols - col)
     halo = params.halo
@@ -200,12 +200,12 @@ class _Source:
         if abs(ratio - round(ratio)) > 1e-6:  # noqa: PLR2004 - rounding of a decimal fraction
             raise ProductError(
                 f"the model of {source.name} has cells of {self.grid.cell_m} m, the region's of "
-                f"{cell_m} m: one is to be the other times a power of two"
+                f"{cell_m} m: one must be the other times a power of two"
             )
         self._coarser, self._finer = 2 ** max(0, round(ratio)), 2 ** max(0, round(-ratio))
 
     def read(self, around: MapGrid) -> Dtm:
-        """The model on a grid of the region's cells; nothing known beyond its own."""
+        """The model on a grid of the region's cells; unknown beyond its own."""
         if self._finer == 1:
             fine = self.grid.cell_m
             rows, cols = (count * self._coarser for count in around.shape)
@@ -222,7 +222,7 @@ class _Source:
         return _cut(finer, around, row - first_row * self._finer, col - first_col * self._finer)
 
     def _window(self, wanted: MapGrid) -> Dtm:
-        """The model on a grid of its own cells that may reach beyond it."""
+        """The model on a grid of its own cells that may extend beyond it."""
         row = round((self.grid.north - wanted.north) / wanted.cell_m)
         col = round((wanted.west - self.grid.west) / wanted.cell_m)
         top, left = max(0, row), max(0, col)
@@ -244,7 +244,7 @@ class _Source:
 
 
 def _cut(dtm: Dtm, wanted: MapGrid, row: int, col: int) -> Dtm:
-    """The part of a model on a grid that lies in its own."""
+    """The part of a model on a grid inside its own."""
     inside = (slice(row, row + wanted.rows), slice(col, col + wanted.cols))
     pose = None if dtm.pose_sigma_m is None else dtm.pose_sigma_m[inside]
     return Dtm(

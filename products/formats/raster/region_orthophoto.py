@@ -1,4 +1,4 @@
-"""A region's orthophoto on disk: merged tile by tile from those of its stops, whatever its size."""
+"""A region's orthophoto on disk: merged tile by tile from those of its stops, at any size."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def write_region_orthophoto(
     """Merge the orthophotos of stops, in cells no finer than the coarsest of them.
 
     Raises:
-        ProductError: the region's cells are no power of two of those of an orthophoto.
+        ProductError: the region's cells are not a power of two of those of an orthophoto.
     """
     with contextlib.ExitStack() as held:
         held.enter_context(rasterio.Env(GDAL_CACHEMAX=CACHE_MB))
@@ -72,7 +72,7 @@ def _balance(pictures: Sequence[_Picture], grid: MapGrid) -> tuple[float, float]
 def _blocks(
     pictures: Sequence[_Picture], grid: MapGrid, params: MergingParams
 ) -> Iterator[BrightnessBlock]:
-    """The tiles that some stop shows."""
+    """The tiles covered by some stop."""
     halo = params.halo
     for row in range(0, grid.rows, TILE):
         for col in range(0, grid.cols, TILE):
@@ -93,14 +93,14 @@ class _Picture:
     """An open orthophoto of a stop, read as brightness in cells of the region."""
 
     gain, offset = 1.0, 0.0
-    """To agree with the others."""
+    """Gain and offset that make it agree with the others."""
 
     def __init__(self, source: RegionSource, dataset: rasterio.DatasetReader) -> None:
         self.source, self._dataset = source, dataset
         self.grid, self.place = grid_of(dataset), source.place
 
     def read(self, wanted: MapGrid) -> Raster:
-        """Balanced brightness on a grid that may reach beyond it; NaN where nothing was seen."""
+        """Balanced brightness on a grid that may extend beyond it; NaN where there is no image."""
         ratio = self._ratio(wanted.cell_m)
         row, col = (
             round((self.grid.north - wanted.north) / wanted.cell_m),
@@ -129,6 +129,6 @@ class _Picture:
         if ratio < -1e-6 or abs(ratio - round(ratio)) > 1e-6:  # noqa: PLR2004 - decimal fractions
             raise ProductError(
                 f"the orthophoto of {self.source.name} has cells of {self.grid.cell_m} m, the "
-                f"region's of {cell_m} m: that is to be a power of two times the other"
+                f"region's of {cell_m} m: the latter must be a power of two times the former"
             )
         return 2 ** round(ratio)

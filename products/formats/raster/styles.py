@@ -1,9 +1,9 @@
 """Colour ramps, and the styles of every kind of raster.
 
-The range of a style is fixed where the quantity has one of its own (slope, aspect, hillshade), so
-that a colour means the same on every sol, and the layer's otherwise. viridis and inferno rise in
-lightness and read well without colour vision; twilight is cyclic, so that directions of 359 and 1
-degrees look alike; red-blue is light in the middle.
+The range of a style is fixed where the quantity has its own range (slope, aspect, hillshade), so
+that a colour has the same meaning on every sol, and the layer's otherwise. viridis and inferno
+increase in lightness and are readable without colour vision; twilight is cyclic, so that directions
+of 359 and 1 degrees have similar colours; red-blue is light in the middle.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ RAMPS: dict[str, Ramp] = {
     "red-blue": RED_BLUE,
     "twilight": TWILIGHT,
 }
-"""By the name that tiles are asked for with."""
+"""By the name used in tile requests."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,15 +47,15 @@ class TileStyle:
     unit: str = ""
     has_legend: bool = True
     band: str = ""
-    """Name of the band that is drawn; the first by default."""
+    """Name of the band to show; the first by default."""
     is_classes: bool = False
-    """Values are classes, whose colours and names the file itself has; nothing is averaged."""
+    """Values are classes, whose colours and names are in the file; they are not averaged."""
     classes: tuple[RasterClass, ...] = ()
-    """The classes of a kind that always has the same, for the legend."""
+    """The classes of a kind with fixed classes, for the legend."""
     is_colour: bool = False
-    """Three bands are shown as red, green and blue, as they are."""
+    """Three bands are shown as red, green and blue, unchanged."""
     title: str = ""
-    """What it shows, where that is not what the layer is called."""
+    """Name of the quantity, if not that of the layer."""
 
 
 STYLES = {
@@ -85,7 +85,7 @@ STYLES = {
     ProductKind.REGION_INSOLATION: TileStyle(INFERNO, unit="Wh/m2/sol"),
     ProductKind.REGION_HAZARD: TileStyle(GREY, is_classes=True, classes=HAZARD_CLASSES),
 }
-"""Slopes end at 40 degrees: loose ground is no steeper, and no rover climbs it."""
+"""Slopes end at 40 degrees: loose ground is not steeper, and rovers do not climb it."""
 
 
 def range_of(style: TileStyle, layer: Layer) -> tuple[float, float]:

@@ -1,13 +1,13 @@
-"""The tile matrix set of a landing site: how its map is cut into tiles of 256 x 256 cells.
+"""The tile matrix set of a landing site: its map divided into tiles of 256 x 256 cells.
 
 The set is a square around the landing point. Zoom 20 has cells of 0.01 m; every zoom below doubles
 the cell, so that zoom 0 is one tile with a side of
 
     256 * 0.01 m * 2^20 = 2684354.56 m,        cell(z) = 0.01 m * 2^(20 - z)
 
-The lander lies on a corner of tiles at every zoom but 0, and map grids (`MapGrid.covering`) start
+The lander is at a corner of tiles at every zoom except 0, and map grids (`MapGrid.covering`) start
 and end on whole tiles of the zoom of their cell: a block of a raster is a tile, and the overviews
-of a raster are the lower zooms. Nothing is resampled on its way to the screen.
+of a raster are the lower zooms. Nothing is resampled for display.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ class TileAddress:
         tiles = 2**self.zoom
         if not (0 <= self.column < tiles and 0 <= self.row < tiles):
             raise OutsideCoverageError(
-                f"zoom {self.zoom} has columns and rows 0 to {tiles - 1}; "
-                f"column {self.column}, row {self.row} is not among them"
+                f"zoom {self.zoom} has columns and rows 0 to {tiles - 1}; column {self.column}, "
+                f"row {self.row} is outside"
             )
 
     @property
@@ -70,10 +70,10 @@ class TileAddress:
 
 
 def zoom_of(cell_m: float) -> int:
-    """The zoom whose cells a raster has.
+    """The zoom with the cells of a raster.
 
     Raises:
-        ProductError: the cell is none of the set's.
+        ProductError: the cell is not one of the set's.
     """
     for zoom, size in enumerate(CELL_SIZES):
         if math.isclose(size, cell_m, rel_tol=1e-9):
@@ -94,7 +94,7 @@ def whole_zoom_of(bounds: tuple[float, float, float, float]) -> int:
 @lru_cache(maxsize=64)
 def tile_matrix_set(landing: LandingPoint) -> morecantile.TileMatrixSet:
     """The OGC tile matrix set of a landing site, or of a map that is not tied to one."""
-    # an ellipsoid is asked for, of no effect on a map that is not tied to one
+    # # the format requires an ellipsoid, even for a map that is not tied to one
     crs = local_crs(replace(landing, origin="", radius_m=landing.radius_m or IAU_RADIUS_M))
     degrees = crs.geodetic_crs
     assert degrees is not None  # noqa: S101 - a projected CRS has one

@@ -1,7 +1,7 @@
 """Features on disk: GeoJSON in degrees of Mars, or in metres of a map that is not tied to Mars.
 
-GeoJSON has no CRS of its own (RFC 7946 means WGS 84), and a reader without other information draws
-a rover's traverse in the Pacific. The files therefore
+GeoJSON has no CRS of its own (RFC 7946 assumes WGS 84), and a reader without other information
+would draw a rover's traverse in the Pacific. The files therefore
 
 - hold planetocentric longitude (east) and latitude of Mars in degrees, nine decimals (0.06 mm), and
   elevation in metres above the tangent plane at the landing point where it is known;
@@ -11,9 +11,8 @@ a rover's traverse in the Pacific. The files therefore
   metres of the local map that `write_features` was given.
 
 Longitude and latitude are those of the local CRS (see `products.crs`), so that vectors and rasters
-of a site fall on each other in any program. On a map that is not tied to the lander there are none:
-coordinates are metres east and north of its origin, and `crs` has the WKT of its engineering CRS,
-which GDAL reads.
+of a site coincide in any program. A map that is not tied to the lander has none: coordinates are
+metres east and north of its origin, and `crs` has the WKT of its engineering CRS, which GDAL reads.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ _DECIMALS_DEGREES, _DECIMALS_M = 9, 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Feature:
-    """A thing on the map: its geometry, and what is known of it.
+    """A feature of the map: its geometry and properties.
 
     Points are rows of (east, north) or (east, north, up), metres of the local map. A polygon is its
     outer ring, closed or not, and its holes; rings are kept without the repeated first point.
@@ -67,27 +66,29 @@ class Feature:
     def __post_init__(self) -> None:
         points = np.array(self.points, dtype=np.float64, ndmin=2)
         if self.geometry not in get_args(Geometry):
-            raise ProductError(f"{self.geometry!r} is none of {', '.join(get_args(Geometry))}")
+            raise ProductError(f"{self.geometry!r} is not one of {', '.join(get_args(Geometry))}")
         if self.geometry == "Polygon":
             points = _open_ring(points)
         shape_is_right = points.ndim == 2 and points.shape[1] in (2, 3)  # noqa: PLR2004
         if not shape_is_right or len(points) < _FEWEST[self.geometry]:
             raise ProductError(
-                f"a {self.geometry} has at least {_FEWEST[self.geometry]} rows of (east, north) or "
-                f"(east, north, up), not {points.shape}"
+                f"a {self.geometry} needs at least {_FEWEST[self.geometry]} rows of (east, north) "
+                f"or (east, north, up), not {points.shape}"
             )
         if self.geometry == "Point" and len(points) > 1:
             raise ProductError(f"a Point has one row, not {len(points)}")
         if not np.isfinite(points).all():
             raise ProductError(
                 f"{self.geometry} {self.id or self.properties}: coordinates are not all finite; "
-                "leave out what was not measured"
+                "leave out unmeasured points"
             )
         if self.holes and self.geometry != "Polygon":
-            raise ProductError(f"a {self.geometry} has no holes; a Polygon may")
+            raise ProductError(f"a {self.geometry} cannot have holes; a Polygon can")
         holes = tuple(_open_ring(np.array(h, dtype=np.float64, ndmin=2)) for h in self.holes)
         if any(len(h) < _FEWEST["Polygon"] or h.shape[1] != points.shape[1] for h in holes):
-            raise ProductError(f"holes are rings of {points.shape[1]} columns, as the outline is")
+            raise ProductError(
+                f"holes must be rings of {points.shape[1]} columns, like the outline"
+            )
         points.flags.writeable = False
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "holes", holes)
@@ -122,7 +123,7 @@ def _open_ring(ring: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureCollection:
-    """The features of one file and the landing point whose map they are on."""
+    """The features of one file and the landing point of their map."""
 
     landing: LandingPoint
     features: tuple[Feature, ...]
@@ -164,12 +165,12 @@ def write_features(
     try:
         text = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     except (TypeError, ValueError) as error:
-        raise ProductError(f"{path.name}: a property is no plain JSON value: {error}") from error
+        raise ProductError(f"{path.name}: a property is not a plain JSON value: {error}") from error
     path.write_text(text, encoding="utf-8")
 
 
 def _crs_name(landing: LandingPoint) -> str:
-    """What GDAL takes for the CRS of the coordinates."""
+    """GDAL's name of the CRS of the coordinates."""
     return local_crs(landing).to_wkt() if landing.origin else MARS_URN
 
 
@@ -222,11 +223,11 @@ def local_geojson(collection: FeatureCollection) -> dict[str, Any]:
 
 
 def read_features(path: Path) -> FeatureCollection:
-    """Read what `write_features` wrote, in metres of the local map.
+    """The inverse of `write_features`, in metres of the local map.
 
     Raises:
         ProductNotFoundError: there is no such file.
-        ProductError: it is no feature collection of a landing site.
+        ProductError: it is not a feature collection of a landing site.
     """
     placed = read_placed(path)
     features = []
@@ -239,24 +240,24 @@ def read_features(path: Path) -> FeatureCollection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedFeatures:
-    """The features of a file as it has them, and where they are on the local map.
+    """The features of a file, and their positions on the local map.
 
-    To look at each of a hundred thousand takes seconds; here they are rows of one table.
+    Handling each of a hundred thousand takes seconds; here they are rows of one table.
     """
 
     landing: LandingPoint
     items: Sequence[Mapping[str, Any]]
-    """GeoJSON, as the file has them."""
+    """GeoJSON, as in the file."""
     tags: Mapping[str, Any]
     metres: np.ndarray
     """(n, 2): east and north of all points of all rings."""
     first_row: np.ndarray
-    """Of every ring, in `metres`; behind the last, their number."""
+    """Of every ring, in `metres`; after the last, their number."""
     first_ring: np.ndarray
-    """Of every item; behind the last, their number."""
+    """Of every item; after the last, their number."""
 
     def rings_of(self, number: int) -> list[np.ndarray]:
-        """Rings of an item as the file has them: (east, north) or (east, north, up), metres."""
+        """Rings of an item as in the file: (east, north) or (east, north, up), metres."""
         rings = _rings_of(self.items[number]["geometry"])
         places = (
             self.metres[self.first_row[k] : self.first_row[k + 1]]
@@ -275,11 +276,11 @@ class PlacedFeatures:
 
 
 def read_placed(path: Path) -> PlacedFeatures:
-    """Read what `write_features` wrote without making a `Feature` of each.
+    """Read a file of `write_features` without making a `Feature` of each.
 
     Raises:
         ProductNotFoundError: there is no such file.
-        ProductError: it is no feature collection of a landing site.
+        ProductError: it is not a feature collection of a landing site.
     """
     try:
         document = orjson.loads(path.read_bytes())
@@ -287,10 +288,10 @@ def read_placed(path: Path) -> PlacedFeatures:
         tags = document["solmap"].get("tags", {})
         return _place_features(document["features"], landing, tags)
     except FileNotFoundError as error:
-        raise ProductNotFoundError(f"{path.name} is not there") from error
+        raise ProductNotFoundError(f"{path.name} does not exist") from error
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise ProductError(
-            f"{path.name} is no feature collection of a landing site: {error!r}; make it again"
+            f"{path.name} is not a feature collection of a landing site: {error!r}; make it again"
         ) from error
 
 
@@ -306,7 +307,7 @@ def _place_features(
         landing=landing,
         items=items,
         tags=tags,
-        metres=np.round(plane, _DECIMALS_M) + 0.0,  # no -0.0
+        metres=np.round(plane, _DECIMALS_M) + 0.0,  # # avoids -0.0
         first_row=np.cumsum([0, *map(len, rings)]),
         first_ring=np.cumsum([0, *map(len, nested)]),
     )

@@ -1,9 +1,9 @@
-"""Features as a GeoPackage in metres of the local map, for QGIS and whatever reads OGC's format.
+"""Features as a GeoPackage in metres of the local map, for QGIS and other OGC software.
 
-GeoJSON (`products.formats.vector.geojson`) is how features are kept; a GeoPackage is made from it
-on request, by geopandas. It carries the local CRS itself, and elevations as the third coordinate.
-Properties that are lists are written as JSON. It holds no date of its own making: equal features
-give equal bytes, as of every product.
+Features are stored as GeoJSON (`products.formats.vector.geojson`); a GeoPackage is made from it on
+request, by geopandas. It includes the local CRS, and elevations as the third coordinate. Properties
+that are lists are written as JSON. It contains no creation date: equal features give equal bytes,
+as for every product.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ if TYPE_CHECKING:
     import geopandas
 
 _DATE = {"OGR_CURRENT_DATE": "2004-01-04T04:35:00.000Z"}
-"""For the column `last_change`, which the format asks for: when Spirit landed."""
+"""For the column `last_change`, which the format requires: the landing of Spirit."""
 
 
 def write_geopackage(path: Path, collection: FeatureCollection, layer: str) -> None:
-    """Write features as one layer of a GeoPackage; beside those that the file has already.
+    """Write features as one layer of a GeoPackage, beside those that the file has already.
 
     Raises:
-        ProductError: there is no feature, or their geometries are not all of one kind.
+        ProductError: there is no feature, or their geometries differ in kind.
     """
     features = collection.features
     kinds = {feature.geometry for feature in features}
     if len(kinds) != 1:
         raise ProductError(
-            f"a layer of a GeoPackage has features of one geometry, not {sorted(kinds) or 'none'}; "
-            "take the GeoJSON"
+            "a layer of a GeoPackage must have features of one geometry, not "
+            f"{sorted(kinds) or 'none'}; use the GeoJSON"
         )
     frame = feature_frame(
         [feature.properties for feature in features],
@@ -48,16 +48,16 @@ def write_geopackage(path: Path, collection: FeatureCollection, layer: str) -> N
     )
     import pyogrio  # noqa: PLC0415 - with geopandas
 
-    pyogrio.set_gdal_config_options(_DATE)  # at every write: a long run is known to lose it
+    pyogrio.set_gdal_config_options(_DATE)  # # at every write: long runs may lose it
     frame.to_file(path, driver="GPKG", layer=layer, index=False)
 
 
 def feature_frame(
     rows: Sequence[Any], shapes: Iterable[shapely.Geometry | None], crs: CRS
 ) -> geopandas.GeoDataFrame:
-    """Properties, row by row, and shapes as a table that geopandas writes.
+    """Properties, row by row, and shapes as a table for geopandas.
 
-    A column holds numbers where every row has one in it, else text or nothing.
+    A column has numbers if every row has one, else text or null.
     """
     import geopandas  # noqa: PLC0415 - 30 MB, for the one process that writes such files
 

@@ -76,7 +76,7 @@ def test_a_flat_field_that_is_none_is_refused(tmp_path, image, complaint):
 
 
 def test_a_folder_that_is_not_there_and_a_spacecraft_in_two_files_are_refused(tmp_path):
-    with pytest.raises(ConfigError, match="should hold a TOML file for each mission"):
+    with pytest.raises(ConfigError, match="should contain a TOML file for each mission"):
         load_radiometry(tmp_path / "nowhere")
     written(tmp_path, "")
     (tmp_path / "twice.toml").write_text('hosts = ["ROVER"]')

@@ -97,5 +97,5 @@ def test_a_file_that_is_no_toml_is_one_line(text, complaint, tmp_path):
 def test_only_files_are_read(tmp_path):
     os.mkfifo(tmp_path / "own.toml")
     for path in (tmp_path / "own.toml", tmp_path):
-        with pytest.raises(ConfigError, match="is no file"):
+        with pytest.raises(ConfigError, match="is not a file"):
             read_toml(path)

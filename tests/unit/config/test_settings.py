@@ -49,6 +49,8 @@ def test_every_setting_survives_being_handed_to_another_process(monkeypatch):
 
 def test_a_variable_that_is_no_setting_is_named(monkeypatch):
     monkeypatch.setenv("SOLMAP_STOR", "x")
-    assert "SOLMAP_STOR is no setting of solmap; did you mean SOLMAP_STORE?" in unknown_variables()
+    assert (
+        "SOLMAP_STOR is not a setting of solmap; did you mean SOLMAP_STORE?" in unknown_variables()
+    )
     monkeypatch.setenv("solmap_port", "1")
     assert not [line for line in unknown_variables() if "port" in line.split()[0]]

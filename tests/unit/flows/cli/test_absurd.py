@@ -155,7 +155,7 @@ SLIPS = [
     (["judge", "."], 1, "truth.json: No such file or directory"),
     (["control", "list", "--mission", "MER1"], 1, "MER1 is not one of them"),
     (["orbital", "add", "/nonexistent"], 1, "/nonexistent is not there"),
-    (["orbital", "add", "/dev/zero"], 1, "/dev/zero is no file"),
+    (["orbital", "add", "/dev/zero"], 1, "/dev/zero is not a file"),
     (["traverse", "export", "out", "--mission", "MSL"], 1, "MSL is not one of them"),
     (["dip", "ground", "XX", "--corner", "nan,nan"], 1, "XX"),
     (["dip", "rocks", "XX"], 1, "XX"),
@@ -293,5 +293,7 @@ def test_a_wrong_setting_ends_a_command_with_a_line(monkeypatch):
     monkeypatch.setenv("SOLMAP_STOR", "x")
     ended = CLI.invoke(app, ["positions"])
     assert ended.exit_code == 1
-    assert "warning SOLMAP_STOR is no setting of solmap; did you mean SOLMAP_STORE?" in ended.stderr
+    assert (
+        "warning SOLMAP_STOR is not a setting of solmap; did you mean SOLMAP_STORE?" in ended.stderr
+    )
     assert "error SOLMAP_PORT=abc: it should be a valid integer" in ended.stderr

@@ -358,7 +358,9 @@ def test_a_picture_with_metadata_and_labels_alone_are_inspected(shared_data, tmp
     lines = report_of(of_picture)
     assert lines[0] == said["imageid"]
     picture.with_name("alone.png").write_bytes(picture.read_bytes())
-    with pytest.raises(InspectionError, match=r"alone.png: a picture without a label; it takes"):
+    with pytest.raises(
+        InspectionError, match=r"alone.png: an image without a label; alone-metadata.json"
+    ):
         inspect_file(picture.with_name("alone.png"))
     xml = Path(__file__).parents[2] / "archive" / "labels" / "navcam_of_perseverance.xml"
     assert inspect_file(xml)["camera"]["model"] == "CAHVORE"

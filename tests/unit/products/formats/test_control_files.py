@@ -44,7 +44,10 @@ def test_an_emptied_file_holds_nothing():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("stop,x,y\n10/64,1,2", "by_hand.csv: the first line should name .* 'x' is none of them"),
+        (
+            "stop,x,y\n10/64,1,2",
+            "by_hand.csv: the first line should name .* 'x' is not one of them",
+        ),
         ("east_m,north_m\n1,2", "'stop' is missing"),
         (f"{HEAD}\n10/64,1,2", "row 1: 3 values for 4 columns"),
         (f"{HEAD}\n10/64,1,2,0.1\nsol 5,1,2,1", "row 2: 'sol 5' is no stop.*10/64 is expected"),

@@ -104,11 +104,14 @@ HEAD = "action,first_image,first_sample,first_line,second_image,second_sample,se
         (HEAD + "veto,A,,,B,3,4", "row 1: a veto with a point in the second image needs one"),
         (HEAD + "add,A,1,2,B,3,4,5", "row 1: 8 values for 7 columns"),
         (HEAD + "add,mer2-site0010-drive0000,1,2,B,3,4", "mer2-site0010-drive0000 is a stop"),
-        ("action,colour\nveto,red", "f: the first line should name .*; 'colour' is none of them"),
+        (
+            "action,colour\nveto,red",
+            "f: the first line should name .*; 'colour' is not one of them",
+        ),
         ('{"type": "FeatureCollection"}', "f: a FeatureCollection of features with properties"),
         (
             geojson({"action": "veto", "colour": 1}),
-            "row 1: no column is called 'colour'; there are",
+            "row 1: there is no column 'colour'; there are",
         ),
         ('{"features": [{"properties": null}]}', "f, row 1: a feature without properties"),
         ("{broken", "f: a FeatureCollection of features with properties"),

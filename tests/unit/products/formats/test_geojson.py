@@ -161,16 +161,16 @@ def test_a_feature_that_cannot_be_drawn_is_refused_at_birth(geometry, points, sa
 
 def test_a_property_that_is_not_json_is_refused(tmp_path):
     feature = Feature("Point", np.zeros((1, 2)), {"sigma_m": float("nan")})
-    with pytest.raises(ProductError, match=r"f\.geojson: a property is no plain JSON"):
+    with pytest.raises(ProductError, match=r"f\.geojson: a property is not a plain JSON"):
         write_features(tmp_path / "f.geojson", [feature], GUSEV)
     assert not (tmp_path / "f.geojson").exists()
 
 
 def test_a_missing_and_a_foreign_file_are_told_apart(tmp_path):
-    with pytest.raises(ProductNotFoundError, match="is not there"):
+    with pytest.raises(ProductNotFoundError, match="does not exist"):
         read_features(tmp_path / "f.geojson")
     (tmp_path / "g.geojson").write_text('{"type": "FeatureCollection", "features": []}')
-    with pytest.raises(ProductError, match="no feature collection of a landing site"):
+    with pytest.raises(ProductError, match="not a feature collection of a landing site"):
         read_features(tmp_path / "g.geojson")
 
 
@@ -195,9 +195,9 @@ def test_holes_of_polygons_are_kept(tmp_path):
 @pytest.mark.parametrize(
     ("geometry", "holes", "message"),
     [
-        ("LineString", [SQUARE], "a LineString has no holes"),
-        ("Polygon", [SQUARE[:2]], "holes are rings of 2 columns"),
-        ("Polygon", [np.column_stack([SQUARE, SQUARE[:, 0]])], "holes are rings of 2 columns"),
+        ("LineString", [SQUARE], "a LineString cannot have holes"),
+        ("Polygon", [SQUARE[:2]], "holes must be rings of 2 columns"),
+        ("Polygon", [np.column_stack([SQUARE, SQUARE[:, 0]])], "holes must be rings of 2 columns"),
     ],
 )
 def test_what_is_no_hole_is_refused(geometry, holes, message):

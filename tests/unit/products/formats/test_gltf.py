@@ -113,7 +113,7 @@ def test_many_vertices_are_indexed_with_32_bits():
 def test_a_model_without_triangles_is_refused():
     none = np.empty((0, 3))
     empty = SurfaceMesh(none, none, none.astype(np.int32), np.empty((0, 2), np.float32))
-    with pytest.raises(ProductError, match="without a triangle"):
+    with pytest.raises(ProductError, match="without triangles"):
         write_glb([TexturedMesh("nothing", empty, np.zeros((4, 4), np.uint8))], ORIGIN)
 
 

@@ -44,10 +44,10 @@ def test_a_file_that_was_cut_says_so(tmp_path, cloud):
     path = tmp_path / "cloud.ply"
     write_ply(path, cloud, {})
     path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(ProductError, match="does not hold its 5000 points"):
+    with pytest.raises(ProductError, match="does not contain its 5000 points"):
         read_ply(path)
     path.write_bytes(b"ply of another kind")
-    with pytest.raises(ProductError, match="no point cloud of ours"):
+    with pytest.raises(ProductError, match="not a point cloud of solmap"):
         read_ply(path)
 
 

@@ -188,7 +188,7 @@ def test_bands_that_do_not_fit_are_refused_before_anything_is_written(tmp_path, 
 
 
 def test_a_missing_and_a_broken_file_are_told_apart(tmp_path, surface):
-    with pytest.raises(ProductNotFoundError, match="is not there"):
+    with pytest.raises(ProductNotFoundError, match="does not exist"):
         read_raster(tmp_path / "a.tif")
     write_raster(tmp_path / "a.tif", GRID, {"x": surface}, CRS)
     whole = (tmp_path / "a.tif").read_bytes()
@@ -225,7 +225,7 @@ def test_images_next_to_each_other_in_a_panorama_have_colours_that_differ():
 
 def test_more_images_than_a_source_layer_can_tell_are_an_error(tmp_path):
     source = np.zeros(GRID.shape, np.uint8)
-    with pytest.raises(ProductError, match="256 images, but 255 can be told"):
+    with pytest.raises(ProductError, match="256 images, but only 255 can be distinguished"):
         write_sources(tmp_path / "s.tif", GRID, source, ["a"] * 256, CRS)
 
 

@@ -109,10 +109,10 @@ def test_a_member_that_is_not_there_and_a_file_that_is_no_archive_are_named(arch
         read_member(archive, "x.glb")
     broken = tmp_path / "broken.3tz"
     broken.write_bytes(archive.read_bytes()[:200])
-    with pytest.raises(ProductError, match=r"broken.3tz is no tileset"):
+    with pytest.raises(ProductError, match=r"broken.3tz is not a tileset"):
         read_member(broken, "tileset.json")
     with (
-        pytest.raises(ProductError, match="without a tile"),
+        pytest.raises(ProductError, match="without tiles"),
         TilesetWriter(tmp_path / "empty.3tz", {}),
     ):
         pass

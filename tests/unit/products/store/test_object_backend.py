@@ -73,7 +73,7 @@ def test_what_gdal_says_is_told_apart(server, status, body, kind, passes):
     ("status", "body", "said", "passes"),
     [
         (503, SLOW_DOWN, "does not answer", True),
-        (403, DENIED, "does not open s3://bucket/maps with these keys", False),
+        (403, DENIED, "does not give access to s3://bucket/maps with these keys", False),
     ],
 )
 def test_what_the_client_says_is_told_apart(server, tmp_path, status, body, said, passes):

@@ -49,7 +49,7 @@ def test_links_stay_in_their_folder(tmp_path):
         link.symlink_to(target)
         assert refusal(link, inside) == "a link that leads out of its folder is not followed"
     (inside / "round.img").symlink_to("round.img")
-    assert refusal(inside / "round.img", inside) == "a link that leads to itself"
+    assert refusal(inside / "round.img", inside) == "a link to itself"
 
 
 def test_a_folder_exchanged_for_a_link_is_found_out(tmp_path, monkeypatch):
@@ -65,7 +65,7 @@ def test_a_folder_exchanged_for_a_link_is_found_out(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "open", exchange)
     path = tmp_path / "inbox/sol1/x.img"
-    assert refusal(path, tmp_path / "inbox") == "it was exchanged while it was opened"
+    assert refusal(path, tmp_path / "inbox") == "it was replaced while it was opened"
 
 
 def test_a_file_larger_than_the_limit_is_not_read(tmp_path):

@@ -112,7 +112,10 @@ def _resize(folder):
                 'mission = "FIELD"\ncalibration = "lost.yaml"\n'
                 '[left]\nimages = "left/*.png"\n[right]\nimages = "right/*.png"\n'
             ),
-            ["lost.yaml cannot be read: No such file or directory; it should lie with rig.toml"],
+            [
+                "lost.yaml cannot be read: No such file or directory; it should be in "
+                "the folder of rig.toml"
+            ],
             0,
         ),
         (
@@ -159,4 +162,4 @@ def test_names_may_not_lead_out_of_the_folder(folder, workspace, tmp_path):
     text += '[left]\nimages = "left/*.png"\n[right]\nimages = "right/*.png"\n'
     (folder / "rig.toml").write_text(text)
     (note,) = notes_of(ingest_downlink.fn(folder, workspace))
-    assert "../secret.yaml should lie with rig.toml or below it" in note
+    assert "../secret.yaml should be in the folder of rig.toml or below it" in note

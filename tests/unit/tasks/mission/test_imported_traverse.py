@@ -59,7 +59,7 @@ def test_places_of_a_location_file_are_the_localised_ones(tmp_path):
     file.write_text(LOCATIONS)
     traverses = read_traverses([file], "MSL", LANDING)
     assert traverses.of("localised").stops == ("0/0", "1/7")
-    with pytest.raises(TraverseError, match="no file gives a telemetry traverse"):
+    with pytest.raises(TraverseError, match="no file contains a telemetry traverse"):
         traverses.at_common_stops()
 
 
