@@ -38,7 +38,7 @@ UNITS = {
 
 HEAD = """\
 Every parameter of the pipeline. A pipeline file names only what differs: `solmap run --pipeline
-FILE`. Units stand in the names; where no unit is given, the parameter is a number, a ratio or a
+FILE`. Units are in the names; where no unit is given, the parameter is a number, a ratio or a
 choice.
 """
 PAGE = """\
@@ -46,17 +46,17 @@ PAGE = """\
 
 This page is generated from the parameter records (`solmap config docs`); do not edit it.
 
-A **pipeline** is a TOML file with one table per stage, naming only what differs from the defaults:
+A **pipeline** is a TOML file with one table per stage, with only the differences from the defaults:
 
     solmap config show                  # the defaults as TOML, with units and reasons
     solmap config show --pipeline FILE  # the effective values of a file
     solmap config check FILE            # names wrong keys and values
     solmap run DOWNLINK --pipeline FILE
 
-A value outside of its range is refused when the file is read, with its table and key.
+A value outside its range is an error when the file is read, which names its table and key.
 
-Where things are is set by environment variables. A wrong value ends a command with a line that
-names the variable; a name with `SOLMAP_` that is no setting gives a warning.
+Locations are set by environment variables. A wrong value ends a command with a line that
+names the variable; a name with `SOLMAP_` that is not a setting gives a warning.
 """
 
 

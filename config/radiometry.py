@@ -3,7 +3,7 @@
 They are set in TOML files, one per mission, in the folder `SOLMAP_INSTRUMENTS`:
 
     hosts = ["MER2"]                                    INSTRUMENT_HOST_ID of its labels
-    companding.approximate = false                      may the square root stand in for a table?
+    companding.approximate = false                      whether the square root may replace a table
     companding.tables.LUT3 = {counts = [...], source = "..."}
     vignetting.NAVCAM_LEFT = {k1 = -0.1, source = "..."}      by INSTRUMENT_ID
     flat_fields.NAVCAM_RIGHT = "calib/right.img"        an image of an even source, below the folder

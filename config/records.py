@@ -77,7 +77,7 @@ def record_of(kind: type[T], table: Any, where: str, default: T | None = None) -
 
 
 def faults_of(kind: type, table: dict[str, Any], where: str) -> list[str]:
-    """Every wrong key and value of a TOML table, a line each; none where `record_of` takes it."""
+    """Every wrong key and value of a TOML table, one per line; empty if `record_of` accepts it."""
     hints, faults = _hints(kind), []
     values: dict[str, Any] = {}
     for key, value in table.items():

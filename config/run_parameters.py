@@ -47,7 +47,7 @@ class DownlinkRun(_Run):
         Settling,
         Field(
             title="Seconds until a file counts as whole",
-            description="Files that changed less than so many seconds ago are left for later",
+            description="Files that changed more recently are left for later",
         ),
     ] = 20.0
 
@@ -79,7 +79,7 @@ class FetchRun(_Run):
         Field(title="Instruments", description="Cameras of which pairs are fetched", min_length=1),
     ] = ("navcam",)
     dry_run: Annotated[
-        bool, Field(title="List only", description="Say what there is and fetch nothing")
+        bool, Field(title="List only", description="List the images without fetching them")
     ] = False
 
 

@@ -33,7 +33,7 @@ _JITTER = 0.3
 
 
 def stage(task_run_name: str) -> Callable[[Callable[P, R]], Task[P, R]]:
-    """A function as a task whose runs bear a name; it may hold parameters, as in `dtm-{stop}`."""
+    """A function as a task with a name for its runs, which may have parameters: `dtm-{stop}`."""
 
     def as_task(work: Callable[P, R]) -> Task[P, R]:
         return run_as(_log_effort(work, task_run_name))

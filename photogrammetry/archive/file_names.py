@@ -212,7 +212,7 @@ def decode_counter(code: str) -> int | None:
 
 
 def encode_counter(counter: int) -> str:
-    """Two-character code of a site or drive; the twin of `decode_counter`."""
+    """Two-character code of a site or drive; the inverse of `decode_counter`."""
     if counter < 0:
         raise LabelError(f"a site or drive counter must not be negative, but is {counter}")
     if counter < 100:  # noqa: PLR2004 - the limits of the code, see the module

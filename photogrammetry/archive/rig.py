@@ -1,13 +1,13 @@
 """Your own stereo rig: `rig.toml`, image pairs, and their poses.
 
     mission = "K10"                 # letters and digits: what maps and files are called after
-    sol = 1                         # the day; pictures of one folder belong to one, 1 by default
+    sol = 1                         # the day; images of one folder belong to one, 1 by default
     site = 0                        # the frame that poses are in, 0 by default
     poses = "poses.csv"             # the default, where there is such a file (`tables.pose_table`)
-    calibration = "stereo.yaml"     # of both cameras (`calibrations`), or one a camera:
+    calibration = "stereo.yaml"     # of both cameras (`calibrations`), or one per camera:
 
     [left]
-    images = "left*.png"            # PNG or JPEG; * is what both pictures of a pair have in common
+    images = "left*.png"            # PNG or JPEG; * is what both images of a pair have in common
     calibration = "left.tsai"       # or the numbers themselves:
     model = "brown-conrady"         # or pinhole, or fisheye
     size_px = [1024, 768]
@@ -105,7 +105,7 @@ class RigShot:
     site_from_rover: Pose
 
     def record(self, data: bytes, name: str, created: str | None) -> RoverImage:
-        """The record of the picture.
+        """The record of the image.
 
         Args:
             data: the file.
@@ -211,7 +211,7 @@ def rig_shots(
             pairs.setdefault(name, {})[eye] = file
         else:
             wanted = " nor ".join(rig.images.values())
-            faults[file] = f"called neither {wanted}, as {rig.source} says; it is left out"
+            faults[file] = f"its name is neither {wanted} of {rig.source}; it is left out"
     numbers = _numbers(pairs)
     whole = [name for name, pair in pairs.items() if len(pair) == len(Eye) - 1]
     in_order = sorted(whole, key=lambda name: (numbers[name], name))
@@ -219,7 +219,7 @@ def rig_shots(
         if name not in in_order:
             ((eye, file),) = pair.items()
             other = rig.images[Eye.RIGHT if eye is Eye.LEFT else Eye.LEFT].replace("*", name)
-            faults[file] = f"its partner {other} is missing; deliver both pictures of a pair"
+            faults[file] = f"its partner {other} is missing; deliver both images of a pair"
     for place, name in enumerate(in_order):
         pair = pairs[name]
         try:

@@ -54,7 +54,7 @@ MOST_SAMPLES = 8
 """A cell of the grid is the mean of at most 8 x 8 samples of a finer image."""
 
 LARGEST_CELL_PX = 24.0
-"""Beyond this number of source pixels a cell is too coarse."""
+"""Most source pixels in a cell: a coarser one is not used."""
 
 SMALLEST_SPREAD = 0.5
 """Least variation of a patch in grey values (DN): below it there is only rounding noise."""

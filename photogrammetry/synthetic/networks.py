@@ -127,9 +127,10 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
         errors: of the telemetry; those that `AdjustmentParams` assumes by default.
         blunders: fraction of cross-site observations of wrong points.
         noise: multiplies all errors; 0 gives a consistent network.
-        loop: bend the traverse into a circle, so that the last stops are at the first ones again.
+        loop: bend the traverse into a circle, so that the last stops are at the first ones
+            again.
         laps: times that a loop is driven; each stop is tied to the one a lap before.
-        fine_every: the azimuth is measured at every so many stops (FINE); 0: never.
+        fine_every: the interval in stops of measured azimuths (FINE); 0: never.
         untied: drives without ties, by the number of the stop at which they end.
         stop_name: of a stop by its number.
         pair_name: of a pair by the number of its stop, and its own in the panorama.

@@ -48,7 +48,7 @@ class OrbitalPicture:
 
 
 def orbital_picture(world: World) -> OrbitalPicture:
-    """A world as an orbiter sees it; its place is off by 3 to 6 m and by up to 0.5 degrees."""
+    """A world as imaged from orbit; its position has an error of 3 to 6 m and up to 0.5 degrees."""
     rng = stream_of(world.seed, 106)
     bearing, far_m = rng.uniform(0, 2 * np.pi), rng.uniform(3.0, 6.0)
     east_m, north_m = float(far_m * np.sin(bearing)), float(far_m * np.cos(bearing))

@@ -277,7 +277,7 @@ class Catalogue:
             return [name for name in names if mission_of(name) == mission]
 
     def images_version(self, mission: str) -> str:
-        """Changes whenever an image on a map is ingested, anew or for the first time."""
+        """Changes whenever an image on a map is ingested, again or for the first time."""
         query = sa.select(sa.func.count()).select_from(IMAGES).where(IMAGES.c.mission == mission)
         with self.engine.connect() as connection:
             count = connection.execute(query).scalar_one()
@@ -351,7 +351,7 @@ class Catalogue:
         """
         query = sa.select(LATEST).where(LATEST.c.kind == str(kind)).order_by(LATEST.c.scope)
         if kind.level is None:
-            raise ProductError(f"{kind} is published as layers; ask for these")
+            raise ProductError(f"{kind} is published as layers; use these")
         with self.engine.connect() as connection:
             return [
                 ProductRef(kind, Scope(kind.level, row.scope), row.digest)
@@ -393,7 +393,7 @@ class Catalogue:
         pointers: Iterable[ProductRef] = (),
         outcomes: Iterable[Outcome] = (),
     ) -> None:
-        """Publish all of it in one transaction; `pointers` are products that are no map layers."""
+        """Publish all in one transaction; `pointers` are products that are not map layers."""
         with write_transaction(self.engine) as connection:
             for entry in missions:
                 if put_document(

@@ -7,9 +7,9 @@
     stac/                 STAC catalogue of the same files, with how each was made
     traverse/             PLACES table, site and rover vector files, GeoPackage, figures
     reports/              pages of adjustments, reports of sols
-    colmap/ asp/ isis/    cameras and tie points for other programs, where asked for
-    epipolar/             the pictures that these belong to
-    pds/                  XYZ, range, normals and slope of stereo pairs, where asked for
+    colmap/ asp/ isis/    cameras and tie points for other programs, on request
+    epipolar/             the images of these
+    pds/                  XYZ, range, normals and slope of stereo pairs, on request
 
 Sites not tied to the lander have their own maps, projects and names.
 """

@@ -86,7 +86,7 @@ class Selection:
         )
 
     def has_file(self, ref: ProductRef, sols: frozenset[int], made_at: str) -> bool:
-        """Whether a product that is no layer is asked for; without sols it is of the mission."""
+        """Whether a product that is not a layer is selected; without sols, one of the mission."""
         return (
             (self.sols is None or not sols or not self.sols.isdisjoint(sols))
             and (not self.stops or not sols)

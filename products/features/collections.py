@@ -159,7 +159,7 @@ COLLECTIONS = (
     CollectionDefinition(
         "traverse-telemetry",
         "Traverse, telemetry",
-        "Where the rover itself believed to be",
+        "Positions of the rover by its own telemetry",
         "LineString",
         (ProductKind.TRAVERSE,),
         of_solution("telemetry"),
@@ -223,7 +223,7 @@ COLLECTIONS = (
     CollectionDefinition(
         "footprints",
         "Image footprints",
-        "The ground that an image shows, taken for level",
+        "The ground in an image, assumed to be level",
         "Polygon",
         (ProductKind.FOOTPRINTS,),
         with_times,

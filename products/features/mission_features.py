@@ -206,7 +206,7 @@ class MissionFeatures:
     def _rows(
         self, collection: CollectionDefinition, layer: Layer, images: Mapping[str, ImageEntry]
     ) -> Iterator[IndexedFeature]:
-        """A layer that cannot be read is logged and empty: the others are still worth asking."""
+        """The features of a layer; one that cannot be read is logged and counts as empty."""
         try:
             features = read_features(self.store.path(layer.ref)).features
         except ProductError as error:

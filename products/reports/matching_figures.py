@@ -4,7 +4,7 @@
 - of ties: two images side by side with a line for every point that both show, coloured by the
   length of the tie's residual in standard deviations (Mahalanobis), from green (0) over yellow to
   red (the limit of the verdict);
-- of hypotheses: two stops from above, laid over each other.
+- of hypotheses: two stops from above, overlaid.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ PAGE = """<!doctype html>
   <div><b>{{ adjustment.blunders }}</b><span>blunders set aside</span></div>
 </div>
 
-<h2>Weak places</h2>
+<h2>Weak parts</h2>
 {% if quality.weaknesses %}
 <ul class="weak">{% for weak in quality.weaknesses[:most] %}
   <li><b>{{ weak.what }}</b>: {{ weak.why }}</li>{% endfor %}
@@ -91,16 +91,17 @@ PAGE = """<!doctype html>
   <td>{{ "used" if one.used else "set aside" }}{{ ": " ~ one.note if one.note }}</td></tr>
 {% endfor %}
 </table></div>
-<p class="note">Places of stops in orbital images, measured by hand, or stated by another source
-(PLACES table, poses CSV, SPICE kernels), which is named. The place of an image or source as a
-whole is an unknown of the adjustment: by how much its georeference is off, about its centre.</p>
+<p class="note">Positions of stops in orbital images, measured by hand, or stated by another source
+(PLACES table, poses CSV, SPICE kernels), which is named. The position of an image or source as a
+whole is an unknown of the adjustment: the error of its georeference, about its centre.</p>
 {% endif %}
 
 {% if findings %}
 <h2>What images do not determine</h2>
 <table>
-<tr><th>stop</th><th>lack</th><th class="n">ties</th><th class="n">of six unknowns images know</th>
-  <th>what holds it</th></tr>
+<tr><th>stop</th><th>lack</th><th class="n">ties</th><th class="n">of six, determined by
+  images</th>
+  <th>determined by</th></tr>
 {% for finding in findings[:most] %}
 <tr><td class="id">{{ finding.name }}</td><td>{{ finding.lack }}</td>
   <td class="n">{{ finding.ties }}</td><td class="n">{{ finding.rank }}</td>
@@ -109,7 +110,7 @@ whole is an unknown of the adjustment: by how much its georeference is off, abou
 </table>
 {{ left_out(findings) }}
 <p class="note">Found before anything was solved: how many of the six unknowns of a stop's pose its
-ties with stops placed before know better than telemetry does.</p>
+ties with earlier stops determine better than telemetry.</p>
 {% endif %}
 
 <h2>Consistency</h2>
@@ -122,9 +123,9 @@ ties with stops placed before know better than telemetry does.</p>
   <td class="n">{{ n(before.mean_3d_m) }}</td><td class="n">{{ n(after.mean_3d_m) }}</td></tr>
 {% endfor %}
 </table>
-<p class="note">Mean absolute differences. On the ground: between the places that two pairs give the
-same point, each by its own parallax. In the image: between where a point was measured and where its
-place projects to. Before: earlier stops as adjusted, new ones as telemetry has them.</p>
+<p class="note">Mean absolute differences. On the ground: between the positions of a point by two
+pairs, each by its own parallax. In the image: between the measured image point and the
+projection of the point. Before: earlier stops as adjusted, new ones by telemetry.</p>
 
 <h2>Traverse</h2>
 <figure><img alt="Map of the traverse with error ellipses" src="{{ pictures.traverse }}"></figure>
@@ -148,7 +149,7 @@ place projects to. Before: earlier stops as adjusted, new ones as telemetry has 
   {{ three(stop.precision.angles_arcmin if stop.precision, 2) }}</tr>
 {% endfor %}
 </table></div>
-<p class="note">Moved: from where telemetry has the stop. Standard deviations are those of the
+<p class="note">Moved: from the position by telemetry. Standard deviations are those of the
 covariance matrix; they include that of the stops held before.</p>
 
 <h2>Internal precision</h2>
@@ -230,7 +231,7 @@ stops.</p>
 <div class="scroll"><table>
 <tr><th>pair</th><th class="n">sample</th><th class="n">line</th><th class="n">parallax</th>
   <th class="n" colspan="3">residual: sample, line, parallax, px</th>
-  <th>the point stands by</th></tr>
+  <th>other pairs of the point</th></tr>
 {% for blunder in quality.blunders[:most] %}
 <tr><td class="id">{{ blunder.pair_id }}</td>{% for value in blunder.left_px %}
   <td class="n">{{ n(value, 1) }}</td>{% endfor %}<td class="n">{{ n(blunder.parallax_px, 1) }}</td>

@@ -337,7 +337,7 @@ PAGE = """<!doctype html>
 <td class="n">{{ n(before.mean_2d_px, 3) }}</td><td class="n">{{ n(after.get("mean_2d_px"), 3) }}
 </td><td class="n">{{ n(before.mean_3d_m, 3) }}</td>
 <td class="n">{{ n(after.get("mean_3d_m"), 3) }}</td></tr>{% endfor %}</table>
-<h3>Weak places</h3>
+<h3>Weak parts</h3>
 {% if weaknesses %}<ul>{% for weak in weaknesses[:most] %}<li>{{ weak }}</li>{% endfor %}</ul>
 {% else %}<p>None.</p>{% endif %}
 {% for figure in figures %}<figure class="picture">{{ figure|safe }}</figure>{% endfor %}
@@ -354,7 +354,7 @@ PAGE = """<!doctype html>
   layer.ref.digest }}">{{ layer.ref.digest }}</a></td></tr>{% endfor %}
 </table></div>
 
-<h2>What it took</h2>
+<h2>Time and memory</h2>
 <table><tr><th>products</th><th class="n">how many</th><th class="n">seconds by the clock</th>
 <th></th><th class="n">of the processor</th><th class="n">peak memory, MB</th></tr>
 {% for row in facts.timings %}<tr><td>{{ row.kind }}</td><td class="n">{{ row.count }}</td>
@@ -362,7 +362,7 @@ PAGE = """<!doctype html>
 <td class="bar"><div style="width: {{ (100 * row.seconds / longest)|round(1) }}%"></div></td>
 <td class="n">{{ n(row.cpu_s, 1) }}</td><td class="n">{{ n(row.peak_rss_mb, 0) }}</td></tr>
 {% endfor %}</table>
-<p class="soft">Sums over the products of a kind, as their provenance has them. Stages run beside
+<p class="soft">Sums over the products of a kind, from their provenance. Stages run beside
 each other: the sum by the clock is more than the sol took. Seconds of the processor are those of
 the thread that made a product; memory is the most that its whole process had held by then.</p>
 

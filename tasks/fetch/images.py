@@ -87,7 +87,7 @@ def check_image(path: Path) -> None:
     size = path.stat().st_size
     if size != record_bytes * records:
         raise WrongContentError(
-            f"{name} has {size} bytes, but its label says {records} records of {record_bytes} "
+            f"{name} has {size} bytes, but its label has {records} records of {record_bytes} "
             f"bytes, {record_bytes * records}"
         )
 

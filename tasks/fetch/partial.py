@@ -4,7 +4,7 @@ A file is downloaded to `NAME.part` and renamed when it is complete. Beside it i
 address, the length, and the validator (strong ETag, else Last-Modified) of the server. The next
 attempt, in this run or a later one, requests the rest on condition that the file is still the same
 (`Range`, `If-Range`). If the server sends it from the beginning, or lengths differ, the download
-restarts. For a complete file the notes are used to ask whether it has changed.
+restarts. For a complete file the notes are used to check whether it has changed.
 """
 
 from __future__ import annotations

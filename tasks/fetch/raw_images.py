@@ -254,5 +254,5 @@ def _check_picture(path: Path, record: RoverImage) -> None:
     if size != (record.samples, record.lines):
         found = f"of {size[0]} x {size[1]} pixels" if size else "no picture"
         raise WrongContentError(
-            f"{name} is {found}, its metadata say {record.samples} x {record.lines} pixels"
+            f"{name} is {found}, its metadata have {record.samples} x {record.lines} pixels"
         )

@@ -59,7 +59,7 @@ class FrameParams:
     50 m."""
     rotation_deg: float = 3.0
     """The same: an uncontrolled mosaic was turned by 1.3 degrees (Di et al. 2008, section 4), an
-    orthoimage of HiRISE or CTX is off by a few metres over kilometres, 0.1 degrees. An image
+    orthoimage of HiRISE or CTX has errors of a few metres over kilometres, 0.1 degrees. An image
     declared more accurate than the azimuth of the first stop rotates the map
     (`adjustment.model.datum`)."""
     scale: float = 0.01
@@ -88,7 +88,7 @@ class FrameParams:
         return replace(frame, place=level)
 
     def places_in(self, frame: ControlFrame, places: Sequence[StopControl]) -> list[StopControl]:
-        """Places in a frame that is bent as well: the less certain, the farther from its middle."""
+        """Positions in a frame that is also bent: less certain far from its middle."""
         found = []
         for one in places:
             away_m = float(np.hypot(*(one.values[:2] - frame.centre_m)))
@@ -107,7 +107,7 @@ def control_by_image(
     landing: LandingPoint,
     store: ProductStore,
 ) -> ProductRef:
-    """Find every stop on its own in an orbital image, near where the map of all lies in it."""
+    """Locate every stop separately in an orbital image, near the whole map's position in it."""
     image, registration = registered.image, registered.registration
     maps = tuple(ref for stop in stops.values() for ref in (stop.dtm, stop.orthophoto))
     inputs = (image, registration, standing.network, standing.orientations, *maps)

@@ -1,4 +1,4 @@
-"""Match: the two images of a pair, made epipolar and matched sparsely and densely."""
+"""Match the two images of a pair in epipolar geometry, sparsely and densely."""
 
 from __future__ import annotations
 

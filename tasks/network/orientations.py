@@ -304,7 +304,7 @@ def _untouched_stop(before: MappedStop) -> MappedStop:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """What an adjustment leaves to the next: its network, and what the stops are mapped with."""
+    """State passed to the next adjustment: the network, and the orientations for mapping."""
 
     network: ProductRef
     orientations: ProductRef

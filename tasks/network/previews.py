@@ -51,7 +51,7 @@ FROM_ABOVE = (
 )
 
 
-@stage(task_run_name="picture-{pair.files.id}")
+@stage(task_run_name="preview-{pair.files.id}")
 def preview_pair(pair: PairProducts, params: SparseParams, store: ProductStore) -> ProductRef:
     """Matches of a pair: points, matches by residual, dense parallax, parallax curve."""
 
@@ -68,7 +68,7 @@ def preview_pair(pair: PairProducts, params: SparseParams, store: ProductStore) 
     )
 
 
-@stage(task_run_name="picture-{dtm.scope}")
+@stage(task_run_name="preview-{dtm.scope}")
 def preview_terrain(dtm: ProductRef, store: ProductStore) -> ProductRef:
     """The relief of a terrain model, and the classes of its cells."""
 

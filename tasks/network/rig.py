@@ -67,7 +67,7 @@ def pool_rig(
     previous: ProductRef | None,
     store: ProductStore,
 ) -> ProductRef:
-    """Take in what the rows of a sol's stops say of the stereo rigs; all pairs of these stops."""
+    """Add the rows of a sol's stops to the estimates of the stereo rigs; also returns the pairs."""
 
     def write(path: Path) -> None:
         before = read_rig(store.path(previous)) if previous else RigProduct()

@@ -88,7 +88,7 @@ class _RigNetwork:
 def rig_rows(
     mission: str, control: Iterable[ProductRef], params: AdjustmentParams, workspace: Workspace
 ) -> list[RigRow]:
-    """The correction of every camera set of a mission, a row a component; x, y, z of the rotation.
+    """The correction of every camera set of a mission, one row per component.
 
     Args:
         mission: As in its labels: MER2.

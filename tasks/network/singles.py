@@ -54,7 +54,7 @@ class SingleFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SingleTies:
-    """What `tie_singles` kept: the single images that are tied, their ties, and the figures."""
+    """Content of a product of `tie_singles`: tied single images, their ties, and the figures."""
 
     bodies: tuple[PairGeometry, ...]
     ties: Ties
@@ -134,7 +134,7 @@ def read_singles(ref: ProductRef, store: ProductStore) -> SingleTies:
 
 
 def singles_notes(stop: StopId, singles: SingleTies) -> list[str]:
-    """What is worth saying about the single images of a stop."""
+    """Notes on the single images of a stop."""
     linked = [link for link in singles.links if link["ties"]]
     if not linked:
         return []

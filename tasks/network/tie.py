@@ -186,7 +186,7 @@ def _read_stop(stop: StopProducts, telemetry: StopPrior, store: ProductStore) ->
 def _read_pointed(
     stop: StopProducts, telemetry: StopPrior, params: CrossSiteParams, store: ProductStore
 ) -> MatchedStop:
-    """A stop with its pairs pointed as its inter-stereo ties tell, and the ground beside it."""
+    """A stop with pair pointings corrected by inter-stereo ties, and the ground merged with it."""
     matched = _read_stop(stop, telemetry, store)
     if stop.ties is not None:
         ties = read_ties(store.path(stop.ties))[0]

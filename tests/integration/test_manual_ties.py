@@ -161,7 +161,7 @@ def test_a_veto_at_a_point_takes_out_that_tie(stop):
     one, sample, line, other, _, _ = click.split(",")
     wishes = stop.wishes(f"veto,{one},{sample},{line},{other},,\n")
     product = read_network(stop.network(wishes), stop.store)
-    assert product.manual_tie_notes == ("hand ties: 0 added, 0 moved, 1 vetoed",)
+    assert product.manual_tie_notes == ("manual ties: 0 added, 0 moved, 1 vetoed",)
 
 
 def test_what_concerns_other_images_remakes_nothing(stop):

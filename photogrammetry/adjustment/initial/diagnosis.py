@@ -36,8 +36,8 @@ from solmap.photogrammetry.imagery import StopId
 
 FULL = 6
 MANY = 12
-"""With so many ties, their spread across their line is enough to show that the rotation about it is
-determined."""
+"""With this many ties, their spread across their line is enough to show that the rotation about it
+is determined."""
 MOSTLY = 0.5
 SAME_M, SAME_RAD = 1e-3, 1e-4
 """Telemetry is rounded to a millimetre; two stops closer than that are the same."""
@@ -134,7 +134,7 @@ def _weak(
     is_turn = (vectors[:3, 0] ** 2).sum() > MOSTLY  # what is known worst is a turn
     lack = Lack.LINE if is_turn else Lack.PARTLY
     what = "the turn about their line" if is_turn else "some freedom"
-    text = f"{count} ties leave {what} to telemetry, which knows {FULL - rank} of six better"
+    text = f"{count} ties leave {what} to telemetry, which determines {FULL - rank} of six better"
     return [Finding(name, lack, count, rank, text)], ours[:0]
 
 

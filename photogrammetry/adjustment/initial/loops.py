@@ -1,7 +1,7 @@
 """Loop closure: correct the drift where a traverse returns to ground that it saw long before.
 
-Errors accumulate from stop to stop along a traverse. Where it returns to earlier ground, it may be
-off by tens of metres and degrees, and image rays do not intersect at all. The pose graph has a node
+Errors accumulate from stop to stop along a traverse. Where it returns to earlier ground, its error
+may be tens of metres and degrees, and image rays do not intersect at all. The pose graph has a node
 for every stop and an edge for every two stops that see the same ground: a rigid motion (R, t), the
 pose of stop b in the frame of stop a, with its information matrix N from the tie points,
 

@@ -58,7 +58,8 @@ from solmap.photogrammetry.adjustment.model.telemetry import (
 from solmap.photogrammetry.arrays import Flags, Float64
 
 UNCHECKED_TIES = 3
-"""So many ties determine a pose without checking each other; telemetry must not contradict them."""
+"""This many ties determine a pose without checking each other; telemetry must not contradict
+them."""
 
 
 FURTHEST_BASES = 1000.0

@@ -74,7 +74,7 @@ def assemble(parts: Sequence[AdjustedNetwork]) -> AdjustedNetwork:
 
 
 def _of_points(ties: AdjustedTies, seen: Flags) -> AdjustedTies:
-    """The ties of some points, numbered anew."""
+    """The ties of some points, numbered from zero."""
     rows = np.flatnonzero(seen[ties.observations.point])
     numbers = np.cumsum(seen, dtype=np.int32) - 1
     observations = select(ties.observations, rows)
@@ -193,9 +193,9 @@ def _take_rows(
 def merge_ties(observations: TiePoints, parts: tuple[AdjustedTies, ...]) -> AdjustedTies:
     """The ties of a whole network, each with the status of the last part that has it.
 
-    Tie points are numbered anew in every network, so parts are matched by measurement: the same
-    image point in the same pair. A point keeps the coordinates of the part in which most stops see
-    it. Observations that no part has are marked as unused.
+    Tie points are numbered separately in every network, so parts are matched by measurement: the
+    same image point in the same pair. A point keeps the coordinates of the part in which most stops
+    see it. Observations that no part has are marked as unused.
     """
     n, points = len(observations), int(observations.point.max(initial=-1)) + 1
     status = np.full(n, UNUSED, dtype=np.int32)

@@ -331,7 +331,7 @@ class Views:
         X = np.take(self.points, sights.point, axis=1)
         F, q, K = of_pair[:9].reshape(3, 3, -1), of_mast[:3], of_mast[3:].reshape(3, 3, -1)
         y = transform(F, X - of_pair[9:12])
-        scale = of_pair[12] / y[2] * sights.weight  # of one pixel a metre, across and along
+        scale = of_pair[12] / y[2] * sights.weight  # of one pixel per metre, across and along
         scale[2] *= of_pair[13] / y[2]
         u, v = y[:2] / y[2]
         by_point = np.empty_like(F)

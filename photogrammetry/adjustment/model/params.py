@@ -73,7 +73,7 @@ class AdjustmentParams:
     observations of each kind: with 3, the estimated factor may be 0.6 to 3.7 (95 %). From 1e9 on
     they are taken as stated."""
     window_stops: Count = 4
-    """Stops that the sequential adjustment estimates anew at every step. Ties that reach back
+    """Stops that the sequential adjustment estimates again at every step. Ties that reach back
     further re-open the whole traverse; drives and turns seldom show ground of more than the third
     stop before."""
 

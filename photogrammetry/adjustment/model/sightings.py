@@ -152,7 +152,7 @@ class Overview:
     def of(
         cls, observations: Observations, pointings: np.ndarray, stops: int, params: AdjustmentParams
     ) -> Overview:
-        """Of a network of so many stops."""
+        """Of a network with that number of stops."""
         seen = Sightings.of(observations, params)
         best = best_sightings(observations, seen, stops)
         couples = shared_sightings(observations, best)

@@ -58,7 +58,7 @@ def _sums() -> Float64[np.ndarray, "components 3"]:
 
 
 def _share_by_chance(freedoms: np.ndarray) -> np.ndarray:
-    """Relative standard deviation of a factor estimated from so many residuals."""
+    """Relative standard deviation of a factor estimated from a number of residuals."""
     return 1.0 / np.sqrt(2 * freedoms)
 
 

@@ -77,10 +77,10 @@ def adjust(
 ) -> tuple[AdjustedNetwork, AdjustmentReport]:
     """Adjust a network with some stops held where `start`, or else telemetry, has them.
 
-    Stops and pairs that `start` knows begin there; the others are aligned to them first.
-    `inherited` is the marginal of observations that are no longer in the network. Variance
-    components begin with those of `start`; observations that it counts as past are not counted
-    again. Failure to converge is returned and reported: check `AdjustmentReport.is_usable`.
+    Stops and pairs in `start` begin there; the others are aligned to them first. `inherited` is the
+    marginal of observations that are no longer in the network. Variance components begin with those
+    of `start`; observations that it counts as past are not counted again. Failure to converge is
+    returned and reported: check `AdjustmentReport.is_usable`.
 
     Raises:
         AdjustmentError: no stop is held and nothing inherited, or a held one is not in the network.

@@ -1,8 +1,8 @@
 """Correction of stereo rigs that differ from their calibration.
 
-The baseline of a camera set may be longer by b than its calibration says, and the right camera
-turned by a small rotation r against the left one. With u = (x_r - c_x)/f and v = (y - c_y)/f the
-parallax of a point at depth Z is, to first order in r,
+The baseline of a camera set may be longer by b than calibrated, and the right camera rotated by a
+small rotation r against the left one. With u = (x_r - c_x)/f and v = (y - c_y)/f the parallax of a
+point at depth Z is, to first order in r,
 
     p = f (B + b)/Z + f (r_y (1 + u^2) - r_z v - r_x u v)
 
@@ -94,7 +94,7 @@ class RigCorrection:
 
 
 def prior_sigmas(sets: int) -> Float64[np.ndarray, " k"]:
-    """Prior standard deviations of the unknowns of so many camera sets."""
+    """Prior standard deviations of the unknowns of a number of camera sets."""
     return np.tile([*3 * [np.radians(ROTATION_SIGMA_DEG)], BASELINE_SIGMA_M], sets)
 
 

@@ -1,6 +1,6 @@
 """The sequential adjustment: a window along the traverse, earlier stops marginalised exactly.
 
-At every step the stops of the window and the new ones are estimated anew, from their own
+At every step the stops of the window and the new ones are estimated again, from their own
 observations and from the marginal of the observations of earlier stops (`marginal`); then the
 oldest stops are marginalised. As long as ties reach back no further than the window, this is the
 simultaneous solution of everything so far, and costs the same at every step. It differs from that

@@ -121,7 +121,7 @@ def _doubtful_pairs(network: AdjustedNetwork, params: QualityParams) -> Iterator
 def _pairs_on_their_label(network: AdjustedNetwork) -> Iterator[Weakness]:
     for pair in network.pairs:
         if not pair.ties:
-            why = f"no tie joins it to another pair of {pair.stop}: it points as its label says"
+            why = f"no tie joins it to another pair of {pair.stop}: it has its label's pointing"
             yield Weakness(f"pair {pair.pair_id}", why)
 
 

@@ -18,7 +18,7 @@ numbers, which are differences of covariances of square metres, to 1e-8 (compare
 precision).
 
 The stops of one tie point are neighbours of one another, so every covariance that a tie point or
-its residuals need lies on that pattern. A chain costs the same per stop however long it is.
+its residuals need lies on that pattern. A chain costs the same per stop at any length.
 """
 
 from __future__ import annotations

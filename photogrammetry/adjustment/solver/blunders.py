@@ -66,7 +66,7 @@ LINEAR = 0.1
 """A prediction is valid only if its relative depth error is below a tenth: then errors propagate
 linearly."""
 CHI_MEDIAN = {2: 1.177, 3: 1.538, 4: 1.832}
-"""Median length of a standard normal vector of so many coordinates."""
+"""Median length of a standard normal vector by its number of coordinates."""
 ALONE = 0.05
 """Redundancy below which the rest of a frame counts as unchecked."""
 

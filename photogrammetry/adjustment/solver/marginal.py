@@ -226,8 +226,8 @@ class Marginal:
         if lost:
             raise AdjustmentError(
                 f"the marginal of the sequential adjustment contains {lost[0]}, which is not in "
-                f"the network of {len(network.stops)} stops; hand over all stops of its window, "
-                "and their pairs"
+                f"the network of {len(network.stops)} stops; pass all stops of its window, and "
+                "their pairs"
             )
         chart = Chart(
             np.array([stop_number[stop] for stop in memory.stops], dtype=np.int32),

@@ -231,7 +231,7 @@ class Columns:
 
     @classmethod
     def of(cls, chart: Chart, stops: int, pairs: int, frames: int) -> Columns:
-        """Of a chart in a network with so many stops, pairs and control frames."""
+        """Of a chart in a network with these numbers of stops, pairs and control frames."""
         count, n, m = chart.size, len(chart.stops), len(chart.frames)
         of_stop, of_pair = np.full((stops, 6), count), np.full((pairs, 3), count)
         of_stop[chart.stops] = np.arange(6 * n).reshape(n, 6)
@@ -263,7 +263,7 @@ def tie_rows(network: SolvedNetwork, rows: np.ndarray, columns: Columns) -> np.n
 
 
 def _in_columns(free: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
-    """Rows (n, 3 k, active columns and l) of points, moved to columns `at` of so many.
+    """Rows (n, 3 k, active columns and l) of points, moved to columns `at` of a wider matrix.
 
     Triangulated where so few columns are active that this saves products: fewer rows hold the same
     information.

@@ -137,7 +137,7 @@ def read_pixels(data: bytes, label: Label, source: str) -> tuple[GreyImage, Mask
     """Grey values (DN) and the mask of measured pixels.
 
     Raises:
-        PixelError: the file is shorter than its label says, or its storage is not supported.
+        PixelError: the file is shorter than by its label, or its storage is not supported.
         LabelError: the label lacks what is needed to find the pixels.
     """
     values, measured = _stored_bands(data, label, source)
@@ -148,7 +148,7 @@ def read_colour_pixels(data: bytes, label: Label, source: str) -> tuple[Colours,
     """Red, green and blue (DN) and the mask of measured pixels; None of an image of one band.
 
     Raises:
-        PixelError: the file is shorter than its label says, or its storage is not supported.
+        PixelError: the file is shorter than by its label, or its storage is not supported.
         LabelError: the label lacks what is needed to find the pixels.
     """
     if pixel_layout(label).bands == 1:

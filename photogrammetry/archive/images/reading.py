@@ -239,7 +239,7 @@ def _stored_pixels(described: DescribedImage, name: str) -> tuple[GreyImage, Mas
     samples, lines = picture_size(data, name)
     if (lines, samples) != (image.lines, image.samples):
         raise PixelError(
-            f"{name}: the image is {samples} x {lines} pixels, its label says {image.samples} x "
+            f"{name}: the image is {samples} x {lines} pixels, its label has {image.samples} x "
             f"{image.lines}"
         )
     return read_picture(data, name)

@@ -36,7 +36,7 @@ def text_of_label(label: RoverImage) -> str:
 
 
 def label_of_text(text: str, source: str = "a cached label") -> RoverImage:
-    """The twin of `text_of_label`.
+    """The inverse of `text_of_label`.
 
     Raises:
         LabelError: it is not a record; the message names `source`.

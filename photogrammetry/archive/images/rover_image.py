@@ -145,7 +145,7 @@ def camera_model(label: Label) -> Camera:
 
 
 def check_field(camera: Camera, samples: int, lines: int, source: str) -> None:
-    """Reject a camera model that cannot be that of an image of so many pixels.
+    """Reject a camera model that cannot be that of an image of this size.
 
     Raises:
         LabelError: its focal lengths or principal point are impossible for the image.

@@ -6,10 +6,10 @@
     scalar    :=  number <unit>  |  "text"  |  'symbol'  |  word
 
 Whitespace has no meaning, so lists and texts may continue over lines. Numbers may be quoted;
-"NULL", "N/A" and "UNK" stand for an unknown value and become None; a namespace (MSL:) is dropped.
-Groups are looked up with or without the suffix _PARMS that later missions added, and nested ones as
-if they were not nested. This parser is bounded, unlike available libraries: one pass, no
-backtracking, limits to length and depth, and `LabelError` for every fault.
+"NULL", "N/A" and "UNK" mean an unknown value and become None; a namespace (MSL:) is dropped. Groups
+are looked up with or without the suffix _PARMS that later missions added, and nested ones as if
+they were not nested. This parser is bounded, unlike available libraries: one pass, no backtracking,
+limits to length and depth, and `LabelError` for every fault.
 """
 
 from __future__ import annotations

@@ -13,8 +13,8 @@ images differ: at a grazing ray they are ten times longer along the ray than acr
 stops on opposite sides 3 to 8 cm too far apart.
 
 The first rounds compare relief alone, heights less their mean over a metre, so that errors of tilt
-and pointing, which grow with range, cannot pull low relief away. How well relief correlates at the
-end tells a true place from a wrong one (`correlation`).
+and pointing, which grow with range, do not bias low relief. The final correlation of relief
+distinguishes a true position from a wrong one (`correlation`).
 
 Visibility: facets seen at a small angle are crests and the steps behind them, which matching
 extends too far; they are excluded, and so is ground that one stop sees from more than twice as far

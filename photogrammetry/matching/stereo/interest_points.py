@@ -4,7 +4,7 @@ With the gradient (g_x, g_y) summed over a window with Gaussian weights, the nor
 locating the window by least squares is N = sum [[g_x g_x, g_x g_y], [g_x g_y, g_y g_y]], and
 
     w = det N / tr N          (large: the error ellipse is small)
-    q = 4 det N / (tr N)^2    (near 1: the ellipse is round, the window is no edge)
+    q = 4 det N / (tr N)^2    (near 1: the ellipse is round, the window is not an edge)
 
 A point is a local maximum of w with w above a fraction of its mean and q above a limit. Its
 sub-pixel position is the intersection of all gradient lines of the window, N x = sum (g g') x_i.

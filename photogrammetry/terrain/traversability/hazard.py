@@ -69,7 +69,8 @@ class HazardParams:
     min_share: Share = 0.7
     """Least known fraction of the window: more than half of the rover."""
     cell_m: CellSize = 0.16
-    """Side of a cell; GESTALT's are 0.2 m, which is no power of two times the map's finest cell."""
+    """Side of a cell; GESTALT's are 0.2 m, which is not a power of two times the map's finest
+    cell."""
 
     def __post_init__(self) -> None:
         limits = (self.steepest_deg, self.highest_step_m, self.roughest_m)

@@ -3,9 +3,9 @@
 It finds
 
 - products whose bytes are not those of their provenance, or that have none;
-- files that are no products, provenance without a product, drafts that nobody works on;
+- files that are not products, provenance without a product, drafts without a process;
 - rows of the catalogue that name a product which is not there, or by a name no path can hold;
-- databases that SQLite finds damaged, documents that are no JSON.
+- databases that SQLite finds damaged, documents that are not JSON.
 
 Repairing removes broken products and withdraws missing ones, so that the next run makes them again.
 Images cannot be made again: their files have to be delivered again. Delivered files are moved to

@@ -19,7 +19,7 @@ from solmap.products.catalogue.workspace import Workspace
 
 
 def trim_history(workspace: Workspace, days: float) -> None:
-    """Delete the history of a store that is older than so many days."""
+    """Delete the history of a store that is older than a number of days."""
     oldest = datetime.now(UTC) - timedelta(days=days)
     before = oldest.isoformat(timespec="milliseconds")
     with write_transaction(workspace.catalogue.engine) as connection:

@@ -2,11 +2,11 @@
 
 Needed are
 
-- what a pointer of the catalogue names, and every image with its browse picture and tables;
+- what a pointer of the catalogue names, and every image with its browse image and tables;
 - what finished sols left, even if later ones mapped it again: while it is there, a rerun passes
   them over;
 - of each kind and scope some versions before the published one, for comparison;
-- what is younger than a given age: a run that was killed made it, and the next one will ask for it;
+- what is younger than a given age: a run that was killed made it, and the next one will need it;
 - what the recipes of all these name, and the recipes of those: a published map can be made again
   from what lies in the store;
 - of kinds that no pointer ever names (quick-looks, ties, matches between stops) the newest that was

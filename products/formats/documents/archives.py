@@ -53,7 +53,7 @@ def read_archive(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """The header and arrays of an archive.
 
     Raises:
-        ProductError: the file is no archive of ours.
+        ProductError: the file is not an archive of solmap.
     """
     try:
         with np.load(path, allow_pickle=False) as archive:
@@ -241,7 +241,7 @@ def read_radiometry(path: Path) -> Radiometry:
     """The inverse of `write_radiometry`.
 
     Raises:
-        ProductError: the file is no archive of ours.
+        ProductError: the file is not an archive of solmap.
     """
     header, arrays = read_archive(path)
     tables = {

@@ -4,13 +4,13 @@
   halve down to one block, which are its lower zooms. Blocks with nothing measured are left out.
 - Measured values are 32-bit floats, NaN where nothing was measured; deflate with the floating
   point predictor, lossless, readable by every GDAL since 1.8.
-- Pictures and classes have 8 bits, 0 where nothing was seen. Deflate with the horizontal predictor:
+- Images and classes have 8 bits, 0 where there is no data. Deflate with the horizontal predictor:
   lossless (JPEG and WebP would smear the edge of what was seen, and JPEG cannot keep 0 as 0), half
   as much to read as grey with alpha, and a tile is the block with a palette.
 - Overviews average what was measured and ignore the rest; directions (aspect) and classes cannot be
   averaged and take the nearest cell.
 - Names, units, scales, colours and tags travel inside. No dates do: equal input gives equal bytes.
-  GeoTIFF has no place for the names of classes, so they stand in the tag `CLASSES`.
+  GeoTIFF has no place for the names of classes, so they are in the tag `CLASSES`.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ would draw a rover's traverse in the Pacific. The files therefore
 
 - hold planetocentric longitude (east) and latitude of Mars in degrees, nine decimals (0.06 mm), and
   elevation in metres above the tangent plane at the landing point where it is known;
-- say so in the member `crs` of GeoJSON 2008, `urn:ogc:def:crs:IAU:2015:49900`, which GDAL, QGIS
+- state this in the member `crs` of GeoJSON 2008, `urn:ogc:def:crs:IAU:2015:49900`, which GDAL, QGIS
   and everything built on them resolve to Mars;
 - keep the landing point in a foreign member, `solmap`, so that `read_features` gives back the
   metres of the local map that `write_features` was given.

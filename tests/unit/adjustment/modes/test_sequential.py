@@ -188,7 +188,7 @@ def test_a_loop_is_left_open_and_said_to_be_where_earlier_pairs_are_not_handed_o
 def test_a_stop_of_the_window_that_is_not_handed_over_is_named(network, params):
     traverse, _ = along(network, params, 10)
     lost = network.within(set(network.stop_ids[-3:]))
-    with pytest.raises(AdjustmentError, match=r"remembers test-site.*hand over all stops"):
+    with pytest.raises(AdjustmentError, match=r"contains test-site.*pass all stops"):
         extend(traverse, lost, network.stop_ids[-1:], params)
 
 

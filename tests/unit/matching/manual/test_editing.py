@@ -168,7 +168,7 @@ def test_a_moved_tie_goes_to_the_second_point(bodies, ties):
     kept, new = found.ties
     assert 400.0 not in kept.first_left[:, 0]
     np.testing.assert_allclose(new.second_left, [[450.0, 520.0]], atol=1e-6)
-    assert str(found) == "hand ties: 0 added, 1 moved, 0 vetoed"
+    assert str(found) == "manual ties: 0 added, 1 moved, 0 vetoed"
 
 
 @pytest.mark.parametrize(

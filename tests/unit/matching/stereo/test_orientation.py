@@ -68,7 +68,7 @@ def test_rows_that_differ_from_point_to_point_do_not_correspond(scene, ground, r
 def test_too_few_points_tell_no_rotation(scene, ground):
     geometry = scene([ground]).images.geometry
     few = VerticalParallax(np.zeros((3, 2)), np.zeros(3), np.ones(3), geometry)
-    assert "too few to estimate" in str(few)
+    assert "too few to check" in str(few)
     assert not few.fits_the_rig
     with pytest.raises(MatchingError, match="3 points with vertical parallax are too few"):
         rig_rotation(few)

@@ -126,7 +126,7 @@ def test_equal_files_give_equal_archives(store, tmp_path):
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("store/out", "lies in the store"),
+        ("store/out", "is in the store"),
         ("full", "contains files and no earlier export"),
         ("file.txt", "is a file"),
         ("folder.zip", "is a folder"),

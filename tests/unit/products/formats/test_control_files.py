@@ -50,7 +50,7 @@ def test_an_emptied_file_holds_nothing():
         ),
         ("east_m,north_m\n1,2", "'stop' is missing"),
         (f"{HEAD}\n10/64,1,2", "row 1: 3 values for 4 columns"),
-        (f"{HEAD}\n10/64,1,2,0.1\nsol 5,1,2,1", "row 2: 'sol 5' is no stop.*10/64 is expected"),
+        (f"{HEAD}\n10/64,1,2,0.1\nsol 5,1,2,1", "row 2: 'sol 5' is not a stop.*10/64 is expected"),
         (f"{HEAD}\n10/64,here,2,1", "row 1: east_m should be a number, not 'here'"),
         (f"{HEAD}\n10/64,1,2,0", "sigma_m must be above zero, not 0"),
         (

@@ -92,7 +92,7 @@ def _resize(folder):
     [
         (
             lambda folder: (folder / "right" / "0002.png").unlink(),
-            ["left/0002.png: its partner right/0002.png is missing; deliver both pictures"],
+            ["left/0002.png: its partner right/0002.png is missing; deliver both images"],
             2,
         ),
         (
@@ -132,7 +132,7 @@ def _resize(folder):
         ),
         (
             lambda folder: (folder / "readme.png").write_bytes(b"\x89PNG\r\n\x1a\n"),
-            ["readme.png: called neither left/*.png nor right/*.png, as rig.toml says"],
+            ["readme.png: its name is neither left/*.png nor right/*.png of rig.toml"],
             4,
         ),
         (

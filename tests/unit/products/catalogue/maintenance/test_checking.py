@@ -84,8 +84,8 @@ def test_a_broken_product_is_removed_and_the_catalogue_names_it_no_more(workspac
         list(check(workspace))
     )
     said = repaired(workspace)
-    assert "removed, the next run makes it anew" in said
-    assert "withdrawn, the next run makes it anew" in said
+    assert "removed, the next run makes it again" in said
+    assert "withdrawn, the next run makes it again" in said
     assert "products of the finished sol mer2-sol0155 are not in the store; forgotten" in said
     assert workspace.catalogue.layers() == []
     assert workspace.catalogue.events_since(seen)[0].document["layers"] == [f"{STOP}/dtm"]

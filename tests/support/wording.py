@@ -1,0 +1,164 @@
+"""Prose of the code, the documents and the viewer, searched for words that stop a reader.
+
+    python -m tests.support.wording [CHECKOUT] [--list [FOLDER ...]]
+
+prints the share of docstrings, comments, messages and texts that the word list
+(`wording.toml`) catches, package by package, or every place where it does.
+"""
+
+import argparse
+import ast
+import io
+import re
+import tokenize
+import tomllib
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("photogrammetry", "products", "tasks", "config", "flows", "gis_server", "src")
+VIEWER = "gis_server/viewer/src"
+DOCUMENTS = ("README.md", "CHANGELOG.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "docs")
+SKIPPED = (
+    r"```.*?```|`[^`]*`|<style>.*?</style>|<[^>\n]*>|\{[^{}]*\}"
+    r"|# (noqa|fmt|type):.*|\w+: [Tt]he \w+\."
+)
+"""Code and markup in prose."""
+FEWEST_WORDS = 3
+"""Of a string that is a message and not a key or a pattern."""
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A piece of prose and where it is."""
+
+    path: Path
+    line: int
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A word of the list in a text, and what to write instead."""
+
+    where: Text
+    words: str
+    instead: str
+
+    def __str__(self) -> str:
+        return f"{self.where.path}:{self.where.line}: {self.words!r}; write: {self.instead}"
+
+
+def word_list() -> dict[re.Pattern[str], str]:
+    """The patterns of `wording.toml`, each with what to write instead."""
+    groups = tomllib.loads(Path(__file__).with_suffix(".toml").read_text()).values()
+    return {
+        re.compile(pattern, re.IGNORECASE): instead
+        for group in groups
+        for pattern, instead in group.items()
+    }
+
+
+def faults(text: Text, words: dict[re.Pattern[str], str]) -> Iterator[Fault]:
+    """The words of the list in a text; code in backticks and quoted words are left out."""
+    prose = re.sub(SKIPPED, " _ ", text.text, flags=re.DOTALL)
+    prose = re.sub(r"\s+", " ", prose)
+    for pattern, instead in words.items():
+        if found := pattern.search(prose):
+            yield Fault(text, found[0], instead)
+
+
+def texts_of_python(path: Path, source: str) -> Iterator[Text]:
+    """Docstrings, comments and strings of several words of a module."""
+    tree = ast.parse(source)
+    documented = set()
+    for node in ast.walk(tree):
+        match node:
+            case ast.Expr(value=ast.Constant(value=str(text)) as constant):
+                documented.add(id(constant))
+                yield Text(path, constant.lineno, "docstring", text)
+    parts = {id(part) for n in ast.walk(tree) if isinstance(n, ast.JoinedStr) for part in n.values}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            whole = "".join(
+                part.value if isinstance(part, ast.Constant) else " _ " for part in node.values
+            )
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            whole = "" if id(node) in documented | parts else node.value
+        else:
+            continue
+        if len(re.findall(r"[a-z]{2,}", whole)) >= FEWEST_WORDS and "SELECT" not in whole:
+            yield Text(path, node.lineno, "message", whole)
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            yield Text(path, token.start[0], "comment", token.string)
+
+
+def texts_of_typescript(path: Path, source: str) -> Iterator[Text]:
+    """Comments and strings of several words of a module of the viewer."""
+    pattern = r"/\*.*?\*/|//[^\n]*|\"(?:[^\"\\\n]|\\.)*\"|`(?:[^`\\]|\\.)*`"
+    for found in re.finditer(pattern, source, re.DOTALL):
+        text = found[0]
+        kind = "comment" if text.startswith("/") else "message"
+        prose = text if kind == "comment" else re.sub(r"\$\{[^}]*\}|<[^>]*>", " _ ", text[1:-1])
+        if kind == "comment" or len(re.findall(r"[a-z]{2,}", prose)) >= FEWEST_WORDS:
+            yield Text(path, source.count("\n", 0, found.start()) + 1, kind, prose)
+
+
+def texts_of_markdown(path: Path, source: str) -> Iterator[Text]:
+    """Paragraphs of a document, without blocks of code and addresses of links."""
+    source = re.sub(r"```.*?```", lambda m: "\n" * m[0].count("\n"), source, flags=re.DOTALL)
+    source = re.sub(r"\]\([^)]*\)", "]", source)
+    line = 1
+    for paragraph in re.split(r"(\n\s*\n)", source):
+        if paragraph.strip():
+            yield Text(path, line, "paragraph", paragraph)
+        line += paragraph.count("\n")
+
+
+READERS = {".py": texts_of_python, ".ts": texts_of_typescript, ".md": texts_of_markdown}
+
+
+def texts(root: Path, folder: str) -> Iterator[Text]:
+    """All prose of a folder, or of a file, below a checkout."""
+    start = root / folder
+    files = sorted(start.rglob("*")) if start.is_dir() else [start] if start.exists() else []
+    for file in files:
+        below = file.relative_to(root)
+        if file.suffix not in READERS or not file.is_file() or "node_modules" in below.parts:
+            continue
+        if folder == "gis_server" and below.is_relative_to("gis_server/viewer"):
+            continue
+        if folder == "docs" and "decisions" in below.parts:
+            continue  # dated notes, which stay as they were written
+        yield from READERS[file.suffix](below, file.read_text())
+
+
+def main() -> None:
+    """Print the share of texts that the word list catches, or each of them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("checkout", nargs="?", type=Path, default=ROOT)
+    parser.add_argument("--list", nargs="*", metavar="FOLDER", help="print every place")
+    asked = parser.parse_args()
+    words = word_list()
+    if asked.list is not None:
+        for folder in asked.list or [*PACKAGES, VIEWER, *DOCUMENTS]:
+            for text in texts(asked.checkout, folder):
+                for fault in faults(text, words):
+                    print(fault)  # noqa: T201
+        return
+    for folder in (*PACKAGES, VIEWER, "tests/support", *DOCUMENTS):
+        every, caught = Counter[str](), Counter[str]()
+        for text in texts(asked.checkout, folder):
+            every[text.kind] += 1
+            caught[text.kind] += any(True for _ in faults(text, words))
+        for kind, count in every.items():
+            share = caught[kind] / count
+            print(f"{folder:24}{kind:10}{caught[kind]:6} of {count:5}  {share:6.1%}")  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()
