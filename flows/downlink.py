@@ -49,11 +49,11 @@ def process_downlink(
     """Take a folder of rover images to published layers; what was made before is looked up.
 
     Args:
-        downlink: Folder of images with their labels, and of vector files; none where `places` alone
-            are new.
+        downlink: Folder of images with their labels, and of vector files; none where `places`
+            alone are new.
         store: Folder of products and catalogue.
         pipeline: Name of a shipped pipeline, or path of a TOML file.
-        settle_s: Files that changed less than so many seconds ago may still be arriving: they are
+        settle_s: Files that changed more recently, in seconds, may still be arriving: they are
             left for the next run.
         places: Files with poses of sites and stops, as `solmap poses add` takes them.
     """
@@ -99,7 +99,7 @@ def _ingest(
     """Take the files over; where that fails as a whole, nothing can be done.
 
     Raises:
-        ProductError: it does; one line says why.
+        ProductError: it does; the message is the reason.
     """
     try:
         return ingest_downlink(

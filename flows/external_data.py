@@ -65,7 +65,7 @@ from solmap.tasks.scopes import stop_of
 
 @dataclass(frozen=True, slots=True)
 class OrbitalOptions:
-    """What is wanted of an orbital image."""
+    """Options of adding an orbital image."""
 
     registered: bool = True
     """Find its place, rather than trust its georeference."""
@@ -84,7 +84,7 @@ class OrbitalOptions:
 def add_orbital(
     file: Path, mission: str, root: Path, options: OrbitalOptions | None = None
 ) -> tuple[str, ...]:
-    """Register an orbital image to a mission's stops and publish it as base layer; what came of it.
+    """Register an orbital image to a mission's stops and publish it as base layer.
 
     Raises:
         ProductError: the file cannot be read or lies elsewhere; or no stop is mapped.
@@ -133,13 +133,13 @@ def tie_by_image(
         file: The image, or terrain model.
         name: The map.
         root: Folder of the store.
-        options: What is wanted.
+        options: Options of the search.
 
     Returns:
-        What came of it, and the site vector file that ties the map.
+        The result, and the site vector file that ties the map.
 
     Raises:
-        ProductError: the file cannot be read, no stop is mapped, or the place cannot be told.
+        ProductError: the file cannot be read, no stop is mapped, or the position is undecided.
     """
     workspace, sites = open_workspace(root), Settings().landing_sites
     landing, lander = (landing_site(one, sites).landing for one in (name, mission_of(name)))
@@ -167,8 +167,8 @@ def tie_by_image(
     found = find_origin(image, list(stops.values()), params, landing, origin, workspace.store)
     if found.registration.correction is None:
         raise ProductError(
-            f"{file.name} does not tell where {name} lies: {found.registration.reason}; it was "
-            f"looked for within {options.reach_m:g} m of the "
+            f"{file.name} does not locate {name}: {found.registration.reason}; the search covered "
+            f"{options.reach_m:g} m of the "
             f"{'place given' if options.near_deg else 'middle of the image'} (--near, --reach)"
         )
     sigma_m = math.hypot(found.sigma_m, (options.control or FrameParams()).shift_m)
@@ -201,9 +201,9 @@ def _site_on_mars(name: str) -> LandingSite:
     site = landing_site(name, Settings().landing_sites)
     if site.landing.origin:
         raise ProductError(
-            f"the map {name} has its {site.landing.name}: places on Mars say nothing of it; "
-            f"tie it by `solmap orbital add IMAGE --mission {name}` or `solmap run --places FILE`, "
-            "a PLACES table, site vector file or poses (`solmap poses add FILE` takes the same)"
+            f"the map {name} has its {site.landing.name}: positions on Mars cannot be used; tie "
+            f"it by `solmap orbital add IMAGE --mission {name}` or `solmap run --places FILE`, a "
+            "PLACES table, site vector file or poses (`solmap poses add FILE` takes the same)"
         )
     return site
 
@@ -217,7 +217,7 @@ def latest_standing(mission: str, workspace: Workspace) -> Standing | None:
 def _control_lines(
     control: ProductRef, stops: dict[StopId, StopMap], store: ProductStore
 ) -> list[str]:
-    """What came of finding every stop on its own."""
+    """Results of locating every stop separately."""
     _, found = read_control(control, store)
     lines = [
         f"found on their own: {len(found)} of {len(stops)} stops; `solmap adjust` weighs "
@@ -337,7 +337,7 @@ def take_ties_file(file: Path, root: Path) -> TakenTies:
     """Take a file of manual ties into the store at `root`; an earlier one of its name is replaced.
 
     Raises:
-        PhotogrammetryError: the file cannot be read; one line says where and why.
+        PhotogrammetryError: the file cannot be read; the message names the place and the reason.
         OSError: there is no such file.
     """
     data = read_user_file(file, most_bytes=MAX_ROWS_BYTES)

@@ -50,7 +50,7 @@ class FetchReport:
 
     @property
     def succeeded(self) -> bool:
-        """Whether everything that was asked for is here."""
+        """Whether everything requested is present."""
         return not self.failures
 
     @property
@@ -83,7 +83,7 @@ def fetch_archive(  # noqa: PLR0913 - options of the command
         sols: 155, 155-157, or several of these with commas between.
         instruments: Any of navcam, pancam, mastcam, hazcam, front_hazcam, rear_hazcam.
         out_dir: Folder to bring the images to.
-        dry_run: Only say what there is.
+        dry_run: Only list the images.
         archive_file: TOML file of addresses; the settings name it otherwise.
         raw: Public raw images with their metadata in place of the archive's EDRs.
 
@@ -186,7 +186,7 @@ def _note_arrivals(arrivals: Sequence[Arrival], report: FetchReport) -> None:
 def _note_findings(
     findings: IndexFindings, index: Index, selection: IndexSelection, report: FetchReport
 ) -> None:
-    """What the index says, and whether it can be trusted."""
+    """Add notes on the content of the index, and on its consistency."""
     report.pairs += len(findings.pairs)
     report.unpaired += len(findings.unpaired)
     if index.warning:
@@ -198,7 +198,7 @@ def _note_findings(
         )
     if index.layout is not None and index.layout.rows not in {None, findings.rows}:
         report.warnings.append(
-            f"the index has {findings.rows} rows, but its label says {index.layout.rows}"
+            f"the index has {findings.rows} rows, but {index.layout.rows} by its label"
         )
     if not findings.pairs:
         report.failures.append(

@@ -2,14 +2,14 @@
 
 A sol depends on the images up to it, on the vector files, manual ties and control of the mission,
 on the settings, and on the adjustment before it. A late image changes the key of its sol and, by
-the adjustments, of those after it; what these need in turn is looked up or made anew as ever.
+the adjustments, of those after it; their products are looked up or made again as usual.
 
 Late images and vector files also change which stops are linked, which images make pairs, and which
 map a stop is on: then a stop may have no far ground any more, and a map no image. The sols of a
-run, those that needed no processing included, are all there is to be shown of stops; what else is
-published would depend on the order in which files came, and is withdrawn where the run has
-published its stop again, or newer files have taken the place of its images. Otherwise it stays, and
-the run fails with a line that says so.
+run, including those that needed no processing, define all layers of stops. Other published layers
+would depend on the order of delivery; they are withdrawn where the run has published their stop
+again, or newer files replace their images. Otherwise they are kept, and the run fails with a
+message.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class ReusableSols:
         return SolReport(self.mission, sol, left, layers, notes, failures, published, pointed)
 
     def forget(self, first: Scope) -> None:
-        """Forget this sol and those after it, for they are processed now.
+        """Delete the records of this sol and later ones, which are processed now.
 
         Each publishes again the stops that it has in common with the one before it, so none may be
         passed over where this run is killed in between.
@@ -155,8 +155,8 @@ def withdraw_leftovers(
 ) -> list[str]:
     """Withdraw what none of the sols published; `sols` are all on the `maps` of a mission.
 
-    Where one failed in a way that may pass, everything stays: what it published was good, and the
-    next run will tell.
+    After a transient failure everything stays: published layers are valid, and the next run
+    decides.
 
     Returns:
         A line for each stop whose maps stay although no sol gives them any more.
@@ -189,7 +189,7 @@ def withdraw_leftovers(
         if not catalogue.layers(entry.mission):
             catalogue.withdraw((), traverse_products(entry.mission, catalogue))
             catalogue.forget_map(entry.mission)
-    return [f"{stop}: its maps stay as they are, for this run made none" for stop in sorted(kept)]
+    return [f"{stop}: its maps are unchanged, because this run made none" for stop in sorted(kept)]
 
 
 def _pointers(

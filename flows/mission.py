@@ -37,7 +37,7 @@ def draw_mission(
     pipeline: str,
     failed: dict[str, str],
 ) -> str | None:
-    """Draw and publish them; what is to be said of the mission's frame, if anything.
+    """Draw and publish them; returns notes on the mission's frame.
 
     `failed` gains what could not be made, and why.
     """
@@ -135,7 +135,7 @@ def _map_region(
 
 
 def _withdraw_others(mission: str, scopes: Set[Scope], workspace: Workspace) -> None:
-    """Show no longer what was a region before stops came late: a region bears its first's name."""
+    """Withdraw regions that late stops replaced: a region is named after its first stop."""
     published = workspace.catalogue.layers(mission)
     kinds = {*REGION_KINDS.values(), ProductKind.REGION_SEAMS}
     gone = [one for one in published if one.ref.kind in kinds and one.ref.scope not in scopes]
@@ -183,7 +183,7 @@ def _surfaces(
 
 
 def refresh_regions(store: Path, pipeline: str, mission: str | None = None) -> list[str]:
-    """Join the stops of every mission, or of one, to regions anew where any of them changed.
+    """Join the stops of every mission, or of one, into regions again where any changed.
 
     Args:
         store: Folder of products and catalogue.
@@ -210,7 +210,7 @@ def refresh_regions(store: Path, pipeline: str, mission: str | None = None) -> l
 
 
 def all_notes(notes: list[str], failures: list[str]) -> list[str]:
-    """What a run over missions has to say, failures last.
+    """Notes of a run over missions, failures last.
 
     Raises:
         ProductError: there are only failures, so the run failed.

@@ -132,7 +132,7 @@ def gather_all(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Known:
-    """What the store and the settings say of a mission up to a sol."""
+    """Data of a mission up to a sol from the store and the settings."""
 
     workspace: Workspace
     config: PipelineConfig
@@ -191,7 +191,7 @@ def read_map(name: str, workspace: Workspace) -> MapLabels:
 def read_maps(mission: str, workspace: Workspace) -> Mapping[str, MapLabels]:
     """All images of a mission, map by map, the one that is tied to the lander first.
 
-    Sol after sol asks for them, and reading thousands takes a while.
+    Every sol needs them, and reading thousands takes a while.
     """
     catalogue, key = workspace.catalogue, (workspace.store.root, mission)
     names = catalogue.maps_of(mission)
@@ -312,8 +312,8 @@ def _maps_of_stops(
         for stop, reason in alone.items():
             names[stop] = untied_map(mission, stop.site, stop.drive)
             reasons[names[stop]] = (
-                f"{stop} has a map of its own: {reason}; deliver labels or a site vector file that "
-                "mend it"
+                f"{stop} has a map of its own: {reason}; deliver correct labels or a site vector "
+                "file"
             )
     return names, reasons
 
@@ -358,7 +358,7 @@ def _left_out(images: Sequence[tuple[ImageEntry, RoverImage]]) -> Iterator[tuple
             if why:
                 yield (
                     entry,
-                    f"{entry.id} is left out: {why}; deliver it with a label that is mended",
+                    f"{entry.id} is left out: {why}; deliver it with a corrected label",
                 )
 
 

@@ -200,7 +200,7 @@ def map_far_ground(
     matched: Matched,
     report: SolReport,
 ) -> dict[StopId, list[ProductRef]]:
-    """A map of far ground for every stop that is linked with earlier ones, if that is wanted."""
+    """A map of far ground for every stop that is linked with earlier ones, if enabled."""
     if not inputs.config.wide.enabled:
         return {}
     pairs = _match_wide_pairs(inputs, standing, matched, report)
@@ -255,7 +255,7 @@ def _match_wide_pairs(
 def _one_finding_a_stop(
     failed: Mapping[tuple[StopId, str], str], asked: Iterable[tuple[StopId, str]]
 ) -> dict[str, str]:
-    """Causes by what they are of; of the findings of a stop the first stands for all."""
+    """Causes by subject; of the findings of a stop only the first is kept."""
     named = tuple(f"{error.__name__}: " for error in FINDINGS)
     causes = {name: why for (_, name), why in failed.items() if not why.startswith(named)}
     found: dict[StopId, list[str]] = {}

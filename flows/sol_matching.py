@@ -100,7 +100,8 @@ def _refine_rig(
         name: tie_stop.submit(stop, telemetry[name], config.inter_stereo, store)
         for name, stop in stops.items()
     }
-    ties, _ = wait_for(f"sol {inputs.sol}: tie pairs within stops", futures)  # told when adjusted
+    # reported after adjustment
+    ties, _ = wait_for(f"sol {inputs.sol}: tie pairs within stops", futures)
     if not ties:
         return rig
     params = NetworkParams(config.tracks, config.adjustment)
@@ -151,12 +152,12 @@ def _notes(rows: Mapping[str, PairRows], rig: ProductRef | None, inputs: SolInpu
         notes
         + [
             f"{pair}: its rows contradict those of other pairs of {one.instrument}; its right "
-            f"camera is turned as they ask for ({one.summary})"
+            f"camera is rotated accordingly ({one.summary})"
             for pair, one in rows.items()
             if pair in own and turn_of_pair(one, known)[1]
         ]
         + [
-            f"{pair}: {one.summary}; calibrate the rig anew"
+            f"{pair}: {one.summary}; calibrate the rig again"
             for pair, one in rows.items()
             if pair in own and one.rows is None and one.instrument == INSTRUMENT
         ]

@@ -190,7 +190,7 @@ def _edit_requests(
 
 
 def _control(inputs: SolInputs, report: SolReport) -> tuple[ProductRef, ...]:
-    """All control that is published for the mission; on its map, for it lies on Mars."""
+    """All published control of the mission, which is on Mars and therefore on its own map."""
     if inputs.landing.origin:
         return ()
     unread: dict[str, str] = {}

@@ -62,7 +62,7 @@ class Comparison:
     notes: tuple[str, ...]
 
     def rows(self, *, every_sol: bool) -> list[dict[str, Any]]:
-        """The end, the worst and, if asked for, every sol."""
+        """The end, the worst and, if requested, every sol."""
         summary = self.found.summary()
         named = {"end": summary.end, "worst %": summary.worst, "farthest": summary.farthest}
         rows = [_row(where, difference) for where, difference in named.items()]
@@ -117,7 +117,7 @@ def import_files(files: Sequence[Path], mission: str, root: Path) -> str:
 
 
 def export_files(folder: Path, mission: str, root: Path) -> list[Path]:
-    """Copy what tells of a mission's adjusted traverse into a folder, named as operations do."""
+    """Copy the files of a mission's adjusted traverse into a folder, with operational names."""
     workspace = open_workspace(root)
     made = []
     for ref in traverse_products(mission, workspace.catalogue):

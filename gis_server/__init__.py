@@ -4,7 +4,6 @@ Requests and a store of products enter; answers leave. The server changes no pro
 write goes into databases of its own (`collaboration`). It imports `products`, `photogrammetry` and
 `config`, never `tasks`, `flows` or Prefect.
 
-`app` puts together `routes`, `ogc` and `collaboration`, which translate HTTP; these call
-`analysis` and `rendering`, which know nothing of HTTP. `services` holds what all of them work
-with.
+`app` puts together `routes`, `ogc` and `collaboration`, which translate HTTP; these call `analysis`
+and `rendering`, which are independent of HTTP. `services` has their common resources.
 """

@@ -1,4 +1,4 @@
-"""Addresses under the path at which a reverse proxy serves the map, if it is no host's root."""
+"""Addresses under the path at which a reverse proxy serves the map, if it is not a host's root."""
 
 from __future__ import annotations
 
@@ -16,4 +16,4 @@ def _below_root(path: str) -> str:
 
 
 ServerPath = Annotated[str, PlainSerializer(_below_root)]
-"""A path of this server such as `/api/start`; JSON has it as clients ask for it."""
+"""A path of this server such as `/api/start`; JSON has it in the form for clients."""

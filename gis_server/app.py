@@ -75,12 +75,14 @@ def create_app(  # noqa: PLR0913, PLR0917 - all that differs from one server to 
     Args:
         store_root: Folder of products and catalogue; it may be filled while being served.
         viewer_dist: Folder of the built viewer; the one shipped by default.
-        catalogue_url: Database of the catalogue; SQLite in the store's folder where there is none.
+        catalogue_url: Database of the catalogue; SQLite in the store's folder where there is
+            none.
         object_storage: Where products lie if not in the store's folder.
-        origins: Other sites whose pages may ask this server.
-        public_url: Address that a reverse proxy serves the map at; that of each request otherwise.
-        worker_memory_mb: What a process that answers heavy requests may take for one of them; None:
-            there are no such processes.
+        origins: Other sites whose pages may use this server.
+        public_url: Address that a reverse proxy serves the map at; that of each request
+            otherwise.
+        worker_memory_mb: What a process that answers heavy requests may take for one of them;
+            None: there are no such processes.
     """
     services = open_services(store_root, catalogue_url, object_storage)
     workers = {}

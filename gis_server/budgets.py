@@ -1,11 +1,11 @@
 """Limits of heavy requests: how many are worked on, how many may wait, and how long.
 
-Addresses tell which requests are heavy (`KINDS`). Those of a lane are answered one after the other,
-each lane by a worker process (`workers`) where there is one; light requests never wait for them. A
-client that has too many of them under way is answered 429, and so is one that was served lately
-where others wait for long; one that comes when all places are taken is answered 503. All are told
-when to come again (`Retry-After`). A place is held until the answer is sent, so that whoever reads
-slowly uses up places of his own; the lane is free as soon as the answer is known.
+Heavy requests are recognised by their addresses (`KINDS`). Those of a lane are processed one after
+the other, each lane by a worker process (`workers`) if there is one; light requests never wait for
+them. A client with too many of them in progress gets 429, and so does one served recently while
+others wait long; when all slots are taken, requests get 503. All get the time of a retry
+(`Retry-After`). A slot is held until the response is sent, so that slow readers use up their own
+slots; the lane is free as soon as the response is computed.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ With the answer that each of two workers writes, temporary files take twice as m
 _CLIENTS = 10_000
 """Whose share is remembered."""
 _LATEST = 10
-"""Requests that the usual time of one is told by."""
+"""Number of requests for estimating their usual time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class Lane:
 
 
 QUESTIONS = Lane("questions", per_client=8, places=64, busy_s=15.0)
-"""What a person asks of the map."""
+"""Requests of a person on the map."""
 FILES = Lane("files", per_client=4, places=64, busy_s=15.0)
 """What is written for a download."""
 PICTURES = Lane("pictures", per_client=64, places=512, busy_s=WAIT_S)
@@ -97,20 +97,20 @@ def kind_of(path: str) -> tuple[str, Lane] | None:
 
 
 def client_of(scope: Scope) -> str:
-    """Who asks, by address: a network of 64 bits where it is one of IPv6."""
+    """The client, by address: a network of 64 bits for IPv6."""
     host = (scope.get("client") or ("", 0))[0]
     try:
         address = ipaddress.ip_address(host)
     except ValueError:
         return str(host)
     if isinstance(address, ipaddress.IPv6Address):
-        of_four = address.ipv4_mapped  # a server that listens on both kinds is told these
+        of_four = address.ipv4_mapped  # a server that listens on both kinds gets these
         return str(of_four or ipaddress.ip_network((host, 64), strict=False))
     return host
 
 
 class RefusedError(Exception):
-    """A request is not answered; says why, and the status whether that is the client's doing."""
+    """A request is rejected; the message is the reason, the status whether the client caused it."""
 
     def __init__(self, status: HTTPStatus, what: str, retry_s: int = 0) -> None:
         super().__init__(what)
@@ -221,12 +221,12 @@ class LaneState:
         try:
             return await self.worker.ask(scope, body, WORK_S)
         except TimeoutError:
-            what = f"this took longer than {WORK_S:.0f} s; ask for less at once"
+            what = f"this took longer than {WORK_S:.0f} s; request less at once"
             raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, what) from None
         except UnkeptError as error:
             raise RefusedError(error.status, error.what) from None
         except WorkerLostError:
-            what = "the process that worked on this has ended; ask for less at once, or again"
+            what = "the process that worked on this has ended; request less at once, or try again"
             raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, what) from None
 
 

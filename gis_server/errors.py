@@ -52,13 +52,13 @@ STATUS: dict[type[Exception], HTTPStatus] = {
 HINT = {
     HTTPStatus.UNAUTHORIZED: "reading takes no token; `solmap token add` makes one for writing",
     HTTPStatus.FORBIDDEN: "reading takes no token; `solmap token add` makes one for writing",
-    HTTPStatus.CONFLICT: "read what is there now, and ask again",
-    HTTPStatus.TOO_MANY_REQUESTS: "wait as long as Retry-After says",
+    HTTPStatus.CONFLICT: "read the present state, and try again",
+    HTTPStatus.TOO_MANY_REQUESTS: "wait for the time in Retry-After",
     HTTPStatus.SERVICE_UNAVAILABLE: "try again a little later",
-    HTTPStatus.BAD_REQUEST: "/docs says what can be asked, and how",
-    HTTPStatus.NOT_FOUND: "GET /api/missions lists what is published, /docs what can be asked",
+    HTTPStatus.BAD_REQUEST: "/docs describes all requests",
+    HTTPStatus.NOT_FOUND: "GET /api/missions lists published layers, /docs all requests",
     HTTPStatus.INSUFFICIENT_STORAGE: "free some space on the disk of the store",
-    HTTPStatus.UNPROCESSABLE_ENTITY: "ask anew as the sentence says; /docs describes the question",
+    HTTPStatus.UNPROCESSABLE_ENTITY: "correct the request as stated; /docs describes it",
     HTTPStatus.INTERNAL_SERVER_ERROR: "make the product again; its provenance names the recipe",
 }
 
@@ -83,7 +83,7 @@ def problem(
     headers: Mapping[str, str] | None = None,
     **more: Any,  # noqa: ANN401 - members of JSON
 ) -> JSONResponse:
-    """A refusal: what is wrong, at which address, what to try, and what else is to be said."""
+    """An error response: the fault, its address, the remedy, and further members."""
     hint = {"hint": HINT[status]} if status in HINT else {}
     return JSONResponse(
         {
@@ -111,7 +111,7 @@ async def _answer(request: Request, error: Exception) -> JSONResponse:
         what = str(error)
     if isinstance(error, MemoryError):
         request.scope[LACKED_MEMORY] = True
-        what = f"this takes more memory than a request may have: {what or 'ask for less'}"
+        what = f"this takes more memory than a request may have: {what or 'request less'}"
     return problem(status, what, request.url.path, _headers(error))
 
 
@@ -128,11 +128,11 @@ async def _name_methods(request: Request, _error: Exception) -> JSONResponse:
 
 
 async def _fail(request: Request, error: Exception) -> JSONResponse:
-    """What nobody thought of: the log has it whole, and who asks learns no inside of the server."""
+    """An unexpected error: it is logged completely, and the response has no internal details."""
     status = HTTPStatus.INTERNAL_SERVER_ERROR
-    what = "the server failed; its log says how"
+    what = "the server failed; the error is in its log"
     log.error("%s %s failed", request.method, request.url.path, exc_info=error)
-    return problem(status, what, request.url.path, hint="tell who runs the server")
+    return problem(status, what, request.url.path, hint="report it to the operator of the server")
 
 
 async def _answer_invalid(request: Request, error: Exception) -> JSONResponse:
@@ -145,5 +145,5 @@ async def _answer_invalid(request: Request, error: Exception) -> JSONResponse:
 
 
 def _headers(error: Exception) -> Mapping[str, str]:
-    """What an error wants said in the head of its answer."""
+    """Headers of an error's response."""
     return (error.headers or {}) if isinstance(error, HTTPException) else {}

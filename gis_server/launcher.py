@@ -38,7 +38,7 @@ class Launcher:
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _number: int = 0
     _pids: dict[int, int] = field(default_factory=dict)
-    """Of workers, as far as the process has told."""
+    """Of workers, as reported by the process."""
 
     def start(self) -> tuple[int, Connection]:
         """Number of a new worker, which comes up meanwhile, and the connection with it."""

@@ -1,4 +1,4 @@
-"""Live events: what processes write into the catalogue, handed on to every browser that listens.
+"""Live events: events that processes write to the catalogue, sent to every listening browser.
 
 Any process may publish. Each server polls the database four times a second, which SQLite answers
 from memory (`PRAGMA data_version`), reads new events once, and puts them into the queues of its
@@ -55,7 +55,7 @@ class EventTail:
 
     @contextlib.asynccontextmanager
     async def listening(self, client: str = "") -> AsyncIterator[asyncio.Queue[Event | None]]:
-        """A queue of new events for a client; None in it says that events were left out.
+        """A queue of new events for a client; None in it means that events were left out.
 
         Raises:
             TooManyListenersError: all places are taken.
@@ -108,7 +108,7 @@ class EventTail:
                 await asyncio.sleep(POLL_INTERVAL_S)
 
     async def _follow(self, connection: sa.Connection) -> None:
-        """Hand on what is new, until nobody listens."""
+        """Send new events, until no client listens."""
         seen = -1
         while self._listeners:
             seen, fresh = await run_sync(self._poll, connection, seen)

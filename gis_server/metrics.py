@@ -1,8 +1,8 @@
 """What is measured of the server and of the runs that fill its store, for Prometheus.
 
-Requests are counted by the template of their route, so that the number of series is bounded
-whatever is asked. Facts about the store and the runs are read when somebody asks for them. Each
-process has figures of its own; those of several are told apart by the scraper's `instance`.
+Requests are counted by the template of their route, so that the number of series is bounded. Facts
+about the store and the runs are read on request. Each process has its own figures; several are
+distinguished by the scraper's `instance`.
 """
 
 from __future__ import annotations

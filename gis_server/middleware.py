@@ -45,17 +45,18 @@ _HEADERS = {
         "display-capture=()"
     ),
 }
-"""Nothing from elsewhere is loaded, nobody embeds the map, no other origin is let in (no CORS).
-`wasm-unsafe-eval` lets the decoder of compressed 3D models, which is served from here, be compiled
-in a worker; it allows no JavaScript from text. Pictures inside models are read as blobs."""
+"""Nothing is loaded from other origins, the map cannot be embedded, other origins have no
+access (no CORS). `wasm-unsafe-eval` lets the decoder of compressed 3D models, which is served
+from here, be compiled in a worker; it allows no JavaScript from text. Images inside models are
+read as blobs."""
 _PACKED = ("/tiles/", "/models/", "/download/", "/products/", "/images/", "/panoramas/")
-"""What is served below these is compressed already, or asked for by ranges."""
+"""Paths whose content is compressed already, or requested by ranges."""
 
 
 class PublicAddress:
     """Has every request name the address that people reach the map at, so that links do.
 
-    A reverse proxy may hand on paths with or without that of the public address before them.
+    A reverse proxy may forward paths with or without the prefix of the public address.
     """
 
     def __init__(self, app: ASGIApp, url: str) -> None:
@@ -86,7 +87,7 @@ class AnswerHead:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Ask for the same by GET, and leave the body out."""
+        """Process the request as GET, and omit the body."""
         if scope["type"] != "http" or scope["method"] != "HEAD":
             await self.app(scope, receive, send)
             return
@@ -102,13 +103,13 @@ class AnswerHead:
 
 
 async def restore_head(request: Request) -> None:
-    """Tell an endpoint that it was found for HEAD: files need not be read."""
+    """Mark a request as HEAD for its endpoint, which need not read files."""
     if _HEAD in request.scope:
         request.scope["method"] = "HEAD"
 
 
 class ReadableRanges:
-    """Leaves out `Range` headers that are none of RFC 9110; shortens endless numbers in them.
+    """Removes `Range` headers that violate RFC 9110; shortens endless numbers in them.
 
     Ranges beyond the end of a file are answered with a problem document.
     """
@@ -117,7 +118,7 @@ class ReadableRanges:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request on, with ranges that files and objects can be asked for."""
+        """Pass the request on, with ranges that files and objects support."""
         if scope["type"] == "http" and any(name == b"range" for name, _ in scope["headers"]):
             headers = [
                 (name, ranges if name == b"range" else value)
@@ -244,7 +245,7 @@ class SecurityHeaders:
 
 
 class CompressText:
-    """Compresses what is text; files asked for by range and pictures go out as they are."""
+    """Compresses text; files requested by range and images are sent unchanged."""
 
     def __init__(self, app: ASGIApp) -> None:
         excluded = (*DEFAULT_EXCLUDED_CONTENT_TYPES, "image/tiff", "application/octet-stream")

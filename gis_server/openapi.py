@@ -1,7 +1,7 @@
-"""The description of the API at /openapi.json, completed by what routes do not say themselves.
+"""The description of the API at /openapi.json, with additions to those of the routes.
 
-Which refusals a question may meet, in which form an answer comes that is no JSON, and parameters of
-paths that are read by hand. Programs and tests hold the server to it.
+These are possible errors, formats of responses other than JSON, and parameters of paths that are
+parsed by code. Tests compare the server with it.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ FORMS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (r"/crs/\{name\}$", (JSON, "text/plain", HTML)),
     (r"^/ogc(/\{mission\}(/conformance|/maps|/collections(/\{collection\})?)?)?$", (JSON, HTML)),
 )
-"""Media types of the answers at addresses: the first that fits, else what the route says."""
+"""Media types of the responses at addresses: the first that fits, else that of the route."""
 
 _PROBLEM_SCHEMA = {
     "title": "Problem",
@@ -55,11 +55,11 @@ _PROBLEM_SCHEMA = {
     "type": "object",
     "required": ["type", "title", "status", "detail", "instance", "code", "description"],
     "properties": {
-        "type": {"type": "string", "description": "about:blank: the status says it all"},
+        "type": {"type": "string", "description": "about:blank: the status describes it"},
         "title": {"type": "string", "description": "the status in words"},
         "status": {"type": "integer"},
         "detail": {"type": "string", "description": "what is wrong"},
-        "instance": {"type": "string", "description": "the path that was asked"},
+        "instance": {"type": "string", "description": "the path of the request"},
         "hint": {"type": "string", "description": "what to try"},
         "code": {"type": "string", "description": "the title, as OGC API names it"},
         "description": {"type": "string", "description": "the detail, as OGC API names it"},
@@ -136,7 +136,7 @@ def _put_forms(path: str, operation: dict[str, Any]) -> None:
     if forms[0] == WEBP or ".values" in path:
         operation["responses"]["204"] = {"description": "Nothing was measured there"}
     if forms == _FILES:
-        operation["responses"]["206"] = {"description": "The range that was asked for"}
+        operation["responses"]["206"] = {"description": "The requested range"}
         status = HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE
         operation["responses"]["416"] = _error_response(status)
 

@@ -1,7 +1,7 @@
 """Pages of lists: `limit` and `offset` in the query, the next page and the total in the head.
 
 The body of a page is the list itself. As in OGC API, `Link` (RFC 8288) names the pages before and
-after, relative to the address that was asked, and `OGC-NumberMatched` says how many there are.
+after, relative to the requested address, and `OGC-NumberMatched` gives their number.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from urllib.parse import urlencode
 from fastapi import Depends, Query, Request
 
 PAGE = 500
-"""Entries of a page where the query does not say."""
+"""Default number of entries of a page."""
 MOST = 1000
 """Entries of a page at most: the server writes them in 50 ms."""
 TOTAL = "OGC-NumberMatched"
@@ -21,12 +21,12 @@ TOTAL = "OGC-NumberMatched"
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """Which part of a list is asked for."""
+    """The requested part of a list."""
 
     limit: int
     offset: int
     query: tuple[tuple[str, str], ...] = ()
-    """What else was asked."""
+    """Further parameters of the query."""
 
     def head(self, total: int) -> dict[str, str]:
         """Where the pages beside this one are, and how many entries there are in all."""
@@ -51,4 +51,4 @@ async def _page(
 
 
 PageOf = Annotated[Page, Depends(_page)]
-"""The page that a request asks for."""
+"""The page of a request."""

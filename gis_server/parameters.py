@@ -22,7 +22,7 @@ Metres = Annotated[
     Query(ge=-HALF_SIDE_M, le=HALF_SIDE_M, allow_inf_nan=False, description="metres, local map"),
 ]
 LAST_SOL = 1_000_000
-"""Larger numbers are no sols; a catalogue counts in 64 bits."""
+"""Larger numbers are not sols; a catalogue counts in 64 bits."""
 LARGEST_ID = 2**63 - 1
 """Of rows of a database."""
 Zoom = Annotated[int, Path(ge=0, le=MAX_ZOOM)]
@@ -31,7 +31,7 @@ TileNumber = Annotated[int, Path(ge=0, le=LARGEST_ID)]
 FOREVER = {"Cache-Control": "public, max-age=31536000, immutable"}
 """The digest in the address changes with the content."""
 AGAIN = {"Cache-Control": "no-cache"}
-"""Ask again each time."""
+"""Revalidate each time."""
 
 
 def _layer(scope: ScopeName, kind: ProductKind, digest: Digest, services: ServicesOf) -> Layer:

@@ -1,6 +1,6 @@
 """What the endpoints work with: catalogue, products, open rasters, and the features read ahead.
 
-Layers that grow with the mission are read before a page asks for them: reading ten thousand
+Layers that grow with the mission are read before a page requests them: reading ten thousand
 footprints takes a third of a second. The server reads them when it starts, and when a new version
 is published, before it sends that event.
 """
@@ -49,13 +49,13 @@ at the 95th percentile take twice as long. Many users are served by several proc
 
 @dataclass(frozen=True, slots=True)
 class ReadAhead:
-    """Reads what is asked for next. What cannot be read is left to who asks for it."""
+    """Reads ahead what will be requested. Unreadable files are left to the request."""
 
     store: ProductStore
     catalogue: Catalogue
 
     def on_events(self, events: Collection[Event]) -> None:
-        """Read what some events tell of."""
+        """Read the layers of some events."""
         if any(event.kind == LAYERS_PUBLISHED for event in events):
             self.read()
 
@@ -70,7 +70,7 @@ class ReadAhead:
 
 @dataclass(slots=True, eq=False)
 class CatalogueHealth:
-    """Whether the catalogue can be read; it is read once a second at most."""
+    """Whether the catalogue can be read; it is read at most every second."""
 
     catalogue: Catalogue
     _read_at: float = -math.inf
@@ -86,18 +86,18 @@ class CatalogueHealth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Services:
-    """One set for a server. The catalogue is asked anew each time, so publishing shows at once."""
+    """One set for a server. The catalogue is read each time, so publications show at once."""
 
     store: ProductStore
     catalogue: Catalogue
     pool: RasterPool
     layer: Callable[[str, ProductKind, str], Layer]
-    """A layer by scope, kind and digest, remembered: it never changes, and a view of the map asks
-    for dozens of its tiles."""
+    """A layer by scope, kind and digest, cached: it never changes, and a view of the map requests
+    dozens of its tiles."""
     features: MissionFeatures
     """All features of a mission, out of an index."""
     tail: EventTail
-    """What happens in the store, for those who listen."""
+    """Events of the store, for listeners."""
     ahead: ReadAhead
     tokens: Tokens
     edits: EditLog

@@ -77,7 +77,7 @@ async def _answer_all(connection: Connection) -> None:
 
 
 def launch() -> None:
-    """Start and end workers, as the server at the other end of the pipe asks, until it ends."""
+    """Start and end workers on requests of the server through a pipe, until it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends its workers
     _die_with_parent()
     os.nice(_NICENESS)
@@ -102,7 +102,7 @@ def launch() -> None:
 
 
 def _end(pid: int) -> None:
-    os.kill(pid, signal.SIGKILL)  # nobody else has its number before it is waited for
+    os.kill(pid, signal.SIGKILL)  # its number is not reused before it is waited for
     os.waitpid(pid, 0)
 
 

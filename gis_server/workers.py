@@ -32,7 +32,7 @@ _SENT_AS = (
     *("type", "http_version", "method", "scheme", "path", "raw_path", "query_string"),
     *("root_path", "headers", "client", "server"),
 )
-"""What a worker is told of a request: the rest of a scope belongs to the server's process."""
+"""The parts of a request sent to a worker: the rest of a scope belongs to the server's process."""
 STALL_S = 60.0
 """Longest time that a client may take for the next megabyte of an answer."""
 LEAST_BYTES_S = 100_000
@@ -41,7 +41,7 @@ LARGEST = 256 << 20
 """Bytes of an answer that lies in a file: the largest part of a raster, 50 million cells of 4
 bytes, has 200 MB. RLIMIT_FSIZE would also stop copies of larger products from an object store."""
 _SMALL = 1 << 20
-"""Bytes of an answer that are handed over in memory; larger ones are handed over as a file."""
+"""Bytes of a response passed in memory; larger ones are passed as a file."""
 
 
 class WorkerLostError(Exception):
@@ -55,7 +55,7 @@ class Answer:
     status: int
     headers: list[tuple[bytes, bytes]]
     body: bytes | Path
-    """Or the file that it lies in, which whoever sends it removes."""
+    """Or the file with it, which its sender removes."""
     route: str | None
     """The template of the route that answered."""
 
@@ -149,7 +149,7 @@ class _Body:
         what = f"the answer could not be kept in a temporary file: {self.error.strerror}"
         if self.error.errno == errno.EFBIG:
             status = HTTPStatus.UNPROCESSABLE_ENTITY
-            what = f"the answer has more than {LARGEST >> 20} MiB; ask for less at once"
+            what = f"the answer has more than {LARGEST >> 20} MiB; request less at once"
         raise UnkeptError(status, what)
 
 
@@ -225,7 +225,7 @@ class Worker:
         self._is_used = False
 
     async def ask(self, scope: Scope, body: bytes, most_s: float) -> Answer:
-        """The answer to a request; by a new process if earlier ones left too little memory for it.
+        """The response to a request; by a new process if memory is too low for it.
 
         Raises:
             TimeoutError: it took too long.
@@ -234,7 +234,7 @@ class Worker:
         """
         if (
             self._connection is None or self._connection.poll()
-        ):  # it has ended: it says nothing unasked
+        ):  # it has ended: it sends nothing on its own
             await to_thread.run_sync(self.start, self._folder)
         request = {name: scope[name] for name in _SENT_AS if name in scope}
         try:
@@ -288,7 +288,7 @@ class Worker:
     async def _exchange(
         self, request: dict[str, Any], body: bytes
     ) -> tuple[Answer | UnkeptError, bool, bool]:
-        """What the process says: the answer, whether it has grown, whether memory was lacking."""
+        """Reply of the process: the response, whether it has grown, whether memory was lacking."""
         connection = self._connection
         assert connection is not None  # noqa: S101 - `ask` has started it
 

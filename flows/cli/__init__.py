@@ -93,7 +93,7 @@ def _end_command(error: Exception) -> NoReturn:
     if isinstance(error, OSError):
         fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
     if isinstance(error, UnicodeEncodeError):
-        fail(f"{error.object!a:.100} is no text that can be written as UTF-8")
+        fail(f"{error.object!a:.100} cannot be written as UTF-8 text")
     if isinstance(error, MemoryError):
         fail("there is not enough memory")
     if _is_debugging():

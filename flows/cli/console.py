@@ -154,7 +154,7 @@ def _print_finished(step: Step) -> None:
 
 
 def fail(message: str) -> NoReturn:
-    """Say what is wrong, and end the command with 1."""
+    """Print an error, and end the command with 1."""
     note("error", message)
     raise typer.Exit(1)
 
@@ -170,7 +170,7 @@ def existing_store(given: Path | None) -> Path:
     """The folder of a store that is there: what reads makes none."""
     root = store_of(given)
     if not any((root / name).exists() for name in ("drafts", "products", "catalogue.sqlite")):
-        fail(f"{root} is no store; name one by --store or SOLMAP_STORE, `solmap run` makes one")
+        fail(f"{root} is not a store; name one by --store or SOLMAP_STORE, `solmap run` makes one")
     return root
 
 
@@ -178,7 +178,9 @@ def input_file(text: str) -> Path:
     """A file that is read, as an argument names it: no folder, FIFO or device is waited for."""
     path = Path(text)
     if not path.is_file():
-        fail(f"{text} {'is no file' if path.exists() else 'is not there'}; name a file to read")
+        fail(
+            f"{text} {'is not a file' if path.exists() else 'does not exist'}; name a file to read"
+        )
     return path
 
 

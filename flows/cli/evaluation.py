@@ -52,7 +52,7 @@ def true_stops(truth_dir: Path) -> list[TrueStop]:
 
 
 def evaluate_positions(rows: list[dict[str, Any]], stops: list[TrueStop]) -> list[dict[str, Any]]:
-    """Errors of telemetry and adjustment, a row a stop.
+    """Errors of telemetry and adjustment, one row per stop.
 
     Percent is of the way driven until there. `nees` is the squared error of attitude and position
     in units of the stated covariance over its six freedoms: 1 in the mean where that is true.
@@ -153,7 +153,7 @@ def _nees(row: dict[str, Any], error_m: np.ndarray, turn: np.ndarray) -> float |
 
 
 def attitude_error_deg(found: np.ndarray, true: np.ndarray) -> tuple[float, float]:
-    """Errors of azimuth and of tilt: the turn about the vertical, and what is left of it."""
+    """Errors of azimuth and of tilt: the rotation about the vertical, and the remainder."""
     turn = Rotation.from_matrix(found @ true.T).as_rotvec()
     azimuth, tilt = np.rad2deg([turn[2], np.hypot(turn[0], turn[1])])
     return round(float(azimuth), 4), round(float(tilt), 4)

@@ -1,4 +1,4 @@
-"""What a person wants to know of an image: when, where, whither, with which camera; its partner.
+"""Data of an image: time, pose, pointing, camera, and its partner.
 
 Of a derived raster of the archive (XYZ, range, slope ...) it is what its bands hold, in which unit
 and frame, for how many pixels and between which values, and how it differs from what a store
@@ -70,7 +70,7 @@ FIELDS = {"PANCAM": Field.LARGEST}
 
 
 class InspectionError(Exception):
-    """A file cannot be inspected or its picture not written; names the file and the fault."""
+    """A file cannot be inspected or its image not written; the message names file and fault."""
 
 
 def inspect_files(
@@ -132,10 +132,10 @@ def inspect_file(file: Path, store: Path | None = None) -> dict[str, Any]:
 
 
 def write_png(file: Path, png: Path) -> None:
-    """Write an eight-bit picture of an image, stretched as the browse pictures are.
+    """Write an eight-bit copy of an image, stretched like browse images.
 
     Raises:
-        InspectionError: the image cannot be read or the picture not written.
+        InspectionError: the image cannot be read or the image not written.
     """
     data = _bytes(file)
     try:
@@ -150,7 +150,7 @@ def write_linearised(file: Path, png: Path) -> None:
 
     Raises:
         InspectionError: there is no partner beside it, the pair is not of CAHVOR cameras and one
-            size, the image cannot be read or the picture not written.
+            size, the image cannot be read or the image not written.
     """
     data = _bytes(file)
     try:
@@ -226,7 +226,7 @@ def _derived_raster(file: Path, data: bytes) -> DerivedRaster | None:
     try:
         kind = None if _is_label(file) else raster_kind(read_label(data, file.name), file.name)
     except LabelError:
-        return None  # says what is wrong when it is read as an image
+        return None  # reading it as an image reports the fault
     return None if kind is None else read_raster(data, file.name)
 
 
@@ -261,7 +261,7 @@ def write_points(file: Path, ply: Path) -> None:
     """Write the points of an XYZ raster: east, north, up of the frame that it is in.
 
     Raises:
-        InspectionError: it is none, cannot be read, or the points not written.
+        InspectionError: it is not a raster, cannot be read, or the points not written.
     """
     from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloud  # noqa: PLC0415
     from solmap.products.formats.mesh.ply import write_ply  # noqa: PLC0415
@@ -271,7 +271,7 @@ def write_points(file: Path, ply: Path) -> None:
     except PhotogrammetryError as error:
         raise InspectionError(_error_line(file, error)) from error
     if raster is None or raster.kind is not RasterKind.XYZ:
-        raise InspectionError(f"{file.name} is no XYZ raster: there are no points to write")
+        raise InspectionError(f"{file.name} is not an XYZ raster: there are no points to write")
     north, east, down = raster.bands[:, raster.mask].astype(np.float64)
     count = len(down)
     cloud = PointCloud(
@@ -293,7 +293,7 @@ def _range(values: np.ndarray) -> list[float] | None:
 
 
 def _radiance(label: Label | None) -> dict[str, float] | None:
-    """How numbers become radiance, W m^-2 sr^-1 nm^-1, where the label says so."""
+    """Conversion of numbers to radiance, W m^-2 sr^-1 nm^-1, where the label gives it."""
     scale = None if label is None else radiance_scale(label)
     return None if scale is None else {"factor": scale.factor, "offset": scale.offset}
 
@@ -446,7 +446,7 @@ def _beside(file: Path, image: RoverImage) -> list[tuple[Path, RoverImage]]:
             try:
                 found.append((path, _describe(path, _bytes(path)).image))
             except Exception:  # noqa: BLE001, S112 - whatever is wrong with it
-                continue  # a broken neighbour is no partner; it says so when it is inspected
+                continue  # a broken neighbour is not a partner; inspecting it reports the fault
     return found
 
 

@@ -52,7 +52,7 @@ def backup(
     with progress_shown():
         done = back_up(workspace_of(store), destination, keep, partial(report, "back up"))
     _print_report(
-        done, "backed up", "`solmap check --repair` removes it, the next run makes it anew"
+        done, "backed up", "`solmap check --repair` removes it, the next run makes it again"
     )
 
 
@@ -80,7 +80,7 @@ def restore(
             replace=replace,
             on_progress=partial(report, "restore"),
         )
-    _print_report(done, "restored", f"say `solmap check --repair --store {store}`")
+    _print_report(done, "restored", f"run `solmap check --repair --store {store}`")
 
 
 def check(

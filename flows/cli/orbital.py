@@ -40,7 +40,7 @@ RotationSigma = Annotated[
     typer.Option(
         min=0,
         max=180,
-        help="The same of its rotation, degrees; say less than 1 of a controlled image alone",
+        help="The same of its rotation, degrees; use less than 1 only for a controlled image",
     ),
 ]
 ScaleSigma = Annotated[float, typer.Option(min=0, max=1, help="The same of its scale")]
@@ -89,7 +89,7 @@ def add_image(  # noqa: PLR0913 - options
     """Find where an orbital image lies on the rover's map, and show it there as base layer.
 
     A map that is not tied to the lander is found in the image instead, moves to Mars, and is made
-    anew there with the pipeline.
+    again there with the pipeline.
     """
     from solmap.flows.external_data import (  # noqa: PLC0415 - slow to import
         OrbitalOptions,

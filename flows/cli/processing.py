@@ -1,4 +1,4 @@
-"""Commands that process: a downlink, a mission anew, an archive's images, manual ties; servers.
+"""Commands that process downlinks, whole missions, archives' images and manual ties; servers.
 
 What a command is called with is checked before the engine starts, which takes seconds.
 """
@@ -63,7 +63,7 @@ def run(
 ) -> None:
     """Take a downlink from raw images to published layers; a second run does nothing twice.
 
-    With --places alone what is in the store is placed anew.
+    With only --places, the images in the store get these poses.
     """
     from solmap.tasks.images.folders import NO_FILES, files_of  # noqa: PLC0415 - as above
 
@@ -71,7 +71,7 @@ def run(
     if downlink is None and not stated:
         fail("name the folder that the downlink's files lie in")
     if downlink is not None and not downlink.is_dir():
-        fail(f"{downlink} is no folder; name the folder that the downlink's files lie in")
+        fail(f"{downlink} is not a folder; name the folder with the downlink's files")
     if downlink is not None and not files_of(downlink):
         fail(f"nothing to process in {downlink}: {NO_FILES}")
     if stated:
@@ -156,7 +156,7 @@ def fetch(  # noqa: PLR0913 - options
     raw: Annotated[
         bool, typer.Option("--raw", help="Public raw images (MSL, M20) in place of the archive's.")
     ] = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what there is.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only list the images.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Bring the stereo pairs of some sols here from the archive; a second call goes on."""
@@ -225,7 +225,8 @@ def serve(
         host=address,
         port=listening_port,
         log_level="warning",
-        timeout_keep_alive=75,  # longer than a proxy's 60 s: else it asks where nobody listens
+        # longer than a proxy's 60 s, which may otherwise reuse a closed connection
+        timeout_keep_alive=75,
         timeout_graceful_shutdown=2,  # browsers that listen for events never hang up
         proxy_headers=bool(settings.trusted_proxies),
         forwarded_allow_ips=settings.trusted_proxies,

@@ -122,7 +122,7 @@ def rig(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """How the stereo rigs differ from their labels: what matching applies, and what is left.
+    """Differences of stereo rigs from their labels: applied and remaining corrections.
 
     Of every camera set: the rotation of the right camera about three axes of the pair (x right, y
     down, z forward; about y is toe-in) that matching applies, and what the latest network finds
@@ -155,7 +155,9 @@ def inspect(
     files: Annotated[
         list[Path], typer.Argument(help="Images (.img, .png, .jpg) or labels (.lbl, .xml)")
     ],
-    png: Annotated[Path | None, typer.Option(help="Write a stretched picture of the image")] = None,
+    png: Annotated[
+        Path | None, typer.Option(help="Write the image stretched to eight bits")
+    ] = None,
     linearised: Annotated[
         Path | None,
         typer.Option(
@@ -190,7 +192,7 @@ def inspect(
     out = {option: path for option, path in asked.items() if path is not None}
     for option in out:
         if len(files) != 1:
-            fail(f"--{option} writes the picture of one image, but {len(files)} are named")
+            fail(f"--{option} writes one image, but {len(files)} are named")
     findings, faults = inspect_files(files, None if store is None else existing_store(store))
     if as_json:
         typer.echo(json.dumps(findings, indent=2))

@@ -28,8 +28,10 @@ def simulate(
         bool,
         typer.Option(
             "--realistic",
-            help="Images and telemetry as bad as real ones: bent stereo bar, mast errors, "
-            "vignetting, dust, lossy coding, the rover in view, opposite suns, slip to 100 %",
+            help=(
+                "Images and telemetry as bad as real ones: bent stereo rig, mast errors, "
+                "vignetting, dust, lossy coding, the rover in view, opposite suns, slip to 100 %"
+            ),
         ),
     ] = False,
 ) -> None:

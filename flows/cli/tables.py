@@ -22,7 +22,7 @@ _Stops = dict[tuple[int, int], tuple[dict[str, Any], dict[str, Any]]]
 
 
 def position_rows(workspace: Workspace) -> list[dict[str, Any]]:
-    """One row a stop, of every map of every mission, in the order of the traverse.
+    """One row per stop, of every map of every mission, in the order of the traverse.
 
     The LSL is that of the row's map: another one has the sites that nothing ties to the lander.
     Positions are (north, east, down) metres in the LSL; the quaternion turns the rover into the
@@ -39,8 +39,8 @@ def position_rows(workspace: Workspace) -> list[dict[str, Any]]:
 def _stops_of(ref: ProductRef, workspace: Workspace) -> _Stops:
     """The stops of a network, from its documents.
 
-    They are read as JSON (`products.formats.documents.network` says what is in them): ties of a
-    mission take seconds to read, and a table of positions needs none.
+    They are read as JSON (documented in `products.formats.documents.network`), because reading the
+    ties of a mission takes seconds, and a table of positions needs none.
     """
     document = json.loads(workspace.store.path(ref).read_text())
     stops = _stops_in(document)
@@ -140,9 +140,9 @@ def _browse_row(entry: ImageEntry, workspace: Workspace) -> dict[str, Any]:
 
 
 def outcome_rows(workspace: Workspace) -> list[dict[str, Any]]:
-    """One row a file or sol: how its last processing ended.
+    """One row per file or sol: the outcome of its last processing.
 
-    Mission and sols are None and empty for what is of none, such as a file that is no image.
+    Mission and sols are None and empty for others, such as files that are not images.
     """
     images = {image.id: image for image in workspace.catalogue.images()}
     return [
@@ -175,7 +175,7 @@ def report_rows(workspace: Workspace) -> list[dict[str, Any]]:
 def write_sol_report(mission: str, sol: int, workspace: Workspace, path: Path) -> None:
     """Write all that is known of a sol as one page; links lead to the map's server.
 
-    A file that ends in `.pdf` becomes a PDF with pictures of the maps.
+    A file that ends in `.pdf` becomes a PDF with figures of the maps.
 
     Raises:
         ProductNotFoundError: the store has no image of that sol.
@@ -190,14 +190,14 @@ def write_sol_report(mission: str, sol: int, workspace: Workspace, path: Path) -
 
 
 def timing_rows(workspace: Workspace) -> list[dict[str, Any]]:
-    """What all products of the store took, one row a kind, the longest first."""
+    """Time and memory of all products of the store, one row per kind, the longest first."""
     from solmap.products.reports.sol_report import timings  # noqa: PLC0415 - slow to import
 
     return [asdict(row) for row in timings(list(workspace.store.refs()), workspace)]
 
 
 def rig_correction_rows(workspace: Workspace, mission: str | None = None) -> list[dict[str, Any]]:
-    """Four rows a camera set: how its stereo rig differs from the labels; all missions, or one.
+    """Differences of stereo rigs from the labels, four rows per camera set; all missions, or one.
 
     Raises:
         ConfigError: the pipeline of the settings cannot be read.

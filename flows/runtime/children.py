@@ -65,8 +65,8 @@ def die_with_parent() -> None:
 def lower_priority() -> None:
     """Leave the processors to the map's server first: for processes that nobody waits for.
 
-    Where the kernel shares processors out by session (autogroups, sched(7)), to the session too,
-    so its first process asks for it.
+    Where the kernel shares processors out by session (autogroups, sched(7)), to the session too, so
+    its first process sets it.
     """
     os.nice(_NICENESS)
     with contextlib.suppress(OSError):
@@ -95,7 +95,7 @@ class Child:
 
     @property
     def is_stopping(self) -> bool:
-        """Whether it was asked to end and is not to be started again."""
+        """Whether it is stopping and is not to be started again."""
         return self._stopping
 
     def start(self) -> None:
@@ -117,7 +117,7 @@ class Child:
             _started.append(self)
 
     def revive(self) -> str | None:
-        """Start it again if it died, after a pause that grows with every death; what is to say."""
+        """Start it again if it died, after a pause that grows each time; returns a message."""
         self._shorten_log()
         if self.is_alive or self._stopping:
             return None
@@ -140,7 +140,7 @@ class Child:
             self._signal(signal.SIGTERM)
 
     def stop(self, patience_s: float = 4.0) -> None:
-        """End it and all that it started: asked first, killed when it does not listen."""
+        """End it and all that it started: by a signal, then by killing it."""
         self.ask_to_end()
         if self.process is None:
             return

@@ -1,16 +1,14 @@
 """Prefect's settings, and its server as a child process; imported before Prefect is.
 
-A run needs no network and no server of its own. The server's database lies in the store, it listens
-on this machine only, answers nobody without the password of the store, and reports nothing to
-anybody. Prefect would start a server by itself, but a run that is killed would leave that one
-behind. One that dies is started again on the same port with the same database: the run asks again
-and goes on.
+A run needs no network and no server of its own. The server's database is in the store, it listens
+on this machine only, requires the password of the store, and sends no reports. Prefect would start
+a server by itself, but a killed run would leave it behind. If the server ends unexpectedly it is
+started again on the same port with the same database, and the run continues.
 
-Whoever may give a server of Prefect orders can have it run any command. So the password is random,
-lies in a file that its owner alone can read (`password_file`), and reaches processes by their
-environment, never by their arguments. Pages of other sites are not answered (CORS); a name that is
-made to point to this machine (DNS rebinding) does not help them, because no browser sends this
-password by itself.
+Access to a Prefect server permits running any command. So the password is random, is in a file that
+only its owner can read (`password_file`), and is passed to processes by their environment, never by
+their arguments. Pages of other sites are not answered (CORS); DNS rebinding does not help them,
+because browsers do not send this password by themselves.
 
 Prefect reads `.env`, `prefect.toml` and `pyproject.toml` of the current folder, which may be a
 downlink's. `leave_folder` changes to a folder of the store before Prefect is imported.
@@ -44,11 +42,11 @@ _LOOK_S = 0.5
 """Between looks at whether it lives."""
 _DAY_S = 86_400
 _EVENT_DAYS = 7
-"""Events tell of every step of every task; nobody reads old ones."""
+"""Events record every step of every task; old ones are not needed."""
 _NO_HARD_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS}
 """Error numbers of file systems without them, as CIFS and exFAT."""
 _RUN_ONLY = {"PREFECT_UI_ENABLED": "false"}
-"""A run that nobody can look at longer than it lasts needs no pages."""
+"""The pages of a run's own server end with the run, so none are needed."""
 
 
 def prepare_engine(store: Path) -> None:
@@ -95,7 +93,7 @@ def import_prefect() -> None:
 
 
 def password_file(store: Path) -> Path:
-    """The file with what the server of a store asks for, `user:password`; made once.
+    """The file with the credentials of a store's server, `user:password`; made once.
 
     Raises:
         OSError: it cannot be written.
@@ -153,7 +151,7 @@ def engine_child(store: Path, port: int, *, has_pages: bool) -> Child:
 
 
 def use_engine(store: Path, port: int) -> None:
-    """Have this process and those that it starts speak to the server of a store."""
+    """Make this process and its children use the server of a store."""
     os.environ["PREFECT_API_URL"] = f"{address(port)}/api"
     os.environ["PREFECT_API_AUTH_STRING"] = password_file(store).read_text()
 
@@ -177,8 +175,8 @@ def await_engine(child: Child, port: int) -> None:
 def start_engine(store: Path) -> None:
     """Have a server until this process ends; call before the first import of a flow.
 
-    The one that `PREFECT_API_URL` names is used where it is set. The server is stopped after
-    Prefect has sent what it still had to say: what is registered last at exit is called first.
+    The server in `PREFECT_API_URL` is used if set. The server is stopped after Prefect has sent its
+    last messages: exit handlers run in reverse order.
 
     Raises:
         TimeoutError: it does not start.

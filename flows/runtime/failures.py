@@ -1,4 +1,4 @@
-"""What fails without stopping the rest: kept for `solmap status`, or told task by task."""
+"""Failures that do not stop other work: recorded for `solmap status`, or listed by task."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def keep_outcome(outcome: Outcome, workspace: Workspace) -> None:
 
 
 def clear_failure(subject: str, workspace: Workspace) -> None:
-    """Say of what failed at an earlier time that it does no longer."""
+    """Clear an earlier failure."""
     try:
         failed = {one.subject for one in workspace.catalogue.outcomes() if one.is_failure}
     except Exception as error:  # noqa: BLE001 - the database is away
@@ -106,8 +106,8 @@ def wait_for(
 ) -> tuple[dict[K, Any], dict[K, str]]:
     """Wait for tasks; results by key, and what went wrong by key.
 
-    A task that waited for a failed one is among the failures too, without a line of its own: the
-    cause has been said.
+    A task that waited for a failed one is among the failures too, without its own line, since the
+    cause is listed.
 
     Raises:
         StoreFullError: a task found the disk full; whatever else is tried would find it full too.

@@ -1,4 +1,4 @@
-"""How far a run has come, for whoever watches: a progress bar, a log, or nobody.
+"""Progress of a run, for listeners: a progress bar, a log, or none.
 
 Flows report steps; the command line listens and shows them. Prefect's run page shows
 the same tasks by itself.
@@ -25,7 +25,7 @@ _listeners: list[Listener] = []
 
 
 def report(stage: str, done: int, total: int) -> None:
-    """Tell every listener how far a stage is."""
+    """Report the progress of a stage to every listener."""
     for listener in _listeners:
         listener(Step(stage, done, total))
 

@@ -47,7 +47,7 @@ def write_report(report: DownlinkReport, workspace: Workspace) -> None:
 
 
 def write_adjustments(sols: Sequence[SolReport], workspace: Workspace) -> None:
-    """Leave how good the adjustments are, the picture of each traverse, and links to all of it."""
+    """Write the quality of the adjustments, the figure of each traverse, and links to the pages."""
     rows = [row for sol in sols[-_LAST:] if (row := _adjustment(sol, workspace))]
     if rows:
         create_table_artifact(rows, key="adjustments", description="How good every adjustment is")

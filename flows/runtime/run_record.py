@@ -1,4 +1,4 @@
-"""The record that a flow keeps of itself, for whoever watches the map.
+"""The record of a flow's own run, for the map.
 
 with recorded("downlink", downlink.name, workspace) as record:
     ...                       # what `runtime.progress` reports is written down
@@ -89,7 +89,7 @@ class RunRecord:
 
 
 def beside_runs(work: Callable[P, T]) -> Callable[P, T]:
-    """Have a function that is no run, and makes products too, hold the lock of runs.
+    """Decorator of functions that make products outside a run: they hold the lock of runs.
 
     It works on its argument `workspace`, or on the store in the folder `root` or `store`.
     """

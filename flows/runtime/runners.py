@@ -1,7 +1,7 @@
 """Where the tasks of a flow run: threads of this process, or workers of a Dask cluster.
 
-A task takes and gives references, parameters and the store's address, a few kilobytes that travel;
-whoever carries it out opens the store itself. So workers need no memory in common, only the store.
+Inputs and results of tasks are references, parameters and the store's address, a few kilobytes; the
+executing process opens the store itself. So workers need no shared memory, only the store.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ R = TypeVar("R")
 
 
 def on_workers(flow: Flow[P, R]) -> Flow[P, R]:
-    """The flow, its tasks carried out as the settings say.
+    """The flow, its tasks run as set in the settings.
 
     Raises:
-        ConfigError: Dask is wanted but not installed.
+        ConfigError: Dask is set but not installed.
     """
     return flow.with_options(task_runner=_runner(Settings()))
 
@@ -64,14 +64,14 @@ def _runner(settings: Settings) -> Runner:
 def local_cluster(workers: int) -> LocalCluster:
     """Worker processes of this one, until it ends; they notice when it is killed.
 
-    One for all sols: a worker takes seconds to start. Who may send it work may run anything, so its
-    ports ask for a certificate that these processes alone have.
+    One for all sols: a worker takes seconds to start. Sending it work permits running anything, so
+    its ports require a certificate that only these processes have.
     """
     import dask  # noqa: PLC0415 - an extra
     from distributed import LocalCluster  # noqa: PLC0415 - an extra
 
-    # Whoever watches a worker starts it again. Dask would give up one that is away for 15 s, and
-    # wait for ever when none is left.
+    # Workers are restarted by their own supervisor. Dask would give up one that is away for 15 s,
+    # and wait forever without workers.
     dask.config.set({"distributed.deploy.lost-worker-timeout": "24 hours"})
     cluster = LocalCluster(  # type: ignore[no-untyped-call]
         n_workers=workers,

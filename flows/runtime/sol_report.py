@@ -38,8 +38,8 @@ class SolReport:
             what: The stage, for failures.
             failed: Causes, as `settled` gives them.
             lacking: How a note begins.
-            findings: Errors that tell of the images and not of a fault: the light was not alike,
-                the ground too far.
+            findings: Errors caused by the images and not by a fault: different light, ground too
+                far.
         """
         named = tuple(f"{error.__name__}: " for error in findings)
         found = {key: cause for key, cause in failed.items() if cause.startswith(named)}
@@ -69,7 +69,7 @@ class DownlinkReport:
 
     @property
     def lines(self) -> list[str]:
-        """What became of every sol."""
+        """Outcome of every sol."""
         layers = sum(sol.layers for sol in self.sols)
         lines = [f"{self.images} images, {len(self.sols)} sols, {layers} layers of stops published"]
         for sol in self.sols:

@@ -2,8 +2,8 @@
 
 An interrupted block is left in order where that is quick: records are closed, child processes
 stopped. A thread that computes in a library or a read that hangs is not waited for longer than
-`GRACE_S`; what was made by then is whole or a draft, as after a kill. A guard, a small process, is
-told of the signal by the kernel and kills a process in which nothing else runs any more because a
+`GRACE_S`; finished products are complete, others are drafts, as after a kill. A guard, a small
+process, is notified of the signal by the kernel and kills a process that cannot run because a
 library keeps the interpreter's lock.
 """
 
@@ -106,7 +106,7 @@ def _start_guard(told: socket.socket) -> subprocess.Popen[bytes]:
 
 
 def _watch(guard: subprocess.Popen[bytes], is_over: threading.Event) -> None:
-    """End the process some time after it was told to end, if it has not by then."""
+    """Kill the process some time after the signal, if it has not ended by then."""
     with guard:
         number = guard.stdout.read(1) if guard.stdout else b""
         if number and not is_over.wait(GRACE_S):

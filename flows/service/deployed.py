@@ -1,4 +1,4 @@
-"""The flows that deployments offer: what may be asked of the engine, in plain values only.
+"""The flows of deployments, whose parameters are plain values.
 
 Folders, the store, the pipeline and addresses come from the settings of the service, never from the
 parameters of a run: who may start runs cannot name files or programs by them.
@@ -28,7 +28,7 @@ def process_inbox(settle_s: Settling = 20.0) -> DownlinkReport:
     """Take the inbox to published layers; what was made before is looked up.
 
     Args:
-        settle_s: Files that changed less than so many seconds ago may still be arriving: they are
+        settle_s: Files that changed more recently, in seconds, may still be arriving: they are
             left for the next run.
     """
     settings = _settings()
@@ -51,7 +51,7 @@ def adjust_missions(mission: MissionName | None = None) -> list[str]:
 
 @flow(name="refresh-region", flow_run_name=mission_name)
 def refresh_missions(mission: MissionName | None = None) -> list[str]:
-    """Join the stops of every mission, or of one, to regions anew where any of them changed.
+    """Join the stops of every mission, or of one, into regions again where any changed.
 
     Args:
         mission: As its labels have it: MER2; every mission where none is given.
@@ -74,7 +74,7 @@ def fetch_to_inbox(
         mission: MER1 or MER2.
         sols: 155, 155-157, or several of these with commas between.
         instruments: Any of navcam, pancam, hazcam, front_hazcam, rear_hazcam.
-        dry_run: Only say what there is.
+        dry_run: Only list the images.
     """
     settings = _settings()
     inbox, workspace = _inbox(settings), open_workspace(settings.store)

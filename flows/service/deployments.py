@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 DOWNLINK, OVERALL, REGION, FETCH = (
     RUN_KINDS[kind].deployment for kind in ("downlink", "overall adjustment", "region", "fetch")
 )
-"""Names by which runs are asked for: flow and deployment."""
+"""Names for requesting runs: flow and deployment."""
 
 
 def served(settings: Settings) -> Iterator[tuple[Flow[..., Any], dict[str, Any]]]:
-    """The flows that may be asked for, and how they are deployed; some run by a schedule."""
+    """The flows that may be requested, and their deployments; some run by a schedule."""
     from solmap.flows.service import deployed  # noqa: PLC0415 - after the engine's settings
 
     yield (
@@ -46,7 +46,7 @@ def served(settings: Settings) -> Iterator[tuple[Flow[..., Any], dict[str, Any]]
             settings.overall_cron,
         ),
     )
-    yield deployed.refresh_missions, _options(REGION, "Join stops to regions anew.", "region")
+    yield deployed.refresh_missions, _options(REGION, "Join stops into regions again.", "region")
     yield (
         deployed.fetch_to_inbox,
         _options(
@@ -80,11 +80,10 @@ def _is_paused(name: str) -> bool:
 
 
 def main() -> None:
-    """Serve the deployments until told to stop.
+    """Serve the deployments until stopped.
 
     A runner that was given flows runs these, whatever entry point, path or pull steps the engine
-    has of their deployments; one that was given deployments (`prefect.serve`) would do what the
-    engine says.
+    has of their deployments; with deployments (`prefect.serve`) it would follow the engine's.
     """
     from prefect.runner import Runner  # noqa: PLC0415 - the environment was prepared by `solmap up`
 

@@ -1,4 +1,4 @@
-"""What the engine knows, written down for the map: deployments, runs that wait, how runs ended."""
+"""State of the engine, written for the map: deployments, waiting runs, outcomes of runs."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _MOST_QUEUED = 50
 
 
 def write_state(root: Path, *, has_inbox: bool, is_scheduler_alive: bool) -> None:
-    """Ask the engine for its state and write it down; browsers hear of what has changed.
+    """Query the engine's state and write it; browsers are notified of changes.
 
     Raises:
         HTTPError: Prefect's server does not answer.
@@ -109,7 +109,7 @@ def _deployment(
 
 
 def _end_cancelled(root: Path, client: SyncPrefectClient) -> None:
-    """Say of runs that were killed when they were cancelled that they were: they could not."""
+    """Mark runs that were killed by their cancellation as cancelled."""
     book = RunRecords(open_catalogue(root).engine)
     left: dict[UUID, list[Run]] = {}
     for run in book.runs():

@@ -22,7 +22,7 @@ _ON_THE_WAY = (".part", ".partial", ".tmp", ".filepart", ".crdownload")
 
 @dataclass(frozen=True, slots=True)
 class FileState:
-    """What tells whether a file still changes."""
+    """Size and time of a file, which show whether it still changes."""
 
     size: int
     modified_ns: int
@@ -109,7 +109,7 @@ class Inbox:
         draft.replace(self.memory)
 
     def _read_memory(self) -> dict[str, Any]:
-        """What was processed last and what failed; nothing where nobody can say.
+        """The files processed last and those that failed; empty if unreadable.
 
         Processing again is safe.
         """

@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 
 LOOK_EVERY_S = 2.0
 _STOP_S = 2.5
-"""What was told to stop is killed after so long."""
+"""Seconds after which a stopping process is killed."""
 _STUCK_S = 300.0
 """A run that is so late while none runs: the scheduler takes no run any more."""
 
 
 @dataclass(slots=True)
 class Machine:
-    """What `solmap up` runs, and says; its settings name folders and files in full."""
+    """The processes and messages of `solmap up`; its settings have absolute paths."""
 
     settings: Settings
     say: Callable[[str], None]
@@ -111,7 +111,7 @@ class Machine:
             child.stop(_STOP_S / 2)
 
     def _write_engine_state(self) -> None:
-        """Say on the map how the engine is; a state that is not written any more grows old."""
+        """Write the engine's state for the map; without updates it becomes outdated."""
         from solmap.flows.service import engine_watch  # noqa: PLC0415 - after the engine's settings
 
         scheduler = self._children.get("scheduler")
@@ -125,7 +125,7 @@ class Machine:
                 engine_watch.write_trouble(self.store, f"the engine does not answer: {error}")
 
     def _complain(self, trouble: str) -> None:
-        """Say what is wrong, once while it stays the same."""
+        """Print an error, once while it stays the same."""
         if trouble != self._trouble:
             self.say(trouble)
         self._trouble = trouble
@@ -171,7 +171,7 @@ class Machine:
         self.say(f"the run of the inbox {ended.lower()}, see `solmap status`; tried again {when}")
 
     def _end_dead_runs(self) -> None:
-        """Say in the engine that the runs of a scheduler that died have ended with it."""
+        """Mark the runs of a dead scheduler as ended in the engine."""
         if not self._scheduler_died:
             return
         from solmap.flows.service import submission  # noqa: PLC0415 - after the engine's settings
@@ -180,7 +180,7 @@ class Machine:
         self._scheduler_died = False
 
     def _tend_requests(self) -> None:
-        """Hand what people asked for on the map to the scheduler."""
+        """Pass requests from the map to the scheduler."""
         from solmap.flows.service.submission import submit_requests  # noqa: PLC0415 - after the engine's settings
 
         for line in submit_requests(self.store, has_inbox=self._inbox is not None):

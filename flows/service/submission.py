@@ -1,4 +1,4 @@
-"""Runs asked of Prefect's server: for the inbox, and for people who asked for one on the map."""
+"""Submit runs to Prefect's server: for the inbox, and for requests from the map."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _TAKEN = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
 def submit_requests(store: Path, *, has_inbox: bool) -> list[str]:
     """Submit what waits; a line for each request that was taken or refused.
 
-    A scheduler that has just begun does not know its deployments yet: requests go on waiting.
+    A scheduler that has just started has no deployments yet: requests continue to wait.
 
     Raises:
         HTTPError: Prefect's server does not answer; the request goes on waiting.
@@ -82,7 +82,7 @@ def cancel_run(run: UUID, author: str) -> tuple[RequestState, str]:
         try:
             found = client.read_flow_run(run)
         except ObjectNotFound:
-            return RequestState.REFUSED, "the engine does not know this run"
+            return RequestState.REFUSED, "the engine has no such run"
         if found.state is not None and found.state.is_final():
             return RequestState.REFUSED, f"it has ended already: {found.state.type.value.lower()}"
         message = f"cancelled on the map by {author}"
@@ -107,7 +107,7 @@ def pause(deployment: str, *, is_paused: bool) -> tuple[RequestState, str]:
 
 @dataclass(frozen=True, slots=True)
 class SubmittedRun:
-    """A run that was asked for, and the delivery that it processes."""
+    """A submitted run, and the delivery that it processes."""
 
     run: UUID
     name: str
@@ -125,12 +125,12 @@ def submit_inbox(delivery: str, settle_s: float) -> SubmittedRun | None:
         )
     except ObjectNotFound:
         return None
-    run = cast("FlowRun", answer)  # outside of an event loop it is no coroutine
+    run = cast("FlowRun", answer)  # outside of an event loop it is not a coroutine
     return SubmittedRun(run.id, run.name, delivery)
 
 
 def submit(deployment: str, parameters: Mapping[str, object]) -> str:
-    """Ask for a run of a deployment; its name."""
+    """Submit a run of a deployment; returns its name."""
     answer = run_deployment(deployment, parameters=dict(parameters), timeout=0, as_subflow=False)
     return cast("FlowRun", answer).name
 
@@ -143,7 +143,7 @@ def final_state(submitted: SubmittedRun) -> str | None:
 
 
 def mark_crashed_runs() -> int:
-    """Say of all runs that claim to be running that they crashed; how many there were.
+    """Mark all runs in the state "running" as crashed; returns their number.
 
     For the moment at which no scheduler runs: then none of them does.
     """

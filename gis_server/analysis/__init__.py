@@ -1,6 +1,6 @@
 """Measuring on the maps and in the images.
 
-Checked questions (`bodies`) and published layers or networks enter; answers leave, as the records
-that are sent. Every module has the questions, the answers and the computation of its subject; the
-science itself is in `photogrammetry`. It knows nothing of HTTP and does not import `routes`.
+Validated requests (`bodies`) and published layers or networks enter; response records leave. Every
+module has the requests, the responses and the computation of its subject; the science itself is in
+`photogrammetry`. Independent of HTTP; does not import `routes`.
 """

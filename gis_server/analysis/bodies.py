@@ -26,10 +26,10 @@ MOST_CORNERS = 1000
 """Corners of a line or polygon that is drawn by a person."""
 
 SIGHT_NAMES = {Sight.VISIBLE: "visible", Sight.HIDDEN: "hidden", Sight.UNKNOWN: "unknown"}
-"""What answers say of lines of sight."""
+"""Visibility in responses."""
 
 TIE_STATUS = {USED: "used", BLUNDER: "blunder", UNUSED: "unused"}
-"""What answers say of observations of tie points."""
+"""Status of observations of tie points in responses."""
 
 MetresHere = Annotated[float, Field(ge=-HALF_SIDE_M, le=HALF_SIDE_M, allow_inf_nan=False)]
 """A coordinate of the local map."""
@@ -48,7 +48,7 @@ LayerAsked = Annotated[
 
 
 class Question(BaseModel):
-    """A body that is sent; unknown names are refused, so that a slip of the pen shows."""
+    """A body that is sent; unknown names are rejected, so that typing errors are found."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -64,7 +64,7 @@ class LayerUsed(BaseModel):
 
     @classmethod
     def of(cls, layer: Layer) -> LayerUsed:
-        """What is said of a layer."""
+        """The description of a layer."""
         ref = layer.ref
         return cls(
             id=layer.id,
@@ -83,7 +83,7 @@ class NetworkUsed(BaseModel):
 
     @classmethod
     def of(cls, ref: ProductRef) -> NetworkUsed:
-        """What is said of a network."""
+        """The description of a network."""
         return cls(scope=ref.scope.name, digest=ref.digest)
 
 
@@ -99,4 +99,4 @@ def json_number(value: float | None, digits: int = 4) -> float | None:
 
 
 class UnanswerableError(Exception):
-    """The question has no answer as it stands; says what was expected and what to try."""
+    """The request has no answer; the message states what was expected and what to try."""

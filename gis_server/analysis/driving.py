@@ -1,6 +1,6 @@
 """Driving: how far the ground around a place is to a rover, and a way free of hazards to another.
 
-Hazards are those of the maps: at every place the worst that a stop or a region tells.
+Hazards are those of the maps: at every point the worst of all stops and regions.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Drives:
 
 
 class ReachAnswer(BaseModel):
-    """How far the ground around a place is to drive, as polygons, picture and GeoTIFF."""
+    """How far the ground around a place is to drive, as polygons, image and GeoTIFF."""
 
     units: str = UNITS
     east: float
@@ -72,7 +72,7 @@ class ReachAnswer(BaseModel):
     speed_m_h: float
     longest_drive_h: float
     bounds: Bounds
-    """(west, south, east, north) of the picture and the GeoTIFF."""
+    """(west, south, east, north) of the image and the GeoTIFF."""
     picture: str
     geotiff: str
     isochrones: dict[str, Any]
@@ -103,7 +103,7 @@ class RouteAnswer(BaseModel):
 def find_drives(
     place: tuple[float, float], params: DrivingParams, hazards: Sequence[Layer], ground: Ground
 ) -> Drives:
-    """All ways from a place, no longer than asked.
+    """All paths from a point up to the requested length.
 
     Raises:
         UnanswerableError: there are no hazard maps.
@@ -134,7 +134,7 @@ def _halve(codes: Classes, grid: MapGrid) -> tuple[Classes, MapGrid]:
 def reach_answer(
     drives: Drives, interval_m: float, speed_m_h: float, query: str, address: str
 ) -> ReachAnswer:
-    """The ground around a place as it is sent; pictures are had with the same query."""
+    """The ground around a point as sent; images are available with the same query."""
     found, grid = drives.found, drives.found.grid
     reached = np.isfinite(found.drive_m)
     longest = float(np.nanmax(found.drive_m))
@@ -169,7 +169,7 @@ def _isochrones(drives: Drives, interval_m: float, speed_m_h: float) -> dict[str
 
 
 def reach_png(drives: Drives, interval_m: float) -> bytes:
-    """The intervals of driving as a picture, near ones yellow, far ones blue."""
+    """The intervals of driving as an image, near ones yellow, far ones blue."""
     bands = drives.bands(interval_m)
     last = max(1, int(bands.max()))
     shades = np.linspace(255, 0, last).astype(np.uint8)  # viridis, backwards: near is bright

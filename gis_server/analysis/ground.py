@@ -1,8 +1,8 @@
 """The terrain models of a mission as one ground: sampled at places, or read onto a grid.
 
-Models are read in windows around the places asked for. Where places lie far apart the windows are
-cut, so that a long line never reads the whole of a large model. At every place and cell the finest
-model that has measured it is taken, of equally fine ones the surest.
+Models are read in windows around the requested points. Where points are far apart the windows are
+divided, so that a long line never reads the whole of a large model. At every place and cell the
+finest model that has measured it is taken, of equally fine ones the surest.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from solmap.products.store.product_store import ProductStore
 MODELS = (ProductKind.DTM, ProductKind.REGION_DTM, ProductKind.FAR_DTM)
 """Kinds of terrain models, in metres above the tangent plane."""
 BEST = "best"
-"""Stands for the finest measured model at every place."""
+"""Name of the finest measured model at every point."""
 _WINDOW = 1 << 20
 """Cells of a window that is read at once, 4 MB a band."""
 _BANDS = ("elevation", "standard_deviation", "pose_deviation")
@@ -44,7 +44,7 @@ _BANDS = ("elevation", "standard_deviation", "pose_deviation")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ground:
-    """Terrain models that are asked together; the finest answers."""
+    """Terrain models that are used together; the finest has precedence."""
 
     models: tuple[Layer, ...]
     store: ProductStore
@@ -54,7 +54,7 @@ class Ground:
     def of(
         cls, layers: Iterable[Layer], asked: str, store: ProductStore, pool: RasterPool
     ) -> Ground:
-        """The models that are asked for: one by the layer's id, or all as `best`.
+        """The requested models: one by the layer's id, or all as `best`.
 
         Raises:
             UnanswerableError: no layer of that id is a terrain model.
@@ -64,8 +64,8 @@ class Ground:
         if not chosen:
             names = ", ".join(layer.id for layer in models[:5]) or "none"
             raise UnanswerableError(
-                f"{asked} is no terrain model of this mission; there are {names}; "
-                f"'{BEST}' takes the finest at every place"
+                f"{asked} is not a terrain model of this mission; there are {names}; '{BEST}' "
+                "uses the finest at every point"
             )
         return cls(tuple(chosen), store, pool)
 
@@ -153,8 +153,8 @@ def _window_around(grid: MapGrid, places: MapPoints) -> Window:
 def mosaic(ground: Ground, grid: MapGrid) -> tuple[Raster, list[Layer]]:
     """Elevation on a grid: at every cell of the finest model that has one, of equals the surest.
 
-    Models of smaller cells are averaged, those of larger ones repeated. Returned with the models
-    that have a say.
+    Models of smaller cells are averaged, those of larger ones repeated. Returned with the
+    contributing models.
     """
     elevation = np.full(grid.shape, np.nan, np.float32)
     best = np.full(grid.shape, np.inf, np.float32)
@@ -166,7 +166,7 @@ def mosaic(ground: Ground, grid: MapGrid) -> tuple[Raster, list[Layer]]:
         part = _overlap(layer.bounds, grid)
         if part is None:
             continue
-        if cell_of(layer) < former:  # a finer model speaks wherever it has measured
+        if cell_of(layer) < former:  # a finer model has precedence wherever it is measured
             former, best[:] = cell_of(layer), np.inf
         with ground.pool.reading(ground.store.address(layer.ref)) as dataset:
             height, sigma = _read_part(dataset, grid, part)
@@ -210,7 +210,7 @@ def _read_part(
 def worst_classes(
     layers: Sequence[Layer], grid: MapGrid, store: ProductStore, pool: RasterPool
 ) -> tuple[Classes, list[Layer]]:
-    """Classes on a grid: at every cell the highest code of all layers, 0 where none knows it.
+    """Classes on a grid: at every cell the highest code of all layers, 0 where unknown.
 
     Returned with the layers that lie on the grid.
     """

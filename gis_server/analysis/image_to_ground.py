@@ -49,7 +49,7 @@ def point_on_map(
     """The ground at a place of the map.
 
     Raises:
-        UnanswerableError: no terrain model knows the ground there.
+        UnanswerableError: the ground there is in no terrain model.
     """
     at = ground.at(np.array([place]))
     number = int(at.source[0])
@@ -107,7 +107,7 @@ def stop_named(mission: OrientedMission, name: str) -> StopId:
     for stop in mission.stops:
         if str(stop) == name:
             return stop
-    raise UnanswerableError(f"{name} is no stop of the latest network of this mission")
+    raise UnanswerableError(f"{name} is not a stop of the latest network of this mission")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -56,7 +56,7 @@ class ValueHere(BaseModel):
     cell_m: float | None
     """Of the layer."""
     label: str | None
-    """What the value stands for, where it is a class: an image's name, a kind of ground."""
+    """Meaning of the value, for classes: an image's name, a kind of ground."""
     bands: dict[str, float] = {}
     """All bands of the layer by name, such as standard deviation and observations."""
 
@@ -96,7 +96,7 @@ def identify(
 ) -> Place:
     """Values and features of `layers` at a place, metres of the local map.
 
-    A layer whose file is damaged or gone is logged and left out: the others still know the place.
+    A layer whose file is damaged or missing is logged and left out: the others remain valid.
     """
     ordered = sorted(layers, key=lambda layer: _WIDEST_FIRST.get(layer.ref.scope.level, 3))
     values: list[ValueHere] = []
@@ -237,7 +237,7 @@ def _shape(feature: Feature) -> shapely.Geometry:
 
 
 class ZonalQuestion(Question):
-    """A polygon on the map, and the raster layer that is asked."""
+    """A polygon on the map, and a raster layer."""
 
     polygon: Polygon
     layer: str
@@ -293,7 +293,7 @@ def zonal_answer(
     """Count, mean, spread and percentiles, or the classes, of a layer in a polygon."""
     if layer.type != "raster":
         raise UnanswerableError(
-            f"{layer.id} is no raster: statistics over a polygon are of rasters"
+            f"{layer.id} is not a raster: statistics over a polygon need rasters"
         )
     polygon = polygon_of(np.array(question.polygon))
     with pool.reading(store.address(layer.ref)) as dataset:

@@ -104,7 +104,7 @@ class RefineQuestion(Question):
 
 
 class RefineAnswer(BaseModel):
-    """The second point, measured; the first is taken for what it is."""
+    """The second point, measured; the first defines the tie."""
 
     units: str = UNITS
     found: bool

@@ -47,7 +47,7 @@ _RIM_STEP_M = 0.1
 _STRETCH_M = 100.0
 """Length over which the direction of the meridian is found."""
 _USUAL_STATIONS = 1000
-"""Stations of a line whose step nobody chose; short lines have one a cell."""
+"""Stations of a line without a given step; short lines have one per cell."""
 
 
 class LineQuestion(Question):

@@ -68,7 +68,7 @@ class LinkEdge(BaseModel):
     other: str
     ties: int
     tried: str | None
-    """What came of the search for ties, in words; null: it was made on an earlier sol."""
+    """Result of the search for ties, as text; null: it was made on an earlier sol."""
     weak: list[str]
 
 

@@ -1,4 +1,4 @@
-"""Panoramas asked about directions and places: what a pixel shows, where a place is seen."""
+"""Queries of panoramas: ground point of a pixel, direction of a ground point."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class DirectionSeen(BaseModel):
     azimuth_deg: float
     elevation_deg: float
     ground: GroundSeen | None
-    """None in the sky, and on ground that no terrain model knows."""
+    """None in the sky, and on ground outside all terrain models."""
     shown: ImagePixel | None
 
 
@@ -81,7 +81,7 @@ class PanoramaView:
     def of(cls, layer: Layer, store: ProductStore, pool: RasterPool) -> PanoramaView:
         """The panorama that a layer is."""
         if layer.ref.kind is not ProductKind.PANORAMA:
-            raise ProductNotFoundError(f"{layer.id} is no panorama")
+            raise ProductNotFoundError(f"{layer.id} is not a panorama")
         return cls(layer, facts_of(layer, store, pool), store, pool)
 
     def direction(
@@ -160,7 +160,7 @@ class PanoramaView:
 
 
 def facts_of(layer: Layer, store: ProductStore, pool: RasterPool) -> PanoramaFacts:
-    """What a panorama says of itself; read once, for a product never changes."""
+    """The facts in a panorama; read once, because products never change."""
     return _facts(layer.ref, store, pool)
 
 
@@ -171,10 +171,10 @@ def _facts(ref: ProductRef, store: ProductStore, pool: RasterPool) -> PanoramaFa
 
 
 def tile_of(dataset: rasterio.DatasetReader, scale: int, x: int, y: int, side: int) -> np.ndarray:
-    """One tile of a picture that is shrunk by `scale`; 0 where nothing is shown.
+    """One tile of an image reduced by `scale`; 0 where it has no data.
 
     Raises:
-        OutsideCoverageError: the tile lies beyond the picture.
+        OutsideCoverageError: the tile lies beyond the image.
     """
     left, top = x * side * scale, y * side * scale
     width, height = (min(side * scale, n) for n in (dataset.width - left, dataset.height - top))

@@ -57,8 +57,7 @@ class PlaneAnswer(BaseModel):
     dip_deg: float
     sigma_dip_deg: float
     strike_deg: float | None
-    """Looking along it the plane falls to the right; null: the plane is level as far as can be
-    told."""
+    """With the dip to the right; null: the plane is level within its uncertainty."""
     sigma_strike_deg: float | None
     dip_direction_deg: float | None
     said_of_strike: str | None
@@ -109,7 +108,7 @@ def _places(question: PlaneQuestion, ground: Ground) -> tuple[MapPoints, np.ndar
 def _covariances(
     question: PlaneQuestion, read: GroundSamples, on_ground: np.ndarray, ground: Ground
 ) -> Covariances3:
-    """Of every point: what it is off by itself, and on the map by a part of its cell."""
+    """Of every point: its own covariance, plus that of its cell's extent."""
     cells = np.array([cell_of(layer) for layer in ground.models])
     aside = cells[np.where(read.source == NOWHERE, 0, read.source)] / math.sqrt(12.0)
     up = np.maximum(np.nan_to_num(read.own_sigma_m), _LEAST_SIGMA_M)

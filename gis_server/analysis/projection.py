@@ -62,7 +62,7 @@ class ProjectedPoint:
     """Angle between the line of sight and the normal of the ground, radians."""
     sight: Sight
     told_by: str
-    """What says so: parallax, terrain, or nothing."""
+    """Source of the visibility: parallax, terrain, or none."""
     linearised: tuple[float, float] | None
     """The place in the left or right epipolar image of its pair."""
 
@@ -184,8 +184,8 @@ class GroundBody(BaseModel):
     ellipse_azimuth_deg: float
     """Of the error ellipse on the map."""
     own_sigma_m: float
-    """Largest axis of the error against `measured_from` alone, without what that stop does not
-    know of its own place."""
+    """Largest axis of the error against `measured_from` alone, without the uncertainty of that
+    stop's own position."""
     measured_from: str
     """The stop that the place was measured from."""
     normal: list[float] | None
@@ -218,7 +218,7 @@ class SeenBody(BaseModel):
 
 
 class CurvePoint(BaseModel):
-    """A place on an epipolar curve and the range from the first image that it stands for."""
+    """A point on an epipolar curve and its range from the first image."""
 
     sample: float
     line: float

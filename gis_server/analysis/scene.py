@@ -151,7 +151,7 @@ def site_frames(network: NetworkProduct, vectors: VectorFile | None) -> dict[int
 def scene_cameras(
     ref: ProductRef, network: NetworkProduct, entries: Iterable[ImageEntry], workspace: Workspace
 ) -> SceneCameras:
-    """The cameras of images, those of stops that the network does not know left out."""
+    """The cameras of images, except those of stops outside the network."""
     poses = {stop.stop: stop for stop in network.adjusted.stops}
     pointings = {pair.pair_id: pair.pointing for pair in network.adjusted.pairs}
     cameras = []

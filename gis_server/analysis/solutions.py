@@ -42,12 +42,12 @@ class Solution(BaseModel):
     """One adjustment of the network."""
 
     id: str
-    """Scope and digest: what the other questions are asked with."""
+    """Scope and digest, for other requests."""
     scope: str
     digest: str
     sol: int
     is_overall: bool
-    """All stops were adjusted anew, not only those of the sol."""
+    """All stops were adjusted again, not only those of the sol."""
     is_latest: bool
     """The map shows this one."""
     made_at: str

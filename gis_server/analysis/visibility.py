@@ -146,7 +146,7 @@ class Viewshed:
 
 
 class ViewshedAnswer(BaseModel):
-    """The ground that can be seen from a place, as areas, polygons and pictures."""
+    """The ground that can be seen from a place, as areas, polygons and images."""
 
     units: str = UNITS
     east: float
@@ -164,7 +164,7 @@ class ViewshedAnswer(BaseModel):
     unknown_m2: float
     """Within the radius: not mapped, or behind a long unmapped stretch."""
     bounds: Bounds
-    """(west, south, east, north) of the picture and the GeoTIFF."""
+    """(west, south, east, north) of the image and the GeoTIFF."""
     picture: str
     geotiff: str
     polygons: dict[str, Any]
@@ -189,7 +189,7 @@ def compute_viewshed(
 
 
 def viewshed_answer(seen: Viewshed, query: str, address: str) -> ViewshedAnswer:
-    """The viewshed as it is sent; pictures are had with the same query."""
+    """The viewshed as sent; images are available with the same query."""
     cell, grid = seen.grid.cell_m**2, seen.grid
     east, north = grid.centres()
     away = np.hypot(east[None, :] - seen.eye[0], north[:, None] - seen.eye[1])
@@ -235,7 +235,7 @@ def _area(ring: list[tuple[float, float]]) -> float:
 
 
 def viewshed_png(seen: Viewshed) -> bytes:
-    """The viewshed as a picture on its bounds; unknown ground is transparent."""
+    """The viewshed as an image on its bounds; unknown ground is transparent."""
     palette = np.zeros((256, 3), np.uint8)
     for kind in VISIBILITY_CLASSES:
         palette[kind.value] = tuple(bytes.fromhex(kind.colour.removeprefix("#")))

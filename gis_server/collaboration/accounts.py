@@ -1,8 +1,8 @@
 """Tokens on requests: whose they are, and what their role permits.
 
 Reading is open to all. Writing takes a token with a role, in the header `Authorization: Bearer
-solmap_...`; no cookie is ever set, so no other site makes a browser write. Where nobody has a
-token nothing can be written at all.
+solmap_...`; no cookie is ever set, so no other site makes a browser write. Without any token
+nothing can be written at all.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from solmap.products.catalogue.tokens import Role, Token
 _BEARER = HTTPBearer(auto_error=False, description="a token of `solmap token add`")
 _CHALLENGE = {"WWW-Authenticate": "Bearer"}
 MOST_WRONG, WITHIN_S = 20, 60.0
-"""Wrong tokens that are told apart from one address in so many seconds."""
+"""Most different wrong tokens from one address, and the period in seconds."""
 
 
 class WrongTokens:
     """Counts wrong tokens by the address they came from, and has guessers wait.
 
-    Right tokens are taken all the while: whoever shares an address with a guesser can write.
+    Right tokens are always accepted, also from an address that sends wrong ones.
     """
 
     def __init__(self) -> None:
@@ -58,14 +58,14 @@ def _token_of(
     """Whose token a request shows.
 
     Raises:
-        HTTPException: 403 where nobody can have one, 401 where it shows none or a wrong one, 429
-            where many wrong ones came from there.
+        HTTPException: 403 where no tokens exist, 401 without or with a wrong one, 429 after many
+            wrong ones from the address.
     """
     if not any(token.is_valid for token in services.tokens.tokens()):
         raise HTTPException(
             403,
-            "this server only reads: nobody has a token; who runs it makes one with "
-            "`solmap token add NAME --role analyst`",
+            "this server is read-only: no token exists; its operator makes one with `solmap "
+            "token add NAME --role analyst`",
         )
     if shown is None:
         raise HTTPException(
@@ -83,13 +83,13 @@ def _token_of(
                 {"Retry-After": str(int(wait_s) + 1)},
             )
         raise HTTPException(
-            401, "this token is unknown, revoked or has ended; ask for another", _CHALLENGE
+            401, "this token is unknown, revoked or has ended; request another", _CHALLENGE
         )
     return token
 
 
 Holder = Annotated[Token, Depends(_token_of)]
-"""Whoever asks, with any role."""
+"""A client with any role."""
 
 
 class Requires:
@@ -127,6 +127,6 @@ class Account(BaseModel):
 
 @router.get("/account")
 def account(who: Holder, response: Response) -> Account:
-    """Whose token the request shows; 401 or 403 says why there is none."""
+    """The owner of the request's token; 401 or 403 without one."""
     response.headers["Cache-Control"] = "no-store"
     return Account.model_validate({"name": who.name, "role": str(who.role), "ends_at": who.ends_at})

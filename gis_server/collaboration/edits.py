@@ -29,7 +29,7 @@ _MOST_POINTS = 10_000
 
 
 class TieEdit(BaseModel):
-    """A tie to add, veto or move; the columns of a file of hand ties (`solmap ties`)."""
+    """A tie to add, veto or move; the columns of a file of manual ties (`solmap ties`)."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -111,7 +111,7 @@ class EditBody(BaseModel):
     note: str
     undoes: int | None
     counts: bool
-    """Whether nobody has taken it back; ties that count are carried out by the next run."""
+    """Whether it has not been undone; edits of ties with effect are applied by the next run."""
 
 
 @router.get("/edits")
@@ -134,7 +134,7 @@ def edits(
 
 @router.post("/edits/ties", status_code=201)
 def edit_tie(mission: MissionName, edit: TieEdit, services: ServicesOf, who: Analyst) -> EditBody:
-    """Wish for a tie to be added, vetoed or moved by the next run."""
+    """Request that a tie be added, vetoed or moved by the next run."""
     services.catalogue.mission(mission)
     request = edit.model_dump(exclude={"note"}, exclude_none=True)
     document = {"features": [{"properties": request}]}

@@ -34,7 +34,7 @@ def engine(services: ServicesOf, response: Response) -> EngineState:
 
 @router.post("/deployments/{flow}/{name}/pause", status_code=202)
 def pause(flow: Name, name: Name, services: ServicesOf, who: Operator) -> RunRequest:
-    """Start no scheduled run of a deployment any more; runs may still be asked for."""
+    """Pause the schedule of a deployment; runs may still be requested."""
     found = _deployment(f"{flow}/{name}", services)
     if found.is_paused:
         raise HTTPException(409, f"{found.name} is paused already")

@@ -1,4 +1,4 @@
-"""Runs: what is processed and was, how far it is, what it said; and requests for new ones."""
+"""Runs: past and present ones with progress and messages; and requests for new ones."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RunName = Annotated[str, Path(pattern=r"^[A-Za-z0-9-]{1,64}$")]
 
 
 class RunBody(BaseModel):
-    """A run: its stage with so many of so many parts done."""
+    """A run: its stage, with finished and all parts."""
 
     id: str
     kind: str
@@ -38,9 +38,9 @@ class RunBody(BaseModel):
     done: int
     total: int
     lines: tuple[str, ...]
-    """What it said; only of a single run, else empty."""
+    """Its messages; only for a single run, else empty."""
     parameters: dict[str, Any]
-    """Those it was asked for with."""
+    """Its parameters."""
     actions: tuple[Literal["cancel", "restart"], ...]
     """What an operator may have done with it."""
 
@@ -63,7 +63,7 @@ class Runs(BaseModel):
 
 
 class RunKindBody(BaseModel):
-    """A kind of run that may be asked for."""
+    """A kind of run that may be requested."""
 
     kind: str
     title: str
@@ -101,14 +101,14 @@ def runs(
 
 @router.get("/runs/{run}")
 def run(run: RunName, services: ServicesOf, response: Response) -> RunBody:
-    """One run with all that it said."""
+    """One run with all its messages."""
     response.headers.update(AGAIN)
     return _run_body(services.runs.run(run))
 
 
 @router.get("/run-kinds")
 def run_kinds(response: Response) -> list[RunKindBody]:
-    """Kinds of runs that may be asked for: what they do, and the schema of their parameters."""
+    """Kinds of runs that may be requested: descriptions, and the schema of their parameters."""
     response.headers.update(AGAIN)
     return [
         RunKindBody(
@@ -124,7 +124,7 @@ def run_kinds(response: Response) -> list[RunKindBody]:
 
 @router.post("/runs", status_code=202)
 def request_run(wish: Wish, services: ServicesOf, who: Operator) -> RunRequest:
-    """Ask for a run. It waits until `solmap up` takes it; the same wish is not kept twice."""
+    """Request a run. It waits until `solmap up` takes it; equal requests are stored once."""
     if wish.mission is not None and wish.kind != "fetch":
         services.catalogue.mission(wish.mission)
     engine = read_engine_state(services.store.root)
@@ -138,7 +138,7 @@ def request_run(wish: Wish, services: ServicesOf, who: Operator) -> RunRequest:
 def cancel(run: RunName, services: ServicesOf, who: Operator) -> RunRequest:
     """Cancel a run that is going on, or that waits in the engine.
 
-    Its processes are ended; products that exist are kept, and another run goes on from them.
+    Its processes are ended; products that exist are kept, and another run continues from them.
     """
     engine = require_engine(services)
     if any(queued.flow_run == run for queued in engine.queued):
@@ -164,7 +164,7 @@ def restart(run: RunName, services: ServicesOf, who: Operator) -> RunRequest:
     if found.state not in RESTARTABLE:
         raise HTTPException(409, f"run {run} is {found.state}: there is nothing to run again")
     if found.flow_run is None:
-        raise HTTPException(409, f"run {run} was started by a command: say that command again")
+        raise HTTPException(409, f"run {run} was started by a command: repeat that command")
     try:
         wish = _WISH.validate_python({"kind": found.kind, **found.parameters})
     except ValidationError as error:

@@ -48,7 +48,7 @@ def crs_named(text: str | None, parameter: str, base: str) -> Crs:
     """The coordinate system that a parameter names; longitude and latitude where it is absent.
 
     Raises:
-        HTTPException: 400, it is none that is spoken.
+        HTTPException: 400, the CRS is not supported.
     """
     if not text:
         return Crs.LON_LAT
@@ -72,7 +72,7 @@ def crs_on(landing: LandingPoint, asked: Crs) -> Crs:
         HTTPException: 400, degrees of a map that is not tied to the lander.
     """
     if landing.origin and asked is Crs.MARS:
-        raise HTTPException(400, f"this map has no degrees; {landing.name}: ask for crs/local")
+        raise HTTPException(400, f"this map has no degrees; {landing.name}: use crs/local")
     return Crs.LOCAL if landing.origin else asked
 
 

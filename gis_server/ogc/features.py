@@ -76,7 +76,7 @@ FeatureId = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.-]{1,160}$")]
 
 @dataclass(frozen=True, slots=True)
 class FeatureRequest:
-    """What a request for features asks for, before the features are looked at."""
+    """Parameters of a request for features."""
 
     form: Format
     crs: Crs
@@ -92,7 +92,7 @@ class FeatureRequest:
         """The same of a map: in its metres where it is not tied to the lander.
 
         Raises:
-            HTTPException: 400, such a map is asked for in degrees.
+            HTTPException: 400, such a map is requested in degrees.
         """
         crs, box_crs = crs_on(landing, self.crs), crs_on(landing, self.box_crs)
         return replace(self, crs=crs, box_crs=box_crs)
@@ -100,7 +100,7 @@ class FeatureRequest:
     def selection(
         self, keys: list[str], landing: LandingPoint, extent: Extent, *, all_placed: bool
     ) -> Selection | None:
-        """The features asked for; None where there cannot be any.
+        """The requested features; None where there cannot be any.
 
         An area that holds all of them, each of which has a place, need not be looked for.
         """
@@ -125,7 +125,7 @@ def _holds(outer: Bounds, inner: Bounds) -> bool:
 
 
 def form_of(request: Request, f: str | None) -> Format:
-    """The format: what `f` says, else a page for browsers and GeoJSON for others."""
+    """The format: of `f`, else a page for browsers and GeoJSON for others."""
     if f:
         if f not in set(Format):
             raise HTTPException(400, f"f={f} is none of {', '.join(Format)}")
@@ -150,7 +150,7 @@ class FeaturesQuery:
         limit: Annotated[str | None, Query(description=f"at most {MOST}")] = None,
         offset: Annotated[str | None, Query(description="how many are left out")] = None,
     ) -> None:
-        """Other parameters are taken for names of properties, which features must have."""
+        """Other parameters are names of properties, which features must have."""
         self.request = request
         self._given = (f, bbox, bbox_crs, crs, datetime, sol, limit, offset)
 
@@ -242,7 +242,7 @@ Known = Annotated[CollectionDefinition, Depends(_collection)]
 
 
 def landing_links(base: str) -> list[Link]:
-    """What the landing page says of features."""
+    """Links to features on the landing page."""
     return [link("data", f"{base}/collections", JSON, "Collections of features")]
 
 
@@ -288,7 +288,7 @@ def collection(
 def queryables(
     known: Known, mission: MissionName, services: ServicesOf, base: BaseOf
 ) -> JSONResponse:
-    """The properties of the features of a collection, each of which may be asked for by name."""
+    """The properties of the features of a collection, usable by name in queries."""
     fields = _fields(known, mission, services)
     body = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

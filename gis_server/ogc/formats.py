@@ -50,13 +50,13 @@ _DRIVERS = {Format.GPKG: "GPKG", Format.FGB: "FlatGeobuf"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeaturePage:
-    """Features of a page in the coordinate system that was asked for."""
+    """Features of a page in the requested coordinate system."""
 
     features: Sequence[IndexedFeature]
     crs: Crs
     landing: LandingPoint
     image_root: str | None = None
-    """Address of the server, where features stand for images: their files are linked."""
+    """Address of the server, for features that represent images: their files are linked."""
 
     def shapes(self, crs: Crs | None = None) -> np.ndarray:
         """The geometries, the first axis of the CRS first; None where a place is not known."""
@@ -89,8 +89,8 @@ def feature_text(page: FeaturePage) -> list[str]:
 def geojson(page: FeaturePage, members: dict[str, Any]) -> str:
     """A feature collection with further members, such as its links.
 
-    Where the order is that of GeoJSON, a reader of plain files is told that these are degrees of
-    Mars, or metres of a map that is not tied to the lander, as in the files of the store.
+    Where the order is that of GeoJSON, a foreign member states that these are degrees of Mars, or
+    metres of a map that is not tied to the lander, as in the files of the store.
     """
     name = local_crs(page.landing).to_wkt() if page.landing.origin else MARS_URN
     is_named = page.crs is Crs.LON_LAT or bool(page.landing.origin)

@@ -67,7 +67,7 @@ def missions(services: ServicesOf, request: Request, f: AsFormat = None) -> Resp
 
 
 def _services_of(base: str, title: str) -> list[Link]:
-    """All services of a mission, told apart by its title."""
+    """All services of a mission, identified by its title."""
     named = (
         (one, one.get("title", one["rel"])) for part in _PARTS for one in part.landing_links(base)
     )
@@ -96,8 +96,8 @@ def landing(
     )
     if entry.landing.is_on_mars and not entry.landing.origin:
         description += (
-            " GDAL 3.12 reads the coordinate system; GDAL 3.6 reads the same longitudes and"
-            f" latitudes and calls them WGS 84: tell it -a_srs {MARS}."
+            " GDAL 3.12 reads the coordinate system; GDAL 3.6 reads the same longitudes and "
+            f"latitudes and calls them WGS 84: use -a_srs {MARS}."
         )
     if form_of(request, f) is Format.HTML:
         return _page(page(entry.title, paragraph(description), link_list(links)))

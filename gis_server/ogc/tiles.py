@@ -1,8 +1,8 @@
 """OGC API Tiles: the rasters of a mission as tiles of maps.
 
-Here and in WMTS layers are named without a digest, and the latest version is meant. The addresses
-of `/tiles/...` carry a digest and are cached forever; these are asked again each time, and
-answered with 304 where the layer is still the same.
+Here and in WMTS layers are named without a digest, and are the latest version. The addresses of
+`/tiles/...` contain a digest and are cached forever; these are revalidated each time, with 304
+while the layer is the same.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ def latest_tile(
         address: The tile.
         query: How to draw it.
         services: Store and open rasters.
-        known: What the client says it has (`If-None-Match`).
+        known: The client's version (`If-None-Match`).
     """
     drawn = hashlib.sha256(f"{address} {query}".encode()).hexdigest()[:16]
     tag = f'"{layer.ref.digest}-{drawn}"'
@@ -158,7 +158,7 @@ CONFORMANCE = (
 
 
 def landing_links(base: str) -> list[Link]:
-    """What the landing page says of tiles."""
+    """Links to tiles on the landing page."""
     return [
         link(TILING_SCHEMES, f"{base}/tileMatrixSets", JSON, "Tile matrix sets"),
         link("data", f"{base}/maps", JSON, "Collections of rasters"),

@@ -1,4 +1,4 @@
-"""What OGC API Tiles says of layers and of the tile matrix set: documents, no HTTP.
+"""Documents of OGC API Tiles for layers and the tile matrix set, without HTTP.
 
 Of every raster layer there is one tileset for each of its styles, in the only tile matrix set of
 the mission (`products.formats.raster.tiling`). It is reached by the layer's name without a digest,
@@ -98,7 +98,7 @@ def styles_document(layer: Layer, base: str) -> dict[str, Any]:
 
 
 def legend_address(layer: Layer, style: str, base: str) -> str:
-    """Where the legend of a style is, as a picture."""
+    """Address of the legend of a style, as an image."""
     root = base.rsplit("/ogc/", 1)[0]
     place = f"{layer.ref.scope.name}/{layer.ref.kind}/{layer.ref.digest}"
     return f"{root}/api/layers/{place}/legend.png?style={style}"

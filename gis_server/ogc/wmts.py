@@ -186,7 +186,7 @@ class _RequestError(Exception):
 
 
 def landing_links(base: str) -> list[Link]:
-    """What the landing page says of WMTS."""
+    """Links to WMTS on the landing page."""
     address = f"{base}/wmts/1.0.0/WMTSCapabilities.xml"
     return [link("service", address, _XML, "Web Map Tile Service")]
 
@@ -232,7 +232,7 @@ def by_parameters(
 
 @lru_cache(maxsize=4)
 def _capabilities(mission: str, services: Services, base: str, _version: int) -> bytes:
-    """Written anew when something has been published: of 5500 layers it takes seconds."""
+    """Written again after each publication: for 5500 layers it takes seconds."""
     entry = services.catalogue.mission(mission)
     return capabilities(entry, rasters(mission, services), base)
 
@@ -270,12 +270,12 @@ def _check_format(parameters: Mapping[str, str]) -> None:
 
 def _required_parameter(parameters: Mapping[str, str], name: str) -> str:
     if not parameters.get(name):
-        raise _RequestError("MissingParameterValue", f"GetTile asks for {name}", name)
+        raise _RequestError("MissingParameterValue", f"GetTile needs {name}", name)
     return parameters[name]
 
 
 def _number(parameters: Mapping[str, str], name: str) -> int:
     text = _required_parameter(parameters, name)
     if not (text.isascii() and text.isdigit() and len(text) < 10):  # noqa: PLR2004 - digits
-        raise _RequestError("InvalidParameterValue", f"{name}={text} is no number", name)
+        raise _RequestError("InvalidParameterValue", f"{name}={text} is not a number", name)
     return int(text)

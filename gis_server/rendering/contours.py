@@ -60,7 +60,7 @@ def contour_margin(cell_m: float) -> int:
 
 
 def interval_of(layer: Layer, asked_m: float | None) -> float:
-    """The interval asked for, or one that suits the layer's relief."""
+    """The requested interval, or one that suits the layer's relief."""
     if asked_m is not None:
         return asked_m
     low, high = layer.range or (0.0, 1.0)
@@ -107,9 +107,9 @@ def contours_in(
     low, high = layer.range or (0.0, 1.0)
     if (high - low) / interval_m > _MOST_LEVELS:
         raise UnknownStyleError(
-            f"an interval of {interval_m:g} m gives {(high - low) / interval_m:.0f} "
-            f"contours between {low:.1f} and {high:.1f} m; ask for one above "
-            f"{(high - low) / _MOST_LEVELS:.2g} m"
+            f"an interval of {interval_m:g} m gives {(high - low) / interval_m:.0f} contours "
+            f"between {low:.1f} and {high:.1f} m; use one above {(high - low) / _MOST_LEVELS:.2g} "
+            "m"
         )
     address = store.address(layer.ref)
     window = _window(layer, bounds, address, pool)

@@ -1,7 +1,7 @@
-"""The rover's images as pictures of eight bits: raw, stretched, linearised, and as anaglyphs.
+"""The rover's images in eight bits: raw, stretched, linearised, and as anaglyphs.
 
-Pictures are cut into tiles of 256 pixels: at the highest zoom a pixel of the tile is one of the
-picture, each zoom below halves it, and zoom 0 is one tile. Grey values are kept in memory up to a
+They are divided into tiles of 256 pixels: at the highest zoom a pixel of the tile is one of the
+image, each zoom below halves it, and zoom 0 is one tile. Grey values are kept in memory up to a
 number of bytes, so that tiles and stretches of one image cost little; nothing is written.
 
 An anaglyph holds the left image in red and the right one in green and blue. Ground whose parallax
@@ -93,7 +93,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class ImageView:
-    """An image in a style: the grey planes it is made of, by what tells them apart."""
+    """An image in a style: its grey planes, by name."""
 
     style: Style
     planes: tuple[tuple[ImageEntry, str], ...]
@@ -112,7 +112,7 @@ class ImageView:
         matches = matches_of(entry, workspace)
         if matches is None or entry.partner is None:
             why = entry.unpaired_because or "its pair has not been matched"
-            raise ProductNotFoundError(f"{entry.id} is not to be had {style}: {why}")
+            raise ProductNotFoundError(f"{entry.id} is not available {style}: {why}")
         made_by = f"{entry.ref.digest}-{matches.digest}"
         if style is Style.LINEARISED:
             return cls(style, ((entry, made_by),), workspace)
@@ -122,33 +122,33 @@ class ImageView:
 
     @property
     def size(self) -> tuple[int, int]:
-        """(samples, lines) of the picture."""
+        """(samples, lines) of the image."""
         lines, samples = self._plane(0).shape
         return samples, lines
 
     @property
     def max_zoom(self) -> int:
-        """Zoom at which a pixel of a tile is one of the picture."""
+        """Zoom at which a pixel of a tile is one of the image."""
         return max(0, math.ceil(math.log2(max(self.size) / TILE)))
 
     def picture(self, stretch: Stretch) -> Picture:
-        """The whole picture."""
+        """The whole image."""
         samples, lines = self.size
         return self._draw((0, 0, samples, lines), 0, stretch)
 
     def tile(self, zoom: int, column: int, row: int, stretch: Stretch) -> Picture:
-        """A tile of the picture; smaller at its right and lower edge.
+        """A tile of the image; smaller at its right and lower edge.
 
         Raises:
-            OutsideCoverageError: the picture has no such tile.
+            OutsideCoverageError: the image has no such tile.
         """
         halvings = self.max_zoom - zoom
         lines, samples = (math.ceil(n / 2 ** max(halvings, 0)) for n in self.size[::-1])
         left, top = column * TILE, row * TILE
         if halvings < 0 or left >= samples or top >= lines:
             raise OutsideCoverageError(
-                f"the picture has zooms 0 to {self.max_zoom}, and at zoom {zoom} no tile "
-                f"{column}, {row}"
+                f"the image has zooms 0 to {self.max_zoom}, and at zoom {zoom} no tile {column}, "
+                f"{row}"
             )
         box = (left, top, min(left + TILE, samples), min(top + TILE, lines))
         return self._draw(box, halvings, stretch)
@@ -250,6 +250,6 @@ def _brightness(values: np.ndarray, low: float, high: float, gamma: float) -> Pi
 
 
 def png_of(picture: Picture) -> bytes:
-    """A picture of grey, or of red, green and blue, as PNG."""
+    """An image of grey, or of red, green and blue, as PNG."""
     colours = picture if picture.ndim == 2 else picture[:, :, ::-1]  # noqa: PLR2004 - OpenCV's order
     return cv2.imencode(".png", colours, [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()

@@ -1,4 +1,4 @@
-"""How a raster becomes the picture of a tile: one function for every way of drawing it.
+"""Rendering of a raster to the image of a tile: one function for every style.
 
 Shades, slopes and directions of a terrain model follow from the gradient of the plane fitted to
 the elevations around a cell, as in the layers that are made once (`photogrammetry.terrain`). A
@@ -53,7 +53,7 @@ _NOT_AVERAGED = {ProductKind.ASPECT, ProductKind.REGION_ASPECT} | {
     kind for kind, style in STYLES.items() if style.is_classes
 }
 _SHADOW = 0.3
-"""What is left of a colour where no sun falls."""
+"""Fraction of a colour that remains in shade."""
 _AS_IT_IS = 128
 """Shade that leaves a colour as it is; the brightest is twice that."""
 _COVER = bytes(range(256))
@@ -70,8 +70,8 @@ def margin_of(query: StyleQuery, cell_m: float) -> int:
     half = max(1, round((query.baseline / cell_m - 1) / 2))
     if half > _WIDEST:
         raise UnknownStyleError(
-            f"a baseline of {query.baseline:g} m is {2 * half + 1} cells of {cell_m:g} m; ask for "
-            f"one below {2 * _WIDEST * cell_m:g} m or for a tile of a lower zoom"
+            f"a baseline of {query.baseline:g} m is {2 * half + 1} cells of {cell_m:g} m; use one "
+            f"below {2 * _WIDEST * cell_m:g} m or for a tile of a lower zoom"
         )
     return half
 
@@ -167,7 +167,7 @@ class Canvas:
         return read_patch(self.dataset, self.address, band, how, margin=margin, border=border)
 
     def encode(self, values: np.ndarray) -> bytes | None:
-        """The picture of the values of every pixel; None where none is known."""
+        """The image of the values of every pixel; None if none is known."""
         indices = indices_of(values, *range_of(self.style, self.layer))
         colours = palette_of(self.style.colours)
         return self.form.indexed(indices, colours) if indices.any() else None

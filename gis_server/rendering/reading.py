@@ -164,7 +164,7 @@ def read_patch(
     grid = grid_of(dataset)
     west, north = address.west_north
     ratio = address.cell_m / grid.cell_m
-    step = min(ratio, 1.0)  # tiles and grids share a lattice: what is left over is rounding
+    step = min(ratio, 1.0)  # tiles and grids share a lattice: any remainder is rounding
     row = round((grid.north - north) / grid.cell_m / step) * step
     col = round((west - grid.west) / grid.cell_m / step) * step
     pixels = np.arange(-border, BLOCK + border) + 0.5

@@ -1,4 +1,4 @@
-"""How tiles are coloured: palettes, the styles that may be asked for, and their legends.
+"""Colours of tiles: palettes, the available styles, and their legends.
 
 The styles of every kind of raster are those of `products.formats.raster.styles`. What is drawn of a
 terrain model beside its elevation is computed for every tile (`rendering.painting`).
@@ -54,7 +54,7 @@ def _rgb(colour: str) -> tuple[int, ...]:
 
 
 def stretch_palette(palette: np.ndarray, low: float, high: float) -> np.ndarray:
-    """The palette of a picture whose indices `low` and `high` are its black and its white."""
+    """The palette of an image whose indices `low` and `high` are its black and its white."""
     index = np.clip((np.arange(256) - low) / (high - low) * LEVELS + 1.5, 1, 255)
     return palette[index.astype(int)]
 
@@ -68,7 +68,7 @@ def indices_of(values: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 DEFAULT = "default"
-"""The style of a kind that is drawn unless another is asked for."""
+"""The default style of a kind."""
 
 
 ELEVATIONS = (ProductKind.DTM, ProductKind.FAR_DTM, ProductKind.REGION_DTM)
@@ -184,7 +184,8 @@ class StyleQuery(BaseModel):
     ] = 5.0
     """From which on ground counts as facing north."""
     baseline: Annotated[
-        _Finite | None, Field(gt=0, le=100, description="length over which slope is felt, metres")
+        _Finite | None,
+        Field(gt=0, le=100, description="length over which slope is measured, metres"),
     ] = None
     """Three of the tile's cells by default."""
     interval: Annotated[
@@ -194,7 +195,7 @@ class StyleQuery(BaseModel):
 
 
 def resolve_style(layer: Layer, query: StyleQuery) -> TileStyle:
-    """The style of a layer with the colours and range that were asked for.
+    """The style of a layer with the requested colours and range.
 
     Raises:
         ProductNotFoundError: the layer has no tiles.

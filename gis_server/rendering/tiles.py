@@ -1,4 +1,4 @@
-"""From a tile's address and a style to its picture, or to its values.
+"""From a tile's address and a style to its image, or to its values.
 
 Tiles of values are for shading in the browser: sun, slope, thresholds and colours without a
 server. A body has 16 bits a value, steps of a power of two from an offset; all numbers are
@@ -18,7 +18,7 @@ the first column is 0. With k the running sum of a row,
 
 so that a browser needs no decoder: HTTP's own gzip undoes the compression. The first and last row
 and column are those of the neighbouring tiles: shading that depends on neighbours is right up to
-the edge. Steps are as fine as the tile's range allows, and no finer than asked for; offset and
+the edge. Steps are as fine as the tile's range allows, and no finer than requested; offset and
 values are whole steps, so that what neighbours share is equal where their steps are.
 
 Float32 with 24 bits would take twice the room and, rounded to 1/256 of a cell, show the same.
@@ -67,7 +67,7 @@ _COARSEST_EXPONENT, _FINEST_EXPONENT = 100, -40
 PLAIN = StyleQuery()
 """Every layer as it is shown by default."""
 _SHADES = 256
-"""A gradient is felt to this part of 1: what a shade of grey shows."""
+"""Resolution of a gradient: one shade of grey."""
 _COLOURS = 4096
 """Steps that a stretch of a layer's range is good for."""
 
@@ -123,7 +123,7 @@ def draw_tile(
     query: StyleQuery,
     form: PictureFormat,
 ) -> bytes | None:
-    """The picture of a tile; None where nothing was measured.
+    """The image of a tile; None where nothing was measured.
 
     Raises:
         ProductNotFoundError: the layer has no tiles.
@@ -167,7 +167,7 @@ def render_values(
     """
     style = resolve_style(layer, PLAIN)
     if layer.ref.kind in PICTURES:
-        raise ProductNotFoundError(f"{layer.id} is a picture: ask for its tiles as .png")
+        raise ProductNotFoundError(f"{layer.id} has images only: request its tiles as .png")
     if not overlap(layer.bounds, address.bounds):
         return None
     with pool.reading(store.address(layer.ref)) as dataset:

@@ -1,9 +1,9 @@
 """Map tiles as WebP: shades of grey and photographs lossy, colours of a legend exact.
 
 Two or three shades of 255 more or less, below the noise of a photograph, halve the bytes of a PNG;
-a value is read off a colour and classes are told apart by it, so colours of a palette stay exact.
-What is transparent is exact in both. An orthophoto's tile takes 1.5 ms to encode and 12 kB, where
-PNG takes 0.1 ms and 24 kB (`python -m tests.support.tile_forms STORE`).
+values are read from colours and classes distinguished by them, so colours of a palette stay exact.
+Transparency is exact in both. An orthophoto's tile takes 1.5 ms to encode and 12 kB, where PNG
+takes 0.1 ms and 24 kB (`python -m tests.support.tile_forms STORE`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _OPAQUE = 255
 
 
 def indexed_webp(indices: np.ndarray, palette: np.ndarray, opacity: bytes = b"\x00") -> bytes:
-    """Encode a picture of palette indices, as `png.indexed_png` does."""
+    """Encode an image of palette indices, like `png.indexed_png`."""
     colours = np.full((256, 4), _OPAQUE, np.uint8)
     colours[:, :3] = palette
     colours[: len(opacity), 3] = np.frombuffer(opacity, np.uint8)
@@ -32,13 +32,13 @@ def indexed_webp(indices: np.ndarray, palette: np.ndarray, opacity: bytes = b"\x
 
 
 def colour_webp(picture: np.ndarray) -> bytes:
-    """Encode a picture of red, green and blue, as `png.colour_png` does."""
+    """Encode an image of red, green and blue, like `png.colour_png`."""
     cover = np.where(picture.any(axis=-1, keepdims=True), np.uint8(_OPAQUE), np.uint8(0))
     return _webp(np.concatenate((picture, cover), axis=-1), is_exact=False)
 
 
 def _webp(picture: np.ndarray, *, is_exact: bool) -> bytes:
-    """A picture of red, green, blue and opacity."""
+    """An image of red, green, blue and opacity."""
     if (picture[..., 3] == _OPAQUE).all():
         picture = np.ascontiguousarray(picture[..., :3])
     body = BytesIO()

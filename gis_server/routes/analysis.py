@@ -65,7 +65,7 @@ router = APIRouter(prefix="/api/missions/{mission}", tags=["analysis"])
 _VIEWSHED = ViewshedParams()
 Height = Annotated[float, Query(ge=0, le=100, description="above the ground, metres")]
 Elevation = Annotated[
-    float | None, Query(ge=-1e5, le=1e5, description="of the ground, where the map knows none")
+    float | None, Query(ge=-1e5, le=1e5, description="of the ground, where the map has none")
 ]
 LayerId = Annotated[str, Query(max_length=200, description="a terrain model, or `best`")]
 Unseen = Annotated[
@@ -151,7 +151,7 @@ def zonal_statistics(
     for layer in map_layers(mission, services):
         if layer.id == question.layer:
             return zonal_answer(question, layer, services.store, services.pool)
-    raise UnanswerableError(f"{question.layer} is no layer of {mission}; /layers lists them")
+    raise UnanswerableError(f"{question.layer} is not a layer of {mission}; /layers lists them")
 
 
 def _viewshed(  # noqa: PLR0913 - the query
@@ -173,7 +173,7 @@ def _viewshed(  # noqa: PLR0913 - the query
 
 
 ViewshedHere = Annotated[Viewshed, Depends(_viewshed)]
-"""The viewshed that a query asks for."""
+"""The viewshed of a query."""
 
 
 @router.get("/viewshed")
@@ -185,7 +185,7 @@ def viewshed(seen: ViewshedHere, request: Request, response: Response) -> Viewsh
 
 @router.get("/viewshed.png", response_class=Response)
 def viewshed_picture(seen: ViewshedHere) -> Response:
-    """The same as a picture on the bounds that /viewshed tells: visible blue, hidden brown."""
+    """The same as an image on the bounds from /viewshed: visible blue, hidden brown."""
     return Response(viewshed_png(seen), media_type="image/png", headers=AGAIN)
 
 
@@ -240,7 +240,7 @@ def _find_drives(  # noqa: PLR0913 - the query
 
 
 DrivesHere = Annotated[Drives, Depends(_find_drives)]
-"""The ways from the place that a query asks for."""
+"""The paths from the point of a query."""
 
 
 @router.get("/reach")
@@ -262,7 +262,7 @@ def reachable(
 
 @router.get("/reach.png", response_class=Response)
 def reach_picture(drives: DrivesHere, interval_m: Interval = 5.0) -> Response:
-    """The same as a picture on the bounds that /reach tells: near is yellow, far is blue."""
+    """The same as an image on the bounds from /reach: near is yellow, far is blue."""
     interval_m = max(interval_m, drives.params.farthest_m / MOST_BANDS)
     return Response(reach_png(drives, interval_m), media_type="image/png", headers=AGAIN)
 

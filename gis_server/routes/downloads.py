@@ -68,7 +68,7 @@ def product_response(
     media_type: str,
     filename: str | None = None,
 ) -> Response:
-    """A product's file, or the one range of it that is asked for.
+    """A product's file, or the requested range of it.
 
     Raises:
         ProductNotFoundError: it is not in the store.
@@ -94,7 +94,7 @@ def product_response(
 
 
 def _requested_range(request: Request, size: int, tag: str) -> tuple[int, int] | None:
-    """First byte of a range, and the one after its last; None where one range is not asked for.
+    """First byte of a range, and the one after its last; None without a single range.
 
     Raises:
         HTTPException: the range lies beyond the file.
@@ -170,7 +170,9 @@ def _clip_layer(layer: Layer, store: ProductStore, bounds: BBox, where: tuple[Pa
         crop_raster(store.address(layer.ref), path, bounds)
         return path
     if layer.type != "vector":
-        raise ProductError(f"{layer.id} is no map but a {layer.type}: it is handed out whole")
+        raise ProductError(
+            f"{layer.id} is not a map but a {layer.type}: it can only be downloaded whole"
+        )
     part = crop_features(read_features(store.path(layer.ref)), bounds)
     path = folder / f"{name}.{form}"
     if form == "gpkg":

@@ -18,7 +18,7 @@ from solmap.products.catalogue.events import Event
 router = APIRouter(prefix="/api", tags=["live"])
 _RETRY_MS = 2000
 RELOAD = "reload"
-"""Events were missed that cannot be told any more: ask everything anew."""
+"""Events were missed that are no longer available: reload everything."""
 Mission = Annotated[
     str | None, Query(max_length=64, description="leave out the events of other missions")
 ]
@@ -53,9 +53,9 @@ async def events(
 ) -> AsyncIterable[ServerSentEvent]:
     """What happens in the store, as it happens: `layers.published`, `run.changed` and others.
 
-    Every event has a number; who comes back with the last one it has seen (`Last-Event-ID`, which
-    browsers send by themselves, or `since`) is told what it has missed. `reload` says that this
-    is not known any more. A line without meaning every 15 s keeps the connection open.
+    Every event has a number; a client that reconnects with its last one (`Last-Event-ID`, which
+    browsers send by themselves, or `since`) gets the missed ones. `reload` means that these are no
+    longer available. A comment line every 15 s keeps the connection open.
     """
     if request.method == "HEAD":
         return

@@ -1,4 +1,4 @@
-"""The rover's images: pictures in several styles, whole or cut into tiles, and the file."""
+"""The rover's images in several styles, whole or as tiles, and the file."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Picture(BaseModel):
     samples: int
     lines: int
     max_zoom: int
-    """Zoom at which a pixel of a tile is one of the picture."""
+    """Zoom at which a pixel of a tile is one of the image."""
     tile_px: int = TILE
     picture: ServerPath
     tiles: ServerPath
@@ -200,7 +200,7 @@ def _view(image: str, style: Style, services: ServicesOf) -> ImageView:
 
 
 def _tag(shown: ImageView, request: Request) -> str:
-    """Changes with the products that a picture is made of, and with how it is asked for."""
+    """Changes with the source products and with the query."""
     made = "-".join(digest for _, digest in shown.planes)
     text = f"{made} {request.url.path}?{request.url.query}"
     return f'"{hashlib.sha256(text.encode()).hexdigest()[:24]}"'

@@ -92,7 +92,7 @@ def _count_of(layer: Layer, texts: FeatureTexts) -> int:
         raise HTTPException(
             HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
             f"{layer.id} has {count} features, more than the {_MOST_AT_ONCE} that are sent at "
-            f"once: give a bbox or ids, or ask /ogc/{layer.mission}/collections for pages of them",
+            f"once: give a bbox or ids, or use the pages of /ogc/{layer.mission}/collections",
         )
     return count
 
@@ -297,7 +297,7 @@ def styles(layer: LayerPath, response: Response) -> Styles:
 
 @router.get("/{scope}/{kind}/{digest}/legend")
 def legend(layer: LayerPath, query: Drawn, services: ServicesOf, response: Response) -> Legend:
-    """Values and colours of the layer's tiles when they are asked for with the same query."""
+    """Values and colours of the layer's tiles with the same query."""
     response.headers.update(FOREVER)
     found = legend_of(layer, _style_with_classes(layer, query, services))
     if found is None:
@@ -307,7 +307,7 @@ def legend(layer: LayerPath, query: Drawn, services: ServicesOf, response: Respo
 
 @router.get("/{scope}/{kind}/{digest}/legend.png", response_class=Response)
 def legend_picture(layer: LayerPath, query: Drawn, services: ServicesOf) -> Response:
-    """The legend as a picture."""
+    """The legend as an image."""
     body = draw_legend(layer, _style_with_classes(layer, query, services))
     return Response(body, media_type="image/png", headers=FOREVER)
 
@@ -327,7 +327,7 @@ def contours(
 ) -> Response:
     """Contours of a terrain model at any interval, in metres of the local map."""
     if layer.ref.kind not in ELEVATIONS:
-        raise ProductNotFoundError(f"{layer.id} is no terrain model: it has no contours")
+        raise ProductNotFoundError(f"{layer.id} is not a terrain model: it has no contours")
     interval_m = interval_of(layer, interval)
     found = contours_in(layer, interval_m, bounds, services.store, services.pool)
     landing = services.catalogue.mission(layer.mission).landing

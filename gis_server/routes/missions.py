@@ -1,4 +1,4 @@
-"""Missions, their layers and images, what lies at a place, and all that the first view asks for.
+"""Missions, their layers and images, values at a point, and all data of the first view.
 
 Answers that are long and the same for everybody until something is published are cached, plain and
 compressed.
@@ -252,7 +252,7 @@ def sol_page(
 def identify_place(
     mission: MissionName, east: Metres, north: Metres, services: ServicesOf, response: Response
 ) -> Place:
-    """What all layers say about a place: coordinates, elevation, values, stops and images."""
+    """Values of all layers at a point: coordinates, elevation, values, stops and images."""
     response.headers.update(AGAIN)
     landing = services.catalogue.mission(mission).landing
     layers = map_layers(mission, services)
@@ -280,10 +280,10 @@ class Start(BaseModel):
 
 @router.get("/start", response_model=Start)
 def start(services: ServicesOf, cache: CacheStateOf) -> Response:
-    """All missions, and the layers of the first; written anew only when something was published.
+    """All missions, and the layers of the first; written again only after a publication.
 
-    The header `Last-Event-ID` names the last event that is in it: who asks `/api/events` for those
-    `since` misses none.
+    The header `Last-Event-ID` names the last event included: `/api/events` with this `since` misses
+    none.
     """
     seen = services.catalogue.version()  # before all else: later events are sent again
     body, more = _start_body(services, services.catalogue.published_version())
@@ -296,7 +296,7 @@ def start(services: ServicesOf, cache: CacheStateOf) -> Response:
 
 @lru_cache(maxsize=_CACHED_STARTS)
 def _start_body(services: Services, version: int) -> tuple[CachedResponse, str]:
-    """The answer, and what its `Link` says if there are more layers."""
+    """The response, and its `Link` if there are more layers."""
     found = missions_of(services)
     first = found[0].mission if found else None
     page = Page(PAGE, 0)

@@ -118,15 +118,15 @@ def ties(
     return image_ties(services.catalogue.image(image), oriented)
 
 
-@router.post("/refine", tags=["hand ties"])
+@router.post("/refine", tags=["manual ties"])
 def refine(mission: MissionName, question: RefineQuestion, services: ServicesOf) -> RefineAnswer:
     """Measure a picked point to a fraction of a pixel, by least-squares matching."""
     return refine_pick(question, _oriented_mission(mission, services))
 
 
-@router.post("/preview-adjustment", tags=["hand ties"])
+@router.post("/preview-adjustment", tags=["manual ties"])
 def preview(mission: MissionName, question: TrialQuestion, services: ServicesOf) -> TrialAnswer:
-    """Adjust two stops with hand ties and without; computes only, writes nothing."""
+    """Adjust two stops with and without manual ties; stores nothing."""
     return preview_adjustment(question, _oriented_mission(mission, services))
 
 

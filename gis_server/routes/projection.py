@@ -108,7 +108,8 @@ def image_to_image(  # noqa: PLR0913 - the parameters of the question
     line: Pixel,
     services: ServicesOf,
     stop: Annotated[
-        str | None, Query(max_length=128, description="whose images are asked; by default all near")
+        str | None,
+        Query(max_length=128, description="whose images are searched; by default all near"),
     ] = None,
     layer: LayerId = BEST,
     sigma_px: Sigma = 0.5,

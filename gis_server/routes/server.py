@@ -45,7 +45,7 @@ _DOCS = _FRAME.format(
 )
 _DOCS_START = (
     'SwaggerUIBundle({url: "openapi.json", dom_id: "#swagger-ui", deepLinking: true, '
-    "validatorUrl: null});\n"  # by default it asks a validator elsewhere
+    "validatorUrl: null});\n"  # by default it uses an external validator
 )
 
 
@@ -67,7 +67,7 @@ class ViewerFiles(StaticFiles):
                 full_path, used = plain + suffix, encoding
                 stat_result = os.stat(full_path)  # noqa: PTH116 - what the parent hands on
                 break
-        # Its type is told by its name: that of a file `name.js.br` is that of `name.js`.
+        # Its type follows from its name: that of a file `name.js.br` is that of `name.js`.
         answer = super().file_response(full_path, stat_result, scope, status_code)
         if used:
             answer.headers["content-encoding"] = used

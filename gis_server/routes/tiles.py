@@ -1,6 +1,6 @@
-"""Map tiles: pictures and values.
+"""Map tiles: images and values.
 
-A view of the map asks for dozens of tiles, so these routes are lean: each request is checked by one
+A view of the map requests dozens of tiles, so these routes are lean: each request is checked by one
 model for its path and one for its query, from which the description of the API is written too;
 nothing but the drawing runs in a thread; and the app has these routes first. So they take less than
 1.3 times as long as the same tiles without routing and validation
@@ -97,7 +97,7 @@ def _checked_query(model: type[_Checked], query: bytes) -> _Checked:
 async def tile(request: Request) -> Response:
     """One tile of 256 x 256 pixels, transparent where nothing was measured.
 
-    Which styles a layer has says `GET /api/layers/{scope}/{kind}/{digest}/styles`.
+    `GET /api/layers/{scope}/{kind}/{digest}/styles` lists the styles of a layer.
     """
     body = await _drawn(request, PNG) or empty_tile()
     return Response(body, media_type=PNG.media_type, headers=FOREVER)
@@ -146,7 +146,7 @@ async def _drawn(request: Request, form: PictureFormat) -> bytes | None:
 async def values(request: Request) -> Response:
     """The values of a tile and of the pixels around it; status 204 where nothing was measured.
 
-    The format stands in the documentation of the stage "Serve".
+    The format is in the documentation of the stage "Serve".
     """
     path = _validate(TilePath, request.path_params, "path")
     query = _checked_query(ValuesQuery, request.scope["query_string"])

@@ -161,7 +161,7 @@ def _ref(document: dict[str, Any]) -> ProductRef:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Which rows of a list are wanted."""
+    """Requested rows of a list."""
 
     limit: int | None = None
     offset: int = 0

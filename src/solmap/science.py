@@ -9,7 +9,7 @@ nothing was measured. Frames (`docs/reference/conventions.md`):
     local   x north, y east, z down from the origin of a site: what `adjust` and `build_dtm` work in
     map     east = y and north = x of the local frame; elevation = -z
 
-What cannot be done is a `PhotogrammetryError` that says why.
+Failures raise a `PhotogrammetryError` with the reason.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class Image:
 
     @property
     def record(self) -> Any:  # noqa: ANN401 - see RoverImage
-        """All that its label says (`photogrammetry.imagery.RoverImage`)."""
+        """All data of its label (`photogrammetry.imagery.RoverImage`)."""
         return self.read.image
 
     @property
@@ -164,7 +164,7 @@ class StereoPair:
 
     @property
     def id(self) -> str:
-        """The left image's identifier stands for the pair."""
+        """The pair is identified by its left image."""
         return self.record.id
 
     @property
@@ -239,7 +239,7 @@ class Adjustment:
     network: AdjustedNetwork
     report: AdjustmentReport
     notes: tuple[str, ...]
-    """What became of the links between stops, a line each."""
+    """Results of linking stops, one line each."""
 
     @property
     def stops(self) -> tuple[StopId, ...]:
@@ -267,7 +267,7 @@ def adjust(pairs: Iterable[StereoPair], sites: Mapping[int, ArrayLike] | None = 
     Args:
         pairs: Of one rover, any order. They are matched if they are not yet.
         sites: Origin of every site in the local frame, (north, east, down) metres; needed where
-            the pairs are of several sites, whose labels do not say how they lie to each other.
+            the pairs are of several sites, whose labels do not give their relative position.
 
     Raises:
         AdjustmentError: there is no pair, or a site without an origin.
@@ -411,7 +411,7 @@ def orthophoto(dtm: Dtm, placed: Placed, cell_m: float | None = None) -> Orthoph
 
 
 class Simulation:
-    """A simulated traverse with known truth; its images are rendered when they are asked for."""
+    """A simulated traverse with known truth; its images are rendered on request."""
 
     def __init__(self, world: World) -> None:
         """As `simulate` makes it."""

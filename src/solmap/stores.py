@@ -85,7 +85,7 @@ class Store:
 
         Raises:
             ProductError: as `path`.
-            RasterioIOError: it is no raster; `features` opens layers of vectors.
+            RasterioIOError: it is not a raster; `features` opens layers of vectors.
         """
         import rasterio  # noqa: PLC0415 - slow to import
 
@@ -124,6 +124,6 @@ def open_store(path: str | Path | None = None) -> Store:
     root = Path(path) if path is not None else Settings().store
     if not (root / "catalogue.sqlite").exists() and not (root / "drafts").exists():
         raise ProductNotFoundError(
-            f"{root} is no store; `solmap run DOWNLINK --store {root}` makes one"
+            f"{root} is not a store; `solmap run DOWNLINK --store {root}` makes one"
         )
     return Store(open_workspace(root))

@@ -324,7 +324,7 @@ def test_an_index_that_has_changed_is_fetched_again(archive, images, fetch):
     archive.put(TABLE, b"".join(rows), '"newer"')
     report = fetch(archive)
     assert report.pairs == 1
-    assert report.warnings == ["the index has 2 rows, but its label says 6"]
+    assert report.warnings == ["the index has 2 rows, but 6 by its label"]
 
 
 def test_a_transfer_that_is_cut_goes_on_where_it_broke_off(archive, images, fetch):
@@ -585,7 +585,7 @@ def test_a_file_of_another_size_than_its_label_says_is_refused(archive, images, 
     archive.put(path, images[path] + b"more")
     (line,) = fetch(archive).failures
     size = len(images[path])
-    assert f"has {size + 4} bytes, but its label says" in line
+    assert f"has {size + 4} bytes, but its label has" in line
     assert line.endswith(f", {size}")
     assert not list(fetch.folder.rglob("*.part"))
     assert len(here(fetch.folder / "out")) == 5

@@ -65,7 +65,7 @@ def test_nothing_can_be_written_where_nobody_has_a_token(root):
             assert client.request(method, "/api/missions").status_code == 405
         answer = client.post("/api/runs", json={"kind": "downlink"})
         assert answer.status_code == 403
-        assert "only reads" in answer.json()["description"]
+        assert "is read-only" in answer.json()["description"]
 
 
 def test_a_failure_inside_tells_nothing_of_the_inside(root, monkeypatch):

@@ -158,7 +158,7 @@ def test_what_cannot_be_placed_is_one_line_and_stops_nothing(shared_data, downli
     for name, complaint in {
         "without_attitude": "no attitude of the rover; give its pose",
         "without_model": "camera_model_type should be CAHV, CAHVOR or CAHVORE",
-        "of_another_size": "image is 1288 x 968 pixels, its label says 1280 x 960",
+        "of_another_size": "image is 1288 x 968 pixels, its label has 1280 x 960",
         "thumbnail": "not a mapping image: sample_type is 'Thumbnail'",
         "without_metadata": "an image without a label; without_metadata-metadata.json",
     }.items():

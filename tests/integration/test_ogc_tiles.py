@@ -318,12 +318,12 @@ GET_TILE = {
     ("changed", "code", "says"),
     [
         ({"request": "GetMap"}, "OperationNotSupported", "request=GetMap is neither"),
-        ({"layer": ""}, "MissingParameterValue", "GetTile asks for layer"),
+        ({"layer": ""}, "MissingParameterValue", "GetTile needs layer"),
         ({"layer": "moon"}, "InvalidParameterValue", "MER2 has no map moon"),
         ({"style": "sepia"}, "InvalidParameterValue", "has no style sepia"),
-        ({"tilematrix": "1e9"}, "InvalidParameterValue", "tilematrix=1e9 is no number"),
+        ({"tilematrix": "1e9"}, "InvalidParameterValue", "tilematrix=1e9 is not a number"),
         ({"tilerow": "8"}, "TileOutOfRange", "columns and rows 0 to 7"),
-        ({"tilecol": "-1"}, "InvalidParameterValue", "tilecol=-1 is no number"),
+        ({"tilecol": "-1"}, "InvalidParameterValue", "tilecol=-1 is not a number"),
         ({"format": "image/jpeg"}, "InvalidParameterValue", "format=image/jpeg is not"),
     ],
 )

@@ -195,7 +195,7 @@ def test_an_image_finds_a_map_that_is_not_tied_to_the_lander(hills, tmp_path, st
     elsewhere = tmp_path / "noise.tif"
     rng = np.random.default_rng(5)
     write_image(elsewhere, 100 + 20 * rng.normal(size=grid.shape), grid)
-    with pytest.raises(ProductError, match=r"does not tell where MER2-ORIGIN10 lies.*--near"):
+    with pytest.raises(ProductError, match=r"does not locate MER2-ORIGIN10.*--near"):
         tie_by_image(elsewhere, name, store.store.root, refused)
     with pytest.raises(ProductError, match=r"solmap orbital add IMAGE --mission MER2-ORIGIN10"):
         add_orbital(file, name, store.store.root)

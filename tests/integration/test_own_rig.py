@@ -58,7 +58,7 @@ def test_the_pair_of_k10_becomes_a_map_that_claims_no_planet(shared_data, tmp_pa
     folder.chmod(0o755)
     (folder / "rig.toml").write_text(RIG)
     lines, workspace = run(folder, tmp_path / "store")
-    assert any("calibrate the rig anew" in line for line in lines)
+    assert any("calibrate the rig again" in line for line in lines)
     kinds = {layer.ref.kind for layer in workspace.catalogue.layers("K10")}
     assert {ProductKind.DTM, ProductKind.ORTHOPHOTO, ProductKind.SLOPE} <= kinds
     assert ProductKind.INSOLATION not in kinds

@@ -115,6 +115,6 @@ def test_a_store_gives_its_latest_products(tmp_path):
         store.latest("dtm", sol=99999)
     with pytest.raises(ProductError, match="there is no kind 'dem'"):
         store.latest("dem")
-    with pytest.raises(ProductNotFoundError, match="is no store"):
+    with pytest.raises(ProductNotFoundError, match="is not a store"):
         solmap.open_store(tmp_path / "absent")
     assert not (tmp_path / "absent").exists()

@@ -7,7 +7,7 @@ import pytest
 from tests.support.wording import ROOT, Text, faults, texts, word_list
 
 WORDS = word_list()
-FINISHED = ("photogrammetry", "products", "tasks", "config")
+FINISHED = ("photogrammetry", "products", "tasks", "config", "flows", "gis_server", "src")
 
 
 @pytest.mark.parametrize("folder", FINISHED)

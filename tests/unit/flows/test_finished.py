@@ -189,7 +189,7 @@ def test_maps_of_a_stop_that_the_run_made_none_of_stay_and_are_named(published):
     pair = [replace(an_image(name), stop=STOP.name, partner="2N9") for name in ("2N1", "2N2")]
     published.catalogue.publish(images=pair)
     (line,) = withdraw_leftovers("MER2", ["MER2"], [other], published)
-    assert line.startswith(f"{STOP.name}: its maps stay as they are")
+    assert line.startswith(f"{STOP.name}: its maps are unchanged")
     assert shown(published) == {FAR, NEAR, DIPS, REGION}
     published.catalogue.publish(images=[replace(one, partner=None) for one in pair])
     assert withdraw_leftovers("MER2", ["MER2"], [other], published) == []

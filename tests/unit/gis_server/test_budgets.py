@@ -333,12 +333,12 @@ def test_an_answer_that_is_too_large_is_refused_and_leaves_no_file(tmp_path, mon
 def test_whose_answer_is_too_large_is_told_to_ask_for_less():
     class Refusing:
         async def ask(self, *_request):
-            raise UnkeptError(HTTPStatus.UNPROCESSABLE_ENTITY, "ask for less at once")
+            raise UnkeptError(HTTPStatus.UNPROCESSABLE_ENTITY, "request less at once")
 
     app = HeavyRequests(Slow(), budgets := Budgets({FILES: Refusing()}))
     refused = asyncio.run(asked(app))
     assert refused.status_code == 422
-    assert "ask for less" in refused.json()["description"]
+    assert "request less" in refused.json()["description"]
     assert "retry-after" not in refused.headers
     assert not budgets.lanes[FILES].places
 

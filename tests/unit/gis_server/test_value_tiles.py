@@ -132,7 +132,7 @@ def test_a_picture_has_no_values(client, world):
     address = tile_at(5.0, 5.0, OWN_ZOOM)
     answer = asked(client, world, ProductKind.ORTHOPHOTO, address)
     assert answer.status_code == 404
-    assert "is a picture" in answer.json()["detail"]
+    assert "has images only" in answer.json()["detail"]
     layers = {layer["kind"]: layer for layer in client.get("/api/missions/MER2/layers").json()}
     assert layers["orthophoto"]["values"] is None
     assert layers["dtm"]["values"].endswith("/{z}/{x}/{y}.values")

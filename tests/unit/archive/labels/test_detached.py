@@ -80,7 +80,7 @@ def test_a_picture_may_be_what_a_label_describes(small):
     picture = cv2.imencode(".png", grey)[1].tobytes()
     np.testing.assert_array_equal(read_image(join_label(label, picture, NAME), NAME).pixels, grey)
     other = cv2.imencode(".jpg", grey[:20])[1].tobytes()
-    with pytest.raises(PixelError, match="image is 60 x 20 pixels, its label says 60 x 40"):
+    with pytest.raises(PixelError, match="image is 60 x 20 pixels, its label has 60 x 40"):
         read_image(join_label(label, other, NAME), NAME)
 
 

@@ -154,7 +154,7 @@ SLIPS = [
     (["evaluate", "."], 1, "truth.json: No such file or directory"),
     (["judge", "."], 1, "truth.json: No such file or directory"),
     (["control", "list", "--mission", "MER1"], 1, "MER1 is not one of them"),
-    (["orbital", "add", "/nonexistent"], 1, "/nonexistent is not there"),
+    (["orbital", "add", "/nonexistent"], 1, "/nonexistent does not exist"),
     (["orbital", "add", "/dev/zero"], 1, "/dev/zero is not a file"),
     (["traverse", "export", "out", "--mission", "MSL"], 1, "MSL is not one of them"),
     (["dip", "ground", "XX", "--corner", "nan,nan"], 1, "XX"),
@@ -162,14 +162,14 @@ SLIPS = [
     (["stl", "XX", "x.stl"], 1, "no stop XX has a terrain model"),
     (["stl", "XX", "x.stl", "--base-m", "nan"], 2, "less than or equal to 1000"),
     (["prune", "--older-than", "nan"], 2, "less than or equal to 36500"),
-    (["run", "/nonexistent"], 1, "/nonexistent is no folder"),
-    (["run", "/dev/null"], 1, "/dev/null is no folder"),
+    (["run", "/nonexistent"], 1, "/nonexistent is not a folder"),
+    (["run", "/dev/null"], 1, "/dev/null is not a folder"),
     (["adjust", "--mission", "opportunity"], 1, "holds MER2; MER1 is not one of them"),
     (["adjust"], 1, "no engine"),
     (["adjust", "--overall"], 1, "no engine"),
     (["fetch", "--mission", "moon", "--sols", "1", "--out", "x"], 1, "no mission 'MOON'"),
     (["fetch", "--mission", "spirit", "--sols", "x", "--out", "x"], 2, "155, 155-157"),
-    (["ties", "/nonexistent"], 1, "/nonexistent is not there"),
+    (["ties", "/nonexistent"], 1, "/nonexistent does not exist"),
     (["inspect", "/dev/zero", "."], 1, "/dev/zero"),
 ]
 
@@ -215,7 +215,7 @@ def test_what_reads_makes_no_store(words, tmp_path):
     for store in (tmp_path / "empty", tmp_path / "absent"):
         ended = CLI.invoke(app, [*words, "--store", str(store)])
         assert ended.exit_code == 1, ended.output
-        assert "is no store" in ended.stderr
+        assert "is not a store" in ended.stderr
     assert not (tmp_path / "absent").exists()
     assert not list((tmp_path / "empty").iterdir())
 

@@ -163,7 +163,7 @@ def test_the_store_of_the_environment_is_used(store, monkeypatch):
     monkeypatch.setenv("SOLMAP_STORE", str(store))
     assert len(json.loads(CLI.invoke(app, ["positions", "--json"]).stdout)) > 0
     monkeypatch.setenv("SOLMAP_STORE", "")
-    assert "solmap-store is no store" in CLI.invoke(app, ["positions"]).stderr
+    assert "solmap-store is not a store" in CLI.invoke(app, ["positions"]).stderr
 
 
 def test_files_of_poses_are_checked_before_the_engine_starts(tmp_path):
@@ -173,7 +173,7 @@ def test_files_of_poses_are_checked_before_the_engine_starts(tmp_path):
     file = tmp_path / "notes.csv"
     where = ["--store", str(tmp_path / "store")]
     ended = CLI.invoke(app, ["run", "--places", str(file), *where])
-    assert "notes.csv is not there" in ended.stderr
+    assert "notes.csv does not exist" in ended.stderr
     file.write_text("site,drive,x_m,y_m,z_m\n1,2,0,0,north\n")
     ended = CLI.invoke(app, ["run", "--places", str(file), *where])
     assert ended.exit_code == 1

@@ -340,7 +340,7 @@ def test_the_command_writes_json_and_a_picture(pair, tmp_path):
 def test_a_picture_of_several_images_is_refused(pair, tmp_path):
     result = CliRunner().invoke(app, ["inspect", *map(str, pair), "--png", str(tmp_path / "x.png")])
     assert result.exit_code == 1
-    assert "picture of one image, but 2 are named" in result.output.replace("\n", " ")
+    assert "writes one image, but 2 are named" in result.output.replace("\n", " ")
 
 
 def test_a_picture_with_metadata_and_labels_alone_are_inspected(shared_data, tmp_path):

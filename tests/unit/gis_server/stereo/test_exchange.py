@@ -276,7 +276,7 @@ def test_points_of_an_xyz_raster_are_written_as_ply(exported, tmp_path):
     assert len(rows) == raster.mask.sum()
     np.testing.assert_array_equal(rows["z"], -raster.bands[2, raster.mask].astype(float))
     range_file = file.with_name(file.name.replace("XYL", "RNL"))
-    with pytest.raises(InspectionError, match="is no XYZ raster"):
+    with pytest.raises(InspectionError, match="is not an XYZ raster"):
         write_points(range_file, tmp_path / "none.ply")
 
 

@@ -135,7 +135,7 @@ def test_a_terrain_model_is_read_back_as_it_was(tmp_path, surface, rng):
 
 def test_a_raster_that_is_no_terrain_model_is_named(tmp_path, surface):
     write_raster(tmp_path / "slope.tif", GRID, {"slope": surface}, CRS)
-    with pytest.raises(ProductError, match=r"slope\.tif is no terrain model.*elevation"):
+    with pytest.raises(ProductError, match=r"slope\.tif is not a terrain model.*elevation"):
         read_dtm(tmp_path / "slope.tif")
 
 
