@@ -162,7 +162,7 @@ def _limits(limits: Iterable[Any]) -> Iterator[tuple[str, Callable[[Any], bool]]
 def _shown(value: Any) -> str:  # noqa: ANN401 - any setting
     try:
         return f"{value!r:.60}"
-    except ValueError:  # # a number of thousands of digits
+    except ValueError:  # a number of thousands of digits
         return "such a number"
 
 

@@ -185,7 +185,7 @@ class Pose:
         between = list(frames)
         if not (np.isfinite(translations_m).all() and _are_proper_rotations(rotations)):
             both = zip(between, rotations, translations_m, strict=True)
-            # # checking one by one raises the error of the wrong one
+            # checking one by one raises the error of the wrong one
             return [cls(*ends, R, t) for ends, R, t in both]
         R, t = rotations.copy(), translations_m.copy()
         R.setflags(write=False)

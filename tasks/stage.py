@@ -40,7 +40,7 @@ def stage(task_run_name: str) -> Callable[[Callable[P, R]], Task[P, R]]:
 
     run_as = task(
         task_run_name=task_run_name,
-        cache_policy=NO_CACHE,  # # the store caches results
+        cache_policy=NO_CACHE,  # the store caches results
         retries=RETRIES,
         retry_delay_seconds=exponential_backoff(FIRST_PAUSE_S),
         retry_jitter_factor=_JITTER,

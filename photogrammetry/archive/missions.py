@@ -79,7 +79,7 @@ MSL = Mission(
         "CHEMCAM_RMI": ("CHEMCAM_RMI", Eye.MONO),
     },
     mast_group="RSM_COORDINATE_SYSTEM",
-    # # The eyes of Mastcam have focal lengths of 34 and 100 mm: not a pair for one matching window.
+    # The eyes of Mastcam have focal lengths of 34 and 100 mm: not a pair for one matching window.
     stereo_filters={"MASTCAM": frozenset()},
     mapping_products=None,
     edr_types=("EDR",),

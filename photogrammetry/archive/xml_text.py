@@ -62,7 +62,7 @@ def xml_root(
             f"{source}: line {line}: <!{forbidden[1].upper()} is not allowed in {what} files"
         )
     try:
-        # # Entities, the one risk of this parser, were rejected above.
+        # Entities, the one risk of this parser, were rejected above.
         root = ET.fromstring(text, ET.XMLParser(target=_Builder(most_elements)))  # noqa: S314 - see above
     except ET.ParseError as fault:
         raise error(f"{source}: not well-formed XML: {fault}") from fault

@@ -189,7 +189,7 @@ class Cahvor:
         w = seen @ self.o
         l = seen - w[:, None] * self.o
         tangent = np.sqrt(np.einsum("ij,ij->i", l, l)) / np.where(w > 0, w, np.nan)
-        on_axis = tangent == 0.0  # # on the axis: no perpendicular component to scale
+        on_axis = tangent == 0.0  # on the axis: no perpendicular component to scale
         ratio = undistort(tangent, self.r) / np.where(on_axis, 1.0, tangent)
         ratio = np.where(on_axis, 1.0 / (1.0 + self.r[0]), ratio)
         rays = w[:, None] * self.o + ratio[:, None] * l

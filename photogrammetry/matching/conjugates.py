@@ -355,7 +355,7 @@ def _correlation_peaks(
         surface[max(i - lobe, 0) : i + lobe + 1, max(j - lobe, 0) : j + lobe + 1] = -1
         second[k] = surface.max()
         if not (0 < i < surface.shape[0] - 1 and 0 < j < surface.shape[1] - 1):
-            second[k] = 1.0  # # a maximum on the border of the window is not a peak
+            second[k] = 1.0  # a maximum on the border of the window is not a peak
     return offset, peak, second
 
 

@@ -109,7 +109,7 @@ def parallax_planes(parallax: ParallaxMap, points: ImagePoints, half_px: int) ->
     near[enough] = np.abs(value[enough] - np.reshape(median, (-1, 1))) < 0.3 * np.reshape(
         np.abs(median) + 1.0, (-1, 1)
     )
-    weight *= near  # # a third of the range away is another surface
+    weight *= near  # a third of the range away is another surface
     for _ in range(2):
         coefficients, residual = _fit_windows(design, value, weight)
         sigma = np.sqrt((weight * residual**2).sum(axis=1) / np.maximum(weight.sum(axis=1) - 3, 1))
@@ -140,7 +140,7 @@ def fit_robust_plane(
     """The plane of least absolute deviations, by iterative reweighting."""
     x, y = (points / 1000.0).T
     solution = least_deviations_plane(x, y, parallax_px, 0.1)
-    # # the right image is shifted by the plane: it may be stretched, but not folded
+    # the right image is shifted by the plane: it may be stretched, but not folded
     per_sample = float(np.clip(solution[1] / 1000.0, -0.5, 0.5))
     at = float(
         np.median(parallax_px - per_sample * points[:, 0] - solution[2] / 1e3 * points[:, 1])

@@ -132,7 +132,7 @@ def resample(
     source = original_points(camera, geometry)
     u, v = (np.ascontiguousarray(source[:, :, k], dtype=np.float32) for k in (0, 1))
     lines, samples = image.shape
-    inside = (u >= 0) & (u <= samples - 1) & (v >= 0) & (v <= lines - 1)  # # NaN does not
+    inside = (u >= 0) & (u <= samples - 1) & (v >= 0) & (v <= lines - 1)  # NaN does not
     if not inside.all():
         u, v = (np.where(inside, w, np.float32(0)) for w in (u, v))
     usable = _warp_mask(mask, u, v) & inside

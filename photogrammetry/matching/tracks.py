@@ -132,7 +132,7 @@ def _points(
     n = len(measured.pair)
     if not n:
         return np.zeros(0, np.int32), np.zeros(0, np.int32)
-    apart = 4.0 * np.abs(measured.left).max() + 4.0  # # pairs side by side, at a large distance
+    apart = 4.0 * np.abs(measured.left).max() + 4.0  # pairs side by side, at a large distance
     places = measured.left + np.column_stack([apart * measured.pair, np.zeros(n)])
     same = cKDTree(places).query_pairs(same_px, output_type="ndarray")
     feature = _connected_sets(n, same)

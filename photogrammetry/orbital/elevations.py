@@ -222,7 +222,7 @@ def interpolate(
     """Values of a raster at places (east, north); NaN beyond it."""
     sample, line = samples_of(grid, places[:, 0], places[:, 1])
     found = np.full(len(places), np.nan)
-    for begin in range(0, len(places), 30_000):  # # OpenCV accepts images of fewer than 32768 rows
+    for begin in range(0, len(places), 30_000):  # OpenCV accepts images of fewer than 32768 rows
         part = slice(begin, begin + 30_000)
         found[part] = cv2.remap(
             raster.astype(np.float32), sample[part, None], line[part, None], cv2.INTER_LINEAR,
@@ -236,6 +236,6 @@ def _with_height(correction: Correction, both: _Heights) -> Correction:
     off = both.ground - both.orbital
     up_m = float(np.median(off))
     spread = MAD_TO_SIGMA * float(np.median(np.abs(off - up_m)))
-    # # sqrt(pi / 2): a median is less efficient than a mean
+    # sqrt(pi / 2): a median is less efficient than a mean
     sigma_m = spread * np.sqrt(np.pi / 2 / max(both.squares, 1))
     return replace(correction, up_m=up_m, sigma_up_m=max(float(sigma_m), 1e-3))

@@ -307,7 +307,7 @@ def refine(
         covariance += np.diag((MODEL_CELLS / steps) ** 2)
         place, covariance = with_likely_scale(found + solved[:UNKNOWNS], covariance)
         unexplained = _unexplained_share(layers[:, use], value[use])
-        if unexplained > least:  # # too far: half the way back
+        if unexplained > least:  # too far: half the way back
             step /= 2
             found = found - step
         else:

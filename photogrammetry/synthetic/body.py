@@ -49,7 +49,7 @@ BODY = (
 """Parts visible to the cameras."""
 MAST = (
     Box((0.42, -0.01, -1.10), (0.50, 0.07, PANEL_TOP_M)),
-    Box((0.38, -0.15, -1.32), (0.54, 0.21, -1.20)),  # # bar of the stereo cameras
+    Box((0.38, -0.15, -1.32), (0.54, 0.21, -1.20)),  # bar of the stereo cameras
 )
 """Parts that carry the cameras and only cast shadows."""
 

@@ -139,7 +139,7 @@ def ground_radiance(
     to_north, to_east, up = (float(part) for part in sun.direction)
     north: np.ndarray = cv2.Sobel(elevation, cv2.CV_32F, 0, 1, ksize=1, scale=-0.5 / cell_m)
     east: np.ndarray = cv2.Sobel(elevation, cv2.CV_32F, 1, 0, ksize=1, scale=-0.5 / cell_m)
-    upright = 1 / np.sqrt(north * north + east * east + 1)  # # n = (north, east, 1), not normalised
+    upright = 1 / np.sqrt(north * north + east * east + 1)  # n = (north, east, 1), not normalised
     north *= np.float32(to_north)
     east *= np.float32(to_east)
     north += east
@@ -159,7 +159,7 @@ def _sunlit_share(elevation: Nodes, cell_m: float, sun: Sun) -> Nodes:
     """Fraction of the sun's disc visible from every node."""
     rows, cols = elevation.shape
     side = int(np.ceil(np.hypot(rows, cols)))
-    # # Rotated raster: x runs away from the sun, (x, y) = (side - 1) / 2 + turn (col - c, row - r).
+    # Rotated raster: x runs away from the sun, (x, y) = (side - 1) / 2 + turn (col - c, row - r).
     from_sun = np.array([-np.sin(sun.azimuth), -np.cos(sun.azimuth)])  # (col, row)
     turn = np.array([from_sun, [-from_sun[1], from_sun[0]]])
     middle = np.array([(cols - 1) / 2, (rows - 1) / 2])

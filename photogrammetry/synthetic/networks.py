@@ -145,7 +145,7 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
     )
     pointings = rng.normal(0, np.radians(errors.pointing_deg) * noise, (len(pairs), 3))
     if errors.mast_deg:
-        own = rng.spawn(1)[0]  # # all other values are drawn as without blunders
+        own = rng.spawn(1)[0]  # all other values are drawn as without blunders
         mast = own.normal(0, np.radians(errors.mast_deg) * noise, 3)
         pointings += mast_partials(pairs) @ mast
     views = [_true_view(truth, pairs, pointings, k, pairs_per_stop) for k in range(len(pairs))]
@@ -200,7 +200,7 @@ def _traverse(
     along = np.column_stack([np.cos(heading), np.sin(heading)]) * (spacing_m if laps else steps)
     xy = np.vstack([[0.0, 0.0], np.cumsum(along, axis=0)])[:stops]
     if laps > 1:
-        xy += rng.normal(0, 1.0, xy.shape)  # # all stops are at different positions
+        xy += rng.normal(0, 1.0, xy.shape)  # all stops are at different positions
     down = _height(xy) - _height(xy[:1])
     tilts = rng.normal(0, np.radians(4.0), (stops, 2))
     return tuple(
@@ -226,7 +226,7 @@ def _telemetry(
     for k, (before, here) in enumerate(pairwise(truth), start=1):
         step = before.rotation.T @ (here.translation_m - before.translation_m)
         length = float(np.linalg.norm(step))
-        # # the standard deviation that an adjustment computes from the *reported* length
+        # the standard deviation that an adjustment computes from the *reported* length
         sigma = noise * (errors.slip * length + errors.position_floor_m)
         slip = errors.drive_slips[k - 1] if errors.drive_slips else errors.mean_slip
         reported = step * (1 + slip * noise) + rng.normal(0, sigma, 3)

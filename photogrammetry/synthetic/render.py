@@ -209,7 +209,7 @@ def _lay_grains(
         if last > first:
             grain_m, period = GRAIN_M * 2**octave, GRAINS >> octave
             along = (r[first:last] / grain_m).astype(np.float32)
-            # # The middle of a coarse grain is half a coarse grain from its edge, like that of a
+            # The middle of a coarse grain is half a coarse grain from its edge, like that of a
             # fine one.
             shift = 0.5 * (1 - 2.0**-octave)
             at = [
@@ -281,7 +281,7 @@ def _refine_hits(
         return z + view.centre[2] - tangent * r
 
     f_behind, f_ahead = gap(behind), gap(ahead)
-    for _ in range(7):  # # bisection: the ground is only piecewise smooth
+    for _ in range(7):  # bisection: the ground is only piecewise smooth
         middle = 0.5 * (behind + ahead)
         f = gap(middle)
         above = f < 0

@@ -165,7 +165,7 @@ class World:
         """Data for the label of an image."""
         stop, averaging = self.stops[shot.stop], self.params.averaging
         in_mast = CAMERAS[shot.instrument, eye].in_mast
-        # # as in MER labels
+        # as in MER labels
         in_mast = in_mast.average(averaging, averaging, correct_half_pixel=False)
         return Exposure(
             stop=stop.id,

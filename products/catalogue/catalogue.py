@@ -375,7 +375,7 @@ class Catalogue:
 
     def published_version(self) -> int:
         """Like `version`, but unchanged by the progress of runs and by edits."""
-        # # progress events may be deleted, so only newer events of other kinds are counted
+        # progress events may be deleted, so only newer events of other kinds are counted
         with self.engine.connect() as connection:
             return last_event(connection, PUBLICATIONS) or last_event(connection)
 

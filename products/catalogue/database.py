@@ -132,7 +132,7 @@ def read_only_connection(path: Path) -> sqlite3.Connection:
     connection = connect(f"{uri}?mode=ro")
     try:
         connection.execute("SELECT 1 FROM sqlite_master").fetchone()
-    except sqlite3.OperationalError:  # # no process has it open; a log was left behind
+    except sqlite3.OperationalError:  # no process has it open; a log was left behind
         connection.close()
         if not log.stat().st_size:
             return connect(f"{uri}?mode=ro&immutable=1")
@@ -237,7 +237,7 @@ def upsert(
 
 def _configure(connection: DBAPIConnection, _record: object) -> None:
     """Readers never wait for a writer, and two writers wait for each other."""
-    connection.isolation_level = None  # # `_begin` starts transactions
+    connection.isolation_level = None  # `_begin` starts transactions
     for pragma in ("journal_mode=WAL", f"busy_timeout={1000 * _WAIT_S}", "synchronous=NORMAL"):
         connection.cursor().execute(f"PRAGMA {pragma}")
 

@@ -179,7 +179,7 @@ class EditLog:
                 (mission, mission),
             ).fetchall()
         undone: set[int] = set()
-        # # an undo has a higher number than the edit it undoes
+        # an undo has a higher number than the edit it undoes
         for number, *_, undoes in reversed(rows):
             if undoes is not None and number not in undone:
                 undone.add(undoes)

@@ -51,7 +51,7 @@ class LabelCache:
                 names = [f"{digest}/{_READER}" for digest in some]
                 query = sa.select(LABELS).where(LABELS.c.digest.in_(names))
                 for name, text in connection.execute(query):
-                    # # read again, and rejected then
+                    # read again, and rejected then
                     with contextlib.suppress(PhotogrammetryError):
                         found[name.partition("/")[0]] = label_of_text(text)
         return found

@@ -111,7 +111,7 @@ def _orientations_by_stop(
 ) -> tuple[dict[str, PairOrientations], References]:
     """What `tasks.orientations` chose, by stop, and the products that hold the other stops."""
     document = json.loads(store.path(ref).read_text())
-    # # as written by earlier versions
+    # as written by earlier versions
     rows = document["mapped"] if isinstance(document, dict) else document
     holders = references_of_document(document["holders"]) if isinstance(document, dict) else {}
     own = {row["stop"]: frozenset(_pose(one) for one in row["orientations"]) for row in rows}

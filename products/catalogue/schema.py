@@ -113,7 +113,7 @@ def prepare(root: Path, engine: sa.Engine) -> None:
                 f"{OLDEST_READABLE} to {latest_version()}: migrate a copy of it"
             )
     elif root.is_dir() and not ((root / FILE).exists() or is_read_only(root)):
-        write_version(root, version)  # # the folder of another machine, new beside its catalogue
+        write_version(root, version)  # the folder of another machine, new beside its catalogue
 
 
 def version_of(root: Path, engine: sa.Engine) -> int | None:
@@ -229,7 +229,7 @@ def _copy_even_damaged(source: Path, target: Path) -> None:
         copy_database(source, target)
     except sqlite3.OperationalError:
         raise
-    except sqlite3.DatabaseError:  # # its bytes, for recovery by hand
+    except sqlite3.DatabaseError:  # its bytes, for recovery by hand
         for end in ("", "-wal"):
             file, copy = Path(f"{source}{end}"), Path(f"{target}{end}")
             if file.is_file():
@@ -246,7 +246,7 @@ def copy_database(source: Path, target: Path) -> None:
         closing(sqlite3.connect(target)) as copy,
     ):
         original.backup(copy)
-        if is_new:  # # an open database keeps its log; the copy needs none
+        if is_new:  # an open database keeps its log; the copy needs none
             copy.execute("PRAGMA journal_mode=DELETE")
 
 

@@ -163,7 +163,7 @@ def _groups(files: Sequence[MapFile]) -> dict[str, list[MapFile]]:
         is_vector = file.layer.type == "vector"
         key = (2, scope.name) if of_stop else (int("region" in scope.name), "")
         if not of_stop and not is_vector and key[0] == 0:
-            key = (3, "")  # # an orbital image is below everything
+            key = (3, "")  # an orbital image is below everything
         groups.setdefault(key, []).append(file)
     named: dict[str, list[MapFile]] = {}
     stops = [key for key in groups if key[0] == 2]  # noqa: PLR2004 - as above

@@ -164,7 +164,7 @@ def _remove(target: Path, name: str) -> None:
     """Remove a file of an earlier export, and folders that it leaves empty."""
     path = (target / name).resolve()
     if not path.is_relative_to(target.resolve()):
-        return  # # not part of an export
+        return  # not part of an export
     path.unlink(missing_ok=True)
     for folder in path.parents:
         if folder == target.resolve() or any(folder.iterdir()):

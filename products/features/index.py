@@ -196,7 +196,7 @@ class FeatureIndex:
         index = cls(path)
         try:
             index._prepare()
-        # # it cannot be written, or another process holds it too long
+        # it cannot be written, or another process holds it too long
         except sqlite3.OperationalError:
             raise
         except sqlite3.DatabaseError as error:
@@ -210,7 +210,7 @@ class FeatureIndex:
         with self._connection() as connection:
             connection.execute("PRAGMA journal_mode=WAL")
             (version,) = connection.execute("PRAGMA user_version").fetchone()
-            if version != _VERSION:  # # it can be rebuilt from the products
+            if version != _VERSION:  # it can be rebuilt from the products
                 connection.executescript(_FORGET_ALL)
             connection.executescript(_SCHEMA)
 
@@ -258,7 +258,7 @@ class FeatureIndex:
                 (
                     (last + k, box[0], box[2], box[1], box[3], number)
                     for k, box in enumerate(boxes.tolist(), 1)
-                    if not math.isnan(box[0])  # # it has no geometry
+                    if not math.isnan(box[0])  # it has no geometry
                 ),
             )
 

@@ -81,7 +81,7 @@ def times_of(images: Iterable[ImageEntry]) -> Times | None:
     return (known[0], known[-1]) if known else None
 
 
-@lru_cache(maxsize=65536)  # # many features share an image
+@lru_cache(maxsize=65536)  # many features share an image
 def moment(text: str) -> str:
     """A time in the format of the index: UTC with milliseconds.
 
@@ -243,7 +243,7 @@ def _annotation_shape(geometry: Mapping[str, Any]) -> shapely.Geometry:
     """The shape of an annotation, without elevations unless every point of it has one."""
     try:
         return shapely.geometry.shape(geometry)
-    except ValueError:  # # some points have one and others have none
+    except ValueError:  # some points have one and others have none
         level = {**geometry, "coordinates": _without_elevation(geometry["coordinates"])}
         return shapely.geometry.shape(level)
 

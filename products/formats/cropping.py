@@ -129,7 +129,7 @@ def _cut(feature: Feature, box: shapely.Geometry) -> Iterator[Feature]:
         return
     for part in shapely.get_parts(shapely.intersection(shape, box)):
         if part.geom_type != feature.geometry or part.is_empty:
-            continue  # # a line that only touches a corner is not a line
+            continue  # a line that only touches a corner is not a line
         rings = [part.exterior, *part.interiors] if feature.geometry == "Polygon" else [part]
         first, *others = (_rows(ring) for ring in rings)
         yield replace(feature, points=first, holes=tuple(others))

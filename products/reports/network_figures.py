@@ -35,7 +35,7 @@ INK, FAINT = "#222222", "#9a9a9a"
 TELEMETRY_BLUE, ADJUSTED_RED = "#1769e0", "#e02d25"
 """The paper's colours of both traverses (its figure 7), also used by the viewer."""
 
-# # names of clip paths: derived from this instead of random numbers
+# names of clip paths: derived from this instead of random numbers
 mpl.rcParams["svg.hashsalt"] = "solmap"
 
 

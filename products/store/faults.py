@@ -119,7 +119,7 @@ def is_disk_full(folder: Path, error: Exception) -> bool:
     """
     number = error.errno if isinstance(error, OSError) else None
     full = number in (errno.ENOSPC, errno.EDQUOT)
-    with contextlib.suppress(OSError):  # # the disk is not available
+    with contextlib.suppress(OSError):  # the disk is not available
         full = full or shutil.disk_usage(folder).free < _FULL_BYTES
     return full
 

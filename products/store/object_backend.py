@@ -256,7 +256,7 @@ def _check_keys(bucket: str, prefix: str) -> None:
     may_ask = os.environ.get("AWS_EC2_METADATA_DISABLED", "").lower() in {"false", "no", "0"}
     is_open = os.environ.get("AWS_SKIP_SIGNATURE", "").lower() in {"true", "yes", "1"}
     if is_open:
-        os.environ.setdefault("AWS_NO_SIGN_REQUEST", "YES")  # # GDAL's name of the same
+        os.environ.setdefault("AWS_NO_SIGN_REQUEST", "YES")  # GDAL's name of the same
     if not (may_ask or is_open or given >= _KEYS or given & _ROLES):
         raise ProductError(
             f"there are no keys to s3://{bucket}/{prefix}: set AWS_ACCESS_KEY_ID and "
@@ -392,7 +392,7 @@ class ReadCache:
         """Remove the least recently used copies, until there is some space below the limit."""
         now, copies = time.time(), []
         for path in self.folder.rglob("*"):
-            with contextlib.suppress(FileNotFoundError):  # # other processes remove copies too
+            with contextlib.suppress(FileNotFoundError):  # other processes remove copies too
                 stat = path.stat()
                 if path.is_file():
                     copies.append((stat.st_mtime, stat.st_size, path))

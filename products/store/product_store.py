@@ -165,7 +165,7 @@ class ProductStore:
             write(draft)
             notes = folder / PurePosixPath(provenance_name(name)).name
             notes.write_text(json.dumps(_provenance(recipe, draft, effort)))
-            # # the product last: if it exists, its provenance does too
+            # the product last: if it exists, its provenance does too
             self.backend.put(notes, provenance_name(name), once=False)
             self.backend.put(draft, name, once=True)
         return ref
@@ -201,7 +201,7 @@ class ProductStore:
             notes = json.loads(self.backend.read(provenance_name(name)) or b"{}")
             return ScopeLevel(notes["recipe"]["scope"]["level"])
         except (ValueError, LookupError, TypeError):
-            # # its provenance is broken, which is reported when it is read
+            # its provenance is broken, which is reported when it is read
             return ScopeLevel.REGION
 
     def admit(self, name: str, chunks: Iterable[bytes], sha256: str) -> bool:
@@ -220,7 +220,7 @@ class ProductStore:
     @contextlib.contextmanager
     def _draft(self) -> Iterator[Path]:
         require_writable(self.root)
-        self._drafts.mkdir(parents=True, exist_ok=True)  # # a store opened by another machine
+        self._drafts.mkdir(parents=True, exist_ok=True)  # a store opened by another machine
         prefix = f"{socket.gethostname()}-{os.getpid()}-"
         folder = Path(tempfile.mkdtemp(prefix=prefix, dir=self._drafts))
         try:

@@ -45,18 +45,18 @@ def open_user_file(path: Path, folder: Path | None = None) -> Iterator[BufferedR
     folder = (folder or path.parent).resolve()
     try:
         place = path.resolve(strict=True)
-    except RuntimeError:  # # raised by Python 3.11 for links in a circle
+    except RuntimeError:  # raised by Python 3.11 for links in a circle
         raise OSError(errno.ELOOP, "a link to itself", str(path)) from None
     if path.is_symlink() and not place.is_relative_to(folder):
         raise OSError(
             errno.EACCES, "a link that leads out of its folder is not followed", str(path)
         )
-    _check_regular(path, place.lstat())  # # opening a device may have effects
+    _check_regular(path, place.lstat())  # opening a device may have effects
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_NOCTTY | os.O_CLOEXEC
     with os.fdopen(os.open(place, flags), "rb") as file:
-        _check_regular(path, os.fstat(file.fileno()))  # # another file may be there by now
+        _check_regular(path, os.fstat(file.fileno()))  # another file may be there by now
         opened = Path(f"/proc/self/fd/{file.fileno()}")
-        if opened.exists() and opened.readlink() != place:  # # by a folder replaced by a link
+        if opened.exists() and opened.readlink() != place:  # by a folder replaced by a link
             raise OSError(errno.EACCES, "it was replaced while it was opened", str(path))
         yield file
 

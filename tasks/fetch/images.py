@@ -46,7 +46,7 @@ def fetch_images(
     try:
         futures = [pool.submit(_fetch, entry, volume, out_dir, transfer) for entry in entries]
         for done, future in enumerate(as_completed(futures), 1):
-            future.result()  # # a full disk stops the others
+            future.result()  # a full disk stops the others
             progress(done, len(futures))
         return [future.result() for future in futures]
     finally:
@@ -98,7 +98,7 @@ def _fetch(entry: IndexEntry, volume: Volume, out_dir: Path, transfer: Transfer)
         return Arrival(path, was_here=True)
     try:
         if path.exists():
-            path.unlink()  # # damaged locally, so "not modified" must not be accepted
+            path.unlink()  # damaged locally, so "not modified" must not be accepted
         fetched = transfer.fetch(volume.image_urls(entry), path, check_image)
         PartialFile(path).forget()
     except DiskError:

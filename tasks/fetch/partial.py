@@ -130,7 +130,7 @@ class PartialFile:
             check(self.part)
         except WrongContentError as error:
             self.forget()
-            if length is None:  # # its length is unknown: it may be truncated
+            if length is None:  # its length is unknown: it may be truncated
                 raise TryAgainError(str(error)) from error
             raise
         self.part.replace(self.target)

@@ -115,7 +115,7 @@ def fetch_raw_images(
     try:
         futures = [pool.submit(_fetch, image, out_dir, transfer) for image in images]
         for done, future in enumerate(as_completed(futures), 1):
-            future.result()  # # a full disk stops the others
+            future.result()  # a full disk stops the others
             progress(done, len(futures))
         return [future.result() for future in futures]
     finally:
@@ -177,7 +177,7 @@ def _query(selection: IndexSelection, cameras: list[str], page: int) -> str:
             "order": "sol asc",
             "extended": "sample_type::full,",
         }
-    # # these servers do not read a plus as a blank
+    # these servers do not read a plus as a blank
     return urlencode({**query, **sols}, quote_via=quote)
 
 

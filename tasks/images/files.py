@@ -115,7 +115,7 @@ def _facts(path: Path) -> os.stat_result | None:
     """The file's status; None where there is no file or the status is not available."""
     try:
         return path.stat()
-    except OSError:  # # also for names that are too long
+    except OSError:  # also for names that are too long
         return None
 
 

@@ -144,7 +144,7 @@ class Intake:
             notes = image.notes
         entry = _entry(record, described.state, file, browse.ref, notes)
         if before is not None and before.stop == entry.stop:
-            entry = replace(entry, mission=before.mission)  # # on its map
+            entry = replace(entry, mission=before.mission)  # on its map
         return TakenImage(name, record, entry)
 
     def take_picture(self, path: Path, name: str, picture: bytes) -> TakenImage | Outcome:
@@ -355,10 +355,10 @@ def _take(subjects: Mapping[Path, str], downlink: Path, intake: Intake, path: Pa
 
 def _take_file(path: Path, name: str, downlink: Path, intake: Intake) -> Taken:
     if path.is_dir() and not path.is_symlink():
-        os.scandir(path).close()  # # raises the reason why a folder cannot be read
+        os.scandir(path).close()  # raises the reason why a folder cannot be read
     if path.suffix.lower() in VECTOR_SUFFIXES:
         data = read_user_file(path, downlink, most_bytes=MAX_ROWS_BYTES)
-        # # raises an error for broken files
+        # raises an error for broken files
         parse_vector_file(data.decode("utf-8", "replace"), name)
         return keep_vector_file(name, data, intake.store)
     if is_manual_tie_file(path.name):

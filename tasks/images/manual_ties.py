@@ -46,7 +46,7 @@ def take_manual_ties(name: str, data: bytes, store: ProductStore) -> ProductRef:
     Raises:
         MatchingError: it cannot be read; the message names the place and the reason.
     """
-    read_edit_requests(data, name)  # # raises an error for broken files
+    read_edit_requests(data, name)  # raises an error for broken files
     return keep_file(ProductKind.MANUAL_TIES, name, data, store)
 
 
@@ -81,7 +81,7 @@ def all_edit_requests(workspace: Workspace) -> tuple[EditRequest, ...]:
         data = workspace.store.path(ref).read_bytes()
         try:
             found += read_edit_requests(data, ref.scope.name)
-        except MatchingError as error:  # # stored by an earlier version
+        except MatchingError as error:  # stored by an earlier version
             log.warning("%s is left out: %s", ref.scope, error)
     return tuple(found)
 

@@ -91,7 +91,7 @@ class PoseSources:
         refs = [*vectors, *workspace.catalogue.pointers(ProductKind.VECTORS)]
         found: list[VectorFile] = []
         for ref in dict.fromkeys(ref for ref in refs if ref.kind is ProductKind.VECTORS):
-            with suppress(VectorFileError):  # # stored by an earlier version
+            with suppress(VectorFileError):  # stored by an earlier version
                 found.append(read_vector_file(ref, workspace))
         return replace(self, others=tuple(found))
 

@@ -178,7 +178,7 @@ def stated_poses(
                 continue
             try:
                 pose = tree.pose(LSL, site_frame(one.reference_site)) @ one.pose
-            except FrameError:  # # that site is not on this map
+            except FrameError:  # that site is not on this map
                 continue
             stop = by_frame[one.frame]
             control[stop] = _control(stop, pose, one, file.source)
@@ -248,7 +248,7 @@ def vector_files(mission: str, workspace: Workspace) -> list[VectorFile]:
     for ref in workspace.catalogue.pointers(ProductKind.VECTORS):
         try:
             files.append(read_vector_file(ref, workspace))
-        except VectorFileError as error:  # # stored by an earlier version
+        except VectorFileError as error:  # stored by an earlier version
             log.warning("%s is left out: %s", ref.scope, error)
     return [file for file in files if mission_id(file.mission) == mission_of(mission)]
 

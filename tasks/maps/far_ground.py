@@ -78,7 +78,7 @@ def choose_wide_pairs(
     for side, pairs in zip(sides, (ones, others), strict=True):
         for pair in pairs:
             instrument = pair.products.files.instrument
-            if "HAZCAM" not in instrument:  # # hazard cameras look at the ground before the wheels
+            if "HAZCAM" not in instrument:  # hazard cameras look at the ground before the wheels
                 side.setdefault(instrument, []).append(_Outlook.of(pair, store))
     return [
         (one.pair, other.pair)

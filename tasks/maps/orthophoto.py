@@ -77,7 +77,7 @@ def render_orthophoto(
 
     def write_codes(path: Path) -> None:
         made, codes = prepare()
-        if not codes.any():  # # the orthophoto existed already
+        if not codes.any():  # the orthophoto existed already
             deque(_pieces(made, codes), maxlen=0)
         tags = raster_tags(sources, store)
         write_sources(path, made.source_grid, codes, made.pair_ids, local_crs(landing), tags=tags)
@@ -135,7 +135,7 @@ def colour_frames(
         if left is not None:
             frame = _frame(pair, left, records, known)
         elif files.stop.mission in MER.hosts or _colours(files.left, workspace.store) is None:
-            frame = None  # # their detectors have no colour filters
+            frame = None  # their detectors have no colour filters
         else:
             frame = ColourFrame(pair, None, (files.left,))
         if frame is not None:

@@ -133,7 +133,7 @@ def draw_panorama(
 
     def write_ground(path: Path) -> None:
         made, distances = prepare()
-        if not np.isfinite(distances[1]).any():  # # the panorama existed already
+        if not np.isfinite(distances[1]).any():  # the panorama existed already
             deque(brightness_blocks(made.blocks(), distances), maxlen=0)
         write_panorama_ground(path, made, distances, raster_tags(ground, store) | origin)
 

@@ -134,7 +134,7 @@ def control_by_image(
                     stop_in_image(stop, pose, outcome.correction, image.scope.name, turn_deg)
                 )
             except (PhotogrammetryError, ProductError, ArithmeticError, ValueError) as error:
-                refused[str(stop)] = cause_of(error)  # # only of this stop
+                refused[str(stop)] = cause_of(error)  # only of this stop
                 continue
             up_m += [outcome.correction.up_m] if outcome.correction.up_m else []
         frame = params[1].frame(image.scope.name, found, up_m)

@@ -141,7 +141,7 @@ def _contents(
 ) -> Iterator[tuple[ProductKind, Scope, Callable[[], str | bytes]]]:
     """Every file about the traverse, and the function that makes it."""
     region = region_scope(product.mission)
-    if not landing.origin:  # # a table with offsets from the lander
+    if not landing.origin:  # a table with offsets from the lander
         yield (
             ProductKind.PLACES,
             region,

@@ -100,7 +100,7 @@ class _Reading:
         poses = {stop.stop: stop.lsl_from_rover for stop in self.network.adjusted.stops}
         pointings = {pair.pair_id: pair.pointing for pair in self.network.adjusted.pairs}
         for entry in self._entries:
-            if entry.repeats is not None:  # # drawn with the image that replaces it
+            if entry.repeats is not None:  # drawn with the image that replaces it
                 continue
             try:
                 image = image_record(entry, self._workspace)
@@ -110,7 +110,7 @@ class _Reading:
                 if pointing is not None:
                     image = apply_pointing(image, pointing)
                 drawn = draw(image, entry, poses[image.stop], params)
-            except (PhotogrammetryError, ArithmeticError, ValueError) as error:  # # of this image
+            except (PhotogrammetryError, ArithmeticError, ValueError) as error:  # of this image
                 log.warning("%s is not drawn: %s", entry.id, cause_of(error))
                 continue
             if drawn is not None:

@@ -276,7 +276,7 @@ def orientation_references(ref: ProductRef, store: ProductStore) -> References:
 
 def _read(ref: ProductRef, store: ProductStore) -> tuple[dict[str, MappedStop], References]:
     document = json.loads(store.path(ref).read_text())
-    # # format of earlier versions
+    # format of earlier versions
     rows = document["mapped"] if isinstance(document, dict) else document
     holders = references_of_document(document["holders"]) if isinstance(document, dict) else {}
     return {row["stop"]: _mapped_of(row) for row in rows}, holders

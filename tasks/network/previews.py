@@ -100,7 +100,7 @@ def write_link_preview(
     The earlier stop is left, and red in the overlay.
     """
     if link.fit is None:
-        above = np.zeros((16, MAX_WIDTH, 3), np.uint8)  # # no pose was found for the overlay
+        above = np.zeros((16, MAX_WIDTH, 3), np.uint8)  # no pose was found for the overlay
     else:
         above = _from_above(earlier, later, link.fit)
     pairs = [pair for views in (earlier, later) for pair in views.stop.pairs]

@@ -241,7 +241,7 @@ class WeightedSightings:
         P = product(F.swapaxes(0, 1), product(self.weights, F))
         equations = np.concatenate([P.reshape(9, -1), transform(P, place)])
         sums = np.bincount(self.places, equations.ravel(), minlength=12 * n).reshape(12, n)
-        sums = sums.astype(np.float64, copy=False)  # # numpy returns integers for no sightings
+        sums = sums.astype(np.float64, copy=False)  # numpy returns integers for no sightings
         return transform(inverses_by_component(sums[:9].reshape(3, 3, n)), sums[9:])
 
 

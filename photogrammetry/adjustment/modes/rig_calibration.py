@@ -138,7 +138,7 @@ def calibrate_rig(
             f"no stereo pair with tie points is in the network of {len(network.stops)} stops: "
             "there is no rig to correct"
         )
-    # # otherwise a bent rig would enlarge all standard deviations
+    # otherwise a bent rig would enlarge all standard deviations
     params = replace(params, sigma_freedoms=np.inf)
     sigma = prior_sigmas(len(sets))
     theta, C, used = np.zeros(len(sigma)), np.diag(sigma**2), np.zeros(0, dtype=bool)
@@ -293,7 +293,7 @@ def _with_theta(
     network: Network, sets: tuple[str, ...], instruments: Mapping[str, str], theta: np.ndarray
 ) -> Network:
     by_set = np.vstack([theta.reshape(len(sets), UNKNOWNS), np.zeros(UNKNOWNS)])
-    # # the last: without a camera set
+    # the last: without a camera set
     rotations = by_set[_set_of_row(network, sets, instruments), :3]
     shift = (parallax_partials(network)[:, :3] * rotations).sum(axis=1)
     longer = {name: float(by_set[k, 3]) for k, name in enumerate(sets)}

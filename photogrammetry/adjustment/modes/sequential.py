@@ -151,7 +151,7 @@ def _marginalise_oldest(
 ) -> AdjustedNetwork:
     """Marginalise the oldest stops, as many as the window and loops allow; stores the marginal."""
     if not outcome.solution.converged:
-        return adjusted  # # marginalised observations are not evaluated again
+        return adjusted  # marginalised observations are not evaluated again
     grounded = np.array([stop.is_tied for stop in adjusted.stops], dtype=bool)
     solved = SolvedNetwork.of_outcome(outcome, grounded)
     marginal = solved.inherited
@@ -159,7 +159,7 @@ def _marginalise_oldest(
     while len(network.stops) - number > params.window_stops:
         coupling = coupling_of(solved, number)
         if len(coupling.stops) > params.window_stops:
-            # # so many stops share ties with this one that marginalising it would save nothing
+            # so many stops share ties with this one that marginalising it would save nothing
             break
         marginal = marginalise(solved, coupling)
         solved = solved.without_stop(number, marginal)

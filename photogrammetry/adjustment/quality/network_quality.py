@@ -113,7 +113,7 @@ def blunders(network: AdjustedNetwork) -> tuple[Blunder, ...]:
     for k in rows[np.argsort(-size, kind="stable")].tolist():
         pair_id, point = seen.pair_ids[seen.pair[k]], int(seen.point[k])
         if pair_id not in stop_of:
-            continue  # # of a stop that is marginalised
+            continue  # of a stop that is marginalised
         found.append(
             Blunder(
                 pair_id,

@@ -170,7 +170,7 @@ def _minimum_degree(
     later: dict[int, tuple[int, ...]] = {}
     while graph:
         degree = min(d for d, members in buckets.items() if members)
-        s = min(buckets[degree])  # # of equals the first, so that runs of a program agree
+        s = min(buckets[degree])  # of equals the first, so that runs of a program agree
         buckets[degree].discard(s)
         others = graph.pop(s)
         order.append(s)
@@ -257,7 +257,7 @@ def factorise(pattern: BlockPattern, flat: np.ndarray) -> Factor:
             panels[s] = np.zeros((0, len(L)))
             continue
         below = np.concatenate([N[t, s] for t in later])
-        # # multiply by the inverse: OpenBLAS runs triangular solvers on several threads even for
+        # multiply by the inverse: OpenBLAS runs triangular solvers on several threads even for
         # blocks so small, a hundred times slower, but products on one
         panel = below @ inverse_diagonal[s].T
         panels[s] = panel

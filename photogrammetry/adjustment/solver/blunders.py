@@ -77,7 +77,7 @@ def gates(
     """Gate of the test of every observation, by spread and blunders of its kind."""
     T, measured = found.test.copy(), (observations.sights.weight > 0).sum(axis=0)
     aside, joining = ~used & observations.is_stereo, _joins_stops(observations)
-    # # below this no observation is suspected, whatever the fraction of blunders
+    # below this no observation is suspected, whatever the fraction of blunders
     loose = _quantile(FALSE_SHARE, 3)
     gate = np.full(len(T), np.inf)
     for of_kind in (joining, ~joining):
@@ -88,7 +88,7 @@ def gates(
         set_aside = int((aside & of_kind).sum())
         share = _share_of_blunders(p, int(tested.sum()), set_aside)
         if spread > 1.0 or np.isinf(params.critical_value):
-            # # the stated sigmas or the model are wrong, so the tails carry no information
+            # the stated sigmas or the model are wrong, so the tails carry no information
             share = 0.0
         for coordinates in (2, 3):
             least = coordinates * float(gammaincc(0.5, params.critical_value**2 / 2))

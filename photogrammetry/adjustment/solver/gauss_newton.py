@@ -135,7 +135,7 @@ def solve(
             return Solution(at.state, cost, converged=True, iterations=iteration, at=at)
         before = 0.0 if shortened else length2
         if shortened > MAX_HALVINGS:
-            # # rounding of the cost masks smaller changes
+            # rounding of the cost masks smaller changes
             flat = length2 < max(tolerance, 1e-9 * cost)
             return Solution(at.state, cost, converged=flat, iterations=iteration,
                             message="" if flat else "no step lowers the cost")  # fmt: skip

@@ -148,7 +148,7 @@ class Chart:
 def _vectors(rotations: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3"]:
     """Rotation vectors of rotations below about a right angle: corrections, not poses."""
     entries = rotations.reshape(-1, 9)
-    v = (entries[:, [7, 2, 3]] - entries[:, [5, 6, 1]]) / 2  # # of the skew-symmetric part
+    v = (entries[:, [7, 2, 3]] - entries[:, [5, 6, 1]]) / 2  # of the skew-symmetric part
     sine, cosine = np.sqrt(np.vecdot(v, v)), (entries[:, ::4].sum(axis=1) - 1.0) / 2
     angle = np.arctan2(sine, cosine)
     return v * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0)[:, None]

@@ -256,7 +256,7 @@ def tie_rows(network: SolvedNetwork, rows: np.ndarray, columns: Columns) -> np.n
         group = tie.group.of_points(mine)
         at = group.columns(columns.of_stop, columns.of_pair, observations.pair)[:, : group.active]
         own = at[:, group.posed : group.relative]
-        # # repeated observations have no weight
+        # repeated observations have no weight
         own[np.repeat(~group.counts.T, 3, axis=1)] = columns.count
         parts.append(_in_columns(tie.free[mine], at, columns.count))
     return np.concatenate(parts)
@@ -273,7 +273,7 @@ def _in_columns(free: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
     narrow = np.zeros((n, rows, len(active)))
     each = np.arange(n)[:, None, None], np.arange(rows)[:, None]
     narrow[*each, np.searchsorted(active, at)[:, None]] = free[:, :, :-1]
-    narrow[:, :, -1] = free[:, :, -1]  # # over the column of held unknowns
+    narrow[:, :, -1] = free[:, :, -1]  # over the column of held unknowns
     equations = narrow.reshape(n * rows, -1)
     m, own, all_ = len(equations), len(active), count + 1
     if m * own**2 + own * all_**2 < m * all_**2:
@@ -304,9 +304,9 @@ def telemetry_rows(network: SolvedNetwork, k: int, columns: Columns) -> np.ndarr
     dense[:, :, -1] = l
     counts = link.weight > 0
     counts[0] &= not network.held[k]
-    counts[0, 3:] = False  # # marginalised with the stop before
+    counts[0, 3:] = False  # marginalised with the stop before
     counts[0, 2] &= link.is_fine[0]
-    counts[1:, :2] = False  # # remain
+    counts[1:, :2] = False  # remain
     counts[1:, 2] &= ~link.is_fine[1:]
     return dense[counts]
 

@@ -74,7 +74,7 @@ def huber_threshold(problem: Problem, at: LinearisationPoint) -> float:
     outweigh the images and the step would go in a wrong direction.
     """
     t = lengths(at.l)
-    t = t[t > 0]  # # repeated observations have no weight
+    t = t[t > 0]  # repeated observations have no weight
     spread = float(np.median(t)) / CHI3_MEDIAN if len(t) else 1.0
     if problem.control and problem.control.used.any():
         off = np.sort(control_lengths(problem.control, at.state)[problem.control.used])

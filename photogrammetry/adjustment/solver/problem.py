@@ -143,8 +143,8 @@ class Problem:
         points = 3 * sum(group.points for group in self.groups)
         known = self.inherited.surplus if self.inherited else 0
         known += self.control.surplus if self.control else 0
-        frames = int((self.unknowns.frame_columns >= 0).sum())  # # each has a prior
-        known += self.unknowns.mast  # # with priors, as frames have
+        frames = int((self.unknowns.frame_columns >= 0).sum())  # each has a prior
+        known += self.unknowns.mast  # with priors, as frames have
         return coordinates + telemetry + known + frames - points - self.unknowns.count
 
 

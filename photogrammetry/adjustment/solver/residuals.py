@@ -87,7 +87,7 @@ def cofactors(tie: EliminatedTies, triangle: np.ndarray) -> np.ndarray:
     if group.is_shared:
         Z = Z[group.signature]
     A = tie.free[:, :, : group.relative]
-    # # with the many along the last axis: for matrices so small that is faster than one by one
+    # with the many along the last axis: for matrices so small that is faster than one by one
     by_component = (part.reshape(shape).transpose(2, 1, 3, 0).copy() for part in (A, A @ Z))
     C = np.einsum("aicn,bicn->abin", *by_component)
     Q = tie.basis.mT.reshape(shape).transpose(2, 1, 3, 0).copy()
@@ -134,7 +134,7 @@ def _base_and_active(
 ) -> np.ndarray:
     """Cofactors of all absolute columns of a group, signature by signature."""
     group = tie.group
-    if not group.slots[-1]:  # # seen from one stop: no pose is active
+    if not group.slots[-1]:  # seen from one stop: no pose is active
         return inverse[problem.pattern.own(group.stops[:, 0], group.local)]
     return symmetric(inverse[places], group.active)
 

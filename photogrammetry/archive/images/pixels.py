@@ -186,7 +186,7 @@ def demosaiced(mosaic: GreyImage, mask: Mask) -> Colours:
         )
 
     bands = []
-    for colour in range(3):  # # red has no odd index, green one, blue two
+    for colour in range(3):  # red has no odd index, green one, blue two
         own = mask & (odd_line + odd_sample == colour)
         total = np.maximum(spread(own), np.float32(1))
         bands.append(np.where(own, mosaic, spread(np.where(own, mosaic, 0)) / total))
@@ -275,7 +275,7 @@ def _dtype(label: Label) -> np.dtype:
             "expected integers of 8, 16 or 32 bits or IEEE reals of 32 or 64"
         )
     if bits == 8:  # noqa: PLR2004 - one byte
-        kind = "u"  # # labels name MSB_INTEGER for bytes, too, but no camera has negative counts
+        kind = "u"  # labels name MSB_INTEGER for bytes, too, but no camera has negative counts
     return np.dtype(f"{order}{kind}{bits // 8}")
 
 
@@ -296,7 +296,7 @@ def _offset(label: Label) -> int:
     if isinstance(pointer, tuple):
         pointer = pointer[-1] if pointer else None
     if isinstance(pointer, str):
-        return 0  # # a separate file, from its first byte
+        return 0  # a separate file, from its first byte
     position = _whole(pointer)
     if position is None or position < 1:
         raise LabelError(
@@ -388,7 +388,7 @@ def full_scale(label: Label) -> int | None:
     if label.optional("IMAGE", "BANDS", int) not in {None, 1}:
         return None
     mask = label.get("IMAGE", "SAMPLE_BIT_MASK")
-    if isinstance(mask, str):  # # VICAR writes only the digits
+    if isinstance(mask, str):  # VICAR writes only the digits
         mask = number_of(f"2#{mask.removeprefix('2#').removesuffix('#')}#")
     elif isinstance(mask, int) and set(str(mask)) <= {"0", "1"} and mask > 1:
         mask = int(str(mask), 2)

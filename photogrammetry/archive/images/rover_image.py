@@ -381,7 +381,7 @@ def _camera_celsius(label: Label, instrument: str) -> float | None:
     try:
         values = label.require_numbers(STATE, "INSTRUMENT_TEMPERATURE", len(names))
     except LabelError:
-        return None  # # optional: a broken value must not reject the image
+        return None  # optional: a broken value must not reject the image
     on_mast = np.array([bool(DETECTOR_ON_MAST.search(str(name))) for name in names], dtype=bool)
     measured = values[on_mast & (values != 0) & (np.abs(values) < MAX_CELSIUS)]
     return float(measured.mean()) if len(measured) else None

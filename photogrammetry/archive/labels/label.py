@@ -212,7 +212,7 @@ class _Parser:
             raise self._error(f"expected KEYWORD = value, found {_shorten_token(token)}", token)
         keyword = token.text.upper()
         if keyword == "END" and not _EQUALS.match(self._text, token.start + len(token.text)):
-            return token  # # and do not read on: pixels may follow
+            return token  # and do not read on: pixels may follow
         closing = keyword in {"END_GROUP", "END_OBJECT"}
         following = self._peek()
         if following is None or following.text != "=" or following.kind != "mark":

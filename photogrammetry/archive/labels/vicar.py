@@ -31,7 +31,7 @@ _ITEM = re.compile(
     r"(?:(?P<list>\((?:[^()']++|'[^']*+')*+\))|(?P<scalar>(?:'[^']*+')++|[^\s'()]++))"
 )
 _ENTRY = re.compile(r"(?:'[^']*+')++|[^,'\s()]++")
-# # A quote within a text is doubled, so a text is a sequence of quoted texts. The pattern does not
+# A quote within a text is doubled, so a text is a sequence of quoted texts. The pattern does not
 # backtrack: with two ways to read doubled quotes, a sequence of n would be tried in 2^n ways.
 _SIZE = re.compile(rb"LBLSIZE=\s*(\d{1,8})\b")
 _SAMPLE_BITS = {"BYTE": 8, "HALF": 16, "WORD": 16, "FULL": 32, "LONG": 32, "REAL": 32, "DOUB": 64}

@@ -132,7 +132,7 @@ def _of_row(row: Mapping[str, Any], where: str, solution_id: str) -> Solution | 
     offset_m = numbers_of([row[key] for key in PLACES_COLUMNS[3:]], "landing_x, y, z", where)
     given = [row.get(key) for key in QUATERNION]
     if kind is FrameKind.ROVER and not all((value or "").strip() for value in given):
-        return None  # # a position without attitude is not a pose
+        return None  # a position without attitude is not a pose
     quaternion = (
         numbers_of(given, "quat_s, v1, v2, v3", where) if kind is FrameKind.ROVER else IDENTITY
     )

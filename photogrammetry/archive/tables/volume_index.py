@@ -435,7 +435,7 @@ def inventory_entry(line: bytes, selection: IndexSelection) -> IndexEntry | None
     try:
         name = parse_file_name(match[2].decode("ascii"))
     except LabelError:
-        return None  # # a document, or an image of a camera that is not mapped
+        return None  # a document, or an image of a camera that is not mapped
     if (
         name.sol not in selection.sols
         or name.mission != selection.mission

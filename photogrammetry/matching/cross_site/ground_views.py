@@ -268,7 +268,7 @@ class GroundView:
             self.averaged[level] = (
                 self.view.left.image if level == (0, 0) else cv2.blur(self.view.left.image, width)
             ).astype(np.float32)
-        # # an even box is centred half a pixel too early
+        # an even box is centred half a pixel too early
         shift = [0.5 if k else 0.0 for k in level]
         n, size = left.shape[:2]
         at = left.reshape(n * size, size, 2)

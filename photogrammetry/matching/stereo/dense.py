@@ -331,7 +331,7 @@ class PixelwiseMatcher:
         known, window = np.isfinite(parallax), (UNSETTLED_PX, UNSETTLED_PX)
         share = np.maximum(cv2.blur(known.astype(np.float32), window), np.float32(1e-3))
         total = cv2.blur(np.where(known, values * values, np.float32(0)), window)
-        return np.maximum(total, 0) / share  # # running sums may round below zero
+        return np.maximum(total, 0) / share  # running sums may round below zero
 
 
 def _sum_twice(values: GreyImage, box: tuple[int, int]) -> GreyImage:

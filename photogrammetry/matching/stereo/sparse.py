@@ -195,7 +195,7 @@ def _pairs_on_a_line(
     left: InterestPoints, right: InterestPoints, geometry: EpipolarPair, params: SparseParams
 ) -> tuple[np.ndarray, np.ndarray]:
     """Indices of left and right points whose rows agree and whose parallax is in range."""
-    width = 4.0 * geometry.samples  # # separates rows in one sorted key
+    width = 4.0 * geometry.samples  # separates rows in one sorted key
     key = right.pixels[:, 1] * width + right.pixels[:, 0]
     order = np.argsort(key)
     furthest = largest_parallax_px(geometry, params.nearest_range_m)

@@ -215,7 +215,7 @@ def _divide_quads(planes: PixelPoints, quads: Quads, spacing_m: float) -> Iterat
     """Samples of the quads, grouped by equal division."""
     down = np.ceil(np.maximum(1, quads.lines_m / spacing_m)).astype(np.int64)
     across = np.ceil(np.maximum(1, quads.samples_m / spacing_m)).astype(np.int64)
-    wide = np.flatnonzero(down * across > 1)  # # elsewhere the pixels are close enough
+    wide = np.flatnonzero(down * across > 1)  # elsewhere the pixels are close enough
     code = down[wide] * (int(across.max(initial=1)) + 1) + across[wide]
     order = wide[np.argsort(code, kind="stable")]
     _, starts = np.unique(np.sort(code), return_index=True)

@@ -235,7 +235,7 @@ def fill_by_triangles(dtm: Dtm, gap_m: float, roughness: float) -> Dtm:
     """A model of measured and occluded cells with its gaps of up to `gap_m` filled."""
     measured = dtm.ground == GroundClass.MEASURED
     near = cv2.distanceTransform((~measured).astype(np.uint8), cv2.DIST_L2, 5) * dtm.grid.cell_m
-    # # no point in a triangle is farther from a corner than its longest side over the root of three
+    # no point in a triangle is farther from a corner than its longest side over the root of three
     open_ = (dtm.ground == GroundClass.UNSEEN) & (near <= gap_m / np.sqrt(3))
     border = cv2.dilate(open_.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     nodes = np.argwhere(measured & (border | ~_has_measured_neighbours(measured)))

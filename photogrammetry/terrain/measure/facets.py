@@ -282,7 +282,7 @@ def find_facets(view: TerrainView, params: FacetParams) -> list[Facet]:
     for region in planar_regions(samples, params.regions):
         try:
             facet = _facet(view, samples, region, params)
-        except TerrainError:  # # points on a line, or level: there is no strike to report
+        except TerrainError:  # points on a line, or level: there is no strike to report
             continue
         if _is_reported(facet.attitude, params):
             found.append(facet)

@@ -263,7 +263,7 @@ def _at(places: ImagePoints, values: ParallaxMap) -> PerPoint:
     four = np.stack([values[y, x], values[y, x + 1], values[y + 1, x], values[y + 1, x + 1]])
     weights = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
     with np.errstate(invalid="ignore"):
-        smooth = np.ptp(four, axis=0) <= 1.0  # # NaN is not
+        smooth = np.ptp(four, axis=0) <= 1.0  # NaN is not
     nearest = four[np.argmax(weights, axis=0), np.arange(len(places))]
     return np.where(smooth, (weights * np.where(smooth, four, 0.0)).sum(axis=0), nearest)
 

@@ -118,7 +118,7 @@ def inside_image(image_points: ImagePoints, size: tuple[int, int]) -> Flags:
     first, last = np.array([-0.5, -0.5]), np.array(size) - 0.5
     inside: Flags = np.logical_and.reduce(
         (image_points >= first) & (image_points <= last),
-        axis=1,  # # NaN is not
+        axis=1,  # NaN is not
     )
     return inside
 

@@ -178,7 +178,7 @@ def _best_in_cubes(cloud: PointCloud, spacing_m: float) -> np.ndarray:
     across, along, _ = (cube.max(axis=0) + 1).tolist()
     key = (cube[:, 2] * along + cube[:, 1]) * across + cube[:, 0]
     worth = np.clip(cloud.sigma_m / SIGMA_STEP_M, 0, 65535).astype(np.int64)
-    order = np.argsort((key << 16) | worth)  # # sorting by one number takes half the time of two
+    order = np.argsort((key << 16) | worth)  # sorting by one number takes half the time of two
     ordered = key[order]
     first = np.ones(len(order), np.bool_)
     first[1:] = ordered[1:] != ordered[:-1]

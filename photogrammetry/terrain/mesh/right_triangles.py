@@ -126,7 +126,7 @@ class RightTriangles:
 
     def _compact(self, corners: np.ndarray) -> GridMesh:
         """Triangles except those over holes, and the points that they use."""
-        row, col = corners.sum(axis=0) // 3  # # a square inside: also the corners of one square
+        row, col = corners.sum(axis=0) // 3  # a square inside: also the corners of one square
         corners = corners[:, :, self.whole[row, col]]
         width = self.error.shape[1]
         used, index = np.unique(corners[:, 0] * width + corners[:, 1], return_inverse=True)

@@ -160,7 +160,7 @@ def relief(dtm: Dtm, params: SlopeParams) -> Relief:
     cell_m = dtm.grid.cell_m
     fit = fit_window_planes(dtm.elevation, cell_m, params.baseline_m, params.min_share)
     pose = np.float32(0) if dtm.pose_sigma_m is None else dtm.pose_sigma_m
-    # # a tilted pose tilts all slopes, by 0.1 degrees
+    # a tilted pose tilts all slopes, by 0.1 degrees
     own = np.maximum(dtm.sigma_m**2 - pose**2, 0)
     variance = window_mean(own, cell_m, params.baseline_m)
     shared = _cells_that_share(dtm, params)

@@ -84,7 +84,7 @@ def hazards(dtm: Dtm, params: HazardParams) -> tuple[Classes, MapGrid]:
     """A `Hazard` for every cell of a coarser grid, and that grid."""
     elevation, grid = coarsen(dtm.elevation, dtm.grid, params.cell_m)
     sigma, _ = coarsen(dtm.sigma_m, dtm.grid, params.cell_m)
-    if dtm.pose_sigma_m is not None:  # # errors common to all cells cause no steps
+    if dtm.pose_sigma_m is not None:  # errors common to all cells cause no steps
         shared, _ = coarsen(dtm.pose_sigma_m, dtm.grid, params.cell_m)
         sigma = np.sqrt(np.maximum(sigma**2 - shared**2, 0))
     return _classify_in_strips(elevation, sigma, replace(params, cell_m=grid.cell_m)), grid

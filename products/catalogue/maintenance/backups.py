@@ -103,7 +103,7 @@ def _back_up(workspace: Workspace, target: Path, on_progress: OnProgress) -> Bac
     root, began = workspace.store.root, datetime.now(UTC)
     draft = target / _DRAFTS / "backup"
     draft.mkdir(parents=True)
-    if (root / _INBOX).is_file():  # # before the catalogue, which lists it as processed
+    if (root / _INBOX).is_file():  # before the catalogue, which lists it as processed
         shutil.copyfile(root / _INBOX, draft / _INBOX)
     _copy_catalogue(workspace, draft / schema.CATALOGUE)
     for name in _OWN:
@@ -274,7 +274,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
             f"{folder} has schema {manifest['schema']}, this solmap reads up to "
             f"{schema.latest_version()}: update solmap"
         )
-    if strange:  # # a forged manifest could overwrite other files
+    if strange:  # a forged manifest could overwrite other files
         raise ProductError(
             f"{folder / MANIFEST} names {strange[0][:60]!a}, which is not part of a backup; "
             "restore another"
@@ -348,7 +348,7 @@ def _overwrite_database(source: Path, target: Path) -> None:
         schema.copy_database(source, target)
     except sqlite3.OperationalError:
         raise
-    except sqlite3.DatabaseError:  # # the existing one is damaged
+    except sqlite3.DatabaseError:  # the existing one is damaged
         _remove_database(target)
         schema.copy_database(source, target)
 
@@ -363,7 +363,7 @@ def _remove_older(target: Path, keep: int) -> None:
     """Remove all but the newest backups, then the products that none of these contains."""
     whole = sorted(one.parent for one in (target / BACKUPS).glob(f"*/{MANIFEST}"))
     for folder in whole[:-keep]:
-        gone = target / _DRAFTS / folder.name  # # from now on not a backup, even if interrupted
+        gone = target / _DRAFTS / folder.name  # from now on not a backup, even if interrupted
         folder.replace(gone)
         shutil.rmtree(gone)
     named = {

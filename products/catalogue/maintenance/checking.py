@@ -137,7 +137,7 @@ def _faulty_databases(workspace: Workspace) -> Iterator[_Fault]:
     root, engine = workspace.store.root, workspace.catalogue.engine
     names = [schema.CATALOGUE] if engine.dialect.name == "sqlite" else []
     for name in (*names, edits.FILE, tokens.FILE):
-        if os.access(root / name, os.R_OK):  # # tokens belong to their owner
+        if os.access(root / name, os.R_OK):  # tokens belong to their owner
             answer = _integrity(root / name)
             if answer != "ok":
                 yield _Fault(f"{name} is damaged: {answer}", "`solmap restore` a backup of it")
@@ -179,7 +179,7 @@ def _file_fault(name: str, workspace: Workspace, names: set[str], oldest: float)
         notes = json.loads(backend.read(provenance_name(name)) or b"")
         made_at, sha256 = datetime.fromisoformat(notes["made_at"]), str(notes["sha256"])
     except (ValueError, LookupError, TypeError):
-        # # pruned, or removed with its product, since it was listed
+        # pruned, or removed with its product, since it was listed
         is_gone = not backend.has(name)
         return None if is_gone else _fault_without_provenance(name, product, workspace)
     if name != product:
@@ -247,7 +247,7 @@ def _faulty_documents(workspace: Workspace) -> Iterator[_Fault]:
 
 def _left_drafts(workspace: Workspace, oldest: float) -> Iterator[_Fault]:
     for folder in (workspace.store.root / "drafts").glob("*"):
-        with contextlib.suppress(FileNotFoundError):  # # completed meanwhile
+        with contextlib.suppress(FileNotFoundError):  # completed meanwhile
             if folder.stat().st_mtime < oldest:
                 mend = partial(shutil.rmtree, folder, ignore_errors=True)
                 yield _Fault(f"drafts/{folder.name} was left by a process", "removed", mend)

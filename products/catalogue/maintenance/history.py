@@ -27,7 +27,7 @@ def trim_history(workspace: Workspace, days: float) -> None:
         trim_events(connection, before)
     RunRequests.of(workspace.store.root).trim(before)
     for path in _old_files(workspace.store.root):
-        with contextlib.suppress(OSError):  # # another process has just removed it
+        with contextlib.suppress(OSError):  # another process has just removed it
             if path.stat().st_mtime < oldest.timestamp():
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
 

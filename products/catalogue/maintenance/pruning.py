@@ -134,7 +134,7 @@ def _known_products(workspace: Workspace) -> Iterator[tuple[str, _Known]]:
         try:
             yield _name(ref), _known(ref, store.provenance(ref))
         except (ProductNotFoundError, ValueError, LookupError, TypeError):
-            continue  # # products of unknown origin are kept; `solmap check` lists them
+            continue  # products of unknown origin are kept; `solmap check` lists them
 
 
 def _known(ref: ProductRef, notes: dict[str, Any]) -> _Known:
@@ -165,7 +165,7 @@ def _published_names(workspace: Workspace) -> Iterator[str]:
         finished = connection.execute(sa.select(FINISHED.c.document)).scalars().all()
     for document in finished:
         for text in (*document["standing"], *document["layers"], *document.get("pointers", ())):
-            kind, _, rest = text.partition("/")  # # a scope may have an odd name
+            kind, _, rest = text.partition("/")  # a scope may have an odd name
             yield f"{kind}/{rest.partition('/')[2]}"
     for image in workspace.catalogue.images():
         for ref in (image.ref, image.browse, image.radiometry):

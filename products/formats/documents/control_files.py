@@ -78,7 +78,7 @@ def parse_control(text: str, mission: str, source: str) -> tuple[ControlRow, ...
             fault.
     """
     if not text.strip():
-        return ()  # # an empty file withdraws all of it
+        return ()  # an empty file withdraws all of it
     return FORMAT.parse(text, source, lambda row, _: _row(row, mission))
 
 

@@ -19,7 +19,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 def csv_table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
     """A table; None is an empty cell, and texts cannot become formulas."""
     text = io.StringIO()
-    table = csv.writer(text)  # # ends lines by RFC 4180, so that both of its characters are quoted
+    table = csv.writer(text)  # ends lines by RFC 4180, so that both of its characters are quoted
     table.writerow([_cell(name) for name in head])
     table.writerows([_cell(value) for value in row] for row in rows)
     return text.getvalue()

@@ -112,7 +112,7 @@ def _document(
     for place, node in sorted(nodes.items()):
         if place != root:
             nodes[_shown_by(place, nodes)].setdefault("children", []).append(node)
-    for place in sorted(nodes):  # # finest first: a tile's box contains those of its children
+    for place in sorted(nodes):  # finest first: a tile's box contains those of its children
         _widen(nodes[place])
     return tileset_document([nodes[root]], notes)
 

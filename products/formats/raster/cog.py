@@ -112,7 +112,7 @@ def create_cog(
             OVERVIEW_RESAMPLING=description.overview_resampling,
             **_LOSSLESS,
         )
-    except RasterioError as error:  # # GDAL only reports that writing failed
+    except RasterioError as error:  # GDAL only reports that writing failed
         if is_disk_full(path.parent, error):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
         raise

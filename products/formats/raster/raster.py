@@ -175,7 +175,7 @@ def open_raster(address: Path | str) -> rasterio.DatasetReader:
 def read_error(address: Path | str, error: RasterioError) -> ProductError:
     """The error for a part of an open raster that cannot be read."""
     name = PurePosixPath(address).name
-    if isinstance(address, str):  # # GDAL does not report which of the two
+    if isinstance(address, str):  # GDAL does not report which of the two
         return StoreAwayError(f"the store of {name} does not respond, or it is broken: {error}")
     return ProductError(f"{name} is broken: {error}; make it again")
 

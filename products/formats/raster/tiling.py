@@ -94,7 +94,7 @@ def whole_zoom_of(bounds: tuple[float, float, float, float]) -> int:
 @lru_cache(maxsize=64)
 def tile_matrix_set(landing: LandingPoint) -> morecantile.TileMatrixSet:
     """The OGC tile matrix set of a landing site, or of a map that is not tied to one."""
-    # # the format requires an ellipsoid, even for a map that is not tied to one
+    # the format requires an ellipsoid, even for a map that is not tied to one
     crs = local_crs(replace(landing, origin="", radius_m=landing.radius_m or IAU_RADIUS_M))
     degrees = crs.geodetic_crs
     assert degrees is not None  # noqa: S101 - a projected CRS has one

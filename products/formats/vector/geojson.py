@@ -307,7 +307,7 @@ def _place_features(
         landing=landing,
         items=items,
         tags=tags,
-        metres=np.round(plane, _DECIMALS_M) + 0.0,  # # avoids -0.0
+        metres=np.round(plane, _DECIMALS_M) + 0.0,  # avoids -0.0
         first_row=np.cumsum([0, *map(len, rings)]),
         first_ring=np.cumsum([0, *map(len, nested)]),
     )

@@ -48,7 +48,7 @@ def write_geopackage(path: Path, collection: FeatureCollection, layer: str) -> N
     )
     import pyogrio  # noqa: PLC0415 - with geopandas
 
-    pyogrio.set_gdal_config_options(_DATE)  # # at every write: long runs may lose it
+    pyogrio.set_gdal_config_options(_DATE)  # at every write: long runs may lose it
     frame.to_file(path, driver="GPKG", layer=layer, index=False)
 
 

@@ -150,7 +150,7 @@ def test_the_bounds_hold_all_points(tmp_path):
         ("LineString", [[0.0, 0.0]], "at least 2 rows"),
         ("Polygon", [[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]], "at least 3 rows"),
         ("Point", [[0.0, np.nan]], "not all finite"),
-        ("Circle", [[0.0, 0.0]], "'Circle' is none of"),
+        ("Circle", [[0.0, 0.0]], "'Circle' is not one of"),
         ("Point", [[0.0, 0.0, 0.0, 0.0]], r"not \(1, 4\)"),
     ],
 )
