@@ -69,7 +69,7 @@ class Models:
     of_points: bool = True
     """The dense stereo points: one PLY, and 3D Tiles."""
     dips_of_facets: bool = False
-    """Strike and dip of planar facets. Off by default: needed for few stops (`solmap dip rocks`)."""
+    """Strike and dip of planar facets. Off: few stops need it (`solmap dip rocks`)."""
     terrain: ModelParams = field(default_factory=ModelParams)
     tiles: TilesetParams = field(default_factory=TilesetParams)
     views: ViewModelParams = field(default_factory=ViewModelParams)

@@ -1,7 +1,7 @@
 """The layers of a sol's stops: maps, models in three dimensions, panoramas and far ground.
 
 Those of a stop are jobs, one a product, in the order in which people wait for them; what did not
-change is looked up. Far ground, which few ask for, follows when they are done.
+change is looked up. Far ground, which few need, follows when they are done.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def _models_of_stop(
     landing: LandingPoint,
     store: ProductStore,
 ) -> Iterator[tuple[str, Callable[[Made], PrefectFuture[Any]], Sequence[Key], bool]]:
-    """What is made, how, what it needs, and whether it is wanted."""
+    """A map to make: its task, its inputs, and whether it is enabled."""
     ground = (stop, "dtm"), (stop, "orthophoto")
 
     def on_ground(task: Task[..., Any], params: object) -> Callable[[Made], PrefectFuture[Any]]:
@@ -150,7 +150,7 @@ def _models_of_stop(
 
 
 def panorama_jobs(inputs: SolInputs, orientations: ProductRef, matched: Matched) -> dict[Key, Job]:
-    """The panorama of every stop of the window, and what it knows of the ground."""
+    """The panorama of every stop of the window, and the ground in it."""
     wanted, workspace = inputs.config.panoramas, inputs.workspace
     if not wanted.enabled:
         return {}
@@ -180,7 +180,7 @@ def panorama_jobs(inputs: SolInputs, orientations: ProductRef, matched: Matched)
 
 
 def preview_jobs(inputs: SolInputs, matched: Matched, mapped: Collection[StopId]) -> dict[Key, Job]:
-    """Pictures of the terrain of mapped stops and of the matches of all pairs: no layers."""
+    """Previews of the terrain of mapped stops and of the matches of all pairs: no layers."""
     stage, store = f"sol {inputs.sol}: preview terrain and matches", inputs.workspace.store
 
     def of_terrain(dtm: Key) -> Job:

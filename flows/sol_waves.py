@@ -1,12 +1,12 @@
 """What of a sol is published when: waves, each in one transaction.
 
-Positions come first, then each new stop with its first maps, then what these say of the ground,
-and at last everything. A stop that is on the map already changes once, in the last wave: with all
-of its layers, and with the other stops that the adjustment moved. So no stop mixes solutions; what
-is not there yet shows, by its version, the one before.
+Positions come first, then each new stop with its first maps, then what depends on these, and at
+last everything. A stop that is on the map already changes once, in the last wave: with all of its
+layers, and with the other stops that the adjustment moved. So no stop mixes solutions; what is not
+there yet shows, by its version, the one before.
 
 The last wave is all of a sol, whatever was published before. A run that is killed between two waves
-leaves what they published, and the next one goes on from there.
+leaves what they published, and the next one continues from there.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Waves:
     new: frozenset[StopId]
     """Stops without maps so far."""
     pointers: list[ProductRef] = field(default_factory=list)
-    """What is no layer: networks, reports, what matching made."""
+    """Products that are not layers: networks, reports, matches."""
     layers: dict[StopId, list[ProductRef]] = field(default_factory=dict)
     _waiting: list[tuple[set[Key], list[Key]]] = field(default_factory=list)
     """By wave: jobs that have not ended, and all of its jobs."""
@@ -142,7 +142,7 @@ def outcome_of(inputs: SolInputs, report: SolReport) -> Outcome:
 
 
 def _refs(key: Key, made: Any) -> tuple[Sequence[ProductRef], Sequence[ProductRef]]:  # noqa: ANN401
-    """The layers that a job made, and what is no layer."""
+    """The layers of a job, and its other products."""
     match key[1]:
         case "picture":
             return (), ()

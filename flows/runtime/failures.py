@@ -124,7 +124,7 @@ def wait_for(
 
 
 def result_of(future: PrefectFuture[T]) -> tuple[T | None, str | None]:
-    """Wait for a task: its result, or why there is none; without words where another's is said.
+    """Wait for a task: its result, or the cause of failure if not listed already.
 
     Raises:
         StoreFullError: it found the disk full.

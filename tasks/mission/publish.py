@@ -197,7 +197,7 @@ def _index(mission: str, kinds: Collection[ProductKind], workspace: Workspace) -
 
 
 def layer_of(mission: str, ref: ProductRef, sols: tuple[int, ...], workspace: Workspace) -> Layer:
-    """What the map needs to know of a product."""
+    """The layer of a product, for the map."""
     return Layer(
         ref=ref,
         mission=mission,

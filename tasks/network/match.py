@@ -109,5 +109,5 @@ def match_stereo_pair(
 def find_candidates(
     pair: PairFiles, turn: Turn | None, params: SparseParams, store: ProductStore
 ) -> Candidates:
-    """The interest points of a pair that may correspond; kept for the picture of its matches."""
+    """The interest points of a pair that may correspond; kept for the preview of its matches."""
     return match_interest_points(read_epipolar(pair, turn, store)[1], params)

@@ -42,7 +42,7 @@ from solmap.tasks.scopes import pair_scope
 from solmap.tasks.stage import stage
 
 MAX_WIDTH = 1024
-"""Of a picture, pixels: two images side by side at half their width."""
+"""Width of a preview, pixels: two images side by side at half their width."""
 LEVEL = 1
 """Of compression: 3 takes a third longer for seven percent of the size."""
 FROM_ABOVE = (

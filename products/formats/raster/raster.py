@@ -189,7 +189,7 @@ def grid_of(dataset: rasterio.DatasetReader) -> MapGrid:
 def read_raster(
     path: Path, wanted: Collection[str] | None = None
 ) -> tuple[MapGrid, dict[str, np.ndarray]]:
-    """The grid and the stored values of bands by name, of all or of those that are wanted.
+    """The grid and the stored values of bands by name, of all or of those requested.
 
     Raises:
         ProductNotFoundError: there is no such file.
@@ -276,10 +276,10 @@ def read_dtm(path: Path) -> Dtm:
 
 
 def read_elevation(path: Path) -> tuple[Raster, MapGrid]:
-    """The elevations of a terrain model alone, and where they lie.
+    """Only the elevations of a terrain model, and their grid.
 
     Raises:
-        ProductError: the file is no terrain model.
+        ProductError: the file is not a terrain model.
     """
     grid, bands = _read_terrain(path, ("elevation",))
     return bands["elevation"], grid
@@ -291,7 +291,7 @@ def _read_terrain(
     grid, bands = read_raster(path, {*needed, *others})
     missing = [name for name in needed if name not in bands]
     if missing:
-        raise ProductError(f"{path.name} is no terrain model: it has no band {missing[0]}")
+        raise ProductError(f"{path.name} is not a terrain model: it has no band {missing[0]}")
     return grid, bands
 
 
