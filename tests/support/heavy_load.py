@@ -45,7 +45,7 @@ PAUSE_S = 3.0
 """Mean time that a client looks at what it got."""
 MOST_S = 0.2
 """That health is to take."""
-_SERVE = """
+SERVE = """
 import os, sys, uvicorn
 os.setsid()
 os.environ["SOLMAP_STORE"] = sys.argv[1]
@@ -241,14 +241,15 @@ def watch_memory(pid: int, ended: Any, told: Any) -> None:
     os.setsid()
     use = MemoryUse()
     while not ended.wait(0.25):
-        use.note((pid, *_children(pid)))
+        use.note((pid, *children_of(pid)))
     told.put(use)
 
 
-def _children(pid: int) -> list[int]:
+def children_of(pid: int) -> list[int]:
+    """The processes that a process started, and those that they did."""
     files = Path(f"/proc/{pid}/task").glob("*/children")
     found = [int(child) for file in files for child in file.read_text().split()]
-    return [*found, *(later for child in found for later in _children(child))]
+    return [*found, *(later for child in found for later in children_of(child))]
 
 
 def write_sols(folder: Path, count: int) -> Path:
@@ -293,7 +294,7 @@ def main() -> None:
         pipeline = write_coarse_pipeline(Path(folder, "coarse.toml"))
         run = [sys.executable, "-m", "solmap.flows.cli", "run", str(downlink)]
         run += ["--store", str(given.store), "--pipeline", str(pipeline)]
-        with running([sys.executable, "-c", _SERVE, str(given.store)]) as server:
+        with running([sys.executable, "-c", SERVE, str(given.store)]) as server:
             flow = subprocess.Popen(
                 run,
                 stdout=said,
