@@ -62,6 +62,20 @@ export function groupLayers(layers: readonly Layer[]): readonly LayerGroup[] {
 const isWithin = ([west, south, east, north]: Bounds, [w, s, e, n]: Bounds) =>
   west <= (w + e) / 2 && (w + e) / 2 <= east && south <= (s + n) / 2 && (s + n) / 2 <= north;
 
+const widerByKind = new WeakMap<readonly Layer[], Map<string, Layer[]>>();
+
+/** Products of a kind that are of more than a stop, sorted out once a list. */
+function widerOf(all: readonly Layer[], kind: string): readonly Layer[] {
+  let known = widerByKind.get(all);
+  if (!known) {
+    known = new Map<string, Layer[]>();
+    for (const layer of all)
+      if (layer.level !== "stop") known.set(layer.kind, [...(known.get(layer.kind) ?? []), layer]);
+    widerByKind.set(all, known);
+  }
+  return known.get(kind) ?? [];
+}
+
 /** Whether a product of more ground shows the same, so that this one need not be shown beside it. */
 function isIn(layer: Layer, wider: Layer): boolean {
   if (LEVELS.indexOf(wider.level) >= LEVELS.indexOf(layer.level)) return false;
@@ -74,7 +88,9 @@ function isIn(layer: Layer, wider: Layer): boolean {
  * are, merged ones before those of the stops; footprints and pointing lines where there is no ground to look at.
  */
 export function firstState(layer: Layer, all: readonly Layer[]): LayerState {
-  const wider = all.some((other) => isIn(layer, other));
+  const wider = [layer.kind, `region-${layer.kind}`].some((kind) =>
+    widerOf(all, kind).some((other) => isIn(layer, other)),
+  );
   const hasGround = all.some((other) => other.type === "raster");
   const viewing = layer.kind === "footprints" || layer.kind === "pointing";
   return {

@@ -47,6 +47,7 @@ export interface Touched {
 export class MapView {
   readonly map: OlMap;
   private readonly onMap = new Map<string, Shown>();
+  private known: ReadonlyMap<string, Layer> = new Map();
   private readonly highlight = overlay(drawHighlight, 1000);
   private readonly mark = overlay(drawMark, 1001);
   private readonly cursor = overlay(drawMark, 1003);
@@ -83,29 +84,36 @@ export class MapView {
     this.setLayers(layers);
   }
 
+  /** Those that were shown once. */
   get shown(): ReadonlyMap<string, Shown> {
     return this.onMap;
   }
 
-  /** Shows these layers; one whose product is still the same stays as it is. */
+  /** A layer of the map, made when it is first asked for: of fifteen thousand a map shows few. */
+  made(id: string): Shown | null {
+    const made = this.onMap.get(id);
+    const layer = this.known.get(id);
+    if (made || !layer) return made ?? null;
+    const shown = show(layer, this.mission.tile_matrix_set, this.local, this.drawing);
+    shown.map.setVisible(false);
+    this.onMap.set(id, shown);
+    this.map.addLayer(shown.map);
+    return shown;
+  }
+
+  /** Knows these layers; one whose product is still the same stays as it is. */
   setLayers(layers: readonly Layer[]): void {
-    const wanted = new Map(layers.map((layer) => [layer.id, layer] as const));
+    this.known = new Map(layers.map((layer) => [layer.id, layer] as const));
     for (const [id, shown] of this.onMap) {
-      if (wanted.get(id)?.digest === shown.layer.digest) continue;
+      if (this.known.get(id)?.digest === shown.layer.digest) continue;
       this.map.removeLayer(shown.map);
       this.onMap.delete(id);
-    }
-    for (const layer of layers) {
-      if (this.onMap.has(layer.id)) continue;
-      const shown = show(layer, this.mission.tile_matrix_set, this.local, this.drawing);
-      this.onMap.set(layer.id, shown);
-      this.map.addLayer(shown.map);
     }
   }
 
   /** Features of some layers, fetched if they are not there yet. */
   async featuresOf(layers: readonly Layer[]): Promise<Feature<Geometry>[]> {
-    const sources = await Promise.all(layers.map(({ id }) => this.onMap.get(id)?.load()));
+    const sources = await Promise.all(layers.map(({ id }) => this.made(id)?.load()));
     return sources.flatMap((source) => source?.getFeatures() ?? []);
   }
 

@@ -36,10 +36,10 @@ export function layersPart(context: Context): void {
     });
   };
   const put = (layer: Layer) => {
-    const shown = view.shown.get(layer.id);
+    const isDrawn = layers.isDrawn(layer, drawing.sols);
+    const shown = isDrawn ? view.made(layer.id) : view.shown.get(layer.id);
     if (!shown) return;
     const state = layers.state(layer);
-    const isDrawn = layers.isDrawn(layer, drawing.sols);
     shown.map.setVisible(isDrawn);
     shown.map.setOpacity(state.opacity);
     shown.map.setZIndex(layers.height(layer));

@@ -17,7 +17,7 @@ export const showSwipe: Show = (context, comparison, [a, b], _box, change) => {
     [b, "right"],
   ] as const;
   const undo = sides.map(([{ id }, side]) => {
-    const shown = view.shown.get(id);
+    const shown = view.made(id);
     return shown ? clip(shown.map, view.map, side, share) : () => undefined;
   });
   const line = divider(page.map, layerName(a), layerName(b), (moved) => {
