@@ -1,4 +1,4 @@
-/** Room beside, below or over the map that one thing at a time may use. */
+/** Room below or over the map that one thing at a time may use. */
 
 import { button, h } from "./dom";
 
@@ -10,7 +10,7 @@ export interface Dock {
   readonly isOpen: boolean;
 }
 
-export function dock(side: "beside" | "below" | "bench"): Dock {
+export function dock(side: "below" | "bench"): Dock {
   const element = h("section", { class: `dock ${side}`, hidden: true });
   let closed: (() => void) | undefined;
   const close = () => {

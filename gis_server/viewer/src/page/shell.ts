@@ -4,6 +4,7 @@ import { urls } from "../server/api";
 import { type Dock, dock } from "./dock";
 import { button, h } from "./dom";
 import { fold } from "./fold";
+import { type Panes, panes } from "./panes";
 import { tabs } from "./tabs";
 
 const TOAST_MS = 6000;
@@ -30,8 +31,8 @@ export interface Shell {
   readonly north: HTMLElement;
   readonly ruler: HTMLElement;
   readonly tip: HTMLElement;
-  /** Room beside the map, for what is looked at together with it: images, the 3D view. */
-  readonly beside: Dock;
+  /** Room beside the map: images, stereo, the 3D view, the network. */
+  readonly panes: Panes;
   /** Room over the map, for work that needs all of it: the tie-point editor. */
   readonly bench: Dock;
   /** Room below the map: profiles. */
@@ -95,7 +96,7 @@ export function shell(root: HTMLElement): Shell {
     panelFold.open();
     tabShown(name);
   });
-  const beside = dock("beside");
+  const beside = panes();
   const below = dock("below");
   const bench = dock("bench");
   const dialog = h("dialog", { class: "dialog" });
@@ -158,7 +159,7 @@ export function shell(root: HTMLElement): Shell {
     north,
     ruler,
     tip,
-    beside,
+    panes: beside,
     below,
     bench,
     addTab: right.add,
@@ -170,7 +171,7 @@ export function shell(root: HTMLElement): Shell {
     clear() {
       tabShown = () => undefined;
       right.clear();
-      beside.close();
+      beside.clear();
       below.close();
       bench.close();
       for (const element of [

@@ -1,6 +1,7 @@
 /** Original images beside the map: whichever is asked for, with the cursor of the map in it and its own on the map. */
 
 import "./image-view.css";
+import type { Pane } from "../../page/panes";
 import { api } from "../../server/api";
 import type { ImageEntry } from "../../server/records";
 import type { Context } from "../../session/context";
@@ -11,6 +12,7 @@ const KEY = "image";
 export function imageViewPart(context: Context): void {
   const { page, signals, mission, layers, waiting, view, link } = context;
   let viewer: ImageViewer | null = null;
+  let pane: Pane | null = null;
   let known: Promise<ReadonlyMap<string, ImageEntry>> | null = null;
 
   const images = () => {
@@ -24,21 +26,20 @@ export function imageViewPart(context: Context): void {
     if (!image) return; // the list of images says so
     viewer ??= new ImageViewer(context);
     const current = viewer;
-    if (!page.beside.element.contains(current.element))
-      page.beside.open("Image", current.element, () => {
-        current.close();
-        viewer = null;
-        link.write(KEY, null);
-      });
+    pane ??= page.panes.open(id, current.element, () => {
+      current.close();
+      viewer = pane = null;
+      link.write(KEY, null);
+    });
     link.write(KEY, id);
-    page.beside.element.querySelector("h2")?.replaceChildren(id);
+    pane.title(id);
     await current.open(image);
   };
 
   signals.image.on((id) => waiting.run(() => open(id)));
   link.follow(KEY, (id) => {
     if (id) waiting.run(() => open(id));
-    else if (viewer) page.beside.close();
+    else pane?.close();
   });
   signals.pointer.on((pointed) => {
     if (pointed && !view.isClaimed) viewer?.mark(pointed.point);

@@ -43,7 +43,7 @@ export function networkPart(context: Context): void {
   }
   const open = () => {
     if (!isOpen)
-      page.beside.open("Image network", body, () => {
+      page.panes.open("Image network", body, () => {
         isOpen = false;
       });
     isOpen = true;

@@ -1,6 +1,7 @@
 /** The 3D view beside the map, opened when it is asked for: only then is what draws it loaded. */
 
 import { button, h } from "../../page/dom";
+import type { Pane } from "../../page/panes";
 import { sceneApi } from "../../server/scene";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
@@ -15,6 +16,7 @@ export function scenePart(context: Context): void {
   const { page, mission, waiting, keys, places, frames, link, alive } = context;
   let isOpen = false;
   let shown: SceneView | null = null;
+  let pane: Pane | null = null;
   let wanted: MapPoint | null = null;
   /** Eye and what is looked at in the link. */
   let linked: Look | null = null;
@@ -40,7 +42,7 @@ export function scenePart(context: Context): void {
     };
     const begin = { look: linked, shown: parseShown(link.read(SHOWN_KEY)) };
     const view = build(() => new View(context, models, stops, begin, told));
-    page.beside.open("3D view", view?.element ?? withoutGraphics(), () => {
+    pane = page.panes.open("3D view", view?.element ?? withoutGraphics(), () => {
       view?.dispose();
       close();
     });
@@ -49,15 +51,15 @@ export function scenePart(context: Context): void {
   };
   const close = () => {
     isOpen = false;
-    [shown, wanted, linked] = [null, null, null];
+    [shown, wanted, linked, pane] = [null, null, null, null];
     link.write(KEY, null);
     link.write(SHOWN_KEY, null);
     tool.setAttribute("aria-pressed", "false");
   };
   function toggle(): void {
     if (isOpen) {
-      page.beside.close();
-      close();
+      if (pane) pane.close();
+      else close();
       return;
     }
     isOpen = true;
@@ -83,7 +85,7 @@ export function scenePart(context: Context): void {
   page.addTool(tool);
   places.add({ title: "3D here", run: visit });
   keys.add("3", "3D view", toggle);
-  alive.addEventListener("abort", () => page.beside.close());
+  alive.addEventListener("abort", () => pane?.close());
   showOutlines(context);
 }
 

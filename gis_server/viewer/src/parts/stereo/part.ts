@@ -1,19 +1,26 @@
 /** Stereo pairs beside the map: the pair of the image that was opened last, or the first there is. */
 
 import { button } from "../../page/dom";
+import type { Pane } from "../../page/panes";
 import { api } from "../../server/api";
 import type { Context } from "../../session/context";
 import { pairOf, pairsOf } from "./fuse";
 
-export function stereoPart({ page, mission, waiting, keys, signals, alive }: Context): void {
+/** Of the left image in the link. */
+const KEY = "stereo";
+
+export function stereoPart({ page, mission, waiting, keys, signals, link, alive }: Context): void {
   let image: string | null = null;
   let isOpen = false;
+  let pane: Pane | null = null;
   const tool = button("stereo pair (2)", "eyes", () => toggle(), {
     class: "stereo-tool",
     "aria-pressed": "false",
   });
   const close = () => {
     isOpen = false;
+    pane = null;
+    link.write(KEY, null);
     tool.setAttribute("aria-pressed", "false");
   };
   const open = async () => {
@@ -29,8 +36,8 @@ export function stereoPart({ page, mission, waiting, keys, signals, alive }: Con
       return;
     }
     const wanted = image ? pairOf(images, image)?.left.id : undefined;
-    const view = new StereoView(pairs, waiting);
-    page.beside.open("Stereo pair", view.element, () => {
+    const view = new StereoView(pairs, waiting, ({ left }) => link.write(KEY, left.id));
+    pane = page.panes.open("Stereo pair", view.element, () => {
       view.dispose();
       close();
     });
@@ -38,7 +45,8 @@ export function stereoPart({ page, mission, waiting, keys, signals, alive }: Con
   };
   function toggle(): void {
     if (isOpen) {
-      page.beside.close();
+      if (pane) pane.close();
+      else close();
       return;
     }
     isOpen = true;
@@ -50,5 +58,11 @@ export function stereoPart({ page, mission, waiting, keys, signals, alive }: Con
   signals.image.on((id) => {
     image = id;
   });
-  alive.addEventListener("abort", () => isOpen && page.beside.close());
+  link.follow(KEY, (id) => {
+    if (isOpen) toggle();
+    if (!id) return;
+    image = id;
+    toggle();
+  });
+  alive.addEventListener("abort", () => pane?.close());
 }

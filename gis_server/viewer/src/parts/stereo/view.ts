@@ -39,6 +39,7 @@ export class StereoView {
   constructor(
     private readonly pairs: readonly Pair[],
     private readonly waiting: Waiting,
+    private readonly shown: (pair: Pair) => void,
   ) {
     const choose = () => this.show(pairs[Number(this.choice.value)]);
     this.choice = h("select", { "aria-label": "pair", name: "pair", onchange: choose });
@@ -88,6 +89,7 @@ export class StereoView {
   show(pair: Pair | undefined): void {
     if (!pair) return;
     this.choice.value = String(this.pairs.indexOf(pair));
+    this.shown(pair);
     this.element.dataset["settled"] = "false";
     this.canvas.setAttribute("aria-label", `stereo pair ${pair.left.id} and ${pair.right.id}`);
     this.waiting.run(async () => {
