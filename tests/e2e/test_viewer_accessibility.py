@@ -75,6 +75,14 @@ def test_no_tool_opens_something_with_a_serious_issue(themed):
     assert issues == []
 
 
+def test_the_tour_has_no_serious_issue(themed):
+    themed.get_by_role("button", name="Help").click()
+    themed.get_by_role("button", name="Take the tour").click()
+    themed.wait_for_selector(".driver-popover")
+    themed.wait_for_timeout(400)  # faded in
+    assert grave_issues(themed, "tour") == []
+
+
 def test_an_image_and_a_place_have_no_serious_issue(themed):
     themed.locator('[data-tab="images"]').click()
     themed.locator(".images button").first.click()

@@ -117,7 +117,7 @@ def test_a_link_restores_the_image_beside_the_map(page, images_url):
     image = page_images(page, images_url)[0]
     look(page, f"{images_url}/#m=MER2&at=0,0,0.05&image={image}")
     page.wait_for_selector(f'.image-view[data-image="{image}"]')
-    page.locator(".beside").get_by_role("button", name="close").click()
+    page.locator(".pane").get_by_role("button", name="close").click()
     until(page, lambda: "image=" not in fragment(page))
     page.go_back()
     page.wait_for_selector(f'.image-view[data-image="{image}"]')

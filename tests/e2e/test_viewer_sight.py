@@ -239,5 +239,5 @@ def test_a_click_on_a_tie_point_goes_to_the_pointing_line_below(page, dome_url):
     page.mouse.move(*spot)
     until(page, lambda: "tie point" in page.locator(".tip").inner_text())
     page.mouse.click(*spot)
-    page.wait_for_selector(".beside h2", state="visible")
-    assert "2N14000000" in page.locator(".beside").inner_text()
+    page.wait_for_selector(".pane h2", state="visible")
+    assert "2N14000000" in page.locator(".pane").inner_text()

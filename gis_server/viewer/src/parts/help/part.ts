@@ -1,26 +1,68 @@
-/** The list of keyboard shortcuts. */
+/** Help: the list of keys, and a guided tour that is offered on the first visit. */
 
+import "./help.css";
 import { h } from "../../page/dom";
 import type { Context } from "../../session/context";
 
 const NAMES: Readonly<Record<string, string>> = { Escape: "Esc" };
+/** In the browser's storage once the tour was seen or declined. */
+const SEEN = "solmap-tour";
 
-export function helpPart({ page, keys }: Context): void {
+export function helpPart(context: Context): void {
+  const { page, keys, waiting } = context;
+  const tour = () => {
+    localStorage.setItem(SEEN, "seen");
+    page.closeDialog();
+    waiting.run(async () => {
+      const { showTour } = await import("./tour");
+      showTour(() => help.focus());
+    });
+  };
   const show = () => {
     const rows = keys.all.map(({ key, does }) =>
       h("tr", {}, h("td", {}, h("kbd", {}, NAMES[key] ?? key)), h("td", {}, does)),
     );
     page.dialog(
       "Keyboard shortcuts",
-      h("table", { class: "values keys" }, h("tbody", {}, ...rows)),
+      h(
+        "div",
+        {},
+        action("Take the tour", tour),
+        h("table", { class: "values keys" }, h("tbody", {}, ...rows)),
+      ),
     );
   };
-  keys.add("?", "show this list", show);
-  page.accountBox.append(
-    h(
-      "button",
-      { type: "button", class: "text", title: "keyboard shortcuts (?)", onclick: show },
-      "Shortcuts",
-    ),
+  const help = h(
+    "button",
+    { type: "button", class: "text help", title: "keyboard shortcuts and tour (?)", onclick: show },
+    "Help",
   );
+  keys.add("?", "show this list", show);
+  page.accountBox.append(help);
+  offer(context, tour);
+}
+
+const action = (title: string, run: () => void) =>
+  h("button", { type: "button", class: "plain", onclick: run }, title);
+
+/** Offers the tour to who comes for the first time, and not to a program that drives the browser. */
+function offer({ page, alive }: Context, tour: () => void): void {
+  if (localStorage.getItem(SEEN) || navigator.webdriver) return;
+  const close = () => {
+    localStorage.setItem(SEEN, "declined");
+    note.remove();
+  };
+  const take = () => {
+    close();
+    tour();
+  };
+  const note = h(
+    "div",
+    { class: "tour-offer", role: "region", "aria-label": "tour" },
+    "New here?",
+    action("Take the tour", take),
+    action("No, thanks", close),
+  );
+  page.map.after(note);
+  alive.addEventListener("abort", () => note.remove());
 }
