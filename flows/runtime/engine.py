@@ -66,6 +66,8 @@ def prepare_engine(store: Path) -> None:
         "PREFECT_SERVER_EVENTS_RETENTION_PERIOD": f"P{min(days, _EVENT_DAYS)}D",
         # Small-block linear algebra is far slower with two BLAS threads than with one.
         "OPENBLAS_NUM_THREADS": "1",
+        # Megabytes of blocks: a raster is read once; the default is a twentieth of the memory.
+        "GDAL_CACHEMAX": "64",
     }
     for name, value in defaults.items():
         os.environ.setdefault(name, value)
