@@ -18,7 +18,7 @@ export PYTHONDONTWRITEBYTECODE =
 
 PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-deps
 
-.PHONY: setup cluster develop viewer demo test test-all test-wheel check audit bench accuracy peers fuzz docs wheel clean
+.PHONY: setup cluster develop viewer demo test test-all test-wheel check audit bench accuracy peers fuzz screenshots docs wheel clean
 
 setup: $(VENV)/.installed  ## What a user needs.
 
@@ -106,6 +106,9 @@ fuzz: develop  ## Every reader under mutated files; guided by coverage where ath
 	  $(BIN)/python tests/fuzz/fuzz_readers.py $$target -max_total_time=$(FUZZ_SECONDS) \
 	    -timeout=10 -rss_limit_mb=1500 -max_len=70000 || exit 1; \
 	done
+
+screenshots: develop viewer  ## The main tasks of the viewer at six widths, light and dark, in .cache/screenshots.
+	$(BIN)/python -m tests.support.task_pictures $(STORE) .cache/screenshots
 
 docs: develop
 	$(BIN)/mkdocs build --strict

@@ -34,6 +34,33 @@ CUT_OFF = """() => {
 """What lies outside of the element that clips it, or is wider than its own room."""
 
 
+SMALL = """() => {
+  const found = [];
+  const all = "button, a[href], input, select, summary, [role=tab], [role=slider]";
+  const shown = [...document.querySelectorAll(all)].filter((each) =>
+    each.checkVisibility({ visibilityProperty: true, opacityProperty: true }) &&
+    !each.closest(".skip, p, td, label"));
+  const middle = (box) => [box.left + box.width / 2, box.top + box.height / 2];
+  const boxes = shown.map((each) => each.getBoundingClientRect());
+  for (const [k, each] of shown.entries()) {
+    const { width, height } = boxes[k];
+    if (!width || !height || (width >= 24 && height >= 24)) continue;
+    const [x, y] = middle(boxes[k]);
+    const isNear = boxes.some((other, j) => {
+      if (j === k || !other.width) return false;
+      if (shown[j].contains(each) || each.contains(shown[j])) return false;
+      const dx = Math.max(other.left - x, 0, x - other.right);
+      const dy = Math.max(other.top - y, 0, y - other.bottom);
+      return Math.hypot(dx, dy) < 12;
+    });
+    const name = each.getAttribute("aria-label") || each.textContent.slice(0, 30);
+    if (isNear) found.push(`${each.tagName} ${name}: ${width.toFixed()} x ${height.toFixed()}`);
+  }
+  return found;
+}"""
+"""What is smaller than 24 pixels and within 12 of another target (WCAG 2.2, 2.5.8)."""
+
+
 @pytest.fixture(params=SIZES, ids=lambda size: str(size[0]))
 def sized(request, browser, url):
     width, height = request.param
@@ -60,6 +87,33 @@ def test_no_panel_cuts_anything_off(sized):
     assert sized.locator(".left").is_visible()
     faults += sized.evaluate(CUT_OFF)
     assert faults == []
+
+
+def test_docks_leave_room_for_the_map_and_cut_nothing_off(sized):
+    faults = []
+    for key, dock in (("p", ".below"), ("a", ".below")):
+        sized.locator("div.map").focus()
+        sized.keyboard.press(key)
+        if not sized.locator(dock).is_visible():
+            continue  # the store has no such thing
+        ready(sized)
+        sized.locator('[data-tab="images"]').click()
+        assert sized.locator(".map").bounding_box()["height"] > 100
+        faults += [f"{key}: {fault}" for fault in sized.evaluate(CUT_OFF)]
+        screenshot(sized, f"layout-{sized.width}-dock-{key}")
+    assert faults == []
+
+
+def test_what_is_clicked_is_24_pixels_wide_and_high(sized):
+    small = sized.evaluate(SMALL)
+    for tab in sized.locator("[data-tab]").all():
+        tab.click()
+        ready(sized)
+        small += sized.evaluate(SMALL)
+    if sized.width < NARROW:
+        sized.get_by_role("button", name="layers panel").click()
+    small += sized.evaluate(SMALL)
+    assert sorted(set(small)) == []
 
 
 def test_the_map_has_most_of_the_window(sized):

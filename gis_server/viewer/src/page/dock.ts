@@ -1,6 +1,7 @@
 /** Room below or over the map that one thing at a time may use. */
 
 import { button, h } from "./dom";
+import { OPENED } from "./fold";
 
 export interface Dock {
   readonly element: HTMLElement;
@@ -35,6 +36,7 @@ export function dock(side: "below" | "bench"): Dock {
       );
       element.replaceChildren(head, h("div", { class: "dock-body" }, content));
       element.hidden = false;
+      element.dispatchEvent(new CustomEvent(OPENED, { bubbles: true, detail: "dock" }));
     },
     close,
     get isOpen() {

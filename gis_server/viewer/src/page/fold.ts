@@ -3,10 +3,10 @@
 import { button, type IconName } from "./dom";
 
 const WIDE = "(min-width: 1100px)";
-/** Dispatched at the root by the panel that opens; its name is the detail. */
-const OPENED = "fold-opened";
+/** Dispatched by the panel, or the dock, that opens; its name is the detail. */
+export const OPENED = "fold-opened";
 
-type Side = "layers" | "panel";
+type Side = "layers" | "panel" | "dock";
 
 export interface Fold {
   /** Opens and closes the panel. */
