@@ -18,7 +18,7 @@ export PYTHONDONTWRITEBYTECODE =
 
 PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-deps
 
-.PHONY: setup cluster develop viewer demo test test-all test-wheel check audit bench accuracy peers fuzz screenshots docs wheel clean
+.PHONY: setup cluster develop viewer demo test test-all test-viewer test-wheel check audit bench accuracy peers fuzz screenshots docs wheel clean
 
 setup: $(VENV)/.installed  ## What a user needs.
 
@@ -65,17 +65,20 @@ demo: setup viewer  ## A synthetic downlink through every stage to the map in th
 REPEATABLE := --hypothesis-profile=repeatable
 
 # Units on both cores; the rest starts engines and browsers that use both by themselves.
+PARALLEL := --numprocesses 2 --dist loadfile
+
 test: develop viewer  ## Everything that continuous integration asks for.
-	$(MAKE) check
-	cd $(VIEWER) && $(NPM) test --silent
-	$(BIN)/pytest -m "not slow" $(REPEATABLE) --numprocesses 2 --dist loadfile tests/unit
+	$(MAKE) --jobs 2 check test-viewer
+	$(BIN)/pytest -m "not slow" $(REPEATABLE) $(PARALLEL) tests/unit
 	$(BIN)/pytest -m "not slow" $(REPEATABLE) tests/integration tests/e2e
 
 test-all: develop viewer  ## Also what takes minutes: the rendered traverse, long simulations.
-	$(MAKE) check
-	cd $(VIEWER) && $(NPM) test --silent
-	$(BIN)/pytest --numprocesses 2 --dist loadfile tests/unit
+	$(MAKE) --jobs 2 check test-viewer
+	$(BIN)/pytest $(PARALLEL) tests/unit
 	$(BIN)/pytest tests/integration tests/e2e
+
+test-viewer: viewer
+	cd $(VIEWER) && $(NPM) test --silent
 
 check: develop  ## Style, types and the direction of imports.
 	$(BIN)/ruff check .

@@ -1,9 +1,13 @@
 """Fixtures shared by all tests: random numbers, and the real and rendered data where they are."""
 
+import contextlib
 import json
 import os
+import re
 import tarfile
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Generator, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +23,35 @@ hypothesis.settings.load_profile("patient")  # no test asserts a time: other wor
 ROOT = Path(__file__).resolve().parents[1]
 
 
-SHARED = ("mapped", "stereo", "true_images")
+SHARED = ("mapped", "stereo", "true_images", "images_url")
 """Fixtures of a session that take ten seconds and more to make."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """With `--dist loadgroup` a file stays on one worker; so do all users of one of `SHARED`."""
-    for item in items:
-        used = [name for name in SHARED if name in getattr(item, "fixturenames", ())]
-        group = used[0] if used else item.nodeid.partition("::")[0]
-        item.add_marker(pytest.mark.xdist_group(group))
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """A file stays on one worker, and so do all files with a test that takes one of `SHARED`."""
+    from xdist.scheduler import LoadFileScheduling  # noqa: PLC0415 - not installed everywhere
+
+    takes = re.compile(rf"def \w+\([^)]*\b({'|'.join(SHARED)})\b")
+
+    class Scheduling(LoadFileScheduling):
+        @cache  # noqa: B019 - as long as the run
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.partition("::")[0]
+            found = takes.search((ROOT / file).read_text())
+            return found[1] if found else file
+
+    return Scheduling(config, log)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """What a test prints may hold half a character, which its worker could not send."""
+    report = yield
+    report.sections = [
+        (name, text.encode(errors="backslashreplace").decode()) for name, text in report.sections
+    ]
+    return report
 
 
 @pytest.fixture
@@ -66,8 +89,11 @@ def husband(shared_data: Path) -> Path:
         archive = shared_data / "rendered_husband.tar.xz"
         if not archive.is_file():
             pytest.skip("rendered_husband.tar.xz is not among the shared data")
-        with tarfile.open(archive) as tar:
-            tar.extractall(ROOT / ".cache", filter="data")
+        folder.parent.mkdir(exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder.parent) as draft, tarfile.open(archive) as tar:
+            tar.extractall(draft, filter="data")
+            with contextlib.suppress(OSError):  # another worker was first
+                (Path(draft) / folder.name).rename(folder)
     return folder
 
 

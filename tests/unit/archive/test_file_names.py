@@ -1,3 +1,5 @@
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -23,6 +25,13 @@ def test_file_names_say_what_the_facts_say(test_vectors):
         assert found.sequence == row["sequence"]
         assert (found.eye, found.filter_number) == (row["eye"], row["filter"])
         assert (found.producer, found.version) == (row["producer"], str(row["version"]))
+
+
+def test_the_sol_of_a_name_is_that_of_the_facts():
+    """Facts 6.2: sol = floor((clock - e) / 88775.42064), e = 126322960 for Spirit."""
+    first = math.ceil(126_322_960 + 1869 * 88_775.42064)
+    found = [parse_file_name(f"2N{clock}EFFB100P0703L0M1").sol for clock in (first - 1, first)]
+    assert found == [1868, 1869]
 
 
 def test_codes_of_site_and_drive_are_those_of_the_facts(test_vectors):

@@ -206,6 +206,20 @@ def test_an_operator_asks_for_a_run_and_an_analyst_may_not(client, token_of):
     assert client.post("/api/runs", json=nowhere, headers=operator).status_code == 404
 
 
+def test_an_annotation_without_a_text_is_refused(client, token_of):
+    sent = client.post(
+        f"{EDITS}/annotations", json={**NOTE, "text": ""}, headers=token_of(Role.ANALYST)
+    )
+    assert sent.status_code == 422
+
+
+def test_the_mission_of_a_run_is_no_parameter_of_it(client, token_of):
+    kept = client.post("/api/runs", json=FETCH, headers=token_of(Role.OPERATOR)).json()
+    assert kept["mission"] == "MER2"
+    assert kept["parameters"]["sols"] == "155-157"
+    assert "mission" not in kept["parameters"]
+
+
 FETCH = {"kind": "fetch", "mission": "MER2", "sols": "155-157"}
 
 
