@@ -138,7 +138,7 @@ def test_a_polygon_off_the_layer_holds_nothing(client):
         ("plane-fit", {}, "one of them"),
         ("plane-fit", {"points": [[0, 0], [1, 0], [2, 0]]}, "line"),
         ("plane-fit", {"points": [[-39, 0], [-39, 1], [-38, 0]]}, "3 points"),
-        ("zonal", {"polygon": SQUARE, "layer": "nothing"}, "no layer"),
+        ("zonal", {"polygon": SQUARE, "layer": "nothing"}, "not a layer"),
         ("zonal", {"polygon": SQUARE, "layer": "mer2/stops"}, "not a raster"),
         ("measure-line", {"line": [[0, 0], [3000, 0]], "step_m": 0.001}, "stations"),
     ],
