@@ -127,5 +127,5 @@ def test_blocks_have_a_size_cells_and_a_number(wrong):
 
 
 def test_ground_is_compared_in_rounds():
-    with pytest.raises(MatchingError, match="rounds"):
+    with pytest.raises(MatchingError, match="at least one round"):
         SurfaceParams(rounds=0)

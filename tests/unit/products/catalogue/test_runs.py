@@ -58,5 +58,5 @@ def test_a_run_whose_process_is_gone_is_lost(book):
 
 
 def test_an_unknown_run_is_named(book):
-    with pytest.raises(ProductNotFoundError, match="no run 'x' is known"):
+    with pytest.raises(ProductNotFoundError, match="there is no run 'x'"):
         book.run("x")

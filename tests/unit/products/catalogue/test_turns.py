@@ -58,7 +58,7 @@ def test_pruning_is_refused_during_a_run_of_another_process_until_that_is_killed
     mine, other, url = places
     workspace = Workspace.open(mine, url)
     with holding(other, "run_turn", url) as run:
-        with pytest.raises(StoreBusyError, match=r"working on .*: prune when it has ended"):
+        with pytest.raises(StoreBusyError, match=r"is using .*: prune when it has ended"):
             prune(workspace, PruningParams())
         with workspace.run_turn():
             pass  # beside it

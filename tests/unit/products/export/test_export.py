@@ -119,7 +119,7 @@ def test_what_is_selected_is_exported(workspace, tmp_path, selection, kept):
     ],
 )
 def test_nothing_selected_is_an_error_that_says_so(workspace, tmp_path, selection):
-    with pytest.raises(ProductError, match=r"nothing is selected; .* holds MER2"):
+    with pytest.raises(ProductError, match=r"nothing is selected; .* contains MER2"):
         export(tmp_path / "out", selection, workspace)
     assert not (tmp_path / "out").exists()
 

@@ -72,7 +72,7 @@ def test_what_gdal_says_is_told_apart(server, status, body, kind, passes):
 @pytest.mark.parametrize(
     ("status", "body", "said", "passes"),
     [
-        (503, SLOW_DOWN, "does not answer", True),
+        (503, SLOW_DOWN, "does not respond", True),
         (403, DENIED, "does not give access to s3://bucket/maps with these keys", False),
     ],
 )
