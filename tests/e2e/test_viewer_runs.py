@@ -244,6 +244,13 @@ def test_an_annotation_has_a_category_and_is_a_draft_until_it_is_published(page,
     (feature,) = page.request.get(ogc).json()["features"]
     assert feature["geometry"]["type"] == "Polygon"
     assert feature["properties"]["category"] == "keep-out"
+    row.get_by_text("History").click()
+    changes = row.locator(".note-history li")
+    until(page, lambda: changes.count() == 2)
+    assert changes.first.inner_text().startswith("text: loose sand, 20 cm deep, published")
+    assert changes.last.inner_text().startswith("written: loose sand")
+    assert "UTC" in changes.last.inner_text()
+    screenshot(page, "history")
     page.get_by_role("button", name="Redraw").click()
     page.keyboard.press("Escape")
     assert len(EditLog.of(workspace.store.root).edits("MER2")) == 3

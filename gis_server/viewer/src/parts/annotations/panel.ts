@@ -5,6 +5,7 @@ import { h } from "../../page/dom";
 import { time } from "../../page/format";
 import type { AnnotationFeature } from "../../server/edits";
 import { categoryOf } from "./categories";
+import { type Change, historyList } from "./history";
 import type { Unsent } from "./outbox";
 
 export interface NoteActions {
@@ -13,6 +14,7 @@ export interface NoteActions {
   readonly edit: (note: AnnotationFeature) => void;
   readonly redraw: (note: AnnotationFeature) => void;
   readonly remove: (note: AnnotationFeature) => void;
+  readonly history: (note: AnnotationFeature) => Promise<readonly Change[]>;
   readonly send: () => void;
   readonly discard: (unsent: Unsent) => void;
 }
@@ -81,6 +83,7 @@ function row(note: AnnotationFeature, mayWrite: boolean, actions: NoteActions): 
           link("Delete", () => actions.remove(note)),
         )
       : null,
+    historyList(() => actions.history(note)),
   );
 }
 

@@ -15,6 +15,7 @@ import type { Context } from "../../session/context";
 import { drawAnnotation } from "./drawing";
 import { annotationForm, type Filled } from "./form";
 import { geometryOf, shapeOf } from "./geometry";
+import { historyOf } from "./history";
 import { Outbox, type Unsent } from "./outbox";
 import { annotationsPanel } from "./panel";
 
@@ -93,6 +94,8 @@ class Annotations {
           this.ask(note, (filled) => this.save({ ...filled, geometry: note.geometry }, note)),
         redraw: (note) => this.start(shapeOf(note.geometry), note),
         remove: (note) => this.remove(note),
+        history: async ({ id }) =>
+          historyOf(await edits.annotationLog(this.context.mission.mission), Number(id)),
         send: () => this.send(),
         discard: (one) => {
           this.outbox.remove(one);
