@@ -115,6 +115,26 @@ def test_features_lie_where_they_are(page, url, features, tmp_path, write):
     assert rows(page) == []
 
 
+def test_attributes_of_a_dropped_feature_are_told_where_it_is_clicked(
+    page, url, features, tmp_path
+):
+    look(page, url + at(RESOLUTION, "mer2/orthophoto"))
+    drop(page, write_geojson(features.assign(depth_cm=[20, 0, None]), tmp_path))
+    page.locator(".local-file").wait_for()
+    centre(page)
+    until(page, lambda: f"at=0,0,{RESOLUTION}" in page.url)
+    page.mouse.click(*pixel_of(page, 10.0, 8.0, RESOLUTION))
+    told = page.locator(".file-attributes")
+    told.wait_for()
+    assert told.locator("h3").inner_text() == "plan.geojson"
+    rows = [row.inner_text().split("\t") for row in told.locator("tr").all()]
+    assert rows == [["name", "keep out"], ["depth_cm", "20"]]
+    page.locator(".point").wait_for()
+    screenshot(page, "file-attributes")
+    page.mouse.click(*pixel_of(page, 10.0, -8.0, RESOLUTION))
+    until(page, lambda: told.count() == 0)
+
+
 def write_quarters(folder: Path, crs: str | None) -> Path:
     """White north of the origin, black south of it, and nothing west of it."""
     path = folder / "quarters.tif"

@@ -53,6 +53,8 @@ export interface Signals {
   readonly panorama: Signal<string>;
   /** What every layer says about a place is asked for. */
   readonly identify: Signal<MapPoint>;
+  /** A place is identified: `box` is room for what else is known of it. */
+  readonly identified: Signal<{ readonly point: MapPoint; readonly box: HTMLElement }>;
   /** The way between places is to be measured: `box` is room for what is found. */
   readonly measure: Signal<{ readonly corners: readonly MapPoint[]; readonly box: HTMLElement }>;
   /** Other sols were chosen; they stand in `drawing`. */

@@ -43,6 +43,7 @@ const signals = (): Signals => ({
   imagesOf: new Signal(),
   panorama: new Signal(),
   identify: new Signal(),
+  identified: new Signal(),
   measure: new Signal(),
   sols: new Signal(),
   ellipses: new Signal(),

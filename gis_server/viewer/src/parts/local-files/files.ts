@@ -3,9 +3,11 @@
 import type BaseLayer from "ol/layer/Base";
 import { mayAct } from "../../server/account";
 import { edits } from "../../server/edits";
-import type { Bounds } from "../../server/records";
+import type { Bounds, MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
 import { annotationsOf } from "./annotations";
+import { attributes } from "./attributes";
+
 import { RefusedFile } from "./crs";
 import { boundsOf } from "./features";
 import { drawnFeatures, drawnImage } from "./drawing";
@@ -14,17 +16,22 @@ import { type FileLayer, readFile } from "./read";
 
 /** Colours of one file after the other: of the map's own symbols none is one. */
 const COLOURS = ["#0057d9", "#b8005c", "#007a3d", "#8a4b00", "#6a00b8"];
+/** How far beside a line or point it is still hit. */
+const HIT_PX = 5;
 /** Annotations that are written at once. */
 const MOST_PUBLISHED = 500;
 
 export class LocalFiles {
   private count = 0;
+  /** Names of layers of features, by what draws them. */
+  private readonly names = new Map<BaseLayer, string>();
 
   constructor(
     private readonly context: Context,
     private readonly list: HTMLElement,
   ) {
     context.account.changed.on(() => this.follow());
+    context.signals.identified.on(({ point, box }) => this.tell(point, box));
   }
 
   async add(files: readonly File[]): Promise<void> {
@@ -60,6 +67,7 @@ export class LocalFiles {
         : drawnImage(layer, view.local.projection);
     const bounds = layer.type === "features" ? boundsOf(layer.features) : imageBounds(layer);
     map.addLayer(drawn.map);
+    if (layer.type === "features") this.names.set(drawn.map, layer.name);
     const actions: RowActions = {
       setVisible: (visible) => drawn.map.setVisible(visible),
       setOpacity: (opacity) => drawn.map.setOpacity(opacity),
@@ -75,7 +83,24 @@ export class LocalFiles {
 
   private remove(layer: FileLayer, drawn: BaseLayer): void {
     this.context.view.map.removeLayer(drawn);
+    this.names.delete(drawn);
     if (layer.type === "image") URL.revokeObjectURL(layer.url);
+  }
+
+  /** Lists the attributes of the features at a place, the uppermost first. */
+  private tell(point: MapPoint, box: HTMLElement): void {
+    const { map } = this.context.view;
+    const pixel = map.getPixelFromCoordinate([...point]);
+    if (!pixel) return;
+    const layerFilter = (layer: BaseLayer) => this.names.has(layer);
+    map.forEachFeatureAtPixel(
+      pixel,
+      (feature, drawn) => {
+        const found = { name: this.names.get(drawn) ?? "", properties: feature.getProperties() };
+        box.append(attributes(found));
+      },
+      { layerFilter, hitTolerance: HIT_PX },
+    );
   }
 
   /** Writes the features as drafts, one after the other. */

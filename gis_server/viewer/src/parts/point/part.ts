@@ -26,11 +26,11 @@ export function pointPart(context: Context): void {
     hoverImage: (id: string | null) => signals.imageHovered.emit(id),
     copy: (text: string) => void copyText(page, "Coordinates", text),
   };
-  const about = h("div");
+  const [about, beside] = [h("div"), h("div")];
   const draw = () => {
     if (!told) return;
     const rows = coordinateRows(told.found, coordinates.value, told.frames);
-    panel.replaceChildren(about, pointPanel(told.found, rows, actions));
+    panel.replaceChildren(about, beside, pointPanel(told.found, rows, actions));
   };
   let chosen: MapPoint | null = null;
   const identify = (point: MapPoint) => {
@@ -45,10 +45,11 @@ export function pointPart(context: Context): void {
   };
   const ask = (point: MapPoint) => {
     view.setMark(point);
-    about.replaceChildren();
+    for (const box of [about, beside]) box.replaceChildren();
+    signals.identified.emit({ point, box: beside });
     told = null;
     chosen = point;
-    panel.replaceChildren(about, h("p", { class: "hint", role: "status" }, "Loading…"));
+    panel.replaceChildren(about, beside, h("p", { class: "hint", role: "status" }, "Loading…"));
     waiting.run(async () => {
       const asked = [api.identify(mission.mission, point), frames.load()] as const;
       const [found, known] = await Promise.all(asked);
