@@ -45,6 +45,7 @@ def url(tmp_path_factory) -> Iterator[str]:
     workspace = Workspace.open(root)
     fill(workspace)
     publish_model_of_a_stop(workspace)
+    publish_image_of_another_camera(workspace)
     with Server(root) as server:
         yield server.url
 
@@ -60,6 +61,12 @@ def publish_model_of_a_stop(workspace: Workspace) -> None:
     facts = (grid.bounds, grid.cell_m, "m", bands[0].range, (STOP_SOL,))
     layer = Layer(ref, "MER2", "a model", "raster", *facts, workspace.store.made_at(ref))
     workspace.catalogue.publish(layers=[layer])
+
+
+def publish_image_of_another_camera(workspace: Workspace) -> None:
+    known = workspace.catalogue.images("MER2", stop=STOP)[0]
+    other = replace(known, id=known.id.replace("2n", "2p", 1), instrument="PANCAM", partner=None)
+    workspace.catalogue.publish(images=[other])
 
 
 def shown_order(page) -> list[str]:
@@ -279,6 +286,56 @@ def test_layers_are_filtered_by_name_and_group(page, url):
     assert listed.count() == 0
     page.get_by_label("filter layers").fill("")
     until(page, lambda: listed.count() > 3)
+
+
+def test_layers_are_listed_by_kind_and_by_instrument(page, url):
+    look(page, url + at(0.1, "mer2/orthophoto"))
+    listed = page.locator(".layers li.layer:visible")
+    page.get_by_label("kind of layers").select_option("Elevation (DTM)")
+    until(page, lambda: listed.count() == 2)
+    ids = {one.get_attribute("data-layer") for one in listed.all()}
+    assert ids == {"mer2/dtm", f"{STOP}/dtm"}
+    instrument = page.get_by_label("instrument of layers")
+    instrument.focus()
+    until(page, lambda: "PANCAM" in instrument.inner_text())
+    instrument.select_option("PANCAM")
+    assert [one.get_attribute("data-layer") for one in listed.all()] == [f"{STOP}/dtm"]
+    page.wait_for_timeout(200)
+    screenshot(page, "kind-and-instrument")
+    page.get_by_label("kind of layers").select_option("")
+    instrument.select_option("")
+    until(page, lambda: listed.count() > 3)
+
+
+def test_a_layer_that_multiplies_darkens_what_lies_below_and_the_link_keeps_that(page, url):
+    resolution = 0.1
+    look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto"))
+    place = pixel_of(page, 2.0, 2.0, resolution)
+    row = page.locator('li[data-layer="mer2/orthophoto"].layer')
+    row.locator(".more").click()
+    row.get_by_label("blend").select_option("multiply")
+    wanted = 91 * math.sqrt(0.5)  # of the shades of both; the bottom of the bowl is nearly level
+
+    def is_multiplied() -> bool:
+        return bool(np.abs(colour_at(screenshot(page, "multiply"), place) - wanted).max() <= 4)
+
+    until(page, is_multiplied)
+    assert "mer2/orthophoto*1*multiply" in page.url
+    page.reload()
+    ready(page)
+    until(page, is_multiplied)
+
+
+def test_an_active_layer_is_one_line_and_its_opacity_is_there_on_demand(page, url):
+    look(page, url + at(0.1, "mer2/hillshade,mer2/orthophoto"))
+    row = page.locator("ul.shown li").first
+    assert row.bounding_box()["height"] <= 32
+    tools = row.locator(".tools")
+    assert tools.evaluate("one => getComputedStyle(one).opacity") == "0"
+    row.hover()
+    assert tools.evaluate("one => getComputedStyle(one).opacity") == "1"
+    row.get_by_label("opacity of Orthophoto").fill("0.5")
+    until(page, lambda: "mer2/orthophoto*0.5" in page.url)
 
 
 def test_the_edges_of_the_map_tell_round_metres(page, url):

@@ -2,6 +2,7 @@
 
 import { scopeTitle } from "../page/format";
 import type { Bounds, Layer, Level } from "../server/records";
+import type { Blend } from "./blending";
 import { LISTED, ON, OPACITY, STACK } from "./kinds";
 import type { RasterStyle } from "./raster-style";
 
@@ -19,6 +20,8 @@ export interface LayerState {
   readonly opacity: number;
   /** How its values are drawn here; null: as the server draws them. */
   readonly style: RasterStyle | null;
+  /** How its colours are put together with those below; null: it covers them. */
+  readonly blend: Blend | null;
 }
 
 const LEVELS: readonly Level[] = ["region", "sol", "stop"];
@@ -97,6 +100,7 @@ export function firstState(layer: Layer, all: readonly Layer[]): LayerState {
     visible: !wider && (ON.has(layer.kind) || (viewing && !hasGround)),
     opacity: OPACITY[layer.kind] ?? 1,
     style: null,
+    blend: null,
   };
 }
 

@@ -12,6 +12,7 @@ import VectorSource from "ol/source/Vector";
 import type ImageTile from "ol/source/ImageTile";
 import TileGrid from "ol/tilegrid/TileGrid";
 import { api, type FeatureCollection } from "../server/api";
+import { blended } from "./blending";
 import { coarsest } from "./extent-of-need";
 import { zIndex } from "./layers";
 import { PaintedTiles, styled } from "./painted-tiles";
@@ -172,7 +173,7 @@ function vector(layer: VectorLayer, set: TileMatrixSet, state: DrawingState): Sh
 
 export function show(layer: Layer, set: TileMatrixSet, map: LocalMap, state: DrawingState): Shown {
   const shown = build(layer, set, map, state);
-  shown.map.setZIndex(zIndex(layer));
+  blended(shown.map).setZIndex(zIndex(layer));
   return shown;
 }
 

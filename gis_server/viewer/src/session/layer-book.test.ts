@@ -15,9 +15,9 @@ test("without a link layers are shown as they are at first", () => {
 test("a link says what is on, and how strongly", () => {
   const book = new LayerBook(
     [hillshade, slope, stops],
-    new Map([[slope.id, { opacity: 0.3, style: null }]]),
+    new Map([[slope.id, { opacity: 0.3, style: null, blend: null }]]),
   );
-  expect([...book.on]).toEqual([[slope.id, { opacity: 0.3, style: null }]]);
+  expect([...book.on]).toEqual([[slope.id, { opacity: 0.3, style: null, blend: null }]]);
 });
 
 test("what changes is told, and only that layer changes", () => {
@@ -26,7 +26,7 @@ test("what changes is told, and only that layer changes", () => {
   book.changed.on(({ id }) => told.push(id));
   book.change(slope, { visible: true });
   expect(told).toEqual([slope.id]);
-  expect(book.state(slope)).toEqual({ visible: true, opacity: 0.6, style: null });
+  expect(book.state(slope)).toEqual({ visible: true, opacity: 0.6, style: null, blend: null });
   expect(book.state(hillshade).visible).toBe(true);
 });
 
@@ -66,7 +66,9 @@ test("a layer that is dropped over another lies right over it", () => {
 });
 
 test("a link keeps the order that was chosen by hand, and only that", () => {
-  const on = new Map([stops, slope, hillshade].map(({ id }) => [id, { opacity: 1, style: null }]));
+  const on = new Map(
+    [stops, slope, hillshade].map(({ id }) => [id, { opacity: 1, style: null, blend: null }]),
+  );
   expect(ids(new LayerBook([slope, hillshade, stops], on, true).shown)).toEqual([
     hillshade.id,
     slope.id,
@@ -98,7 +100,7 @@ test("an earlier version lies right over the latest, looks like it, and goes awa
   const version = { ...hillshade, id: `${hillshade.id}@0123456789abcdef`, version: "sol 154" };
   book.bring(version);
   expect(book.all.map(({ id }) => id)).not.toContain(version.id);
-  expect(book.state(version)).toEqual({ visible: false, opacity: 0.4, style: null });
+  expect(book.state(version)).toEqual({ visible: false, opacity: 0.4, style: null, blend: null });
   book.change(version, { visible: true });
   expect(ids(book.shown)).toEqual([stops.id, version.id, hillshade.id]);
   book.replace([slope, hillshade, stops]);
@@ -109,29 +111,29 @@ test("an earlier version lies right over the latest, looks like it, and goes awa
 
 test("a version that a link has on is awaited until it is brought", () => {
   const id = `${hillshade.id}@0123456789abcdef`;
-  const linked = new Map([[id, { opacity: 0.5, style: null }]]);
+  const linked = new Map([[id, { opacity: 0.5, style: null, blend: null }]]);
   const book = new LayerBook([hillshade], linked);
   expect(book.awaited).toEqual([id]);
   book.bring({ ...hillshade, id });
   expect(book.awaited).toEqual([]);
-  expect(book.state({ id })).toEqual({ visible: true, opacity: 0.5, style: null });
+  expect(book.state({ id })).toEqual({ visible: true, opacity: 0.5, style: null, blend: null });
 });
 
 test("another link is followed: what it names is shown as it says, all else is off", () => {
   const book = new LayerBook([hillshade, slope, stops], null);
   const changed: string[] = [];
   book.changed.on(({ id }) => changed.push(id));
-  book.follow(new Map([[slope.id, { opacity: 0.4, style: null }]]), false);
+  book.follow(new Map([[slope.id, { opacity: 0.4, style: null, blend: null }]]), false);
   expect(book.shown.map(({ id }) => id)).toEqual([slope.id]);
   expect(book.state(slope).opacity).toBe(0.4);
   changed.length = 0;
-  book.follow(new Map([[slope.id, { opacity: 0.4, style: null }]]), false);
+  book.follow(new Map([[slope.id, { opacity: 0.4, style: null, blend: null }]]), false);
   expect(changed).toEqual([]);
 });
 
 test("a link that is followed brings its order, and a later one takes it back", () => {
   const book = new LayerBook([hillshade, slope, stops], null);
-  const plain = { opacity: 1, style: null };
+  const plain = { opacity: 1, style: null, blend: null };
   book.follow(
     new Map([
       [stops.id, plain],

@@ -7,12 +7,12 @@ import { areIn, type Sols } from "../map/sols";
 import type { Layer } from "../server/records";
 import { Signal } from "./signal";
 
-const OFF: LayerState = { visible: false, opacity: 1, style: null };
+const OFF: LayerState = { visible: false, opacity: 1, style: null, blend: null };
 /** Layers lie below this height on the map; highlights and marks above. */
 const TOP = 900;
 
 /** How a link says that layers are shown: from the bottom of the map to its top. */
-export type LinkedLayers = ReadonlyMap<string, Pick<LayerState, "opacity" | "style">>;
+export type LinkedLayers = ReadonlyMap<string, Pick<LayerState, "opacity" | "style" | "blend">>;
 
 export class LayerBook {
   /** A layer is shown otherwise than before. */
@@ -189,8 +189,8 @@ export class LayerBook {
   get on(): LinkedLayers {
     return new Map(
       this.shown.toReversed().map((layer) => {
-        const { opacity, style } = this.state(layer);
-        return [layer.id, { opacity, style }] as const;
+        const { opacity, style, blend } = this.state(layer);
+        return [layer.id, { opacity, style, blend }] as const;
       }),
     );
   }

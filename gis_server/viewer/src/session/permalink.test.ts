@@ -7,9 +7,9 @@ test("a link says what was on the screen", () => {
     mission: "MER2",
     place: { east: 12.5, north: -3.25, resolution: 0.02, rotationDeg: 45 },
     on: new Map([
-      ["mer2/stops", { opacity: 1, style: null }],
-      ["mer2-site0010-drive0064/slope", { opacity: 0.35, style: null }],
-      ["mer2/dtm", { opacity: 0.6, style: { ...PLAIN, quantity: "tilt", floor: 5 } }],
+      ["mer2/stops", { opacity: 1, style: null, blend: "multiply" }],
+      ["mer2-site0010-drive0064/slope", { opacity: 0.35, style: null, blend: null }],
+      ["mer2/dtm", { opacity: 0.6, style: { ...PLAIN, quantity: "tilt", floor: 5 }, blend: null }],
     ] as const),
     ordered: true,
     sols: [156, 156] as const,
@@ -17,7 +17,7 @@ test("a link says what was on the screen", () => {
   };
   const text = formatPermalink(link);
   expect(text).toBe(
-    "#m=MER2&at=12.5,-3.25,0.02,45&on=mer2/stops,mer2-site0010-drive0064/slope*0.35,mer2/dtm*0.6~tilt::::5" +
+    "#m=MER2&at=12.5,-3.25,0.02,45&on=mer2/stops*1*multiply,mer2-site0010-drive0064/slope*0.35,mer2/dtm*0.6~tilt::::5" +
       "&order=1&sol=156&sun=sol:156,14.5",
   );
   expect(parsePermalink(text)).toEqual(link);

@@ -3,10 +3,12 @@
  * `#m=mer2&at=12.5,-3.25,0.02&on=scope/kind,scope/kind*0.6,scope/kind~slope::0:25&order=1&sol=156`.
  *
  * `at` is east, north, metres a pixel, and the turn of the map in degrees if it is turned. Layers are named without their
- * digest, so a link shows the newest product; behind `*` stands the opacity, behind `~` the style. With `order=1` they
+ * digest, so a link shows the newest product; behind `*` stands the opacity, behind another `*` how the
+ * layer blends with what lies below, behind `~` the style. With `order=1` they
  * are listed as they lie, from the bottom to the top. All other keys belong to the part of the viewer that wrote them.
  */
 
+import { blendNamed } from "../map/blending";
 import { formatStyle, parseStyle } from "../map/raster-style";
 import { formatSols, parseSols, type Sols } from "../map/sols";
 import type { LinkedLayers } from "./layer-book";
@@ -57,19 +59,20 @@ function parseOn(text: string | null): LinkedLayers | null {
   return new Map(
     entries.map((entry) => {
       const [named = "", style = ""] = entry.split("~");
-      const [id = "", opacity] = named.split("*");
+      const [id = "", opacity, blend] = named.split("*");
       const value = opacity === undefined ? 1 : Number(opacity);
       const share = Number.isFinite(value) ? Math.min(1, Math.max(0, value)) : 1;
-      return [id, { opacity: share, style: parseStyle(style) }] as const;
+      return [id, { opacity: share, style: parseStyle(style), blend: blendNamed(blend) }] as const;
     }),
   );
 }
 
 function formatOn(on: LinkedLayers): string {
-  const layers = [...on].map(([id, { opacity, style }]) => {
-    const strength = opacity < 1 ? `*${tidy(opacity, 2)}` : "";
+  const layers = [...on].map(([id, { opacity, style, blend }]) => {
+    const strength = opacity < 1 || blend ? `*${tidy(opacity, 2)}` : "";
+    const mode = blend ? `*${blend}` : "";
     const look = style ? formatStyle(style) : "";
-    return `${id}${strength}${look && `~${look}`}`;
+    return `${id}${strength}${mode}${look && `~${look}`}`;
   });
   return layers.join(",");
 }

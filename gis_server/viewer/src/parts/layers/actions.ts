@@ -1,5 +1,6 @@
 /** What can be done with layers in their lists. */
 
+import type { Blend } from "../../map/blending";
 import type { LayerState } from "../../map/layers";
 import type { RasterStyle } from "../../map/raster-style";
 import type { Layer, RasterLayer } from "../../server/records";
@@ -9,6 +10,7 @@ export interface LayerActions {
   readonly stateOf: (layer: Layer) => LayerState;
   readonly setVisible: (layer: Layer, visible: boolean) => void;
   readonly setOpacity: (layer: Layer, opacity: number) => void;
+  readonly setBlend: (layer: Layer, blend: Blend | null) => void;
   readonly setStyle: (layer: RasterLayer, style: RasterStyle | null) => void;
   /** Spreads the colours over what is on the screen. */
   readonly stretch: (layer: RasterLayer) => void;

@@ -1,6 +1,7 @@
 /** Which layers the map shows, how, and the lists in which that is chosen. */
 
 import { getIntersection, isEmpty } from "ol/extent";
+import { setBlend } from "../../map/blending";
 import { type Shown, tileGrid } from "../../map/map-layers";
 import { percentiles } from "../../map/picture-style";
 import { shadesOf } from "../../map/picture-tiles";
@@ -14,6 +15,7 @@ import { isVersion, versions } from "../../server/versions";
 import type { Context } from "../../session/context";
 import { bringVersions } from "../../session/versions";
 import type { LayerActions } from "./actions";
+import { layerFilter } from "./filter";
 import { Flicker } from "./flicker";
 import "./layers.css";
 import { mapLegend } from "./legend";
@@ -42,6 +44,7 @@ export function layersPart(context: Context): void {
     const state = layers.state(layer);
     shown.map.setVisible(isDrawn);
     shown.map.setOpacity(state.opacity);
+    setBlend(shown.map, state.blend);
     shown.map.setZIndex(layers.height(layer));
     if (!isDrawn) return;
     shown.restyle(state.style, sun.value);
@@ -71,23 +74,21 @@ export function layersPart(context: Context): void {
         page.dialog("Save the playback", recordingDialog(context, steps));
       }),
   };
-  let filter = solFilter([], solActions);
-  const search = h("input", {
-    type: "search",
-    class: "layer-filter",
-    placeholder: "filter layers",
-    "aria-label": "filter layers",
-    oninput: () => tree.find(search.value),
-  });
+  let sols = solFilter([], solActions);
+  const filter = layerFilter(
+    () => tree.find(filter.wanted()),
+    () => api.images(mission.mission, {}, alive),
+  );
 
   const draw = () => {
     tree = layerTree(layers.listed, actionsOf(context, flicker, list));
-    filter = solFilter(solsOf(layers.all), solActions);
-    filter.set(drawing.sols);
+    sols = solFilter(solsOf(layers.all), solActions);
+    sols.set(drawing.sols);
     tree.setSols(drawing.sols);
     page.legend.replaceChildren(legend.element);
-    page.layers.replaceChildren(filter.element, onMap.element, search, tree.element);
-    tree.find(search.value);
+    page.layers.replaceChildren(sols.element, onMap.element, filter.element, tree.element);
+    filter.setLayers(layers.listed);
+    tree.find(filter.wanted());
     list();
     putAll();
   };
@@ -134,7 +135,7 @@ export function layersPart(context: Context): void {
   });
   signals.sols.on((range) => {
     learnSols();
-    filter.set(range);
+    sols.set(range);
     tree.setSols(range);
     putAll();
   });
@@ -162,6 +163,7 @@ function actionsOf(context: Context, flicker: Flicker, list: () => void): LayerA
     stateOf: (layer) => layers.state(layer),
     setVisible: (layer, visible) => layers.change(layer, { visible }),
     setOpacity: (layer, opacity) => layers.change(layer, { opacity }),
+    setBlend: (layer, blend) => layers.change(layer, { blend }),
     setStyle: (layer, style) => layers.change(layer, { style }),
     stretch: (layer) => waiting.run(() => stretch(context, layer)),
     stretchPicture: (layer, share) => waiting.run(() => stretchPicture(context, layer, share)),

@@ -1,6 +1,7 @@
 /** A layer in the tree: its switch, and behind it all that can be done with it. */
 
 import { isBand } from "../../map/bands";
+import { type Blend, BLEND_NAMES } from "../../map/blending";
 import { kindTitle } from "../../map/layers";
 import { hasValues } from "../../map/raster-style";
 import { classesOf, isPicture } from "../../map/picture-style";
@@ -10,7 +11,7 @@ import type { Layer } from "../../server/records";
 import type { Following, LayerActions } from "./actions";
 import { legendOf } from "./legend";
 import { classEditor, pictureEditor } from "./picture-editor";
-import { styleEditor } from "./style-editor";
+import { choice, styleEditor } from "./style-editor";
 import { versionsOf } from "./versions";
 
 export function opacitySlider(layer: Layer, actions: LayerActions): HTMLInputElement {
@@ -44,6 +45,12 @@ function details(layer: Layer, actions: LayerActions): Following {
   const unit = unitSign(layer.unit);
   const range = layer.range && `${compact(layer.range[0])} to ${compact(layer.range[1])}${unit}`;
   const slider = opacitySlider(layer, actions);
+  const blend = choice<Blend | "">(
+    "blend",
+    [["", "normal"], ...BLEND_NAMES.map((name) => [name, name] as const)],
+    (name) => actions.setBlend(layer, name || null),
+  );
+  blend.value = actions.stateOf(layer).blend ?? "";
   const style = editorOf(layer, actions);
   const isChoice = layer.type === "raster" && classesOf(layer).length > 0; // the classes to choose from are the legend
   const drawn = () => (isChoice ? null : legendOf(layer, actions));
@@ -52,6 +59,7 @@ function details(layer: Layer, actions: LayerActions): Following {
     "div",
     { class: "details" },
     h("label", { class: "inline opacity" }, "opacity", slider),
+    h("label", { class: "inline" }, "blend", blend),
     style?.element,
     legend,
     facts([
@@ -75,7 +83,9 @@ function details(layer: Layer, actions: LayerActions): Following {
     isBand(layer) ? null : versionsOf(layer, actions),
   );
   const follow = () => {
-    slider.value = String(actions.stateOf(layer).opacity);
+    const state = actions.stateOf(layer);
+    slider.value = String(state.opacity);
+    blend.value = state.blend ?? "";
     style?.follow();
     const renewed = drawn();
     legend.replaceChildren(...(renewed ? [renewed] : []));

@@ -1,11 +1,12 @@
 /** All layers: the region's, then those of every sol, then those of every stop. Rows are made when a group is opened. */
 
 import { areIn, type Sols } from "../../map/sols";
-import { groupLayers, kindTitle, type LayerGroup } from "../../map/layers";
+import { groupLayers, type LayerGroup } from "../../map/layers";
 import { h } from "../../page/dom";
 import { sols } from "../../page/format";
 import type { Layer } from "../../server/records";
 import type { Following, LayerActions } from "./actions";
+import { ALL, isAll, isWanted, type Wanted } from "./filter";
 import { row } from "./row";
 
 export interface LayerTree {
@@ -14,8 +15,8 @@ export interface LayerTree {
   readonly follow: (layer: Layer) => void;
   /** Lists only what was seen on some sols. */
   readonly setSols: (range: Sols) => void;
-  /** Lists only what has all of these words in its name or that of its group. */
-  readonly find: (words: string) => void;
+  /** Lists only what is wanted. */
+  readonly find: (wanted: Wanted) => void;
 }
 
 interface Group {
@@ -23,7 +24,7 @@ interface Group {
   readonly item: LayerGroup;
   readonly rows: Map<string, Following>;
   readonly setSols: (range: Sols) => void;
-  readonly find: (words: readonly string[]) => void;
+  readonly find: (wanted: Wanted) => void;
 }
 
 function group(item: LayerGroup, open: boolean, actions: LayerActions): Group {
@@ -32,13 +33,9 @@ function group(item: LayerGroup, open: boolean, actions: LayerActions): Group {
   const list = h("ul");
   let only: Sols = null;
   let wasOpen = open;
-  let words: readonly string[] = [];
-  const isListed = (layer: Layer) => {
-    if (!areIn(layer.sols, only)) return false;
-    if (words.length === 0) return true;
-    const name = `${kindTitle(layer.kind)} ${item.title} ${days}`.toLowerCase();
-    return words.every((word) => name.includes(word));
-  };
+  let wanted = ALL;
+  const isListed = (layer: Layer) =>
+    areIn(layer.sols, only) && isWanted(layer, `${item.title} ${days}`, wanted);
   const hide = () => {
     for (const layer of item.layers) {
       const made = rows.get(layer.id);
@@ -63,11 +60,11 @@ function group(item: LayerGroup, open: boolean, actions: LayerActions): Group {
     only = range;
     hide();
   };
-  const find = (wanted: readonly string[]) => {
-    if (wanted.length > 0 && words.length === 0) wasOpen = element.open;
-    words = wanted;
+  const find = (now: Wanted) => {
+    if (!isAll(now) && isAll(wanted)) wasOpen = element.open;
+    wanted = now;
     hide();
-    element.open = words.length === 0 ? wasOpen : !element.hidden;
+    element.open = isAll(wanted) ? wasOpen : !element.hidden;
     fill();
   };
   return { element, item, rows, setSols, find };
@@ -87,9 +84,8 @@ export function layerTree(layers: readonly Layer[], actions: LayerActions): Laye
     setSols: (range) => {
       for (const one of groups) one.setSols(range);
     },
-    find: (text) => {
-      const words = text.toLowerCase().split(/\s+/).filter(Boolean);
-      for (const one of groups) one.find(words);
+    find: (wanted) => {
+      for (const one of groups) one.find(wanted);
     },
   };
 }

@@ -1,0 +1,36 @@
+/** How the colours of a layer are put together with those below it. */
+
+import type BaseLayer from "ol/layer/Base";
+import type RenderEvent from "ol/render/Event";
+
+const BLENDS = ["multiply", "screen", "overlay", "darken", "lighten"] as const;
+/** Of a canvas; null in place of one: the layer covers what lies below. */
+export type Blend = (typeof BLENDS)[number];
+export const BLEND_NAMES: readonly Blend[] = BLENDS;
+
+export const blendNamed = (name: string | undefined): Blend | null =>
+  BLENDS.find((one) => one === name) ?? null;
+
+const KEY = "blend";
+
+/** Draws a layer by the blend that `setBlend` gives it. */
+export function blended<T extends BaseLayer>(layer: T): T {
+  const operate = (operation: () => GlobalCompositeOperation) => (event: RenderEvent) => {
+    const { context } = event;
+    if (context instanceof CanvasRenderingContext2D) context.globalCompositeOperation = operation();
+  };
+  const listening = layer as unknown as {
+    on(type: "prerender" | "postrender", listener: (event: RenderEvent) => void): never;
+  };
+  listening.on(
+    "prerender",
+    operate(() => (layer.get(KEY) as Blend | null | undefined) ?? "source-over"),
+  );
+  listening.on(
+    "postrender",
+    operate(() => "source-over"),
+  );
+  return layer;
+}
+
+export const setBlend = (layer: BaseLayer, blend: Blend | null) => layer.set(KEY, blend);
