@@ -1,8 +1,5 @@
 /** Coordinates along the edges of the map: round metres, so far apart that their labels do not meet. */
 
-/** Least distance of two ticks on the screen. */
-const LEAST_PX = 110;
-
 /** The smallest of 1, 2, 5, 10 ... metres, or parts of them, that is at least so long. */
 export function roundStep(least: number): number {
   const power = 10 ** Math.floor(Math.log10(least));
@@ -17,9 +14,17 @@ export interface Tick {
   readonly metres: number;
 }
 
-/** Ticks along an edge of so many pixels, whose middle is at a coordinate, that grows by `perPx` a pixel. */
-export function ticks(middle: number, perPx: number, lengthPx: number): readonly Tick[] {
-  const step = roundStep(LEAST_PX * Math.abs(perPx));
+/**
+ * Ticks along an edge of so many pixels, whose middle is at a coordinate, that grows by `perPx` a pixel; two are at least
+ * `leastPx` apart.
+ */
+export function ticks(
+  middle: number,
+  perPx: number,
+  lengthPx: number,
+  leastPx: number,
+): readonly Tick[] {
+  const step = roundStep(leastPx * Math.abs(perPx));
   const [a, b] = [-1, 1].map((side) => middle + (side * perPx * lengthPx) / 2);
   const [low, high] = [Math.min(a ?? 0, b ?? 0), Math.max(a ?? 0, b ?? 0)];
   const first = Math.ceil(low / step);

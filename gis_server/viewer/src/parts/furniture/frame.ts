@@ -6,6 +6,8 @@ import type { Context } from "../../session/context";
 
 /** Room that labels need beside the tools, the scale bar and the corners of the map. */
 const ROOM_PX = 36;
+/** Least distance of two labels beside and above each other. */
+const [APART_X_PX, APART_Y_PX] = [110, 60];
 
 const endOf = (element: HTMLElement, from: "Left" | "Top", size: "Width" | "Height") =>
   element[`offset${from}`] + element[`offset${size}`] + ROOM_PX / 2;
@@ -36,8 +38,12 @@ export function mapFrame({ page, view, alive }: Context): void {
       );
     const [first, top] = [endOf(page.scale, "Left", "Width"), endOf(page.toolbar, "Top", "Height")];
     const [last, bottom] = [legendStart() - ROOM_PX, page.scale.offsetTop - ROOM_PX];
-    const easts = ticks(east, resolution, width).filter(({ px }) => px > first && px < last);
-    const norths = ticks(north, -resolution, height).filter(({ px }) => px > top && px < bottom);
+    const easts = ticks(east, resolution, width, APART_X_PX).filter(
+      ({ px }) => px > first && px < last,
+    );
+    const norths = ticks(north, -resolution, height, APART_Y_PX).filter(
+      ({ px }) => px > top && px < bottom,
+    );
     below.replaceChildren(...spans(easts, "left", ["E", "W"]));
     left.replaceChildren(...spans(norths, "top", ["N", "S"]));
   };
