@@ -37,7 +37,7 @@ class GroundDip:
     attitude: Attitude
 
     def row(self) -> dict[str, float]:
-        """What a geologist writes down, degrees and metres."""
+        """Strike, dip and position in degrees and metres."""
         found, plane = self.attitude, self.plane
         degrees = {
             "strike_deg": found.strike,
@@ -113,7 +113,7 @@ def _adjusted_pairs(stop: str, workspace: Workspace) -> tuple[StopId, tuple[Orie
 
 
 def _pair_products(pair: PairFiles, workspace: Workspace) -> PairProducts | None:
-    """What was matched of a pair; None where matching failed."""
+    """Matches of a pair; None if matching failed."""
     scope = pair_scope(pair.id)
     digests = [
         workspace.catalogue.latest(scope.name, kind)

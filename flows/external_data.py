@@ -320,7 +320,7 @@ def control_rows(mission: str, root: Path) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True, slots=True)
 class TakenTies:
-    """What a file of manual ties holds."""
+    """Content of a file of manual ties."""
 
     name: str
     counts: dict[EditAction, int]

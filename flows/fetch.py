@@ -1,8 +1,8 @@
-"""Fetch stereo pairs from the archive: the index first, then what it names and is not here yet.
+"""Fetch stereo pairs from the archive: first its index, then the listed images that are missing.
 
-Of Curiosity and Perseverance also the public raw images of mars.nasa.gov, with their metadata.
-Images go to `OUT/sol####/`; the indices and whatever a later call needs to `OUT/.fetch/`. A second
-call fetches nothing twice, one after a crash goes on where the first broke off.
+For Curiosity and Perseverance, the public raw images of mars.nasa.gov with their metadata can be
+fetched instead. Images are written to `OUT/sol####/`, indices and the state of transfers to
+`OUT/.fetch/`. A second call fetches only missing files, and continues interrupted transfers.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from solmap.tasks.fetch.raw_images import fetch_raw_images, find_raw_images, is_
 from solmap.tasks.fetch.transfer import Transfer, TransferParams
 
 STATE = ".fetch"
-"""Folder of the indices inside of the folder of images."""
+"""Folder of indices and state, inside the folder of images."""
 
 
 @dataclass(slots=True)
 class FetchReport:
-    """How a fetch went."""
+    """Result of a fetch."""
 
     is_dry: bool = False
     pairs: int = 0
@@ -44,7 +44,7 @@ class FetchReport:
     already_here: int = 0
     received_bytes: int = 0
     files: list[str] = field(default_factory=list)
-    """Of a dry run: what is there, one line a file."""
+    """In a dry run: the images found, one line per file."""
     warnings: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
 
@@ -55,7 +55,7 @@ class FetchReport:
 
     @property
     def lines(self) -> list[str]:
-        """What came, or what there is; a line."""
+        """A summary in one line, in a dry run preceded by the list of files."""
         found = f"{self.pairs} stereo pairs ({self.unpaired} images have no partner)"
         here = f"{self.already_here} images were here already"
         if self.is_dry:
@@ -76,20 +76,20 @@ def fetch_archive(  # noqa: PLR0913 - options of the command
     archive_file: Path | None = None,
     raw: bool = False,
 ) -> FetchReport:
-    """Bring the stereo pairs of some sols here; a file that fails stops nothing else.
+    """Fetch the stereo pairs of some sols; a file that fails does not stop the others.
 
     Args:
         mission: MER1, MER2, MSL or M20.
-        sols: 155, 155-157, or several of these with commas between.
+        sols: 155, 155-157, or several of these separated by commas.
         instruments: Any of navcam, pancam, mastcam, hazcam, front_hazcam, rear_hazcam.
-        out_dir: Folder to bring the images to.
+        out_dir: Folder for the images.
         dry_run: Only list the images.
-        archive_file: TOML file of addresses; the settings name it otherwise.
-        raw: Public raw images with their metadata in place of the archive's EDRs.
+        archive_file: TOML file of URLs; by default that of the settings.
+        raw: Fetch public raw images with their metadata, not the archive's EDRs.
 
     Raises:
         ConfigError: no such mission, instrument or sols.
-        FetchError: an index cannot be had, or nothing can be written.
+        FetchError: an index is not available, or the folder cannot be written.
     """
     file = archive_file or Settings().archive
     archive = load_archive(file)
@@ -120,7 +120,7 @@ def _volume(found: MissionArchive, instrument: str) -> Volume:
 def _fetch_raw(
     url: str, selection: IndexSelection, out_dir: Path, transfer: Transfer, report: FetchReport
 ) -> None:
-    """One instrument of the public raw images: search their list, then bring what it names."""
+    """Fetch the public raw images of one instrument: search their list, then fetch the pairs."""
     found = find_raw_images(url, selection, out_dir / STATE / "raw", transfer)
     report.pairs += len(found.wanted) // 2
     report.unpaired += found.unpaired
@@ -153,7 +153,7 @@ def _fetch_volume(
     transfer: Transfer,
     report: FetchReport,
 ) -> None:
-    """One instrument: search its index, then bring what it names."""
+    """Fetch the images of one instrument: search its index, then fetch the pairs."""
     index = fetch_index(
         volume,
         out_dir / STATE / volume.name,
@@ -186,7 +186,7 @@ def _note_arrivals(arrivals: Sequence[Arrival], report: FetchReport) -> None:
 def _note_findings(
     findings: IndexFindings, index: Index, selection: IndexSelection, report: FetchReport
 ) -> None:
-    """Add notes on the content of the index, and on its consistency."""
+    """Report the number of pairs in the index, and its inconsistencies."""
     report.pairs += len(findings.pairs)
     report.unpaired += len(findings.unpaired)
     if index.warning:
@@ -228,5 +228,7 @@ def _exclusive(out_dir: Path) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            raise FetchError(f"another fetch is writing to {out_dir}; let it end first") from error
+            raise FetchError(
+                f"another fetch is writing to {out_dir}; wait until it ends"
+            ) from error
         yield

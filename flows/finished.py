@@ -42,7 +42,7 @@ from solmap.tasks.network.orientations import Standing
 from solmap.tasks.scopes import is_of_mission, pair_scope
 
 PARTS = "standing", "layers", "pointers"
-"""What the document of a finished sol lists: what it leaves to the next, and what it published."""
+"""Lists in the record of a finished sol: input of the next sol, layers, other products."""
 BY_COMMAND = {ProductKind.DIPS}
 """Layers of stops that people have made too, by commands of their own."""
 Latest = Set[tuple[ProductKind, Scope]]
@@ -62,17 +62,17 @@ class ReusableSols:
 
     @classmethod
     def of(cls, mission: str, workspace: Workspace, pipeline: str) -> ReusableSols:
-        """Look at everything that sols are made from, but for the adjustments."""
+        """Compute the digests of all inputs of sols, except adjustments."""
         book = FinishedSolRecords(workspace.catalogue.engine)
         common = _digest(*_common(mission, workspace, pipeline))
         return cls(mission, workspace, book, common, _images(mission, workspace))
 
     def key(self, sol: int, before: Standing | None) -> str:
-        """What a sol is made from, where `before` is the adjustment that it starts from."""
+        """Digest of the inputs of a sol; `before` is the adjustment from which it starts."""
         return _digest(self.common, self.images[sol], repr(before))
 
     def report(self, scope: Scope, sol: int, key: str) -> SolReport | None:
-        """How the sol went when it was made from the same; None where it must be processed."""
+        """Report of the sol made from the same inputs; None if it must be processed."""
         found = self.book.find(scope.name, key)
         if found is None or not found.keys() >= set(PARTS):  # an earlier version noted less
             return None

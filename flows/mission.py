@@ -166,7 +166,7 @@ def _surfaces(
     store: ProductStore,
     failed: dict[str, str],
 ) -> list[ProductRef]:
-    """What shows the shape of the region, and what it means to a rover."""
+    """Make the layers of a region that show relief and suitability for a rover."""
     made: list[ProductRef] = []
     with keep_going(failed, f"hillshade of {dtm.scope}"):
         made.append(shade_relief(dtm, config.hillshade, landing, store))
@@ -175,7 +175,7 @@ def _surfaces(
     with keep_going(failed, f"relief of {dtm.scope}"):
         made += map_relief(dtm, config.slope, landing, store)
     with keep_going(failed, f"insolation of {dtm.scope}"):
-        if landing.is_on_mars:  # the sun of Mars shines nowhere else
+        if landing.is_on_mars:  # insolation is modelled for Mars only
             made += map_insolation(dtm, config.insolation, config.havens, landing, store)
     with keep_going(failed, f"hazard of {dtm.scope}"):
         made.append(map_hazards(dtm, config.hazard, landing, store))

@@ -56,7 +56,7 @@ TRUTH_CELL_M = 0.08
 WORKERS = 2
 TRUTH = "truth.json"
 PIPELINE = "default"
-"""What a simulated mission is adjusted and drawn with."""
+"""Pipeline with which a simulated mission is adjusted and drawn."""
 
 
 def write_downlink(out_dir: Path, params: WorldParams, seed: int) -> int:

@@ -1,4 +1,4 @@
-"""Process one sol: from its stereo pairs to the layers of the stops they were taken at."""
+"""Process one sol, from its stereo pairs to published layers of its stops."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def process_sol(
 
 
 def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolReport) -> None:
-    """Match, adjust, map what is new or moved, and publish; the report is filled on the way."""
+    """Match, adjust, map new and moved stops, and publish; each step adds to the report."""
     report.add_failures("read", inputs.unread)
     matched, rig = match_pairs(inputs, previous, report)
     waves = Waves.of(inputs, report)
@@ -82,12 +82,12 @@ def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolRepo
 
 
 def _make(waves: Waves, network: ProductRef | None, matched: Matched) -> None:
-    """Make the layers of the stops, publish those of new stops, and draw what is only looked at."""
+    """Make and publish the layers of the stops, the quality report, and previews."""
     inputs, report, standing = waves.inputs, waves.report, waves.report.standing
-    unasked: dict[str, str] = {}
+    unsubmitted: dict[str, str] = {}
     jobs: dict[Key, Job] = {}
     if standing is not None:
-        with keep_going(unasked, "maps"):
+        with keep_going(unsubmitted, "maps"):
             first, more = map_jobs(inputs, standing.orientations, matched, waves.new)
             models = model_jobs(inputs, standing.orientations, matched)
             models |= panorama_jobs(inputs, standing.orientations, matched)
@@ -98,10 +98,10 @@ def _make(waves: Waves, network: ProductRef | None, matched: Matched) -> None:
     jobs |= preview_jobs(inputs, matched, mapped={stop for stop, what in jobs if what == "dtm"})
     _note_failures(report, jobs, run_jobs(jobs, waves.settled)[1])
     if standing is not None:
-        with keep_going(unasked, "far ground"):
+        with keep_going(unsubmitted, "far ground"):
             for stop, far in map_far_ground(inputs, standing, matched, report).items():
                 waves.layers.setdefault(stop, []).extend(far)
-    report.add_failures("make", unasked)
+    report.add_failures("make", unsubmitted)
 
 
 def _quality_job(network: ProductRef, matched: Matched, inputs: SolInputs) -> dict[Key, Job]:
@@ -113,7 +113,7 @@ def _quality_job(network: ProductRef, matched: Matched, inputs: SolInputs) -> di
 
 
 def _note_failures(report: SolReport, jobs: Mapping[Key, Job], failed: Mapping[Key, str]) -> None:
-    """Take down what jobs could not make, by the verb of their stages."""
+    """Add the causes of failed jobs to the report, grouped by the verb of their stage."""
     by_verb: dict[str, dict[str, str]] = {}
     for (subject, what), cause in failed.items():
         verb = jobs[subject, what].stage.partition(": ")[2].split()[0]
@@ -130,7 +130,7 @@ def _choose_orientations(
     inputs: SolInputs,
     report: SolReport,
 ) -> Standing | None:
-    """What the stops are mapped with; None if that failed."""
+    """Choose the orientations for mapping the stops; None if that failed."""
     before, store = previous.orientations if previous else None, inputs.workspace.store
     chosen = choose_orientations.submit(network, before, inputs.config.reissue, store, rig)
     stage = f"sol {inputs.sol}: choose the orientations"
@@ -140,7 +140,7 @@ def _choose_orientations(
 
 
 def _findings(inputs: SolInputs, standing: Standing) -> list[str]:
-    """How the adjustment went, what was linked, and which stops are mapped again."""
+    """Notes: summary of the adjustment, links, and stops that are mapped again."""
     store = inputs.workspace.store
     product, touched = read_network(standing.network, store), {str(s) for s in inputs.touched}
     links = [_link_line(link) for link in product.links if link["later"] in touched]

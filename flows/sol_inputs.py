@@ -1,4 +1,4 @@
-"""What is known when a sol, or a whole mission, is processed."""
+"""Inputs of the processing of a sol or of a whole mission."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ WINDOW = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolInputs:
-    """What is known when a sol is processed, or all sols up to one together."""
+    """Inputs of the processing of a sol, or of all sols up to one together."""
 
     workspace: Workspace
     config: PipelineConfig
@@ -63,7 +63,7 @@ class SolInputs:
     unplaced: tuple[str, ...]
     """Why stops and images of this sol cannot be put on the map, a line each."""
     unread: Mapping[str, str]
-    """What could not be read, images and files, and why."""
+    """Causes of images and files that could not be read."""
     unpaired: tuple[ImageEntry, ...]
     """Images of this sol that have no stereo partner."""
     window: tuple[StopPrior, ...]
@@ -73,7 +73,7 @@ class SolInputs:
 
     @property
     def landing(self) -> LandingPoint:
-        """Where the map is tied to Mars."""
+        """Origin of the map, and its position on Mars."""
         return self.mission.landing
 
 
@@ -319,7 +319,7 @@ def _maps_of_stops(
 
 
 def _note_of(name: str, landing: LandingPoint) -> str | None:
-    """What is to be done about a map that is not tied to the lander."""
+    """Remedies for a map that is not tied to the lander."""
     if not origin_of(name):
         return None
     if not landing.is_on_mars:

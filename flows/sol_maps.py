@@ -1,7 +1,7 @@
 """The layers of a sol's stops: maps, models in three dimensions, panoramas and far ground.
 
-Those of a stop are jobs, one a product, in the order in which people wait for them; what did not
-change is looked up. Far ground, which few need, follows when they are done.
+Each layer of a stop is made by one job; the jobs of layers that users need first come first.
+Unchanged layers are looked up in the store. Far ground is mapped when these jobs are done.
 """
 
 from __future__ import annotations
@@ -47,20 +47,20 @@ from solmap.tasks.network.previews import preview_pair, preview_terrain
 
 Matched = Mapping[StopId, list[PairProducts]]
 Key = tuple[Any, str]
-"""Of a job: what it is about, a stop mostly, and what it makes."""
+"""Key of a job: its subject, mostly a stop, and the name of its result."""
 Made = Mapping[Key, Any]
 FIRST = ("dtm", "orthophoto", "contours", "hillshade")
-"""What a stop is shown with as soon as it is made."""
+"""Layers that are made and published first."""
 LACKING, FINDINGS = "no far ground,", (MatchingError, TerrainError)
-"""Message and errors of a stop whose images do not allow far ground."""
+"""Message and errors where images do not suffice for a map of far ground."""
 
 
 def map_jobs(
     inputs: SolInputs, orientations: ProductRef, matched: Matched, first: Collection[StopId]
 ) -> tuple[dict[Key, Job], dict[Key, Job]]:
-    """The maps of every stop of the window from its adjusted pairs: those of `FIRST`, and others.
+    """Jobs for the maps of every stop with matched pairs: those of `FIRST`, and all others.
 
-    `first` are stops that go before the others.
+    Jobs of the stops in `first` precede those of other stops.
     """
     mapped = read_orientations(
         orientations, inputs.workspace.store, [str(stop) for stop in matched]
@@ -103,13 +103,13 @@ def _maps_of_stop(
         "viewshed": surface(map_viewshed, highest_camera(oriented), config.viewshed),
         "colour": on_terrain(submit_colour),
     }
-    if landing.is_on_mars:  # the sun of Mars shines nowhere else
+    if landing.is_on_mars:  # insolation is modelled for Mars only
         jobs["insolation"] = surface(map_insolation, config.insolation, config.havens)
     return jobs
 
 
 def model_jobs(inputs: SolInputs, orientations: ProductRef, matched: Matched) -> dict[Key, Job]:
-    """Models of every stop that has been mapped, and of what the pairs of every stop see."""
+    """Jobs for terrain models in 3D, tiles, view models, points and dips of every stop."""
     wanted, store, landing = inputs.config.models, inputs.workspace.store, inputs.landing
     poses = read_orientations(orientations, store, [str(stop) for stop in matched])
     jobs: dict[Key, Job] = {}
@@ -133,7 +133,7 @@ def _models_of_stop(
     landing: LandingPoint,
     store: ProductStore,
 ) -> Iterator[tuple[str, Callable[[Made], PrefectFuture[Any]], Sequence[Key], bool]]:
-    """A map to make: its task, its inputs, and whether it is enabled."""
+    """Models of a stop: name, function that submits the task, inputs, whether it is enabled."""
     ground = (stop, "dtm"), (stop, "orthophoto")
 
     def on_ground(task: Task[..., Any], params: object) -> Callable[[Made], PrefectFuture[Any]]:
@@ -150,7 +150,7 @@ def _models_of_stop(
 
 
 def panorama_jobs(inputs: SolInputs, orientations: ProductRef, matched: Matched) -> dict[Key, Job]:
-    """The panorama of every stop of the window, and the ground in it."""
+    """Jobs for the panorama of every stop of the window, and for its ground points."""
     wanted, workspace = inputs.config.panoramas, inputs.workspace
     if not wanted.enabled:
         return {}
@@ -180,7 +180,7 @@ def panorama_jobs(inputs: SolInputs, orientations: ProductRef, matched: Matched)
 
 
 def preview_jobs(inputs: SolInputs, matched: Matched, mapped: Collection[StopId]) -> dict[Key, Job]:
-    """Previews of the terrain of mapped stops and of the matches of all pairs: no layers."""
+    """Jobs for previews, which are not layers: terrain of mapped stops, matches of all pairs."""
     stage, store = f"sol {inputs.sol}: preview terrain and matches", inputs.workspace.store
 
     def of_terrain(dtm: Key) -> Job:
@@ -200,7 +200,7 @@ def map_far_ground(
     matched: Matched,
     report: SolReport,
 ) -> dict[StopId, list[ProductRef]]:
-    """A map of far ground for every stop that is linked with earlier ones, if enabled."""
+    """Map the far ground of every stop that is linked with earlier ones, if enabled."""
     if not inputs.config.wide.enabled:
         return {}
     pairs = _match_wide_pairs(inputs, standing, matched, report)
@@ -235,19 +235,19 @@ def _match_wide_pairs(
     matched: Matched,
     report: SolReport,
 ) -> dict[StopId, list[WidePair]]:
-    """What was matched between the pairs of linked stops, by the later stop."""
+    """Wide-baseline matches between pairs of linked stops, grouped by the later stop."""
     store, params = inputs.workspace.store, inputs.config.wide.matching
     mapped = read_orientations(standing.orientations, store, [str(stop) for stop in matched])
     oriented = {stop: orient_pairs(pairs, mapped.get(str(stop))) for stop, pairs in matched.items()}
     futures: dict[tuple[StopId, str], PrefectFuture[WidePair]] = {}
-    unasked: dict[tuple[StopId, str], str] = {}
+    unsubmitted: dict[tuple[StopId, str], str] = {}
     for earlier, later in _linked_stops(standing, matched, inputs):
-        with keep_going(unasked, (later, f"{earlier} - {later}")):
+        with keep_going(unsubmitted, (later, f"{earlier} - {later}")):
             chosen = choose_wide_pairs(oriented[later], oriented[earlier], params.limits, store)
             for eyes in chosen:
                 futures[later, wide_id(eyes)] = match_wide_pair.submit(*eyes, params, store)
     done, failed = wait_for(f"sol {report.sol}: match pairs across stops", futures)
-    causes = _one_finding_a_stop(failed | unasked, futures)
+    causes = _one_finding_a_stop(failed | unsubmitted, futures)
     report.add_findings("map far ground", causes, LACKING, *FINDINGS)
     return group_by_first(done)
 
@@ -255,7 +255,7 @@ def _match_wide_pairs(
 def _one_finding_a_stop(
     failed: Mapping[tuple[StopId, str], str], asked: Iterable[tuple[StopId, str]]
 ) -> dict[str, str]:
-    """Causes by subject; of the findings of a stop only the first is kept."""
+    """Causes by subject; findings of one stop are summarised in one line with the first."""
     named = tuple(f"{error.__name__}: " for error in FINDINGS)
     causes = {name: why for (_, name), why in failed.items() if not why.startswith(named)}
     found: dict[StopId, list[str]] = {}
@@ -272,7 +272,7 @@ def _one_finding_a_stop(
 def _linked_stops(
     standing: Standing, matched: Matched, inputs: SolInputs
 ) -> list[tuple[StopId, StopId]]:
-    """Stops of the window that ties join, the earlier one first."""
+    """Linked stops with matched pairs, the earlier one first."""
     names = {str(stop): stop for stop in matched}
     links = read_network(standing.network, inputs.workspace.store).links
     return [

@@ -1,4 +1,4 @@
-"""From a sol's matched pairs to its adjusted network: tie and adjust."""
+"""Find tie points between a sol's matched pairs and stops, and adjust the network."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def adjust_stops(
     report: SolReport,
     rig: ProductRef | None = None,
 ) -> ProductRef | None:
-    """Tie the stops of the window and adjust them; None if that failed."""
+    """Find tie points of the stops of the window and adjust them; None if that failed."""
     config, store, sol = inputs.config, inputs.workspace.store, inputs.sol
     telemetry = {stop.stop: stop for stop in inputs.window}
     rigs = read_rig(store.path(rig)) if rig else RigProduct()
@@ -91,7 +91,7 @@ def adjust_stops(
 
 
 def _link(inputs: SolInputs, stops: Mapping[StopId, StopProducts], report: SolReport) -> Links:
-    """Link the stops of the window; where that leaves them in parts, by the ground of the parts."""
+    """Link the stops of the window one by one, then parts that are still not linked."""
     telemetry = {stop.stop: stop for stop in inputs.window}
     params, store = inputs.config.cross_site, inputs.workspace.store
 
@@ -124,9 +124,10 @@ def parts_at(
     stops: Mapping[StopId, StopProducts],
     poses: LinkPoses,
 ) -> list[tuple[StopProducts, StopProducts]]:
-    """What links of single stops leave apart of a stop and those it was tried with, merged.
+    """Parts (groups of linked stops) to link with the part of `new`, each merged into one surface.
 
-    Whether all that it was tried with are in the window decides, so that no later sol tries less.
+    None unless the window contains all stops with which a link of `new` was tried; so a later sol
+    does not try fewer.
     """
     tried = {old.stop for old in candidates(new, inputs.telemetry.stops, inputs.config)}
     telemetry = {stop.stop: stop.lsl_from_rover for stop in inputs.window}
@@ -141,7 +142,7 @@ def parts_at(
 
 
 def _merged(part: Part, stops: Mapping[StopId, StopProducts]) -> StopProducts:
-    """The stop that a part is seen from, with the others beside it."""
+    """The reference stop of a part, with the products and relative poses of its other stops."""
     others = [(stops[name], PlainPose.of(pose)) for name, pose in part.beside.items()]
     return replace(stops[part.stop], beside=tuple(others))
 
@@ -149,7 +150,7 @@ def _merged(part: Part, stops: Mapping[StopId, StopProducts]) -> StopProducts:
 def _tie_singles(
     inputs: SolInputs, stops: Mapping[StopId, StopProducts], report: SolReport
 ) -> tuple[ProductRef, ...]:
-    """Tie images without stereo partner at the stops of the window; those of old sols are found."""
+    """Find tie points of images without a stereo partner, at the stops of the window."""
     store, window = inputs.workspace.store, {stop.stop for stop in inputs.window}
     singles: dict[StopId, tuple[SingleFile, ...]] = {}
     unread: dict[str, str] = {}
@@ -190,7 +191,7 @@ def _edit_requests(
 
 
 def _control(inputs: SolInputs, report: SolReport) -> tuple[ProductRef, ...]:
-    """All published control of the mission, which is on Mars and therefore on its own map."""
+    """All published control of the mission; none for a map not tied to the lander or to Mars."""
     if inputs.landing.origin:
         return ()
     unread: dict[str, str] = {}

@@ -1,12 +1,11 @@
-"""What of a sol is published when: waves, each in one transaction.
+"""Publication of a sol in waves, each in one transaction.
 
-Positions come first, then each new stop with its first maps, then what depends on these, and at
-last everything. A stop that is on the map already changes once, in the last wave: with all of its
-layers, and with the other stops that the adjustment moved. So no stop mixes solutions; what is not
-there yet shows, by its version, the one before.
+Positions come first, then each new stop with its first maps, then layers that depend on these, then
+all layers of the sol. Stops that were already on the map and moved are replaced in the last wave,
+together and with all of their layers. So no stop shows layers of two solutions.
 
-The last wave is all of a sol, whatever was published before. A run that is killed between two waves
-leaves what they published, and the next one continues from there.
+The last wave contains all layers of a sol, including those of earlier waves. If a run is killed
+between two waves, the earlier waves remain published, and the next run continues.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ Sols = tuple[int, ...]
 
 @dataclass(slots=True, eq=False)
 class Waves:
-    """What a sol has made, and what of it waits for what to be published."""
+    """Products of a sol, and the jobs that each wave waits for."""
 
     inputs: SolInputs
     report: SolReport
@@ -43,19 +42,19 @@ class Waves:
     """Products that are not layers: networks, reports, matches."""
     layers: dict[StopId, list[ProductRef]] = field(default_factory=dict)
     _waiting: list[tuple[set[Key], list[Key]]] = field(default_factory=list)
-    """By wave: jobs that have not ended, and all of its jobs."""
+    """Per wave: the jobs that have not ended, and all jobs."""
     _failed: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, inputs: SolInputs, report: SolReport) -> Waves:
-        """Nothing is made yet."""
+        """Waves of a sol before anything is made."""
         layers = inputs.workspace.catalogue.layers(inputs.mission.mission, {ProductKind.DTM})
         mapped = {layer.ref.scope.name for layer in layers}
         new = frozenset(one.stop for one in inputs.window if str(one.stop) not in mapped)
         return cls(inputs, report, new)
 
     def plan(self, *waves: Iterable[Key]) -> None:
-        """Have new stops published when these jobs are done; those of the first wave one by one."""
+        """Publish new stops when these jobs are done; in the first wave each stop separately."""
         of_stop: dict[StopId, list[Key]] = {}
         for key in waves[0]:
             of_stop.setdefault(key[0], []).append(key)
@@ -76,7 +75,7 @@ class Waves:
         self._publish(drawn, self.pointers)
 
     def settled(self, key: Key, made: Mapping[Key, Any]) -> None:
-        """Take in what a job made, and publish what waited for nothing else."""
+        """Add the products of a job, and publish the waves that are complete."""
         if key in made:
             layers, pointers = _refs(key, made[key])
             self.pointers += pointers
@@ -94,7 +93,7 @@ class Waves:
         self._publish(layers, [ref for _, pointers in refs.values() for ref in pointers])
 
     def close(self) -> None:
-        """Publish all of the sol, and how it ended."""
+        """Publish all layers of the sol, and its outcome."""
         report, inputs = self.report, self.inputs
         layers = [(ref, self._sols[stop]) for stop, refs in self.layers.items() for ref in refs]
         pointers = sorted(self.pointers)

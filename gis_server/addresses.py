@@ -1,4 +1,4 @@
-"""Addresses under the path at which a reverse proxy serves the map, if it is not a host's root."""
+"""URL paths below the prefix at which a reverse proxy serves the map, if not at a host's root."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import PlainSerializer
 
 ROOT_PATH: ContextVar[str] = ContextVar("root_path", default="")
-"""The path of the public address, without a slash at its end; `PublicAddress` sets it."""
+"""Path prefix of the public URL, without a trailing slash; set by `PublicAddress` per request."""
 
 
 def _below_root(path: str) -> str:
@@ -16,4 +16,4 @@ def _below_root(path: str) -> str:
 
 
 ServerPath = Annotated[str, PlainSerializer(_below_root)]
-"""A path of this server such as `/api/start`; JSON has it in the form for clients."""
+"""A path of this server such as `/api/start`; in JSON it begins with the public path prefix."""

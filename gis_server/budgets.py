@@ -119,7 +119,7 @@ class RefusedError(Exception):
 
 @dataclass(slots=True, eq=False)
 class LaneState:
-    """What is under way in a lane."""
+    """Requests in progress in a lane."""
 
     lane: Lane
     worker: Worker | None

@@ -136,7 +136,7 @@ async def _fail(request: Request, error: Exception) -> JSONResponse:
 
 
 async def _answer_invalid(request: Request, error: Exception) -> JSONResponse:
-    """What is wrong with a question, without what was sent: that may be no JSON, such as NaN."""
+    """Errors of a request body without its values, which may not be valid JSON (NaN)."""
     found = error.errors() if isinstance(error, RequestValidationError) else []
     errors = [{name: row[name] for name in ("type", "loc", "msg")} for row in found]
     what = "; ".join(f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in errors[:_NAMED])

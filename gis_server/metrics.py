@@ -1,4 +1,4 @@
-"""What is measured of the server and of the runs that fill its store, for Prometheus.
+"""Metrics of the server and of processing runs, for Prometheus.
 
 Requests are counted by the template of their route, so that the number of series is bounded. Facts
 about the store and the runs are read on request. Each process has its own figures; several are

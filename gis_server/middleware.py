@@ -54,7 +54,7 @@ _PACKED = ("/tiles/", "/models/", "/download/", "/products/", "/images/", "/pano
 
 
 class PublicAddress:
-    """Has every request name the address that people reach the map at, so that links do.
+    """Set scheme, host and path of every request to the public URL, so that links use it.
 
     A reverse proxy may forward paths with or without the prefix of the public address.
     """
@@ -65,7 +65,7 @@ class PublicAddress:
         self.scheme, self.host = parts.scheme, (b"host", parts.netloc.encode("idna"))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request on as one to the public address."""
+        """Forward the request as a request to the public URL."""
         if scope["type"] == "http":
             ROOT_PATH.set(self.root)
             path = scope["path"]

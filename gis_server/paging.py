@@ -29,7 +29,7 @@ class Page:
     """Further parameters of the query."""
 
     def head(self, total: int) -> dict[str, str]:
-        """Where the pages beside this one are, and how many entries there are in all."""
+        """URLs of the neighbouring pages, and the total number of entries."""
         offsets = {"prev": self.offset - self.limit, "next": self.offset + self.limit}
         if self.offset:
             offsets["prev"] = max(0, offsets["prev"])

@@ -29,7 +29,7 @@ RANGE_BANDS_M = ((0, 10), (10, 20), (20, 30), (30, 40))
 
 @dataclass(frozen=True, slots=True)
 class TrueStop:
-    """Where a stop truly was."""
+    """True pose of a stop."""
 
     site: int
     drive: int

@@ -76,7 +76,7 @@ class InspectionError(Exception):
 def inspect_files(
     files: Iterable[Path], store: Path | None = None
 ) -> tuple[list[dict[str, Any]], list[str]]:
-    """What each file is, as plain values, and one line for each that cannot be read."""
+    """Description of each file as plain values, and one line for each unreadable file."""
     findings: list[dict[str, Any]] = []
     faults: list[str] = []
     for file in files:
@@ -88,7 +88,7 @@ def inspect_files(
 
 
 def inspect_file(file: Path, store: Path | None = None) -> dict[str, Any]:
-    """What a file is; angles in degrees, lengths in metres, None for what is not known.
+    """Description of a file; angles in degrees, lengths in metres, None for unknown values.
 
     Args:
         file: an image, a label or a derived raster.
@@ -325,7 +325,7 @@ def _identity(image: RoverImage) -> dict[str, Any]:
 
 
 def _pointing(image: RoverImage, label: Label | None) -> dict[str, Any]:
-    """Where mast and camera look, in both frames."""
+    """Viewing directions of mast and camera, in both frames."""
     middle = np.array([[(image.samples - 1) / 2, (image.lines - 1) / 2]])
     directions = {"image_centre": image.camera.rays(middle)[0]}
     mast = _mast_direction(image, label)

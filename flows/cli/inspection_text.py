@@ -1,4 +1,4 @@
-"""What an inspection found, as lines for people."""
+"""Results of an inspection as lines of text."""
 
 from __future__ import annotations
 

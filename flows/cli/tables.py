@@ -1,4 +1,4 @@
-"""What the store holds, as rows that scripts read: the contract of `solmap ... --json`."""
+"""Content of the store as rows for scripts: the contract of `solmap ... --json`."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def _layer_row(layer: Layer, proj4: dict[str, str], workspace: Workspace) -> dic
 
 
 def _crs(layer: Layer, local: str) -> str | None:
-    """What the coordinates in a layer's file are of; those of a panorama are angles."""
+    """Coordinate reference system of a layer's file; coordinates of a panorama are angles."""
     if layer.type == "panorama":
         return None
     return MARS if layer.type == "vector" else local

@@ -136,7 +136,7 @@ def _write_flushed(number: int, text: str) -> None:
 
 
 def address(port: int) -> str:
-    """Where the server of a port is found."""
+    """URL of the server at a port."""
     return f"http://127.0.0.1:{port}"
 
 

@@ -28,13 +28,13 @@ class Job:
     """A task that is to be submitted."""
 
     stage: str
-    """What progress is reported of."""
+    """Name of the stage in progress reports."""
     submit: Callable[[Mapping[Any, Any]], PrefectFuture[Any] | None]
-    """Submits it, given all results by then; None: there is nothing to be made."""
+    """Function that submits the task, given all results so far; None: nothing is to be made."""
     needs: Sequence[Any] = ()
-    """Keys of jobs listed before it, without whose results it cannot be done."""
+    """Keys of earlier jobs whose results it requires."""
     after: Sequence[Any] = ()
-    """Keys of jobs listed before it that it waits for, be there a result or not."""
+    """Keys of earlier jobs whose end it waits for, with or without a result."""
 
 
 def run_jobs(

@@ -129,13 +129,13 @@ def _text(report: DownlinkReport) -> str:
 
 
 def folder_name() -> str:
-    """Of a downlink before anything is known of it but its folder."""
+    """Name of the run of a downlink before its images are read."""
     given = runtime.flow_run.parameters
     return f"downlink {Path(str(given['downlink'] or given['places'][0])).name}"
 
 
 def mission_name() -> str:
-    """Of a flow over one mission or all: its own name and which."""
+    """Name of the run of a flow for one mission or all."""
     return f"{runtime.flow_run.flow_name} {runtime.flow_run.parameters['mission'] or 'of all'}"
 
 

@@ -47,7 +47,7 @@ class RunRecord:
 
     @property
     def name(self) -> str:
-        """What the run is called."""
+        """Name of the run."""
         return self._run.id
 
     def step(self, step: Step) -> None:

@@ -1,4 +1,4 @@
-"""How a sol and a downlink went: what was made, and a line for everything that was not."""
+"""Reports of sols and downlinks: what was made, and one line per failure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from solmap.tasks.network.orientations import Standing
 
 @dataclass(slots=True)
 class SolReport:
-    """How a sol went: what was made, and one line for everything that was not."""
+    """Report of a sol: what was made, and one line per failure."""
 
     mission: str
     sol: int
@@ -23,16 +23,16 @@ class SolReport:
     published: tuple[ProductRef, ...] = ()
     """The layers."""
     pointed: tuple[ProductRef, ...] = ()
-    """What the catalogue points at besides: networks, reports, what matching made."""
+    """Other published products: networks, reports, results of matching."""
 
     def add_failures(self, what: str, failed: Mapping[Any, str]) -> None:
-        """Take down failures that carry a cause."""
+        """Add the failures that have a cause of their own."""
         self.failures += [f"{what} {key}: {cause}" for key, cause in failed.items() if cause]
 
     def add_findings(
         self, what: str, failed: Mapping[str, str], lacking: str, *findings: type[Exception]
     ) -> None:
-        """Take down as notes what images do not give, anything else as failures.
+        """Add errors caused by the images as notes, all others as failures.
 
         Args:
             what: The stage, for failures.
@@ -51,16 +51,16 @@ class SolReport:
 
 @dataclass(slots=True)
 class DownlinkReport:
-    """How a downlink went."""
+    """Report of a downlink."""
 
     images: int = 0
     sols: list[SolReport] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     seams: list[str] = field(default_factory=list)
-    """How far the stops of a region disagree, line by line."""
+    """Lines on differences between the stops of a region."""
     poses: list[str] = field(default_factory=list)
-    """What was taken of poses by other sources, line by line."""
+    """Lines on the poses used from other sources."""
 
     @property
     def succeeded(self) -> bool:

@@ -145,7 +145,7 @@ def _attempts(memory: dict[str, Any], delivery: str) -> int:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """What lies below a folder but files on their way; labels beside images count too."""
+    """Files below a folder, including labels, without files that are still arriving."""
     for path in folder.rglob("*"):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
         if not hidden and path.suffix.lower() not in _ON_THE_WAY:

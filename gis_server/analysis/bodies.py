@@ -1,8 +1,8 @@
-"""What questions and answers of several analyses have in common.
+"""Types of request and response bodies that several analyses share.
 
 Names end in their unit: `_m` metres, `_deg` degrees, `_px` pixels. East, north and elevation are
 metres of the mission's local map, elevation above the tangent plane at the landing point. Azimuths
-are clockwise from north. Standard deviations are one sigma. `null` is "not measured".
+are clockwise from north. Standard deviations are one sigma. `null` means "not measured".
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ UNITS = (
     "point; azimuth clockwise from north; sigma: one standard deviation; null: not measured"
 )
 MOST_CORNERS = 1000
-"""Corners of a line or polygon that is drawn by a person."""
+"""Maximum number of corners of a line or polygon in a request."""
 
 SIGHT_NAMES = {Sight.VISIBLE: "visible", Sight.HIDDEN: "hidden", Sight.UNKNOWN: "unknown"}
 """Visibility in responses."""
@@ -32,7 +32,7 @@ TIE_STATUS = {USED: "used", BLUNDER: "blunder", UNUSED: "unused"}
 """Status of observations of tie points in responses."""
 
 MetresHere = Annotated[float, Field(ge=-HALF_SIDE_M, le=HALF_SIDE_M, allow_inf_nan=False)]
-"""A coordinate of the local map."""
+"""A coordinate of the local map, metres."""
 Corner = tuple[MetresHere, MetresHere]
 """(east, north)."""
 Line = Annotated[list[Corner], Field(min_length=2, max_length=MOST_CORNERS)]
@@ -41,20 +41,20 @@ LayerAsked = Annotated[
     str,
     Field(
         max_length=200,
-        description="id of a terrain model, as /layers lists it, or `best`: the finest measured "
-        "one at every place, and of equally fine ones the surest",
+        description="id of a terrain model, as listed by /layers, or `best`: at every point the "
+        "measured value of the smallest cells, among equal cells of the smallest deviation",
     ),
 ]
 
 
 class Question(BaseModel):
-    """A body that is sent; unknown names are rejected, so that typing errors are found."""
+    """A request body; unknown field names are rejected, so that typing errors are detected."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 class LayerUsed(BaseModel):
-    """A layer that an answer was computed from."""
+    """A layer from which a response was computed."""
 
     id: str
     kind: str
@@ -76,7 +76,7 @@ class LayerUsed(BaseModel):
 
 
 class NetworkUsed(BaseModel):
-    """The adjusted network that an answer was computed from."""
+    """The adjusted network from which a response was computed."""
 
     scope: str
     digest: str
@@ -94,9 +94,9 @@ def json_numbers(values: Iterable[float] | np.ndarray, digits: int = 4) -> list[
 
 
 def json_number(value: float | None, digits: int = 4) -> float | None:
-    """One such number."""
+    """A rounded number for JSON, null for NaN."""
     return None if value is None else json_numbers([value], digits)[0]
 
 
 class UnanswerableError(Exception):
-    """The request has no answer; the message states what was expected and what to try."""
+    """A valid request without a result; the message states the reason and what to try."""

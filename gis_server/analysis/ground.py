@@ -1,8 +1,8 @@
-"""The terrain models of a mission as one ground: sampled at places, or read onto a grid.
+"""The terrain models of a mission combined: sampled at points, or resampled to a grid.
 
-Models are read in windows around the requested points. Where points are far apart the windows are
-divided, so that a long line never reads the whole of a large model. At every place and cell the
-finest model that has measured it is taken, of equally fine ones the surest.
+Models are read in windows around the requested points. A large window is divided, so that a long
+profile does not read a whole large model. At every point and cell, the measured value of the model
+with the smallest cells is used; among equal cells, that with the smallest standard deviation.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from solmap.products.store.product_store import ProductStore
 MODELS = (ProductKind.DTM, ProductKind.REGION_DTM, ProductKind.FAR_DTM)
 """Kinds of terrain models, in metres above the tangent plane."""
 BEST = "best"
-"""Name of the finest measured model at every point."""
+"""Identifier of the combined models: the finest measured one at every point."""
 _WINDOW = 1 << 20
-"""Cells of a window that is read at once, 4 MB a band."""
+"""Largest window that is read at once, in cells; 4 MB per band."""
 _BANDS = ("elevation", "standard_deviation", "pose_deviation")
 
 
@@ -64,18 +64,18 @@ class Ground:
         if not chosen:
             names = ", ".join(layer.id for layer in models[:5]) or "none"
             raise UnanswerableError(
-                f"{asked} is not a terrain model of this mission; there are {names}; '{BEST}' "
-                "uses the finest at every point"
+                f"{asked} is not a terrain model of this mission; available: {names}; '{BEST}' "
+                "uses the finest one at every point"
             )
         return cls(tuple(chosen), store, pool)
 
     @property
     def finest_cell_m(self) -> float:
-        """The smallest cell of all models."""
+        """The smallest cell size of all models, metres."""
         return min(cell_of(layer) for layer in self.models)
 
     def at(self, places: MapPoints) -> GroundSamples:
-        """The ground at places; `source` numbers the models."""
+        """Ground at map points; `source` is the index of the model in `models`."""
         found = [GroundSamples.unknown(len(places))]
         cells = [math.inf]
         for number, layer in enumerate(self.models):
@@ -88,7 +88,7 @@ class Ground:
         return finest_samples(list(zip(cells, found, strict=True)))
 
     def elevation(self, places: MapPoints) -> np.ndarray:
-        """Elevations alone, metres."""
+        """Elevations at map points, metres."""
         return self.at(places).elevation
 
     def _sample(self, layer: Layer, number: int, places: MapPoints, inside: Flags) -> GroundSamples:
@@ -105,14 +105,14 @@ class Ground:
 
 
 def cell_of(layer: Layer) -> float:
-    """The cell of a raster layer, metres."""
+    """Cell size of a raster layer, metres."""
     return layer.cell_m or math.inf
 
 
 def sample_bands(
     dataset: rasterio.DatasetReader, bands: Sequence[str], places: MapPoints
 ) -> np.ndarray:
-    """Bands of an open raster between cell centres, one row a band; NaN for bands it lacks."""
+    """Bands of an open raster, interpolated bilinearly, one row per band; NaN for missing bands."""
     names = band_names(dataset)
     held = [name for name in bands if name in names]
     indexes = [names.index(name) + 1 for name in held]
@@ -126,7 +126,7 @@ def sample_bands(
 def _read(
     dataset: rasterio.DatasetReader, grid: MapGrid, indexes: list[int], places: MapPoints
 ) -> np.ndarray:
-    """Values at places, window by window; a window too large is cut between its places."""
+    """Values at points; if their common window is too large, the points are divided in two."""
     window = _window_around(grid, places)
     if window.width * window.height > _WINDOW and len(places) > 1:
         order = np.argsort(places[:, 0] if window.width > window.height else places[:, 1])
@@ -140,7 +140,7 @@ def _read(
 
 
 def _window_around(grid: MapGrid, places: MapPoints) -> Window:
-    """The cells around places, within the grid."""
+    """The window of the grid that contains the cells around all points."""
     col = (places[:, 0] - grid.west) / grid.cell_m
     row = (grid.north - places[:, 1]) / grid.cell_m
     left, top = (max(0, math.floor(float(at.min())) - 1) for at in (col, row))
@@ -151,10 +151,9 @@ def _window_around(grid: MapGrid, places: MapPoints) -> Window:
 
 
 def mosaic(ground: Ground, grid: MapGrid) -> tuple[Raster, list[Layer]]:
-    """Elevation on a grid: at every cell of the finest model that has one, of equals the surest.
+    """Elevation on a grid, by the precedence of the module, and the contributing models.
 
-    Models of smaller cells are averaged, those of larger ones repeated. Returned with the
-    contributing models.
+    Smaller cells are averaged, larger ones are resampled by nearest neighbour.
     """
     elevation = np.full(grid.shape, np.nan, np.float32)
     best = np.full(grid.shape, np.inf, np.float32)
@@ -180,7 +179,7 @@ def mosaic(ground: Ground, grid: MapGrid) -> tuple[Raster, list[Layer]]:
 
 
 def _overlap(bounds: Bounds, grid: MapGrid) -> tuple[slice, slice] | None:
-    """Rows and columns of a grid that lie wholly within bounds; None where there are none."""
+    """Rows and columns of a grid that are completely within bounds; None if there are none."""
     west, south, east, north = bounds
     rows = slice(
         max(0, math.ceil((grid.north - north) / grid.cell_m - 1e-6)),
@@ -210,9 +209,9 @@ def _read_part(
 def worst_classes(
     layers: Sequence[Layer], grid: MapGrid, store: ProductStore, pool: RasterPool
 ) -> tuple[Classes, list[Layer]]:
-    """Classes on a grid: at every cell the highest code of all layers, 0 where unknown.
+    """The highest class code of all layers at every cell of a grid (0: unknown).
 
-    Returned with the layers that lie on the grid.
+    The second result is the layers that overlap the grid.
     """
     found = np.zeros(grid.shape, np.uint8)
     used = []
@@ -232,7 +231,7 @@ def worst_classes(
 def _window(
     own: MapGrid, grid: MapGrid, part: tuple[slice, slice]
 ) -> tuple[Window, tuple[int, int]]:
-    """Where a part of a grid lies among the cells of a file, and its rows and columns."""
+    """Window of a raster `own` that covers a part of `grid`, and the shape of that part."""
     rows, cols = part
     ratio = grid.cell_m / own.cell_m
     top = (own.north - grid.north) / own.cell_m + rows.start * ratio
@@ -242,7 +241,7 @@ def _window(
 
 
 def grid_around(place: tuple[float, float], reach_m: float, cell_m: float) -> MapGrid:
-    """A square grid that reaches so far from a place to every side."""
+    """A square grid that extends by `reach_m` from a point to every side."""
     east, north = place
     box = (east - reach_m, north - reach_m, east + reach_m, north + reach_m)
     return MapGrid.covering(box, cell_m)
@@ -251,7 +250,7 @@ def grid_around(place: tuple[float, float], reach_m: float, cell_m: float) -> Ma
 def polygons_of(
     codes: Classes, grid: MapGrid
 ) -> Iterator[tuple[list[list[tuple[float, float]]], int]]:
-    """Rings on the map, to a millimetre, and code of every patch of cells with one code above 0."""
+    """Polygons of connected cells with equal code above 0: rings rounded to 1 mm, and code."""
     place = Affine(grid.cell_m, 0.0, grid.west, 0.0, -grid.cell_m, grid.north)
     for geometry, code in rasterio.features.shapes(codes, mask=codes > 0, transform=place):
         rings = [[(round(x, 3), round(y, 3)) for x, y in ring] for ring in geometry["coordinates"]]

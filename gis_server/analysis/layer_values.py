@@ -1,4 +1,4 @@
-"""What layers hold at a place of the map, and the statistics of a raster layer over a polygon."""
+"""Values of layers at a map point, and statistics of a raster layer over a polygon."""
 
 from __future__ import annotations
 
@@ -255,7 +255,7 @@ class ClassShare(BaseModel):
 
 
 class ZonalAnswer(BaseModel):
-    """What a layer holds inside a polygon, in its own unit."""
+    """Statistics of a layer inside a polygon, in the unit of the layer."""
 
     units: str = UNITS
     unit: str | None

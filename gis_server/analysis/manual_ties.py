@@ -145,7 +145,7 @@ def refine_pick(question: RefineQuestion, mission: OrientedMission) -> RefineAns
 
 
 def stored_point(camera: CameraModel, geometry: EpipolarPair, points: ImagePoints) -> ImagePoints:
-    """Where points of an epipolar image lie in the image as stored."""
+    """Coordinates, in the image as stored, of points of an epipolar image."""
     return camera.project(camera.centre + GROUND_M * geometry.directions(points))
 
 
@@ -243,7 +243,7 @@ class StopChange(BaseModel):
 
 
 class TrialReport(BaseModel):
-    """What an adjustment found."""
+    """Result of a trial adjustment."""
 
     summary: str
     is_usable: bool

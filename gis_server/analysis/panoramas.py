@@ -47,7 +47,7 @@ class ImagePixel(BaseModel):
 
 
 class DirectionSeen(BaseModel):
-    """What a panorama shows in a direction, degrees."""
+    """Image and ground of a panorama in a direction, degrees."""
 
     azimuth_deg: float
     elevation_deg: float
@@ -108,7 +108,7 @@ class PanoramaView:
         )
 
     def place(self, place: Vector3) -> PlaceSeen:
-        """Where a place (east, north, up) of the map is seen."""
+        """Direction of a map point (east, north, up) in the panorama."""
         away = MAP_FROM_LSL.T @ (place - self.facts.centre)
         distance_m = float(np.linalg.norm(away))
         grid = self.facts.grid

@@ -226,7 +226,7 @@ class CurvePoint(BaseModel):
 
 
 class PredictedBody(SeenBody):
-    """Where a point of one image is to be looked for in another."""
+    """Predicted image point of a point of one image in another."""
 
     epipolar: list[CurvePoint]
 
@@ -259,7 +259,7 @@ class ImageToGround(BaseModel):
 
 
 class ImageToImage(ImageToGround):
-    """Where a pixel is to be looked for in other images."""
+    """Predicted image points of a pixel in other images."""
 
     images: list[PredictedBody]
     curves: dict[str, list[CurvePoint]]

@@ -1,4 +1,4 @@
-"""Where the rover stood and what its cameras looked at, in space: what a 3D view draws.
+"""Poses of the rover and viewing rays of its cameras, for the 3D view.
 
 Places are (east, north, up) in metres of the mission's local map. A stop's rover frame (x forward,
 y right, z down) is turned onto the map by `map_from_rover`, row by row. The error ellipsoid has the

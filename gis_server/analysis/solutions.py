@@ -63,7 +63,7 @@ class TraverseRow(BaseModel):
     """Travelled up to here in plan, along the compared solution."""
     place: Place
     reference: Place
-    """Where the other solution has the stop."""
+    """Position of the stop in the other solution."""
     offset_m: Place
     """Reference less place, both traverses starting at the same stop."""
     horizontal_m: float
@@ -73,7 +73,7 @@ class TraverseRow(BaseModel):
     percent: float | None
     """Of the distance; null at the start."""
     leg_m: float | None
-    """What the last leg alone adds."""
+    """Difference of the last leg alone."""
     sigma_north_m: float
     sigma_east_m: float
     sigma_up_m: float | None

@@ -40,7 +40,7 @@ class Crs(StrEnum):
 
 
 def uri_of(crs: Crs, base: str) -> str:
-    """What a coordinate system is called."""
+    """Identifier of a coordinate reference system."""
     return MARS_URI if crs is Crs.MARS else f"{base}/crs/{crs}"
 
 
@@ -59,7 +59,7 @@ def crs_named(text: str | None, parameter: str, base: str) -> Crs:
 
 
 def spatial_extent(bounds: Bounds, landing: LandingPoint, base: str) -> dict[str, Any]:
-    """Where a collection is: in degrees, or in metres of a map that is not tied to the lander."""
+    """Extent of a collection in degrees, or in metres of a map not tied to the lander."""
     if landing.origin:
         return {"bbox": [list(bounds)], "crs": uri_of(Crs.LOCAL, base)}
     return {"bbox": [list(degrees(bounds, landing))], "crs": uri_of(Crs.LON_LAT, base)}

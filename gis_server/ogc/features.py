@@ -255,7 +255,7 @@ def collections(mission: MissionEntry, services: Services, base: str) -> list[di
 def collection(
     known: CollectionDefinition, mission: MissionEntry, services: Services, base: str
 ) -> dict[str, Any]:
-    """What a collection is, where and when its features are, and how to get them."""
+    """Description, extent in space and time, and links of a collection."""
     here = f"{base}/collections/{known.id}"
     extent = services.features.index.extent(services.features.keys(known, mission.mission))
     parts: dict[str, Any] = {}

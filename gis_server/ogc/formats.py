@@ -25,7 +25,7 @@ from solmap.products.formats.vector.geopackage import feature_frame
 
 
 class Format(StrEnum):
-    """What `f` may be."""
+    """Values of the parameter `f`."""
 
     JSON = "json"
     GEOJSON = "geojson"
@@ -44,7 +44,7 @@ MEDIA_TYPES = {
     Format.FGB: "application/flatgeobuf",
 }
 FILES = (Format.CSV, Format.GPKG, Format.FGB)
-"""What is downloaded as a whole rather than page by page."""
+"""Formats that are downloaded as a whole, not in pages."""
 _DRIVERS = {Format.GPKG: "GPKG", Format.FGB: "FlatGeobuf"}
 
 

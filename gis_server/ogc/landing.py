@@ -78,7 +78,7 @@ def _services_of(base: str, title: str) -> list[Link]:
 def landing(
     mission: MissionName, services: ServicesOf, base: BaseOf, request: Request, f: AsFormat = None
 ) -> Response:
-    """What there is of a mission, as links."""
+    """Links to all resources of a mission."""
     entry = services.catalogue.mission(mission)
     root = str(request.base_url).rstrip("/")
     links = [

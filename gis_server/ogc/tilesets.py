@@ -36,7 +36,7 @@ Limits = dict[str, Any]
 
 
 def tms_id(landing: LandingPoint) -> str:
-    """What the tile matrix set of a landing site is called."""
+    """Identifier of the tile matrix set of a landing site."""
     return str(tile_matrix_set(landing).id)
 
 
@@ -58,7 +58,7 @@ def collection_id(layer: Layer) -> str:
 
 
 def collection_document(layer: Layer, mission: MissionEntry, base: str) -> dict[str, Any]:
-    """What a raster layer is, where it is, and how to get it."""
+    """Description, extent and links of a raster layer."""
     here = f"{base}/collections/{collection_id(layer)}"
     place = f"{layer.ref.scope.name}/{layer.ref.kind}/{layer.ref.digest}"
     root = base.rsplit("/ogc/", 1)[0]

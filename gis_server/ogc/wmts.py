@@ -88,7 +88,7 @@ def capabilities(mission: MissionEntry, layers: Iterable[Layer], base: str) -> b
 
 
 def exception_report(code: str, text: str, locator: str = "") -> bytes:
-    """What was wrong with a request."""
+    """Exception report of a request."""
     root = ET.Element(f"{{{_OWS}}}ExceptionReport", version="1.1.0")
     attributes = {"exceptionCode": code, **({"locator": locator} if locator else {})}
     found = ET.SubElement(root, f"{{{_OWS}}}Exception", attributes)

@@ -36,7 +36,7 @@ def gzip_stream(data: bytes) -> bytes:
 
 
 def gunzip(stream: bytes) -> bytes:
-    """What a gzip stream holds."""
+    """Uncompressed content of a gzip stream."""
     return isal_zlib.decompress(stream, _GZIP_BITS)
 
 

@@ -49,7 +49,7 @@ class ImageInfo(BaseModel):
     eye: str
     partner: str | None
     notes: tuple[str, ...]
-    """What is peculiar about its pixels."""
+    """Notes on its pixels."""
     styles: dict[str, Picture]
     original: ServerPath
 

@@ -127,7 +127,7 @@ class MapLayer(BaseModel):
     values: ServerPath | None
     """Tiles of values, for shading in the browser."""
     styles: ServerPath | None
-    """What `style` of a tile may be, with legends."""
+    """Values of `style` for tiles of a layer, with legends."""
     features: ServerPath | None
     legend: Legend | None
     download: ServerPath

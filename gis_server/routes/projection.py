@@ -115,7 +115,7 @@ def image_to_image(  # noqa: PLR0913 - the parameters of the question
     sigma_px: Sigma = 0.5,
     within_m: Reach = 60.0,
 ) -> ImageToImage:
-    """Where a pixel is to be looked for in other images: place, ellipse and epipolar curve."""
+    """Predicted image points of a pixel in other images, with error ellipse and epipolar curve."""
     known, ground = _network_and_ground(mission, layer, services)
     entry = _entry(mission, image, services)
     found = ground_at(entry, (sample, line), sigma_px, known, ground)

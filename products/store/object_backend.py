@@ -1,14 +1,13 @@
 """The storage backend of S3-compatible object stores: objects, their client, and a read cache.
 
-An object appears atomically, whether it was sent in one piece or in parts. Two processes that make
-the same product do not collide: small objects are created only where there is none, large ones
-replace equal bytes. GDAL reads objects in place; tasks read local copies, of which the least
-recently used are removed first. Copies are completed by renaming, and all processes of a machine
-share the folder.
+Uploads are atomic, in one request or in parts. Two processes may make the same product at once:
+small objects are created only if they do not exist, large ones overwrite an object of equal bytes.
+GDAL reads ranges of objects directly; tasks read local copies, of which the least recently used are
+removed first. Copies are completed by renaming; all processes of a machine share the folder.
 
-Keys, region and endpoint come from the usual AWS_* variables; GDAL is given the same endpoint.
-Without keys the clients would request some from the cloud's metadata address: this raises an error,
-unless the environment states that the machine has a role.
+Keys, region and endpoint come from the usual AWS_* variables; GDAL uses the same endpoint. Without
+keys, the clients would query the cloud's instance metadata service; an error is raised instead,
+unless AWS_EC2_METADATA_DISABLED is set to false.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
 
 _CACHE = "cache"
 _PIECE = 16 << 20
-"""Size above which files are sent in parts, without a condition."""
+"""Files above this size are sent in parts, without the condition that the object is new."""
 _PART, _PARTS_AT_ONCE = 8 << 20, 4
 _NO_CONDITIONS = ("NotImplemented", "501 Not Implemented")
 
@@ -52,18 +51,18 @@ class ObjectBackend:
         return self.size(name) is not None
 
     def path(self, name: str) -> Path | None:
-        """A local copy, fetched if necessary."""
+        """A local copy, fetched if necessary; None if there is no such object."""
         try:
             return self.cache.path(name, lambda half: self._fetch(name, half))
         except FileNotFoundError:
             return None
 
     def address(self, name: str) -> str:
-        """GDAL's address for reading parts of the object."""
+        """The object's name in GDAL's virtual file system, for reading parts of it."""
         return "/".join(part for part in ("/vsis3", self.bucket, self.prefix, name) if part)
 
     def read(self, name: str) -> bytes | None:
-        """A small object, whole."""
+        """Content of a small object; None if there is no such object."""
         import obstore  # noqa: PLC0415 - only where a store is given by URL
 
         try:
@@ -73,7 +72,7 @@ class ObjectBackend:
             return None
 
     def size(self, name: str) -> int | None:
-        """How many bytes the object has."""
+        """Size of the object in bytes; None if there is no such object."""
         import obstore  # noqa: PLC0415
 
         try:
@@ -94,7 +93,7 @@ class ObjectBackend:
                 yield bytes(chunk)
 
     def put(self, file: Path, name: str, *, once: bool) -> None:
-        """Send a file; it also becomes the local copy, if it is not to change."""
+        """Upload a file; with `once`, an existing object is kept and the file becomes the copy."""
         with explain_errors(self.url, sending=True):
             is_ours = self._send(file, name, once=once)
         if once and is_ours:
@@ -109,7 +108,7 @@ class ObjectBackend:
                 yield from (found["path"] for found in batch)
 
     def remove(self, name: str) -> None:
-        """Remove the object, and its copy here."""
+        """Remove the object and its local copy."""
         import obstore  # noqa: PLC0415
 
         with explain_errors(self.url), contextlib.suppress(FileNotFoundError):
@@ -121,7 +120,7 @@ class ObjectBackend:
 
         Raises:
             StoreAwayError: it does not respond.
-            ProductError: there is no such bucket, or the keys give no access to it.
+            ProductError: there is no such bucket, or the keys do not give access to it.
         """
         import obstore  # noqa: PLC0415
 
@@ -129,7 +128,7 @@ class ObjectBackend:
             next(iter(obstore.list(self.store, chunk_size=1)), None)
 
     def _send(self, file: Path, name: str, *, once: bool) -> bool:
-        """Send a file; False where an object of this name existed and is kept."""
+        """Upload a file; False if an existing object of this name is kept."""
         import obstore  # noqa: PLC0415
         from obstore.exceptions import AlreadyExistsError, BaseError  # noqa: PLC0415
 
@@ -169,10 +168,10 @@ class ObjectBackend:
 
 
 def open_object_backend(object_storage: ObjectStorage, root: Path) -> ObjectBackend:
-    """The objects below a URL, with copies in a store's folder; one client for a whole process.
+    """The objects below a URL, with copies in a store's folder; one client per process and URL.
 
     Raises:
-        ProductError: the URL is of another kind, or the client library is not installed.
+        ProductError: it is not an s3:// URL, or the client library is not installed.
     """
     return _object_backend(object_storage, root, os.getpid(), endpoint())
 
@@ -210,7 +209,7 @@ def bucket_and_prefix(url: str) -> tuple[str, str]:
     """The two parts of `s3://bucket/prefix`.
 
     Raises:
-        ProductError: the URL is of another kind.
+        ProductError: it is not such a URL.
     """
     parts = urlsplit(url)
     if parts.scheme != "s3" or not parts.netloc or parts.query or parts.fragment:
@@ -247,16 +246,16 @@ def client_of(bucket: str, prefix: str) -> S3Store:
 
 
 def _check_keys(bucket: str, prefix: str) -> None:
-    """Raise an error if the environment has no keys and names no source of them.
+    """Check that the environment has keys or names a source of keys.
 
     Raises:
-        ProductError: it has none.
+        ProductError: it does not.
     """
     given = {name for name, value in os.environ.items() if value}
     may_ask = os.environ.get("AWS_EC2_METADATA_DISABLED", "").lower() in {"false", "no", "0"}
     is_open = os.environ.get("AWS_SKIP_SIGNATURE", "").lower() in {"true", "yes", "1"}
     if is_open:
-        os.environ.setdefault("AWS_NO_SIGN_REQUEST", "YES")  # GDAL's name of the same
+        os.environ.setdefault("AWS_NO_SIGN_REQUEST", "YES")  # the same option of GDAL
     if not (may_ask or is_open or given >= _KEYS or given & _ROLES):
         raise ProductError(
             f"there are no keys to s3://{bucket}/{prefix}: set AWS_ACCESS_KEY_ID and "
@@ -271,9 +270,9 @@ def endpoint() -> str:
 
 
 def _configure_gdal(bucket: str) -> None:
-    """Give GDAL the same endpoint by its own variables; it reads those of keys by itself.
+    """Set GDAL's variables to the same endpoint; GDAL reads the AWS variables of keys itself.
 
-    GDAL would otherwise cache failures, long after the store responds again.
+    Caching is disabled, because GDAL would cache failures after the store responds again.
     """
     os.environ["CPL_VSIL_CURL_NON_CACHED"] = f"/vsis3/{bucket}"
     for name, value in _GDAL.items():
@@ -290,7 +289,7 @@ def _configure_gdal(bucket: str) -> None:
 
 @contextlib.contextmanager
 def explain_errors(url: str, *, sending: bool = False) -> Iterator[None]:
-    """Convert the object store's errors to ours, with remedies.
+    """Convert errors of the object store to errors of solmap that name a remedy.
 
     Raises:
         FileNotFoundError: there is no such object.
@@ -310,7 +309,7 @@ def explain_errors(url: str, *, sending: bool = False) -> Iterator[None]:
         if mentions(error, ("NoSuchBucket",)) or (sending and is_missing):
             raise ProductError(
                 f"there is no bucket {urlsplit(url).netloc} at {endpoint()}; make it, or set "
-                "SOLMAP_STORE_URL and AWS_ENDPOINT_URL right"
+                "SOLMAP_STORE_URL and AWS_ENDPOINT_URL correctly"
             ) from error
         if is_missing:
             raise
@@ -318,30 +317,29 @@ def explain_errors(url: str, *, sending: bool = False) -> Iterator[None]:
         if refused or mentions(error, _REFUSALS):
             raise ProductError(
                 f"{endpoint()} does not give access to {url} with these keys: {_first(error)}; "
-                "set AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY and AWS_REGION right"
+                "check AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY and AWS_REGION"
             ) from error
         raise StoreAwayError(
             f"the object store {url} at {endpoint()} does not respond: {_first(error)}; is it "
-            "running, and is AWS_ENDPOINT_URL right?"
+            "running, and is AWS_ENDPOINT_URL correct?"
         ) from error
 
 
 def mentions(error: Exception, words: tuple[str, ...]) -> bool:
-    """Whether an error of the client contains one of some words."""
+    """Whether the message of an error contains one of `words`."""
     return any(word in str(error) for word in words)
 
 
 def _first(error: Exception) -> str:
-    """The message without the client's own trace."""
+    """The message without the client's stack trace."""
     return " ".join(str(error).partition("Debug source")[0].split())
 
 
 _JUST_USED_S = 300.0
 _TOUCHED_S = 10.0
-"""Uses closer together than this count as one."""
+"""Uses within this interval are recorded once."""
 _SLACK = 20
-"""Fraction of the limit that a process may add before it removes old copies, down to that much
-below."""
+"""After adding 1/20 of the limit, a process removes old copies, down to 2/20 below the limit."""
 _DEAD_S = 3600.0
 """Age from which an unfinished copy belongs to a killed process."""
 _HALF = ".half-"
@@ -349,13 +347,13 @@ _HALF = ".half-"
 
 @dataclass(slots=True, eq=False)
 class ReadCache:
-    """A folder of copies."""
+    """A folder of local copies of objects; the least recently used are removed first."""
 
     folder: Path
     limit: int
-    """Limit of the copies in bytes."""
+    """Limit of their total size in bytes."""
     _added: int = field(default=0, init=False)
-    """Bytes since the last removal."""
+    """Bytes added since the last removal."""
 
     def path(self, name: str, fetch: Callable[[Path], None]) -> Path:
         """The copy of a file; `fetch` writes it if it does not exist."""
@@ -374,7 +372,7 @@ class ReadCache:
         return path
 
     def put(self, file: Path, name: str) -> None:
-        """Move a complete file of the same disk here as the copy."""
+        """Rename a complete file of the same file system to the copy of `name`."""
         path = self.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         self._added += file.stat().st_size
@@ -389,7 +387,7 @@ class ReadCache:
         (self.folder / name).unlink(missing_ok=True)
 
     def evict(self) -> None:
-        """Remove the least recently used copies, until there is some space below the limit."""
+        """Remove the least recently used copies until their size is well below the limit."""
         now, copies = time.time(), []
         for path in self.folder.rglob("*"):
             with contextlib.suppress(FileNotFoundError):  # other processes remove copies too

@@ -199,7 +199,7 @@ class StereoPair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoMatch:
-    """What was matched in a pair."""
+    """Matches of a pair."""
 
     pair: StereoPair
     sparse: StereoMatches
@@ -331,7 +331,7 @@ def _matched_stop(pairs: Sequence[StereoPair], stop: StopId, pose: Pose) -> Matc
 
 
 Placed = StereoPair | Adjustment | Sequence[StereoPair]
-"""What terrain is made of: pairs where telemetry has them, or an adjustment."""
+"""Input of a terrain model: pairs with poses by telemetry, or an adjustment."""
 
 
 def _views(placed: Placed) -> list[TerrainView]:
@@ -436,7 +436,7 @@ class Simulation:
 
     @property
     def positions(self) -> Float64[np.ndarray, "stops 3"]:
-        """Where the stops truly are: north, east, down in the local frame, metres."""
+        """True positions of the stops: north, east, down in the local frame, metres."""
         return np.array([stop.lsl_from_rover.translation_m for stop in self.world.stops])
 
     def elevation(self, grid: MapGrid) -> Raster:

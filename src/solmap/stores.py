@@ -1,4 +1,4 @@
-"""What a store holds, opened for other programs: rasters by rasterio, vectors by geopandas."""
+"""Products of a store, opened for other programs: rasters by rasterio, vectors by geopandas."""
 
 from __future__ import annotations
 

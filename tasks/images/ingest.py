@@ -2,13 +2,13 @@
 
 An image product is the delivered file, byte for byte, under the digest of its content; label and
 pixels are read from it. A detached label (.lbl, .xml or .json beside the image) is joined to the
-image in the product, both unchanged. A file that cannot be read gets an outcome with a one-line
-reason, and does not stop the others; notes on the pixels of readable ones are also stored in their
-outcomes.
+image in the product, both unchanged. For a file that cannot be read, an outcome
+with the reason in one line is stored, and the other files are ingested; outcomes also contain notes
+on the pixels of readable files.
 
-The tables for reading its pixels belong to the image: those of the mission's cameras that its label
-requires, stored as a small product. A changed table therefore affects only products of images that
-need it, and without tables, recipes contain none.
+The radiometric tables that are required by the label of an image are stored as a small product,
+which is an input of the products of that image. A changed table therefore affects only images that
+need it; recipes of images without tables contain none.
 """
 
 from __future__ import annotations
@@ -69,14 +69,14 @@ from solmap.tasks.stage import stage
 log = logging.getLogger(__name__)
 
 LAST = "~"
-"""Sorts after every digest: an attitude given again has precedence."""
+"""Sorts after every digest: a file to which the attitude was added has precedence."""
 LARGE_BYTES = 32 << 20
 LARGE_PIXELS = 1 << 23
 """Files and images above these sizes are read one at a time: each may take about 600 MB."""
 _LARGE = threading.RLock()
 
 
-def _in_turn(is_large: bool) -> AbstractContextManager[object]:  # noqa: FBT001 - what it asks
+def _in_turn(is_large: bool) -> AbstractContextManager[object]:  # noqa: FBT001 - the only parameter
     return _LARGE if is_large else nullcontext()
 
 
@@ -86,7 +86,7 @@ class BrowseParams:
 
     low_percent: float = 1.0
     high_percent: float = 99.0
-    """Fraction of pixels below black and white: keeps specular pixels from darkening the rest."""
+    """Percentiles drawn black and white, so that specular pixels do not darken the rest."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,14 +114,14 @@ class Intake:
     _tables: dict[tuple[str, PixelState], ProductRef | None] = field(default_factory=dict)
 
     def take(self, name: str, data: bytes) -> TakenImage | Outcome:
-        """Ingest an image; one in the store is looked up.
+        """Ingest an image, unless it is already in the store.
 
-        Of two files of one image the one made later on Earth is used, in any order of delivery: the
-        other gets an outcome with the reason.
+        Of two files of one image the one produced later is used, in any order of delivery; an
+        outcome with the reason is returned for the other.
 
         Raises:
-            LabelError: the file is not a mapping image.
-            PixelError: its pixels are broken; nothing is stored.
+            LabelError: the file is not an image for mapping.
+            PixelError: its pixels cannot be read; nothing is stored.
         """
         delivered, data = data, self.poses.with_attitude(data, name)
         described = describe_image(data, name)
@@ -144,14 +144,14 @@ class Intake:
             notes = image.notes
         entry = _entry(record, described.state, file, browse.ref, notes)
         if before is not None and before.stop == entry.stop:
-            entry = replace(entry, mission=before.mission)  # on its map
+            entry = replace(entry, mission=before.mission)  # stays on the map of its stop
         return TakenImage(name, record, entry)
 
     def take_picture(self, path: Path, name: str, picture: bytes) -> TakenImage | Outcome:
         """Ingest an image of an own stereo rig.
 
         Raises:
-            LabelError: it has another size than its camera was calibrated for.
+            LabelError: its size is not that of the calibration of its camera.
             PixelError: it cannot be read.
         """
         shot, created = self.rigs.shots[path]
@@ -169,7 +169,7 @@ class Intake:
         return self._tables[mission, state]
 
     def is_read_otherwise(self, entry: ImageEntry) -> bool:
-        """Whether a known image has other tables now than when it was ingested."""
+        """Whether the tables of a known image have changed since it was ingested."""
         state = PixelState(entry.code, entry.darkened_by)
         return self.tables_for(entry.stop_id.mission, state) != entry.radiometry
 
@@ -264,7 +264,7 @@ class Delivery:
     """Files that could not be ingested or are not used, with the reason."""
     files: int
     missions: tuple[str, ...]
-    """Sols of its images, in the order of arrival, and those of its vector files."""
+    """Missions of its images, in the order of ingestion, then those of its vector files."""
 
 
 @stage(task_run_name="ingest-{downlink}")
@@ -306,10 +306,10 @@ def ingest_downlink(
             intake = replace(intake, poses=poses.beside(brought, workspace))
     images, aside = newest_of_each([one for one in taken if isinstance(one, TakenImage)])
     faults = [*(one for one in taken if isinstance(one, Outcome)), *aside]
-    anew = list(_reread(intake, {image.record.id for image in images}))
+    reread = list(_reread(intake, {image.record.id for image in images}))
     delivered = list(images)
-    images += [one for one in anew if isinstance(one, TakenImage)]
-    faults += [one for one in anew if isinstance(one, Outcome)]
+    images += [one for one in reread if isinstance(one, TakenImage)]
+    faults += [one for one in reread if isinstance(one, Outcome)]
     kept = [one for one in taken if isinstance(one, ProductRef)]
     refused = _publish(images, kept, faults, workspace)
     records = tuple(one.record for one in delivered if one.file_name not in refused)
@@ -325,7 +325,7 @@ def ingest_downlink(
 
 
 def _subjects(files: Sequence[Path], downlink: Path) -> dict[Path, str]:
-    """Subjects of the files' outcomes: names, with folders where several have the same name."""
+    """Subjects of the files' outcomes: file names, with folders if several files have one name."""
     times = Counter(file.name for file in files)
     return {
         file: plain_name(str(file.relative_to(downlink)) if times[file.name] > 1 else file.name)
@@ -334,10 +334,10 @@ def _subjects(files: Sequence[Path], downlink: Path) -> dict[Path, str]:
 
 
 def _take(subjects: Mapping[Path, str], downlink: Path, intake: Intake, path: Path) -> Taken:
-    """Ingest a file; errors become its outcome, except errors of the store.
+    """Ingest a file; an error is returned as its outcome, unless it concerns the store.
 
     Raises:
-        StoreFullError, StoreAwayError: no other file could be stored.
+        StoreFullError, StoreAwayError: the store is full or does not respond.
     """
     name, subject = plain_name(path.name), subjects[path]
     try:
@@ -355,7 +355,7 @@ def _take(subjects: Mapping[Path, str], downlink: Path, intake: Intake, path: Pa
 
 def _take_file(path: Path, name: str, downlink: Path, intake: Intake) -> Taken:
     if path.is_dir() and not path.is_symlink():
-        os.scandir(path).close()  # raises the reason why a folder cannot be read
+        os.scandir(path).close()  # raises an error if the folder cannot be read
     if path.suffix.lower() in VECTOR_SUFFIXES:
         data = read_user_file(path, downlink, most_bytes=MAX_ROWS_BYTES)
         # raises an error for broken files
@@ -371,7 +371,7 @@ def _take_file(path: Path, name: str, downlink: Path, intake: Intake) -> Taken:
 
 
 def _reread(intake: Intake, delivered: set[str]) -> Iterator[Taken]:
-    """The images of earlier downlinks whose tables have changed."""
+    """Ingest the images of earlier downlinks again whose tables have changed."""
     for entry in intake.known.values():
         if entry.id in delivered or not intake.is_read_otherwise(entry):
             continue
@@ -383,7 +383,7 @@ def _reread(intake: Intake, delivered: set[str]) -> Iterator[Taken]:
 
 
 def _fault(name: str, error: Exception) -> Outcome:
-    """Error of a file that could not be ingested, in one line with its name."""
+    """Outcome of a file that could not be ingested: name and error in one line."""
     reason = reason_of(error) if isinstance(error, OSError) else cause_of(error)
     if not isinstance(error, PhotogrammetryError | ProductError | OSError):
         log.debug("%s could not be ingested", name, exc_info=error)

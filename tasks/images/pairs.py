@@ -100,7 +100,7 @@ def pair_frame(image: RoverImage) -> Frame:
 
 
 def turn_right_camera(right: ReadImage, turn: Turn | None) -> ReadImage:
-    """The right image with its camera as matching found it to stand; as labelled without a turn."""
+    """The right image, with its camera rotated by the rig correction `turn` if there is one."""
     if turn is None:
         return right
     image = right.image
@@ -137,8 +137,8 @@ def read_epipolar(
 
     Args:
         pair: The images.
-        turn: By which the right camera stands off its label.
-        store: Where they lie.
+        turn: Rotation of the right camera relative to its label.
+        store: The store that contains them.
     """
     left, labelled = read_pair(pair, store)
     right = turn_right_camera(labelled, turn)

@@ -1,4 +1,4 @@
-"""What becomes of real files: a table of label kind, mission and level.
+"""Processing of real files: a table of label kind, mission and level.
 
 python -m tests.support.real_files ../shared/data > docs/reference/real-files.md
 """
@@ -16,14 +16,13 @@ from solmap.photogrammetry.imagery import RoverImage
 from solmap.tasks.images.files import image_bytes, remedy
 from solmap.tasks.images.folders import IMAGE_SUFFIXES, PICTURE_SUFFIXES, VECTOR_SUFFIXES
 
-HEAD = """# Real files and what becomes of them
+HEAD = """# Processing of real files
 
-Archived files of four rovers, of every kind of label and level of processing that was at hand, as
-`solmap run` takes them (images, pictures, vector files) or `solmap inspect` reads them (labels
-alone). The table is written by `python -m tests.support.real_files`, and a test holds this page to
-it.
+Archived files of four rovers, of every available kind of label and processing level, and the result
+of `solmap run` (images and vector files) or `solmap inspect` (labels alone). `python -m
+tests.support.real_files` writes the table, and a test compares this page with it.
 
-| file | label | mission, level | what becomes of it |
+| file | label | mission, level | result |
 | --- | --- | --- | --- |
 """
 SPIRIT, TRAVERSE = "mer_spirit_sol1869_troy", "traverse"

@@ -67,12 +67,12 @@ class Initial:
     """Stops whose position in an orbital image is known."""
 
     def holder(self, stops: AbstractSet[int]) -> str:
-        """What determines stops that no tie joins to the datum."""
+        """Observations that determine stops without ties to the datum, as text."""
         return "control and telemetry hold" if stops & self.controlled else "telemetry holds"
 
 
 def diagnose(network: Initial) -> tuple[tuple[Finding, ...], np.ndarray]:
-    """What is not determined, and the rows of ties that no other observation checks."""
+    """Undetermined unknowns of stops, and the rows of ties that no other observation checks."""
     couples = network.overview.couples
     fitting = _by_stop(_fitting(couples, network.fits))
     promised = _by_stop(couples)
@@ -119,7 +119,7 @@ def _by_stop(couples: dict[Couple, Rows]) -> dict[int, dict[int, Rows]]:
 def _weak(
     network: Initial, k: int, ours: np.ndarray, theirs: np.ndarray
 ) -> tuple[list[Finding], np.ndarray]:
-    """What ties with earlier stops leave undetermined, and the row of a single tie."""
+    """Unknowns that ties with earlier stops do not determine, and the row of a single tie."""
     name = network.names[k]
     count = len(np.unique(network.observations.point[ours]))
     if count == 1 and not _is_tied_otherwise(network, k, ours):

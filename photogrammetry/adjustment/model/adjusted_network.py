@@ -274,7 +274,7 @@ class AdjustedControl:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustedFrame:
-    """Where a control frame lies after adjustment."""
+    """Adjusted shift, rotation and scale of a control frame."""
 
     frame: ControlFrame
     place: Float64[np.ndarray, " 5"]

@@ -301,7 +301,7 @@ class Holding:
         return cls(shared, held, reached, placed)
 
     def describe(self, network: Network, k: int) -> str:
-        """What determines stop k, as text."""
+        """Observations that determine stop k, as text."""
         if self.held[k]:
             return "held as the datum"
         names, frames = network.stop_ids, network.frames

@@ -1,21 +1,21 @@
-"""Images with poses on the map, and the accuracy of points seen in them.
+"""Images with poses in the LSL, and the accuracy of ground points projected into them.
 
 The pose of an image's stop in the LSL has the covariance C_s of a rotation vector d about the
-stop's centre c and a shift dc; the pointing of the mast rotates the camera about the mast head v by
-an error m with the covariance C_m. A point X rigidly attached to the stop moves by dc + d x (X -
-c), so its covariance is
+stop's centre c and a shift dc; the pointing error m of the mast, with covariance C_m, rotates the
+camera about the mast head v. A point X rigidly attached to the stop moves by dc + d x (X - c). Its
+covariances by the pose and by the pointing are
 
-    C_s(X) = J C_s J',    J = | -[X - c]   I |,       C_m(X) = [X - v] C_m [X - v]' by pointing.
+    C_s(X) = J C_s J',    J = | -[X - c]   I |,       C_m(X) = [X - v] C_m [X - v]'.
 
-A ground point with the covariance C_X, and the derivatives P of the image by the point, has in the
-image the covariance
+A ground point X has the covariance C_X. With the partial derivatives P of its image point with
+respect to X, the covariance of the image point is
 
     C_u = P (C_X + C_rel(X) + C_m(X)) P'.
 
-C_rel is the covariance between two stops. Covariances of stops are relative to the held stop, and
-only those of single stops are stored. As in the stepwise adjustment, the less accurate one is
-assumed to contain the error of the better one rigidly, and C_rel is the positive part of the
-difference of both at X; within a stop it is zero.
+C_rel is the covariance of one stop relative to another. Only the covariance of each stop relative
+to the held stop is stored. As in the stepwise adjustment, the error of the less accurate stop is
+assumed to include that of the other one as a rigid motion, so C_rel is the positive semidefinite
+part of the difference of both covariances at X; within a stop it is zero.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ ImagePlace = Float64[np.ndarray, " 2"]
 """(sample, line)."""
 Covariance2 = Float64[np.ndarray, "2 2"]
 STEP_M = 1e-4
-"""Step of numerical derivatives over the distance of a point, metres per metre."""
+"""Step of numerical derivatives as a fraction of the distance from camera to point."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,21 +48,21 @@ class StopPose:
     covariance: PoseCovariance
 
     def covariance_at(self, point_in_lsl: Vector3) -> Covariance3:
-        """Covariance, at a point, of points rigidly attached to the stop."""
+        """Covariance of a point that is rigidly attached to the stop."""
         J = np.hstack([-cross_matrix(point_in_lsl - self.lsl_from_rover.translation_m), np.eye(3)])
         return J @ self.covariance @ J.T
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pointing:
-    """Rotation of a camera from its label by the mast, as a rotation vector in the rover frame."""
+    """Correction of the pointing of a label, as a rotation vector in the rover frame, radians."""
 
     turn: Vector3
     covariance: Covariance3
 
     @classmethod
     def of_label(cls, sigma: float) -> Pointing:
-        """The label's own pointing, with `sigma` radians per axis."""
+        """No correction, with the standard deviation `sigma` in radians per axis."""
         return cls(np.zeros(3), sigma**2 * np.eye(3))
 
 
@@ -73,7 +73,7 @@ class OrientedImage:
     id: str
     pose: StopPose
     camera: CameraModel
-    """In the LSL, with corrected pointing."""
+    """Camera model in the LSL, with corrected pointing."""
     size: tuple[int, int]
     """(samples, lines)."""
     pivot_in_lsl: Vector3
@@ -99,7 +99,7 @@ class OrientedImage:
         )
 
     def pointing_covariance_at(self, point_in_lsl: Vector3) -> Covariance3:
-        """Covariance, at a point, by the camera's pointing only."""
+        """Covariance of a point by the error of the camera's pointing only."""
         lever = cross_matrix(point_in_lsl - self.pivot_in_lsl)
         return lever @ self.pointing_covariance @ lever.T
 
@@ -109,29 +109,29 @@ class OrientedImage:
         return self.camera.ray_origins(wanted)[0].copy(), self.camera.rays(wanted)[0]
 
     def shows(self, image_point: ImagePlace) -> bool:
-        """Whether a point is on the image, including its outermost half pixels."""
+        """Whether a point is inside the image, including the outer halves of border pixels."""
         return bool(inside_image(image_point[None], self.size)[0])
 
 
 def inside_image(image_points: ImagePoints, size: tuple[int, int]) -> Flags:
-    """Which points are on an image of (samples, lines), including its outermost half pixels."""
+    """Which points are inside an image, including the outer halves of border pixels."""
     first, last = np.array([-0.5, -0.5]), np.array(size) - 0.5
     inside: Flags = np.logical_and.reduce(
         (image_points >= first) & (image_points <= last),
-        axis=1,  # NaN is not
+        axis=1,  # False for NaN
     )
     return inside
 
 
 def pointing_pivot(image: RoverImage) -> Vector3:
-    """Centre of rotation of an image's pointing errors, in the rover frame."""
+    """Point about which pointing errors rotate an image's camera, in the rover frame."""
     return image.camera.centre if image.mast_in_rover is None else np.array(image.mast_in_rover)
 
 
 def apply_pointing(image: RoverImage, pointing: Vector3) -> RoverImage:
-    """An image with its camera rotated to the adjusted pointing.
+    """The image with its camera rotated by a pointing correction.
 
-    `pointing` is a rotation vector in the rover frame, about the mast head.
+    `pointing` is a rotation vector in the rover frame; the camera rotates about the mast head.
     """
     rover, pivot = image.stop.frame, pointing_pivot(image)
     turn = ScipyRotation.from_rotvec(pointing).as_matrix()
@@ -147,7 +147,7 @@ def cross_matrix(vector: Vector3) -> Covariance3:
 
 
 def relative_covariance(one: StopPose, other: StopPose, point_in_lsl: Vector3) -> Covariance3:
-    """Covariance, at a point, between two stops."""
+    """Covariance of a point by the relative pose of two stops."""
     if one.stop == other.stop:
         return np.zeros((3, 3))
     first, second = one.covariance_at(point_in_lsl), other.covariance_at(point_in_lsl)
@@ -157,14 +157,17 @@ def relative_covariance(one: StopPose, other: StopPose, point_in_lsl: Vector3) -
 
 
 def partials(camera: CameraModel, point: Vector3) -> Float64[np.ndarray, "2 3"]:
-    """Derivatives of the image of a point by the point, pixels per metre."""
+    """Derivatives of an image point with respect to its object point, pixels per metre."""
     step = STEP_M * max(float(np.linalg.norm(point - camera.centre)), 1e-3)
     steps = step * np.eye(3)
     return (camera.project(point + steps) - camera.project(point - steps)).T / (2 * step)
 
 
 def image_covariance(image: OrientedImage, point: Vector3, covariance: Covariance3) -> Covariance2:
-    """Covariance, pixels squared, of the image of a point; its own is relative to the same stop."""
+    """Covariance of an image point, pixels squared.
+
+    `covariance` is that of the object point relative to the stop of the image.
+    """
     P = partials(image.camera, point)
     return P @ (covariance + image.pointing_covariance_at(point)) @ P.T
 
@@ -172,7 +175,7 @@ def image_covariance(image: OrientedImage, point: Vector3, covariance: Covarianc
 def image_covariance_from(
     image: OrientedImage, point: Vector3, own: Covariance3, frame: StopPose
 ) -> Covariance2:
-    """The same for a point with the covariance `own` relative to another stop."""
+    """The same where the covariance `own` of the object point is relative to the stop `frame`."""
     return image_covariance(image, point, own + relative_covariance(frame, image.pose, point))
 
 
@@ -200,7 +203,7 @@ def epipolar_curve(
     into: OrientedImage,
     ranges_m: Float64[np.ndarray, " n"],
 ) -> tuple[Float64[np.ndarray, "k 2"], Float64[np.ndarray, " k"]]:
-    """Image of a ray of one image in another, with ranges; only the visible part."""
+    """Projection of an image ray into another image, and the ranges of its points inside it."""
     start, ray = from_image.ray(image_point)
     seen = into.camera.project(start + ranges_m[:, None] * ray)
     on_it = inside_image(seen, into.size)
