@@ -340,7 +340,7 @@ def test_makers_killed_often_leave_nothing_half(url, tmp_path):
 def test_a_way_cut_while_a_large_product_is_sent_shows_nothing_of_it(url, wire, tmp_path):
     store = ProductStore.open(tmp_path, ObjectStorage(url))
     wire.cut_after = LARGE // 2
-    with pytest.raises(StoreAwayError, match=r"object store s3://.* does not answer"):
+    with pytest.raises(StoreAwayError, match=r"object store s3://.* does not respond"):
         store.make(image(1), writing(os.urandom(LARGE)))
     wire.mend()
     assert not store.has(image(1).ref)
@@ -368,14 +368,14 @@ def test_the_server_says_that_the_store_is_away_and_goes_on_when_it_is_back(worl
     for address in (*asked[:2], next(x for x in asked if x.startswith("/tiles"))):
         answer = client.get(address)
         assert answer.status_code == 503, (address, answer.text)
-        assert "does not answer" in answer.json()["detail"]
+        assert "does not respond" in answer.json()["detail"]
     wire.mend()
     assert {client.get(address).status_code for address in asked} == {200}
 
 
 def test_an_object_store_that_is_away_is_named(url, wire, tmp_path):
     wire.cut()
-    with pytest.raises(StoreAwayError, match=r"127.0.0.1:\d+ does not answer.*AWS_ENDPOINT_URL"):
+    with pytest.raises(StoreAwayError, match=r"127.0.0.1:\d+ does not respond.*AWS_ENDPOINT_URL"):
         ProductStore.open(tmp_path, ObjectStorage(url))
 
 
