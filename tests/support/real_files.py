@@ -36,9 +36,9 @@ FILES = {
     f"{SPIRIT}/2n292280938rslb100p0703l0m1.img": "Spirit RDR, radiometric, linearised",
     "mer_spirit_sol1900/2n295043924fflb1dnp1979l0m1.img": "Spirit RDR, linearised",
     "mer_spirit_sol1900/2p295043688fflb1dnp2380l2m1.img": "Spirit RDR, linearised",
-    f"{SPIRIT}/2N292280938FFLB100P0703L0M1.PNG": "Spirit browse picture of an RDR",
+    f"{SPIRIT}/2N292280938FFLB100P0703L0M1.PNG": "Spirit browse image of an RDR",
     "mer_spirit_sol1861_1871_browse/2n292380548fflb159p0691l0m1.img.jpg": (
-        "Spirit browse picture of an RDR"
+        "Spirit browse image of an RDR"
     ),
     f"{SPIRIT}/2n292280938xylb100p0703l0m1.lbl": "Spirit RDR, terrain wedge",
     f"{SPIRIT}/2n292280938vilb100p0703l0m1.lbl": "Spirit RDR, terrain mesh",
@@ -107,7 +107,7 @@ def _role(image: RoverImage, unpaired: dict[str, str]) -> str:
 
 
 def _outcome(path: Path) -> str:
-    """Of what is no image: what is read of it, or why it is refused and what helps."""
+    """The content of a file that is not an image, or why it is refused and what helps."""
     suffix = path.suffix.lower()
     try:
         if suffix in VECTOR_SUFFIXES:

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.wording import ROOT, Text, faults, texts, word_list
+from tests.support.wording import DOCUMENTS, PACKAGES, ROOT, Text, faults, texts, word_list
 
 WORDS = word_list()
-FINISHED = ("photogrammetry", "products", "tasks", "config", "flows", "gis_server", "src")
+FINISHED = (*PACKAGES, *DOCUMENTS)
 
 
 @pytest.mark.parametrize("folder", FINISHED)
