@@ -238,7 +238,7 @@ def test_the_table_of_stops_says_how_far_telemetry_was_off(page, url):
     assert [row.locator("td").first.inner_text() for row in rows] == ["10/64", "10/102", "11/0"]
     moved = [float(row.locator("td").last.inner_text()) for row in rows]
     expected = [math.dist(adjusted, telemetry) for *_, adjusted, telemetry in STOPS]
-    assert moved == pytest.approx(expected, abs=5e-4)
+    assert moved == pytest.approx(expected, abs=5e-3)  # to the digits that sigma leaves
 
 
 def test_another_mission_is_one_choice_away(page, url):

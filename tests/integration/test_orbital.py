@@ -129,7 +129,7 @@ def test_images_of_elsewhere_and_no_images_end_with_one_line(hills, tmp_path, st
     write_image(far, hills.image.brightness, moved)
     ran = added(far, store)
     assert ran.exit_code == 1
-    assert "does not show the ground" in ran.output
+    assert "does not show the mapped ground" in ran.output
     text = tmp_path / "notes.tif"
     text.write_text("no picture")
     ran = added(text, store)

@@ -179,7 +179,7 @@ def test_no_connection_is_left_for_the_garbage_collector(postgres, tmp_path):
 
 def test_a_database_that_is_away_is_named_without_its_password(tmp_path):
     url = "postgresql+psycopg://maps:secret@127.0.0.1:1/solmap"
-    with pytest.raises(StoreAwayError, match="does not answer") as caught:
+    with pytest.raises(StoreAwayError, match="does not respond") as caught:
         Catalogue.open(tmp_path, url)
     assert "127.0.0.1:1/solmap" in str(caught.value)
     assert "secret" not in str(caught.value)
@@ -209,5 +209,5 @@ def test_a_command_on_a_database_that_is_away_ends_with_one_line(tmp_path):
         check=False,
     )
     assert asked.returncode == 1
-    assert "does not answer" in asked.stderr
+    assert "does not respond" in asked.stderr
     assert "Traceback" not in asked.stderr

@@ -81,13 +81,21 @@ def _serve(folder: Path, *, images: bool) -> Iterator[Target]:
         yield Target(server.address, server.port, root, token, opened)
 
 
+WITHOUT_ENGINE = """
+[[operations]]
+include-path-regex = "^/api/(runs|engine)"
+checks.not_a_server_error.expected-statuses = ["2xx", "3xx", "4xx", "503"]
+"""
+"""No engine runs beside the server: requests that need it are refused by 503 with Retry-After."""
+
+
 def fuzz(target: Target, folder: Path, token: str | None, *bounds: str) -> str:
     """What schemathesis says at the end of a run; with a token it may write."""
     names = folder / "names.json"
     names.write_text(json.dumps(fuzz_store.names(target.root)))
     config = folder / "schemathesis.toml"
     shown = f'Authorization = "Bearer {token}"' if token else ""
-    config.write_text(f"[headers]\n{shown}\n")
+    config.write_text(f"[headers]\n{shown}\n{WITHOUT_ENGINE}")
     environment = {
         **os.environ,
         "SCHEMATHESIS_HOOKS": "tests.support.schema_hooks",
