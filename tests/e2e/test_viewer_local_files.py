@@ -194,7 +194,7 @@ def test_what_cannot_be_placed_is_refused_with_a_reason(page, url, tmp_path):
     for name, reason in (
         ("berlin.gpkg", "berlin.gpkg: it is in WGS 84, on a body of 6378 km radius"),
         ("notes.txt", "GeoJSON, GeoPackage, zipped shapefile and GeoTIFF are"),
-        ("broken.geojson", "broken.geojson: it is no JSON"),
+        ("broken.geojson", "broken.geojson: it is not JSON"),
     ):
         drop(page, tmp_path / name)
         until(page, lambda reason=reason: reason in page.locator(".banner").inner_text())

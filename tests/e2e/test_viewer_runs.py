@@ -90,7 +90,7 @@ def test_only_an_operator_asks_for_runs_confirms_and_once(page, workspace, live)
         page.locator("[data-confirm]").click()
         until(page, lambda: page.locator(".request").count() == 1)
         ready(page)
-    assert "region of MER2, asked for by Ann" in page.locator(".request").inner_text()
+    assert "region of MER2, requested by Ann" in page.locator(".request").inner_text()
     assert len(RunRequests.of(workspace.store.root).requests()) == 1
 
 

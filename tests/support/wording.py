@@ -105,7 +105,8 @@ def texts_of_typescript(path: Path, source: str) -> Iterator[Text]:
         text = found[0]
         kind = "comment" if text.startswith("/") else "message"
         prose = text if kind == "comment" else re.sub(r"\$\{[^}]*\}|<[^>]*>", " _ ", text[1:-1])
-        if kind == "comment" or len(re.findall(r"[a-z]{2,}", prose)) >= FEWEST_WORDS:
+        words = len(re.findall(r"[a-z]{2,}", prose)) if " " in prose else 0  # a path is not prose
+        if kind == "comment" or words >= FEWEST_WORDS:
             yield Text(path, source.count("\n", 0, found.start()) + 1, kind, prose)
 
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.wording import DOCUMENTS, PACKAGES, ROOT, Text, faults, texts, word_list
+from tests.support.wording import DOCUMENTS, PACKAGES, ROOT, VIEWER, Text, faults, texts, word_list
 
 WORDS = word_list()
-FINISHED = (*PACKAGES, *DOCUMENTS)
+FINISHED = (*PACKAGES, VIEWER, *DOCUMENTS)
 
 
 @pytest.mark.parametrize("folder", FINISHED)

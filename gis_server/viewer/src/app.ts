@@ -1,4 +1,4 @@
-/** From an empty page to the map of a mission; keeps asking while the server is away. */
+/** From an empty page to the map of a mission; retries while the server does not answer. */
 
 import { ApiError, api, UnreachableError } from "./server/api";
 import { h } from "./page/dom";
@@ -15,7 +15,7 @@ class App {
 
   constructor(private readonly page: Shell) {}
 
-  /** Shows what the address says now, in the map that is open if it is of that mission. */
+  /** Shows what the URL describes now; the open map is kept if it is of that mission. */
   async follow(): Promise<void> {
     if (!this.session?.follow()) await this.open();
   }

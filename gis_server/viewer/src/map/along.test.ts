@@ -21,7 +21,7 @@ test.each([
   expect(placeAt(line, distance)).toEqual(place);
 });
 
-test("the nearest place of the line says how far along it is, and how far off the point", () => {
+test("the nearest point of the line gives its distance along the line and its distance from the place", () => {
   expect(nearestOn(line, [5, 9])).toEqual({ distance_m: 10, off_m: 2, place: [3, 9] });
   expect(nearestOn(line, [-3, -4])).toEqual({ distance_m: 0, off_m: 5, place: [0, 0] });
   expect(nearestOn([[1, 1]], [0, 0])).toBeNull();

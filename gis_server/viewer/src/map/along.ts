@@ -24,7 +24,7 @@ export function distances(line: readonly MapPoint[]): number[] {
   });
 }
 
-/** The place at a distance along the line; its ends stand for what lies beyond. */
+/** The place at a distance along the line; distances beyond its ends give the end points. */
 export function placeAt(line: readonly MapPoint[], distance_m: number): MapPoint | null {
   const at = distances(line);
   for (let k = 1; k < line.length; k += 1) {

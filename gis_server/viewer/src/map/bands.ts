@@ -1,4 +1,4 @@
-/** Bands of a terrain model that tell how well it is known, each as a layer of its own in the lists. */
+/** Quality bands of a terrain model, each listed as a layer of its own. */
 
 import type { Layer, RasterLayer } from "../server/records";
 import { kindTitle } from "./kinds";
@@ -24,7 +24,7 @@ export function bandsOf(layer: Layer): readonly RasterLayer[] {
   return [...known, { ...band("source"), tiles, values: null, unit: null }];
 }
 
-/** What asks for the legend of a layer whose classes its file names; null: the layer's entry has its legend. */
+/** Query for the legend of a layer whose file names the classes; null: the layer's entry has its legend. */
 export function legendQuery({ kind }: Pick<Layer, "kind">): string | null {
   if (kind === "sources") return "";
   return kind === SOURCE_STOP ? "?style=source" : null;

@@ -1,5 +1,5 @@
 /**
- * A map that is drawn less often while nothing moves. Every tile and feature that comes asks for a new frame, and a
+ * A map that is drawn less often while nothing moves. Every tile and feature that arrives requests a new frame, and a
  * frame draws the whole canvas: the first view of three stops took forty of them, half of the time of the page.
  */
 

@@ -24,7 +24,7 @@ export function half(
   ];
 }
 
-/** Clips until the answer is called; `share` is asked for at every drawing. */
+/** Clips until the returned function is called; `share` is called at every drawing. */
 export function clip(layer: BaseLayer, map: OlMap, side: Side, share: () => number): () => void {
   const before = (event: RenderEvent) => {
     const canvas = event.context;

@@ -96,7 +96,7 @@ test("coordinates of site frames and rover frames lie where the frames are", () 
 });
 
 test.each(["", "12.5", "sol 12", "site 1", "95° S 10° E", "12 61 0 S 3 0 0 E", "1 2 3", "3N 4N"])(
-  "%o is no place",
+  "%o is not a place",
   (text) => expect(readCoordinates(text, { ...TO, bounds: null })).toEqual([]),
 );
 
@@ -114,7 +114,7 @@ test("seconds carry over", () => {
   expect(lonLatText([175.4729, -14.5692], "west")).toEqual(["−14.569200°", "184.527100° W"]);
 });
 
-test("a place is told in the frames of the nearest stop, and read back", () => {
+test("a place is given in the frames of the nearest stop, and read back", () => {
   const told = inFrames([113, 204], 0.5, FRAMES, 3);
   expect(told).toEqual([
     ["site 10", "4.000, 13.000, −0.500 m"],

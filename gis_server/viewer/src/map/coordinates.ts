@@ -1,10 +1,10 @@
 /**
  * Coordinates as people write them, and as they are shown.
  *
- * Read are latitude and longitude (decimal, or degrees, minutes and seconds; N, S, E and W, longitude east where no
- * letter says otherwise), metres of the map, and metres of a site frame (`site 10: 3.2 -1.5`: x north, y east, z down)
- * or rover frame (`10/64: 3.2 -1.5`: x forward, y right, z down). Two plain numbers may be degrees or metres: both
- * readings are given, the degrees first where they lie near the mapped ground. What is shown can be read back.
+ * Read are latitude and longitude (decimal, or degrees, minutes and seconds; N, S, E and W, longitude is east unless a
+ * letter gives another direction), metres of the map, and metres of a site frame (`site 10: 3.2 -1.5`: x north, y east,
+ * z down) or rover frame (`10/64: 3.2 -1.5`: x forward, y right, z down). Two plain numbers may be degrees or metres:
+ * both readings are given, the degrees first where they lie near the mapped ground. What is shown can be read back.
  */
 
 import { fixed, metres } from "../page/format";
@@ -23,7 +23,7 @@ export const COORDINATE_FORMATS: readonly (readonly [CoordinateFormat, string])[
 export interface Reading {
   /** The place as it was understood. */
   readonly title: string;
-  /** What the numbers were taken for, and how far off the mapped ground the place is. */
+  /** How the numbers were interpreted, and the distance of the place from the mapped ground. */
   readonly detail: string;
   readonly point: MapPoint;
 }
@@ -74,7 +74,7 @@ function plain(text: string): string {
     .trim();
 }
 
-/** One number with its axis and unit; null if it is none. */
+/** One number with its axis and unit; null if it is not a number. */
 function componentOf(text: string): Component | null {
   const tokens = text.match(TOKEN) ?? [];
   if (text.replace(TOKEN, "").replace(/[\s=]/g, "") !== "") return null;

@@ -15,8 +15,8 @@ export interface Tick {
 }
 
 /**
- * Ticks along an edge of so many pixels, whose middle is at a coordinate, that grows by `perPx` a pixel; two are at least
- * `leastPx` apart.
+ * Ticks along an edge of a given number of pixels, whose middle is at a coordinate, that grows by `perPx` a pixel; two
+ * are at least `leastPx` apart.
  */
 export function ticks(
   middle: number,

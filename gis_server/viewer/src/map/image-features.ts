@@ -1,4 +1,4 @@
-/** Where an image looks: its footprint and pointing line, asked for by its name and kept. */
+/** Footprint and pointing line of an image, fetched by its name and cached. */
 
 import type Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";

@@ -7,7 +7,7 @@ const BANDS = ["region-dtm", "dtm"].flatMap((kind) =>
   [...QUALITIES, "source"].map((band) => `${kind}-${band}`),
 );
 
-/** From the bottom of the map to its top: what a layer says lies above what the ground looks like. */
+/** From the bottom of the map to its top: features lie above rasters of the ground. */
 export const STACK = [
   "orbital",
   "far-hillshade",

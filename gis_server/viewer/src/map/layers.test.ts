@@ -23,7 +23,7 @@ test("groups are the region, then sols, then stops as they were driven to", () =
   ]);
 });
 
-test("in a group, lines come before pictures", () => {
+test("in a group, lines come before rasters", () => {
   const [region, , second] = groupLayers(LAYERS);
   expect(region?.layers.map(({ kind }) => kind)).toEqual(["stops", "orthophoto", "slope"]);
   expect(second?.layers.map(({ kind }) => kind)).toEqual(["contours", "dtm"]);
@@ -87,7 +87,7 @@ test("the first view holds what is shown, and no layer without features", () => 
   expect(firstBounds([empty])).toBeNull();
 });
 
-test("contours say better than the blocks of rasters how far the ground was seen", () => {
+test("contours bound the seen ground better than the blocks of rasters", () => {
   const contours = { ...vectorLayer("mer2", "contours"), bounds: [-26, -30, 30, 32] } as const;
   const orthophoto = { ...rasterLayer("mer2", "orthophoto"), bounds: [-40, -40, 40, 40] } as const;
   expect(firstBounds([contours, orthophoto])).toEqual([-26, -30, 30, 32]);

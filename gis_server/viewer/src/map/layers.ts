@@ -108,8 +108,8 @@ export function firstState(layer: Layer, all: readonly Layer[]): LayerState {
 const isEmpty = ({ bounds }: Layer) => bounds.every((metres) => metres === 0);
 
 /**
- * Bounds of what is shown at first; null where nothing is. Rasters end on whole blocks, so where there are contours the
- * lines say better how far the ground was seen.
+ * Bounds of what is shown at first; null where nothing is. Rasters end on whole blocks, so contours, where there are
+ * any, bound the seen ground better.
  */
 export function firstBounds(layers: readonly Layer[]): Bounds | null {
   const visible = layers.filter((layer) => firstState(layer, layers).visible && !isEmpty(layer));

@@ -26,7 +26,7 @@ test("rows are counted from the north-west corner, and the lander is a corner of
   expect(grid.getTileCoordForCoordAndZ([-0.01, 0.01], 17)).toEqual([17, 2 ** 16 - 1, 2 ** 16 - 1]);
 });
 
-test("no zoom is asked for that the raster does not have", () => {
+test("no zoom is requested that the raster does not have", () => {
   const grid = tileGrid(SET, { minzoom: 12, maxzoom: 17 });
   expect(grid.getMinZoom()).toBe(12);
   expect(grid.getMaxZoom()).toBe(17);

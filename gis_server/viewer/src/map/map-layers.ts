@@ -24,7 +24,7 @@ import type { SunPlace } from "./shading";
 import type { Layer, RasterLayer, TileMatrixSet, VectorLayer } from "../server/records";
 import { type DrawingState, drawingOf } from "./styles";
 
-/** A raster is asked for no tiles when its coarsest one would shrink below 1/8. */
+/** No tiles of a raster are requested when its coarsest one would shrink below 1/8. */
 const COARSEST_SHRINK = 8;
 
 export type FeatureSource = VectorSource<Feature<Geometry>>;
@@ -39,7 +39,7 @@ export interface Shown {
   readonly restyle: (style: RasterStyle | null, sun: SunPlace) => void;
 }
 
-/** Features whose coordinates are map metres already, whatever the file says of its reference system. */
+/** Features whose coordinates are already map metres, whatever reference system the file names. */
 export function readFeatures(collection: FeatureCollection): Feature<Geometry>[] {
   const { type, features } = collection;
   return new GeoJSON().readFeatures({ type, features }) as Feature<Geometry>[];
@@ -90,9 +90,9 @@ function raster(layer: RasterLayer, set: TileMatrixSet, map: LocalMap): Shown {
   return { layer, map: tiles, load: async () => null, restyle };
 }
 
-/** Kinds with so many features that they are kept as a picture while the map moves. */
+/** Kinds with many features, which are drawn as one raster image while the map moves. */
 const MANY = new Set(["footprints", "pointing", "tie-points"]);
-/** Kinds that are few and followed with the eye: drawn anew in every frame. */
+/** Kinds with few features that people follow while the map moves: redrawn in every frame. */
 const FEW = new Set(["stops", "traverse"]);
 const LABELLED = new Set(["contours", "region-contours", "far-contours", "stops"]);
 /** Kinds that are fetched piece by piece, in squares of the map, and the side of these. */
@@ -129,7 +129,7 @@ function inPieces(layer: VectorLayer, side: number, set: TileMatrixSet): Feature
           success?.(features);
         })
         .catch(() => {
-          source.removeLoadedExtent(extent); // asked for again when it is next looked at
+          source.removeLoadedExtent(extent); // fetched again when it is next shown
           failure?.();
         });
     },

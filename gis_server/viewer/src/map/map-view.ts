@@ -89,7 +89,7 @@ export class MapView {
     return this.onMap;
   }
 
-  /** A layer of the map, made when it is first asked for: of fifteen thousand a map shows few. */
+  /** A layer of the map, created when it is first requested: of fifteen thousand layers a map shows few. */
   made(id: string): Shown | null {
     const made = this.onMap.get(id);
     const layer = this.known.get(id);
@@ -101,7 +101,7 @@ export class MapView {
     return shown;
   }
 
-  /** Knows these layers; one whose product is still the same stays as it is. */
+  /** Sets the known layers; one whose product is unchanged stays as it is. */
   setLayers(layers: readonly Layer[]): void {
     this.known = new Map(layers.map((layer) => [layer.id, layer] as const));
     for (const [id, shown] of this.onMap) {
@@ -199,7 +199,7 @@ export class MapView {
     this.highlight.source.addFeatures(features.map((feature) => feature.clone()));
   }
 
-  /** Asks again for what did not come while the server was away. */
+  /** Fetches again what failed while the server did not answer. */
   reloadTiles(): void {
     for (const layer of this.map.getAllLayers()) {
       const source = layer.getSource();
@@ -256,7 +256,7 @@ export class MapView {
   }
 }
 
-/** Puts a point in place of what is there; a source that stays empty has nothing drawn anew. */
+/** Replaces the features of a source by one point; a source that stays empty is not redrawn. */
 function put(source: VectorSource<Feature<Geometry>>, point: MapPoint | null): void {
   if (!point && source.isEmpty()) return;
   source.clear();

@@ -10,7 +10,7 @@ test("three, four, five", () => {
   expect(found.azimuth_deg).toBeCloseTo(36.8699, 4); // clockwise from north
 });
 
-test("the last leg is told beside the whole", () => {
+test("the last leg is given beside the whole", () => {
   const line = [
     [0, 0],
     [0, 10],

@@ -23,7 +23,7 @@ test("tiles cover the layer at the finest zoom that fits, each where it belongs"
   expect(zoom).toBe(17);
 });
 
-test("a layer too large for the picture is taken from a coarser zoom", () => {
+test("a layer too large for the image is taken from a coarser zoom", () => {
   const layer = { ...rasterLayer("mer2", "orthophoto"), bounds: [-200, -100, 200, 100] as const };
   const { cellM, width } = mosaicPlan(layer, SET);
   expect(cellM).toBeCloseTo(0.32, 12);

@@ -1,4 +1,4 @@
-/** A raster layer, or a part of it, as one picture that is put together from its tiles. */
+/** A raster layer, or a part of it, as one image composed of its tiles. */
 
 import type { Bounds, RasterLayer, TileMatrixSet } from "../server/records";
 import { pictureOf } from "./picture-tiles";
@@ -13,7 +13,7 @@ export type TilePicture = (z: number, x: number, y: number) => Promise<CanvasIma
 interface TilePlace {
   readonly column: number;
   readonly row: number;
-  /** Where its upper left corner lies in the picture, pixels. */
+  /** Position of its upper left corner in the image, pixels. */
   readonly x: number;
   readonly y: number;
 }
@@ -21,14 +21,14 @@ interface TilePlace {
 export interface MosaicPlan {
   readonly zoom: number;
   readonly cellM: number;
-  /** Of whole cells that hold all that was asked for. */
+  /** Of whole cells that contain all of the requested bounds. */
   readonly bounds: Bounds;
   readonly width: number;
   readonly height: number;
   readonly tiles: readonly TilePlace[];
 }
 
-/** The tiles of the finest zoom at which bounds fit into a picture of so many pixels. */
+/** The tiles of the finest zoom at which bounds fit into an image of at most this number of pixels. */
 export function mosaicPlan(
   layer: Pick<RasterLayer, "bounds" | "minzoom" | "maxzoom">,
   set: TileMatrixSet,

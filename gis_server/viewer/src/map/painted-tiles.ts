@@ -40,7 +40,7 @@ export class PaintedTiles extends ImageTile {
     this.setKey(painting.key);
   }
 
-  /** Paints anew; what is on the screen stays until the new tiles have come. */
+  /** Repaints; the tiles on the screen stay until the new ones have arrived. */
   repaint(painting: Painting): void {
     if (painting.key === this.getKey()) return;
     this.painting = painting;

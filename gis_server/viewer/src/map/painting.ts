@@ -35,7 +35,7 @@ export function fade(
   return pixels;
 }
 
-/** A picture of `side` x `side` pixels. */
+/** An image of `side` x `side` pixels. */
 export function picture(pixels: Uint8ClampedArray<ArrayBuffer>, side: number): HTMLCanvasElement {
   const canvas = document.createElement("canvas");
   canvas.width = side;

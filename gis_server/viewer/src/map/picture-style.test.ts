@@ -19,7 +19,7 @@ test("black and white are where they are put, and gamma lifts what is between", 
   expect([table[0], table[50], table[75], table[150], table[255]]).toEqual([0, 0, 128, 255, 255]);
 });
 
-test("a picture is stretched, or coloured by its shades; its opacity stays", () => {
+test("an image is stretched, or coloured by its grey values; its opacity stays", () => {
   const pixels = new Uint8ClampedArray([100, 100, 100, 255, 9, 9, 9, 0]);
   recolouring(photo, { ...PLAIN, low: 0, high: 200 })?.(pixels);
   expect([...pixels]).toEqual([128, 128, 128, 255, 11, 11, 11, 0]);

@@ -1,4 +1,4 @@
-/** Pictures and classes that the server drew, in other shades, colours, or without some classes. */
+/** Images and classes drawn by the server, with other grey values or colours, or without some classes. */
 
 import { legendQuery } from "./bands";
 import type { Legend, RasterLayer } from "../server/records";
@@ -46,11 +46,11 @@ function without(classes: NonNullable<Legend["classes"]>, hidden: readonly numbe
 }
 
 export const classesOf = (layer: RasterLayer) => layer.legend?.classes ?? [];
-/** Whether its shades can be stretched: a picture, and not one of classes. */
+/** Whether its grey values can be stretched: an image, and not one of classes. */
 export const isPicture = (layer: RasterLayer) =>
   !hasValues(layer) && classesOf(layer).length === 0 && legendQuery(layer) === null;
 
-/** What becomes of a layer's tiles in a style; null: nothing. */
+/** How a style changes a layer's tiles; null: not at all. */
 export function recolouring(layer: RasterLayer, style: RasterStyle | null): Recolour | null {
   if (!style || isPlain(style) || hasValues(layer)) return null;
   if (isPicture(layer)) return stretched(style);

@@ -9,7 +9,7 @@ import type { LocalMap } from "./projection";
 import { count, type Recolour } from "./picture-style";
 import { SIDE, tileUrl } from "./value-tiles";
 
-/** Tiles of an address with {z}, {x} and {y}; in other colours, if any are asked for. */
+/** Tiles of an address with {z}, {x} and {y}; in other colours, if a style is given. */
 export function pictureTiles(
   template: string,
   grid: TileGrid,

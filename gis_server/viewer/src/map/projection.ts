@@ -13,8 +13,8 @@
  * (Snyder, Map Projections - A Working Manual, USGS PP 1395, section 20; PROJ's `+proj=ortho +R=`.) It stands here
  * because proj4js was a quarter of all that the browser fetched before it drew a map.
  *
- * OpenLayers believes that every plane is on the Earth: its point resolution, and so its scale bar, is
- * wrong by R_earth / R_mars = 1.88 unless the projection says that a map metre is a metre.
+ * OpenLayers assumes that every plane is on the Earth: its point resolution, and so its scale bar, is
+ * wrong by R_earth / R_mars = 1.88 unless the projection states that a map metre is a metre.
  */
 
 import Projection from "ol/proj/Projection";
@@ -45,7 +45,7 @@ export function planeOf(definition: string): { lon: number; lat: number; radius:
   const [unknown] = /\+(k|k_0|x_0|y_0)=\S+/.exec(definition) ?? [];
   if (kind !== "ortho" || unknown)
     throw new ProjectionError(
-      `"${definition}" is no plane that the viewer knows: +proj=ortho with +lat_0, +lon_0 and +R`,
+      `"${definition}" is not a plane that the viewer supports: +proj=ortho with +lat_0, +lon_0 and +R`,
     );
   return { lon: number("lon_0"), lat: number("lat_0"), radius: number("R") };
 }

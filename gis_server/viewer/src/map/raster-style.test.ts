@@ -25,12 +25,12 @@ test.each<[string, RasterStyle]>([
   ["tilt::::5", { ...PLAIN, quantity: "tilt", floor: 5 }],
   [":::::::0.2", { ...PLAIN, fade: 0.2 }],
   [":inferno:-1.25:3", { ...PLAIN, ramp: "inferno", low: -1.25, high: 3 }],
-])("%s in a link says what is drawn", (text, style) => {
+])("%s in a link gives the style that is drawn", (text, style) => {
   expect(formatStyle(style)).toBe(text);
   expect(parseStyle(text)).toEqual(style);
 });
 
-test.each(["", "height:inferno", "volume"])("%s is no style", (text) =>
+test.each(["", "height:inferno", "volume"])("%s is not a style", (text) =>
   expect(parseStyle(text)).toBeNull(),
 );
 
@@ -48,17 +48,17 @@ test("the legend follows the style", () => {
   expect(legend?.stops.at(-1)).toEqual([20, RAMPS.inferno.at(-1)]);
 });
 
-test("a legend says by which standard deviation opacity falls", () => {
+test("a legend names the standard deviation by which opacity falls", () => {
   expect(legendFor(dtm, { ...PLAIN, fade: 0.2 })?.note).toMatch(/none from 0\.2.m on/);
   expect(legendFor(dtm, { ...PLAIN, quantity: "slope" })?.note).toBeUndefined();
 });
 
-test("a range that is none is still drawn", () => {
+test("an empty range is still drawn", () => {
   const { low, high } = colouringOf(dtm, { ...PLAIN, low: 4, high: 4 });
   expect(high).toBeGreaterThan(low);
 });
 
-test("pictures and features have no values", () => {
+test("images and features have no values", () => {
   expect(hasValues({ ...dtm, values: null })).toBe(false);
   expect(hasValues(vectorLayer("mer2", "stops"))).toBe(false);
   expect(hasValues(dtm)).toBe(true);

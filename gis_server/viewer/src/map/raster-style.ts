@@ -1,9 +1,9 @@
 /**
- * How a raster's values are drawn here, in place of the picture that the server draws.
+ * How the viewer draws a raster's values, in place of the image that the server draws.
  *
- * In a link a style is `quantity:ramp:low:high:floor:gamma:hidden:fade`, where nothing stands for the default: `slope::0:25`,
- * `tilt::::5` (only tilts of 5 degrees and more). Of pictures low and high are shades of grey, 0 to 255; hidden are
- * numbers of classes, in the order of the legend, with points between.
+ * In a link a style is `quantity:ramp:low:high:floor:gamma:hidden:fade`, where an empty field means the default:
+ * `slope::0:25`, `tilt::::5` (only tilts of 5 degrees and more). For images low and high are grey values, 0 to 255;
+ * hidden are numbers of classes, in the order of the legend, with points between.
  */
 
 import type { Layer, Legend, RasterLayer } from "../server/records";
@@ -12,7 +12,7 @@ import { isRamp, RAMPS, type RampName } from "./ramps";
 
 /** What follows from elevations. */
 const DERIVED = ["relief", "slope", "aspect", "tilt"] as const;
-/** What the other bands of a raster tell of its values. */
+/** Quantities that the other bands of a raster give for its values. */
 export const QUALITIES = ["sigma", "pose", "observations", "class"] as const;
 const OF_ELEVATIONS = ["value", ...DERIVED, ...QUALITIES] as const;
 const QUANTITIES = [...OF_ELEVATIONS, "sigmas"] as const;
@@ -28,7 +28,7 @@ export interface RasterStyle {
   readonly high: number | null;
   /** Values below are not drawn; null: all are. */
   readonly floor: number | null;
-  /** Of pictures: above 1 dark ground is brighter; null: as it is. */
+  /** For images: above 1 dark ground is brighter; null: unchanged. */
   readonly gamma: number | null;
   /** Of classes: those that are not drawn, by their numbers in the legend. */
   readonly hidden: readonly number[];
@@ -64,7 +64,7 @@ interface Own {
   readonly unit: string | null;
   /** Name of the band that holds it; none: it is computed here. */
   readonly band?: string;
-  /** Values below tell that there is nothing. */
+  /** Values below this mean "no value". */
   readonly floor?: number;
   readonly classes?: readonly (readonly [name: string, colour: string])[];
 }
@@ -233,7 +233,7 @@ export function formatStyle(style: RasterStyle): string {
   return [...parts, ...last].join(":").replace(/:+$/, "");
 }
 
-/** Null where the text says nothing that can be drawn. */
+/** Null where the text is not a style that can be drawn. */
 export function parseStyle(link: string): RasterStyle | null {
   const [quantity = "", ramp = "", ...rest] = link.split(":");
   const hidden = (rest[4] ?? "").split(".").filter((part) => /^\d+$/.test(part));

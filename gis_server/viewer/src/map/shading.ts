@@ -1,6 +1,6 @@
 /**
- * What follows from elevations, cell by cell, as in `photogrammetry/terrain/relief/slope.py`. With the gradient (g_e, g_n)
- * and a sun at azimuth A and elevation E:
+ * What follows from elevations, cell by cell, as in `photogrammetry/terrain/relief/slope.py`. With the gradient (g_e,
+ * g_n) and a sun at azimuth A and elevation E:
  *
  *     slope   atan(hypot(g_e, g_n))            aspect   atan2(-g_e, -g_n), clockwise from north
  *     tilt    asin(-g_n / n)                   n        sqrt(1 + g_e^2 + g_n^2)
@@ -10,7 +10,7 @@
 import type { Quantity } from "./raster-style";
 import { SIDE, type ValueTile } from "./value-tiles";
 
-/** Where the sun stands in the sky, degrees; azimuth clockwise from north. */
+/** Direction of the sun, degrees; azimuth clockwise from north. */
 export interface SunPlace {
   readonly azimuthDeg: number;
   readonly elevationDeg: number;

@@ -67,7 +67,7 @@ export class ShadowLayer extends ImageLayer<ImageCanvas> {
     return canvas;
   }
 
-  /** The ground of a window, as far as its tiles have come; the map is drawn anew with each that comes. */
+  /** The ground of a window, as far as its tiles have arrived; the map is redrawn with each that arrives. */
   private read(window: Window): Ground {
     const { columns, rows, cell_m, first, tiles, z } = window;
     const heights = new Float32Array(columns * rows).fill(Number.NaN);

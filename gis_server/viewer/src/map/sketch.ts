@@ -1,6 +1,6 @@
 /**
- * Drawing by hand on the map: places, a line, an area or a box. While it goes on the clicks are its own, and no part
- * hears of them. Double-click or Enter ends a line or area, Backspace takes the last corner back.
+ * Drawing on the map with the pointer: places, a line, an area or a box. Clicks made while drawing are not passed to
+ * other parts. Double-click or Enter ends a line or area, Backspace takes the last corner back.
  */
 
 import type Feature from "ol/Feature";
@@ -26,7 +26,10 @@ export interface SketchListener {
 
 const TYPES = { point: "Point", line: "LineString", area: "Polygon", box: "Circle" } as const;
 const Z_INDEX = 1004;
-/** The map waits so long to tell a click from a double-click: the last one here is not to be heard as one. */
+/**
+ * The map waits this long to distinguish a click from a double-click: the last click of a drawing must not count as
+ * one.
+ */
 const CLICK_MS = 300;
 
 const place = ([east = 0, north = 0]: readonly number[]): MapPoint => [east, north];

@@ -151,7 +151,7 @@ const [FREE_DOT, HELD_DOT] = [stopDot(ADJUSTED, "#fff", 1.5), stopDot("#fff", AD
 /** From this resolution on stops are dots, and only the first of every site is named: 12 m are 24 pixels. */
 const DOTS_FROM_M = 0.5;
 const AFAR = 0;
-/** Styles of a stop and the factor they were made for: a map that moves asks for them in every frame. */
+/** Styles of a stop and the factor they were made for: a moving map requests them in every frame. */
 const stopStyles = new WeakMap<FeatureLike, { factor: number; styles: Style[] }>();
 
 const solsOf = (feature: FeatureLike): readonly number[] => {

@@ -19,7 +19,7 @@ test("a residual belongs to the class that begins with it", () => {
   ]);
 });
 
-test("a tie point whose residual is not known is told from a small one", () => {
+test("a tie point with an unknown residual is distinguished from one with a small residual", () => {
   expect([null, undefined, Number.NaN].map(residualClass)).toEqual(Array(3).fill(NO_RESIDUAL));
   expect(tie(null)).not.toBe(tie(0));
 });

@@ -32,7 +32,7 @@ export const NO_RESIDUAL: ResidualClass = {
   title: "residual not known",
 };
 
-/** The class of a residual in pixels, as the property of a feature tells it. */
+/** The class of a residual in pixels, from the property of a feature. */
 export function residualClass(residual_px: unknown): ResidualClass {
   if (typeof residual_px !== "number" || !Number.isFinite(residual_px)) return NO_RESIDUAL;
   return RESIDUALS.find(({ below_px }) => residual_px < below_px) ?? NO_RESIDUAL;

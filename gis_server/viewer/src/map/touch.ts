@@ -1,4 +1,6 @@
-/** What lies under the pointer, found by geometry: to draw ten thousand footprints anew to ask a pixel takes too long. */
+/**
+ * Features under the pointer, found by geometry: redrawing ten thousand footprints to read one pixel takes too long.
+ */
 
 import type Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";

@@ -53,7 +53,7 @@ test("values are differences along their row, and 0 is not measured", () => {
   ]);
 });
 
-test("what is no tile of values is refused by its first bytes", () => {
+test("data that is not a tile of values is refused by its first bytes", () => {
   expect(() => decode(new ArrayBuffer(30))).toThrow(TileFormatError);
   expect(() => decode(new ArrayBuffer(3))).toThrow(/SMV1/);
 });
@@ -106,7 +106,7 @@ test("pixels have the colours of their values; nothing is drawn of what is unkno
   expect([...pixels.slice(16, 20)]).toEqual([255, 255, 255, 255]);
 });
 
-test("a tile is asked for once, and one without values is remembered", async () => {
+test("a tile is requested once, and one without values is remembered", async () => {
   let asked = 0;
   vi.stubGlobal("fetch", async () => {
     asked += 1;

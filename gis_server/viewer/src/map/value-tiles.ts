@@ -84,7 +84,7 @@ export function gradientsOf(values: Float32Array, cell_m: number): Gradients {
   return { east, north };
 }
 
-/** Tiles that were fetched, the latest used of them; each is asked for once. */
+/** Cache of the most recently used tiles; each is requested once. */
 export class ValueTiles {
   private readonly kept = new Map<string, Promise<ValueTile | null>>();
   /** Those that have come, to be read at once; null where nothing was measured. */

@@ -27,7 +27,7 @@ test.each([
   expect(ticks(domain, count)).toEqual(expected);
 });
 
-test("labels have the decimals that tell ticks apart", () => {
+test("labels have the decimals that distinguish ticks", () => {
   expect([200, 1, 0.5, 0.02].map(tickDecimals)).toEqual([0, 0, 1, 2]);
   expect(tickStep([0, 1], 3)).toBe(0.5);
 });

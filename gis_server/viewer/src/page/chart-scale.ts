@@ -1,6 +1,6 @@
 /** Scales, ticks and paths of charts: numbers in, numbers and path strings out. */
 
-/** NaN and null both stand for "not measured": lines and bands have a gap there. */
+/** NaN and null both mean "not measured": lines and bands have a gap there. */
 export type Values = readonly (number | null)[];
 export type Interval = readonly [low: number, high: number];
 
@@ -38,7 +38,7 @@ export function ticks(domain: Interval, count: number): number[] {
   );
 }
 
-/** Decimals that tell neighbouring ticks apart. */
+/** Decimals that distinguish neighbouring ticks. */
 export const tickDecimals = (step: number): number =>
   Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
 

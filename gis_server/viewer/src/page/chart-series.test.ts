@@ -23,7 +23,7 @@ test("the band has room on the axis", () => {
   expect(y[1]).toBeGreaterThan(3.5);
 });
 
-test("what is at the cursor is told with its uncertainty, or that it was not measured", () => {
+test("the value at the cursor is given with its uncertainty, or as not measured", () => {
   expect(told(options, 20)).toBe("adjusted 3.0 ± 0.5 m, telemetry 4.00 m");
   expect(told(options, 5)).toBe("adjusted not measured, telemetry 1.50 m");
 });

@@ -1,4 +1,4 @@
-/** What a chart shows, where its axes end, what it tells in words, and where keys move its cursor. */
+/** Series of a chart, the ends of its axes, its text for screen readers, and the cursor moves of keys. */
 
 import { extentOf, type Interval, isNumber, type Values, valueAt, widened } from "./chart-scale";
 import { measured } from "./format";
@@ -17,7 +17,7 @@ export interface Series {
 export interface Axis {
   readonly title: string;
   readonly unit: string;
-  /** Decimals in what is told of the cursor, where no standard deviation says more or less. */
+  /** Decimals of values at the cursor, where no standard deviation determines them. */
   readonly decimals: number;
 }
 
@@ -44,7 +44,7 @@ export function domains(series: readonly Series[]): { x: Interval; y: Interval }
   return { x: x[0] === x[1] ? [x[0], x[0] + 1] : x, y: widened(y, 0.06, 0.01) };
 }
 
-/** What every series says at a place on the x axis. */
+/** The value of every series at a position on the x axis. */
 export function told({ series, y }: ChartOptions, x: number): string {
   const one = ({ name, xs, ys, sigma }: Series) => {
     const value = valueAt(xs, ys, x);

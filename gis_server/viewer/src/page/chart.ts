@@ -1,8 +1,8 @@
 /**
  * Line charts: axes, bands of uncertainty, gaps, and a cursor that pointer, keys and other parts of the page move.
  *
- * To assistive technology a chart is a slider along its x axis: the arrow keys walk from value to value, and what is
- * there is told in words. Its summary stands below it as text.
+ * To assistive technology a chart is a slider along its x axis: the arrow keys step from value to value, and each value
+ * is given in words. A summary follows the chart as text.
  */
 
 import "./chart.css";
@@ -16,7 +16,7 @@ export type { Axis, ChartOptions, Series } from "./chart-series";
 
 export interface Chart {
   readonly element: HTMLElement;
-  /** Puts the cursor at a place on the x axis without telling anyone. */
+  /** Puts the cursor at a position on the x axis without notifying listeners. */
   mark(x: number | null): void;
 }
 

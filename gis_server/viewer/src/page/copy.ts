@@ -24,7 +24,7 @@ function isCopiedByHand(text: string): boolean {
   return isDone;
 }
 
-/** Copies a text and says so; where that is not allowed, shows it to be copied by hand. */
+/** Copies a text and confirms it; where that is not allowed, shows the text to be copied by hand. */
 export async function copyText(
   page: Pick<Shell, "toast" | "dialog">,
   what: string,

@@ -1,4 +1,6 @@
-/** Which of the two side panels are open: both on a wide window; on a narrow one neither at first, and one at a time. */
+/**
+ * Which of the two side panels are open: both on a wide window; on a narrow one neither at first, and one at a time.
+ */
 
 import { button, type IconName } from "./dom";
 
@@ -14,7 +16,7 @@ export interface Fold {
   open(): void;
 }
 
-/** Says in `data-SIDE` of `root` whether a panel is open; the layout follows (`layout.css`). */
+/** Records in `data-SIDE` of `root` whether a panel is open; the layout follows (`layout.css`). */
 export function fold(root: HTMLElement, side: Side, name: string, picture: IconName): Fold {
   const wide = matchMedia(WIDE);
   const show = (isOpen: boolean) => {

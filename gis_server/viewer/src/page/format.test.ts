@@ -38,7 +38,7 @@ test.each([
   [-3, "−3"],
 ])("%d is shown as %s", (value, text) => expect(compact(value)).toBe(text));
 
-test("scopes are told in the field's words", () => {
+test("scopes are given in the field's terms", () => {
   expect(scopeTitle("mer2-site0010-drive0064")).toBe("Site 10 · drive 64");
   expect(scopeTitle("mer2-sol0156")).toBe("Sol 156");
   expect(scopeTitle("mer2")).toBe("Mission");
@@ -66,8 +66,8 @@ test("where a landing site is, in words", () => {
 
 test.each([
   [12.3456, 0.05, "12.35 ± 0.05 m"],
-  [12.3456, 0.0149, "12.346 ± 0.015 m"], // the first digit is 1: two are told
-  [12.3456, 0.0296, "12.35 ± 0.03 m"], // which rounds to 3: one is told
+  [12.3456, 0.0149, "12.346 ± 0.015 m"], // the first digit is 1: two are given
+  [12.3456, 0.0296, "12.35 ± 0.03 m"], // which rounds to 3: one is given
   [12.3456, 0.096, "12.35 ± 0.10 m"], // which rounds to 10
   [-0.004, 0.03, "0.00 ± 0.03 m"], // larger than the value
   [-2.125, 0.03, "−2.13 ± 0.03 m"],

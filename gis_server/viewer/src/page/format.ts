@@ -28,15 +28,15 @@ const known = (sigma: number | null | undefined): sigma is number =>
   typeof sigma === "number" && Number.isFinite(sigma) && sigma > 0;
 
 /**
- * Decimals down to the last digit that a standard deviation leaves: two digits of it where the first is 1 or 2, else one
- * (a simplification of the rule of the Particle Data Group). Negative where that digit stands before the point.
+ * Decimals down to the last digit that a standard deviation leaves: two digits of it where the first is 1 or 2, else
+ * one (a simplification of the rule of the Particle Data Group). Negative where that digit stands before the point.
  */
 export function decimalsOf(sigma: number): number {
   const [first = "", exponent = ""] = sigma.toExponential(1).split("e");
   return (first < "3" ? 1 : 0) - Number(exponent);
 }
 
-/** Decimals that tell lengths apart by a cell or pixel of so many metres, and no more. */
+/** Decimals that distinguish lengths one cell or pixel apart; its size is in metres. */
 export const decimalsFor = (resolution: number): number =>
   Math.max(0, -Number(resolution.toExponential().split("e")[1]));
 

@@ -8,7 +8,7 @@ export const swatch = (style: string, text: string) =>
   h("div", { class: "swatch" }, h("i", { style }), text);
 export const legend = (...rows: HTMLElement[]) => h("div", { class: "legend" }, ...rows);
 
-/** Colours with the values they stand for, or classes with their names; null where there is nothing to tell. */
+/** Colours with their values, or classes with their names; null where there is no legend. */
 export function colourLegend({ stops, unit, classes, note }: Legend): HTMLElement | null {
   const said = note ? [h("div", { class: "unit note" }, note)] : [];
   if (classes?.length)

@@ -1,7 +1,7 @@
 /**
- * Panes beside the map, for what is looked at together with it. There are as many as there is room for: side by side on a
- * wide window, two one above the other on a laptop, one on a small window; where there is no room the oldest one closes.
- * Dividers before them give room from one to the other; how much the map keeps is remembered in the browser.
+ * Panes beside the map, for what is looked at together with it. There are as many as there is room for: side by side on
+ * a wide window, two one above the other on a laptop, one on a small window; where there is no room the oldest one
+ * closes. Dividers before them give room from one to the other; how much the map keeps is remembered in the browser.
  */
 
 import { button, h } from "./dom";
@@ -71,7 +71,7 @@ export function panes(): Panes {
   const fit = () => {
     const { across, most } = roomFor(width(), WIDE.matches, LAPTOP.matches);
     if (opened.length > most) {
-      opened[0]?.close(); // fits anew
+      opened[0]?.close(); // fits again
       return;
     }
     isRow = opened.length <= across;
@@ -84,7 +84,7 @@ export function panes(): Panes {
     });
     opened.forEach((_, k) => tell(k));
   };
-  /** Says of a divider how much of what it divides is before it, percent. */
+  /** Sets the share before a divider in its ARIA value, percent. */
   const tell = (k: number) => {
     const [before, pane] = [opened[k - 1], opened[k]];
     const share =

@@ -24,7 +24,7 @@ export interface Shell {
   readonly formatBox: HTMLElement;
   /** In the line below the map: whether server and engine are up. */
   readonly statusBox: HTMLElement;
-  /** Said while the server is not connected. */
+  /** Shown while the server is not connected. */
   readonly connection: HTMLElement;
   readonly scale: HTMLElement;
   readonly legend: HTMLElement;
@@ -50,7 +50,7 @@ export interface Shell {
   banner(message: string | null, act?: () => void, label?: string): void;
   dialog(title: string, content: Node): void;
   closeDialog(): void;
-  /** Says something that needs no answer; it goes away by itself. */
+  /** Shows a message that needs no answer and disappears by itself. */
   toast(message: string): void;
 }
 

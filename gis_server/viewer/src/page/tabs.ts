@@ -2,7 +2,7 @@
 
 import { h, icon, type IconName } from "./dom";
 
-/** A picture for every tab that is known here; others have the first letter of their title. */
+/** An icon for every tab listed here; others have the first letter of their title. */
 const PICTURES: Readonly<Record<string, IconName>> = {
   point: "pin",
   images: "image",
@@ -43,7 +43,7 @@ function pictureOf(name: string, title: string): Node {
   return known ? icon(known) : h("b", { "aria-hidden": "true" }, title.charAt(0));
 }
 
-/** Calls `opened` where somebody, or the session, asks for a tab. */
+/** Calls `opened` when a person or the session opens a tab. */
 export function tabs(opened: (name: string) => void): Tabs {
   const bar = h("div", { class: "tabs", role: "tablist", "aria-orientation": "vertical" });
   const panels = h("div", { class: "panels" });

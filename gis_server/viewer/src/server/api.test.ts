@@ -11,7 +11,7 @@ test("names of missions are escaped in addresses", () => {
   expect(urls.layers("a b/c")).toBe("api/missions/a%20b%2Fc/layers");
 });
 
-test("a place is asked for to a tenth of a millimetre", () => {
+test("a place is requested to a tenth of a millimetre", () => {
   expect(urls.identify("MER2", [12.345678, -0.00004])).toBe(
     "api/missions/MER2/identify?east=12.3457&north=-0.0000",
   );
@@ -25,7 +25,7 @@ test("images are filtered by what is known only", () => {
   );
 });
 
-test("a server that does not answer is told from one that refuses", async () => {
+test("a server that does not answer is distinguished from one that refuses", async () => {
   vi.stubGlobal("fetch", async () => {
     throw new TypeError("Failed to fetch");
   });
@@ -35,10 +35,10 @@ test("a server that does not answer is told from one that refuses", async () => 
   await expect(api.layers("MERX")).rejects.toThrow(ApiError);
 });
 
-test("an answer that is no refusal in words is told with its address", async () => {
-  answer(500, { detail: { what: "the server failed; its log says how" } });
+test("an error without a problem document is reported with its URL", async () => {
+  answer(500, { detail: { what: "the server failed; its log has the cause" } });
   await expect(api.layers("MER2")).rejects.toThrow(
-    /layers was answered with 500.*its log says how/,
+    /layers was answered with 500.*its log has the cause/,
   );
   answer(422, { detail: [{ loc: ["query", "east"], msg: "a number is expected" }] });
   await expect(api.layers("MER2")).rejects.toThrow(/layers was answered with 422.*a number/);

@@ -1,5 +1,5 @@
 /**
- * The one module that knows the server's URLs.
+ * The one module that contains the server's URLs.
  *
  * They are relative to the page, which a reverse proxy may serve below the root of its host.
  */
@@ -16,7 +16,7 @@ import type {
   VectorLayer,
 } from "./records";
 
-/** The server answered, but not with what was asked for. */
+/** The server answered, but not with the requested content. */
 export class ApiError extends Error {
   override readonly name = "ApiError";
 
@@ -29,7 +29,7 @@ export class ApiError extends Error {
   }
 }
 
-/** The least status of HTTP by which a server says that it failed itself. */
+/** The lowest HTTP status of a server error. */
 const SERVER_FAILED = 500;
 
 /** The server did not answer. */
@@ -84,7 +84,7 @@ export function get<T>(url: string, signal?: AbortSignal): Promise<T> {
   return ask<T>(url, { headers: authorization(), ...(signal ? { signal } : {}) });
 }
 
-/** Asks with a body, as JSON. */
+/** Sends a request with a body, as JSON. */
 export function post<T>(url: string, body: unknown, signal?: AbortSignal): Promise<T> {
   const headers = { "content-type": "application/json", ...authorization() };
   return ask<T>(url, {
@@ -118,7 +118,7 @@ async function answered(url: string, options: RequestInit): Promise<Response> {
   return response;
 }
 
-/** The sentence in a problem document (RFC 9457), written for whoever asked. */
+/** The sentence in a problem document (RFC 9457), written for the person at the page. */
 function reasonIn(text: string): string | null {
   try {
     const { detail } = JSON.parse(text) as { detail?: unknown };
@@ -164,7 +164,7 @@ async function pages<T>(
 }
 
 export const api = {
-  /** All missions and the layers of one; the page asks for it before its script has come. */
+  /** All missions and the layers of one; the page requests it before its script has loaded. */
   start: async (): Promise<Start> => {
     const answer = await answered(urls.start(), {});
     const known = (await answer.json()) as Omit<Start, "lastEvent">;

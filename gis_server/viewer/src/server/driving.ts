@@ -14,7 +14,7 @@ export interface Reachable {
   readonly longest_drive_m: number;
   readonly longest_drive_h: number;
   readonly speed_m_h: number;
-  /** Of the picture. */
+  /** Of the image. */
   readonly bounds: Bounds;
   readonly picture: string;
   readonly geotiff: string;

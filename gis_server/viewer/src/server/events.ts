@@ -1,4 +1,4 @@
-/** What the server tells as it happens (`/api/events`), and how it is heard. */
+/** Events of the server (`/api/events`), and the connection that receives them. */
 
 import { withQuery } from "./api";
 
@@ -23,7 +23,7 @@ export interface Happenings {
     readonly answer?: string;
   };
   "engine.changed": { readonly is_up: boolean };
-  /** Events were missed: everything is to be asked anew. */
+  /** Events were missed: everything must be requested again. */
   reload: Readonly<Record<string, never>>;
 }
 export type Kind = keyof Happenings;
@@ -48,9 +48,9 @@ export const eventsUrl = (mission: string, since: string | null) =>
   withQuery("api/events", { mission, since });
 
 /**
- * Listens until `alive` ends, to all that happened after the event `since`, which is what the page knows already. The
- * browser connects again by itself and says which event it has heard last; where the server answers with an error it
- * gives up, and is started again here. `connected` is called when the connection opens or is lost.
+ * Receives events until `alive` ends, from the one after `since`, the last that the page has. The browser reconnects by
+ * itself and sends the last event that it received; where the server answers with an error it gives up, and is
+ * restarted here. `connected` is called when the connection opens or is lost.
  */
 export function listen(
   mission: string,

@@ -1,4 +1,6 @@
-/** What the server tells of the adjusted network: its solutions, their differences, its graph, the ties of an image. */
+/**
+ * The server's answers about the adjusted network: its solutions, their differences, its graph, the ties of an image.
+ */
 
 import { get, of, withQuery } from "./api";
 
@@ -6,7 +8,7 @@ import { get, of, withQuery } from "./api";
 export type Place3 = readonly [east: number, north: number, up: number | null];
 
 export interface Solution {
-  /** What questions are asked with. */
+  /** Parameters of the requests. */
   readonly id: string;
   readonly sol: number;
   readonly digest: string;

@@ -28,7 +28,7 @@ export interface Panorama {
 }
 
 export interface DirectionSeen {
-  /** Null in the sky and on ground that no terrain model knows. */
+  /** Null in the sky and on ground outside all terrain models. */
   readonly ground: {
     readonly east: number;
     readonly north: number;

@@ -1,4 +1,4 @@
-/** What the server tells: missions, layers, images, and what lies at a point. Field names are its own. */
+/** Records of the server: missions, layers, images, and the values at a point. Field names are the server's. */
 
 /** Metres in the mission's local map. */
 export type Bounds = readonly [west: number, south: number, east: number, north: number];
@@ -40,7 +40,7 @@ export interface Legend {
   readonly unit: string | null;
   /** What classes mean, where values are classes; else empty. */
   readonly classes?: readonly { readonly name: string; readonly colour: string }[];
-  /** What else a reader has to know. */
+  /** Further properties that a reader needs. */
   readonly note?: string;
 }
 
@@ -63,14 +63,14 @@ interface LayerFacts {
   readonly legend: Legend | null;
   readonly download: string;
   readonly provenance: string;
-  /** Said of an earlier version that was brought in; the latest has none. */
+  /** Description of an earlier version that was added; the latest has none. */
   readonly version?: string;
 }
 
 export interface RasterLayer extends LayerFacts {
   readonly type: "raster";
   readonly tiles: string;
-  /** Tiles of values; null for pictures and classes. */
+  /** Tiles of values; null for images and classes. */
   readonly values: string | null;
 }
 
@@ -79,7 +79,7 @@ export interface VectorLayer extends LayerFacts {
   readonly features: string;
 }
 
-/** Told apart by `type`. */
+/** Distinguished by `type`. */
 export type Layer = RasterLayer | VectorLayer;
 
 /** What the first view of the map needs. */
@@ -88,7 +88,7 @@ export interface Start {
   /** The mission whose layers these are; null if the store holds none. */
   readonly mission: string | null;
   readonly layers: readonly Layer[];
-  /** The number of the last event that all this knows; null if the server does not tell. */
+  /** The number of the last event included here; null if the server does not give it. */
   readonly lastEvent: string | null;
 }
 
@@ -116,7 +116,7 @@ export interface IdentifiedLayer {
   readonly value: number | null;
   readonly sigma: number | null;
   readonly cell_m: number | null;
-  /** What the value stands for, where it is a class. */
+  /** The meaning of the value, where it is a class. */
   readonly label: string | null;
   readonly unit: string | null;
   readonly title: string;

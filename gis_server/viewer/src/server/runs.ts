@@ -15,7 +15,7 @@ export interface Run {
   readonly stage: string | null;
   readonly done: number;
   readonly total: number;
-  /** What it said; only of a single run, else empty. */
+  /** Its log; only of a single run, else empty. */
   readonly lines: readonly string[];
   readonly parameters: Parameters;
   /** What an operator may have done with it. */

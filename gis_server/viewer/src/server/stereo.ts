@@ -1,4 +1,4 @@
-/** Pictures of a stereo pair: made epipolar where the pair was matched, else as they are browsed. */
+/** Images of a stereo pair: epipolar where the pair was matched, else the browse images. */
 
 import { ApiError } from "./api";
 import type { ImageEntry } from "./records";
@@ -30,5 +30,5 @@ export async function pairPictures(
     const [c, d] = await both(left.browse, right.browse, signal);
     if (c && d) return { left: c, right: d, isLinearised: false };
   }
-  throw new ApiError(`the pair ${left.id} and ${right.id} has no pictures to look at`);
+  throw new ApiError(`the pair ${left.id} and ${right.id} has no images to show`);
 }

@@ -1,4 +1,4 @@
-/** Hand ties before they are saved: predictions in other images, sub-pixel measurement, a trial adjustment. */
+/** Manual ties before they are saved: predictions in other images, sub-pixel measurement, a trial adjustment. */
 
 import { get, of, post, withQuery } from "./api";
 import type { Ground, Seen } from "./projection";

@@ -8,7 +8,7 @@ export const token = {
   forget: (): void => sessionStorage.removeItem(KEY),
 };
 
-/** Header of a request that writes; none while nobody has signed in. */
+/** Header of a request that writes; empty until somebody has signed in. */
 export function authorization(): Record<string, string> {
   const text = token.read();
   return text ? { authorization: `Bearer ${text}` } : {};

@@ -9,6 +9,6 @@ test.each([
   [of("mer2-sol0156"), "sol 156 · 2026-11-21 01:02"],
   [of("mer2-sol0156-overall", true), "sol 156, overall · 2026-11-21 01:02"],
   [[], "2026-11-21 01:02"],
-])("a version says by which solution and when it was made", (solutions, title) =>
+])("a version names its solution and when it was made", (solutions, title) =>
   expect(versionTitle({ layer, solutions, is_latest: false, run: null })).toBe(title),
 );

@@ -1,6 +1,6 @@
 /**
- * What the parts of a session share. A part is a function that is called once with it: it adds its tab, tools and
- * keys to the page and listens to what others tell. Parts do not know each other.
+ * What the parts of a session share. A part is a function that is called once with it: it adds its tab, tools and keys
+ * to the page and listens to the signals of others. Parts do not import each other.
  */
 
 import type Feature from "ol/Feature";
@@ -37,7 +37,7 @@ export interface Signals {
   readonly click: Signal<Pointed>;
   /** A place to mark on the map, in profiles, images and the 3D view alike; null: none. */
   readonly cursor: Signal<MapPoint | null>;
-  /** An image was asked for, by its id. Like `compare` it waits until all parts are there. */
+  /** Request to open an image, by its id. Like `compare` it waits until all parts are loaded. */
   readonly image: Signal<string>;
   /** An image to show on the map for a moment; null: no longer. */
   readonly imageHovered: Signal<string | null>;
@@ -47,11 +47,11 @@ export interface Signals {
     readonly point: MapPoint;
     readonly box: HTMLElement;
   }>;
-  /** The images of a stop are asked for. */
+  /** Request to list the images of a stop. */
   readonly imagesOf: Signal<string>;
-  /** The panorama of a stop is asked for. */
+  /** Request to open the panorama of a stop. */
   readonly panorama: Signal<string>;
-  /** What every layer says about a place is asked for. */
+  /** Request for the value of every layer at a place. */
   readonly identify: Signal<MapPoint>;
   /** A place is identified: `box` is room for what else is known of it. */
   readonly identified: Signal<{ readonly point: MapPoint; readonly box: HTMLElement }>;
@@ -63,7 +63,7 @@ export interface Signals {
   readonly ellipses: Signal<number>;
   /** Two layers are to be compared, by their ids. */
   readonly compare: Signal<{ mode: "swipe" | "difference"; a: string; b: string }>;
-  /** The server told that something happened in the store. */
+  /** The server sent an event of the store. */
   readonly happened: Signal<Happening>;
   /** The connection with the server is there again. */
   readonly reconnected: Signal<void>;

@@ -1,4 +1,4 @@
-/** A value that several parts look at, and what of it stands in the link. */
+/** A value that several parts share, and its part of the link. */
 
 import { Signal } from "./signal";
 
@@ -40,7 +40,7 @@ export class LinkBook {
     this.onRestored(key, () => show(this.read(key)));
   }
 
-  /** Calls `restored` when a link is followed that says otherwise under a key. */
+  /** Calls `restored` when a link with another value under a key is followed. */
   onRestored(key: string, restored: () => void): void {
     this.known.add(key);
     this.restored.on((keys) => {
@@ -48,7 +48,7 @@ export class LinkBook {
     });
   }
 
-  /** Takes over what another link says. */
+  /** Takes over the values of another link. */
   restore(entries: ReadonlyMap<string, string>): void {
     const before = this.entries;
     this.entries = new Map(entries);
@@ -56,7 +56,7 @@ export class LinkBook {
     this.restored.emit(new Set([...keys].filter((key) => before.get(key) !== entries.get(key))));
   }
 
-  /** Keys that no part knows. */
+  /** Keys that no part uses. */
   get unknown(): readonly string[] {
     return [...this.entries.keys()].filter((key) => !this.known.has(key));
   }

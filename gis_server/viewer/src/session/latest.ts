@@ -1,4 +1,4 @@
-/** Questions that follow the pointer: only the last one asked is answered, and not before the pointer rests. */
+/** Requests that follow the pointer: only the last one is answered, and not before the pointer rests. */
 
 import { ApiError } from "../server/api";
 
@@ -29,6 +29,6 @@ export class Latest {
   }
 }
 
-/** Whether the server said that there is nothing to answer. */
+/** Whether the server answered that there is no value. */
 export const isRefusal = (reason: unknown): boolean =>
   reason instanceof ApiError && (reason.status === 404 || reason.status === 422);

@@ -12,7 +12,7 @@ test("without a link layers are shown as they are at first", () => {
   expect([...book.on.keys()]).toEqual([hillshade.id, stops.id]);
 });
 
-test("a link says what is on, and how strongly", () => {
+test("a link names the layers that are on, and their opacity", () => {
   const book = new LayerBook(
     [hillshade, slope, stops],
     new Map([[slope.id, { opacity: 0.3, style: null, blend: null }]]),
@@ -20,7 +20,7 @@ test("a link says what is on, and how strongly", () => {
   expect([...book.on]).toEqual([[slope.id, { opacity: 0.3, style: null, blend: null }]]);
 });
 
-test("what changes is told, and only that layer changes", () => {
+test("changes are signalled, and only that layer changes", () => {
   const book = new LayerBook([hillshade, slope], null);
   const told: string[] = [];
   book.changed.on(({ id }) => told.push(id));
@@ -30,7 +30,7 @@ test("what changes is told, and only that layer changes", () => {
   expect(book.state(hillshade).visible).toBe(true);
 });
 
-test("layers that are published anew keep how they are shown", () => {
+test("layers that are published again keep how they are shown", () => {
   const book = new LayerBook([hillshade, slope], null);
   book.change(hillshade, { visible: false });
   book.replace([{ ...hillshade, digest: "new" }, stops]);
@@ -119,7 +119,7 @@ test("a version that a link has on is awaited until it is brought", () => {
   expect(book.state({ id })).toEqual({ visible: true, opacity: 0.5, style: null, blend: null });
 });
 
-test("another link is followed: what it names is shown as it says, all else is off", () => {
+test("another link is followed: its layers are shown with its settings, all others are off", () => {
   const book = new LayerBook([hillshade, slope, stops], null);
   const changed: string[] = [];
   book.changed.on(({ id }) => changed.push(id));

@@ -1,4 +1,4 @@
-/** The layers of a mission, how each is shown and which lies over which: the one place that knows. */
+/** The layers of a mission, how each is shown and in which order: the only place that records this. */
 
 import { bandsOf } from "../map/bands";
 import { firstState, type LayerState, zIndex } from "../map/layers";
@@ -11,7 +11,7 @@ const OFF: LayerState = { visible: false, opacity: 1, style: null, blend: null }
 /** Layers lie below this height on the map; highlights and marks above. */
 const TOP = 900;
 
-/** How a link says that layers are shown: from the bottom of the map to its top. */
+/** How the layers of a link are shown: from the bottom of the map to its top. */
 export type LinkedLayers = ReadonlyMap<string, Pick<LayerState, "opacity" | "style" | "blend">>;
 
 export class LayerBook {
@@ -33,7 +33,7 @@ export class LayerBook {
   private byHand = false;
   private soloed: string | null = null;
 
-  /** `on` is what a link says; null leaves the choice to the book. `stacked`: its order counts. */
+  /** `on` are the layers of a link; null leaves the choice to the book. `stacked`: its order counts. */
   constructor(
     layers: readonly Layer[],
     private linked: LinkedLayers | null,
@@ -66,7 +66,7 @@ export class LayerBook {
     return [...this.listed, ...this.versions.values()];
   }
 
-  /** Shows what a link says, and nothing else. `stacked`: its order counts. */
+  /** Shows the layers of a link, and nothing else. `stacked`: its order counts. */
   follow(linked: LinkedLayers, stacked: boolean): void {
     this.linked = linked;
     const wasByHand = this.byHand;
@@ -82,12 +82,12 @@ export class LayerBook {
     this.rearranged.emit();
   }
 
-  /** Ids in the link that are none of the server's list: of earlier versions, or unknown. */
+  /** Ids in the link that are not in the server's list: of earlier versions, or unknown. */
   get awaited(): readonly string[] {
     return [...(this.linked?.keys() ?? [])].filter((id) => !this.states.has(id));
   }
 
-  /** Takes an earlier version among the layers, right over the latest one; shown as the link says, or like that. */
+  /** Adds an earlier version directly above the latest one; shown with the settings of the link, or like the latest. */
   bring(version: Layer): void {
     if (this.versions.has(version.id)) return;
     const latest = this.list.find(

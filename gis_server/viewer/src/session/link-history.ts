@@ -45,14 +45,14 @@ export class LinkHistory {
     history.pushState({ view: this.last }, "", address);
   }
 
-  /** Shows what another link says, in an entry of its own. */
+  /** Shows another link, in an entry of its own. */
   open(link: string): void {
     this.hasGesture = true;
     this.write(link);
     window.dispatchEvent(new PopStateEvent("popstate", { state: history.state as Entry }));
   }
 
-  /** Another entry of the history is shown: what changes by that is no gesture. */
+  /** Another entry of the history is shown: changes that follow from it are not gestures. */
   moved(): void {
     this.hasGesture = false;
   }

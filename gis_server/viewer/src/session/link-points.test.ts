@@ -13,6 +13,6 @@ test("places in a link have millimetres", () => {
   ]);
 });
 
-test.each(["", "1", "1,2,3", "1,a", "1,2;"])("%s is no place", (text) => {
+test.each(["", "1", "1,2,3", "1,a", "1,2;"])("%s is not a place", (text) => {
   expect(parsePoints(text)).toBeNull();
 });

@@ -2,7 +2,7 @@ import { expect, test } from "vitest";
 import { PLAIN } from "../map/raster-style";
 import { formatPermalink, parsePermalink, unreadable } from "./permalink";
 
-test("a link says what was on the screen", () => {
+test("a link records what was on the screen", () => {
   const link = {
     mission: "MER2",
     place: { east: 12.5, north: -3.25, resolution: 0.02, rotationDeg: 45 },
@@ -34,11 +34,11 @@ test("an empty link leaves all to the viewer", () => {
   });
 });
 
-test("all layers off is not the same as nothing said", () => {
+test("all layers off is not the same as no layers given", () => {
   expect(parsePermalink("#on=").on?.size).toBe(0);
 });
 
-test.each(["#at=1,2", "#at=1,2,0", "#at=1,2,-3", "#at=a,b,c"])("%s is no place", (text) => {
+test.each(["#at=1,2", "#at=1,2,0", "#at=1,2,-3", "#at=a,b,c"])("%s is not a place", (text) => {
   expect(parsePermalink(text).place).toBeNull();
 });
 

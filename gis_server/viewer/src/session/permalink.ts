@@ -2,8 +2,8 @@
  * View and layers in the URL's fragment:
  * `#m=mer2&at=12.5,-3.25,0.02&on=scope/kind,scope/kind*0.6,scope/kind~slope::0:25&order=1&sol=156`.
  *
- * `at` is east, north, metres a pixel, and the turn of the map in degrees if it is turned. Layers are named without their
- * digest, so a link shows the newest product; behind `*` stands the opacity, behind another `*` how the
+ * `at` is east, north, metres a pixel, and the turn of the map in degrees if it is turned. Layers are named without
+ * their digest, so a link shows the newest product; behind `*` stands the opacity, behind another `*` how the
  * layer blends with what lies below, behind `~` the style. With `order=1` they
  * are listed as they lie, from the bottom to the top. All other keys belong to the part of the viewer that wrote them.
  */
@@ -23,7 +23,7 @@ export interface Place {
 export interface Permalink {
   readonly mission: string | null;
   readonly place: Place | null;
-  /** The layers that are on; null if the link does not say. */
+  /** The layers that are on; null if the link does not name them. */
   readonly on: LinkedLayers | null;
   /** Whether their order was chosen by hand. */
   readonly ordered: boolean;
@@ -32,7 +32,7 @@ export interface Permalink {
   readonly more: ReadonlyMap<string, string>;
 }
 
-/** Parts of a link that cannot be read, as they stand there. */
+/** Parts of a link that cannot be read, verbatim. */
 export function unreadable(fragment: string): readonly string[] {
   const query = new URLSearchParams(fragment.replace(/^#/, ""));
   const { place, sols } = parsePermalink(fragment);

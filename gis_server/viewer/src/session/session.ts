@@ -163,7 +163,7 @@ export class Session {
     this.context.history.write(address);
   }
 
-  /** Shows what the link in the address says now; false if that is another mission. */
+  /** Shows the link that is now in the address; false if it is of another mission. */
   follow(): boolean {
     const { mission, view, layers, link, drawing, signals, history } = this.context;
     const said = parsePermalink(location.hash);
@@ -185,7 +185,7 @@ export class Session {
     });
   }
 
-  /** Says what of a link is not shown. */
+  /** Lists the parts of a link that are not shown. */
   private noteUnknown(fragment: string): void {
     const { layers, link, mission, waiting } = this.context;
     const layersUnknown = layers.awaited.filter((id) => !isVersion(id)).map((id) => `layer ${id}`);

@@ -11,7 +11,7 @@ const TYPING = ["INPUT", "SELECT", "TEXTAREA"];
 export class Shortcuts {
   private readonly list: Shortcut[] = [];
 
-  /** Escape may stand for several things; any other key for one. */
+  /** Escape may have several commands; any other key has one. */
   add(key: string, does: string, run: () => void): void {
     const taken = key !== "Escape" && this.list.some((shortcut) => shortcut.key === key);
     if (taken) throw new Error(`the key ${key} does something already`);

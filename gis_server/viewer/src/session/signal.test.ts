@@ -23,7 +23,7 @@ test("a listener that stops another while both are called breaks nothing", () =>
   expect(heard).toEqual(["a"]);
 });
 
-test("what is asked before all listeners are there is told to all of them, once, and only the last of it", () => {
+test("of calls before all listeners exist, only the last reaches them, once", () => {
   const signal = new HeldSignal<string>();
   const heard: string[] = [];
   signal.on((value) => heard.push(`one ${value}`));

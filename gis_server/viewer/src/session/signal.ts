@@ -1,4 +1,4 @@
-/** Something that happens now and then, and who wants to know of it. Listeners live as long as the session. */
+/** A signal and its listeners. Listeners exist as long as the session. */
 
 export class Signal<T> {
   private readonly listeners = new Set<(value: T) => void>();
@@ -14,7 +14,7 @@ export class Signal<T> {
   }
 }
 
-/** A signal that is kept until those who hear it are there: of what was asked before, the last is told then. */
+/** A signal that is kept until its listeners exist: the last earlier call then reaches them. */
 export class HeldSignal<T> extends Signal<T> {
   private isHeld = true;
   private kept: readonly [T] | null = null;

@@ -1,4 +1,4 @@
-/** The frames of sites and stops, asked of the server once until it publishes anew. */
+/** The frames of sites and stops, requested once from the server until it publishes again. */
 
 import { ApiError } from "../server/api";
 import { sceneApi, type SceneStops } from "../server/scene";
@@ -13,7 +13,7 @@ export class StopFrames {
     private readonly alive: AbortSignal,
   ) {}
 
-  /** None where the server has none to tell. */
+  /** Empty where the server has none. */
   load(): Promise<SceneStops> {
     this.asked ??= sceneApi.stops(this.mission, this.alive).catch((reason: unknown) => {
       this.forget();

@@ -1,9 +1,9 @@
-/** Earlier versions that a link or a list asks for come among the layers. */
+/** Adds earlier versions that a link or a list requests to the layers. */
 
 import { versions } from "../server/versions";
 import type { Context } from "./context";
 
-/** Fetches the versions that are not there yet; one that is gone is said and left out. */
+/** Fetches the versions that are not there yet; one that was deleted is reported and left out. */
 export async function bringVersions(
   { layers, waiting }: Pick<Context, "layers" | "waiting">,
   ids: readonly string[],

@@ -5,7 +5,7 @@ import { Waiting } from "./waiting";
 const dataset: Record<string, string> = {};
 const page = { banner: () => undefined } as unknown as Shell;
 
-/** Lets what was promised happen. */
+/** Lets pending callbacks run. */
 const passed = () => new Promise((resolve) => setTimeout(resolve));
 
 beforeEach(() => {
@@ -30,7 +30,7 @@ describe("waiting", () => {
     waiting.run(async () => waiting.whole());
     await passed();
     expect(dataset["ready"]).toBe("false");
-    waiting.settle(); // nothing asks for another frame after this one
+    waiting.settle(); // nothing requests another frame after this one
     expect(dataset["ready"]).toBe("true");
   });
 

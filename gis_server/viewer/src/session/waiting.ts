@@ -1,4 +1,4 @@
-/** Waiting for the server, and saying what went wrong. `html[data-ready]` tells whether all has come. */
+/** Waiting for the server, and reporting errors. `html[data-ready]` states whether all has been loaded. */
 
 import type { Shell } from "../page/shell";
 import { ApiError, api, UnreachableError } from "../server/api";
@@ -6,7 +6,7 @@ import { ApiError, api, UnreachableError } from "../server/api";
 /** Mark in the browser's timeline of the moment when the first view of the map was drawn. */
 const MAP_PAINTED = "map painted";
 
-/** What failed is tried again when the server answers; it is asked after so long, then less and less often. */
+/** Failed requests are repeated when the server answers; it is polled after this time, then less and less often. */
 const FIRST_AGAIN_MS = 3000;
 const LAST_AGAIN_MS = 60_000;
 
@@ -32,7 +32,7 @@ export class Waiting {
     });
   }
 
-  /** Runs what reads from the server, again where it does not answer; what goes wrong is said on the banner. */
+  /** Runs code that reads from the server, again where it does not answer; errors are shown on the banner. */
   run(work: () => Promise<void>): void {
     this.await(work, true);
   }
@@ -100,7 +100,7 @@ export class Waiting {
   /** Resolves when nothing is awaited and the map is drawn. */
   async settled(): Promise<void> {
     const settled = new Promise<void>((resolve) => this.settling.push(resolve));
-    this.onDone(); // draws the map, for it may be drawn already
+    this.onDone(); // draws the map, because it may be drawn already
     await settled;
   }
 

@@ -1,4 +1,4 @@
-/** Signing in with a token, for those who write: edits of ties, annotations, runs. */
+/** Signing in with a token, required for writing: edits of ties, annotations, runs. */
 
 import { h } from "../../page/dom";
 import { ApiError } from "../../server/api";
@@ -26,7 +26,7 @@ export function accountPart(context: Context): void {
   if (token.read()) waiting.run(() => recognise(context));
 }
 
-/** Asks whose token is kept; one that opens nothing any more is forgotten. */
+/** Requests the owner of the stored token; a revoked one is deleted. */
 async function recognise({ account }: Context): Promise<void> {
   try {
     account.set(await whoami());

@@ -18,7 +18,7 @@ const LOG = [
   }),
 ];
 
-test("every form of an annotation is told with what changed, the newest first", () => {
+test("every version of an annotation is listed with its changes, the newest first", () => {
   expect(historyOf(LOG, 4).map(({ author, what }) => [author, what])).toEqual([
     ["Ann", "redrawn"],
     ["Bob", "text: a rock, category: Target, published (seen)"],

@@ -1,4 +1,4 @@
-/** What became of an annotation: who wrote it, and who changed what of it when. */
+/** History of an annotation: its author, and the author, time and fields of each change. */
 
 import { h } from "../../page/dom";
 import { time } from "../../page/format";

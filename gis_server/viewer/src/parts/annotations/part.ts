@@ -105,7 +105,7 @@ class Annotations {
     );
   }
 
-  /** Draws the place of a new annotation, or that of one which is there anew. */
+  /** Draws the geometry of a new annotation, or redraws that of an existing one. */
   start(shape: Shape, note: AnnotationFeature | null): void {
     this.stop();
     const { view, page } = this.context;
@@ -122,7 +122,7 @@ class Annotations {
     this.context.page.ruler.hidden = true;
   }
 
-  /** Asks what stands at a place, line or area; one that was there is only moved. */
+  /** Requests the text for a place, line or area; an existing annotation is only moved. */
   write(shape: Shape, corners: readonly MapPoint[], note: AnnotationFeature | null): void {
     this.stop();
     const geometry = geometryOf(shape, corners);

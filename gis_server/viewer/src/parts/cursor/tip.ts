@@ -1,4 +1,4 @@
-/** What is told beside the pointer of the feature that it touches. */
+/** The text beside the pointer about the feature under it. */
 
 import { measured, scopeTitle, sigmaText } from "../../page/format";
 

@@ -1,4 +1,4 @@
-/** The tab of downloads: the map as a picture, files of layers, parts of them, models, addresses. */
+/** The tab of downloads: the map as an image, files of layers, parts of them, models, URLs. */
 
 import { kindTitle } from "../../map/layers";
 import { h, icon } from "../../page/dom";

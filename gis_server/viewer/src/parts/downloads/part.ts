@@ -1,4 +1,4 @@
-/** Everything that can be taken away: files, parts of them, addresses, and the map as a picture. */
+/** All downloads: files, parts of them, URLs, and the map as an image. */
 
 import { kindTitle } from "../../map/layers";
 import { legendFor } from "../../map/raster-style";
@@ -17,7 +17,7 @@ import { drawSheet, type SheetTexts } from "./sheet-drawing";
 import { roundScale, sheetOf } from "./sheet";
 import { snapshot } from "./snapshot";
 
-/** Whose a picture of the map is, where nobody says otherwise. */
+/** Default credit on an image of the map. */
 export const CREDIT = "NASA/JPL-Caltech; map: solmap";
 
 export function downloadsPart(context: Context): void {
@@ -55,7 +55,7 @@ export function downloadsPart(context: Context): void {
     offered = { ...offered, ...part };
     files.replaceChildren(filesPanel(offered, { drawBox, copy }));
   };
-  /** Each list by itself: what is missing of one is said, and the others are there. */
+  /** Each list loads by itself: a failed one shows its error, the others are complete. */
   const load = () => {
     const { mission: name } = mission;
     waiting.run(async () => show({ collections: await downloads.collections(name) }));
@@ -65,7 +65,7 @@ export function downloadsPart(context: Context): void {
   };
   const picture = (wish: PictureWish) => waiting.run(() => takePicture(context, wish));
   let isLoaded = false;
-  // Only who opens the tab asks for what is in it.
+  // The content is fetched only when the tab is opened.
   new IntersectionObserver((entries) => {
     if (isLoaded || !entries.some(({ isIntersecting }) => isIntersecting)) return;
     isLoaded = true;
@@ -107,7 +107,7 @@ async function takePicture(context: Context, wish: PictureWish): Promise<void> {
     const map = await snapshot(view, sheet);
     const whole = drawSheet(map, sheet, textsOf(context, wish));
     const blob = await new Promise<Blob | null>((done) => whole.toBlob(done, "image/png"));
-    if (!blob) throw new Error("the browser made no picture: take a smaller one");
+    if (!blob) throw new Error("the browser could not make the image: choose a smaller one");
     const bytes = withDensity(new Uint8Array(await blob.arrayBuffer()), sheet.dpi);
     saveBytes(`${mission.mission}_map.png`, "image/png", bytes);
   } catch (reason) {
@@ -115,7 +115,7 @@ async function takePicture(context: Context, wish: PictureWish): Promise<void> {
   }
 }
 
-/** What stands below a picture of the map. */
+/** The text below an image of the map. */
 export function textsOf(
   { view, layers, mission, drawing }: Context,
   wish: Pick<PictureWish, "title" | "credit">,

@@ -1,4 +1,4 @@
-/** What the picture of the map is to be: its size and scale, its title and whose it is. */
+/** Settings of the map's image: its size and scale, its title and credit. */
 
 import { h } from "../../page/dom";
 import { type Paper, PAPERS } from "./sheet";

@@ -12,7 +12,7 @@ test("the check value is that of every textbook", () => {
   expect(crc32(text("IEND"))).toBe(0xae426082);
 });
 
-test("the density stands behind the header, and the rest is as it was", () => {
+test("the density follows the header, and the rest is unchanged", () => {
   const png = Uint8Array.from([
     ...text("\x89PNG1234"),
     ...new Array(25).fill(7),
@@ -33,7 +33,7 @@ test("at 1 : 200 and 300 dots an inch a dot is 17 mm of ground", () => {
   expect([sheet.width, sheet.height]).toEqual([3272, 2126]);
 });
 
-test("a picture of the screen keeps its dots, and says its scale", () => {
+test("an image of the screen keeps its dots, and states its scale", () => {
   const sheet = sheetOf("screen", 300, 200, [664, 732], 0.1);
   expect([sheet.width, sheet.height, sheet.resolution]).toEqual([664, 732, 0.1]);
   expect(sheet.scale).toBeCloseTo(378, 0);
@@ -51,7 +51,7 @@ test.each([
   [6000, 10000],
 ])("1 : %d is drawn at 1 : %d", (scale, round) => expect(roundScale(scale)).toBe(round));
 
-test("a part of a layer is asked for by its box", () => {
+test("a part of a layer is requested by its box", () => {
   const box = [-1.23456, 0, 10, 20.5] as const;
   expect(clipUrl(rasterLayer("mer2", "dtm"), box)).toBe("/download/a/clip?bbox=-1.235,0,10,20.5");
   expect(clipUrl(vectorLayer("mer2", "stops"), box, "gpkg")).toMatch(/&f=gpkg$/);

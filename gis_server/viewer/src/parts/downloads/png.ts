@@ -1,4 +1,4 @@
-/** PNG files: how many dots an inch has on paper, told in a chunk `pHYs` behind the header. */
+/** PNG files: the number of dots per inch on paper, written in a chunk `pHYs` after the header. */
 
 const HEADER_END = 33; // signature 8, IHDR 4 + 4 + 13 + 4
 const INCH_M = 0.0254;
@@ -16,7 +16,7 @@ export function crc32(bytes: Uint8Array): number {
   return (c ^ 0xffffffff) >>> 0;
 }
 
-/** The same picture with its density. */
+/** The same image with its density. */
 export function withDensity(png: Uint8Array, dotsPerInch: number): Uint8Array<ArrayBuffer> {
   const chunk = new Uint8Array(21);
   const view = new DataView(chunk.buffer);

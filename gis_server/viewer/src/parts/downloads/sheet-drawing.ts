@@ -47,7 +47,7 @@ export function drawSheet(
 
 const font = (px: number, weight = 400) => `${weight} ${px}px system-ui, sans-serif`;
 
-/** The bar is as long as the ground it stands for, to the dot. */
+/** The bar is exactly as long as the ground distance of its label, to the dot. */
 function drawScale(context: CanvasRenderingContext2D, sheet: Sheet, factor: number): void {
   const bar = scaleBar(sheet.resolution * factor, BAR_MOST);
   context.fillRect(MARGIN, 30, bar.px, 5);

@@ -1,9 +1,9 @@
 /** Size and scale of a map on paper. */
 
 const INCH_MM = 25.4;
-/** Dots that the screen's own size stands for. */
+/** Dots of the screen's own size. */
 const SCREEN_DPI = 96;
-/** Dots of a picture at most, in width and height: what browsers draw. */
+/** Most dots of an image, in width and height, that browsers draw. */
 const MOST_PX = 8192;
 
 export const PAPERS = {
@@ -41,7 +41,7 @@ export function sheetOf(
   const [width, height] = mm.map((side) => Math.round((side / INCH_MM) * dpi)) as [number, number];
   if (Math.max(width, height) > MOST_PX)
     throw new Error(
-      `a picture of ${width} x ${height} dots is more than browsers draw: take fewer dots an inch`,
+      `an image of ${width} x ${height} dots is more than browsers draw: choose fewer dots per inch`,
     );
   return { width, height, resolution: (scale * INCH_MM) / 1000 / dpi, dpi, scale };
 }

@@ -1,4 +1,4 @@
-/** The map as one picture, at the size and scale of a sheet. */
+/** The map as one image, at the size and scale of a sheet. */
 
 import type { MapView } from "../../map/map-view";
 import type { Sheet } from "./sheet";

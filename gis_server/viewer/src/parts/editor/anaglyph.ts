@@ -1,4 +1,4 @@
-/** Both images of a pair as one picture for red and cyan glasses: left red, right cyan, moved by some pixels. */
+/** Both images of a pair as one anaglyph: left red, right cyan, shifted by some pixels. */
 
 async function pixels(url: string): Promise<ImageData> {
   const image = new Image();
@@ -33,7 +33,7 @@ export function fused(
   return both;
 }
 
-/** Address of the fused picture; its pixels are those of the left image. */
+/** URL of the anaglyph; its pixels are those of the left image. */
 export async function anaglyphUrl(left: string, right: string, nudge: number): Promise<string> {
   const [one, other] = await Promise.all([pixels(left), pixels(right)]);
   const canvas = new OffscreenCanvas(one.width, one.height);

@@ -1,6 +1,6 @@
 /**
- * What is edited, without any drawing: the pick of a feature in two images, the ties that are planned, and what a trial
- * said of them. A trial holds for the ties that it was made of; it is forgotten when they change.
+ * What is edited, without any drawing: the pick of a feature in two images, the ties that are planned, and the result
+ * of a trial with them. A trial holds for the ties that it was made of; it is forgotten when they change.
  */
 
 import type { PixelOf, Refined, TieWish, Trial } from "../../server/ties";
@@ -68,7 +68,7 @@ export function wishOf({ first, second }: PlannedTie): TieWish {
 /** What least squares states of itself is too small: neighbouring pixels share their errors. */
 const LEAST_PX = 0.1;
 const SAME_PX = 0.5;
-/** A pick as the server knows it. */
+/** A pick as the server stores it. */
 export const pixel = ({ image, sample, line }: Pick): PixelOf => ({ image, sample, line });
 const isSame = (a: Pick, b: Pick) =>
   a.image === b.image && Math.hypot(a.sample - b.sample, a.line - b.line) < SAME_PX;

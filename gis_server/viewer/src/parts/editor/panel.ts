@@ -1,4 +1,4 @@
-/** The strip below the images: what is picked, the ties that are planned, what a trial says of them, and those saved. */
+/** The strip below the images: the pick, the planned ties, the result of a trial with them, and the saved ones. */
 
 import { button, h } from "../../page/dom";
 import { fixed, scopeTitle, time } from "../../page/format";

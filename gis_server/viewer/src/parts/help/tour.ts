@@ -1,10 +1,10 @@
-/** A guided tour of the page, fetched when it is asked for: what its parts are for, one after the other. */
+/** A guided tour of the page, fetched when it is started: the purpose of each part in turn. */
 
 import { type DriveStep, driver } from "driver.js";
 import "driver.js/dist/driver.css";
 import "./tour.css";
 
-/** Where a step points, its title and what it says. */
+/** The element that a step points to, its title and its text. */
 const STEPS = [
   [
     ".left",

@@ -20,7 +20,7 @@ export interface ControlActions {
 
 export interface Controls {
   readonly element: HTMLElement;
-  /** Back to an unstretched picture. */
+  /** Back to an unstretched image. */
   reset(): void;
   tellTies(text: string): void;
   readonly hasTies: boolean;

@@ -34,7 +34,7 @@ test("what was set aside is red, whatever it joins", () => {
   expect(colourOf(tie)).not.toBe(colourOf({ ...tie, kind: "inter-stereo" }));
 });
 
-test("a tie point is told in words", () => {
+test("a tie point is described in words", () => {
   expect(tieText(tie)).toBe(
     "tie point 7, cross-site: residual 0.50 px, known to 0.12 m, also in 2NB",
   );

@@ -1,4 +1,6 @@
-/** Original images beside the map: whichever is asked for, with the cursor of the map in it and its own on the map. */
+/**
+ * The chosen original image beside the map; the map's cursor is shown in the image and the image's cursor on the map.
+ */
 
 import "./image-view.css";
 import type { Pane } from "../../page/panes";
@@ -23,7 +25,7 @@ export function imageViewPart(context: Context): void {
   };
   const open = async (id: string) => {
     const image = (await images()).get(id);
-    if (!image) return; // the list of images says so
+    if (!image) return; // the list of images shows that
     viewer ??= new ImageViewer(context);
     const current = viewer;
     pane ??= page.panes.open(id, current.element, () => {

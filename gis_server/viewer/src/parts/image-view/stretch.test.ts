@@ -14,7 +14,7 @@ test("the ends become black and white, the middle is bent by gamma", () => {
   expect(table[125]).toBe(128); // 255 * sqrt(1/4)
 });
 
-test("a picture is stretched, its opacity is not", () => {
+test("an image is stretched, its opacity is not", () => {
   const table = lookUp({ low: 10, high: 20, gamma: 1 });
   expect([...applied(Uint8ClampedArray.of(10, 15, 20, 7), table)]).toEqual([0, 128, 255, 7]);
 });

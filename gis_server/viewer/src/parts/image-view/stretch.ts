@@ -1,7 +1,7 @@
 /** Contrast: which grey values become black and white, and how those between are bent. */
 
 export interface Stretch {
-  /** Grey values 0 to 255 of the picture. */
+  /** Grey values 0 to 255 of the image. */
   readonly low: number;
   readonly high: number;
   readonly gamma: number;
@@ -18,7 +18,7 @@ export function lookUp({ low, high, gamma }: Stretch): Uint8ClampedArray {
   });
 }
 
-/** Stretches red, green and blue of a picture in place. */
+/** Stretches red, green and blue of an image in place. */
 export function applied(pixels: Uint8ClampedArray, table: Uint8ClampedArray): Uint8ClampedArray {
   const result = new Uint8ClampedArray(pixels.length);
   for (let k = 0; k < pixels.length; k += 4) {

@@ -22,7 +22,7 @@ test("a mark lies where the pixel is, counted from the image's edge", () => {
   expect(markAt(seen, [1024, 1024])).toEqual([25, 0]);
 });
 
-test("an image says whether it sees the place, from how far, and how slanting", () => {
+test("an image states whether it sees the place, from which distance and at which angle", () => {
   expect(seenText(seen)).toBe("2NA: hidden by ground, 12.3 m away, grazing");
   expect(seenText({ ...seen, sight: "visible", incidence_deg: null })).toBe(
     "2NA: seen, 12.3 m away",

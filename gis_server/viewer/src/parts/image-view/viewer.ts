@@ -1,4 +1,4 @@
-/** One image in the dock: its picture, its ties, and the place that map and image show each other. */
+/** One image in the dock: its pixels, its ties, and the place marked both on the map and in the image. */
 
 import { h } from "../../page/dom";
 import { fixed, HELD_M, measured } from "../../page/format";
@@ -174,6 +174,6 @@ export function crossText({ sample, line, sight, range_m, told_by }: Seen): stri
     case "hidden":
       return `Occluded (${told_by}): the place would be at ${place}, but other ground hides it.`;
     default:
-      return `The place on the map: ${place}; nothing tells whether it is in sight.`;
+      return `The place on the map: ${place}; its visibility is not known.`;
   }
 }

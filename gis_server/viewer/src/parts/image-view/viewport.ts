@@ -10,7 +10,7 @@ export type ScreenPoint = readonly [x: number, y: number];
 export type Size = readonly [width: number, height: number];
 
 export interface Viewport {
-  /** Screen pixels an image pixel. */
+  /** Screen pixels per image pixel. */
   readonly scale: number;
   /** Screen point of the image's upper left corner. */
   readonly left: number;

@@ -1,4 +1,4 @@
-/** Original images: the list of a sol or stop, and one image with what its label says. */
+/** Original images: the list of a sol or stop, and one image with the values of its label. */
 
 import { facts, h, icon } from "../../page/dom";
 import { scopeTitle, time } from "../../page/format";
@@ -25,7 +25,7 @@ export function imageDetail(
           { type: "button", class: "browse", title: "enlarge", onclick: () => enlarge(image) },
           h("img", { src: image.browse, alt: `image ${image.id}` }),
         )
-      : h("p", { class: "hint" }, "This image has no browse picture."),
+      : h("p", { class: "hint" }, "This image has no browse image."),
     partner
       ? null
       : h(

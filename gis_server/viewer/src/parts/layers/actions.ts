@@ -42,7 +42,7 @@ export interface LayerActions {
   ) => void;
 }
 
-/** Something in a list that follows what becomes of its layer. */
+/** An element of a list that follows changes of its layer. */
 export interface Following {
   readonly element: HTMLElement;
   readonly follow: () => void;

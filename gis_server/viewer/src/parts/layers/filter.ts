@@ -36,7 +36,7 @@ export interface LayerFilter {
   readonly setLayers: (layers: readonly Layer[]) => void;
 }
 
-/** `imagesOf` fetches the images of the mission: their instruments are asked for when the choice is reached. */
+/** `imagesOf` fetches the images of the mission: their instruments are fetched when the filter gets the focus. */
 export function layerFilter(
   change: () => void,
   imagesOf: () => Promise<readonly Taken[]>,

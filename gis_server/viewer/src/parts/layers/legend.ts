@@ -107,7 +107,7 @@ function fileLegend(layer: Layer, query: string): HTMLElement {
   return h("div", {}, list);
 }
 
-/** Of a layer as it is drawn now; null where there is nothing to tell. */
+/** Of a layer as it is drawn now; null where there is no legend. */
 export function legendOf(layer: Layer, actions: LayerActions): HTMLElement | null {
   if (layer.type === "vector")
     return symbolLegend(layer, actions.ellipseFactor(), actions.setEllipseFactor);

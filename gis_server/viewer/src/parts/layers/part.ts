@@ -205,7 +205,7 @@ async function stretch(context: Context, layer: RasterLayer): Promise<void> {
   else layers.change(layer, { style: { ...style, low: range[0], high: range[1] } });
 }
 
-/** Tiles that a stretch of a picture looks at: more would be a wait. */
+/** Most tiles that are read to stretch an image: more would take too long. */
 const MOST_TILES = 24;
 
 async function stretchPicture(context: Context, layer: RasterLayer, share: number): Promise<void> {
@@ -220,7 +220,7 @@ async function stretchPicture(context: Context, layer: RasterLayer, share: numbe
       addresses.push(tileUrl(layer.tiles, z, x, y)),
     );
   const found = percentiles(await shadesOf(addresses.slice(0, MOST_TILES)), share);
-  if (!found) waiting.say("nothing of this picture is on the screen");
+  if (!found) waiting.say("no part of this image is on the screen");
   else {
     const style = layers.state(layer).style ?? PLAIN;
     layers.change(layer, { style: { ...style, low: found[0], high: found[1] } });

@@ -1,4 +1,4 @@
-/** How pictures and classes are drawn: shades, colours, and which classes at all. */
+/** Style of images and classes: grey values, colours, and the classes that are drawn. */
 
 import { classesOf } from "../../map/picture-style";
 import { RAMP_NAMES, type RampName } from "../../map/ramps";

@@ -14,7 +14,7 @@ const STEP_MS = 1500;
 export interface SolActions {
   readonly reportOf: (sol: number) => string;
   readonly choose: (range: Sols) => void;
-  /** Saves what these ranges show, one after the other, as a moving picture. */
+  /** Saves the maps of these ranges, one after the other, as an animation. */
   readonly record: (steps: readonly Sols[]) => void;
 }
 

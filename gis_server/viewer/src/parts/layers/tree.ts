@@ -1,4 +1,6 @@
-/** All layers: the region's, then those of every sol, then those of every stop. Rows are made when a group is opened. */
+/**
+ * All layers: the region's, then those of every sol, then those of every stop. Rows are made when a group is opened.
+ */
 
 import { areIn, type Sols } from "../../map/sols";
 import { groupLayers, type LayerGroup } from "../../map/layers";
@@ -11,11 +13,11 @@ import { row } from "./row";
 
 export interface LayerTree {
   readonly element: HTMLElement;
-  /** Shows in a layer's row what became of it. */
+  /** Shows the state of a layer in its row. */
   readonly follow: (layer: Layer) => void;
   /** Lists only what was seen on some sols. */
   readonly setSols: (range: Sols) => void;
-  /** Lists only what is wanted. */
+  /** Lists only the layers that match. */
   readonly find: (wanted: Wanted) => void;
 }
 

@@ -42,7 +42,7 @@ test("a cancelled burst is forgotten", () => {
   expect(worked).toEqual([]);
 });
 
-test("publishing is told by number and place", () => {
+test("publishing is reported by number and place", () => {
   const stop = "mer2-site0010-drive0064";
   expect(publishedText([`${stop}/dtm`])).toBe(`1 layer of ${stop} published`);
   expect(publishedText([`${stop}/dtm`, `${stop}/dtm`, `${stop}/slope`])).toBe(

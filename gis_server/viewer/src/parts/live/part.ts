@@ -5,9 +5,9 @@ import { type Happening, listen } from "../../server/events";
 import type { Context } from "../../session/context";
 import { gathered, publishedText } from "./gather";
 
-/** A sol publishes layer after layer: the list is asked for when it has gone quiet so long. */
+/** A sol publishes layer after layer: the list is fetched this long after the last event. */
 const QUIET_MS = 400;
-/** A list that the server did not answer for is asked for again after so long. */
+/** A list whose request failed is requested again after this time. */
 const AGAIN_MS = 2000;
 const RELOAD: Happening = { kind: "reload", document: {} };
 
@@ -26,7 +26,7 @@ export function livePart(context: Context): void {
     }
     if (ids.length > 0) page.toast(publishedText(ids));
     if (!isBehind) return;
-    isBehind = false; // others may have asked in vain too
+    isBehind = false; // requests of other parts may have failed too
     waiting.answered();
     signals.happened.emit(RELOAD);
   };

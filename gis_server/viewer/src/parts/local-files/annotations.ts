@@ -5,7 +5,7 @@ import { moved } from "../../map/mars-geojson";
 import type { AnnotationEdit } from "../../server/edits";
 import type { FileFeatures } from "./read";
 
-/** Names of attributes that say what a feature is. */
+/** Names of attributes that describe a feature. */
 const NAMES = ["text", "name", "title", "label", "description"];
 const LONGEST = 4000;
 /** Millimetres are enough for what was drawn. */

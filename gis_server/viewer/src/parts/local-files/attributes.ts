@@ -1,4 +1,4 @@
-/** What files say of the features at a place. */
+/** Attributes of the features of dropped files at a place. */
 
 import { h } from "../../page/dom";
 import type { GeoJsonFeature } from "../../map/mars-geojson";

@@ -83,6 +83,6 @@ test("collections of geometries are taken apart, features without a place left o
     point,
     point,
   ]);
-  expect(() => geojson("a", "{", TARGET)).toThrow("it is no JSON");
-  expect(() => geojson("a", "[]", TARGET)).toThrow(/no GeoJSON/);
+  expect(() => geojson("a", "{", TARGET)).toThrow("it is not JSON");
+  expect(() => geojson("a", "[]", TARGET)).toThrow(/not GeoJSON/);
 });

@@ -1,15 +1,15 @@
 /**
  * The coordinate system of a file, and how its coordinates become metres of the local map.
  *
- * Longitude and latitude of the map are planetocentric. A system on an ellipsoid of semi-axes a and b has planetographic
- * latitudes: tan(centric) = (b / a)^2 tan(graphic).
+ * Longitude and latitude of the map are planetocentric. A system on an ellipsoid of semi-axes a and b has
+ * planetographic latitudes: tan(centric) = (b / a)^2 tan(graphic).
  */
 
 import proj4 from "proj4";
 import type { LocalMap } from "../../map/projection";
 import type { Bounds, LonLat, Mission } from "../../server/records";
 
-/** A file cannot be put on the map; the message is for whoever dropped it. */
+/** A file cannot be put on the map; the message is for the person who dropped it. */
 export class RefusedFile extends Error {
   override readonly name = "RefusedFile";
 }
@@ -94,7 +94,7 @@ export function marsDegrees(title: string, target: Target, squared = 1): FileCrs
 
 /** By a definition in WKT or of PROJ. */
 export function crsOf(named: string, target: Target): FileCrs {
-  // The library knows this projection by its short name only.
+  // The library has this projection under its short name only.
   const definition = named.replace(/(PROJECTION|METHOD)\["Orthographic"/i, '$1["ortho"');
   const { wkt, proj4: own } = target.mission.crs;
   if (named === wkt || named === own) return LOCAL;
@@ -138,7 +138,7 @@ const titleOf = (definition: string) =>
 const NO_SYSTEM = /CRS:?84|EPSG:{1,2}4326$/i;
 const IAU = /IAU[:_]{1,2}(?:2015)?:{1,2}(4990[0-2])$/i;
 
-/** By the name that a file gives its system; none, or the one of GeoJSON itself, leaves the numbers to tell. */
+/** By the name that a file gives its system; without one, or with the one of GeoJSON itself, by its numbers. */
 export function crsNamed(name: string | null, bounds: Bounds, target: Target): FileCrs {
   if (name === null || NO_SYSTEM.test(name)) return crsByNumbers(bounds, target);
   const iau = IAU.exec(name)?.[1];

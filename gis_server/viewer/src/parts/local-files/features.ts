@@ -8,7 +8,7 @@ interface Collection extends GeoJsonGeometry {
   readonly geometries?: readonly GeoJsonGeometry[];
 }
 
-/** Parts of a geometry that are no collections. */
+/** Parts of a geometry that are not collections. */
 function parts(geometry: Collection | null): readonly GeoJsonGeometry[] {
   if (!geometry) return [];
   return geometry.geometries ? geometry.geometries.flatMap(parts) : [geometry];

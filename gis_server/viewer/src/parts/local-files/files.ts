@@ -51,7 +51,7 @@ export class LocalFiles {
     return mayAct(this.context.account.value, "analyst");
   }
 
-  /** Whoever signed in may publish. */
+  /** Signed-in people may publish. */
   private follow(): void {
     for (const button of this.list.querySelectorAll<HTMLButtonElement>(".publish"))
       button.hidden = !this.mayPublish;

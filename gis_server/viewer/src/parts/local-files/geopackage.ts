@@ -44,7 +44,7 @@ export async function geopackage(bytes: Uint8Array): Promise<readonly FeatureTab
     });
   } catch (reason) {
     if (reason instanceof RefusedFile) throw reason;
-    throw new RefusedFile(`it is no GeoPackage: ${(reason as Error).message}`);
+    throw new RefusedFile(`it is not a GeoPackage: ${(reason as Error).message}`);
   } finally {
     database.close();
   }

@@ -1,4 +1,4 @@
-/** A GeoTIFF as a picture: of a band, grey from 2 % to 98 % of its values; of three or more, as red, green and blue. */
+/** A GeoTIFF as an image: of a band, grey from 2 % to 98 % of its values; of three or more, as red, green and blue. */
 
 import { fromBlob, type GeoTIFFImage } from "geotiff";
 import type { Bounds } from "../../server/records";

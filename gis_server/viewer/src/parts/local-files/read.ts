@@ -20,7 +20,7 @@ export interface FileImage {
   /** In coordinates of the file. */
   readonly extent: Bounds;
   readonly url: string;
-  /** What else a reader has to know. */
+  /** Further properties that a reader needs. */
   readonly note: string;
 }
 
@@ -95,7 +95,7 @@ export function geojson(name: string, text: string, target: Target): FileFeature
   try {
     file = JSON.parse(text) as typeof file;
   } catch {
-    throw new RefusedFile("it is no JSON");
+    throw new RefusedFile("it is not JSON");
   }
   const features =
     file.type === "Feature"
@@ -103,7 +103,7 @@ export function geojson(name: string, text: string, target: Target): FileFeature
       : Array.isArray(file.features)
         ? file.features
         : null;
-  if (!features) throw new RefusedFile("it is no GeoJSON: it has no features");
+  if (!features) throw new RefusedFile("it is not GeoJSON: it has no features");
   const some = placed(features);
   const named = file.crs?.properties?.name;
   return layer(

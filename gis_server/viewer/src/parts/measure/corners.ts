@@ -24,7 +24,7 @@ export async function orPlanar(
   } catch (reason) {
     if (!isRefusal(reason) || !["distance", "area"].includes(mode.key)) throw reason;
     const { length_m, azimuth_deg } = measure(corners);
-    const note = "No ground was mapped here: what is said holds on the map.";
+    const note = "No ground was mapped here: the values are those of the map plane.";
     const quantities =
       mode.key === "area"
         ? [{ name: "area on the map", value: polygonArea(corners), unit: "m²" as const }]

@@ -130,7 +130,7 @@ export class DrawnMeasurements {
     this.showPictures(all.flatMap(({ found }) => found.picture ?? []));
   }
 
-  /** Lays pictures over the layers, and takes those away whose measurement is gone. */
+  /** Overlays images on the layers, and removes those whose measurement was deleted. */
   private showPictures(wanted: readonly Picture[]): void {
     for (const [picture, layer] of this.pictures) {
       if (wanted.includes(picture)) continue;

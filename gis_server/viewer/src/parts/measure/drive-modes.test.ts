@@ -5,7 +5,7 @@ import { quantityText } from "./quantities";
 
 const LAYER = { id: "mer2/hazard", kind: "hazard", digest: "0123", cell_m: 0.16 };
 
-test("a reach tells its ground, its longest drive and how long that takes", () => {
+test("a reach gives its ground, its longest drive and the duration of that", () => {
   const reach: Reachable = {
     farthest_m: 50,
     interval_m: 5,
@@ -28,7 +28,7 @@ test("a reach tells its ground, its longest drive and how long that takes", () =
   ]);
 });
 
-test("a route tells its length on the ground and its climb, and draws the ground", () => {
+test("a route gives its length on the ground and its climb, and draws the ground", () => {
   const route: Route = {
     drive_m: 22.5,
     straight_m: 20,

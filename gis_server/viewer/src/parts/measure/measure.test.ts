@@ -69,7 +69,7 @@ test("an area has the digits that the cells under its corners allow", () => {
   expect(flat && quantityText(flat)).toBe("400.0 ± 1.3 m²");
   expect(ground && quantityText(ground)).toBe("404.1 ± 1.3 m²");
   expect(perimeter && quantityText(perimeter)).toBe("80.00 ± 0.13 m");
-  // By what the server knows of them, else by the cell.
+  // By the server's standard deviation, else by the cell.
   expect([least, mean, most].map((one) => one && quantityText(one))).toEqual([
     "−0.20 ± 0.06 m",
     "0.010 ± 0.012 m",
@@ -88,7 +88,7 @@ test("a table has a line for every quantity and every corner", () => {
   expect(lines.at(-1)).toBe("1,distance,north of point 2,20,,m,");
 });
 
-test("GeoJSON is in degrees of Mars and says so", () => {
+test("GeoJSON is in degrees of Mars and names that system", () => {
   const local = localMap(MISSION);
   const text = measurementsGeojson([ONE], MISSION, local);
   const { crs, features, ...rest } = JSON.parse(text);
@@ -133,14 +133,14 @@ test("stations of a profile keep their source, and gaps stay empty", () => {
   ]);
 });
 
-test("a profile tells in words what it shows", () => {
+test("a profile is described in words", () => {
   expect(profileOptions(PROFILE, "elevation").summary).toBe(
     "From mer2/dtm. Elevation 1.00 ± 0.10 m to 3.00 ± 0.20 m. 67 % measured; the band is one sigma.",
   );
   expect(profileOptions(PROFILE, "slope").series[0]?.sigma).toEqual([0.1, null, 0.1]);
 });
 
-test("the second click of a double-click is no corner", () => {
+test("the second click of a double-click is not a corner", () => {
   expect(
     withoutRepeats([
       [0, 0],

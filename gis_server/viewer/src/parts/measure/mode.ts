@@ -6,7 +6,7 @@ import type { LayerUsed, Profile } from "../../server/measure";
 import type { Bounds, MapPoint } from "../../server/records";
 import type { Quantity } from "./quantities";
 
-/** A picture that lies on the map. */
+/** An image overlaid on the map. */
 export interface Picture {
   readonly url: string;
   readonly bounds: Bounds;
@@ -17,7 +17,7 @@ export interface Picture {
 /** What was found on the ground that was drawn. */
 export interface Found {
   readonly quantities: readonly Quantity[];
-  /** Number of the quantity that stands for all. */
+  /** Index of the main quantity. */
   readonly main: number;
   readonly layers: readonly LayerUsed[];
   readonly note?: string | null;
@@ -44,7 +44,7 @@ export type ModeKey =
   | "reach"
   | "route";
 
-/** A number in metres that is asked before it is drawn. */
+/** A number in metres that is entered before drawing. */
 export interface NumberAsked {
   readonly key: string;
   readonly title: string;
@@ -68,7 +68,7 @@ export interface Mode {
   readonly least: number;
   readonly most?: number;
   readonly hint: string;
-  /** What is told while the shape grows. */
+  /** The text shown while the shape is drawn. */
   readonly live: (corners: readonly MapPoint[]) => string;
   /** Whether a raster layer is to be chosen for it. */
   readonly asksLayer?: boolean;
@@ -76,7 +76,7 @@ export interface Mode {
   readonly find: (mission: string, corners: readonly MapPoint[], asked: Asked) => Promise<Found>;
 }
 
-/** What was found, of which the quantity `main` stands for all. */
+/** The result; `main` is the index of its main quantity. */
 export function found(
   quantities: readonly Quantity[],
   main: string,
@@ -87,7 +87,7 @@ export function found(
   return { quantities, main: Math.max(0, at), layers, ...more };
 }
 
-/** A number as it was chosen, within what may be asked; else the usual one. */
+/** The chosen number, limited to its range; else the default. */
 export function chosenNumber({ usual, least, most }: NumberAsked, chosen?: number): number {
   if (chosen === undefined || !Number.isFinite(chosen)) return usual;
   return Math.min(most, Math.max(least, chosen));

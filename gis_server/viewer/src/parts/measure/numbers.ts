@@ -1,4 +1,4 @@
-/** Numbers that are asked before something is measured, as they were last chosen. */
+/** Numbers that are entered before a measurement, as they were last chosen. */
 
 import { h } from "../../page/dom";
 import { chosenNumber, type Mode, type NumberAsked } from "./mode";

@@ -12,7 +12,7 @@ export interface PanelActions {
   readonly start: (mode: Mode) => void;
   /** Ends points that were picked one by one. */
   readonly finish: () => void;
-  /** Raster layers that can be asked: id and title. */
+  /** Raster layers that can be measured on: id and title. */
   readonly layers: readonly (readonly [id: string, title: string])[];
   readonly layer: string | null;
   readonly chooseLayer: (id: string) => void;

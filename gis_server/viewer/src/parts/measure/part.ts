@@ -1,4 +1,4 @@
-/** Measuring on the map: a kind is chosen, a shape drawn, and the server says what it measures on the ground. */
+/** Measuring on the map: a kind is chosen, a shape is drawn, and the server measures it on the ground. */
 
 import "./measure.css";
 import { kindTitle } from "../../map/layers";
@@ -22,7 +22,7 @@ import { quantityText } from "./quantities";
 /** Of the measurements in the link: `distance:0,0;3,4/area:0,0;3,0;3,4`. */
 const KEY = "measure";
 
-/** What is told of a line that was drawn elsewhere. */
+/** The text about a line that was drawn elsewhere. */
 const BETWEEN = ["straight, in space", "length on the map", "rise", "slope"];
 
 export function measurePart(context: Context): void {
@@ -93,7 +93,7 @@ class Measuring {
     this.find(mode, [point]);
   }
 
-  /** Measures a line that was drawn elsewhere, and says in a box what was found. */
+  /** Measures a line that was drawn elsewhere, and shows the result in a box. */
   between(mode: Mode, corners: readonly MapPoint[], box: HTMLElement): void {
     const { mission, waiting, link } = this.context;
     waiting.run(async () => {
@@ -150,7 +150,7 @@ class Measuring {
     this.drawn.dispose();
   }
 
-  /** Measures what a link says, and nothing else. */
+  /** Measures what a link contains, and nothing else. */
   restore(text: string): void {
     if (text === this.linked) return;
     this.all = [];

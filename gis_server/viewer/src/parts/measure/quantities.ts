@@ -19,10 +19,10 @@ const OWN_UNITS: Readonly<Record<string, Unit>> = { m: "m", degree: "°", metre:
 export interface Quantity {
   readonly name: string;
   readonly value: number | null;
-  /** What is told in the place of a number. */
+  /** Text in the place of a number. */
   readonly word?: string;
   readonly sigma?: number | null;
-  /** What was told apart, where there is no standard deviation: a cell. */
+  /** Resolution, where there is no standard deviation: the size of a cell. */
   readonly resolution?: number | null;
   readonly unit: Unit;
 }
@@ -37,7 +37,7 @@ const measuredShare = (share: number): Quantity => ({
   resolution: 1,
   unit: "%",
 });
-/** Of the finest model; null: none was asked. */
+/** Of the finest model; null: no model was used. */
 export const cellOf = ([layer]: readonly LayerUsed[]) => layer?.cell_m ?? null;
 /** Decimals of lengths that were read from terrain models. */
 export const decimalsOn = (layers: readonly LayerUsed[]) => decimalsFor(cellOf(layers) ?? 0.01);
@@ -166,7 +166,7 @@ export function zoneQuantities(found: ZoneMeasured): Quantity[] {
       ...{ name, value: 100 * share, resolution: 1 },
       unit: "%",
     }));
-  // The spread of the values, not the cell, tells which digits of them say something.
+  // The spread of the values, not the cell size, determines their significant digits.
   const resolution = found.std ? found.std / 10 : null;
   const one = (name: string, value: number | null | undefined): Quantity[] =>
     value === null || value === undefined ? [] : [{ name, value, resolution, unit }];
@@ -185,6 +185,6 @@ export function zoneQuantities(found: ZoneMeasured): Quantity[] {
 const percentile = ({ percentiles }: ZoneMeasured, percent: string) =>
   Object.entries(percentiles).find(([name]) => Number(name) === Number(percent))?.[1];
 
-/** Terrain models that were asked, shortest way to say it. */
+/** Terrain models that were used, in the shortest form. */
 export const sourcesText = (layers: readonly LayerUsed[]): string =>
   layers.length === 0 ? "no terrain model" : layers.map(({ id }) => id).join(", ");

@@ -29,7 +29,7 @@ const FREE: SightLine = {
 const told = (line: SightLine) =>
   sightQuantities(line).map((one) => `${one.name}: ${quantityText(one)}`);
 
-test("a line of sight that is blocked says where", () => {
+test("a blocked line of sight names the place", () => {
   expect(told(BLOCKED)).toEqual([
     "line of sight: blocked",
     "least height over the ground: −1.00 m",
@@ -42,13 +42,13 @@ test("a line of sight that is blocked says where", () => {
   ]);
 });
 
-test("one that is free names nothing in the way, and one that nothing tells of is not free", () => {
+test("a free one names no obstacle, and one without elevations is not free", () => {
   expect(told(FREE)).toContain("line of sight: free");
   expect(told(FREE).some((text) => text.startsWith("blocked"))).toBe(false);
   expect(told({ ...FREE, sight: "unknown" })).toContain("line of sight: not known");
 });
 
-test("its chart has ground and line, and says which of them is above", () => {
+test("its chart has ground and line, and names the upper one", () => {
   const drawn = sightChart(BLOCKED);
   expect(drawn.summary).toContain("is blocked. It runs 1.00 m below the ground");
   expect(drawn.series.map(({ ys }) => ys)).toEqual([BLOCKED.ground_m, BLOCKED.line_m]);
@@ -56,7 +56,7 @@ test("its chart has ground and line, and says which of them is above", () => {
   expect(sightChart({ ...FREE, clearance_m: null }).summary).toContain("No ground is mapped");
 });
 
-test("the word stands in the table where other measurements have their number", () => {
+test("the word is in the table where other measurements have their number", () => {
   const [mode] = SIGHT_MODES;
   if (!mode) throw new Error("there is no line of sight");
   const found = { quantities: sightQuantities(BLOCKED), main: 0, layers: [LAYER] };
@@ -81,7 +81,7 @@ test("a viewshed states what is seen, hidden and not known", () => {
   expect(texts.slice(0, 3)).toEqual(["746.0 m²", "7000.0 m²", "108.0 m²"]);
 });
 
-test("a number that is asked stays within what may be asked", () => {
+test("an entered number stays within its range", () => {
   const asked: NumberAsked = { key: "k", title: "t", usual: 1.5, least: 0, most: 100, step: 0.1 };
   expect(chosenNumber(asked)).toBe(1.5);
   expect(chosenNumber(asked, Number.NaN)).toBe(1.5);

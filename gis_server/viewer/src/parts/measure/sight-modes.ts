@@ -77,7 +77,7 @@ function sightFound(line: SightLine): Found {
   const { obstruction } = line;
   const mark: MapPoint | null = obstruction && [obstruction[0], obstruction[1]];
   const note =
-    line.sight === "unknown" ? "Too long a stretch of the way was never seen to say it." : null;
+    line.sight === "unknown" ? "Too much of the line lies over unseen ground to decide." : null;
   const quantities = sightQuantities(line);
   return found(quantities, "line of sight", line.layers, { chart: sightChart(line), mark, note });
 }
@@ -131,7 +131,7 @@ export const SIGHT_MODES: readonly Mode[] = [
     shape: "point",
     least: 1,
     most: 1,
-    hint: "Click where a mast stands: the ground that is seen from its top is laid over the map.",
+    hint: "Click the place of a mast: the ground visible from its top is overlaid on the map.",
     live: () => "click a place, Esc stops",
     asksNumbers: [{ ...EYE, key: "mast_m", title: "mast above the ground" }, TARGET, RADIUS],
     find: async (mission, corners, { numbers }) => {

@@ -1,4 +1,4 @@
-/** The graph as a drawing: nodes are buttons, edges say what they stand for. */
+/** The graph as a drawing: nodes are buttons, edges have labels. */
 
 import { svg } from "../../page/svg";
 import type { LinkEdge, NetworkGraph, PairGraph, PairNode, StopNode } from "../../server/network";

@@ -13,7 +13,7 @@ test("stops stand as on the map, north up", () => {
   for (const value of [a.x, a.y, b.x, b.y]) expect(value >= 0 && value <= SIDE).toBe(true);
 });
 
-test("a single stop stands in the middle", () => {
+test("a single stop is in the middle", () => {
   expect(stopSpots([{ stop: "a", place: [3, 4, 0] }]).get("a")).toEqual({ x: 500, y: 500 });
 });
 

@@ -1,4 +1,4 @@
-/** The image network: what it hangs on in words in its tab, and as a graph beside the map. */
+/** The image network: its connections in words in its tab, and as a graph beside the map. */
 
 import "./network.css";
 import { h } from "../../page/dom";

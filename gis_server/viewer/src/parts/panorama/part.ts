@@ -1,4 +1,4 @@
-/** The panorama of a stop below the map, opened when it is asked for. */
+/** The panorama of a stop below the map, opened on request. */
 
 import { button } from "../../page/dom";
 import { type Panorama, panoramaApi } from "../../server/panorama";

@@ -1,4 +1,4 @@
-/** One panorama as a picture that is moved and zoomed: OpenLayers on a plane of pixels. */
+/** One panorama as an image that is moved and zoomed: OpenLayers on a plane of pixels. */
 
 import Feature from "ol/Feature";
 import Point from "ol/geom/Point";

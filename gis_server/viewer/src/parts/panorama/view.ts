@@ -111,7 +111,7 @@ export class PanoramaView {
     );
   }
 
-  /** Says what is in a direction, and shows it on the map: the ray, and the ground where it meets that. */
+  /** Describes what is in a direction, and shows it on the map: the ray, and the ground where it meets that. */
   private over(direction: Direction | null): void {
     const { mission } = this.context;
     this.rays.clear();

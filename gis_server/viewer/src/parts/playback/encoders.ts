@@ -1,4 +1,4 @@
-/** Pictures one after the other as one file: a video by the browser's own encoder (WebCodecs), or a GIF. */
+/** Frames one after the other as one file: a video by the browser's own encoder (WebCodecs), or a GIF. */
 
 import {
   BufferTarget,

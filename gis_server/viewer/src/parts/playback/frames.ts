@@ -1,4 +1,4 @@
-/** The map at one range of sols after the other, as pictures with title, scale and legends. */
+/** The map at one range of sols after the other, as frames with title, scale and legends. */
 
 import { type Sols, solsTitle } from "../../map/sols";
 import type { Context } from "../../session/context";
@@ -7,9 +7,9 @@ import { sheetOf } from "../downloads/sheet";
 import { drawSheet } from "../downloads/sheet-drawing";
 import { snapshot } from "../downloads/snapshot";
 
-/** Larger pictures are made smaller. */
+/** Larger frames are made smaller. */
 const MOST_PX = 1280;
-/** Encoders of video take whole blocks of so many pixels. */
+/** Encoders of video take whole blocks of this many pixels. */
 const BLOCK_PX = 2;
 
 const whole = (px: number) => BLOCK_PX * Math.round(px / BLOCK_PX);

@@ -23,7 +23,7 @@ test("an image sees the point if its footprint holds it, not if its pointing lin
   expect(imagesAt({ ...NOTHING, features })).toEqual(["A"]);
 });
 
-test("elevation is told with its standard deviation, or that there is none", () => {
+test("elevation is given with its standard deviation, or as having none", () => {
   expect(elevationText(NOTHING)).toBe("not measured");
   expect(elevationText({ ...NOTHING, elevation_m: -1.5 })).toBe("−1.50 m");
   expect(elevationText({ ...NOTHING, elevation_m: 2, elevation_sigma_m: 0.01 })).toBe(

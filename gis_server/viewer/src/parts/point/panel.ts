@@ -65,7 +65,7 @@ export interface PointActions {
   readonly copy: (text: string) => void;
 }
 
-/** Decimals of a degree of Mars, of 59 km, that tell metres apart. */
+/** Decimals of a degree of Mars (59 km) that distinguish metres. */
 const METRE_DECIMALS = 5;
 
 /** A place in each way of naming it, as text that the search box reads. */

@@ -1,4 +1,4 @@
-/** What is at a place: the line below the map follows the pointer, the tab tells of the clicked point. */
+/** What is at a place: the line below the map follows the pointer, the tab describes the clicked point. */
 
 import { formatChoice } from "../../page/coordinate-format";
 import { copyText } from "../../page/copy";
@@ -115,7 +115,7 @@ function followPointer(context: Context): void {
 
 function hints({ mission }: Context): HTMLElement[] {
   const texts = [
-    "Click on the map: what every layer says there, and the images that see it. Click a pointing line or footprint to open its image.",
+    "Click on the map for the value of every layer there and the images that see it. Click a pointing line or footprint to open its image.",
     mission.lsl_note ?? "",
     `Origin: ${mission.landing.name}, ${mission.landing.source}`,
   ];

@@ -14,7 +14,7 @@ function field(name: string, value: string, key: string): HTMLElement {
 
 const isElevation = (kind: string) => ["dtm", "region-dtm", "far-dtm"].includes(kind);
 
-/** The value that lies uppermost on the screen; elevation is told anyway. */
+/** The value that is uppermost on the screen; elevation is always given. */
 function uppermost(found: Identified | null, heightOf: (layer: string) => number | null) {
   const shown = (found?.layers ?? [])
     .map((layer) => ({ layer, height: heightOf(layer.id) }))
@@ -23,7 +23,7 @@ function uppermost(found: Identified | null, heightOf: (layer: string) => number
 }
 
 /**
- * `found` is what the server said about the very point, if it has answered; `heightOf` is a layer's place in the stack of
+ * `found` is the server's answer for this point, if it has arrived; `heightOf` gives a layer's position in the stack of
  * the map, null if it is off.
  */
 export function readout(

@@ -1,4 +1,4 @@
-/** Runs: what goes on, how far it is and how it ended; new ones are asked for here. */
+/** Runs: those in progress, how far they are and how they ended; new ones are requested here. */
 
 import "./runs.css";
 import { h } from "../../page/dom";
@@ -21,7 +21,7 @@ import { advanced } from "./progress";
 import { confirmation, startForm, valueText, whenText } from "./start";
 import { indicator } from "./status";
 
-/** The engine's state grows old by itself: it is asked for again after so long. */
+/** The engine's state changes without an event: it is requested again after this time. */
 const LOOK_MS = 20_000;
 const CANCEL =
   "The processes of the run are ended. What exists is kept; a later run continues from there.";
@@ -41,7 +41,7 @@ export function runsPart(context: Context): void {
   const open = (run: Run) =>
     waiting.run(async () => {
       const { lines } = await runs.one(run.id);
-      const text = lines.length > 0 ? lines.join("\n") : "It has said nothing.";
+      const text = lines.length > 0 ? lines.join("\n") : "The log is empty.";
       page.dialog(`${run.kind}: ${run.subject}`, h("pre", { class: "json" }, text));
     });
   const openReport = (report: Report) =>

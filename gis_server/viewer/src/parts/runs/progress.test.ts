@@ -35,14 +35,14 @@ test("time goes on while a run does, and stops with it", () => {
   expect(durationText(ended, at("2026-11-23T00:00:00+00:00"))).toBe("4 min");
 });
 
-test("an event advances its run and no other; of an unknown run the list is asked for", () => {
+test("an event advances its run and no other; for an unknown run the list is requested", () => {
   const other = { ...RUN, id: "b" };
   const event = { ...RUN, stage: "adjust", done: 1, total: 2 };
   expect(advanced([RUN, other], event)).toEqual([event, other]);
   expect(advanced([other], event)).toBeNull();
 });
 
-test("requests tell who wants what and what became of it", () => {
+test("requests name the person, the run and its result", () => {
   const request = {
     id: 1,
     kind: "region",
@@ -54,7 +54,7 @@ test("requests tell who wants what and what became of it", () => {
     parameters: {},
   } as const;
   expect(requestText(request)).toBe(
-    "region of MER2, asked for by Ann: waits for `solmap up` to take it",
+    "region of MER2, requested by Ann: waits for `solmap up` to take it",
   );
   expect(requestText({ ...request, state: "refused", answer: "no inbox" })).toContain("no inbox");
 });

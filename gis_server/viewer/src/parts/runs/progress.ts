@@ -1,4 +1,4 @@
-/** What is said of runs, in words and numbers. */
+/** Descriptions of runs, in words and numbers. */
 
 import type { Happenings } from "../../server/events";
 import type { Run, RunRequest } from "../../server/runs";
@@ -24,7 +24,7 @@ export function durationText(run: Pick<Run, "started_at" | "ended_at">, now: num
   return minutes < 60 ? `${minutes} min` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
 }
 
-/** The list with what an event says of one of its runs; null where it is not in the list. */
+/** The list updated by an event about one of its runs; null where the run is not in the list. */
 export function advanced(
   runs: readonly Run[],
   event: Happenings["run.changed"],
@@ -38,7 +38,7 @@ export function advanced(
 export function requestText(request: RunRequest): string {
   const { kind, mission, author, state, answer, parameters } = request;
   const of = mission ?? parameters["deployment"] ?? parameters["run"];
-  const what = `${kind}${of ? ` of ${String(of)}` : ""}, asked for by ${author}`;
+  const what = `${kind}${of ? ` of ${String(of)}` : ""}, requested by ${author}`;
   switch (state) {
     case "waiting":
       return `${what}: waits for \`solmap up\` to take it`;

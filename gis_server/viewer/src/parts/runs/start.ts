@@ -1,4 +1,4 @@
-/** The dialog that starts a run: its parameters, then what will happen, then it is asked for. */
+/** The dialog that starts a run: its parameters, then the resulting steps, then the request. */
 
 import { facts, h } from "../../page/dom";
 import type { Engine, ParameterSchema, Parameters, RunKind } from "../../server/runs";
@@ -37,7 +37,7 @@ function field(name: string, schema: ParameterSchema, isRequired: boolean, given
   return h("input", { name, pattern, required: isRequired, value, autocomplete: "off" });
 }
 
-/** What a form says of one parameter; undefined: it is left out. */
+/** The value of one parameter in a form; undefined: it is left out. */
 function valueOf(element: Field): unknown {
   if (element instanceof HTMLSelectElement)
     return [...element.selectedOptions].map(({ value }) => value);
@@ -92,7 +92,7 @@ export function startForm(
   );
 }
 
-/** What will happen, and the question whether it shall; the trouble of a refusal is shown in place. */
+/** The resulting steps, and the question whether to start; the reason of a refusal is shown in place. */
 export function confirmation(
   sentences: readonly string[],
   values: readonly (readonly [string, string])[],

@@ -64,7 +64,7 @@ export interface Board {
   /** Where the eye is from now on. */
   readonly putEye: (at: "flying" | "standing" | "walking") => void;
   readonly putMeasuring: (isMeasuring: boolean) => void;
-  /** Chooses stop and layer without telling. */
+  /** Chooses stop and layer without notifying listeners. */
   readonly choose: (chosen: Pick<Choices, "stop" | "drape">) => void;
 }
 

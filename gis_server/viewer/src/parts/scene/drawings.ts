@@ -67,7 +67,7 @@ export function dots(places: readonly Place3[], origin: Place3, color: string, p
   return new Points(geometry, new PointsMaterial({ color, size: px, sizeAttenuation: false }));
 }
 
-/** A name that faces the viewer, as high as 3 percent of the picture. */
+/** A name that faces the viewer, as high as 3 percent of the view. */
 export function nameplate(text: string, place: Place3, origin: Place3): Sprite {
   const canvas = document.createElement("canvas");
   const pen = canvas.getContext("2d");

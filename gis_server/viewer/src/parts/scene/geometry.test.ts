@@ -50,7 +50,7 @@ describe("the rover", () => {
   });
 });
 
-test("a pyramid of sight reaches as far as it is told, along its axis", () => {
+test("a pyramid of sight has the given length along its axis", () => {
   const slant = Math.SQRT1_2;
   const camera: SceneCamera = {
     image: "A",

@@ -1,6 +1,7 @@
 /**
  * The 3D view in the link: `view3d` is `east,north,up` of the eye and of what it looks at, metres; `show3d` is what is
- * shown besides, `layer/stop/stand`: the kind of layer over the ground, the stop if one is chosen, whether the eye stands there.
+ * shown besides, `layer/stop/stand`: the kind of layer over the ground, the stop if one is chosen, whether the eye is
+ * at that stop.
  */
 
 import type { Place3 } from "../../server/scene";
@@ -22,7 +23,7 @@ const STAND = "stand";
 export const formatLook = ({ from, to }: Look): string =>
   [...from, ...to].map((metres) => Number(metres.toFixed(CENTIMETRES))).join(",");
 
-/** Null if the text is no look. */
+/** Null if the text is not such a view. */
 export function parseLook(text: string | null): Look | null {
   const numbers = (text ?? "").split(",").map(Number);
   if (numbers.length !== 6 || !numbers.every(Number.isFinite)) return null;

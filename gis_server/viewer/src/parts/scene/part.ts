@@ -1,4 +1,4 @@
-/** The 3D view beside the map, opened when it is asked for: only then is what draws it loaded. */
+/** The 3D view beside the map, opened on request; only then is its code loaded. */
 
 import { button, h } from "../../page/dom";
 import type { Pane } from "../../page/panes";

@@ -1,9 +1,10 @@
 /**
- * A rover of boxes and wheels, to scale, in the rover frame (forward, right, down; the origin between the middle wheels).
+ * A rover of boxes and wheels, to scale, in the rover frame (forward, right, down; the origin between the middle
+ * wheels).
  *
- * The box is the one by which the adjustment knows pixels that show the rover itself. Wheels of Spirit and Opportunity
- * are 0.26 m across and 1.41 m from the first axle to the last; those of Curiosity and Perseverance 0.5 m and 2.2 m. The
- * mast carries its cameras 1.5 m (2.1 m) above the ground.
+ * The box is the one with which the adjustment identifies pixels that show the rover itself. Wheels of Spirit and
+ * Opportunity are 0.26 m across and 1.41 m from the first axle to the last; those of Curiosity and Perseverance 0.5 m
+ * and 2.2 m. The mast carries its cameras 1.5 m (2.1 m) above the ground.
  */
 
 import {

@@ -56,7 +56,7 @@ export class Sights {
     return best?.image ?? null;
   }
 
-  /** Draws anew: the ground that lines end on may have come in the meantime. */
+  /** Redraws: the ground that lines end on may have been loaded in the meantime. */
   draw(): void {
     for (const old of [...this.group.children]) discard(old);
     const { origin } = this.stage;

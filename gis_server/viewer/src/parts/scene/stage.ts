@@ -1,6 +1,6 @@
 /**
- * The stage: renderer, camera and light. The world hangs below one group in (east, north, up) metres from an origin near
- * by, because a graphics card has seven digits; its z axis may be exaggerated. A frame is drawn when something asks for it.
+ * The stage: renderer, camera and light. The world hangs below one group in (east, north, up) metres from a nearby
+ * origin, because a graphics card has seven digits; its z axis may be exaggerated. A frame is drawn on request.
  */
 
 import {
@@ -61,7 +61,7 @@ export class Stage {
     this.fit();
   }
 
-  /** Asks for a frame; however often it is asked for, one is drawn. */
+  /** Requests a frame; several requests draw one frame. */
   readonly ask = (): void => {
     if (this.asked) return;
     this.asked = requestAnimationFrame(() => {
@@ -107,7 +107,7 @@ export class Stage {
     return [x + e, y + n, z / this.exaggeration + u];
   }
 
-  /** How far away a ground of that size, seen aslant, fills the picture. */
+  /** The distance from which a ground of that size, seen obliquely, fills the view. */
   distanceFor(size: number): number {
     const half = Math.tan((FIELD_DEG / 2) * (Math.PI / 180));
     return (FILLING * size) / half / Math.min(1, this.camera.aspect);

@@ -29,7 +29,9 @@ import { Tape } from "./tape";
 import { tiePlaces } from "./ties";
 
 const TIE = "#7a4dd8";
-/** The camera rests when it has not moved for so long; after so long without a frame it is looked whether all has come. */
+/**
+ * The camera rests when it has not moved for so long; after so long without a frame it is looked whether all has come.
+ */
 const REST_MS = 300;
 
 /** The ground of every stop: tiles where there are, else one file. */
@@ -129,7 +131,7 @@ export class SceneView {
     this.stage.look(from, to);
   }
 
-  /** Shows what another link says. */
+  /** Shows the view of another link. */
   show({ drape, stop, isStanding }: Shown): void {
     this.board.choose({ drape, stop });
     this.drape();
@@ -163,7 +165,7 @@ export class SceneView {
     this.board.putMeasuring(this.tape.isOn);
   }
 
-  /** Drapes the chosen kind of layer over the ground, and says what its colours mean. */
+  /** Drapes the chosen kind of layer over the ground, and shows its legend. */
   private drape(): void {
     const { context, choices, terrain, legend } = this;
     const { drape: kind, stop } = choices;
@@ -236,7 +238,7 @@ export class SceneView {
     return terrain;
   }
 
-  /** Looks again and again whether all has come: a download that ends without a tile to show asks for no frame. */
+  /** Checks repeatedly whether all has been loaded: a download that ends without a tile to show requests no frame. */
   private await(): void {
     clearTimeout(this.awaiting);
     if (this.element.dataset["settled"] === "true") return;

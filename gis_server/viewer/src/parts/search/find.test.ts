@@ -19,7 +19,7 @@ test("a sol is found by its number, before the images that have it in their name
   expect(titles("sol 1")).toEqual(["Sol 1", "Sol 155", "Sol 156"]);
 });
 
-test("a stop is found by site and drive, as labels write it and as people say it", () => {
+test("a stop is found by site and drive, as labels and people write it", () => {
   expect(titles("10/64")).toEqual(["Site 10 · drive 64"]);
   expect(titles("  Site  10  drive 64 ")).toEqual(["Site 10 · drive 64"]);
   expect(titles("site 1")).toEqual([
@@ -30,7 +30,7 @@ test("a stop is found by site and drive, as labels write it and as people say it
   ]);
 });
 
-test("an image is found by any part of its name, however it is written", () => {
+test("an image is found by any part of its name, in upper or lower case", () => {
   expect(titles("2n156")).toEqual(["2N156000000EFF1000P1500L0M1"]);
   expect(titles("EFF1000P1500l")).toHaveLength(2);
 });
@@ -44,7 +44,7 @@ test("latitude and longitude are a place on the map of a mission", () => {
   const to = { local: localMap(MISSION), bounds: MISSION.bounds, frames: null };
   for (const text of ["-14.5689 175.4730", "14.5689S 175.473E", "S14°34'8.04\" E175°28'22.8\""]) {
     const [found] = find(ENTRIES, text, 40, to);
-    if (found?.goal.to !== "place") throw new Error(`${text} is no place`);
+    if (found?.goal.to !== "place") throw new Error(`${text} is not a place`);
     const [east, north] = found.goal.point;
     expect(east).toBeCloseTo(5.74, 1);
     expect(north).toBeCloseTo(17.78, 1);

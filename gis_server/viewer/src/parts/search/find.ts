@@ -98,7 +98,7 @@ const places = (query: string, to: References): Entry[] =>
     goal: { to: "place", point },
   }));
 
-/** The entries that the letters mean, the best first; coordinates are read as `to` says. */
+/** The entries that the letters mean, the best first; `to` reads coordinates. */
 export function find(
   entries: readonly Entry[],
   text: string,

@@ -1,4 +1,4 @@
-/** Drawing of both eyes' pictures on a canvas: red and cyan, side by side, or one after the other. */
+/** Drawing of both eyes' images on a canvas: red and cyan, side by side, or one after the other. */
 
 import type { PairPictures } from "../../server/stereo";
 import { bestParallax, type Grey, type Sight } from "./fuse";
@@ -7,15 +7,15 @@ export type Way = "anaglyph" | "parallel" | "crossed" | "wiggle";
 
 const RED = "#ff0000";
 const CYAN = "#00ffff";
-/** Pictures are compared at this width; their parallax is at most that share of it. */
+/** Images are compared at this width; their parallax is at most that share of it. */
 const COARSE_PX = 128;
 const MOST = 0.45;
-/** Rows that are compared: the sky says nothing. */
+/** Rows that are compared: the sky has no texture. */
 const [TOP, BOTTOM] = [0.3, 0.95];
 
 function pen(canvas: HTMLCanvasElement): CanvasRenderingContext2D {
   const context = canvas.getContext("2d", { willReadFrequently: false });
-  if (!context) throw new Error("this browser draws no pictures on a canvas");
+  if (!context) throw new Error("this browser cannot draw images on a canvas");
   return context;
 }
 
@@ -49,7 +49,7 @@ export class Eyes {
   readonly width: number;
   readonly height: number;
   readonly isLinearised: boolean;
-  /** The parallax that most of the picture has, in its pixels. */
+  /** The parallax of most of the image, in its pixels. */
   readonly parallax: number;
   private readonly red: HTMLCanvasElement;
   private readonly cyan: HTMLCanvasElement;
@@ -65,7 +65,7 @@ export class Eyes {
     this.cyan = tinted(right, CYAN);
   }
 
-  /** `phase` tells which eye's turn it is where they take turns. */
+  /** `phase` selects the eye where they alternate. */
   draw(canvas: HTMLCanvasElement, way: Way, sight: Sight, nudge: number, phase: 0 | 1): void {
     const context = pen(canvas);
     const { width, height } = canvas;

@@ -43,12 +43,12 @@ test.each([0, 5, 17])("a parallax of %i pixels is found", (parallax) => {
   expect(bestParallax(scene(0), scene(parallax), 30)).toBe(parallax);
 });
 
-test("pictures without contrast are left where they are", () => {
+test("images without contrast are not shifted", () => {
   const flat = { width: 8, height: 2, values: new Float32Array(16).fill(7) };
   expect(bestParallax(flat, flat, 4)).toBe(0);
 });
 
-test("the whole picture fits, and what is under the pointer stays there", () => {
+test("the whole image fits, and the point under the pointer stays there", () => {
   const sight = whole(1000, 500, 400, 400);
   expect(sight).toEqual({ scale: 0.4, x: 500, y: 250 });
   const near = zoomed(sight, 2, 100, -50);

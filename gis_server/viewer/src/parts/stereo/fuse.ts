@@ -1,7 +1,8 @@
 /**
- * Stereo pairs without drawing: which images belong together, and by how much one is shifted so that eyes can fuse them.
+ * Stereo pairs without drawing: which images belong together, and by how much one is shifted so that eyes can fuse
+ * them.
  *
- * A point lies at x in the left picture and at x - p in the right one, with the parallax p > 0. The right picture is
+ * A point lies at x in the left image and at x - p in the right one, with the parallax p > 0. The right image is
  * drawn `nudge` pixels to the right: points with p = nudge lie on the screen, nearer ones before it.
  */
 
@@ -35,7 +36,7 @@ export interface Grey {
 }
 
 /**
- * The parallax, from 0 to `most` pixels, at which two pictures are most alike: largest correlation of what overlaps. It
+ * The parallax, from 0 to `most` pixels, at which two images are most alike: largest correlation of their overlap. It
  * is that of the ground that fills most of them.
  */
 export function bestParallax(left: Grey, right: Grey, most: number): number {
@@ -65,7 +66,7 @@ function correlation(left: Grey, right: Grey, parallax: number): number {
   return n > 0 && spread > 0 ? (ab - (a * b) / n) / Math.sqrt(spread) : Number.NEGATIVE_INFINITY;
 }
 
-/** Which part of the pictures is seen: `scale` pixels of the screen a pixel, its middle at (x, y). */
+/** Which part of the images is seen: `scale` pixels of the screen per pixel, its middle at (x, y). */
 export interface Sight {
   readonly scale: number;
   readonly x: number;

@@ -112,7 +112,7 @@ export class StereoView {
     Object.assign(this.slider, { min: String(-most), max: String(most), step: "1" });
     this.said.textContent = eyes.isLinearised
       ? "Rows correspond exactly. Arrow keys: parallax; plus and minus, wheel: nearer; drag: move."
-      : "This pair was not matched: its pictures are as the cameras took them, rows may differ.";
+      : "This pair was not matched: its images are not epipolar, rows may differ.";
     this.fit();
     this.put(eyes.parallax);
     this.element.dataset["settled"] = "true";

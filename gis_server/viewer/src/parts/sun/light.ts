@@ -1,9 +1,12 @@
-/** What is shown under the sun, and its text in the link: `live=relief*0.6,shadow,tilt:5` and `sun=sol:156,14.5` or `sun=315,45`. */
+/**
+ * What is shown under the sun, and its text in the link: `live=relief*0.6,shadow,tilt:5` and `sun=sol:156,14.5` or
+ * `sun=315,45`.
+ */
 
 import type { SunPlace } from "../../map/shading";
 
 export interface Light {
-  /** Relief under the sun, over all pictures. */
+  /** Relief under the sun, over all rasters. */
   readonly relief: boolean;
   /** How strongly the relief covers what lies below it, 0 to 1. */
   readonly strength: number;

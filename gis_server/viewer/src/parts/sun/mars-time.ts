@@ -98,7 +98,7 @@ export interface Dated {
   readonly local_solar_time: string | null;
 }
 
-/** `13:05:30` or `Sol-00025M13:05:30` in hours; null if it is no time. */
+/** `13:05:30` or `Sol-00025M13:05:30` in hours; null if it is not a time. */
 export function hoursOf(text: string | null): number | null {
   const found = /(\d{1,2}):(\d{2}):(\d{2}(?:\.\d+)?)\s*$/.exec(text ?? "");
   if (!found) return null;
@@ -108,7 +108,7 @@ export function hoursOf(text: string | null): number | null {
 
 export const utc = (text: string) => new Date(/(Z|[+-]\d\d:?\d\d)$/.test(text) ? text : `${text}Z`);
 
-/** True solar days less the mission's sols, from images that tell both; null where none does. */
+/** True solar days less the mission's sols, from images that have both; null where there are none. */
 export function solsBegin(images: readonly Dated[], lonDeg: number): number | null {
   const begins = images.flatMap(({ sol, start_time, local_solar_time }) => {
     const hours = hoursOf(local_solar_time);

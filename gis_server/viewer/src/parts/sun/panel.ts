@@ -25,7 +25,7 @@ export interface SunPanel {
 export interface SunState {
   readonly sky: Sky;
   readonly sun: SunPlace;
-  /** Null where the sun was placed by hand, or no image tells how sols are counted. */
+  /** Null where the sun was placed by hand, or no image determines how sols are counted. */
   readonly day: Daylight | null;
   readonly light: Light;
 }
@@ -136,7 +136,7 @@ export function sunPanel(
     { class: "sun" },
     h("label", { class: "inline" }, h("span", {}, "ground"), ground),
     firstSol === null
-      ? h("p", { class: "hint" }, "No image tells when the sols of this mission are.")
+      ? h("p", { class: "hint" }, "No image relates the sols of this mission to Mars time.")
       : h(
           "div",
           { class: "times" },
@@ -154,7 +154,7 @@ export function sunPanel(
     h(
       "p",
       { class: "hint" },
-      "Angles are of the plane through nine cells, so they depend on the zoom; the layers of slope and tilt are felt over a rover's wheel base.",
+      "Angles are of the plane through nine cells, so they depend on the zoom; the layers of slope and tilt are computed over a rover's wheel base.",
     ),
   );
   const follow = (now: SunState) => {

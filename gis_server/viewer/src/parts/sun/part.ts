@@ -35,7 +35,7 @@ export function sunPart(context: Context): void {
   const follow = () => panel?.follow({ sky, sun: sun.value, day: daily(), light });
   let frame = 0;
   const shine = () => {
-    cancelAnimationFrame(frame); // a slider says more often where it is than the map is drawn
+    cancelAnimationFrame(frame); // a slider sends more events than the map draws frames
     frame = requestAnimationFrame(() => sun.set(place()));
   };
   const setSky = (next: Sky) => {
@@ -104,7 +104,7 @@ function groundOf({ layers, link }: Context): RasterLayer | null {
   return [...(chosen ? [chosen] : []), ...widest].find(hasValues) ?? null;
 }
 
-/** How sols are counted, from the images of one sol; from all if those tell nothing. */
+/** How sols are counted, from the images of one sol; from all if those have no times. */
 async function beginOf({ mission, layers }: Context): Promise<number | null> {
   const { longitude } = mission.landing;
   const sol = layers.all.flatMap(({ sols }) => [...sols])[0];

@@ -11,7 +11,7 @@ import {
 } from "./mars-time";
 import { dayOf, daylight, sunAt, sunOver } from "./sun-place";
 
-/** Landing points (config/landing_sites.toml); the labels count solar time there, however far the rover is. */
+/** Landing points (config/landing_sites.toml); the labels count solar time there, at any distance of the rover. */
 const SPIRIT = { latitude: -14.5692, longitude: 175.4729 };
 const OPPORTUNITY = { latitude: -1.9462, longitude: 354.4734 };
 const CURIOSITY = { latitude: -4.5895, longitude: 137.4417 };
@@ -87,12 +87,12 @@ test.each(LABELS)("%s: the solar time is the label's", (_, site, time, solar) =>
   expect(Math.abs(minutes)).toBeLessThan(0.1); // 6 s; the labels round to one
 });
 
-test.each(LABELS)("%s: the sun stands where the label says", (_, site, __, solar, ls, az, el) => {
+test.each(LABELS)("%s: the sun is where the label states", (_, site, __, solar, ls, az, el) => {
   const sun = sunOver(site, ls, hoursOf(solar) ?? Number.NaN);
   expect(apart(sun, { azimuthDeg: az, elevationDeg: el })).toBeLessThan(0.01); // degrees; 0.005 were measured
 });
 
-test("what Mars24 says of the epoch of its example", () => {
+test("the values of Mars24 for the epoch of its example", () => {
   // Mars24's worked example: 2000-01-06 00:00:00 UTC has Ls 277.18758 and EOT -5.18774 degrees.
   const { lsDeg, equationDeg } = seasonAt(julianDate(utc("2000-01-06T00:00:00")));
   expect(lsDeg).toBeCloseTo(277.18758, 3);
@@ -145,6 +145,6 @@ test.each([
   ["Sol-00025M13:05:30", 13 + 5 / 60 + 30 / 3600],
 ])("%s is a time", (text, hours) => expect(hoursOf(text)).toBeCloseTo(hours, 9));
 
-test("what is no time is none", () => {
+test("a text that is not a time gives none", () => {
   expect([hoursOf(null), hoursOf("noon")]).toEqual([null, null]);
 });

@@ -17,7 +17,7 @@ test.each([null, "", "swipe,a", "blink,a,b"])("%s compares nothing", (text) =>
   expect(parseComparison(text)).toBeNull(),
 );
 
-test("a divider off the map stands in its middle", () => {
+test("a divider off the map is placed in its middle", () => {
   expect(parseComparison("swipe,a,b,7")?.at).toBe(0.5);
 });
 

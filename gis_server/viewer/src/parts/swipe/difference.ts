@@ -24,7 +24,7 @@ const LEAST = 1e-4;
 function pairOf(a: Layer, b: Layer): Pair {
   for (const layer of [a, b])
     if (!hasValues(layer))
-      throw new Error(`${layerName(layer)} is a picture: only rasters of values have differences`);
+      throw new Error(`${layerName(layer)} is an image: only rasters of values have differences`);
   const pair = { a, b } as Pair;
   if ((a.unit ?? "") !== (b.unit ?? ""))
     throw new Error(

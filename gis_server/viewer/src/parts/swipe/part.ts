@@ -14,7 +14,7 @@ import { showSwipe } from "./swipe";
 
 const KEY = "compare";
 
-/** Shows a comparison until the answer is called; an error says why it cannot be. */
+/** Shows a comparison until the returned function is called; an error gives the reason why it cannot. */
 export type Show = (
   context: Context,
   comparison: Comparison,

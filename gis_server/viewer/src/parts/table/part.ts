@@ -1,4 +1,4 @@
-/** The attribute table in the dock below the map. What shows it comes when it is asked for. */
+/** The attribute table in the dock below the map. Its code is loaded when it is opened. */
 
 import { button } from "../../page/dom";
 import type { Context } from "../../session/context";

@@ -13,7 +13,7 @@ export interface Subject {
   readonly key: string;
   readonly title: string;
   readonly columns: readonly Column[];
-  /** Property of a feature on the map that names the row it stands for. */
+  /** Property of a feature on the map that names its row. */
   readonly named?: string;
   /** `tell` hears how many rows have come so far. */
   readonly load: (context: Context, tell: (count: number) => void) => Promise<readonly Row[]>;
@@ -32,7 +32,7 @@ function placeOf({ geometry }: GeoJsonFeature) {
 }
 
 const vectors = (layers: readonly Layer[]) => layers.filter((layer) => layer.type === "vector");
-/** The server sends no more than so many features at once where no box is asked for. */
+/** The most features that the server sends at once without a bounding box. */
 const TOO_MANY = 413;
 /** A layer of more features comes in so many squares along each side. */
 const SQUARES = 4;

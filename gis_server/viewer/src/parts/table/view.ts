@@ -1,4 +1,6 @@
-/** Tables of what is on the map: one at a time, with what chooses its rows; the chosen row and the map show each other. */
+/**
+ * Tables of what is on the map: one at a time, with what chooses its rows; the chosen row and the map show each other.
+ */
 
 import GeoJSON from "ol/format/GeoJSON";
 import type Geometry from "ol/geom/Geometry";
@@ -30,7 +32,7 @@ import { type Subject, SUBJECTS } from "./subjects";
 
 const Z_INDEX = 999;
 const TOUCH_PX = 6;
-/** Ground shown around what a row stands for, metres. */
+/** Ground shown around the feature of a row, metres. */
 const AROUND_M = 6;
 /** From farther off the ground around a row is shown instead. */
 const COARSEST_M = 0.25;
@@ -122,7 +124,7 @@ export class TableView {
     this.grid.dispose();
   }
 
-  /** Shows what a link says of the table; null: the first one. */
+  /** Shows the table of a link; null: the first one. */
   follow(text: string | null): void {
     const { subject, query } = parseTable(text ?? "");
     const wanted = SUBJECTS.find(({ key }) => key === subject) ?? FIRST;
@@ -207,7 +209,7 @@ export class TableView {
     this.remember(formatTable(subject.key, query));
   }
 
-  /** Shows on the map what a row stands for. */
+  /** Shows the feature of a row on the map. */
   private choose(row: Row): void {
     const { view, waiting } = this.context;
     waiting.run(async () => {

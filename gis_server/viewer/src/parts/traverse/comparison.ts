@@ -41,7 +41,7 @@ export class Comparison {
     context.alive.addEventListener("abort", () => this.vectors.dispose());
   }
 
-  /** Asks for the solutions and compares the chosen two. A mission without adjustment says so. */
+  /** Requests the solutions and compares the chosen two. A mission without adjustment shows a message. */
   async load(): Promise<void> {
     try {
       this.solutions = await network.solutions(this.context.mission.mission);

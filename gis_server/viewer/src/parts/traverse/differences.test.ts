@@ -36,9 +36,9 @@ const answer: TraverseAnswer = {
   by_sol: [1, 2],
 };
 
-test("the end and the worst are told in metres and percent, as the paper does", () => {
+test("the end and the worst are given in metres and percent, as in the paper", () => {
   expect(summaryText(answer)).toBe(
-    "After 43.5 m telemetry is off by 0.40 ± 0.04 m, 0.92 %; at most by 1.50 ± 0.04 m, 7.50 % at 1/5.",
+    "After 43.5 m telemetry differs by 0.40 ± 0.04 m, 0.92 %; at most by 1.50 ± 0.04 m, 7.50 % at 1/5.",
   );
 });
 
@@ -53,7 +53,7 @@ test("a spreadsheet has every number, and nothing where nothing is known", () =>
   expect(first).toBe("1/0,1,0,0,,0,0,,,1,2,3,0.04,0.02,mer2-sol0002/a,telemetry");
 });
 
-test("solutions of one sol are told apart by when they were made", () => {
+test("solutions of one sol are distinguished by when they were made", () => {
   const one: Solution = {
     id: "a",
     sol: 157,

@@ -1,4 +1,6 @@
-/** The table of accumulated differences (Di et al. 2008, section 3.3): metres, percent of the distance, their maximum. */
+/**
+ * The table of accumulated differences (Di et al. 2008, section 3.3): metres, percent of the distance, their maximum.
+ */
 
 import { h } from "../../page/dom";
 import { digits, HELD_M, measured } from "../../page/format";
@@ -28,7 +30,7 @@ export function summaryText(answer: TraverseAnswer): string {
     `${measured(row.horizontal_m, "m", row.sigma_horizontal_m, HELD_M)}, ${percentText(row)}`;
   return (
     `After ${measured(end.distance_m, "m", null, 0.1)} ${answer.reference === TELEMETRY_NAME ? "telemetry" : "the other solution"} ` +
-    `is off by ${at(end)}; at most by ${at(worst)} at ${worst.label}.`
+    `differs by ${at(end)}; at most by ${at(worst)} at ${worst.label}.`
   );
 }
 

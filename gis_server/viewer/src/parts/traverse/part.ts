@@ -10,7 +10,7 @@ import type { Context } from "../../session/context";
 import { Comparison } from "./comparison";
 import { type StopRow, stopPanel, stopRows } from "./stop-table";
 
-/** Width of the ground shown around a stop that was asked for, metres. */
+/** Width of the ground shown around a chosen stop, metres. */
 const STOP_VIEW_M = 24;
 
 export function traversePart(context: Context): void {

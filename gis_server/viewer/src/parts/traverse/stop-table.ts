@@ -24,7 +24,7 @@ const place = (feature: FeatureLike): MapPoint => {
 };
 const known = (value: unknown) => (typeof value === "number" ? value : null);
 
-/** One row a stop, in driving order; telemetry joined to its adjusted place. */
+/** One row per stop, in driving order; telemetry joined to its adjusted place. */
 export function stopRows(features: readonly FeatureLike[]): readonly StopRow[] {
   const key = (feature: FeatureLike) => String(feature.get("stop") ?? stopLabel(feature));
   const telemetry = new Map(

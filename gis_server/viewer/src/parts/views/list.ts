@@ -27,7 +27,7 @@ export function viewsDialog({ open, now }: ViewActions): HTMLElement {
   const list = h("ul", { class: "plain saved-views" });
   let deleted: SavedView | null = null;
 
-  /** Changes the views, draws them and moves the focus: what had it is drawn anew. */
+  /** Changes the views, draws them and moves the focus, because the focused element is replaced. */
   const change = (make: (views: readonly SavedView[]) => readonly SavedView[], focus: string) => {
     try {
       saved.keep(make);

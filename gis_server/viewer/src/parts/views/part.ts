@@ -1,4 +1,4 @@
-/** Saved views: names for links, kept in the browser. The dialog comes when it is asked for. */
+/** Saved views: names for links, kept in the browser. The dialog is loaded when it is opened. */
 
 import { button } from "../../page/dom";
 import type { Context } from "../../session/context";

@@ -38,7 +38,7 @@ export function merged(
 export const formatViews = (views: readonly SavedView[]): string =>
   `${JSON.stringify({ format: FORMAT, version: 1, views }, null, 2)}\n`;
 
-/** The views of a file; an error that says what is wrong with it. */
+/** The views of a file; an error names what is wrong with it. */
 export function parseViews(text: string): readonly SavedView[] {
   let read: { format?: unknown; version?: unknown; views?: unknown } | null;
   try {
@@ -53,7 +53,7 @@ export function parseViews(text: string): readonly SavedView[] {
   return read.views.map(({ name, link }) => ({ name, link }));
 }
 
-/** Read anew each time: other windows of this browser save views too. */
+/** Read again each time: other windows of this browser save views too. */
 export class SavedViews {
   constructor(private readonly storage: Pick<Storage, "getItem" | "setItem"> = localStorage) {}
 

@@ -1,4 +1,7 @@
-/** The 3D view by keyboard: arrows turn about what is looked at, with Shift they move it, + and - come nearer and go away. */
+/**
+ * The 3D view by keyboard: arrows turn about what is looked at, with Shift they move it, + and - come nearer and go
+ * away.
+ */
 
 import { Vector3 } from "three";
 import type { Stage } from "../stage";
@@ -20,7 +23,7 @@ function shift(stage: Stage, right: number, ahead: number): void {
   stage.ask();
 }
 
-/** Does what a key stands for; false for keys that mean nothing here. */
+/** Carries out the command of a key; false for keys without a command. */
 export function pressed(
   stage: Stage,
   { key, shiftKey }: Pick<KeyboardEvent, "key" | "shiftKey">,

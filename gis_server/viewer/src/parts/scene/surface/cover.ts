@@ -1,6 +1,6 @@
 /**
- * What materials of the ground wear besides their own: a picture that is draped over it, and a partition that leaves out
- * ground of which another stop has a better surface. Both are pictures over a box of the map.
+ * Additional textures of the ground's materials: an image that is draped over it, and a partition that hides ground of
+ * which another stop has a better surface. Both are images over a box of the map.
  */
 
 import { type Material, type Texture, Vector4 } from "three";
@@ -60,7 +60,7 @@ export class Cover {
 
   constructor(private readonly origin: Place3) {}
 
-  /** Makes a material wear it. */
+  /** Applies it to a material. */
   put<T extends Material>(material: T): T {
     material.onBeforeCompile = (shader) => {
       Object.assign(shader.uniforms, this.uniforms);
@@ -84,7 +84,7 @@ export class Cover {
     own.value = [...partition.coloursOf(scope)];
   }
 
-  /** Drapes a picture over a box of the map; null takes it away. */
+  /** Drapes an image over a box of the map; null removes it. */
   drape(texture: Texture | null, bounds: Bounds | null): void {
     const { isDraped, draped, drapedBox } = this.uniforms;
     draped.value?.dispose();

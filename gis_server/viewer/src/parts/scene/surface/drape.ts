@@ -1,4 +1,7 @@
-/** Raster layers of the map over the ground: those of the merged map over the ground of all stops, a stop's own over its own. */
+/**
+ * Raster layers of the map over the ground: those of the merged map over the ground of all stops, a stop's own over its
+ * own.
+ */
 
 import { CanvasTexture, SRGBColorSpace, type Texture } from "three";
 import { kindTitle, LISTED } from "../../../map/kinds";
@@ -7,7 +10,7 @@ import { tilesOf } from "../../../map/painted-tiles";
 import type { Bounds, RasterLayer } from "../../../server/records";
 import type { Context } from "../../../session/context";
 
-/** Pixels of the longer side of what one tile of the ground wears. */
+/** Pixels of the longer side of the texture of one tile of the ground. */
 const MOST_PX = 512;
 const MERGED = "region-";
 

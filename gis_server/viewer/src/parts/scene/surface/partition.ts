@@ -1,4 +1,7 @@
-/** Which stop's surface is shown where, when the ground of all stops is: that of the merged map, the nearest one that saw it. */
+/**
+ * Which stop's surface is shown where, when the ground of all stops is: that of the merged map, the nearest one that
+ * saw it.
+ */
 
 import { CanvasTexture, NearestFilter, NoColorSpace, type Texture } from "three";
 import { legendQuery, SOURCE_STOP } from "../../../map/bands";
@@ -9,7 +12,7 @@ import type { Context } from "../../../session/context";
 
 /** Pixels along the longer side: 8 cm for a region of 80 m. */
 const MOST_PX = 1024;
-/** A stop may speak with its terrain model and with that of far ground. */
+/** A stop may have its terrain model and that of far ground. */
 const MOST_OWN = 2;
 const CHANNELS = 3;
 
@@ -62,7 +65,7 @@ export class Partition {
     return this.colours.has(scope);
   }
 
-  /** Red, green and blue, 0 to 1, of the two colours by which a stop speaks. */
+  /** Red, green and blue, 0 to 1, of the two colours that identify a stop. */
   coloursOf(scope: string): readonly number[] {
     const known = this.colours.get(scope) ?? [];
     const two = Array.from({ length: MOST_OWN }, (_, k) => known[k] ?? known[0] ?? [0, 0, 0]);
