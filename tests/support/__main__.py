@@ -29,7 +29,7 @@ from tests.support.site_pairs import (
 
 
 def linked(pair: SitePair, stops: tuple[SimulatedStop, SimulatedStop], views: Views) -> Outcome:
-    """Link one pair and judge it."""
+    """Link one pair and evaluate it."""
     one, other = matched_stops(pair, *stops)
     first, second = views.of(one), views.of(other)
     started = time.process_time()

@@ -1,11 +1,11 @@
 """One scorecard over worlds with known truth: `make accuracy`.
 
-Every world goes through `solmap run` with defaults and is held against its truth as `solmap
+Every world goes through `solmap run` with defaults and is compared with its truth as `solmap
 evaluate` does it. Worlds are the folders with `truth/truth.json` below `--worlds` (rendered ones;
-../shared/render/README.md says how to make them), and simulated ones that this module makes. Each
-writes its figures once, and again when code or world have changed; then `scorecard.md` and
-`scorecard.json` are written anew into the same folder. With `--only` other worlds stand there with
-the figures that they had last, and it is said where those are of other code.
+../shared/render/README.md describes how to make them), and simulated ones that this module makes.
+Each writes its figures once, and again when code or world have changed; then `scorecard.md` and
+`scorecard.json` are rewritten in the same folder. With `--only` other worlds keep their last
+figures there, marked where those are of other code.
 
 The floor is what mast pointing alone leaves of an otherwise perfect adjustment: a panorama can be
 tied without error to others, but the rover is known to stand to it only as the mean of its pairs'
@@ -96,7 +96,7 @@ LEVELS = {
 
 @cache
 def code_digest() -> str:
-    """Stands for all code that a result depends on."""
+    """Digest of all code that a result depends on."""
     files = [path for folder in CODE for path in (ROOT / folder).rglob("*")]
     kept = sorted(path for path in files if path.suffix in {".py", ".toml", ".lbl"})
     return hashlib.sha256(b"".join(path.read_bytes() for path in kept)).hexdigest()[:16]

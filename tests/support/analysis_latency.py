@@ -2,10 +2,10 @@
 
     python -m tests.support.analysis_latency STORE [QUESTION]
 
-Each question is asked six times of the application itself, without a network: the first answer
+Each question is sent six times to the application itself, without a network: the first answer
 reads and unpacks what it needs, of the others the median counts. Processor time of the process, and
-wall time. With the name of a question it alone is asked, 41 times: the first answer, then p50 and
-p95 of the others by the clock. `STORE` may be changed by being opened: hand in a copy.
+wall time. With the name of a question only that one is sent, 41 times: the first answer, then p50
+and p95 of the others by the clock. Opening may change `STORE`: use a copy.
 """
 
 import statistics

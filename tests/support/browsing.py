@@ -77,7 +77,7 @@ def open_browser() -> Iterator:
 
 @contextmanager
 def open_driver() -> Iterator:
-    """Playwright, once a process; the test is skipped where it or the built viewer is missing."""
+    """Playwright, once per process; the test is skipped where it or the built viewer is missing."""
     playwright = pytest.importorskip("playwright.sync_api")
     if not (DIST / "index.html").is_file():
         pytest.skip("the viewer is not built: run `make viewer`")
@@ -116,7 +116,7 @@ def _installed(names: tuple[str, ...]) -> str:
 
 @contextmanager
 def open_page(browser, width: int = 1280, height: int = 800) -> Iterator:
-    """A page that must raise no error, have none of the server's, and ask no other host."""
+    """A page that must raise no error, get none from the server, and contact no other host."""
     context = browser.new_context(viewport={"width": width, "height": height})
     opened = context.new_page()
     opened.faults = []
@@ -143,7 +143,7 @@ def open_page(browser, width: int = 1280, height: int = 800) -> Iterator:
 
 
 def look(page, address: str) -> None:
-    """Load the viewer anew: it follows a link that differs only in its fragment without loading."""
+    """Reload the viewer: it follows a link that differs only in its fragment without loading."""
     page.goto("about:blank")
     page.goto(address)
     ready(page)
@@ -181,7 +181,7 @@ def pixel_of(page, east: float, north: float, resolution: float) -> tuple[float,
 
 
 def screenshot(page, name: str) -> np.ndarray:
-    """Red, green, blue of the page; kept where SOLMAP_SCREENSHOTS says."""
+    """Red, green, blue of the page; kept in the folder of SOLMAP_SCREENSHOTS."""
     body = page.screenshot()
     if folder := os.environ.get("SOLMAP_SCREENSHOTS"):
         Path(folder).mkdir(parents=True, exist_ok=True)

@@ -37,7 +37,7 @@ from tests.support.tile_at import tile_at
 
 
 def process(downlink: Path, store: Path, pipeline: Path, log: Path) -> None:
-    """Process a downlink; the exit code says whether it succeeded."""
+    """Process a downlink; the exit code states whether it succeeded."""
     _write_to(log)
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - nothing to pickle
 
@@ -57,7 +57,7 @@ class Maintenance(StrEnum):
 
 
 def maintain(what: Maintenance, store: Path, backups: Path, log: Path) -> None:
-    """Maintain a store; the exit code says whether it went well, or was refused as it should be."""
+    """Maintain a store; the exit code states whether it succeeded, or was refused as expected."""
     _write_to(log)
     try:
         workspace = Workspace.open(store)
@@ -104,7 +104,7 @@ def _write_to(log: Path) -> None:
 
 
 class Onlooker(threading.Thread):
-    """Asks the server for layers, tiles, features and whole products until told to stop."""
+    """Requests layers, tiles, features and whole products from the server until stopped."""
 
     def __init__(self, port: int, every_s: float = 0.5) -> None:
         super().__init__(daemon=True)
@@ -115,7 +115,7 @@ class Onlooker(threading.Thread):
         self._over = threading.Event()
 
     def run(self) -> None:
-        """Ask and look."""
+        """Send requests and check the answers."""
         with httpx.Client(base_url=self.address, timeout=20.0) as client:
             while not self._over.wait(self.every_s):
                 try:
@@ -124,7 +124,7 @@ class Onlooker(threading.Thread):
                     self.answers["no server"] += 1
 
     def stop(self) -> None:
-        """Ask nothing more."""
+        """Send no more requests."""
         self._over.set()
         self.join(30.0)
 
@@ -153,7 +153,7 @@ class Onlooker(threading.Thread):
             if tile is not None and tile.status_code == 200:
                 picture = cv2.imdecode(np.frombuffer(tile.content, np.uint8), cv2.IMREAD_UNCHANGED)
                 if picture is None:
-                    self.faults.append(f"{url} is no picture")
+                    self.faults.append(f"{url} is not an image")
                 self.answers["tile"] += 1
         if layer["features"]:
             features = self._asked(client, layer["features"])

@@ -5,9 +5,9 @@
 A downlink is processed into an empty store, its process killed, started again, killed again, until
 a run gets to its end; then the store is compared with that of an undisturbed run, byte for byte,
 and the next store is begun. A server of the store is killed now and then at the same moment; a
-client asks it for tiles, features and products all the while. Between the runs, and beside them,
-the store is pruned, backed up, repaired and migrated from the version that had no number, and these
-are killed too. After every kill the store is looked through, and the newest backup.
+client requests tiles, features and products from it all the while. Between the runs, and beside
+them, the store is pruned, backed up, repaired and migrated from the version that had no number, and
+these are killed too. After every kill the store is looked through, and the newest backup.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Tally:
             "backups restored": self.restored,
             **named,
             "other faults": len(self.found) - sum(named.values()),
-            "asked of the server": dict(self.answers),
+            "requests to the server": dict(self.answers),
         }
 
 
@@ -141,7 +141,7 @@ class CrashTest:
         return started
 
     def undisturbed(self) -> Contents:
-        """What a run holds that nobody disturbs; it also tells how long one takes."""
+        """The products of an undisturbed run, and its duration."""
         store = self.folder / "undisturbed"
         if not store.exists():
             began = time.monotonic()
@@ -391,7 +391,7 @@ def _engine(folder: Path) -> Child | None:
 
 
 def main() -> None:
-    """Kill as often as asked, and print what was found."""
+    """Kill as often as requested, and print the findings."""
     parser = argparse.ArgumentParser(prog="python -m tests.support.crashes", description=__doc__)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--commands", type=int, default=0, help="of them, kills of `solmap run`")
@@ -402,7 +402,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=None)
     arguments = parser.parse_args()
     folder = arguments.folder or Path(tempfile.mkdtemp(prefix="crashes-"))
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # says what was found until then
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # reports what was found until then
     with prepared(folder.resolve(), arguments.seed) as test, contextlib.suppress(KeyboardInterrupt):
         test.early = arguments.early
         expected = test.undisturbed()

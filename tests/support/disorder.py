@@ -18,11 +18,11 @@ TWICE = 0.2
 def deliveries(
     downlink: Path, folder: Path, count: int, rng: np.random.Generator
 ) -> Iterator[Path]:
-    """The files of a downlink in so many folders, in any order.
+    """The files of a downlink in a number of folders, in any order.
 
-    Some come twice, some broken at first: cut off, empty, or with a label that is none. Files that
-    never come whole are among them. What is broken is delivered before or with what is whole, in a
-    folder of its own, so that the whole file comes last.
+    Some come twice, some broken at first: cut off, empty, or with text that is not a label. Files
+    that never come whole are among them. What is broken is delivered before or with what is whole,
+    in a folder of its own, so that the whole file comes last.
     """
     files = sorted(
         file for file in downlink.rglob("*") if file.is_file() and "truth" not in file.parts
@@ -57,7 +57,7 @@ def _deliver(file: Path, target: Path) -> None:
 
 
 def published(contents: Contents) -> dict[str, dict[str, object]]:
-    """What the catalogue says is the latest, and how every sol ended; files' outcomes left out."""
+    """The latest products of the catalogue, and how every sol ended; files' outcomes left out."""
     rows = contents.rows
     latest = {f"{key}/{digest}": key for key, digest in rows["latest"].items()}
     layers = {key: row for key, row in rows["layers"].items() if key in latest}

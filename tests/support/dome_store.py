@@ -29,7 +29,7 @@ TIE_SPACING_M = 5.0
 TIE_NORTH_M = 8.0
 WALL_NORTH_M = -10.0
 WALL_HALF_M = (8.0, 0.5)
-"""Half the wall's length, and half its width as hazards tell it."""
+"""Half the wall's length, and half its width among the hazards."""
 LOOKED_FROM = 3
 """The tie point at which a pointing line begins."""
 

@@ -38,7 +38,7 @@ async def listen(client: httpx.AsyncClient, address: str, ready: asyncio.Semapho
 
 
 async def come_and_go(client: httpx.AsyncClient, address: str, times: int) -> int:
-    """How often there was no place, of so many listeners one after the other."""
+    """How many of a number of listeners, one after the other, were refused."""
     refused = 0
     for _ in range(times):
         async with client.stream("GET", address) as response:

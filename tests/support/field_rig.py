@@ -125,7 +125,7 @@ def drive_with_a_rig(
 
 
 def write_poses(path: Path, poses: list[Pose]) -> None:
-    """The poses CSV of a drive, one row a pair."""
+    """The poses CSV of a drive, one row per pair."""
     with path.open("w", newline="") as file:
         table = csv.writer(file)
         table.writerow(["image", "x_m", "y_m", "z_m", "roll_deg", "pitch_deg", "yaw_deg"])
@@ -136,7 +136,7 @@ def write_poses(path: Path, poses: list[Pose]) -> None:
 
 
 def _odometry(true: list[Pose]) -> list[Pose]:
-    """Where the wheels say the rover is: too far and, stop by stop, turned away."""
+    """Wheel odometry: too far and, stop by stop, turned away."""
     poses = [true[0]]
     for before, after in pairwise(true):
         step = before.rotation.T @ (after.translation_m - before.translation_m)
@@ -179,7 +179,7 @@ def _rays(rig: Rig, eye: Eye, size: tuple[int, int]) -> np.ndarray:
 def _photograph(
     centre_in_rover: np.ndarray, rays: np.ndarray, pose: Pose, number: int
 ) -> np.ndarray:
-    """The picture of one camera, eight bits, with the noise of a detector; haze is 200."""
+    """The image of one camera, eight bits, with the noise of a detector; haze is 200."""
     centre = pose.apply(centre_in_rover[None])[0]
     directions = rays @ pose.rotation.T
     is_ground = directions[..., 2] > np.sin(HAZE)

@@ -1,8 +1,8 @@
 """Firefox for Playwright, which starts this in its place: `python firefox.py FIREFOX ARGUMENT...`.
 
 Playwright drives a Firefox that it did not build over WebDriver BiDi, and begins every page with a
-command that Firefox ESR 153 does not know (`emulation.setMediaFeaturesOverride`) and that tests in
-Firefox do not need. It is answered here; all else is handed on between the two.
+command that Firefox ESR 153 does not have (`emulation.setMediaFeaturesOverride`) and that tests in
+Firefox do not need. It is answered here; all else is forwarded between the two.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ NO_LIMIT = None
 
 
 async def hand_on(client, browser: str) -> None:
-    """Hand on what one client and the browser say to each other, until either hangs up."""
+    """Forward messages between one client and the browser, until either disconnects."""
     async with connect(browser + client.request.path, max_size=NO_LIMIT, proxy=None) as server:
 
         async def ask() -> None:
@@ -44,7 +44,7 @@ async def hand_on(client, browser: str) -> None:
 
 
 async def run(command: list[str]) -> int:
-    """Start Firefox, and tell the reader of its log to connect to this process instead of it."""
+    """Start Firefox, and have the reader of its log connect to this process instead of it."""
     firefox = await asyncio.create_subprocess_exec(*command, stderr=asyncio.subprocess.PIPE)
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, firefox.terminate)
     async for line in firefox.stderr:

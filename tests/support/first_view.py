@@ -21,18 +21,18 @@ from tests.support.browsing import ready
 from tests.support.live_server import serving
 
 WATCH = """
-  const told = new MutationObserver(() => {
+  const observer = new MutationObserver(() => {
     if (document.documentElement.dataset.ready === "true") {
       performance.mark("page ready");
-      told.disconnect();
+      observer.disconnect();
     }
   });
   addEventListener("DOMContentLoaded",
-    () => told.observe(document.documentElement, { attributes: true }));
+    () => observer.observe(document.documentElement, { attributes: true }));
 """
 READ = """() => ({
   marks: Object.fromEntries(performance.getEntriesByType("mark").map((m) => [m.name, m.startTime])),
-  asked: performance.getEntriesByType("resource").map((r) =>
+  requests: performance.getEntriesByType("resource").map((r) =>
     ({ path: r.name.replace(location.origin, ""), start: r.startTime, bytes: r.transferSize })),
 })"""
 
@@ -52,7 +52,7 @@ class FirstView:
 
     @property
     def first_asked(self) -> list[str]:
-        """What was asked for before the map was drawn."""
+        """Requests sent before the map was drawn."""
         return [one["path"] for one in self.asked if one["start"] < self.painted_ms]
 
 
@@ -68,7 +68,7 @@ def first_view(browser, address: str) -> FirstView:
         busy = next(m["value"] for m in metrics if m["name"] == "TaskDuration")
         found = page.evaluate(READ)
     marks = found["marks"]
-    return FirstView(marks["map painted"], marks["page ready"], 1000 * busy, found["asked"])
+    return FirstView(marks["map painted"], marks["page ready"], 1000 * busy, found["requests"])
 
 
 @contextmanager

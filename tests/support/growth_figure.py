@@ -1,4 +1,4 @@
-"""A picture of what `mission_growth` measured: sol by sol, is a late stop dearer than an early one?
+"""A figure of the results of `mission_growth`: does a late stop cost more than an early one?
 
 `python -m tests.support.growth_figure walk.jsonl docs/figures/growth.png` draws it and prints a
 table.
@@ -38,7 +38,7 @@ def columns(rows: list[dict[str, float]], name: str) -> tuple[np.ndarray, np.nda
 
 
 def medians(sols: np.ndarray, figures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Medians of so many sols each."""
+    """Medians of this many sols each."""
     count = max(len(sols) // AT_ONCE, 1)
     groups = zip(np.array_split(sols, count), np.array_split(figures, count), strict=True)
     return np.array([(np.median(at), np.median(of)) for at, of in groups]).T
@@ -71,7 +71,7 @@ def picture(rows: list[dict[str, float]]) -> Figure:
 
 
 def main() -> None:
-    """Draw the picture, and print the medians of the first and last sols."""
+    """Draw the figure, and print the medians of the first and last sols."""
     rows = figures_of(Path(sys.argv[1]))
     figure = picture(rows)
     FigureCanvasAgg(figure)

@@ -5,8 +5,8 @@ have the same.
 
     python -m tests.support.heavy_load STORE --clients 50 --seconds 300
 
-Each client has an address of its own (`X-Forwarded-For`), asks for what a person asks for, waits a
-little, and comes back when `Retry-After` says so. Health is asked by a process of its own. The
+Each client has an address of its own (`X-Forwarded-For`), sends the requests of a person, waits a
+little, and repeats them after `Retry-After`. Health is requested by a process of its own. The
 store gains the sols of a simulated downlink; take a copy.
 """
 
@@ -40,7 +40,7 @@ from tests.support.small_downlink import write_coarse_pipeline
 
 API = "/api/missions/MER2"
 HEAVY_SHARE = 0.3
-"""Of what clients ask for."""
+"""Of the requests of clients."""
 PAUSE_S = 3.0
 """Mean time that a client looks at what it got."""
 MOST_S = 0.2
@@ -64,7 +64,7 @@ class Record:
     """What clients were answered."""
 
     seconds: dict[str, list[float]] = field(default_factory=dict)
-    """Of answers with status 200, by what was asked for."""
+    """Of answers with status 200, by kind of request."""
     statuses: Counter[tuple[str, int]] = field(default_factory=Counter)
     refusals: Counter[str] = field(default_factory=Counter)
     """Reasons of 5xx."""
@@ -82,7 +82,7 @@ class Record:
 
 @dataclass
 class Questions:
-    """What may be asked of a store."""
+    """The requests that a store can answer."""
 
     heavy: list[tuple[str, Ask]]
     light: list[tuple[str, Ask]]
@@ -168,13 +168,13 @@ async def behave(
 
 
 async def _ask(client: httpx.AsyncClient, kind: str, ask: Ask, record: Record) -> float:
-    """Ask, note the answer, and say how long to wait."""
+    """Send a request, record the answer, and return the time to wait."""
     method, path, body = ask
     started = time.perf_counter()
     try:
         try:
             answer = await client.request(method, path, json=body)
-        except httpx.RemoteProtocolError:  # an idle connection was closed; browsers ask again
+        except httpx.RemoteProtocolError:  # idle connection closed: send it again
             answer = await client.request(method, path, json=body)
     except httpx.HTTPError as error:
         record.wrong.append(f"{path[:80]}: {error!r}")
@@ -191,7 +191,7 @@ async def _ask(client: httpx.AsyncClient, kind: str, ask: Ask, record: Record) -
 
 
 def ask_health(address: str, seconds: float, told: Any) -> None:
-    """How long health takes, asked twenty times a second on new connections.
+    """Latencies of health, requested twenty times a second on new connections.
 
     In a session of its own: who watches a server does so from another machine.
     """
@@ -253,7 +253,7 @@ def children_of(pid: int) -> list[int]:
 
 
 def write_sols(folder: Path, count: int) -> Path:
-    """Write a downlink of so many sols with thumbnails of one stop each, far in the future."""
+    """Write a downlink of a number of sols with thumbnails of one stop each, far in the future."""
     traverse = TraverseParams(stops=count, first_sol=400, first_site=60, spacing_m=(2.0, 3.0))
     for file in simulate_downlink(WorldParams("hills", traverse, pairs=3, averaging=4), 7):
         path = folder / file.path
@@ -263,7 +263,7 @@ def write_sols(folder: Path, count: int) -> Path:
 
 
 def load(clients: int, seconds: float, server: Server, record: Record) -> list[float]:
-    """Ask for so long; the times of health."""
+    """Send requests for a time; the latencies of health."""
     questions = Questions.of(server)
     told: Any = multiprocessing.Queue()
     health = multiprocessing.Process(target=ask_health, args=(server.address, seconds, told))
@@ -325,7 +325,7 @@ def main() -> None:
     for (_, status), count in record.statuses.items():
         statuses[status] += count
     lines += [
-        f"statuses: {dict(sorted(statuses.items()))}; the run went on to the end: {went_on}",
+        f"statuses: {dict(sorted(statuses.items()))}; the run continued to the end: {went_on}",
         f"5xx: {dict(record.refusals)}",
         f"wrong: {len(record.wrong)} {record.wrong[:5]}",
         *(line for line in heavy if not line.startswith("#")),

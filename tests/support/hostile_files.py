@@ -3,8 +3,8 @@
     python -m tests.support.hostile_files FOLDER [--only-write]
 
 writes a small downlink into FOLDER/clean, the same with hostile files beside it into
-FOLDER/hostile, takes both into stores of their own with `solmap run`, and says what differs, how
-long each took and how much memory. Every hostile file is one that is refused: it must give one line
+FOLDER/hostile, takes both into stores of their own with `solmap run`, and prints the differences,
+and the time and memory of each. Every hostile file is one that is refused: it must give one line
 and change nothing.
 """
 
@@ -142,7 +142,7 @@ def cut_off(image: bytes) -> Made:
 
 
 def vicar_files() -> Made:
-    """VICAR labels that promise too much."""
+    """VICAR labels that state more data than there is."""
     for number, items in enumerate(
         (
             b"",
@@ -201,7 +201,7 @@ METADATA: dict[str, Sequence[object]] = {
 
 
 def pictures(folder: Path) -> Iterator[str]:
-    """Pictures whose metadata, or whose own headers, are not to be believed."""
+    """Images whose metadata, or whose own headers, are wrong."""
     grey = cv2.imencode(".png", np.full((2, 3), 7, np.uint8))[1].tobytes()
     for key, values in METADATA.items():
         for number, value in enumerate(values):
@@ -224,7 +224,7 @@ def pictures(folder: Path) -> Iterator[str]:
     big = _png_header(30_000, 30_000, 8)
     bombs = {
         "wide": (big, "(30000,30000)"),
-        "wider-than-said": (big, "(3,2)"),
+        "wider-than-stated": (big, "(3,2)"),
         "deep-colours": (_png_header(5000, 5000, 16), "(5000,5000)"),
         "empty": (_png_header(5000, 5000, 8), "(5000,5000)"),
         "cut": (grey[:40], "(3,2)"),

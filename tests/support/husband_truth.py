@@ -1,6 +1,6 @@
-"""Parallax in `rendered_husband` by its truth grid, and how well the grid knows it.
+"""Parallax in `rendered_husband` by its truth grid, and the uncertainty of the grid.
 
-The grid has a node every 0.1 m, rocks included; how the ground runs between nodes it does not say.
+The grid has a node every 0.1 m, rocks included; the ground between nodes is not in it.
 So a ray is cast three times: on the bilinear surface, and on the steps made of the lowest and of
 the highest of the four nodes around. What the last two leave open is the width of the truth.
 """

@@ -52,7 +52,7 @@ def drawn(which: WorldOfStops, number: int) -> tuple[SimulatedStop, BirdsEyeView
 
 
 def slipped(one: SimulatedStop, other: SimulatedStop, slip: float, way: float) -> MatchedStop:
-    """The later stop as told by telemetry that is off by a share of the way, to some side."""
+    """The later stop by telemetry with an error of a share of the way, to some side."""
     told = other.matched.lsl_from_rover
     here = one.matched.lsl_from_rover
     true = here.translation_m + here.rotation @ (one.true.inverse @ other.true).translation_m

@@ -3,8 +3,8 @@
 A clean run of a small downlink is recorded: every call of every stage (whatever `@stage` decorates
 below `solmap.tasks` is found), and which products it gave. Then one call raises, in a run into an
 empty catalogue. What does not depend on that call, by the inputs that provenance lists, has to be
-published as in the clean run; the failure has to be told in one line; and a run without the error
-has to end as the clean one.
+published as in the clean run; the failure has to be reported in one line; and a run without the
+error has to end as the clean one.
 
     python -m tests.support.injection --errors 3 --seed 1
 """
@@ -80,7 +80,7 @@ KEEPS_STOPS = {
     "report_quality",
     "match_wide_pair",
 }
-"""Stages after whose failure every stop still has its maps, with what is left."""
+"""Stages after whose failure every stop still has its maps, from the remaining products."""
 NEAR = {"dtm", "orthophoto", "slope", "contours", "hillshade"}
 
 
@@ -156,7 +156,7 @@ class Call:
 
     @property
     def id(self) -> tuple[str, str, int]:
-        """What tells it from other calls, in every run over the same files."""
+        """What distinguishes it from other calls, in every run over the same files."""
         return self.stage, self.arguments, self.occurrence
 
 
@@ -280,7 +280,7 @@ class CleanRun:
         """Products that depend on some, and these.
 
         Maps depend on the poses of the network of their stop's first sol, too, which their recipes
-        hold as numbers; far ground on that of the last sol, which says what is linked. A network
+        hold as numbers; far ground on that of the last sol, which names the links. A network
         is adjusted from what the sol before left, its network and orientations together; the
         layers of the mission are drawn of the last sol that has both.
         """
@@ -315,12 +315,12 @@ def process(downlink: Path, store: Path, pipeline: str) -> Any:
 
 
 def violations(clean: CleanRun, injection: Injection, *, from_nothing: bool = False) -> list[str]:
-    """What does not hold of a run that meets an error, a line each.
+    """What does not hold for a run with an error, a line each.
 
     Args:
         clean: What the run is compared with.
         injection: What is raised, and where.
-        from_nothing: Make all products anew; else those of the clean run are looked up.
+        from_nothing: Make all products again; else those of the clean run are looked up.
     """
     root = Path(tempfile.mkdtemp(prefix="faulty-", dir=clean.folder))
     try:
@@ -370,15 +370,15 @@ def _missing(clean: CleanRun, call: Call, root: Path, *, is_transient: bool) -> 
 
 
 def _untold(report: Any, root: Path, error: Exception) -> list[str]:
-    """Whether the report and the outcomes of the store tell of an error, in lines."""
+    """Lines for errors that the report and the outcomes of the store do not name."""
     told = [*report.failures, *(note for sol in report.sols for note in sol.notes)]
     kept = [note for one in Workspace.open(root).catalogue.outcomes() for note in one.notes]
     lines = [f"no line: {line[:200]!r}" for line in (*told, *kept) if not _is_line(line)]
     if is_transient(error):
-        return lines + [f"told, but it passed: {line}" for line in report.failures]
+        return lines + [f"reported, but it passed: {line}" for line in report.failures]
     for where, texts in (("report", told), ("outcomes", kept)):
         if not any(MARK in text or type(error).__name__ in text for text in texts):
-            lines.append(f"the {where} does not tell of {type(error).__name__}")
+            lines.append(f"the {where} does not report {type(error).__name__}")
     return lines
 
 
@@ -411,7 +411,7 @@ def chosen(clean: CleanRun, stage: str, rng: np.random.Generator, name: str) -> 
 
 
 def main() -> None:
-    """Every stage with so many errors; a line for each violation, and how many there were."""
+    """Every stage with a number of errors; a line for each violation, and how many there were."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("--errors", type=int, default=3, help="errors a stage")
     parser.add_argument("--seed", type=int, default=0)

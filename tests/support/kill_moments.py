@@ -1,9 +1,9 @@
-"""Moments at which to kill: at random, or as the kernel tells of a step of keeping a product.
+"""Moments at which to kill: at random, or when the kernel reports a step of storing a product.
 
-inotify tells of a draft that begins, of a file that is renamed out of its draft, and of a write to
-the catalogue; a kill some milliseconds later lands between the two renames of a product, inside of
-a transaction, or between the transaction and what follows it. The code that is killed knows nothing
-of it.
+inotify reports a new draft, a file that is renamed out of its draft, and a write to the catalogue;
+a kill some milliseconds later lands between the two renames of a product, inside of
+a transaction, or between the transaction and what follows it. The code that is killed is not
+changed for it.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Moment:
 
 @dataclass
 class Watch:
-    """Counts the steps of whoever writes to a store."""
+    """Counts the steps of all processes that write to a store."""
 
     root: Path
     counts: dict[Step, int] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""A server as a process of its own, for clients that only speak HTTP."""
+"""A server as a process of its own, for clients that only use HTTP."""
 
 from __future__ import annotations
 

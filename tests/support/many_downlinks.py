@@ -13,8 +13,8 @@ than `AGE_S` ago is dated back to the year 2000, so that what trims old records 
 
 Written down after every downlink: seconds it took, and of every process memory, open files and
 threads; now and then rows of the databases and files of the store. FOLDER/many_downlinks.jsonl has
-a line a downlink, many_downlinks.png and .json the figure and its numbers. An interrupted call goes
-on from the figures that there are with `--only-figure`.
+a line a downlink, many_downlinks.png and .json the figure and its numbers. After an interruption
+`--only-figure` continues with the existing figures.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ from tests.support.small_downlink import FEW_LAYERS, write_coarse_pipeline, writ
 AGE_S = 600.0
 LONGEST_S = 600.0
 EVERY = 5
-"""Rows and files are counted, and records dated back, every so many downlinks."""
+"""Rows and files are counted, and records dated back, once per this many downlinks."""
 _CREATED = re.compile(rb"(PRODUCT_CREATION_TIME *= *)([0-9T:.-]{23})")
 PARTS = {"up": "", "engine": "prefect", "scheduler": "deployments", "map": "serve"}
-"""Processes of `solmap up` that live on, and the word of their command that tells them."""
+"""Long-running processes of `solmap up`, and the word of their command that identifies them."""
 
 
 class Reader(Onlooker):
@@ -341,7 +341,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Deliver as often as asked; write the figures."""
+    """Deliver as often as requested; write the figures."""
     parser = argparse.ArgumentParser(prog="python -m tests.support.many_downlinks")
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--folder", type=Path, required=True)

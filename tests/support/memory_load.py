@@ -1,6 +1,6 @@
 """The server's memory while it answers requests: `python -m tests.support.memory_load STORE`.
 
-Four clients ask for what `heavy_load` asks for, a bounded number of requests, 5 % of them heavy,
+Four clients send the requests of `heavy_load`, a bounded number of requests, 5 % of them heavy,
 with tiles of every layer at every zoom and in several styles. Beside the number of answers stands
 what the server, its launcher and its workers hold, memory that they share counted once
 (proportional set size), and how long the first answer took. `--plot FILE` draws it.
@@ -98,7 +98,7 @@ def _plot(held: list[tuple[int, float]], file: Path) -> None:
 
 
 def main() -> None:
-    """Ask a server of a copied store and print what it held."""
+    """Send requests to a server of a copied store and print its memory."""
     given = argparse.ArgumentParser()
     given.add_argument("store", type=Path)
     given.add_argument("--requests", type=int, default=10_000)

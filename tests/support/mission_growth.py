@@ -26,7 +26,7 @@ from tests.support.simulated_sols import SimulatedSols
 CLEAR = Path("/proc/self/clear_refs")
 STATUS = Path("/proc/self/status")
 EVERY = 5
-"""Memory is taken every so many sols: giving back what is free takes longer than a sol."""
+"""Memory is measured once per this many sols: returning free memory takes longer than a sol."""
 
 
 class Costs:
@@ -76,7 +76,7 @@ class AtOnce:
         self.stage = stage
 
     def submit(self, *args: Any, **kwargs: Any) -> AtOnce:
-        """Do the work; what comes of it is the result."""
+        """Do the work; its value is the result."""
         made = AtOnce(self.stage)
         made.made = self.stage.fn(*args, **kwargs)  # type: ignore[attr-defined]
         return made
@@ -101,7 +101,7 @@ STAGES = {
 
 @contextmanager
 def without_engine() -> Iterator[None]:
-    """Have stages run at once, where only what they leave is asked for."""
+    """Run stages synchronously, where only their results are needed."""
     from solmap.flows import sol_matching, sol_network, sol_waves  # noqa: PLC0415
 
     modules = {"sol_matching": sol_matching, "sol_network": sol_network}

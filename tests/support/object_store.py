@@ -46,7 +46,7 @@ class ObjectStore:
         return [line.split('"')[1] for line in lines if "HTTP/1.1" in line]
 
     def bucket(self, name: str) -> str:
-        """Make a bucket, and say the URL of a prefix in it."""
+        """Make a bucket, and return the URL of a prefix in it."""
         self.ask("PUT", name)
         return f"s3://{name}/maps"
 

@@ -3,10 +3,10 @@
     python -m tests.support.orbital_scenes [--scenes 30] [--first-seed 100] [--dtm | --uncontrolled]
 
 A scene is a landscape as `solmap simulate` draws it, seen from orbit under one sun (cells of 0.25
-m, noise, its georeference wrong by up to 8 m and 2 degrees) and by a rover under another: what
-stands in its line of sight within 30 m of one or two stops, with errors of the elevation that grow
-with the square of the range. An uncontrolled image is off by up to 250 m east and north, 3 degrees
-and 1 %.
+m, noise, its georeference wrong by up to 8 m and 2 degrees) and by a rover under another: what lies
+in its line of sight within 30 m of one or two stops, with errors of the elevation that grow
+with the square of the range. An uncontrolled image has errors of up to 250 m east and north, 3
+degrees and 1 %.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Simulated images of Spirit as files of Curiosity and Perseverance, in every form these come in.
 
-Labels say what the image's record says, in the words and file names of the other mission, so each
-form of one image should lead to the same map.
+Labels contain the values of the image's record, in the keywords and file names of the other
+mission, so each form of one image should lead to the same map.
 """
 
 import json

@@ -2,7 +2,7 @@
 
 python -m tests.support.pages
 
-writes what stands below the marker in `docs/reference/commands.md` and `http-api.md` anew;
+rewrites the part below the marker in `docs/reference/commands.md` and `http-api.md`;
 `tests/unit/test_documents.py` holds it current.
 """
 

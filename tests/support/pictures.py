@@ -1,7 +1,7 @@
-"""Pictures and other answers of a server, compared by what they show.
+"""Images and other answers of a server, compared by content.
 
 ISA-L compresses equal data to streams of one or two bytes more or less, as memory that it never
-clears would have it; so two PNGs of one picture may differ.
+clears would have it; so two PNGs of one image may differ.
 """
 
 from __future__ import annotations

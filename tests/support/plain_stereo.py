@@ -9,7 +9,7 @@ from solmap.photogrammetry.stretching import stretch
 
 
 def plain_opencv(images: EpipolarImages, nearest_m: float = 1.2, uniqueness: int = 5) -> np.ndarray:
-    """Parallax of the left image, over the search that the nearest ground asks for; NaN: none."""
+    """Parallax of the left image, over the range that the nearest ground needs; NaN: none."""
     count = 16 * int(np.ceil((largest_parallax_px(images.geometry, nearest_m) + 2) / 16))
     left, right = (
         cv2.copyMakeBorder(stretch(image, mask), 0, 0, count, 0, cv2.BORDER_REPLICATE)

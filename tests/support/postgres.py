@@ -1,4 +1,4 @@
-"""A PostgreSQL server of Debian's packages, on a Unix socket, for as long as tests want it."""
+"""A PostgreSQL server of Debian's packages, on a Unix socket, for as long as tests need it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class NoPostgresError(Exception):
 
 @dataclass(frozen=True)
 class Postgres:
-    """The server; every caller asks for a database of its own."""
+    """The server; every caller creates a database of its own."""
 
     folder: Path
     programs: Path
@@ -33,13 +33,13 @@ class Postgres:
     def database(self, driver: str = "psycopg") -> str:
         """The URL of a new, empty database."""
         name = f"test{next(self._numbers)}"
-        # sorted by a language: what must be sorted by bytes has to say so
+        # sorted by a language: what must be sorted by bytes has to state that
         made = ("createdb", "--template=template0", "--locale-provider=icu", "--icu-locale=en")
         self._run(*made, "-h", str(self.folder), name)
         return f"postgresql+{driver}://{self.user}@/{name}?host={self.folder}"
 
     def stop(self) -> None:
-        """Stop at once; `start` goes on with the same databases."""
+        """Stop at once; `start` continues with the same databases."""
         data = str(self.folder / "data")
         self._run("pg_ctl", "-D", data, "-m", "immediate", "-w", "stop")
 

@@ -1,4 +1,4 @@
-"""Readers of products that only tests read back: the twins of what writes them."""
+"""Readers of products that only tests read back: the inverses of what writes them."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """What QGIS makes of a project: run by the machine's own Python, which has `qgis.core`.
 
-    python3 qgis_project_session.py PROJECT.qgz ANSWER.json PICTURE.png
+    python3 qgis_project_session.py PROJECT.qgz ANSWER.json IMAGE.png
 
-ANSWER says how the project and each of its layers were opened; PICTURE shows the layers that are
-switched on, within the extent that the project opens with. It knows nothing of this project.
+ANSWER states how the project and each of its layers were opened; IMAGE shows the layers that are
+switched on, within the extent that the project opens with. It does not depend on this project.
 """
 
 import json

@@ -1,10 +1,10 @@
 """What QGIS makes of a server's layers: run by the machine's own Python, which has `qgis.core`.
 
-    python3 qgis_session.py ASKED.json ANSWER.json
+    python3 qgis_session.py QUERY.json ANSWER.json
 
-ASKED holds layers by name: provider, address, `picture` where one is to be drawn, `at` for the
-value of a raster at a place, and `field` for the values of an attribute. ANSWER says of each what
-QGIS found. It knows nothing of this project.
+QUERY holds layers by name: provider, address, `picture` where one is to be drawn, `at` for the
+value of a raster at a place, and `field` for the values of an attribute. ANSWER gives what QGIS
+found of each. It does not depend on this project.
 """
 
 import json
@@ -25,7 +25,7 @@ from qgis.PyQt.QtGui import QColor
 
 
 def opened(asked):
-    """The layer and what can be told of any."""
+    """The layer and its general properties."""
     kinds = {"wms": QgsRasterLayer, "gdal": QgsRasterLayer}
     layer = kinds.get(asked["provider"], QgsVectorLayer)(
         asked["address"], "asked", asked["provider"]
@@ -43,7 +43,7 @@ def opened(asked):
 
 
 def drawn(layer, asked):
-    """A picture of the layer in its own reference system."""
+    """An image of the layer in its own reference system."""
     settings = QgsMapSettings()
     settings.setLayers([layer])
     settings.setDestinationCrs(layer.crs())

@@ -24,7 +24,7 @@ HUSBAND = WorldOfStops("husband", (0.0, 0.0), seed=0, stops=3)
 
 
 def rendered_world(folder: Path) -> WorldOfStops:
-    """Stands for a rendered world in tables; it cannot be simulated."""
+    """Represents a rendered world in tables; it cannot be simulated."""
     name = folder.name.removeprefix("rendered_")
     return WorldOfStops(name, (0.0, 0.0), seed=0, stops=len(_truth(folder)["stops"]))
 

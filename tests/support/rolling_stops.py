@@ -41,7 +41,7 @@ def elevation(north, east):
 
 
 def ground_grey(seed, north, east, sunny):
-    """Albedo and shading; `sunny` tells where the sun stands."""
+    """Albedo and shading; `sunny` gives the direction of the sun."""
     at = [(HALF_M - north) / TEXTURE_CELL_M, (east + HALF_M) / TEXTURE_CELL_M]
     albedo = ndimage.map_coordinates(texture(seed), at, order=1, mode="wrap")
     slope = (elevation(north, east + 0.01) - elevation(north, east - 0.01)) / 0.02
@@ -73,7 +73,7 @@ def ground_points(lsl_from_camera, geometry, columns_from):
 
 @dataclass(frozen=True)
 class Stand:
-    """A stop as it was: where the rover stood, and what telemetry said."""
+    """A stop as it was: where the rover stood, and its telemetry."""
 
     drive: int
     true: Pose
@@ -160,7 +160,7 @@ def first_stand():
 
 @pytest.fixture(scope="session")
 def second_stand():
-    """Nine metres to the north-east; telemetry is off by 0.8 m and 1.5 degrees."""
+    """Nine metres to the north-east; telemetry has errors of 0.8 m and 1.5 degrees."""
     return stand(1, 7.0, 6.0, 1.1, told_off=(0.6, -0.5, 0.1), told_turn=np.radians(1.5))
 
 

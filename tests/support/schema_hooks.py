@@ -16,7 +16,7 @@ from typing import Any
 import schemathesis
 
 KEPT_OF = 5
-"""One question of so many keeps the path that was drawn."""
+"""One request out of this many keeps the path that was drawn."""
 
 
 def _names() -> list[dict[str, Any]]:

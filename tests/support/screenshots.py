@@ -1,4 +1,4 @@
-"""The pictures of the viewer in the documentation, made from the demo.
+"""The screenshots of the viewer in the documentation, made from the demo.
 
 python -m tests.support.screenshots docs/figures STORE [SPIRIT_STORE]
 
@@ -33,7 +33,7 @@ def open_page(browser: Browser, address: str) -> Page:
 
 
 def keep(page: Page, file: Path, rows: int = SIZE["height"]) -> None:
-    """Write the upper rows of the page as a WebP picture."""
+    """Write the upper rows of the page as a WebP image."""
     page.wait_for_load_state("networkidle")
     page.wait_for_timeout(3_000)  # tiles fade in
     pixels = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
@@ -52,7 +52,7 @@ def demo(browser: Browser, url: str, folder: Path) -> None:
     keep(page, folder / "viewer-traverse.webp")
     page = open_page(browser, f"{url}/#{near}&view3d=-14,-12,7,9,13,0")
     page.get_by_role("button", name="full screen").click()
-    page.wait_for_timeout(10_000)  # tiles are refined while nothing is asked for
+    page.wait_for_timeout(10_000)  # tiles are refined while nothing is requested
     keep(page, folder / "viewer-3d.webp", rows=555)
 
 

@@ -1,7 +1,7 @@
 """Twenty small faults, put one by one into a copy of the code: the tests of their area must fail.
 
-`python -m tests.support.seeded_faults [NUMBER ...]` says of each, or of those named, whether it is
-caught, and exits with 1 where one is not. Without a fault every area must pass.
+`python -m tests.support.seeded_faults [NUMBER ...]` reports for each, or for those named, whether
+it is caught, and exits with 1 where one is not. Without a fault every area must pass.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def run(fault: Fault) -> bool:
 
 
 def main(numbers: list[int]) -> int:
-    """Say of every fault whether it is caught; the exit code."""
+    """Report for every fault whether it is caught; the exit code."""
     missed = 0
     for area in dict.fromkeys(FAULTS[number - 1].tests for number in numbers):
         first = next(fault for fault in FAULTS if fault.tests == area)

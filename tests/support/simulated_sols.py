@@ -1,7 +1,7 @@
 """What matching and tying would have made of a simulated mission, sol by sol and without pixels.
 
-Matches, ties and links are written under the very recipes that the stages of a sol ask for, so that
-these find them made and go on to adjust.
+Matches, ties and links are written under the same recipes as the stages of a sol use, so that these
+find them made and continue with the adjustment.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ FEWEST = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighted:
-    """The tie points of a mission, told apart by where they are seen from."""
+    """The tie points of a mission, separated by where they are seen from."""
 
     alone: dict[str, np.ndarray]
     """Rows of points that one pair alone sees, by pair."""
@@ -86,13 +86,13 @@ class SimulatedSols:
 
     @classmethod
     def of(cls, stops: int, seed: int = 1, spacing_m: float = 14.0, **ties: int) -> SimulatedSols:
-        """So many stops of the mission that the defaults describe, a stop a sol.
+        """A number of stops of the mission that the defaults describe, one stop per sol.
 
         Args:
             stops: How many.
             seed: Of all that is random.
             spacing_m: From stop to stop.
-            ties: What the plan shall have other numbers of: `pairs_per_stop`, `inter_ties`.
+            ties: Counts of the plan that differ from the defaults: `pairs_per_stop`, `inter_ties`.
         """
         length_m = spacing_m * stops
         plan = MissionPlan(

@@ -152,7 +152,7 @@ def _digest(which: WorldOfStops, number: int) -> str:
 
 @cache
 def code_digest() -> str:
-    """Stands for the code that renders, reads and matches; `kept` if that is not to matter."""
+    """Represents the code that renders, reads and matches; `kept` if that is not to matter."""
     if os.environ.get("SOLMAP_KEEP_STOPS"):
         return "kept"
     folder = ROOT / "photogrammetry"

@@ -49,7 +49,7 @@ class SitePair:
 
     @property
     def shares_ground(self) -> bool:
-        """Whether both stops stand in one world."""
+        """Whether both stops are in the same world."""
         return self.claimed_m is None
 
     @property
@@ -100,7 +100,7 @@ def negative_pairs(worlds: Iterable[WorldOfStops] = WORLDS) -> list[SitePair]:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a pair, held against the truth."""
+    """The result of a pair, compared with the truth."""
 
     name: str
     shares_ground: bool

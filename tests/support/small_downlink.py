@@ -1,6 +1,6 @@
 """Downlinks small enough to be processed hundreds of times: thumbnails and coarse maps.
 
-The pictures are those of a simulated traverse averaged over 4 x 4 pixels, as the rovers sent them
+The images are those of a simulated traverse averaged over 4 x 4 pixels, as the rovers sent them
 when the link was short; the pipeline maps them with cells of decimetres. Every stage takes part.
 """
 

@@ -1,6 +1,6 @@
 """The store of true images as a mission that the viewer shows.
 
-Pictures and vector layers are added, an older solution that has the second stop a known step away
+Images and vector layers are added, an older solution that has the second stop a known step away
 from where it is, and residuals that are known: those of the images are zero, so they are made up.
 """
 

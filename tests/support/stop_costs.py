@@ -1,4 +1,4 @@
-"""What each stop of a store took, by what its products say: is a late one dearer than an early one?
+"""Processing time of each stop by the records of its products: does a late one cost more?
 
 `python -m tests.support.stop_costs STORE docs/figures/growth_images.png` prints a line a sol and
 draws them. Sols come one after the other, so what was made between the networks of two is a stop's.

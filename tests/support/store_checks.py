@@ -1,7 +1,7 @@
 """What must hold of a store at every moment, and what two stores differ in.
 
-`faults` is asked after a process was killed. `Contents` is what a store holds without its dates, so
-that two runs can be compared byte for byte.
+`faults` is called after a process was killed. `Contents` is what a store holds without its dates,
+so that two runs can be compared byte for byte.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from solmap.products.catalogue.workspace import Workspace
 
 PROVENANCE = ".provenance.json"
 DATES = {"at", "made_at", "created", "updated", "datetime_made"}
-"""Keys of documents that tell when something was made."""
+"""Keys of documents that give the time when something was made."""
 
 
 @dataclass(frozen=True)

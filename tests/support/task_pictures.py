@@ -1,4 +1,4 @@
-"""Pictures of the main tasks: `python -m tests.support.task_pictures STORE FOLDER`.
+"""Screenshots of the main tasks: `python -m tests.support.task_pictures STORE FOLDER`.
 
 Every task is a link, and what a reader does next. Each is shown at the widths of phones to wall
 screens, light and dark, as `FOLDER/TASK-WIDTH-THEME.png`. `--tasks 3d --widths 1440` takes

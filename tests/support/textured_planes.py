@@ -27,7 +27,7 @@ def spline_of_texture(seed: int, size: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Plane:
-    """A textured plane of parallax at + per_sample x + per_line y, seen where `inside` says."""
+    """A textured plane of parallax at + per_sample x + per_line y, seen where `inside` is true."""
 
     inside: Callable[[np.ndarray, np.ndarray], np.ndarray]
     at: float

@@ -44,7 +44,7 @@ class Load:
 
 
 def load(port: int, pid: int, paths: Sequence[str], connections: int = 1) -> Load:
-    """Ask for all paths, shared among some connections."""
+    """Request all paths, shared among some connections."""
     shares = [paths[first::connections] for first in range(connections)]
     results: list[tuple[list[float], int]] = [([], 0)] * connections
     clients = [_Connection(port) for _ in range(connections)]

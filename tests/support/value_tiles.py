@@ -1,4 +1,4 @@
-"""Tiles of values, read back: the twin of `rendering.tiles.encode_values`, as the viewer has it."""
+"""Tiles of values, read back: inverse of `rendering.tiles.encode_values`, as the viewer has it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def decode_values(body: bytes) -> np.ndarray:
         raise ValueError(f"a tile of values starts with {_MAGIC!r}, not with {body[:4]!r}")
     _, columns, rows, offset, step = _HEADER.unpack_from(body)
     if len(body) != _HEADER.size + 2 * rows * columns:
-        raise ValueError(f"{len(body)} bytes are no tile of {rows} x {columns} values")
+        raise ValueError(f"{len(body)} bytes are not a tile of {rows} x {columns} values")
     low, high = np.frombuffer(body, np.uint8, offset=_HEADER.size).reshape(2, rows, columns)
     change = low.astype(np.uint16) | (high.astype(np.uint16) << 8)
     steps = np.cumsum(change, axis=1, dtype=np.uint16)

@@ -11,7 +11,7 @@ block Cholesky, back substitution are those of the adjustment, f, k1 and k2 in t
 that a mast pointing has there. Such problems have no datum and start far off, so steps are damped
 (Marquardt).
 
-Ceres is asked through COLMAP (`ceres_peer`), whose camera RADIAL is the same polynomial, y and z
+Ceres is called through COLMAP (`ceres_peer`), whose camera RADIAL is the same polynomial, y and z
 turned round.
 """
 
@@ -86,7 +86,7 @@ def read_bal(path):
 
 
 def laid_out(problem):
-    """Nothing held, nothing told by telemetry."""
+    """Nothing held, no telemetry."""
     n = len(problem.start.centres)
     telemetry = Telemetry(
         problem.start.rotations, problem.start.centres, np.zeros(n, dtype=bool), np.zeros((n, 6)),

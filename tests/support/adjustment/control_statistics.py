@@ -1,13 +1,13 @@
 """Are sigmas true with control? `python -m tests.support.adjustment.control_statistics`.
 
 Traverses of six stops, 5 pairs and 8 inter-stereo ties a stop, no tie across the third link; an
-orbital image (10 m, 0.5 degrees, 0.1 % off) shows five stops to 0.1 m; the first attitude is as
-wrong as telemetry says. Printed are e' C^-1 e / 6 of all stops but the first and of the last (1
-where the stated covariances are true), and the plan error across the link without ties: by
+orbital image (10 m, 0.5 degrees, 0.1 % off) shows five stops to 0.1 m; the first attitude has the
+errors that telemetry states. Printed are e' C^-1 e / 6 of all stops but the first and of the last
+(1 where the stated covariances are true), and the plan error across the link without ties: by
 telemetry alone, and with control.
 
-With `--uncontrolled` traverses of three stops, whose first is the datum, and a mosaic of which
-nothing is said: turned by up to 3 degrees, scaled by up to 1 %, shifted by up to 300 m, in which
+With `--uncontrolled` traverses of three stops, whose first is the datum, and a mosaic without
+stated accuracy: turned by up to 3 degrees, scaled by up to 1 %, shifted by up to 300 m, in which
 stops are found as well as in rendered images. Printed are errors without and with it, how often
 they are no larger with it, and how often that is so by the covariances: what a perfect adjustment
 gains by an observation now and then takes a lucky estimate further from the truth.
@@ -61,7 +61,7 @@ def in_mosaic(
 ) -> InMosaic:
     """A network without and with control in a mosaic that nobody controlled.
 
-    `params`: what is said of it; nothing by default.
+    `params`: its stated accuracy; none by default.
     """
     rng = np.random.default_rng(seed)
     options = {"stops": 3, "pairs_per_stop": 8, "cross_ties": 8, "far_cross_ties": 0,
@@ -115,7 +115,7 @@ def _azimuth(e: np.ndarray) -> np.ndarray:
 def _chance_of_no_larger(
     rng: np.random.Generator, without: np.ndarray, with_it: np.ndarray
 ) -> tuple[float, float]:
-    """Of plan and azimuth errors, by covariances: the gain does not depend on what is left."""
+    """Of plan and azimuth errors, by covariances: the gain does not depend on the other ones."""
     left = rng.multivariate_normal(np.zeros(6), with_it, DRAWS)
     values, axes = np.linalg.eigh(without - with_it)
     gain = rng.normal(size=(DRAWS, 6)) * np.sqrt(np.maximum(values, 0.0)) @ axes.T

@@ -1,8 +1,9 @@
 """The whole model in GTSAM: mast pointings and telemetry besides the images, the first stop held.
 
-A mast head is a pose of its own, turned against its stop by the pointing; images hang on it by
-stereo factors, and a between factor says that it turns by nothing, as certainly as masts point, and
-that it shifts by a micrometre. What telemetry says is stated anew here as functions of poses with
+A mast head is a pose of its own, turned against its stop by the pointing; images are connected to
+it by stereo factors, and a between factor states no rotation, with the standard deviation of
+pointing, and a shift of a micrometre. Telemetry is modelled here independently as functions of
+poses with
 numeric derivatives, not taken from the adjustment.
 """
 
@@ -135,7 +136,7 @@ def step_from(rotations, centres):
 
 
 def differentiated(error):
-    """An error of poses as GTSAM asks for it, derivatives by central differences."""
+    """An error of poses in the form that GTSAM requires, derivatives by central differences."""
 
     def with_jacobians(factor, values, jacobians):
         poses = [values.atPose3(key) for key in factor.keys()]  # noqa: SIM118 - not a dictionary

@@ -1,7 +1,7 @@
 """Adjustment problems in the form that every solver can be given: rigid rigs, images, no priors.
 
 GTSAM can be given the whole problem (`aligned`, see `gtsam_full`). In bare ones masts point as
-their labels say and telemetry has no weight, because the bundle adjustment of COLMAP knows neither.
+their labels state and telemetry has no weight, because the bundle adjustment of COLMAP has neither.
 Its residuals are those of left and right images, each coordinate with the same weight; with
 x = (x_l + x_r) / 2, seen from the middle of the bar, and p = x_l - x_r,
 
@@ -87,7 +87,7 @@ def simulated(network):
 def aligned(network):
     """A simulated network with mast pointings and telemetry, from the alignment (cold)."""
     observations, telemetry = Observations.of(network), Telemetry.of(network, PARAMS)
-    telemetry = replace(telemetry, mast=np.zeros((0, 3, 0)))  # peers know no systematic errors
+    telemetry = replace(telemetry, mast=np.zeros((0, 3, 0)))  # peers model no systematic errors
     held = np.arange(len(network.stops)) == 0
     known, is_known = _known_state(network, telemetry, observations, None)
     start, *_ = initialise(observations, telemetry, held, PARAMS, known, is_known)

@@ -3,7 +3,7 @@
 `python -m tests.support.adjustment.scaling docs/figures/adjustment_scaling.png` draws it.
 Networks of 10 to 2,000 stops, ten stereo pairs and about 306 ties each, with mast pointings and
 telemetry. The start is the truth, as far from the minimum as the noise is large; the time is
-processor time of layout and iteration, and of all covariances besides (linearised anew), the
+processor time of layout and iteration, and of all covariances besides (linearised again), the
 fastest of three runs, since other work shares the caches.
 """
 

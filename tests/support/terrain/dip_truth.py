@@ -4,7 +4,7 @@
 
 takes every planar region that the pairs of every stop see, as they truly looked, reads the true
 elevation under each of its samples and fits a plane to those. Regions narrower than `LEAST_M` are
-left out: a true terrain of cells of 0.1 m says little of them.
+left out: a true terrain of cells of 0.1 m does not resolve them.
 """
 
 from __future__ import annotations

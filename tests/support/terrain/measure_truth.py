@@ -1,4 +1,4 @@
-"""Profiles and measured picks of a run of `rendered_husband`, judged by its truth.
+"""Profiles and measured picks of a run of `rendered_husband`, compared with its truth.
 
     python -m tests.support.terrain.measure_truth STORE TRUTH_FOLDER [picks]
 

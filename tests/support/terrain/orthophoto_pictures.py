@@ -1,4 +1,4 @@
-"""Pictures of orthophotos for the documentation.
+"""Figures of orthophotos for the documentation.
 
 Run as `python -m tests.support.terrain.orthophoto_pictures STORE SCOPE FOLDER`.
 
@@ -23,7 +23,7 @@ QUALITY = 68
 
 
 def grey(path: Path, centre: tuple[float, float], half_m: float) -> np.ndarray:
-    """A square of an orthophoto around (east, north), as a picture of `SIDE` pixels."""
+    """A square of an orthophoto around (east, north), as an image of `SIDE` pixels."""
     with rasterio.open(path) as dataset:
         return dataset.read(1, window=_window(dataset, centre, half_m), **_as(Resampling.average))
 
@@ -48,7 +48,7 @@ def _window(dataset, centre: tuple[float, float], half_m: float) -> Window:
 
 
 def main() -> None:
-    """Read the arguments and write the picture."""
+    """Read the arguments and write the figure."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("store", type=Path)
     parser.add_argument("scope")

@@ -3,12 +3,12 @@
     python -m tests.support.terrain.orthophoto_truth [--worlds plains:31 hills:32 crater:33]
     python -m tests.support.terrain.orthophoto_truth --rendered FOLDER --store STORE
 
-Simulated worlds know the radiance of their ground, which is laid out at the orthophoto's own cells
-and matched against it, block by block; the pairs stand where they truly stood. Views of one stop
-are rendered one by one and matched where two show the same ground. The rendered traverse knows no
-texture: there its images are laid over the true ground from their true poses, and the orthophotos
-of a store, with adjusted poses and terrain of their own, are matched against that, and those of two
-stops against each other.
+Simulated worlds contain the radiance of their ground, which is laid out at the orthophoto's own
+cells and matched against it, block by block; the pairs stand where they truly stood. Views of one
+stop are rendered one by one and matched where two show the same ground. The rendered traverse has
+no true texture: there its images are projected to the true ground from their true poses, and the
+orthophotos of a store, with adjusted poses and terrain of their own, are matched against that, and
+those of two stops against each other.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ BLOCK, SEARCH = 128, 12
 LEAST_SHOWN = 0.95
 LEAST_CORRELATION = 0.7
 GRAINS_REACH_M = 24.0
-"""How far the simulated pictures have grains."""
+"""How far the simulated images have grains."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """By how much a block of one picture is off in another, metres; and where it lies."""
+    """The offset of a block of one image in another, metres; and its position."""
 
     east: float
     north: float
@@ -68,7 +68,7 @@ class Shift:
 
 
 def shifts(picture: np.ndarray, truth: np.ndarray, grid: MapGrid) -> list[Shift]:
-    """Where blocks of a picture are found in the truth; NaN is not shown in either."""
+    """Where blocks of an image are found in the truth; NaN is not shown in either."""
     found = []
     for row in range(SEARCH, grid.rows - BLOCK - SEARCH, BLOCK):
         for col in range(SEARCH, grid.cols - BLOCK - SEARCH, BLOCK):
@@ -239,7 +239,7 @@ def _true_dtm(pair: JudgedPair, grid: MapGrid) -> Dtm:
 
 
 def on_grid(picture: np.ndarray, own: MapGrid, grid: MapGrid) -> np.ndarray:
-    """A picture at the cells of another grid of the same lattice; NaN beyond."""
+    """An image at the cells of another grid of the same lattice; NaN beyond."""
     laid = np.full(grid.shape, np.nan, np.float32)
     row, col = (
         round((grid.north - own.north) / grid.cell_m),
@@ -253,7 +253,7 @@ def on_grid(picture: np.ndarray, own: MapGrid, grid: MapGrid) -> np.ndarray:
 
 
 def main() -> None:
-    """Read the arguments, judge, print."""
+    """Read the arguments, evaluate, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--worlds", nargs="*", default=["plains:31", "hills:32", "crater:33"])
     parser.add_argument("--rendered", type=Path, help="folder of the rendered traverse")

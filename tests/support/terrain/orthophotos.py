@@ -38,7 +38,8 @@ def render_orthophoto(
     """The orthophoto of all seen cells of a terrain model, as a whole.
 
     Raises:
-        TerrainError: the terrain model is empty, or its cells are no multiple of the orthophoto's.
+        TerrainError: the terrain model is empty, or its cells are not a multiple of the
+        orthophoto's.
     """
     made = prepare_orthophoto(dtm, views, params)
     brightness = np.full(made.grid.shape, np.nan, dtype=np.float32)

@@ -1,11 +1,12 @@
-"""Projection between map and images of a run of `rendered_husband`, judged by its truth.
+"""Projection between map and images of a run of `rendered_husband`, compared with its truth.
 
     python -m tests.support.terrain.projection_truth STORE TRUTH_FOLDER [points]
 
 Pixels are drawn at random in left Navcam images. With the true poses and the true surface each has
-a true place on the ground and true places in the images of other stops; what the server's functions
-say of the pixel is compared with those, in metres, in pixels, and in the standard deviations that
-they state. Errors of the surface between nodes of the truth grid (0.1 m) are in all figures.
+a true place on the ground and true places in the images of other stops; the results of the server's
+functions for the pixel are compared with those, in metres, in pixels, and in the standard
+deviations that they state. Errors of the surface between nodes of the truth grid (0.1 m) are in all
+figures.
 """
 
 import sys
@@ -128,8 +129,8 @@ def summary(found: dict[str, np.ndarray]) -> Iterator[str]:
     for sight in Sight:
         some = behind[told == sight]
         yield (
-            f"said {sight.name}: truly in sight {np.sum(some <= 0.3)}, hidden by ground up to 1 m "
-            f"before {np.sum((some > 0.3) & (some <= 1))}, farther before {np.sum(some > 1)}"
+            f"stated {sight.name}: truly in sight {np.sum(some <= 0.3)}, hidden by ground up to "
+            f"1 m before {np.sum((some > 0.3) & (some <= 1))}, farther before {np.sum(some > 1)}"
         )
 
 

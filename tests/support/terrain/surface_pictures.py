@@ -1,4 +1,4 @@
-"""Pictures of what the ground of a simulated world means, for the documentation.
+"""Figures of the analyses of a simulated ground, for the documentation.
 
 python -m tests.support.terrain.surface_pictures crater 3 docs/figures
 """
@@ -51,7 +51,7 @@ from solmap.products.model import ProductKind
 GRID = MapGrid(-40.96, 40.96, 0.04, 2048, 2048)
 LATITUDE = math.radians(-14.735)
 SIDE = 480
-"""Pixels along the side of one picture."""
+"""Pixels along the side of one figure."""
 OPACITY = 0.65
 
 
@@ -76,7 +76,7 @@ def world_model(terrain: str, seed: int) -> Dtm:
 
 
 def pictures(dtm: Dtm) -> dict[str, Picture]:
-    """One picture of each kind, over the hillshade."""
+    """One figure of each kind, over the hillshade."""
     light = _shown(hillshade(dtm.elevation, dtm.grid.cell_m, HillshadeParams()), dtm.grid)
     relief, relief_grid = relief_map(dtm, SlopeParams())
     lit = insolation(dtm.elevation, dtm.grid, LATITUDE, InsolationParams())
@@ -106,7 +106,7 @@ def pictures(dtm: Dtm) -> dict[str, Picture]:
 
 
 def _shown(values: Raster | Classes, grid: MapGrid) -> np.ndarray:
-    """The part of a raster that the model covers, in the pixels of a picture."""
+    """The part of a raster that the model covers, in the pixels of a figure."""
     top, left = (
         round((grid.north - GRID.north) / grid.cell_m),
         round((GRID.west - grid.west) / grid.cell_m),

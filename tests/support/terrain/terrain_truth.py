@@ -3,7 +3,7 @@
     python -m tests.support.terrain.terrain_truth STORE DOWNLINK [--true-poses] [--method tin]
 
 Every stop is mapped again from the store's matches, with the poses of its newest network or with
-the true ones, and judged at every cell by what is true of it: elevation, and whether some pair saw
+the true ones, and evaluated at every cell against the truth: elevation, and whether some pair saw
 it with both eyes. The latter is found by casting a ray from the true ground to every camera.
 """
 
@@ -157,7 +157,7 @@ def seen_in_truth(
 
 
 def _in_field(view: TerrainView, points: np.ndarray, params: SightParams) -> np.ndarray:
-    """Whether both eyes of a pair have points in their images, near enough to be believed."""
+    """Whether both eyes of a pair have points in their images, near enough to be used."""
     geometry = view.geometry
     from_camera = view.lsl_from_pair.inverse.apply(points)
     x, y, z = from_camera.T
@@ -188,7 +188,7 @@ def _is_free(truth: Truth, points: np.ndarray, eye: np.ndarray) -> np.ndarray:
 
 @dataclass(slots=True)
 class Judgement:
-    """What came of a stop."""
+    """The result of a stop."""
 
     stop: str
     seconds: float
@@ -210,7 +210,7 @@ class Judgement:
 def judge(
     stop: StopInTruth, truth: Truth, params: DtmParams, *, true_poses: bool = False
 ) -> tuple[Dtm, Judgement]:
-    """Map a stop and judge it."""
+    """Map a stop and evaluate it."""
     started = time.process_time()
     dtm = build_dtm(stop.true_views if true_poses else stop.views, params)
     judged = Judgement(stop.stop, round(time.process_time() - started, 2))
@@ -255,7 +255,7 @@ def figures(error: np.ndarray, sigma: np.ndarray) -> dict[str, object]:
 
 
 def main() -> None:
-    """Judge all stops of a store and print it."""
+    """Evaluate all stops of a store and print the result."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("store", type=Path)
     parser.add_argument("downlink", type=Path)

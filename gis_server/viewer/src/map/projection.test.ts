@@ -56,6 +56,8 @@ test("the other side of the planet has no place on the map", () => {
 
 test("a plane that would be drawn wrong is refused", () => {
   expect(() => planeOf(`${PROJ4} +k_0=0.999`)).toThrow(ProjectionError);
-  expect(() => planeOf(PROJ4.replace("ortho", "stere"))).toThrow(/not a plane that the viewer supports/);
+  expect(() => planeOf(PROJ4.replace("ortho", "stere"))).toThrow(
+    /not a plane that the viewer supports/,
+  );
   expect(() => planeOf(PROJ4.replace("+R=3396190", "+ellps=WGS84"))).toThrow(/no number as \+R/);
 });
