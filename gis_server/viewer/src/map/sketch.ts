@@ -1,6 +1,7 @@
 /**
  * Drawing on the map with the pointer: places, a line, an area or a box. Clicks made while drawing are not passed to
- * other parts. Double-click or Enter ends a line or area, Backspace takes the last corner back.
+ * other parts. Double-click or Enter ends a line or area, Backspace takes the last corner back. With the
+ * keyboard, arrows move the map and Space sets a corner in its middle.
  */
 
 import type Feature from "ol/Feature";
@@ -98,17 +99,34 @@ export class Sketch {
     view.map.addLayer(this.layer);
     view.map.addInteraction(this.draw);
     this.release = view.claimClicks();
-    const isDrawn = shape === "line" || shape === "area";
     const pressed = (event: KeyboardEvent) => {
       if (!isForMap(event)) return;
+      if (event.key === " ") {
+        event.preventDefault();
+        this.setMiddle(shape, end, most);
+      }
+      if (shape === "point") return;
       // The last corner follows the pointer and is not set.
       if (event.key === "Enter" && this.corners.length > least) this.draw.finishDrawing();
       if (event.key === "Backspace") this.draw.removeLastPoint();
     };
-    if (isDrawn) document.addEventListener("keydown", pressed, { signal: this.life.signal });
+    if (shape !== "box")
+      document.addEventListener("keydown", pressed, { signal: this.life.signal });
+    view.map.getTargetElement()?.focus({ preventScroll: true });
   }
 
-  /** Sets the first corner of a line. */
+  /** Sets a corner in the middle of the map. */
+  private setMiddle(shape: Shape, end: SketchListener["end"], most: number | undefined): void {
+    const middle = place(this.view.view.getCenter() ?? []);
+    const corners = [...this.corners.slice(0, -1), middle];
+    if (shape === "point") end([middle]);
+    else if (corners.length === most) {
+      this.draw.abortDrawing();
+      end(corners);
+    } else this.begin(middle);
+  }
+
+  /** Sets a corner of a line or area. */
   begin(point: MapPoint): void {
     this.draw.appendCoordinates([[...point]]);
   }

@@ -110,8 +110,7 @@ class Annotations {
     this.stop();
     const { view, page } = this.context;
     page.ruler.hidden = false;
-    page.ruler.textContent =
-      "draw the annotation on the map; double-click or Enter ends, Esc stops";
+    page.ruler.textContent = "Click or Space sets a corner, Enter ends, Esc stops.";
     this.sketch = new Sketch(view, shape, { end: (corners) => this.write(shape, corners, note) });
   }
 

@@ -3,15 +3,17 @@
 import { kindTitle } from "../../map/layers";
 import { legendFor } from "../../map/raster-style";
 import { Sketch } from "../../map/sketch";
+import { copyText } from "../../page/copy";
 import { h } from "../../page/dom";
 import { fixed, scopeTitle } from "../../page/format";
-import { saveBytes } from "../../page/save";
+import { saveFile } from "../../page/save";
 import { downloads } from "../../server/downloads";
 import type { Bounds, Layer, Legend, MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
 import "./downloads.css";
 import { filesPanel, type Offered } from "./panel";
-import { pictureBox, type PictureWish } from "./picture-box";
+import { pdfOf } from "./pdf";
+import { pictureBox, type PictureFormat, type PictureWish } from "./picture-box";
 import { withDensity } from "./png";
 import { drawSheet, type SheetTexts } from "./sheet-drawing";
 import { roundScale, sheetOf } from "./sheet";
@@ -19,6 +21,8 @@ import { snapshot } from "./snapshot";
 
 /** Default credit on an image of the map. */
 export const CREDIT = "NASA/JPL-Caltech; map: solmap";
+
+const JPEG_QUALITY = 0.95;
 
 export function downloadsPart(context: Context): void {
   const { page, layers, view, mission, waiting, keys, alive } = context;
@@ -47,10 +51,7 @@ export function downloadsPart(context: Context): void {
       },
     });
   };
-  const copy = (text: string) =>
-    waiting.run(async () => {
-      await navigator.clipboard?.writeText(text);
-    });
+  const copy = (text: string) => void copyText(page, "Address", text);
   const show = (part: Partial<Offered>) => {
     offered = { ...offered, ...part };
     files.replaceChildren(filesPanel(offered, { drawBox, copy }));
@@ -63,7 +64,8 @@ export function downloadsPart(context: Context): void {
     waiting.run(async () => show({ models: await downloads.models(name), terrains }));
     waiting.run(async () => show({ addresses: await downloads.addresses(name) }));
   };
-  const picture = (wish: PictureWish) => waiting.run(() => takePicture(context, wish));
+  const picture = (wish: PictureWish, format: PictureFormat) =>
+    waiting.run(() => takePicture(context, wish, format));
   let isLoaded = false;
   // The content is fetched only when the tab is opened.
   new IntersectionObserver((entries) => {
@@ -99,20 +101,34 @@ function firstWish({ mission, view }: Context): PictureWish {
   };
 }
 
-async function takePicture(context: Context, wish: PictureWish): Promise<void> {
+async function takePicture(
+  context: Context,
+  wish: PictureWish,
+  format: PictureFormat,
+): Promise<void> {
   const { view, mission, waiting } = context;
   const [width = 1, height = 1] = view.map.getSize() ?? [];
   try {
     const sheet = sheetOf(wish.paper, wish.dpi, wish.scale, [width, height], view.resolution);
     const map = await snapshot(view, sheet);
     const whole = drawSheet(map, sheet, textsOf(context, wish));
-    const blob = await new Promise<Blob | null>((done) => whole.toBlob(done, "image/png"));
-    if (!blob) throw new Error("the browser could not make the image: choose a smaller one");
-    const bytes = withDensity(new Uint8Array(await blob.arrayBuffer()), sheet.dpi);
-    saveBytes(`${mission.mission}_map.png`, "image/png", bytes);
+    const name = `${mission.mission}_map.${format}`;
+    if (format === "png") {
+      const png = await encoded(whole, "image/png");
+      saveFile(name, "image/png", withDensity(png, sheet.dpi));
+    } else {
+      const jpeg = await encoded(whole, "image/jpeg");
+      saveFile(name, "application/pdf", pdfOf(jpeg, [whole.width, whole.height], sheet.dpi));
+    }
   } catch (reason) {
     waiting.say(reason instanceof Error ? reason.message : String(reason));
   }
+}
+
+async function encoded(canvas: HTMLCanvasElement, type: string): Promise<Uint8Array> {
+  const blob = await new Promise<Blob | null>((done) => canvas.toBlob(done, type, JPEG_QUALITY));
+  if (!blob) throw new Error("the browser could not make the image: choose a smaller one");
+  return new Uint8Array(await blob.arrayBuffer());
 }
 
 /** The text below an image of the map. */

@@ -3,6 +3,8 @@
 import { h } from "../../page/dom";
 import { type Paper, PAPERS } from "./sheet";
 
+export type PictureFormat = "png" | "pdf";
+
 export interface PictureWish {
   readonly paper: Paper;
   readonly dpi: number;
@@ -12,7 +14,10 @@ export interface PictureWish {
 }
 
 /** `first` is what is offered. */
-export function pictureBox(first: PictureWish, take: (wish: PictureWish) => void): HTMLElement {
+export function pictureBox(
+  first: PictureWish,
+  take: (wish: PictureWish, format: PictureFormat) => void,
+): HTMLElement {
   const input = (name: string, value: string | number, type = "text") =>
     h("input", {
       type,
@@ -42,6 +47,8 @@ export function pictureBox(first: PictureWish, take: (wish: PictureWish) => void
     title: title.value,
     credit: credit.value,
   });
+  const save = (format: PictureFormat, name: string) =>
+    h("button", { type: "button", class: "mode", onclick: () => take(wish(), format) }, name);
   return h(
     "div",
     { class: "map-picture" },
@@ -49,10 +56,6 @@ export function pictureBox(first: PictureWish, take: (wish: PictureWish) => void
     ofPaper,
     h("label", { class: "inline" }, "title", title),
     h("label", { class: "inline" }, "credit", credit),
-    h(
-      "button",
-      { type: "button", class: "mode png", onclick: () => take(wish()) },
-      "PNG of the map",
-    ),
+    h("div", { class: "actions" }, save("png", "PNG of the map"), save("pdf", "PDF of the map")),
   );
 }

@@ -62,6 +62,12 @@ export function showTour(ended: () => void): void {
     doneBtnText: "Done",
     disableActiveInteraction: true,
     popoverClass: "tour",
+    // The library makes them banner and contentinfo of the whole page.
+    onPopoverRender: ({ title, footer }) => {
+      title.setAttribute("role", "heading");
+      title.setAttribute("aria-level", "2");
+      footer.setAttribute("role", "group");
+    },
     onDestroyed: ended,
   }).drive();
 }

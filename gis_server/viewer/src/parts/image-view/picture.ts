@@ -50,6 +50,8 @@ export class Picture {
     element.addEventListener("pointerup", (event) => this.up(event));
     element.addEventListener("pointerleave", () => listener.hover(null, [0, 0]));
     element.addEventListener("keydown", (event) => this.key(event));
+    element.addEventListener("focus", () => this.redraw());
+    element.addEventListener("blur", () => this.redraw());
     new ResizeObserver(() => this.resized()).observe(element);
   }
 
@@ -70,7 +72,10 @@ export class Picture {
     const paper = canvas.getContext("2d", { willReadFrequently: true });
     paper?.drawImage(image, 0, 0);
     this.raw = paper?.getImageData(0, 0, canvas.width, canvas.height) ?? null;
-    this.element.setAttribute("aria-label", `image ${name}; arrows move it, plus and minus zoom`);
+    this.element.setAttribute(
+      "aria-label",
+      `image ${name}; arrows move it, plus and minus zoom, Enter picks the middle`,
+    );
     this.stretch(NO_STRETCH);
     this.fit();
   }
@@ -180,6 +185,13 @@ export class Picture {
     this.pan(dx * PAN_PX, dy * PAN_PX);
   }
 
+  /** For the keys alone. */
+  pickMiddle(): void {
+    const [width, height] = this.room;
+    const at = toImage(this.viewport, [width / 2, height / 2]);
+    if (isInside(at, this.size)) this.listener.click(at);
+  }
+
   private redraw(): void {
     cancelAnimationFrame(this.frame);
     this.frame = requestAnimationFrame(() => this.draw());
@@ -200,6 +212,22 @@ export class Picture {
     const { scale, left, top } = viewport;
     paper.drawImage(shown, left, top, shown.width * scale, shown.height * scale);
     drawOverlay(paper, viewport, this.overlay);
+    if (element.matches(":focus-visible")) drawMiddle(paper, width / 2, height / 2);
+  }
+}
+
+/** What Enter picks. */
+function drawMiddle(paper: CanvasRenderingContext2D, x: number, y: number): void {
+  const arms = new Path2D(
+    `M${x - 12} ${y}H${x - 3}M${x + 3} ${y}H${x + 12}M${x} ${y - 12}V${y - 3}M${x} ${y + 3}V${y + 12}`,
+  );
+  for (const [colour, width] of [
+    ["#000", 3],
+    ["#fff", 1],
+  ] as const) {
+    paper.strokeStyle = colour;
+    paper.lineWidth = width;
+    paper.stroke(arms);
   }
 }
 
@@ -211,4 +239,5 @@ const KEYS: Readonly<Record<string, (picture: Picture) => void>> = {
   "+": (picture) => picture.zoom(1.5),
   "-": (picture) => picture.zoom(1 / 1.5),
   "0": (picture) => picture.fit(),
+  Enter: (picture) => picture.pickMiddle(),
 };

@@ -18,7 +18,7 @@ export function imageDetail(
   return h(
     "section",
     { class: "image", "data-image": image.id },
-    h("h3", {}, image.id),
+    h("h2", {}, image.id),
     image.browse
       ? h(
           "button",

@@ -141,7 +141,7 @@ export function mapLegend(actions: LayerActions): MapLegend {
       const quantity = actions.stateOf(layer).style?.quantity ?? "value";
       const of = quantity === "value" || isBand(layer) ? "" : `: ${quantityTitle(quantity)}`;
       const title = kindTitle(layer.kind) + of;
-      entries.set(title + found.innerHTML, h("section", {}, h("h3", {}, title), found));
+      entries.set(title + found.innerHTML, h("section", {}, h("h2", {}, title), found));
     }
     element.hidden = entries.size === 0;
     list.replaceChildren(...entries.values());

@@ -5,7 +5,7 @@ import { kindTitle } from "../../map/layers";
 import { isForMap, Sketch } from "../../map/sketch";
 import { button, facts } from "../../page/dom";
 import { scopeTitle } from "../../page/format";
-import { saveText } from "../../page/save";
+import { saveFile } from "../../page/save";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
 import { formatPoints, parsePoints } from "../../session/link-points";
@@ -243,11 +243,11 @@ class Measuring {
         this.draw();
       },
       openProfile: (one) => this.openProfile(one),
-      saveCsv: () => saveText("measurements.csv", "text/csv", measurementsCsv(this.all)),
-      saveProfiles: () => saveText("profiles.csv", "text/csv", profilesCsv(this.all)),
+      saveCsv: () => saveFile("measurements.csv", "text/csv", measurementsCsv(this.all)),
+      saveProfiles: () => saveFile("profiles.csv", "text/csv", profilesCsv(this.all)),
       saveGeojson: () => {
         const text = measurementsGeojson(this.all, mission, view.local);
-        saveText("measurements.geojson", "application/geo+json", text);
+        saveFile("measurements.geojson", "application/geo+json", text);
       },
     });
     this.panel.replaceChildren(panel);

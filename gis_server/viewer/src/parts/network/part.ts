@@ -102,11 +102,11 @@ function networkPanel(graph: NetworkGraph, open: () => void, { view }: Context):
       { class: "actions" },
       h("button", { type: "button", class: "text graph", onclick: open }, "show the graph"),
     ),
-    h("h3", {}, `What is weak (${weak.length})`),
+    h("h2", {}, `What is weak (${weak.length})`),
     weak.length > 0
       ? h("ul", { class: "weaknesses" }, ...weak)
       : h("p", { class: "hint" }, "Nothing: every stop and pair is held by ties enough."),
-    h("h3", {}, `Links between stops (${graph.links.length})`),
+    h("h2", {}, `Links between stops (${graph.links.length})`),
     h(
       "table",
       { class: "values links" },

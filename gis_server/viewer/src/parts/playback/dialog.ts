@@ -3,7 +3,7 @@
 import "./playback.css";
 import type { Sols } from "../../map/sols";
 import { h } from "../../page/dom";
-import { saveBytes } from "../../page/save";
+import { saveFile } from "../../page/save";
 import type { Context } from "../../session/context";
 import { CREDIT } from "../downloads/part";
 import { type Encoder, encoders } from "./encoders";
@@ -47,7 +47,7 @@ export function recordingDialog(context: Context, steps: readonly Sols[]): HTMLE
     };
     const bytes = await encode(counted(), seconds.valueAsNumber);
     if (count < steps.length) return;
-    saveBytes(`${mission.mission}_playback.${ending}`, type, bytes);
+    saveFile(`${mission.mission}_playback.${ending}`, type, bytes);
     told.textContent = `saved ${count} frames`;
   };
   const submit = (event: Event) => {

@@ -130,11 +130,11 @@ export function pointPanel(
       ["elevation", elevationText(found)],
       ["stop", stops.length > 0 ? stops.map(scopeTitle).join(", ") : null],
     ]),
-    h("h3", {}, "Layers here"),
+    h("h2", {}, "Layers here"),
     found.layers.length > 0
       ? table(found.layers)
       : h("p", { class: "hint" }, "No raster has a value here: nothing was measured."),
-    h("h3", {}, `Images that see it (${images.length})`),
+    h("h2", {}, `Images that see it (${images.length})`),
     images.length > 0
       ? h("ul", { class: "image-ids" }, ...images.map(entry))
       : h("p", { class: "hint" }, "No footprint holds this point."),

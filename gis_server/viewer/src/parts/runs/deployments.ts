@@ -58,9 +58,9 @@ export function enginePanel(engine: Engine, mayAct: boolean, actions: EngineActi
   return h(
     "section",
     { "aria-label": "engine" },
-    queued.length > 0 ? h("h3", {}, "Waiting runs") : null,
+    queued.length > 0 ? h("h2", {}, "Waiting runs") : null,
     h("ul", { class: "plain" }, ...queued),
-    h("h3", {}, "Deployments"),
+    h("h2", {}, "Deployments"),
     engine.is_up
       ? null
       : h("p", { class: "trouble", role: "status" }, `Engine down: ${engine.trouble}.`),

@@ -93,11 +93,11 @@ export function runsPanel(
     { class: "runs" },
     wishes(kinds, mayAsk, actions),
     ...waiting.map((request) => h("p", { class: "request" }, requestText(request))),
-    h("h3", {}, "Runs"),
+    h("h2", {}, "Runs"),
     known.runs.length > 0
       ? h("ul", { class: "plain" }, ...known.runs.map((run) => row(run, mayAsk, actions)))
       : h("p", { class: "hint" }, "Nothing has run on this store yet."),
-    h("h3", {}, "Quality of adjustments"),
+    h("h2", {}, "Quality of adjustments"),
     reports.length > 0
       ? h("ul", { class: "plain" }, ...reports)
       : h("p", { class: "hint" }, "No adjustment has been published yet."),

@@ -63,7 +63,7 @@ export function stopCard(known: StopFacts, actions: readonly StopAction[]): HTML
   return h(
     "section",
     { class: "stop-card", "data-stop": stop },
-    h("h3", {}, scopeTitle(stop)),
+    h("h2", {}, scopeTitle(stop)),
     facts([
       ["sol", sols.join(", ") || null],
       ["local time", localTimes(images)],

@@ -146,7 +146,7 @@ export function sunPanel(
     h("label", { class: "inline" }, h("span", {}, "azimuth"), azimuth, azimuthText),
     h("label", { class: "inline" }, h("span", {}, "elevation"), elevation, elevationText),
     told,
-    h("h3", {}, "Shading of the map"),
+    h("h2", {}, "Shading of the map"),
     h("div", { class: "inline" }, relief.element, strength),
     shadow.element,
     tilt.element,

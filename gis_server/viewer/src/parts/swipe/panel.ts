@@ -101,7 +101,7 @@ export function differenceBox(
   return h(
     "div",
     { class: "difference" },
-    h("h3", {}, "Difference A − B"),
+    h("h2", {}, "Difference A − B"),
     colourLegend(legendOfColours(colouring)),
     h("label", { class: "inline" }, "colours to ±", input, unit),
     h("p", { class: "amounts" }, amounts),

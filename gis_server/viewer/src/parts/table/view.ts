@@ -12,7 +12,7 @@ import { ImageFeatures } from "../../map/image-features";
 import { marsGeojson } from "../../map/mars-geojson";
 import { drawHighlight } from "../../map/styles";
 import { h } from "../../page/dom";
-import { saveText } from "../../page/save";
+import { saveFile } from "../../page/save";
 import { api } from "../../server/api";
 import type { Context, Pointed } from "../../session/context";
 import { Grid } from "./grid";
@@ -275,7 +275,7 @@ export class TableView {
 
   private saveCsv(): void {
     const { subject, shown } = this;
-    saveText(`${subject.key}.csv`, "text/csv", tableCsv(shown, subject.columns));
+    saveFile(`${subject.key}.csv`, "text/csv", tableCsv(shown, subject.columns));
   }
 
   private saveGeojson(): void {
@@ -284,7 +284,7 @@ export class TableView {
     waiting.run(async () => {
       const rows = subject.key === "images" ? await this.withFootprints(shown) : shown;
       const text = marsGeojson(tableFeatures(rows), mission, view.local);
-      saveText(`${subject.key}.geojson`, "application/geo+json", text);
+      saveFile(`${subject.key}.geojson`, "application/geo+json", text);
     });
   }
 

@@ -1,7 +1,7 @@
 /** Two solutions of the traverse side by side: which ones, their table, their vectors on the map, their profile. */
 
 import { h } from "../../page/dom";
-import { saveText } from "../../page/save";
+import { saveFile } from "../../page/save";
 import { ApiError } from "../../server/api";
 import { network, type Solution, type TraverseAnswer } from "../../server/network";
 import type { MapPoint } from "../../server/records";
@@ -75,7 +75,7 @@ export class Comparison {
 
   private draw(answer: TraverseAnswer): void {
     const openProfile = () => this.profile.open(answer);
-    const csv = () => saveText("differences.csv", "text/csv", differencesCsv(answer));
+    const csv = () => saveFile("differences.csv", "text/csv", differencesCsv(answer));
     this.drawTable(answer);
     this.element.replaceChildren(
       this.selects(),

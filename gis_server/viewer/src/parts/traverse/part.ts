@@ -22,7 +22,7 @@ export function traversePart(context: Context): void {
   };
   const stops = h("div");
   const comparison = new Comparison(context, zoomTo);
-  panel.replaceChildren(comparison.element, h("h3", {}, "Stops"), stops);
+  panel.replaceChildren(comparison.element, h("h2", {}, "Stops"), stops);
   const load = async () => {
     const features = await view.featuresOf(layers.widest("stops"));
     const rows = stopRows(features);

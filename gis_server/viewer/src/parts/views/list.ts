@@ -1,7 +1,7 @@
 /** The dialog of saved views: save, open, rename, replace, delete, and the file that holds them. */
 
 import { type Child, h } from "../../page/dom";
-import { saveText } from "../../page/save";
+import { saveFile } from "../../page/save";
 import { formatViews, freeName, merged, parseViews, type SavedView, SavedViews } from "./saved";
 
 export interface ViewActions {
@@ -129,7 +129,7 @@ export function viewsDialog({ open, now }: ViewActions): HTMLElement {
   const plain = (name: string, kind: string, run: () => void) =>
     h("button", { type: "button", class: `plain ${kind}`, onclick: run }, name);
   const exported = plain("Export", "export", () =>
-    saveText("solmap-views.json", "application/json", formatViews(saved.all)),
+    saveFile("solmap-views.json", "application/json", formatViews(saved.all)),
   );
   const again = plain("", "restore", restore);
   const none = h("p", { class: "hint" }, "No view is saved in this browser yet.");
