@@ -89,6 +89,22 @@ def test_no_panel_cuts_anything_off(sized):
     assert faults == []
 
 
+def test_at_200_percent_no_panel_cuts_anything_off(browser, url):
+    """The browser's zoom of 200 % on a window of 1440 x 900 halves its width in CSS pixels."""
+    with open_page(browser, 720, 450, scale=2.0) as page:
+        look(page, url + at(0.1, "mer2/stops,mer2/traverse"))
+        assert page.evaluate("[innerWidth, devicePixelRatio]") == [720, 2]
+        faults = page.evaluate(CUT_OFF)
+        for tab in page.locator("[data-tab]").all():
+            tab.click()
+            ready(page)
+            name = tab.get_attribute("data-tab")
+            assert page.locator(f"#panel-{name}").is_visible()
+            faults += [f"{name}: {fault}" for fault in page.evaluate(CUT_OFF)]
+            screenshot(page, f"zoomed-{name}")
+        assert faults == []
+
+
 def test_docks_leave_room_for_the_map_and_cut_nothing_off(sized):
     faults = []
     for key, dock in (("p", ".below"), ("a", ".below")):

@@ -115,9 +115,11 @@ def _installed(names: tuple[str, ...]) -> str:
 
 
 @contextmanager
-def open_page(browser, width: int = 1280, height: int = 800) -> Iterator:
+def open_page(browser, width: int = 1280, height: int = 800, scale: float = 1.0) -> Iterator:
     """A page that must raise no error, get none from the server, and contact no other host."""
-    context = browser.new_context(viewport={"width": width, "height": height})
+    context = browser.new_context(
+        viewport={"width": width, "height": height}, device_scale_factor=scale
+    )
     opened = context.new_page()
     opened.faults = []
     opened.on("pageerror", lambda error: opened.faults.append(str(error)))

@@ -64,9 +64,7 @@ export function showTour(ended: () => void): void {
     popoverClass: "tour",
     // The library makes them banner and contentinfo of the whole page.
     onPopoverRender: ({ title, footer }) => {
-      title.setAttribute("role", "heading");
-      title.setAttribute("aria-level", "2");
-      footer.setAttribute("role", "group");
+      for (const part of [title, footer]) part.setAttribute("role", "none");
     },
     onDestroyed: ended,
   }).drive();

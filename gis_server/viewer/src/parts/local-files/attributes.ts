@@ -24,7 +24,7 @@ export function attributes({ name, properties }: Found): HTMLElement {
   return h(
     "section",
     { class: "file-attributes", "data-file": name },
-    h("h3", {}, name),
+    h("h2", {}, name),
     rows.length > 0
       ? h("table", { class: "values" }, h("tbody", {}, ...rows))
       : h("p", { class: "hint" }, "The feature has no attributes."),
