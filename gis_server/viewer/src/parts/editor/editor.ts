@@ -34,7 +34,7 @@ const ELLIPSE_90 = 2.146;
 
 export class Editor {
   readonly element: HTMLElement;
-  private readonly panes = h("div", { class: "panes" });
+  private readonly panes = h("div", { class: "editor-panes" });
   private readonly strip = h("div", { class: "editor-strip" });
   private readonly first: Pane;
   private readonly second: Pane;
