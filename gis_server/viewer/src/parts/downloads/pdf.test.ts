@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 import { pdfOf } from "./pdf";
 
-test("each object starts where the table of the file says, and the page is as large as on paper", () => {
+test("each object starts at the offset that the cross-reference table states, and the page is as large as on paper", () => {
   const text = new TextDecoder("latin1").decode(pdfOf(new Uint8Array([255, 216]), [200, 100], 100));
   expect(text).toContain("/MediaBox [0 0 144.000 72.000]");
   const starts = [...text.matchAll(/^(\d{10}) 00000 n /gm)].map(([, at]) => Number(at));

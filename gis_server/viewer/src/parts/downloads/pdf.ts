@@ -1,8 +1,8 @@
-/** A PDF file of one page, filled by a picture at its size on paper (ISO 32000-1, 7.5 and 8.9.5). */
+/** A PDF file of one page, filled by an image at its size on paper (ISO 32000-1, 7.5 and 8.9.5). */
 
 const POINTS_PER_INCH = 72;
 
-/** `size`: samples and lines of the JPEG picture. */
+/** `size`: samples and lines of the JPEG image. */
 export function pdfOf(
   jpeg: Uint8Array,
   size: readonly [width: number, height: number],
