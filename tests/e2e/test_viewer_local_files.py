@@ -126,7 +126,7 @@ def test_attributes_of_a_dropped_feature_are_told_where_it_is_clicked(
     page.mouse.click(*pixel_of(page, 10.0, 8.0, RESOLUTION))
     told = page.locator(".file-attributes")
     told.wait_for()
-    assert told.locator("h3").inner_text() == "plan.geojson"
+    assert told.locator("h2").inner_text() == "plan.geojson"
     rows = [row.inner_text().split("\t") for row in told.locator("tr").all()]
     assert rows == [["name", "keep out"], ["depth_cm", "20"]]
     page.locator(".point").wait_for()

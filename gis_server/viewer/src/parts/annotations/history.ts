@@ -39,8 +39,11 @@ function differences(before: Partial<AnnotationEdit>, now: Partial<AnnotationEdi
   return found.filter(Boolean).join(", ") || "saved unchanged";
 }
 
-/** A list that fills itself when it is opened. */
-export function historyList(load: () => Promise<readonly Change[]>): HTMLElement {
+/** Annotations whose history is open: it stays so when the list is drawn again. */
+const opened = new Set<string>();
+
+/** A list that is loaded when it is opened. */
+export function historyList(id: string, load: () => Promise<readonly Change[]>): HTMLElement {
   const list = h("ol");
   const fill = (changes: readonly Change[]) =>
     list.replaceChildren(
@@ -52,9 +55,13 @@ export function historyList(load: () => Promise<readonly Change[]>): HTMLElement
     "details",
     {
       class: "note-history",
+      open: opened.has(id),
       ontoggle: () => {
-        if (details.open)
+        if (!details.open) opened.delete(id);
+        else {
+          opened.add(id);
           load().then(fill, () => list.replaceChildren("The history could not be fetched."));
+        }
       },
     },
     h("summary", {}, "History"),

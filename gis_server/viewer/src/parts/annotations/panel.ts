@@ -83,7 +83,7 @@ function row(note: AnnotationFeature, mayWrite: boolean, actions: NoteActions): 
           link("Delete", () => actions.remove(note)),
         )
       : null,
-    historyList(() => actions.history(note)),
+    historyList(id, () => actions.history(note)),
   );
 }
 
