@@ -72,7 +72,7 @@ test("a map that is not tied to the lander takes its own metres only", () => {
   expect(() => crsOf(mars, UNTIED)).toThrow(/not tied to the lander/);
 });
 
-test("collections of geometries are taken apart, features without a place left out", () => {
+test("geometry collections are split into their members, features without geometry are omitted", () => {
   const point = { type: "Point", coordinates: [1, 2, 3] };
   const features = [
     { type: "Feature", geometry: { type: "GeometryCollection", geometries: [point, point] } },
