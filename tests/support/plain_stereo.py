@@ -23,16 +23,21 @@ def plain_opencv(images: EpipolarImages, nearest_m: float = 1.2, uniqueness: int
 
 
 def wrong_and_filled(
-    parallax: np.ndarray, truth: np.ndarray, visible: np.ndarray
+    parallax: np.ndarray, truth: np.ndarray, visible: np.ndarray, limit_px: float = 1.0
 ) -> tuple[float, float]:
-    """Share of the parallaxes that is wrong by more than 1 px, and share of what both see."""
+    """Share of the parallaxes that is wrong by more than a limit, and share of what both see."""
     known = visible & np.isfinite(parallax)
-    wrong = np.abs(parallax - truth)[known] > 1
+    wrong = np.abs(parallax - truth)[known] > limit_px
     return float(wrong.mean()), float(known.sum() / visible.sum())
 
 
 def plainly_wrong_at(
-    fill: float, images: EpipolarImages, truth: np.ndarray, visible: np.ndarray, nearest_m: float
+    fill: float,
+    images: EpipolarImages,
+    truth: np.ndarray,
+    visible: np.ndarray,
+    nearest_m: float,
+    limit_px: float = 1.0,
 ) -> float:
     """Share of StereoSGBM that is wrong when its best cost must win by so much that it fills that.
 
@@ -40,7 +45,7 @@ def plainly_wrong_at(
         ValueError: it fills less or more at any uniqueness.
     """
     found = [
-        wrong_and_filled(plain_opencv(images, nearest_m, uniqueness), truth, visible)
+        wrong_and_filled(plain_opencv(images, nearest_m, uniqueness), truth, visible, limit_px)
         for uniqueness in range(0, 80, 10)
     ]
     wrong, filled = np.array(sorted(found, key=lambda one: one[1])).T

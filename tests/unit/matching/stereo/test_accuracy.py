@@ -10,20 +10,20 @@ import cv2
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.cameras.epipolar import EpipolarPair, epipolar_pair
-from solmap.photogrammetry.frames import Frame, FrameKind, Pose, rover_frame
+from solmap.photogrammetry.cameras.epipolar import epipolar_pair
+from solmap.photogrammetry.frames import Frame, FrameKind
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.resampling import epipolar_images
-from solmap.photogrammetry.matching.stereo.dense import DenseParams, match_densely
+from solmap.photogrammetry.matching.stereo.dense import match_densely
 from solmap.photogrammetry.matching.stereo.sparse import match_sparsely
 from solmap.photogrammetry.synthetic.render import photograph
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.truth import true_parallax
 from tests.support.husband_truth import judged_pairs
-from tests.support.plain_stereo import plain_opencv, plainly_wrong_at, wrong_and_filled
-from tests.support.simulated_stops import ROOT
+from tests.support.middlebury import MOTORCYCLE, compared
+from tests.support.plain_stereo import plain_opencv
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -97,50 +97,14 @@ def test_dense_parallax_is_true_and_knows_how_true(case):
     assert np.isfinite(dense.parallax_px[np.isnan(case.truth)]).mean() < 0.15  # sky and occlusions
 
 
-MOTORCYCLE = ROOT / ".cache" / "middlebury"
-"""motorcycle_{left,right}.png and motorcycle_disp.npz, the data of scikit-image 0.16."""
-
-
 def test_off_the_ground_as_few_are_wrong_as_with_opencv_at_equal_fill():
-    if not MOTORCYCLE.exists():
-        pytest.skip(f"needs Middlebury's motorcycle of scikit-image in {MOTORCYCLE}")
-    left, right = (
-        cv2.imread(str(MOTORCYCLE / f"motorcycle_{eye}.png"), cv2.IMREAD_GRAYSCALE)
-        for eye in ("left", "right")
-    )
-    truth = next(iter(np.load(MOTORCYCLE / "motorcycle_disp.npz").values())).astype(np.float32)
-    lines, samples = left.shape
-    pose = Pose(rover_frame(1, 0), Frame(FrameKind.PAIR, (1,)), np.eye(3), np.zeros(3))
-    centre = ((samples - 1) / 2, (lines - 1) / 2)
-    geometry = EpipolarPair(pose, 0.2, 1000.0, centre, samples, lines)
-    whole = np.ones(left.shape, dtype=bool)
-    images = EpipolarImages(
-        geometry, left.astype(np.float32), whole, right.astype(np.float32), whole.copy()
-    )
-    visible = seen_by_both(np.where(np.isfinite(truth) & (truth > 0), truth, np.nan))
-    nearest_m = 200.0 / 72.0  # the search of its calibration
-    dense = match_densely(images, DenseParams(nearest_range_m=nearest_m))
-    wrong, filled = wrong_and_filled(dense.parallax_px, truth, visible)
-    plainly = plainly_wrong_at(filled, images, truth, visible, nearest_m)
-    normalised = (np.abs(dense.parallax_px - truth) / dense.sigma_px)[visible]
-    ratio = 1.4826 * np.nanmedian(normalised)
-    print(f"\n{filled:.1%} filled, {wrong:.2%} wrong (SGBM {plainly:.2%}), {ratio:.2f} sigmas")  # noqa: T201
-    assert filled > 0.86
-    assert wrong <= plainly
-    assert ratio == pytest.approx(1.0, abs=0.2)
-
-
-def seen_by_both(truth: np.ndarray) -> np.ndarray:
-    """Pixels whose partner in the right image shows no nearer surface."""
-    line, sample = np.nonzero(np.isfinite(truth))
-    parallax = truth[line, sample]
-    partner = np.rint(sample - parallax).astype(int)
-    line, sample, partner, parallax = (v[partner >= 0] for v in (line, sample, partner, parallax))
-    nearest = np.full(truth.shape, -np.inf, np.float32)
-    np.maximum.at(nearest, (line, partner), parallax)
-    seen = np.zeros(truth.shape, dtype=bool)
-    seen[line, sample] = nearest[line, partner] - parallax < 1
-    return seen
+    if not MOTORCYCLE.is_here:
+        pytest.skip(f"needs {', '.join(map(str, MOTORCYCLE.paths))}")
+    found = compared(MOTORCYCLE)
+    print(f"\n{found}")  # noqa: T201
+    assert found.filled > 0.86
+    assert found.wrong[1.0][0] <= found.wrong[1.0][1]
+    assert found.sigmas == pytest.approx(1.0, abs=0.2)
 
 
 TRUTH_WIDTH_PX = 1.0
