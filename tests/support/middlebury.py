@@ -63,7 +63,7 @@ class Comparison:
 
     filled: float
     wrong: dict[float, tuple[float, float]]
-    """Share of the filled pixels that is wrong by more than so many pixels: ours, StereoSGBM's."""
+    """Shares of filled pixels that are wrong by more than a limit in pixels: ours, StereoSGBM's."""
     sigmas: float
     """Robust standard deviation of the errors in units of the stated one, 1 if that is right; the
     rounding of the truth is added to the latter."""
