@@ -3,9 +3,9 @@
 import { ApiError, api, UnreachableError } from "./server/api";
 import { h } from "./page/dom";
 import { eastOf, northOf } from "./page/format";
-import { type Permalink, parsePermalink } from "./session/permalink";
 import type { Mission } from "./server/records";
 import { Session } from "./session/session";
+import { parseLink } from "./session/state";
 import { type Shell, shell } from "./page/shell";
 
 const ASK_AGAIN_MS = 4000;
@@ -23,7 +23,7 @@ class App {
   async open(): Promise<void> {
     document.documentElement.dataset["ready"] = "false";
     try {
-      await this.load(parsePermalink(location.hash));
+      await this.load(parseLink(location.hash).state.m);
       this.page.banner(null);
     } catch (reason) {
       if (!(reason instanceof UnreachableError || reason instanceof ApiError)) throw reason;
@@ -38,10 +38,10 @@ class App {
     else setTimeout(() => void this.retry(), ASK_AGAIN_MS);
   }
 
-  private async load(link: Permalink): Promise<void> {
+  private async load(asked: string | null): Promise<void> {
     const begin = await api.start();
     const { missions } = begin;
-    const mission = missions.find((item) => item.mission === link.mission) ?? missions[0];
+    const mission = missions.find((item) => item.mission === asked) ?? missions[0];
     if (!mission) {
       throw new ApiError(
         "the store holds no mission yet: run `solmap run DOWNLINK_DIR --store STORE`",
@@ -52,7 +52,7 @@ class App {
     this.session?.dispose();
     this.page.missionBox.replaceChildren(...this.heading(mission, missions));
     document.title = `${mission.title} – solmap`;
-    this.session = new Session(this.page, mission, layers, link, begin.lastEvent);
+    this.session = new Session(this.page, mission, layers, begin.lastEvent);
   }
 
   private heading(mission: Mission, missions: readonly Mission[]): Node[] {

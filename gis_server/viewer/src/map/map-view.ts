@@ -14,7 +14,7 @@ import View from "ol/View";
 import { CalmMap, TILES_ON_THEIR_WAY } from "./calm-map";
 import { isNeeded } from "./extent-of-need";
 import { type FeatureSource, type Shown, show } from "./map-layers";
-import type { Place } from "../session/permalink";
+import type { Place } from "../session/state";
 import type { LocalMap } from "./projection";
 import type { Bounds, Layer, MapPoint, Mission } from "../server/records";
 import {

@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 import { rasterLayer } from "../fixtures";
 import { count, isPicture, percentiles, recolouring, shades } from "./picture-style";
-import { formatStyle, parseStyle, PLAIN } from "./raster-style";
+import { formatStyle, linkedStyle, PLAIN } from "./raster-style";
 
 const photo = { ...rasterLayer("mer2", "orthophoto"), values: null };
 const CLASSES = [
@@ -46,6 +46,6 @@ test("two percent of the pixels lie beyond either end", () => {
 });
 
 test.each(["value::20:180::0.8", "value::::::1.3", ":grey"])("the style %s comes back", (text) => {
-  const style = parseStyle(text);
-  expect(style && parseStyle(formatStyle(style))).toEqual(style);
+  const style = linkedStyle.read(text, () => undefined);
+  expect(style && linkedStyle.read(formatStyle(style), () => undefined)).toEqual(style);
 });

@@ -20,8 +20,6 @@ export type RampName = keyof typeof RAMPS;
 
 export const RAMP_NAMES = Object.keys(RAMPS) as RampName[];
 
-export const isRamp = (name: string): name is RampName => name in RAMPS;
-
 /** Red, green, blue and opacity of 256 steps along evenly spaced colours `#rrggbb`: 1024 bytes. */
 export function lookup(colours: readonly string[]): Uint8ClampedArray {
   const anchors = colours.map(rgb);

@@ -7,7 +7,7 @@ import {
   formatStyle,
   hasValues,
   legendFor,
-  parseStyle,
+  linkedStyle,
   PLAIN,
   quantitiesOf,
   type RasterStyle,
@@ -20,6 +20,8 @@ const dtm = {
   legend: { stops: [[-2, "#000000"] as const, [6, "#ff0000"] as const], unit: "m" },
 };
 
+const read = (text: string) => linkedStyle.read(text, () => undefined);
+
 test.each<[string, RasterStyle]>([
   ["slope::0:25", { ...PLAIN, quantity: "slope", low: 0, high: 25 }],
   ["tilt::::5", { ...PLAIN, quantity: "tilt", floor: 5 }],
@@ -27,12 +29,15 @@ test.each<[string, RasterStyle]>([
   [":inferno:-1.25:3", { ...PLAIN, ramp: "inferno", low: -1.25, high: 3 }],
 ])("%s in a link gives the style that is drawn", (text, style) => {
   expect(formatStyle(style)).toBe(text);
-  expect(parseStyle(text)).toEqual(style);
+  expect(read(text)).toEqual(style);
 });
 
-test.each(["", "height:inferno", "volume"])("%s is not a style", (text) =>
-  expect(parseStyle(text)).toBeNull(),
+test.each(["height:inferno", "volume", "slope:rainbow", "slope::low"])(
+  "%s is not a style",
+  (text) => expect(read(text)).toBeUndefined(),
 );
+
+test("no text is the style of every layer at first", () => expect(read("")).toBeNull());
 
 test("colours are the layer's own until others are chosen", () => {
   expect(colouringOf(dtm, PLAIN)).toMatchObject({ colours: ["#000000", "#ff0000"], low: -2 });

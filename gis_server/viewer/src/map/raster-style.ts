@@ -8,7 +8,8 @@
 
 import type { Layer, Legend, RasterLayer } from "../server/records";
 import { unitSign } from "../page/format";
-import { isRamp, RAMPS, type RampName } from "./ramps";
+import { as, choice, type Codec, list, number, or, record, significant } from "../codec";
+import { RAMP_NAMES, RAMPS, type RampName } from "./ramps";
 
 /** What follows from elevations. */
 const DERIVED = ["relief", "slope", "aspect", "tilt"] as const;
@@ -213,7 +214,7 @@ export function legendFor(layer: RasterLayer, style: RasterStyle | null): Legend
       ? { stops: [], unit: "", classes: classes.map(([name, colour]) => ({ name, colour })) }
       : legendOfColours(colouringOf(layer, style));
   if (style.fade === null) return legend;
-  const most = `${text(style.fade)}${unitSign(unitOf(layer))}`;
+  const most = `${some.write(style.fade)}${unitSign(unitOf(layer))}`;
   return { ...legend, note: `Opacity falls with σ: full at 0, none from ${most} on.` };
 }
 
@@ -223,32 +224,25 @@ export function legendOfColours({ colours, low, high, unit }: Colouring): Legend
   return { stops, unit };
 }
 
-const text = (value: number | null) => (value === null ? "" : String(Number(value.toPrecision(6))));
+const some = or(null, significant(6));
+const positive = or(null, significant(6, Number.MIN_VALUE));
+const written: Codec<RasterStyle> = record(":", {
+  quantity: or("value", choice(QUANTITIES)),
+  ramp: or(null, choice(RAMP_NAMES)),
+  low: some,
+  high: some,
+  floor: some,
+  gamma: positive,
+  hidden: list(".", number(0, 0)),
+  fade: positive,
+});
 
 /** Empty for the style that every layer has at first. */
-export function formatStyle(style: RasterStyle): string {
-  const { quantity, ramp, low, high, floor, gamma, hidden, fade } = style;
-  const parts = [quantity === "value" ? "" : quantity, ramp ?? "", text(low), text(high)];
-  const last = [text(floor), text(gamma), hidden.join("."), text(fade)];
-  return [...parts, ...last].join(":").replace(/:+$/, "");
-}
+export const formatStyle = written.write;
 
-/** Null where the text is not a style that can be drawn. */
-export function parseStyle(link: string): RasterStyle | null {
-  const [quantity = "", ramp = "", ...rest] = link.split(":");
-  const hidden = (rest[4] ?? "").split(".").filter((part) => /^\d+$/.test(part));
-  const [low = null, high = null, floor = null, gamma = null] = rest
-    .slice(0, 4)
-    .map((part) => (part !== "" && Number.isFinite(Number(part)) ? Number(part) : null));
-  const known = QUANTITIES.find((name) => name === (quantity || "value"));
-  if (!known) return null;
-  const style = {
-    quantity: known,
-    ramp: isRamp(ramp) ? ramp : null,
-    ...{ low, high, floor },
-    gamma: gamma !== null && gamma > 0 ? gamma : null,
-    hidden: hidden.map(Number),
-    fade: Number(rest[5]) > 0 && Number.isFinite(Number(rest[5])) ? Number(rest[5]) : null,
-  };
-  return isPlain(style) ? null : style;
-}
+/** The style in a link; null for that of every layer at first. */
+export const linkedStyle = as(
+  written,
+  (style): RasterStyle | null => (isPlain(style) ? null : style),
+  (style) => style ?? PLAIN,
+);

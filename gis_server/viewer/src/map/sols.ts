@@ -1,5 +1,7 @@
 /** Sols that are looked at: from a first to a last one, or all. */
 
+import type { Codec } from "../codec";
+
 export type Sols = readonly [from: number, to: number] | null;
 
 export const isIn = (sol: number, range: Sols): boolean =>
@@ -11,17 +13,16 @@ export const areIn = (sols: readonly number[], range: Sols): boolean =>
 
 export const isSame = (a: Sols, b: Sols): boolean => a?.[0] === b?.[0] && a?.[1] === b?.[1];
 
-/** `156` or `150-156`, as in a link. */
-export const formatSols = ([from, to]: readonly [number, number]): string =>
-  from === to ? String(from) : `${from}-${to}`;
-
-/** Null if the text is nothing of the kind. */
-export function parseSols(text: string | null): Sols {
-  const [, from, to = from] = /^(\d+)(?:-(\d+))?$/.exec(text ?? "") ?? [];
-  if (from === undefined) return null;
-  const [a, b] = [Number(from), Number(to)];
-  return [Math.min(a, b), Math.max(a, b)];
-}
+/** In a link: `156` or `150-156`. */
+export const linkedSols: Codec<readonly [number, number]> = {
+  read: (text) => {
+    const [, from, to = from] = /^(\d+)(?:-(\d+))?$/.exec(text) ?? [];
+    if (from === undefined) return undefined;
+    const [a, b] = [Number(from), Number(to)];
+    return [Math.min(a, b), Math.max(a, b)];
+  },
+  write: ([from, to]) => (from === to ? String(from) : `${from}-${to}`),
+};
 
 export function solsTitle(range: Sols): string {
   if (range === null) return "all sols";

@@ -1,7 +1,6 @@
-/** Room below or over the map that one thing at a time may use. */
+/** Room over the map that one thing at a time may use. */
 
 import { button, h } from "./dom";
-import { OPENED } from "./fold";
 
 export interface Dock {
   readonly element: HTMLElement;
@@ -11,8 +10,8 @@ export interface Dock {
   readonly isOpen: boolean;
 }
 
-export function dock(side: "below" | "bench"): Dock {
-  const element = h("section", { class: `dock ${side}`, hidden: true });
+export function dock(): Dock {
+  const element = h("section", { class: "dock bench", hidden: true });
   let closed: (() => void) | undefined;
   const close = () => {
     if (element.hidden) return;
@@ -36,7 +35,6 @@ export function dock(side: "below" | "bench"): Dock {
       );
       element.replaceChildren(head, h("div", { class: "dock-body" }, content));
       element.hidden = false;
-      element.dispatchEvent(new CustomEvent(OPENED, { bubbles: true, detail: "dock" }));
     },
     close,
     get isOpen() {

@@ -1,28 +1,42 @@
 /**
- * Panes beside the map, for what is looked at together with it. There are as many as there is room for: side by side on
- * a wide window, two one above the other on a laptop, one on a small window; where there is no room the oldest one
- * closes. Dividers before them give room from one to the other; how much the map keeps is remembered in the browser.
+ * Panes beside and below the map, for what is looked at together with it. Beside it there are as many as there is room
+ * for: side by side on a wide window, two one above the other on a laptop; below it they stand side by side. On a small
+ * window there is one, below the map. Where there is no room the oldest one closes. Dividers before them give room from
+ * one to the other; how much the map keeps is remembered in the browser.
  */
 
 import { button, h } from "./dom";
+import { OPENED } from "./fold";
+
+export type Side = "beside" | "below";
+/** Names of panes in their order. */
+export type Arrangement = Readonly<Record<Side, readonly string[]>>;
 
 export interface Pane {
-  readonly element: HTMLElement;
   title(text: string): void;
   close(): void;
 }
 
 export interface Panes {
-  readonly element: HTMLElement;
-  open(title: string, content: Node, onClose?: () => void): Pane;
+  readonly beside: HTMLElement;
+  readonly below: HTMLElement;
+  /** Opens a pane where the arrangement has it, else at the end of a side. */
+  open(name: string, side: Side, title: string, content: Node, closed: () => void): Pane;
+  /** Moves the panes that are open, and those that are opened later. */
+  arrange(arrangement: Arrangement): void;
+  /** Calls `arranged` when panes were opened, closed or moved here. */
+  onArranged(arranged: (arrangement: Arrangement) => void): void;
   clear(): void;
 }
 
 interface Opened extends Pane {
+  readonly name: string;
+  readonly element: HTMLElement;
   readonly divider: HTMLElement;
+  readonly mover: HTMLElement;
 }
 
-/** What the map and every pane keep, pixels: across, and down where one pane is above the other. */
+/** What the map and every pane keep, pixels: across, and down where one is above the other. */
 const LEAST = { row: 320, column: 180 } as const;
 const MOST_ACROSS = 3;
 const WIDE = matchMedia("(min-width: 1100px)");
@@ -30,8 +44,11 @@ const LAPTOP = matchMedia("(min-width: 1400px)");
 /** By which the arrow keys move a divider, pixels. */
 const STEP_PX = 24;
 const KEPT = "solmap-panes";
+/** Share of the map above the panes that are below it: on a small window those have no other place. */
+const above = () => (WIDE.matches ? 0.68 : 0.42);
+const OTHER: Readonly<Record<Side, Side>> = { beside: "below", below: "beside" };
 
-/** Shares of the map beside one, two and three columns of panes. */
+/** Shares of the map beside one, two and three columns of panes, and above those below. */
 function keptShares(): Record<string, number> {
   try {
     return (JSON.parse(localStorage.getItem(KEPT) ?? "{}") ?? {}) as Record<string, number>;
@@ -54,60 +71,114 @@ export function roomFor(
 }
 
 export function panes(): Panes {
-  const element = h("div", { class: "panes", hidden: true });
   const shares = keptShares();
+  const areas = {
+    beside: h("div", { class: "panes beside", hidden: true }),
+    below: h("div", { class: "panes below", hidden: true }),
+  } as const;
+  let wanted: Arrangement = { beside: [], below: [] };
+  let arranged: (arrangement: Arrangement) => void = () => undefined;
+  /** In the order in which they were opened. */
   let opened: readonly Opened[] = [];
   let isRow = true;
 
-  const width = () => element.parentElement?.clientWidth ?? innerWidth;
-  const columns = () => (isRow ? opened.length : 1);
-  const sizeOf = ({ element: pane }: Pane) => (isRow ? pane.offsetWidth : pane.offsetHeight);
-  const mapWidth = () => {
-    const most = width() - columns() * LEAST.row;
-    const share = shares[columns()] ?? 1 / (columns() + 1);
-    return within(share * width(), Math.min(LEAST.row, most), most);
+  /** Where a pane is shown. */
+  const sideOf = (name: string): Side =>
+    WIDE.matches && wanted.beside.includes(name) ? "beside" : "below";
+  const on = (side: Side) => {
+    const order = [...wanted.beside, ...wanted.below];
+    const some = opened.filter(({ name }) => sideOf(name) === side);
+    return some.toSorted((a, b) => order.indexOf(a.name) - order.indexOf(b.name));
   };
+  const room = (side: Side) => {
+    const main = areas[side].parentElement;
+    return side === "beside"
+      ? (main?.clientWidth ?? innerWidth)
+      : (main?.clientHeight ?? innerHeight);
+  };
+  const columns = () => (isRow ? on("beside").length : 1);
+  const keyOf = (side: Side) => (side === "below" ? side : String(columns()));
+  /** What the map keeps, pixels. */
+  const mapSize = (side: Side) => {
+    const [least, usual] =
+      side === "beside"
+        ? ([LEAST.row, 1 / (columns() + 1)] as const)
+        : ([LEAST.column, above()] as const);
+    const most = room(side) - (side === "beside" ? columns() : 1) * least;
+    return within((shares[keyOf(side)] ?? usual) * room(side), Math.min(least, most), most);
+  };
+  const isAcross = (side: Side) => side === "below" || isRow;
+  const sizeOf = (side: Side, { element }: Opened) =>
+    isAcross(side) ? element.offsetWidth : element.offsetHeight;
 
   const fit = () => {
-    const { across, most } = roomFor(width(), WIDE.matches, LAPTOP.matches);
-    if (opened.length > most) {
-      opened[0]?.close(); // fits again
-      return;
+    const width = room("beside");
+    const { across, most } = roomFor(width, WIDE.matches, LAPTOP.matches);
+    const mostBelow = WIDE.matches ? Math.max(1, Math.floor(width / LEAST.row)) : 1;
+    for (const [side, room] of [["beside", most] as const, ["below", mostBelow] as const]) {
+      const some = on(side);
+      if (some.length > room) {
+        opened.find((one) => some.includes(one))?.close(); // fits again
+        return;
+      }
     }
-    isRow = opened.length <= across;
-    element.hidden = opened.length === 0;
-    element.dataset["direction"] = isRow ? "row" : "column";
-    element.style.setProperty("--panes", `${Math.round(width() - mapWidth())}px`);
-    opened.forEach(({ divider }, k) => {
-      const isUpright = isRow || k === 0;
-      divider.setAttribute("aria-orientation", isUpright ? "vertical" : "horizontal");
-    });
-    opened.forEach((_, k) => tell(k));
+    isRow = on("beside").length <= across;
+    for (const side of ["beside", "below"] as const) {
+      const area = areas[side];
+      const some = on(side);
+      area.hidden = some.length === 0;
+      area.dataset["direction"] = isAcross(side) ? "row" : "column";
+      const parts = some.flatMap(({ divider, element }) => [divider, element]);
+      if (parts.some((part, k) => area.children[k] !== part)) area.append(...parts);
+      area.style.setProperty("--panes", `${Math.round(room(side) - mapSize(side))}px`);
+      some.forEach(({ name, divider, mover }, k) => {
+        const isFirst = k === 0;
+        const isUpright = isFirst ? side === "beside" : isAcross(side);
+        divider.setAttribute("aria-orientation", isUpright ? "vertical" : "horizontal");
+        mover.hidden = !WIDE.matches;
+        const to = `move ${OTHER[sideOf(name)]} the map`;
+        mover.title = to;
+        mover.setAttribute("aria-label", to);
+      });
+      some.forEach((_, k) => tell(side, k));
+    }
   };
   /** Sets the share before a divider in its ARIA value, percent. */
-  const tell = (k: number) => {
-    const [before, pane] = [opened[k - 1], opened[k]];
+  const tell = (side: Side, k: number) => {
+    const [before, pane] = [on(side)[k - 1], on(side)[k]];
     const share =
-      before && pane ? sizeOf(before) / (sizeOf(before) + sizeOf(pane)) : mapWidth() / width();
+      before && pane
+        ? sizeOf(side, before) / (sizeOf(side, before) + sizeOf(side, pane))
+        : mapSize(side) / room(side);
     pane?.divider.setAttribute("aria-valuenow", String(Math.round(100 * share)));
   };
   const move = (pane: Opened, px: number) => {
-    const at = opened.indexOf(pane);
-    const before = opened[at - 1];
+    const side = sideOf(pane.name);
+    const some = on(side);
+    const at = some.indexOf(pane);
+    const before = some[at - 1];
     if (!before) {
-      shares[columns()] = within(mapWidth() + px, LEAST.row, width()) / width();
+      const least = side === "beside" ? LEAST.row : LEAST.column;
+      shares[keyOf(side)] = within(mapSize(side) + px, least, room(side)) / room(side);
       localStorage.setItem(KEPT, JSON.stringify(shares));
       fit();
       return;
     }
-    const sizes = opened.map(sizeOf);
+    const sizes = some.map((one) => sizeOf(side, one));
     const [first = 0, second = 0] = [sizes[at - 1], sizes[at]];
-    const least = LEAST[isRow ? "row" : "column"];
+    const least = LEAST[isAcross(side) ? "row" : "column"];
     const moved = within(first + px, least, Math.max(least, first + second - least));
     sizes[at - 1] = moved;
     sizes[at] = first + second - moved;
-    opened.forEach((one, k) => one.element.style.setProperty("flex-grow", String(sizes[k])));
-    tell(at);
+    some.forEach((one, k) => one.element.style.setProperty("flex-grow", String(sizes[k])));
+    tell(side, at);
+  };
+  /** Takes a pane out of the arrangement, and puts it at the end of a side. */
+  const put = (name: string, side: Side | null) => {
+    const others = (one: Side) => wanted[one].filter((other) => other !== name);
+    wanted = { beside: others("beside"), below: others("below") };
+    if (side) wanted = { ...wanted, [side]: [...wanted[side], name] };
+    arranged(wanted);
   };
 
   const dividerOf = (title: string, pane: () => Opened) => {
@@ -139,42 +210,73 @@ export function panes(): Panes {
     return divider;
   };
 
-  const open = (title: string, content: Node, onClose?: () => void): Pane => {
+  const open = (name: string, side: Side, title: string, content: Node, closed: () => void) => {
     const heading = h("h2", {}, title);
-    const body = h("section", { class: "dock pane", "aria-label": title });
+    const element = h("section", { class: "dock pane", "aria-label": title, "data-pane": name });
+    const mover = button("", "panel", () => {
+      put(name, OTHER[sideOf(name)]);
+      fit();
+      mover.focus();
+    });
     const pane: Opened = {
-      element: body,
+      name,
+      element,
+      mover,
       divider: dividerOf(title, () => pane),
       title: (text) => {
         heading.textContent = text;
-        body.setAttribute("aria-label", text);
+        element.setAttribute("aria-label", text);
       },
       close: () => {
         if (!opened.includes(pane)) return;
         opened = opened.filter((one) => one !== pane);
         pane.divider.remove();
-        body.remove();
+        element.remove();
+        put(name, null);
         fit();
-        onClose?.();
+        closed();
       },
     };
-    body.append(
-      h("div", { class: "dock-head" }, heading, button("close", "close", pane.close)),
+    element.append(
+      h(
+        "div",
+        { class: "dock-head" },
+        heading,
+        h(
+          "span",
+          { class: "inline" },
+          mover,
+          button("close", "close", () => pane.close()),
+        ),
+      ),
       h("div", { class: "dock-body" }, content),
     );
-    element.append(pane.divider, body);
     opened = [...opened, pane];
+    const main = areas.beside.parentElement;
+    if (main) resized.observe(main);
+    if (!wanted.beside.includes(name) && !wanted.below.includes(name)) put(name, side);
     fit();
+    element.dispatchEvent(new CustomEvent(OPENED, { bubbles: true, detail: "dock" }));
     return pane;
   };
 
   for (const width of [WIDE, LAPTOP]) width.addEventListener("change", fit);
-  addEventListener("resize", fit);
+  /** Side panels that open and close change the room too. */
+  const resized = new ResizeObserver(fit);
   return {
-    element,
+    ...areas,
     open,
+    arrange: (arrangement) => {
+      wanted = arrangement;
+      fit();
+    },
+    onArranged: (listener) => {
+      arranged = listener;
+    },
     clear: () => {
+      arranged = () => undefined;
       for (const pane of opened) pane.close();
+      wanted = { beside: [], below: [] };
     },
   };
 }

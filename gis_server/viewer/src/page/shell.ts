@@ -5,7 +5,7 @@ import { type Dock, dock } from "./dock";
 import { button, h } from "./dom";
 import { fold } from "./fold";
 import { type Panes, panes } from "./panes";
-import { tabs } from "./tabs";
+import { type Tab, tabs } from "./tabs";
 
 const TOAST_MS = 6000;
 
@@ -31,19 +31,20 @@ export interface Shell {
   readonly north: HTMLElement;
   readonly ruler: HTMLElement;
   readonly tip: HTMLElement;
-  /** Room beside the map: images, stereo, the 3D view, the network. */
+  /** Room beside and below the map. */
   readonly panes: Panes;
   /** Room over the map, for work that needs all of it: the tie-point editor. */
   readonly bench: Dock;
-  /** Room below the map: profiles. */
-  readonly below: Dock;
   /** Adds a tab on the right; the panel it shows. */
-  addTab(name: string, title: string): HTMLElement;
-  /** Shows a tab; false if there is none of that name. */
-  showTab(name: string): boolean;
+  addTab(name: Tab): HTMLElement;
+  showTab(name: Tab): void;
+  /** Shows a tab and moves the focus there. */
+  enterTab(name: Tab): void;
   /** Calls `shown` with the name of every tab that is shown from now on. */
-  onTab(shown: (name: string) => void): void;
+  onTab(shown: (name: Tab) => void): void;
   addTool(tool: HTMLElement): void;
+  /** Shows the panel of layers if it is folded away. */
+  openLayers(): void;
   /** Takes away what the last session added. */
   clear(): void;
   /** Shows a message across the top, with a button; null takes it away. */
@@ -91,14 +92,13 @@ export function shell(root: HTMLElement): Shell {
   const notice = h("div", { class: "banner", role: "alert", hidden: true });
   const layersFold = fold(root, "layers", "layers panel", "layers");
   const panelFold = fold(root, "panel", "side panel", "panel");
-  let tabShown: (name: string) => void = () => undefined;
+  let tabShown: (name: Tab) => void = () => undefined;
   const right = tabs((name) => {
     panelFold.open();
     tabShown(name);
   });
-  const beside = panes();
-  const below = dock("below");
-  const bench = dock("bench");
+  const areas = panes();
+  const bench = dock();
   const dialog = h("dialog", { class: "dialog" });
   dialog.addEventListener("click", (event) => {
     if (event.target === dialog) dialog.close();
@@ -135,8 +135,8 @@ export function shell(root: HTMLElement): Shell {
         toast,
         notice,
       ),
-      beside.element,
-      below.element,
+      areas.beside,
+      areas.below,
       bench.element,
     ),
     h("aside", { class: "right", "aria-label": "side panel" }, right.bar, right.panels),
@@ -159,20 +159,20 @@ export function shell(root: HTMLElement): Shell {
     north,
     ruler,
     tip,
-    panes: beside,
-    below,
+    panes: areas,
     bench,
     addTab: right.add,
     showTab: right.show,
+    enterTab: right.enter,
     onTab(shown) {
       tabShown = shown;
     },
+    openLayers: layersFold.open,
     addTool: (tool) => toolbar.append(tool),
     clear() {
       tabShown = () => undefined;
       right.clear();
-      beside.clear();
-      below.close();
+      areas.clear();
       bench.close();
       for (const element of [
         map,

@@ -2,31 +2,36 @@
 
 import { h, icon, type IconName } from "./dom";
 
-/** An icon for every tab listed here; others have the first letter of their title. */
-const PICTURES: Readonly<Record<string, IconName>> = {
-  point: "pin",
-  images: "image",
-  stops: "way",
-  measure: "ruler",
-  network: "ties",
-  compare: "swipe",
-  sun: "sun",
-  downloads: "down",
-  notes: "note",
-  runs: "run",
-};
+/** Their titles, icons, and the keys that open them. */
+const KINDS = {
+  point: ["Identify", "pin", "I"],
+  images: ["Images", "image", "G"],
+  stops: ["Traverse", "way", "T"],
+  measure: ["Measure", "ruler", "M"],
+  network: ["Network", "ties", "K"],
+  compare: ["Compare", "swipe", "C"],
+  sun: ["Sun", "sun", "S"],
+  downloads: ["Download", "down", "D"],
+  notes: ["Notes", "note", "N"],
+  runs: ["Runs", "run", "R"],
+} as const satisfies Record<string, readonly [string, IconName, string]>;
+export type Tab = keyof typeof KINDS;
+/** In their order; the first is open at first. */
+export const TABS = Object.keys(KINDS) as readonly Tab[];
+export const TAB_KEYS = TABS.map((name) => [KINDS[name][2], name, KINDS[name][0]] as const);
 
 export interface Tabs {
   readonly bar: HTMLElement;
   readonly panels: HTMLElement;
   /** Adds a tab; the panel it shows. */
-  add(name: string, title: string): HTMLElement;
-  /** Shows a tab; false if there is none of that name. */
-  show(name: string): boolean;
+  add(name: Tab): HTMLElement;
+  show(name: Tab): void;
+  /** Shows a tab, of which the Tab key reaches the first control next. */
+  enter(name: Tab): void;
   clear(): void;
 }
 
-interface Tab {
+interface Added {
   readonly button: HTMLButtonElement;
   readonly panel: HTMLElement;
 }
@@ -38,30 +43,29 @@ const STEPS: Readonly<Record<string, number>> = {
   ArrowRight: 1,
 };
 
-function pictureOf(name: string, title: string): Node {
-  const known = PICTURES[name];
-  return known ? icon(known) : h("b", { "aria-hidden": "true" }, title.charAt(0));
-}
-
 /** Calls `opened` when a person or the session opens a tab. */
-export function tabs(opened: (name: string) => void): Tabs {
+export function tabs(opened: (name: Tab) => void): Tabs {
   const bar = h("div", { class: "tabs", role: "tablist", "aria-orientation": "vertical" });
   const panels = h("div", { class: "panels" });
-  const all = new Map<string, Tab>();
-  const select = (name: string) => {
+  const all = new Map<Tab, Added>();
+  const select = (name: Tab) => {
     for (const [each, { button, panel }] of all) {
       panel.hidden = each !== name;
       button.setAttribute("aria-selected", String(each === name));
       button.tabIndex = each === name ? 0 : -1;
     }
   };
-  const show = (name: string) => {
-    if (!all.has(name)) return false;
+  const show = (name: Tab) => {
+    if (!all.has(name)) return;
     select(name);
     opened(name);
-    return true;
   };
-  const add = (name: string, title: string) => {
+  const enter = (name: Tab) => {
+    show(name);
+    all.get(name)?.panel.focus();
+  };
+  const add = (name: Tab) => {
+    const [title, picture, shortcut] = KINDS[name];
     const [tabId, panelId] = [`tab-${name}`, `panel-${name}`];
     const panel = h("div", {
       class: "scroll",
@@ -78,9 +82,10 @@ export function tabs(opened: (name: string) => void): Tabs {
         id: tabId,
         "data-tab": name,
         "aria-controls": panelId,
+        title: `${title} (${shortcut})`,
         onclick: () => show(name),
       },
-      pictureOf(name, title),
+      icon(picture),
       h("span", {}, title),
     );
     bar.append(button);
@@ -104,5 +109,5 @@ export function tabs(opened: (name: string) => void): Tabs {
     bar.replaceChildren();
     panels.replaceChildren();
   };
-  return { bar, panels, add, show, clear };
+  return { bar, panels, add, show, enter, clear };
 }

@@ -34,6 +34,9 @@ export interface Seen {
   readonly incidence_deg: number | null;
   readonly sight: Sight;
   readonly told_by: string;
+  /** In the image as it is matched, epipolar with its partner; null where the pair was not matched. */
+  readonly linearised_sample: number | null;
+  readonly linearised_line: number | null;
   readonly browse: string;
 }
 
@@ -52,7 +55,23 @@ export interface ImageToGround {
   readonly told_by: string;
 }
 
+interface PixelHere {
+  readonly stored_sample: number;
+  readonly stored_line: number;
+}
+
 export const projection = {
+  /** The pixel of an image as stored, for one of the image as it is matched. */
+  stored: async (
+    image: string,
+    [sample, line]: readonly [number, number],
+    signal?: AbortSignal,
+  ): Promise<readonly [number, number]> => {
+    const asked = { sample: sample.toFixed(3), line: line.toFixed(3), given: "linearised" };
+    const path = `images/${encodeURIComponent(image)}/point`;
+    const found = await get<PixelHere>(withQuery(path, asked), signal);
+    return [found.stored_sample, found.stored_line];
+  },
   toImages: (mission: string, place: MapPoint, signal?: AbortSignal) =>
     get<GroundToImage>(withQuery(`${of(mission)}/ground-to-image`, placeQuery(place)), signal),
   toGround: (

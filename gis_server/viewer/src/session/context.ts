@@ -8,19 +8,19 @@ import type Geometry from "ol/geom/Geometry";
 import type { CoordinateFormat } from "../map/coordinates";
 import type { MapView } from "../map/map-view";
 import type { SunPlace } from "../map/shading";
-import type { Sols } from "../map/sols";
 import type { DrawingState } from "../map/styles";
 import type { Shell } from "../page/shell";
 import type { Account } from "../server/account";
 import type { Happening } from "../server/events";
 import type { Layer, MapPoint, Mission } from "../server/records";
-import type { Kept, LinkBook } from "./kept";
+import type { Kept } from "./kept";
 import type { LayerBook } from "./layer-book";
 import type { LinkHistory } from "./link-history";
 import type { PlaceActions } from "./place-actions";
 import type { Shortcuts } from "./shortcuts";
 import type { Signal } from "./signal";
 import type { StopFrames } from "./stop-frames";
+import type { Store } from "./store";
 import type { Waiting } from "./waiting";
 
 /** A place on the map that was pointed at or clicked, and the feature there. */
@@ -37,8 +37,6 @@ export interface Signals {
   readonly click: Signal<Pointed>;
   /** A place to mark on the map, in profiles, images and the 3D view alike; null: none. */
   readonly cursor: Signal<MapPoint | null>;
-  /** Request to open an image, by its id. Like `compare` it waits until all parts are loaded. */
-  readonly image: Signal<string>;
   /** An image to show on the map for a moment; null: no longer. */
   readonly imageHovered: Signal<string | null>;
   /** A stop was clicked: `box` is room for what is known of it. */
@@ -47,28 +45,16 @@ export interface Signals {
     readonly point: MapPoint;
     readonly box: HTMLElement;
   }>;
-  /** Request to list the images of a stop. */
-  readonly imagesOf: Signal<string>;
-  /** Request to open the panorama of a stop. */
-  readonly panorama: Signal<string>;
-  /** Request for the value of every layer at a place. */
-  readonly identify: Signal<MapPoint>;
   /** A place is identified: `box` is room for what else is known of it. */
   readonly identified: Signal<{ readonly point: MapPoint; readonly box: HTMLElement }>;
   /** The way between places is to be measured: `box` is room for what is found. */
   readonly measure: Signal<{ readonly corners: readonly MapPoint[]; readonly box: HTMLElement }>;
-  /** Other sols were chosen; they stand in `drawing`. */
-  readonly sols: Signal<Sols>;
   /** Error ellipses are drawn so many times as large. */
   readonly ellipses: Signal<number>;
-  /** Two layers are to be compared, by their ids. */
-  readonly compare: Signal<{ mode: "swipe" | "difference"; a: string; b: string }>;
   /** The server sent an event of the store. */
   readonly happened: Signal<Happening>;
   /** The connection with the server is there again. */
   readonly reconnected: Signal<void>;
-  /** The view moved, or layers were switched: the link to it is another. */
-  readonly view: Signal<void>;
 }
 
 export interface Context {
@@ -79,8 +65,8 @@ export interface Context {
   readonly drawing: DrawingState;
   /** Where the sun stands in everything that is shaded here. */
   readonly sun: Kept<SunPlace>;
-  /** What parts keep in the link to the view. */
-  readonly link: LinkBook;
+  /** What is shown, as links to it hold it. */
+  readonly state: Store;
   readonly history: LinkHistory;
   /** Who has signed in; null: nobody, and nothing can be written. */
   readonly account: Kept<Account | null>;
@@ -95,6 +81,21 @@ export interface Context {
   readonly lastEvent: string | null;
   /** Ends when the session does: for listeners and requests. */
   readonly alive: AbortSignal;
+}
+
+type Opening = Pick<Context, "page" | "state">;
+
+/** Opens an image beside the map, and what is known of it in its tab. */
+export function openImage({ page, state }: Opening, id: string): void {
+  page.showTab("images");
+  if (state.get("image")?.id !== id) state.set("image", { id, sight: null });
+}
+
+/** Identifies a place in its tab, and the stop there if one was clicked. */
+export function identify({ page, state }: Opening, at: MapPoint, stop: string | null = null): void {
+  page.showTab("point"); // at once: a tab that is chosen meanwhile stays
+  state.set("stop", stop);
+  state.set("pt", at);
 }
 
 export type Part = (context: Context) => void;

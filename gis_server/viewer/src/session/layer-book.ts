@@ -6,13 +6,11 @@ import { ownStyle } from "../map/raster-style";
 import { areIn, type Sols } from "../map/sols";
 import type { Layer } from "../server/records";
 import { Signal } from "./signal";
+import type { LinkedLayers } from "./state";
 
 const OFF: LayerState = { visible: false, opacity: 1, style: null, blend: null };
 /** Layers lie below this height on the map; highlights and marks above. */
 const TOP = 900;
-
-/** How the layers of a link are shown: from the bottom of the map to its top. */
-export type LinkedLayers = ReadonlyMap<string, Pick<LayerState, "opacity" | "style" | "blend">>;
 
 export class LayerBook {
   /** A layer is shown otherwise than before. */

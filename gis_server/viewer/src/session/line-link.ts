@@ -12,14 +12,13 @@ export class LineLink {
   private chart: Chart | null = null;
   private line: readonly MapPoint[] = [];
   private pointed: MapPoint | null = null;
+  private readonly forget: readonly (() => void)[];
 
   constructor(private readonly context: Pick<Context, "signals" | "view">) {
-    context.signals.pointer.on((pointed) => this.markNear(pointed?.point ?? null));
-    context.signals.cursor.on((point) => this.markNear(point));
-  }
-
-  get isOn(): boolean {
-    return this.chart !== null;
+    this.forget = [
+      context.signals.pointer.on((pointed) => this.markNear(pointed?.point ?? null)),
+      context.signals.cursor.on((point) => this.markNear(point)),
+    ];
   }
 
   /** A chart that replaces another shows the place that is pointed at as that one did. */
@@ -30,7 +29,7 @@ export class LineLink {
   }
 
   off(): void {
-    this.chart = null;
+    for (const end of this.forget) end();
     this.context.signals.cursor.emit(null);
   }
 

@@ -6,6 +6,8 @@
 
 /** Turns of the wheel that follow each other so soon are one gesture. */
 const PAUSE_MS = 700;
+/** What changes all the time is written so often: browsers allow some hundred entries in half a minute. */
+const REST_MS = 150;
 
 interface Entry {
   /** Number of the view, from 0. */
@@ -16,9 +18,15 @@ export class LinkHistory {
   private hasGesture = false;
   private turned = Number.NEGATIVE_INFINITY;
   private last = 0;
+  private resting: ReturnType<typeof setTimeout> | undefined;
 
-  constructor(alive: AbortSignal) {
+  /** `now` is the link to what is shown. */
+  constructor(
+    private readonly alive: AbortSignal,
+    private readonly now: () => string,
+  ) {
     const gesture = () => {
+      this.flush();
       this.hasGesture = true;
     };
     const wheel = () => {
@@ -30,10 +38,24 @@ export class LinkHistory {
     window.addEventListener("pointerdown", gesture, listening);
     window.addEventListener("keydown", gesture, listening);
     window.addEventListener("wheel", wheel, listening);
+    alive.addEventListener("abort", () => this.moved());
     this.last = this.view;
   }
 
-  write(address: string): void {
+  /** Something is shown otherwise: written with all that a gesture changes at once, then now and then. */
+  changed(): void {
+    if (this.alive.aborted) return;
+    if (this.hasGesture) queueMicrotask(() => this.hasGesture && this.write());
+    else this.resting ??= setTimeout(() => this.write(), REST_MS);
+  }
+
+  private flush(): void {
+    if (this.resting !== undefined) this.write();
+  }
+
+  private write(): void {
+    this.stop();
+    const address = this.now();
     if (address === location.hash) return;
     const { view } = this;
     if (!this.hasGesture) {
@@ -45,19 +67,27 @@ export class LinkHistory {
     history.pushState({ view: this.last }, "", address);
   }
 
+  private stop(): void {
+    clearTimeout(this.resting);
+    this.resting = undefined;
+  }
+
   /** Shows another link, in an entry of its own. */
   open(link: string): void {
-    this.hasGesture = true;
-    this.write(link);
+    this.flush();
+    this.last = this.view + 1;
+    history.pushState({ view: this.last }, "", link);
     window.dispatchEvent(new PopStateEvent("popstate", { state: history.state as Entry }));
   }
 
   /** Another entry of the history is shown: changes that follow from it are not gestures. */
   moved(): void {
+    this.stop();
     this.hasGesture = false;
   }
 
   undo(): void {
+    this.flush();
     if (this.view > 0) history.back();
   }
 

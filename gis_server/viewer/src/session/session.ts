@@ -5,8 +5,8 @@ import { MapView } from "../map/map-view";
 import { keepFormat, keptFormat } from "../page/coordinate-format";
 import { localMap } from "../map/projection";
 import { CARTOGRAPHERS_SUN } from "../map/shading";
-import { isSame } from "../map/sols";
 import type { Shell } from "../page/shell";
+import { TAB_KEYS, TABS } from "../page/tabs";
 import { cursorPart } from "../parts/cursor/part";
 import { furniturePart } from "../parts/furniture/part";
 import { layersPart } from "../parts/layers/part";
@@ -16,68 +16,56 @@ import type { Account } from "../server/account";
 import { isVersion } from "../server/versions";
 import type { Layer, Mission } from "../server/records";
 import type { Context, Part, Signals } from "./context";
-import { Kept, LinkBook } from "./kept";
+import { Kept } from "./kept";
 import { LayerBook } from "./layer-book";
 import { LinkHistory } from "./link-history";
-import { formatPermalink, type Permalink, parsePermalink, unreadable } from "./permalink";
 import { PlaceActions } from "./place-actions";
 import { Shortcuts } from "./shortcuts";
-import { HeldSignal, Signal } from "./signal";
+import { Signal } from "./signal";
+import { parseLink } from "./state";
 import { StopFrames } from "./stop-frames";
+import { Store } from "./store";
 import { Waiting } from "./waiting";
 
 /** What the map itself needs, in the order of tabs and tools on the page; `later-parts` follow when it is drawn. */
 const PARTS: readonly Part[] = [layersPart, searchPart, furniturePart, cursorPart, pointPart];
 /** The rest of the page comes after so long even where the map is not drawn: the server is slow, or the page hidden. */
 const LATEST_MS = 4000;
-/** The tab that a link does not name. */
-const FIRST_TAB = "point";
 
 const signals = (): Signals => ({
   pointer: new Signal(),
   click: new Signal(),
   cursor: new Signal(),
-  image: new HeldSignal(),
   imageHovered: new Signal(),
   stop: new Signal(),
-  imagesOf: new Signal(),
-  panorama: new Signal(),
-  identify: new Signal(),
   identified: new Signal(),
   measure: new Signal(),
-  sols: new Signal(),
   ellipses: new Signal(),
-  compare: new HeldSignal(),
   happened: new Signal(),
   reconnected: new Signal(),
-  view: new Signal(),
 });
 
 export class Session {
   private readonly life = new AbortController();
   private readonly context: Context;
-  /** The link as it was opened. */
-  private readonly opened = location.hash;
 
-  constructor(
-    page: Shell,
-    mission: Mission,
-    layers: readonly Layer[],
-    link: Permalink,
-    lastEvent: string | null,
-  ) {
+  constructor(page: Shell, mission: Mission, layers: readonly Layer[], lastEvent: string | null) {
     page.clear();
-    const drawing = { sols: link.sols, ellipseFactor: 1, solsAt: new Map() };
+    const state = new Store(location.hash);
+    const [place, on, order] = [state.get("at"), state.get("on"), state.get("order")];
+    const other = state.get("m");
+    state.set("m", mission.mission);
+    const drawing = { sols: state.get("sol"), ellipseFactor: 1, solsAt: new Map() };
     const view = new MapView(page.map, mission, layers, localMap(mission), drawing);
     this.context = {
       page,
       mission,
-      layers: new LayerBook(layers, link.on, link.ordered),
+      layers: new LayerBook(layers, on, order),
       view,
       drawing,
       sun: new Kept(CARTOGRAPHERS_SUN),
-      link: new LinkBook(link.more),
-      history: new LinkHistory(this.life.signal),
+      state,
+      history: new LinkHistory(this.life.signal, () => state.link),
       account: new Kept<Account | null>(null),
       waiting: new Waiting(page, () => view.map.render()),
       keys: new Shortcuts(),
@@ -89,14 +77,15 @@ export class Session {
       alive: this.life.signal,
     };
     view.setLayers(this.context.layers.every);
-    if (link.place) view.goTo(link.place);
+    if (place) view.goTo(place);
     else view.fit(firstBounds(layers) ?? mission.bounds, 0);
     this.listen();
     for (const part of PARTS) part(this.context);
-    void this.addLaterParts();
+    const unknown = other !== null && other !== mission.mission ? [`mission ${other}`] : [];
+    void this.addLaterParts(unknown);
   }
 
-  private async addLaterParts(): Promise<void> {
+  private async addLaterParts(unknown: readonly string[]): Promise<void> {
     const { waiting, alive } = this.context;
     const late = new Promise((resolve) => setTimeout(resolve, LATEST_MS));
     await Promise.race([waiting.painted, late]);
@@ -105,10 +94,9 @@ export class Session {
         const { LATER_PARTS } = await import("./later-parts");
         if (alive.aborted) return;
         for (const part of LATER_PARTS) part(this.context);
-        this.linkTabs();
-        for (const signal of Object.values(this.context.signals))
-          if (signal instanceof HeldSignal) signal.release();
-        this.noteUnknown(this.opened);
+        const { page, state } = this.context;
+        if (state.get("tab") !== TABS[0]) page.showTab(state.get("tab"));
+        this.noteUnknown(unknown);
       } finally {
         waiting.whole();
       }
@@ -122,76 +110,70 @@ export class Session {
   }
 
   private listen(): void {
-    const { view, waiting, signals, keys, layers, link, drawing } = this.context;
-    const { frames, coordinates } = this.context;
+    const { page, view, waiting, signals, keys, layers, state, drawing } = this.context;
+    const { frames, coordinates, history } = this.context;
     view.map.on("rendercomplete", () => waiting.settle());
     view.map.on("loadstart", () => waiting.unsettle());
-    view.map.on("moveend", () => signals.view.emit());
-    layers.changed.on(() => signals.view.emit());
-    layers.rearranged.on(() => signals.view.emit());
-    link.changed.on(() => signals.view.emit());
     layers.replaced.on(() => view.setLayers(layers.every));
-    layers.versionsChanged.on(() => {
-      view.setLayers(layers.every);
-      signals.view.emit();
-    });
+    layers.versionsChanged.on(() => view.setLayers(layers.every));
     layers.replaced.on(() => frames.forget());
     coordinates.changed.on(keepFormat);
-    signals.view.on(() => this.writeLink());
+    state.on("sol", (sols) => {
+      drawing.sols = sols;
+      view.redraw();
+    });
+    page.onTab((name) => state.set("tab", name));
+    state.on("tab", (name) => page.showTab(name));
+    for (const [key, name, title] of TAB_KEYS)
+      keys.add(key, `tab ${title}`, () => page.enterTab(name));
+    const moved = state.follow("at", (place) => place && view.goTo(place));
+    view.map.on("moveend", () => moved(view.place));
+    page.panes.onArranged(state.follow("panes", (places) => page.panes.arrange(places)));
+    this.linkLayers();
+    state.changed.on(() => history.changed());
+    history.changed();
     signals.reconnected.on(() => {
       view.reloadTiles();
       waiting.answered();
     });
-    signals.sols.on((sols) => {
-      drawing.sols = sols;
-      view.redraw();
-      signals.view.emit();
-    });
     document.addEventListener("keydown", keys.pressed, { signal: this.life.signal });
   }
 
-  private writeLink(): void {
-    const { mission, view, layers, link, drawing } = this.context;
-    const address = formatPermalink({
-      mission: mission.mission,
-      place: view.place,
-      on: layers.on,
-      ordered: layers.isRearranged,
-      sols: drawing.sols,
-      more: link.all,
-    });
-    this.context.history.write(address);
+  /** The book of layers has more than links hold: how layers that are off were shown. */
+  private linkLayers(): void {
+    const { layers, state } = this.context;
+    const show = () => {
+      const on = state.get("on");
+      if (on) layers.follow(on, state.get("order"));
+    };
+    const [putOn, putOrder] = [state.follow("on", show), state.follow("order", show)];
+    const put = () => {
+      putOn(layers.on);
+      putOrder(layers.isRearranged);
+    };
+    layers.changed.on(put);
+    layers.rearranged.on(put);
+    layers.versionsChanged.on(put);
+    put();
   }
 
   /** Shows the link that is now in the address; false if it is of another mission. */
   follow(): boolean {
-    const { mission, view, layers, link, drawing, signals, history } = this.context;
-    const said = parsePermalink(location.hash);
-    if (said.mission !== null && said.mission !== mission.mission) return false;
+    const { mission, state, history } = this.context;
+    const { m } = parseLink(location.hash).state;
+    if (m !== null && m !== mission.mission) return false;
     history.moved();
-    if (said.place) view.goTo(said.place);
-    if (said.on) layers.follow(said.on, said.ordered);
-    if (!isSame(said.sols, drawing.sols)) signals.sols.emit(said.sols);
-    link.restore(said.more);
-    this.noteUnknown(location.hash);
+    state.restore(location.hash);
+    state.set("m", mission.mission);
+    this.noteUnknown([]);
     return true;
   }
 
-  private linkTabs(): void {
-    const { page, link, waiting } = this.context;
-    page.onTab((name) => link.write("tab", name === FIRST_TAB ? null : name));
-    link.follow("tab", (name) => {
-      if (!page.showTab(name ?? FIRST_TAB)) waiting.say(`There is no tab ${name}.`);
-    });
-  }
-
   /** Lists the parts of a link that are not shown. */
-  private noteUnknown(fragment: string): void {
-    const { layers, link, mission, waiting } = this.context;
+  private noteUnknown(others: readonly string[]): void {
+    const { layers, state, waiting } = this.context;
     const layersUnknown = layers.awaited.filter((id) => !isVersion(id)).map((id) => `layer ${id}`);
-    const other = parsePermalink(fragment).mission;
-    const missions = other && other !== mission.mission ? [`mission ${other}`] : [];
-    const lost = [...missions, ...unreadable(fragment), ...link.unknown, ...layersUnknown];
-    if (lost.length > 0) waiting.say(`Not shown, because unknown here: ${lost.join(", ")}`);
+    const unknown = [...others, ...state.unknown, ...layersUnknown];
+    if (unknown.length > 0) waiting.say(`Not shown, because unknown here: ${unknown.join(", ")}`);
   }
 }

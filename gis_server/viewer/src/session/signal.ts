@@ -13,21 +13,3 @@ export class Signal<T> {
     for (const listener of [...this.listeners]) listener(value);
   }
 }
-
-/** A signal that is kept until its listeners exist: the last earlier call then reaches them. */
-export class HeldSignal<T> extends Signal<T> {
-  private isHeld = true;
-  private kept: readonly [T] | null = null;
-
-  override emit(value: T): void {
-    if (this.isHeld) this.kept = [value];
-    else super.emit(value);
-  }
-
-  /** All listeners are there. */
-  release(): void {
-    this.isHeld = false;
-    if (this.kept) super.emit(this.kept[0]);
-    this.kept = null;
-  }
-}

@@ -53,7 +53,7 @@ class Annotations {
   private isSending = false;
 
   constructor(private readonly context: Context) {
-    this.panel = context.page.addTab("notes", "Notes");
+    this.panel = context.page.addTab("notes");
     this.outbox = new Outbox(context.mission.mission);
     const { source } = this;
     const layer = new OlVectorLayer({ source, style: drawAnnotation, zIndex: Z_INDEX });

@@ -26,7 +26,7 @@ const JPEG_QUALITY = 0.95;
 
 export function downloadsPart(context: Context): void {
   const { page, layers, view, mission, waiting, keys, alive } = context;
-  const tab = page.addTab("downloads", "Download");
+  const tab = page.addTab("downloads");
   const files = h("div");
   let offered: Offered = {
     shown: layers.shown,

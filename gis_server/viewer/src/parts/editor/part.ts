@@ -25,6 +25,7 @@ export function editorPart(context: Context): void {
     page.bench.open("Tie points between stops", opened.element, () => {
       editor = null;
     });
+    opened.element.querySelector("canvas")?.focus();
     await opened.start();
   };
   const toggle = () => {

@@ -10,17 +10,18 @@ import { mapFrame } from "./frame";
 const SCALE_PX = 160;
 
 export function furniturePart(context: Context): void {
-  const { page, view, layers, mission, keys, history } = context;
+  const { page, view, layers, mission, keys, history, state } = context;
   mapFrame(context);
   const everything = () => view.fit(firstBounds(layers.all) ?? mission.bounds);
   page.addTool(button("zoom in (+)", "plus", () => view.zoomBy(0.5)));
   page.addTool(button("zoom out (-)", "minus", () => view.zoomBy(2)));
   page.addTool(button("show everything (f)", "fit", everything, { class: "fit" }));
-  page.addTool(
-    button("copy the link to this view", "link", () => void copyText(page, "Link", location.href)),
-  );
+  const copyLink = () => void copyText(page, "Link", new URL(state.link, location.href).href);
+  page.addTool(button("copy the link to this view (u)", "link", copyLink));
   keys.add("Ctrl+z", "back to the view before", () => history.undo());
   keys.add("Ctrl+y", "forward to the view after", () => history.redo());
+  keys.add("u", "copy the link to this view", copyLink);
+  keys.add("g", "go to the map", () => page.map.focus());
   keys.add("f", "show everything", everything);
   keys.add("n", "north up", () => view.northUp());
   keys.add("+", "zoom in", () => view.zoomBy(0.5));

@@ -3,18 +3,15 @@
  */
 
 import "./image-view.css";
-import type { Pane } from "../../page/panes";
 import { api } from "../../server/api";
 import type { ImageEntry } from "../../server/records";
 import type { Context } from "../../session/context";
+import { addPane } from "../../session/pane";
 import { ImageViewer } from "./viewer";
 
-const KEY = "image";
-
 export function imageViewPart(context: Context): void {
-  const { page, signals, mission, layers, waiting, view, link } = context;
+  const { signals, mission, layers, view } = context;
   let viewer: ImageViewer | null = null;
-  let pane: Pane | null = null;
   let known: Promise<ReadonlyMap<string, ImageEntry>> | null = null;
 
   const images = () => {
@@ -23,25 +20,34 @@ export function imageViewPart(context: Context): void {
       .then((all) => new Map(all.map((image) => [image.id, image] as const)));
     return known;
   };
-  const open = async (id: string) => {
-    const image = (await images()).get(id);
-    if (!image) return; // the list of images shows that
-    viewer ??= new ImageViewer(context);
-    const current = viewer;
-    pane ??= page.panes.open(id, current.element, () => {
-      current.close();
-      viewer = pane = null;
-      link.write(KEY, null);
-    });
-    link.write(KEY, id);
-    pane.title(id);
-    await current.open(image);
-  };
-
-  signals.image.on((id) => waiting.run(() => open(id)));
-  link.follow(KEY, (id) => {
-    if (id) waiting.run(() => open(id));
-    else pane?.close();
+  addPane(context, "image", {
+    title: "Image",
+    side: "beside",
+    load: async (write) => {
+      const all = await images();
+      const { state, waiting } = context;
+      const asked = state.get("image")?.id ?? "";
+      if (!all.has(asked)) {
+        waiting.say(`The server lists no image ${asked}.`);
+        return null;
+      }
+      const opened = new ImageViewer(context, write);
+      viewer = opened;
+      return {
+        element: opened.element,
+        get title() {
+          return state.get("image")?.id ?? "";
+        },
+        show: async ({ id, sight }) => {
+          const image = (await images()).get(id);
+          if (image) await opened.open(image, sight);
+        },
+        dispose: () => {
+          opened.close();
+          viewer = null;
+        },
+      };
+    },
   });
   signals.pointer.on((pointed) => {
     if (pointed && !view.isClaimed) viewer?.mark(pointed.point);

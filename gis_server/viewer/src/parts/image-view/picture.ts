@@ -1,6 +1,7 @@
 /** An image on a canvas: zoomed by wheel and keys, moved by dragging, stretched, and drawn over. */
 
 import { h } from "../../page/dom";
+import type { ImageSight } from "../../session/state";
 import { drawOverlay, type Overlay } from "./overlay";
 import { applied, lookUp, NO_STRETCH, type Stretch } from "./stretch";
 import {
@@ -27,7 +28,8 @@ export interface PictureListener {
   /** The pointer is at a place of the image; null: it is not over the image. */
   readonly hover: (at: ImagePoint | null, screen: ScreenPoint) => void;
   readonly click: (at: ImagePoint) => void;
-  readonly moved: (viewport: Viewport) => void;
+  /** Null: the whole image is shown. */
+  readonly moved: (sight: ImageSight | null) => void;
 }
 
 export class Picture {
@@ -64,8 +66,8 @@ export class Picture {
     return this.raw?.data ?? new Uint8ClampedArray();
   }
 
-  /** Shows another image, whole. */
-  async load(url: string, name: string): Promise<void> {
+  /** Shows another image: the whole, or a part. */
+  async load(url: string, name: string, sight: ImageSight | null = null): Promise<void> {
     const image = h("img", { src: url });
     await image.decode();
     const canvas = new OffscreenCanvas(image.naturalWidth, image.naturalHeight);
@@ -77,7 +79,7 @@ export class Picture {
       `image ${name}; arrows move it, plus and minus zoom, Enter picks the middle`,
     );
     this.stretch(NO_STRETCH);
-    this.fit();
+    this.look(sight);
   }
 
   /** Grey value of a pixel; null outside. */
@@ -106,6 +108,11 @@ export class Picture {
     this.set(fitted(this.size, this.room));
   }
 
+  look(sight: ImageSight | null): void {
+    if (sight) this.centre([sight.sample, sight.line], sight.scale);
+    else this.fit();
+  }
+
   /** Brings a point into the middle, at least so large that pixels are seen. */
   centre(point: ImagePoint, scale = Math.max(this.viewport.scale, 2)): void {
     this.isWhole = false;
@@ -124,7 +131,9 @@ export class Picture {
   private set(viewport: Viewport): void {
     this.viewport = viewport;
     this.seenIn = this.room;
-    this.listener.moved(viewport);
+    const [width, height] = this.seenIn;
+    const [sample, line] = toImage(viewport, [width / 2, height / 2]);
+    this.listener.moved(this.isWhole ? null : { sample, line, scale: viewport.scale });
     this.redraw();
   }
 

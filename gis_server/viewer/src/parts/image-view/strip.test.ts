@@ -15,6 +15,8 @@ const seen: Seen = {
   incidence_deg: 85,
   sight: "hidden",
   told_by: "terrain",
+  linearised_sample: null,
+  linearised_line: null,
   browse: "",
 };
 

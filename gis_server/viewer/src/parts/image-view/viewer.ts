@@ -1,11 +1,12 @@
-/** One image in the dock: its pixels, its ties, and the place marked both on the map and in the image. */
+/** One image in its pane: its pixels, its ties, and the place marked both on the map and in the image. */
 
 import { h } from "../../page/dom";
 import { fixed, HELD_M, measured } from "../../page/format";
 import { type ImageTie, network } from "../../server/network";
 import { type ImageToGround, projection, type Seen } from "../../server/projection";
 import type { ImageEntry, MapPoint } from "../../server/records";
-import type { Context } from "../../session/context";
+import { type Context, identify, openImage } from "../../session/context";
+import type { ImageSight } from "../../session/state";
 import { isRefusal, Latest } from "../../session/latest";
 import { type Controls, controls } from "./controls";
 import { tieAt, tieText } from "./overlay";
@@ -26,14 +27,18 @@ export class ImageViewer {
   private image: ImageEntry | null = null;
   private ties: readonly ImageTie[] = [];
   private isPointing = false;
+  private isLoaded = false;
 
-  constructor(private readonly context: Context) {
-    const { signals, waiting } = context;
+  constructor(
+    private readonly context: Context,
+    private readonly write: (value: { id: string; sight: ImageSight | null }) => void,
+  ) {
+    const { waiting } = context;
     this.questions = new Latest(REST_MS, (reason) => waiting.fail(reason));
     this.picture = new Picture({
       hover: (at, screen) => this.hover(at, screen),
       click: (at) => this.click(at),
-      moved: ({ scale }) => (this.element.dataset["scale"] = scale.toFixed(4)),
+      moved: (sight) => this.moved(sight),
     });
     this.tools = controls({
       fit: () => this.picture.fit(),
@@ -43,7 +48,7 @@ export class ImageViewer {
       showTies: () => this.drawTies(),
       residualFactor: () => this.drawTies(),
     });
-    this.strip = new Strip((image) => signals.image.emit(image));
+    this.strip = new Strip((id) => openImage(context, id));
     this.element = h(
       "div",
       { class: "image-view" },
@@ -55,15 +60,22 @@ export class ImageViewer {
     this.status.textContent = "";
   }
 
-  /** Shows an image, whole and unstretched. */
-  async open(image: ImageEntry): Promise<void> {
+  /** Shows an image, unstretched; the whole where no part is given. */
+  async open(image: ImageEntry, sight: ImageSight | null): Promise<void> {
+    if (image.id === this.image?.id) {
+      this.picture.look(sight);
+      return;
+    }
     this.image = image;
+    this.isLoaded = false;
     this.element.dataset["image"] = image.id;
     this.ties = [];
     this.drawTies();
     this.picture.put({ cross: null });
     this.tools.reset();
-    if (image.browse) await this.picture.load(image.browse, image.id);
+    if (image.browse) await this.picture.load(image.browse, image.id, sight);
+    if (this.image !== image) return; // another one was opened meanwhile
+    this.isLoaded = true;
     await this.loadTies(image);
   }
 
@@ -117,6 +129,12 @@ export class ImageViewer {
     this.element.dataset["ties"] = String(hasTies ? this.ties.length : 0);
   }
 
+  /** Null: the whole image, as it fits any pane. */
+  private moved(sight: ImageSight | null): void {
+    this.element.dataset["scale"] = this.picture.viewport.scale.toFixed(4);
+    if (this.image && this.isLoaded) this.write({ id: this.image.id, sight });
+  }
+
   private hover(at: ImagePoint | null, screen: ScreenPoint): void {
     this.isPointing = at !== null;
     const { image } = this;
@@ -148,10 +166,10 @@ export class ImageViewer {
   private click(at: ImagePoint): void {
     const { image } = this;
     if (!image) return;
-    const { mission, waiting, signals } = this.context;
+    const { mission, waiting } = this.context;
     waiting.run(async () => {
       const { ground } = await projection.toGround(mission.mission, image.id, at);
-      if (ground) signals.identify.emit([ground.east, ground.north]);
+      if (ground) identify(this.context, [ground.east, ground.north]);
       else waiting.say("This pixel shows no ground that was mapped.");
     });
   }

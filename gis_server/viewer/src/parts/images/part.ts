@@ -5,52 +5,45 @@ import { isIn, type Sols, solsTitle } from "../../map/sols";
 import { h } from "../../page/dom";
 import { api } from "../../server/api";
 import { type ImageEntry, imagesAt, type MapPoint } from "../../server/records";
-import type { Context } from "../../session/context";
+import { type Context, openImage } from "../../session/context";
 import { imageDetail, imageList, stopsOf } from "./panel";
 
 export function imagesPart(context: Context): void {
-  const { page, view, layers, waiting, signals, mission, drawing, places } = context;
-  const panel = page.addTab("images", "Images");
+  const { page, view, layers, waiting, signals, mission, state, places } = context;
+  const panel = page.addTab("images");
   const [detail, place, list] = [h("div"), h("div"), h("div")];
   const viewing = new ImageFeatures(() => [
     ...layers.widest("footprints"),
     ...layers.widest("pointing"),
   ]);
   let images: readonly ImageEntry[] = [];
-  let stop: string | null = null;
   let chosen: string | null = null;
   /** Images that see a place; null: all. */
   let here: ReadonlySet<string> | null = null;
 
   const drawList = () => {
-    const { sols } = drawing;
+    const [sols, stop] = [state.get("sol"), state.get("images")];
     const some = images.filter(
       ({ id, ...image }) =>
         (here?.has(id) ?? true) && isIn(image.sol, sols) && (!stop || image.stop === stop),
     );
     const actions = {
-      open: (id: string) => signals.image.emit(id),
+      open,
       hover: (id: string | null) => signals.imageHovered.emit(id),
     };
     list.replaceChildren(imageList(some, chosen, actions));
   };
-  const setStop = (id: string | null) => {
-    stop = id;
-    drawList();
-  };
+  const open = (id: string) => openImage(context, id);
   const draw = () => {
-    panel.replaceChildren(detail, filters(context, images, stop, setStop), place, list);
+    panel.replaceChildren(detail, filters(context, images), place, list);
     drawList();
   };
   const load = async () => {
     images = await api.images(mission.mission, {});
     draw();
+    const image = state.get("image");
+    if (image) choose(image.id);
   };
-  signals.imagesOf.on((id) => {
-    stop = id;
-    draw();
-    page.showTab("images");
-  });
   const showOnMap = (id: string | null) => {
     const shown = id ?? chosen;
     if (shown === null) view.setHighlight([]);
@@ -72,30 +65,29 @@ export function imagesPart(context: Context): void {
       drawList();
     });
   };
-  const open = (id: string) => {
+  const choose = (id: string) => {
     const image = images.find((entry) => entry.id === id);
-    if (!image) {
-      waiting.say(`the server lists no image ${id}`);
-      return;
-    }
+    if (!image) return;
     chosen = id;
     const enlarge = ({ browse }: ImageEntry) =>
       page.dialog(id, h("img", { class: "large", src: browse, alt: `image ${id}` }));
-    detail.replaceChildren(imageDetail(image, (other) => signals.image.emit(other), enlarge));
+    detail.replaceChildren(imageDetail(image, open, enlarge));
     drawList();
-    page.showTab("images");
     panel.scrollTop = 0;
     showOnMap(null);
   };
 
   places.add({ title: "Images here", run: showAt });
   layers.replaced.on(() => viewing.forget());
-  signals.image.on(open);
+  state.on("image", (image) => {
+    if (image && image.id !== chosen) choose(image.id);
+  });
   signals.imageHovered.on(showOnMap);
-  signals.sols.on(drawList);
+  state.on("sol", drawList);
+  state.on("images", draw);
   signals.click.on(({ touched }) => {
     const image = touched?.feature.get("image");
-    if (typeof image === "string") signals.image.emit(image);
+    if (typeof image === "string") open(image);
   });
   signals.pointer.on((pointed) => {
     if (pointed?.touched) view.setHighlight([pointed.touched.feature]);
@@ -105,43 +97,38 @@ export function imagesPart(context: Context): void {
   waiting.run(load);
 }
 
-function filters(
-  { layers, drawing, signals }: Context,
-  images: readonly ImageEntry[],
-  stop: string | null,
-  setStop: (id: string | null) => void,
-): HTMLElement {
+function filters({ layers, state }: Context, images: readonly ImageEntry[]): HTMLElement {
   const days = solsKnown(
     images,
     layers.all.flatMap(({ sols }) => [...sols]),
   );
   /** A range of more than one sol has no place on the slider. */
   const placeOf = (sols: Sols) => (sols && sols[0] === sols[1] ? days.indexOf(sols[0]) + 1 : 0);
-  const name = h("output", {}, solsTitle(drawing.sols));
+  const name = h("output", {}, solsTitle(state.get("sol")));
   const slider = h("input", {
     type: "range",
     min: 0,
     max: days.length,
     step: 1,
-    value: placeOf(drawing.sols),
+    value: placeOf(state.get("sol")),
     "aria-label": "sol",
     class: "sol",
     oninput: () => {
       const sol = days[Number(slider.value) - 1];
-      signals.sols.emit(sol === undefined ? null : [sol, sol]);
+      state.set("sol", sol === undefined ? null : [sol, sol]);
     },
   });
-  const forget = signals.sols.on((sols) => {
+  const forget = state.on("sol", (sols) => {
     if (!slider.isConnected) return forget();
     slider.value = String(placeOf(sols));
     name.textContent = solsTitle(sols);
   });
   const stops = h(
     "select",
-    { "aria-label": "stop", onchange: () => setStop(stops.value || null) },
+    { "aria-label": "stop", onchange: () => state.set("images", stops.value || null) },
     h("option", { value: "" }, "all stops"),
     ...stopsOf(images).map(([id, title]) =>
-      h("option", { value: id, selected: id === stop }, title),
+      h("option", { value: id, selected: id === state.get("images") }, title),
     ),
   );
   return h("div", { class: "filters" }, h("label", { class: "inline" }, name, slider), stops);

@@ -3,10 +3,11 @@
 import { kindTitle } from "../../map/layers";
 import { h } from "../../page/dom";
 import type { ImageEntry, Layer } from "../../server/records";
+import type { LayerFilter } from "../../session/state";
 
 /** What a layer has to be so that it is listed; null or no words: anything. */
 export interface Wanted {
-  /** In small letters, all of them in the name of the layer or of its group. */
+  /** In small letters, all of them in the names of the layer, its kind or its group. */
   readonly words: readonly string[];
   /** Title of its kind. */
   readonly kind: string | null;
@@ -23,28 +24,41 @@ export const isWanted = (layer: Layer, group: string, { words, kind, stops }: Wa
   const title = kindTitle(layer.kind);
   if (kind !== null && kind !== title) return false;
   if (stops !== null && !stops.has(layer.scope)) return false;
-  const name = `${title} ${group}`.toLowerCase();
+  const name = `${title} ${layer.kind} ${group}`.toLowerCase();
   return words.every((word) => name.includes(word));
 };
 
 type Taken = Pick<ImageEntry, "instrument" | "stop">;
 
-export interface LayerFilter {
+export interface FilterBox {
   readonly element: HTMLElement;
   readonly wanted: () => Wanted;
+  readonly show: (chosen: LayerFilter) => void;
+  readonly focus: () => void;
   /** Offers the kinds of these layers. */
   readonly setLayers: (layers: readonly Layer[]) => void;
 }
 
-/** `imagesOf` fetches the images of the mission: their instruments are fetched when the filter gets the focus. */
+/** `imagesOf` fetches the images of the mission, of which the instruments are offered when one may be chosen. */
 export function layerFilter(
-  change: () => void,
+  chosen: (filter: LayerFilter) => void,
+  find: (wanted: Wanted) => void,
   imagesOf: () => Promise<readonly Taken[]>,
-): LayerFilter {
+): FilterBox {
+  const now = (): LayerFilter => ({
+    words: search.value,
+    kind: kind.value,
+    instrument: instrument.value,
+  });
+  const change = () => {
+    chosen(now());
+    find(wanted());
+  };
   const search = h("input", {
     type: "search",
     class: "layer-filter",
     placeholder: "filter layers",
+    title: "filter layers (l)",
     "aria-label": "filter layers",
     oninput: change,
   });
@@ -53,13 +67,13 @@ export function layerFilter(
   let taken: readonly Taken[] = [];
   const learn = () => {
     images ??= imagesOf();
-    images.then(
+    return images.then(
       (found) => {
         if (taken === found) return;
         taken = found;
         fill(instrument, "all instruments", new Set(found.map((image) => image.instrument)));
       },
-      () => (images = null),
+      () => void (images = null),
     );
   };
   const instrument = h("select", {
@@ -70,16 +84,30 @@ export function layerFilter(
     onchange: change,
   });
   fill(instrument, "all instruments", new Set());
+  const wanted = (): Wanted => {
+    const { words, kind, instrument } = now();
+    const stops = taken.filter((image) => image.instrument === instrument).map(({ stop }) => stop);
+    return {
+      words: words.toLowerCase().split(/\s+/).filter(Boolean),
+      kind: kind || null,
+      stops: instrument ? new Set(stops) : null,
+    };
+  };
+  const put = (select: HTMLSelectElement, value: string) => {
+    if (value && ![...select.options].some((option) => option.value === value))
+      select.append(h("option", { value }, value));
+    select.value = value;
+  };
   return {
     element: h("div", { class: "layer-filters" }, search, kind, instrument),
-    wanted: () => {
-      const by = instrument.value;
-      const stops = taken.filter((image) => image.instrument === by).map(({ stop }) => stop);
-      return {
-        words: search.value.toLowerCase().split(/\s+/).filter(Boolean),
-        kind: kind.value || null,
-        stops: by ? new Set(stops) : null,
-      };
+    wanted,
+    focus: () => search.focus(),
+    show: (filter) => {
+      search.value = filter.words;
+      put(kind, filter.kind);
+      put(instrument, filter.instrument);
+      find(wanted());
+      if (filter.instrument) void learn().then(() => find(wanted()));
     },
     setLayers: (layers) => {
       images = null; // there may be others

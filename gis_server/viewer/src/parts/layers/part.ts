@@ -24,7 +24,8 @@ import { type SolActions, solFilter, solsByPlace, solsOf } from "./sol-filter";
 import { layerTree } from "./tree";
 
 export function layersPart(context: Context): void {
-  const { layers, mission, view, page, drawing, sun, signals, waiting, alive } = context;
+  const { layers, mission, view, page, drawing, sun, signals, state, keys, waiting, alive } =
+    context;
 
   const here = new WeakSet<Shown>();
   /** Fetches what a layer has in view, once. */
@@ -67,7 +68,7 @@ export function layersPart(context: Context): void {
   let tree = layerTree([], actionsOf(context, flicker, list));
   const solActions: SolActions = {
     reportOf: (sol) => urls.solReport(mission.mission, sol),
-    choose: (range) => signals.sols.emit(range),
+    choose: (range) => state.set("sol", range),
     record: (steps) =>
       waiting.run(async () => {
         const { recordingDialog } = await import("../playback/dialog");
@@ -76,9 +77,15 @@ export function layersPart(context: Context): void {
   };
   let sols = solFilter([], solActions);
   const filter = layerFilter(
-    () => tree.find(filter.wanted()),
+    (chosen) => filtered(chosen),
+    (wanted) => tree.find(wanted),
     () => api.images(mission.mission, {}, alive),
   );
+  keys.add("l", "filter the list of layers", () => {
+    page.openLayers();
+    filter.focus();
+  });
+  const filtered = state.follow("filter", (chosen) => filter.show(chosen));
 
   const draw = () => {
     tree = layerTree(layers.listed, actionsOf(context, flicker, list));
@@ -133,7 +140,7 @@ export function layersPart(context: Context): void {
     drawing.solsAt = new Map();
     learnSols();
   });
-  signals.sols.on((range) => {
+  state.on("sol", (range) => {
     learnSols();
     sols.set(range);
     tree.setSols(range);
@@ -148,7 +155,7 @@ export function layersPart(context: Context): void {
 }
 
 function actionsOf(context: Context, flicker: Flicker, list: () => void): LayerActions {
-  const { layers, view, drawing, waiting, signals } = context;
+  const { page, layers, view, drawing, waiting, state } = context;
   const toggleFlicker = (layer: Layer) => {
     flicker.toggle(layer);
     list();
@@ -187,7 +194,8 @@ function actionsOf(context: Context, flicker: Flicker, list: () => void): LayerA
     compare: (version, latest, how) => {
       bring(version);
       if (how !== "flicker") {
-        signals.compare.emit({ mode: how, a: latest.id, b: version.id });
+        page.showTab("compare");
+        state.set("compare", { mode: how, a: latest.id, b: version.id, at: 0.5, most: null });
         return;
       }
       layers.change(latest, { visible: true });

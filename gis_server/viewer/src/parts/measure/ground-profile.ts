@@ -1,20 +1,21 @@
-/** The profile of a drawn line in the dock below the map: elevation or slope, tied to the map's cursor both ways. */
+/** The profile of a drawn line below the map: elevation or slope, tied to the map's cursor both ways. */
 
 import { chart, type ChartOptions } from "../../page/chart";
 import { h } from "../../page/dom";
 import { measured } from "../../page/format";
 import type { Profile } from "../../server/measure";
-import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
-import { decimalsOn } from "./quantities";
 import { LineLink } from "../../session/line-link";
+import type { State } from "../../session/state";
+import type { Measurement } from "./export";
+import { decimalsOn } from "./quantities";
 
 type Drawn = Omit<ChartOptions, "onCursor">;
-type Shown = "elevation" | "slope";
+type ProfileShown = NonNullable<State["profile"]>;
 const COLOUR = "#c2571b";
 
 /** What the chart of a profile shows. */
-export function profileOptions(profile: Profile, shown: Shown): Drawn {
+export function profileOptions(profile: Profile, shown: ProfileShown["shown"]): Drawn {
   const { distance_m: xs, layers, slope_baseline_m } = profile;
   const known = profile.elevation_m.filter((value) => value !== null);
   const decimals = decimalsOn(layers);
@@ -54,51 +55,53 @@ export function profileOptions(profile: Profile, shown: Shown): Drawn {
   };
 }
 
-export class GroundProfile {
-  private readonly link: LineLink;
-  private line: readonly MapPoint[] = [];
-  private readonly room = h("div", { class: "ground-profile-chart" });
-  private shown: Shown = "elevation";
+/** A measurement along a line; null while it is not there. */
+type Along = Pick<Measurement, "number" | "corners" | "found"> | null;
 
-  constructor(private readonly context: Context) {
+export class GroundProfile {
+  readonly element = h("div", { class: "ground-profile" });
+  title = "Profile";
+  private readonly link: LineLink;
+
+  constructor(
+    context: Context,
+    private readonly of: (number: number) => Promise<Along>,
+    private readonly write: (value: ProfileShown) => void,
+  ) {
     this.link = new LineLink(context);
   }
 
-  open(title: string, corners: readonly MapPoint[], profile: Profile): void {
-    this.line = corners;
+  async show({ of, shown }: ProfileShown): Promise<void> {
+    const along = await this.of(of);
+    const profile = along?.found.profile;
+    const options = profile ? profileOptions(profile, shown) : along?.found.chart;
+    if (!along || !options) return;
+    this.title = `${profile ? "Profile" : options.title} ${along.number}`;
+    const drawn = chart({ ...options, onCursor: this.link.tell });
+    this.link.on(along.corners, drawn);
+    this.element.replaceChildren(
+      ...(profile ? [this.choice({ of, shown })] : []),
+      h("div", { class: "ground-profile-chart" }, drawn.element),
+    );
+  }
+
+  dispose(): void {
+    this.link.off();
+  }
+
+  private choice({ of, shown }: ProfileShown): HTMLElement {
+    const choose = () => {
+      const value = { of, shown: select.value === "slope" ? "slope" : "elevation" } as const;
+      this.write(value);
+      void this.show(value);
+    };
     const select = h(
       "select",
-      {
-        "aria-label": "what the profile shows",
-        onchange: () => {
-          this.shown = select.value === "slope" ? "slope" : "elevation";
-          this.draw(profile);
-        },
-      },
+      { "aria-label": "what the profile shows", onchange: choose },
       ...(["elevation", "slope"] as const).map((name) =>
-        h("option", { value: name, selected: name === this.shown }, name),
+        h("option", { value: name, selected: name === shown }, name),
       ),
     );
-    const body = h("div", { class: "ground-profile" }, select, this.room);
-    this.context.page.below.open(title, body, () => this.link.off());
-    this.draw(profile);
-  }
-
-  /** Opens a chart that has only one thing to show. */
-  openChart(title: string, corners: readonly MapPoint[], options: Drawn): void {
-    this.line = corners;
-    const body = h("div", { class: "ground-profile" }, this.room);
-    this.context.page.below.open(title, body, () => this.link.off());
-    this.drawChart(options);
-  }
-
-  private draw(profile: Profile): void {
-    this.drawChart(profileOptions(profile, this.shown));
-  }
-
-  private drawChart(options: Drawn): void {
-    const drawn = chart({ ...options, onCursor: this.link.tell });
-    this.link.on(this.line, drawn);
-    this.room.replaceChildren(drawn.element);
+    return select;
   }
 }

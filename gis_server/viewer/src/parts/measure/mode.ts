@@ -4,6 +4,7 @@ import type { Shape } from "../../map/sketch";
 import type { ChartOptions } from "../../page/chart";
 import type { LayerUsed, Profile } from "../../server/measure";
 import type { Bounds, MapPoint } from "../../server/records";
+import type { Measured } from "../../session/state";
 import type { Quantity } from "./quantities";
 
 /** An image overlaid on the map. */
@@ -31,19 +32,6 @@ export interface Found {
   readonly way?: readonly MapPoint[];
 }
 
-export type ModeKey =
-  | "distance"
-  | "profile"
-  | "slope"
-  | "area"
-  | "volume"
-  | "plane"
-  | "zone"
-  | "sight"
-  | "viewshed"
-  | "reach"
-  | "route";
-
 /** A number in metres that is entered before drawing. */
 export interface NumberAsked {
   readonly key: string;
@@ -61,7 +49,7 @@ export interface Asked {
 }
 
 export interface Mode {
-  readonly key: ModeKey;
+  readonly key: Measured["mode"];
   readonly title: string;
   readonly shape: Shape;
   /** Corners that are needed, and at which a line or a choice of points ends by itself. */

@@ -8,26 +8,24 @@ import { scopeTitle } from "../../page/format";
 import { saveFile } from "../../page/save";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
-import { formatPoints, parsePoints } from "../../session/link-points";
+import { addPane } from "../../session/pane";
+import { type Measured, textOf } from "../../session/state";
 import { orPlanar, withoutRepeats } from "./corners";
 import { boundsOf, DrawnMeasurements } from "./drawn";
 import { type Measurement, measurementsCsv, measurementsGeojson, profilesCsv } from "./export";
 import { GroundProfile } from "./ground-profile";
-import type { Found, Mode } from "./mode";
+import { chosenNumber, type Found, type Mode } from "./mode";
 import { MODES } from "./modes";
 import { ChosenNumbers } from "./numbers";
 import { measurePanel } from "./panel";
 import { quantityText } from "./quantities";
 
-/** Of the measurements in the link: `distance:0,0;3,4/area:0,0;3,0;3,4`. */
-const KEY = "measure";
-
 /** The text about a line that was drawn elsewhere. */
 const BETWEEN = ["straight, in space", "length on the map", "rise", "slope"];
 
 export function measurePart(context: Context): void {
-  const { page, keys, places, link, signals, alive } = context;
-  const panel = page.addTab("measure", "Measure");
+  const { page, keys, places, signals, alive } = context;
+  const panel = page.addTab("measure");
   const tool = button("measure (m)", "ruler", () => measuring.toggle(), {
     class: "measure",
     "aria-pressed": "false",
@@ -45,7 +43,6 @@ export function measurePart(context: Context): void {
   if (distance) signals.measure.on(({ corners, box }) => measuring.between(distance, corners, box));
   if (viewshed)
     places.add({ title: "Viewshed from here", run: (point) => measuring.at(viewshed, point) });
-  link.follow(KEY, (text) => measuring.restore(text ?? ""));
   keys.add("m", "measure a distance", () => measuring.toggle());
   keys.add("Escape", "stop measuring", () => measuring.stop());
   document.addEventListener("keydown", (event) => drawingKey(event, measuring), { signal: alive });
@@ -59,14 +56,17 @@ function drawingKey(event: KeyboardEvent, measuring: Measuring): void {
   if (event.key === "Backspace") measuring.undo();
 }
 
+/** The same for the same measurement in a link, which has it to the millimetre. */
+const keyOf = (one: Measured) => textOf("measure", [one]) ?? "";
+
 class Measuring {
   private readonly drawn: DrawnMeasurements;
-  private readonly profile: GroundProfile;
-  private all: readonly Measurement[] = [];
+  /** What was found, by `keyOf`. */
+  private readonly known = new Map<string, Found>();
+  private measuring: Promise<void> = Promise.resolve();
   private mode: Mode | null = null;
   private sketch: Sketch | null = null;
   private picked: readonly MapPoint[] = [];
-  private count = 0;
   private layer: string | null = null;
   private readonly numbers = new ChosenNumbers();
 
@@ -76,8 +76,12 @@ class Measuring {
     private readonly tool: HTMLElement,
   ) {
     this.drawn = new DrawnMeasurements(context.view.map);
-    this.profile = new GroundProfile(context);
-    this.draw();
+    addPane(context, "profile", {
+      title: "Profile",
+      side: "below",
+      load: async (write) => new GroundProfile(context, (number) => this.numbered(number), write),
+    });
+    context.state.follow("measure", (list) => this.show(list));
   }
 
   toggle(): void {
@@ -90,17 +94,13 @@ class Measuring {
   at(mode: Mode, point: MapPoint): void {
     this.stop();
     this.context.page.showTab("measure");
-    this.find(mode, [point]);
+    this.measure(mode, [point]);
   }
 
   /** Measures a line that was drawn elsewhere, and shows the result in a box. */
   between(mode: Mode, corners: readonly MapPoint[], box: HTMLElement): void {
-    const { mission, waiting, link } = this.context;
-    waiting.run(async () => {
-      const asked = { layer: this.layer, numbers: this.numbers.of(mode) };
-      const found = await orPlanar(mode, corners, mode.find(mission.mission, corners, asked));
-      this.keep(mode, corners, found);
-      link.write(KEY, this.linked);
+    this.context.waiting.run(async () => {
+      const { found } = await this.keep(mode, corners);
       const told = found.quantities.filter(({ name }) => BETWEEN.includes(name));
       box.replaceChildren(facts(told.map((one) => [one.name, quantityText(one)] as const)));
       if (found.note) box.append(found.note);
@@ -142,7 +142,7 @@ class Measuring {
     if (this.mode?.shape !== "point" || this.picked.length < this.mode.least) return;
     const points = this.picked;
     this.pick([]);
-    this.find(this.mode, points);
+    this.measure(this.mode, points);
   }
 
   dispose(): void {
@@ -150,35 +150,68 @@ class Measuring {
     this.drawn.dispose();
   }
 
-  /** Measures what a link contains, and nothing else. */
-  restore(text: string): void {
-    if (text === this.linked) return;
-    this.all = [];
+  /** Measures what is in the state and was not measured yet. */
+  private show(list: readonly Measured[]): void {
     this.draw();
-    const { mission, waiting, link } = this.context;
-    const asked = text.split("/").map((one) => one.split(":"));
-    waiting.run(async () => {
-      for (const [key, places = ""] of asked) {
-        const mode = MODES.find((one) => one.key === key);
-        const corners = parsePoints(places);
-        if (!mode || !corners || corners.length < mode.least) continue;
-        const numbers = { layer: this.layer, numbers: this.numbers.of(mode) };
-        this.keep(mode, corners, await mode.find(mission.mission, corners, numbers));
-      }
-      link.write(KEY, this.linked);
+    const unknown = () => list.filter((one) => !this.known.has(keyOf(one)));
+    if (unknown().length === 0) return;
+    this.context.waiting.run(() => {
+      this.measuring = this.findAll(unknown());
+      return this.measuring;
     });
   }
 
-  private get linked(): string {
-    return this.all.map(({ mode, corners }) => `${mode.key}:${formatPoints(corners)}`).join("/");
+  private async findAll(list: readonly Measured[]): Promise<void> {
+    for (const one of list) {
+      const mode = MODES.find(({ key }) => key === one.mode);
+      if (mode && one.corners.length >= mode.least) await this.find(mode, one);
+    }
+    this.draw();
   }
 
-  private keep(mode: Mode, corners: readonly MapPoint[], found: Found): Measurement {
-    this.count += 1;
-    const one = { number: this.count, mode, corners, found };
-    this.all = [...this.all, one];
-    this.draw();
-    return one;
+  private async find(mode: Mode, one: Measured): Promise<Found> {
+    const { corners, layer } = one;
+    const { mission } = this.context.mission;
+    const numbers = Object.fromEntries(
+      (mode.asksNumbers ?? []).map((asked, k) => [asked.key, chosenNumber(asked, one.numbers[k])]),
+    );
+    const asked = { layer: layer ?? this.layer, numbers };
+    const found = await orPlanar(mode, corners, mode.find(mission, corners, asked));
+    this.known.set(keyOf(one), found);
+    return found;
+  }
+
+  private get all(): readonly Measurement[] {
+    return this.context.state.get("measure").flatMap((one, k) => {
+      const mode = MODES.find(({ key }) => key === one.mode);
+      const found = this.known.get(keyOf(one));
+      return mode && found ? [{ number: k + 1, mode, corners: one.corners, found }] : [];
+    });
+  }
+
+  /** The measurement of a number, when all are measured. */
+  async numbered(number: number): Promise<Measurement | null> {
+    await this.measuring;
+    return this.all.find((one) => one.number === number) ?? null;
+  }
+
+  private async keep(mode: Mode, corners: readonly MapPoint[]): Promise<Measurement> {
+    const numbers = Object.values(this.numbers.of(mode));
+    const one = { mode: mode.key, corners, numbers, layer: mode.asksLayer ? this.layer : null };
+    const found = await this.find(mode, one);
+    const { state } = this.context;
+    const list = [...state.get("measure"), one];
+    state.set("measure", list);
+    return { number: list.length, mode, corners, found };
+  }
+
+  /** Those after it have other numbers then. */
+  private remove({ number }: Measurement): void {
+    const { state } = this.context;
+    const profile = state.get("profile");
+    state.set("measure", state.get("measure").toSpliced(number - 1, 1));
+    if (!profile || profile.of < number) return;
+    state.set("profile", profile.of === number ? null : { ...profile, of: profile.of - 1 });
   }
 
   private tell(corners: readonly MapPoint[]): void {
@@ -200,26 +233,20 @@ class Measuring {
       return;
     }
     this.tell(corners);
-    this.find(mode, withoutRepeats(corners));
+    this.measure(mode, withoutRepeats(corners));
   }
 
-  private find(mode: Mode, corners: readonly MapPoint[]): void {
+  private measure(mode: Mode, corners: readonly MapPoint[]): void {
     if (corners.length < mode.least) return;
-    const { mission, waiting } = this.context;
-    waiting.run(async () => {
-      const asked = { layer: this.layer, numbers: this.numbers.of(mode) };
-      const found = await orPlanar(mode, corners, mode.find(mission.mission, corners, asked));
+    this.context.waiting.run(async () => {
+      const one = await this.keep(mode, corners);
       this.sketch?.clear();
-      const one = this.keep(mode, corners, found);
-      this.context.link.write(KEY, this.linked);
-      if (found.profile || found.chart) this.openProfile(one);
+      if (one.found.profile || one.found.chart) this.openProfile(one);
     });
   }
 
-  private openProfile({ number, corners, found }: Measurement): void {
-    if (found.profile) this.profile.open(`Profile ${number}`, corners, found.profile);
-    else if (found.chart)
-      this.profile.openChart(`${found.chart.title} ${number}`, corners, found.chart);
+  private openProfile({ number }: Measurement): void {
+    this.context.state.set("profile", { of: number, shown: "elevation" });
   }
 
   private draw(): void {
@@ -237,11 +264,7 @@ class Measuring {
       },
       start: (mode) => (mode === this.mode ? this.stop() : this.start(mode)),
       zoomTo: ({ corners, found }) => view.fit(found.picture?.bounds ?? boundsOf(corners)),
-      remove: (one) => {
-        this.all = this.all.filter((other) => other !== one);
-        this.context.link.write(KEY, this.linked);
-        this.draw();
-      },
+      remove: (one) => this.remove(one),
       openProfile: (one) => this.openProfile(one),
       saveCsv: () => saveFile("measurements.csv", "text/csv", measurementsCsv(this.all)),
       saveProfiles: () => saveFile("profiles.csv", "text/csv", profilesCsv(this.all)),

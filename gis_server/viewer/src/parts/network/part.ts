@@ -4,8 +4,9 @@ import "./network.css";
 import { h } from "../../page/dom";
 import { scopeTitle } from "../../page/format";
 import { type LinkEdge, type NetworkGraph, network } from "../../server/network";
-import type { Context } from "../../session/context";
+import { type Context, openImage } from "../../session/context";
 import { isRefusal } from "../../session/latest";
+import { addPane } from "../../session/pane";
 import { linkText, pairsDrawing, stopsDrawing } from "./drawing";
 import { zoomable } from "./zoomable";
 
@@ -13,54 +14,54 @@ const NONE = "No adjustment has been made yet: there is no network.";
 const MOST_LINKS = 300;
 
 export function networkPart(context: Context): void {
-  const { page, waiting, layers, signals, mission } = context;
-  const panel = page.addTab("network", "Network");
+  const { page, waiting, layers, state, mission } = context;
+  const panel = page.addTab("network");
   const body = h("div", { class: "network-body" });
-  let graph: NetworkGraph | null = null;
-  let isOpen = false;
+  let graph: Promise<NetworkGraph> | null = null;
 
   const put = (drawing: SVGSVGElement, caption: Node[]) =>
     body.replaceChildren(h("div", { class: "network-caption" }, ...caption), zoomable(drawing));
-  const showStops = () => {
-    if (!graph) return;
-    const legend = `Circles: stops as on the map with their number of pairs; lines: ties they share, red where fewer than ${graph.few_ties}. Choose a stop for its pairs.`;
-    put(stopsDrawing(graph, showPairs), [h("small", {}, legend)]);
+  const showStops = async () => {
+    const known = await load();
+    const legend = `Circles: stops as on the map with their number of pairs; lines: ties they share, red where fewer than ${known.few_ties}. Choose a stop for its pairs.`;
+    const drawing = stopsDrawing(known, (stop) => state.set("network", stop));
+    put(drawing, [h("small", {}, legend)]);
   };
-  function showPairs(stop: string): void {
-    waiting.run(async () => {
-      const pairs = await network.pairs(mission.mission, stop);
-      const back = h(
-        "button",
-        { type: "button", class: "text back", onclick: showStops },
-        "all stops",
-      );
-      const text = `${scopeTitle(stop)}: pairs in the direction they look, outside those of other stops. Choose one for its image.`;
-      put(
-        pairsDrawing(pairs, (image) => signals.image.emit(image)),
-        [back, h("small", {}, text)],
-      );
-    });
+  const showPairs = async (stop: string) => {
+    const pairs = await network.pairs(mission.mission, stop);
+    const all = () => state.set("network", "");
+    const back = h("button", { type: "button", class: "text back", onclick: all }, "all stops");
+    const text = `${scopeTitle(stop)}: pairs in the direction they look, outside those of other stops. Choose one for its image.`;
+    const drawing = pairsDrawing(pairs, (id) => openImage(context, id));
+    put(drawing, [back, h("small", {}, text)]);
+  };
+  const show = (stop: string) => (stop ? showPairs(stop) : showStops());
+  addPane(context, "network", {
+    title: "Image network",
+    side: "beside",
+    load: async () => {
+      await load();
+      return { element: body, show };
+    },
+  });
+  function load(): Promise<NetworkGraph> {
+    graph ??= network.graph(mission.mission);
+    return graph;
   }
-  const open = () => {
-    if (!isOpen)
-      page.panes.open("Image network", body, () => {
-        isOpen = false;
-      });
-    isOpen = true;
-    showStops();
-  };
-  const load = async () => {
+  const draw = async () => {
+    graph = null;
     try {
-      graph = await network.graph(mission.mission);
-      panel.replaceChildren(networkPanel(graph, open, context));
-      if (isOpen) showStops();
+      const known = await load();
+      panel.replaceChildren(networkPanel(known, () => state.set("network", ""), context));
+      const stop = state.get("network");
+      if (stop !== null) await show(stop);
     } catch (reason) {
       if (!isRefusal(reason)) throw reason;
       panel.replaceChildren(h("p", { class: "hint" }, NONE));
     }
   };
-  layers.replaced.on(() => waiting.run(load));
-  waiting.run(load);
+  layers.replaced.on(() => waiting.run(draw));
+  waiting.run(draw);
 }
 
 function networkPanel(graph: NetworkGraph, open: () => void, { view }: Context): HTMLElement {

@@ -16,6 +16,7 @@ import TileGrid from "ol/tilegrid/TileGrid";
 import View from "ol/View";
 import { h } from "../../page/dom";
 import type { Panorama } from "../../server/panorama";
+import type { PanoramaSight } from "../../session/state";
 import { type Direction, directionAt, isInside, type PlanePoint, planePoint } from "./angles";
 import { drawAxes } from "./axes";
 
@@ -27,6 +28,8 @@ export interface StripListener {
   /** The pointer is over a direction; null: it left. */
   readonly hover: (direction: Direction | null) => void;
   readonly click: (direction: Direction) => void;
+  /** Another part is seen; null: the whole. */
+  readonly moved: (sight: PanoramaSight | null) => void;
   readonly drawn: () => void;
 }
 
@@ -62,6 +65,8 @@ export class Strip {
   private readonly map: OlMap;
   private readonly view: View;
   private isWhole = true;
+  /** Null: the whole. */
+  private seen: PanoramaSight | null = null;
 
   constructor(
     readonly panorama: Panorama,
@@ -100,10 +105,16 @@ export class Strip {
     this.element.append(this.axes);
     this.map.on("postrender", () => this.drawAxes());
     this.map.on("rendercomplete", () => listener.drawn());
-    this.map.on("change:size", () => this.isWhole && this.whole());
-    this.view.on("change:resolution", () => {
-      this.isWhole = false;
+    this.map.on("change:size", () => this.refit());
+    this.map.on("moveend", () => {
+      this.seen = this.sight;
+      listener.moved(this.seen);
     });
+    const moved = () => {
+      this.isWhole = false;
+    };
+    this.view.on("change:resolution", moved);
+    this.view.on("change:center", moved);
     this.map.on("pointermove", ({ coordinate }) => listener.hover(this.directionOf(coordinate)));
     this.map.on("singleclick", ({ coordinate }) => {
       const direction = this.directionOf(coordinate);
@@ -116,6 +127,7 @@ export class Strip {
   /** Shows the height of the panorama, or all of it where that is wider than the strip. */
   whole(): void {
     const [width = 0, height = 0] = this.map.getSize() ?? [];
+    this.seen = null;
     if (width === 0 || height === 0) return;
     const { rows, cols } = this.panorama;
     this.view.setCenter([cols / 2, -rows / 2]);
@@ -123,10 +135,29 @@ export class Strip {
     this.isWhole = true;
   }
 
-  /** Looks at a direction, with pixels that size. */
-  look(direction: Direction, resolution: number): void {
-    this.view.setCenter([...planePoint(this.panorama, direction)]);
-    this.view.setResolution(resolution);
+  /** Looks at a direction, and so wide; at once, or when the strip has its size. */
+  look(sight: PanoramaSight): void {
+    const { azimuth, elevation, width } = sight;
+    const [across = 0] = this.map.getSize() ?? [];
+    this.seen = sight;
+    if (across === 0) return;
+    this.view.setCenter([...planePoint(this.panorama, [azimuth, elevation])]);
+    this.view.setResolution(width / this.panorama.cell_deg / across);
+  }
+
+  private refit(): void {
+    if (this.seen)
+      this.look(this.seen); // as wide as before
+    else if (this.isWhole) this.whole();
+  }
+
+  private get sight(): PanoramaSight | null {
+    const [x = 0, y = 0] = this.view.getCenter() ?? [];
+    const [across = 0] = this.map.getSize() ?? [];
+    if (this.isWhole || across === 0) return null;
+    const [azimuth, elevation] = directionAt(this.panorama, [x, y]);
+    const width = across * (this.view.getResolution() ?? 1) * this.panorama.cell_deg;
+    return { azimuth, elevation, width };
   }
 
   /** Marks where a place is seen; null takes the mark away. */

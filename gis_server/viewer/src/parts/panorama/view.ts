@@ -1,4 +1,4 @@
-/** Panoramas of the stops below the map: which one, what is under the pointer, and the cursor shared with the map. */
+/** Panoramas of the stops: which one, what is under the pointer, and the cursor shared with the map. */
 
 import Feature from "ol/Feature";
 import LineString from "ol/geom/LineString";
@@ -10,8 +10,9 @@ import { h } from "../../page/dom";
 import { fixed, scopeTitle } from "../../page/format";
 import { type Panorama, panoramaApi } from "../../server/panorama";
 import type { MapPoint } from "../../server/records";
-import type { Context } from "../../session/context";
+import { type Context, openImage } from "../../session/context";
 import { Latest } from "../../session/latest";
+import type { PanoramaSight } from "../../session/state";
 import { type Direction, rayEnd } from "./angles";
 import "./panorama.css";
 import { Strip } from "./strip";
@@ -34,21 +35,24 @@ export class PanoramaView {
   private readonly layer = new VectorLayer({ source: this.rays, style: ray, zIndex: RAY_HEIGHT });
   private readonly asking: Latest;
   private readonly stopListening: readonly (() => void)[];
+  private readonly choice: HTMLSelectElement;
   private strip: Strip | null = null;
   private isOwn = false;
 
   constructor(
     private readonly context: Context,
     private readonly panoramas: readonly Panorama[],
-    /** Of the panorama that is shown first; null: of the stop nearest to the middle of the map. */
-    scope: string | null,
-    private readonly shown: (panorama: Panorama) => void,
+    private readonly write: (value: { stop: string; sight: PanoramaSight | null }) => void,
   ) {
     const { view, signals, waiting } = context;
     this.asking = new Latest(REST_MS, (reason) => waiting.say(String(reason)));
-    const select = h(
+    this.choice = h(
       "select",
-      { name: "panorama", "aria-label": "stop", onchange: () => this.show(select.value) },
+      {
+        name: "panorama",
+        "aria-label": "stop",
+        onchange: () => this.open(this.choice.value, null),
+      },
       ...panoramas.map(({ id, scope }) => h("option", { value: id }, scopeTitle(scope))),
     );
     const whole = h(
@@ -59,7 +63,7 @@ export class PanoramaView {
     this.element = h(
       "div",
       { class: "panorama", "data-settled": "false" },
-      h("div", { class: "panorama-bar" }, select, whole, this.facts),
+      h("div", { class: "panorama-bar" }, this.choice, whole, this.facts),
       h("div", { class: "panorama-room" }, this.host, this.said),
     );
     view.map.addLayer(this.layer);
@@ -67,12 +71,16 @@ export class PanoramaView {
       signals.pointer.on((pointed) => this.follow(pointed?.point ?? null)),
       signals.cursor.on((point) => this.follow(point)),
     ];
-    const named = panoramas.find((one) => one.scope === scope);
-    const first = named ?? nearest(panoramas, view.place);
-    if (first) {
-      select.value = first.id;
-      this.show(first.id);
-    }
+  }
+
+  /** The panorama of a stop; without its name, of the one nearest to the middle of the map. */
+  show({ stop, sight }: { stop: string; sight: PanoramaSight | null }): void {
+    const named = this.panoramas.find((one) => one.scope === stop);
+    const wanted = named ?? nearest(this.panoramas, this.context.view.place);
+    if (!wanted) return;
+    if (wanted !== this.strip?.panorama) this.open(wanted.id, sight);
+    else if (sight) this.strip.look(sight);
+    else this.strip.whole();
   }
 
   dispose(): void {
@@ -83,24 +91,29 @@ export class PanoramaView {
     this.context.signals.cursor.emit(null);
   }
 
-  private show(id: string): void {
+  private open(id: string, sight: PanoramaSight | null): void {
     const panorama = this.panoramas.find((one) => one.id === id);
     if (!panorama) return;
+    this.choice.value = id;
     this.strip?.dispose();
     this.rays.clear();
     this.element.dataset["settled"] = "false";
     this.element.dataset["panorama"] = panorama.id;
-    this.shown(panorama);
+    this.write({ stop: panorama.scope, sight });
     const strip = new Strip(panorama, {
       hover: (direction) => this.over(direction),
-      click: (direction) => this.open(direction),
+      click: (direction) => this.openImage(direction),
+      moved: (now) => {
+        if (this.strip === strip) this.write({ stop: panorama.scope, sight: now });
+      },
       drawn: () => {
         this.element.dataset["settled"] = "true";
       },
     });
     this.strip = strip;
     this.host.replaceChildren(strip.element);
-    requestAnimationFrame(() => strip.whole());
+    if (sight) strip.look(sight);
+    else requestAnimationFrame(() => strip.whole());
     const seams =
       panorama.registration_px === null
         ? ""
@@ -171,13 +184,13 @@ export class PanoramaView {
     });
   }
 
-  private open(direction: Direction): void {
-    const { waiting, mission, signals } = this.context;
+  private openImage(direction: Direction): void {
+    const { waiting, mission } = this.context;
     const { strip } = this;
     if (!strip) return;
     waiting.run(async () => {
       const seen = await panoramaApi.direction(mission.mission, strip.panorama, direction);
-      if (seen.shown) signals.image.emit(seen.shown.image);
+      if (seen.shown) openImage(this.context, seen.shown.image);
     });
   }
 }

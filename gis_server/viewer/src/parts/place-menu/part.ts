@@ -7,7 +7,6 @@ import { h } from "../../page/dom";
 import { fixed } from "../../page/format";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
-import { formatPermalink, parsePermalink } from "../../session/permalink";
 
 export function placeMenuPart(context: Context): void {
   const { page, view, places, keys, alive } = context;
@@ -104,7 +103,7 @@ function coordinatesOf({ view, coordinates }: Context, point: MapPoint): string 
 }
 
 /** Address of the view as it is now, with the place in its middle. */
-function linkTo({ view }: Context, [east, north]: MapPoint): string {
-  const link = { ...parsePermalink(location.hash), place: { ...view.place, east, north } };
-  return new URL(formatPermalink(link), location.href).href;
+function linkTo({ view, state }: Context, [east, north]: MapPoint): string {
+  const link = state.linkWith({ at: { ...view.place, east, north } });
+  return new URL(link, location.href).href;
 }

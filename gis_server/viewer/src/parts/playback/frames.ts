@@ -20,11 +20,11 @@ export async function* framesOf(
   steps: readonly Sols[],
   credit: string,
 ): AsyncGenerator<HTMLCanvasElement> {
-  const { view, mission, drawing, signals, waiting } = context;
-  const before = drawing.sols;
+  const { view, mission, state, waiting } = context;
+  const before = state.get("sol");
   try {
     for (const step of steps) {
-      signals.sols.emit(step);
+      state.set("sol", step);
       await waiting.settled();
       const [width = 1, height = 1] = view.map.getSize() ?? [];
       const sheet = sheetOf("screen", 96, 1, [width, height], view.resolution);
@@ -33,7 +33,7 @@ export async function* framesOf(
       yield fitted(drawSheet(map, sheet, textsOf(context, { title, credit })));
     }
   } finally {
-    signals.sols.emit(before);
+    state.set("sol", before);
   }
 }
 

@@ -6,23 +6,20 @@ import { h } from "../../page/dom";
 import { api } from "../../server/api";
 import type { Identified, MapPoint } from "../../server/records";
 import type { SceneStops } from "../../server/scene";
-import type { Context } from "../../session/context";
-import { formatPoints, parsePoints } from "../../session/link-points";
+import { type Context, identify, openImage } from "../../session/context";
 import { coordinateRows, pointPanel } from "./panel";
 import { readout } from "./readout";
 
 const HOVER_MS = 120;
-/** Of the place in the link. */
-const KEY = "pt";
 
 export function pointPart(context: Context): void {
-  const { page, view, mission, waiting, signals, places, frames, coordinates, link } = context;
-  const panel = page.addTab("point", "Identify");
+  const { page, view, mission, waiting, signals, places, frames, coordinates, state } = context;
+  const panel = page.addTab("point");
   panel.replaceChildren(...hints(context));
 
   let told: { readonly found: Identified; readonly frames: SceneStops } | null = null;
   const actions = {
-    openImage: (id: string) => signals.image.emit(id),
+    openImage: (id: string) => openImage(context, id),
     hoverImage: (id: string | null) => signals.imageHovered.emit(id),
     copy: (text: string) => void copyText(page, "Coordinates", text),
   };
@@ -33,11 +30,6 @@ export function pointPart(context: Context): void {
     panel.replaceChildren(about, beside, pointPanel(told.found, rows, actions));
   };
   let chosen: MapPoint | null = null;
-  const identify = (point: MapPoint) => {
-    page.showTab("point"); // at once: a tab that is chosen meanwhile stays
-    link.write(KEY, formatPoints([point]));
-    ask(point);
-  };
   const forget = () => {
     [told, chosen] = [null, null];
     view.setMark(null);
@@ -47,6 +39,8 @@ export function pointPart(context: Context): void {
     view.setMark(point);
     for (const box of [about, beside]) box.replaceChildren();
     signals.identified.emit({ point, box: beside });
+    const stop = state.get("stop");
+    if (stop !== null) signals.stop.emit({ stop, point, box: about });
     told = null;
     chosen = point;
     panel.replaceChildren(about, beside, h("p", { class: "hint", role: "status" }, "Loading…"));
@@ -62,18 +56,12 @@ export function pointPart(context: Context): void {
     formatChoice(coordinates.value, (format) => coordinates.set(format)),
   );
   coordinates.changed.on(draw);
-  link.follow(KEY, (text) => {
-    const [point] = parsePoints(text ?? "") ?? [];
-    if (point) ask(point);
-    else forget();
-  });
-  places.add({ title: "Identify", run: identify });
-  signals.identify.on(identify);
+  state.follow("pt", (point) => (point ? ask(point) : forget()));
+  places.add({ title: "Identify", run: (point) => identify(context, point) });
   signals.click.on(({ point, touched }) => {
     if (typeof touched?.feature.get("image") === "string") return;
-    identify(point);
-    if (touched?.layer.kind !== "stops") return;
-    signals.stop.emit({ stop: String(touched.feature.get("stop")), point, box: about });
+    const isStop = touched?.layer.kind === "stops";
+    identify(context, point, isStop ? String(touched.feature.get("stop")) : null);
   });
   followPointer(context);
 }

@@ -32,7 +32,7 @@ const RESUME = "Its scheduled runs begin again.";
 
 export function runsPart(context: Context): void {
   const { page, account, signals, waiting, mission } = context;
-  const panel = page.addTab("runs", "Runs");
+  const panel = page.addTab("runs");
   let known: Runs = { runs: [], requests: [], reports: [] };
   let kinds: readonly RunKind[] = [];
   let engine: Engine | null = null;

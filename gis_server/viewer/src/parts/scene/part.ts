@@ -1,91 +1,65 @@
 /** The 3D view beside the map, opened on request; only then is its code loaded. */
 
-import { button, h } from "../../page/dom";
-import type { Pane } from "../../page/panes";
+import { h } from "../../page/dom";
 import { sceneApi } from "../../server/scene";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
-import { formatLook, formatShown, type Look, parseLook, parseShown, type Shown } from "./look";
+import { addPane } from "../../session/pane";
+import { type Look, NOTHING_SHOWN } from "../../session/state";
 import { showOutlines } from "./outlines";
 import type { SceneView } from "./view";
 
-const KEY = "view3d";
-const SHOWN_KEY = "show3d";
-
 export function scenePart(context: Context): void {
-  const { page, mission, waiting, keys, places, frames, link, alive } = context;
-  let isOpen = false;
+  const { mission, waiting, places, frames, state, alive } = context;
   let shown: SceneView | null = null;
-  let pane: Pane | null = null;
   let wanted: MapPoint | null = null;
-  /** Eye and what is looked at in the link. */
-  let linked: Look | null = null;
-  const tool = button("3D view (3)", "cube", () => toggle(), {
-    class: "scene-tool",
-    "aria-pressed": "false",
+  const tellShown = state.follow("show3d", (now) => shown?.show(now));
+  addPane(context, "view3d", {
+    title: "3D view",
+    side: "beside",
+    tool: {
+      name: "3D view (3)",
+      picture: "cube",
+      key: "3",
+      does: "3D view",
+      class: "scene-tool",
+      first: () => ({ look: null }),
+    },
+    load: async (write) => {
+      const [{ SceneView: View }, models, stops] = await Promise.all([
+        import("./view"),
+        sceneApi.models(mission.mission, alive),
+        frames.load(),
+      ]);
+      const look = state.get("view3d")?.look ?? null;
+      if (models.length === 0) {
+        waiting.say("no stop of this mission has a 3D model yet: see `[models]` of the pipeline");
+        return null;
+      }
+      const told = { look: (now: Look) => write({ look: now }), shown: tellShown };
+      const begin = { look, shown: state.get("show3d") };
+      const view = build(() => new View(context, models, stops, begin, told));
+      shown = view;
+      if (wanted) view?.visit(wanted);
+      return {
+        element: view?.element ?? withoutGraphics(),
+        show: ({ look: now }) => {
+          if (now && now !== look) view?.look(now);
+        },
+        dispose: () => {
+          view?.dispose();
+          [shown, wanted] = [null, null];
+          tellShown(NOTHING_SHOWN);
+        },
+      };
+    },
   });
-  const open = async () => {
-    const [{ SceneView: View }, models, stops] = await Promise.all([
-      import("./view"),
-      sceneApi.models(mission.mission, alive),
-      frames.load(),
-    ]);
-    if (!isOpen) return;
-    if (models.length === 0) {
-      close();
-      waiting.say("no stop of this mission has a 3D model yet: see `[models]` of the pipeline");
-      return;
-    }
-    const told = {
-      look: (look: Look) => link.write(KEY, formatLook(look)),
-      shown: (to: Shown) => link.write(SHOWN_KEY, formatShown(to)),
-    };
-    const begin = { look: linked, shown: parseShown(link.read(SHOWN_KEY)) };
-    const view = build(() => new View(context, models, stops, begin, told));
-    pane = page.panes.open("3D view", view?.element ?? withoutGraphics(), () => {
-      view?.dispose();
-      close();
-    });
-    shown = view;
-    if (wanted) view?.visit(wanted);
-  };
-  const close = () => {
-    isOpen = false;
-    [shown, wanted, linked, pane] = [null, null, null, null];
-    link.write(KEY, null);
-    link.write(SHOWN_KEY, null);
-    tool.setAttribute("aria-pressed", "false");
-  };
-  function toggle(): void {
-    if (isOpen) {
-      if (pane) pane.close();
-      else close();
-      return;
-    }
-    isOpen = true;
-    tool.setAttribute("aria-pressed", "true");
-    waiting.run(open);
-  }
   const visit = (point: MapPoint) => {
     wanted = point;
     if (shown) shown.visit(point);
-    else if (!isOpen) toggle();
+    else if (state.get("view3d") === null) state.set("view3d", { look: null });
   };
-  link.follow(KEY, (text) => {
-    const look = parseLook(text);
-    if (look && shown) {
-      shown.look(look);
-      return;
-    }
-    if (isOpen) toggle();
-    linked = look;
-    if (look) toggle();
-  });
-  link.onRestored(SHOWN_KEY, () => shown?.show(parseShown(link.read(SHOWN_KEY))));
-  page.addTool(tool);
   places.add({ title: "3D here", run: visit });
-  keys.add("3", "3D view", toggle);
-  alive.addEventListener("abort", () => pane?.close());
   showOutlines(context);
 }
 

@@ -8,14 +8,14 @@ import { fixed } from "../../page/format";
 import { colourLegend } from "../../page/legend";
 import type { MapPoint } from "../../server/records";
 import { type Model, type Place3, type SceneStops, sceneApi } from "../../server/scene";
-import type { Context } from "../../session/context";
+import { type Context, identify, openImage } from "../../session/context";
+import type { Look, Shown } from "../../session/state";
 import { Cloud } from "./surface/cloud";
 import { type Board, type Choices, controls } from "./controls";
 import { dots } from "./drawings";
 import { Flight } from "./eye/flight";
 import { middle } from "./geometry";
 import { type Side, takeInHand } from "./eye/hand";
-import type { Look, Shown } from "./look";
 import { Marker } from "./marker";
 import { roverModel, stand } from "./rover";
 import { Route } from "./route";
@@ -96,7 +96,7 @@ export class SceneView {
     if (stops.body) this.rover.add(roverModel(stops.body));
     const names = stops.stops.map((s) => [s.stop, `stop ${s.site}/${s.drive}`] as const);
     const board = controls(names, drapable(context), context.sun.value, {
-      lit: (sun) => context.sun.set(sun),
+      lit: (sun) => context.state.set("sun", { by: "hand", sun }),
       changed: (_, name) => this.changed(name),
       overview: () => this.flight.over(),
       stand: () => this.stand(),
@@ -379,7 +379,7 @@ export class SceneView {
   }
 
   private listen(): void {
-    const { signals } = this.context;
+    const { signals, state } = this.context;
     let resting: ReturnType<typeof setTimeout> | undefined;
     this.stage.controls.addEventListener("change", () => {
       clearTimeout(resting);
@@ -389,7 +389,7 @@ export class SceneView {
     const stops = [
       signals.pointer.on((pointed) => void this.marker.at(pointed?.point ?? null)),
       signals.cursor.on((point) => void this.marker.at(point)),
-      signals.image.on((image) => this.sights.choose(image)),
+      state.on("image", (image) => image && this.sights.choose(image.id)),
       signals.ellipses.on((factor) => this.route.enlarge(factor)),
     ];
     this.closing.signal.addEventListener("abort", () => stops.forEach((stop) => stop()));
@@ -408,7 +408,7 @@ export class SceneView {
   private choose(id: string, side: Side): void {
     this.sights.choose(id);
     this.card.classList.toggle("at-left", side === "right");
-    const open = () => this.context.signals.image.emit(id);
+    const open = () => openImage(this.context, id);
     this.card.hidden = false;
     this.card.replaceChildren(
       h("img", { src: `images/${encodeURIComponent(id)}/browse.png`, alt: "" }),
@@ -418,7 +418,7 @@ export class SceneView {
 
   private clicked(place: Place3): void {
     if (this.tape.isOn) this.tape.at(place);
-    else this.context.signals.identify.emit([place[0], place[1]]);
+    else identify(this.context, [place[0], place[1]]);
   }
 
   private leave(): boolean {

@@ -7,7 +7,7 @@ import { ImageFeatures } from "../../map/image-features";
 import { firstBounds } from "../../map/layers";
 import { api } from "../../server/api";
 import type { Bounds, MapPoint } from "../../server/records";
-import type { Context } from "../../session/context";
+import { type Context, openImage } from "../../session/context";
 import { searchBox } from "./box";
 import { type Entry, entriesOf, find, type Goal, type StopFacts } from "./find";
 import "./search.css";
@@ -55,10 +55,10 @@ const factsOf = (feature: Feature<Geometry>): StopFacts => ({
 });
 
 async function go(context: Context, goal: Goal): Promise<void> {
-  const { signals } = context;
+  const { signals, state } = context;
   switch (goal.to) {
     case "sol":
-      signals.sols.emit([goal.sol, goal.sol]);
+      state.set("sol", [goal.sol, goal.sol]);
       fitTo(context, solBounds(context, goal.sol) ?? (await stopsBounds(context, () => true)));
       return;
     case "site":
@@ -68,7 +68,7 @@ async function go(context: Context, goal: Goal): Promise<void> {
       fitTo(context, await stopsBounds(context, ({ stop }) => stop === goal.stop));
       return;
     case "image":
-      signals.image.emit(goal.image);
+      openImage(context, goal.image);
       fitTo(
         context,
         (await imageBounds(context, goal.image)) ??

@@ -1,12 +1,28 @@
 /** Drawing of both eyes' images on a canvas: red and cyan, side by side, or one after the other. */
 
 import type { PairPictures } from "../../server/stereo";
+import type { StereoSight } from "../../session/state";
 import { bestParallax, type Grey, type Sight } from "./fuse";
 
-export type Way = "anaglyph" | "parallel" | "crossed" | "wiggle";
+export type Way = StereoSight["way"];
+
+/** Pixels of the left and the right image that are marked. */
+export type Crosses = readonly [
+  left: readonly [number, number] | null,
+  right: readonly [number, number] | null,
+];
+
+/** What is drawn of the pair: how far the right image is shifted, which eye is seen where they alternate, the marks. */
+export interface Drawn {
+  readonly nudge: number;
+  readonly phase: 0 | 1;
+  readonly crosses: Crosses;
+}
 
 const RED = "#ff0000";
 const CYAN = "#00ffff";
+const MARK = "#ffd400";
+const ARM_PX = 14;
 /** Images are compared at this width; their parallax is at most that share of it. */
 const COARSE_PX = 128;
 const MOST = 0.45;
@@ -45,6 +61,22 @@ function coarse(picture: ImageBitmap): Grey {
   return { width, height, values: data.filter((_, k) => k % 4 === 1) };
 }
 
+/** A cross at a pixel of an image that is drawn from a corner on. */
+function cross(
+  context: CanvasRenderingContext2D,
+  left: number,
+  top: number,
+  [sample, line]: readonly [number, number],
+  scale: number,
+  colour: string,
+): void {
+  const [x, y] = [left + (sample + 0.5) * scale, top + (line + 0.5) * scale];
+  const arms = new Path2D(`M${x - ARM_PX} ${y}h${2 * ARM_PX}M${x} ${y - ARM_PX}v${2 * ARM_PX}`);
+  context.strokeStyle = colour;
+  context.lineWidth = 3;
+  context.stroke(arms);
+}
+
 export class Eyes {
   readonly width: number;
   readonly height: number;
@@ -65,8 +97,8 @@ export class Eyes {
     this.cyan = tinted(right, CYAN);
   }
 
-  /** `phase` selects the eye where they alternate. */
-  draw(canvas: HTMLCanvasElement, way: Way, sight: Sight, nudge: number, phase: 0 | 1): void {
+  draw(canvas: HTMLCanvasElement, way: Way, sight: Sight, drawn: Drawn): void {
+    const { nudge, phase, crosses } = drawn;
     const context = pen(canvas);
     const { width, height } = canvas;
     context.globalCompositeOperation = "source-over";
@@ -74,30 +106,31 @@ export class Eyes {
     context.fillRect(0, 0, width, height);
     context.imageSmoothingEnabled = sight.scale < 2;
     const { left, right } = this.pictures;
-    const put = (picture: CanvasImageSource, middle: number, shift: number) => {
-      const x = middle + (shift - sight.x) * sight.scale;
+    const put = (picture: CanvasImageSource, middle: number, eye: 0 | 1, colour: string) => {
+      const x = middle + ((eye ? nudge : 0) - sight.x) * sight.scale;
       const y = height / 2 - sight.y * sight.scale;
       context.drawImage(picture, x, y, this.width * sight.scale, this.height * sight.scale);
+      const mark = crosses[eye];
+      if (mark) cross(context, x, y, mark, sight.scale, colour);
     };
     switch (way) {
       case "anaglyph":
-        put(this.red, width / 2, 0);
+        put(this.red, width / 2, 0, RED);
         context.globalCompositeOperation = "lighter";
-        put(this.cyan, width / 2, nudge);
+        put(this.cyan, width / 2, 1, CYAN);
         return;
       case "wiggle":
-        put(phase ? right : left, width / 2, phase ? nudge : 0);
+        put(phase ? right : left, width / 2, phase, MARK);
         return;
       case "parallel":
       case "crossed": {
         const [first, second] = way === "parallel" ? [left, right] : [right, left];
-        const shiftOf = (picture: ImageBitmap) => (picture === right ? nudge : 0);
         [first, second].forEach((picture, half) => {
           context.save();
           context.beginPath();
           context.rect((half * width) / 2, 0, width / 2, height);
           context.clip();
-          put(picture, ((2 * half + 1) * width) / 4, shiftOf(picture));
+          put(picture, ((2 * half + 1) * width) / 4, picture === right ? 1 : 0, MARK);
           context.restore();
         });
         return;

@@ -1,68 +1,35 @@
-/** Stereo pairs beside the map: the pair of the image that was opened last, or the first there is. */
+/** Stereo pairs beside the map: the pair of the image that is open, or the first there is. */
 
-import { button } from "../../page/dom";
-import type { Pane } from "../../page/panes";
 import { api } from "../../server/api";
 import type { Context } from "../../session/context";
+import { addPane } from "../../session/pane";
 import { pairOf, pairsOf } from "./fuse";
 
-/** Of the left image in the link. */
-const KEY = "stereo";
-
-export function stereoPart({ page, mission, waiting, keys, signals, link, alive }: Context): void {
-  let image: string | null = null;
-  let isOpen = false;
-  let pane: Pane | null = null;
-  const tool = button("stereo pair (2)", "eyes", () => toggle(), {
-    class: "stereo-tool",
-    "aria-pressed": "false",
+export function stereoPart(context: Context): void {
+  const { mission, state, waiting } = context;
+  addPane(context, "stereo", {
+    title: "Stereo pair",
+    side: "beside",
+    tool: {
+      name: "stereo pair (2)",
+      picture: "eyes",
+      key: "2",
+      does: "stereo pair",
+      class: "stereo-tool",
+      first: () => ({ left: "", way: "anaglyph" as const, parallax: null, sight: null }),
+    },
+    load: async (write) => {
+      const [{ StereoView }, images] = await Promise.all([
+        import("./view"),
+        api.images(mission.mission, {}),
+      ]);
+      const pairs = pairsOf(images);
+      if (pairs.length === 0) {
+        waiting.say("no image of this mission has a stereo partner");
+        return null;
+      }
+      const open = () => pairOf(images, state.get("image")?.id ?? "")?.left.id;
+      return new StereoView(context, pairs, open, write);
+    },
   });
-  const close = () => {
-    isOpen = false;
-    pane = null;
-    link.write(KEY, null);
-    tool.setAttribute("aria-pressed", "false");
-  };
-  const open = async () => {
-    const [{ StereoView }, images] = await Promise.all([
-      import("./view"),
-      api.images(mission.mission, {}),
-    ]);
-    if (!isOpen) return;
-    const pairs = pairsOf(images);
-    if (pairs.length === 0) {
-      close();
-      waiting.say("no image of this mission has a stereo partner");
-      return;
-    }
-    const wanted = image ? pairOf(images, image)?.left.id : undefined;
-    const view = new StereoView(pairs, waiting, ({ left }) => link.write(KEY, left.id));
-    pane = page.panes.open("Stereo pair", view.element, () => {
-      view.dispose();
-      close();
-    });
-    view.show(pairs.find(({ left }) => left.id === wanted) ?? pairs[0]);
-  };
-  function toggle(): void {
-    if (isOpen) {
-      if (pane) pane.close();
-      else close();
-      return;
-    }
-    isOpen = true;
-    tool.setAttribute("aria-pressed", "true");
-    waiting.run(open);
-  }
-  page.addTool(tool);
-  keys.add("2", "stereo pair", toggle);
-  signals.image.on((id) => {
-    image = id;
-  });
-  link.follow(KEY, (id) => {
-    if (isOpen) toggle();
-    if (!id) return;
-    image = id;
-    toggle();
-  });
-  alive.addEventListener("abort", () => pane?.close());
 }

@@ -1,10 +1,14 @@
-/** One stereo pair, looked at with both eyes: its canvas, its controls, pointer and keys. */
+/** One stereo pair, looked at with both eyes: its canvas, its controls, pointer and keys, and the shared cursor. */
 
 import { h } from "../../page/dom";
 import { scopeTitle } from "../../page/format";
+import { projection } from "../../server/projection";
+import type { MapPoint } from "../../server/records";
 import { pairPictures } from "../../server/stereo";
-import type { Waiting } from "../../session/waiting";
-import { Eyes, type Way } from "./eyes";
+import { type Context, identify } from "../../session/context";
+import { Latest } from "../../session/latest";
+import type { StereoSight } from "../../session/state";
+import { type Crosses, Eyes, type Way } from "./eyes";
 import { moved, type Pair, type Sight, whole, zoomed } from "./fuse";
 import "./stereo.css";
 
@@ -16,6 +20,8 @@ const WAYS: readonly (readonly [Way, string])[] = [
 ];
 const TURN_MS = 180;
 const STEP = 1.25;
+const REST_MS = 90;
+const CLICK_PX = 4;
 
 const titleOf = ({ left }: Pair) => `${left.id} · ${scopeTitle(left.stop)} · sol ${left.sol}`;
 
@@ -25,6 +31,7 @@ export class StereoView {
   private readonly host = h("div", { class: "stereo-view" }, this.canvas);
   private readonly said = h("output", { class: "hint" });
   private readonly choice: HTMLSelectElement;
+  private readonly ways: HTMLSelectElement;
   private readonly slider: HTMLInputElement;
   private readonly shift = h("output", { class: "number" });
   private readonly closing = new AbortController();
@@ -35,21 +42,36 @@ export class StereoView {
   private nudge = 0;
   private phase: 0 | 1 = 0;
   private timer: ReturnType<typeof setInterval> | undefined;
+  private pair: Pair | null = null;
+  private isWhole = true;
+  private crosses: Crosses = [null, null];
+  private readonly questions: Latest;
+  private isPointing = false;
 
   constructor(
+    private readonly context: Context,
     private readonly pairs: readonly Pair[],
-    private readonly waiting: Waiting,
-    private readonly shown: (pair: Pair) => void,
+    /** The left image of the pair that is shown where none is named. */
+    private readonly first: () => string | undefined,
+    private readonly write: (value: StereoSight) => void,
   ) {
-    const choose = () => this.show(pairs[Number(this.choice.value)]);
+    this.questions = new Latest(REST_MS, (reason) => context.waiting.fail(reason));
+    const choose = () => {
+      const left = pairs[Number(this.choice.value)]?.left.id ?? "";
+      this.show({ left, way: this.way, parallax: null, sight: null });
+      this.tell();
+    };
     this.choice = h("select", { "aria-label": "pair", name: "pair", onchange: choose });
     this.choice.append(...pairs.map((pair, k) => h("option", { value: k }, titleOf(pair))));
-    const way = h(
+    this.ways = h(
       "select",
       {
         "aria-label": "way of looking",
         name: "way",
-        onchange: () => this.look(way.value as Way),
+        onchange: () => {
+          this.look(this.ways.value as Way);
+          this.tell();
+        },
       },
       ...WAYS.map(([value, title]) => h("option", { value }, title)),
     );
@@ -57,7 +79,10 @@ export class StereoView {
       type: "range",
       name: "nudge",
       "aria-label": "parallax on the screen, pixels",
-      oninput: () => this.put(Number(this.slider.value)),
+      oninput: () => {
+        this.put(Number(this.slider.value));
+        this.tell();
+      },
     });
     const full = () => void this.element.requestFullscreen();
     this.element = h(
@@ -71,7 +96,7 @@ export class StereoView {
         h(
           "div",
           { class: "inline" },
-          way,
+          this.ways,
           h(
             "button",
             { type: "button", class: "plain", name: "full", onclick: full },
@@ -86,25 +111,46 @@ export class StereoView {
     this.listen();
   }
 
-  show(pair: Pair | undefined): void {
+  show({ left, way, parallax, sight }: StereoSight): void {
+    const wanted = left || this.first();
+    const pair = this.pairs.find((one) => one.left.id === wanted) ?? this.pairs[0];
     if (!pair) return;
+    this.ways.value = way;
+    const place = () => {
+      this.isWhole = sight === null;
+      if (sight)
+        this.sight = { scale: sight.scale * this.pixelRatio, x: sight.sample, y: sight.line };
+      this.look(way);
+      this.put(parallax ?? this.eyes?.parallax ?? 0);
+    };
+    if (pair === this.pair) {
+      place();
+      return;
+    }
+    this.pair = pair;
+    this.crosses = [null, null];
     this.choice.value = String(this.pairs.indexOf(pair));
-    this.shown(pair);
     this.element.dataset["settled"] = "false";
     this.canvas.setAttribute("aria-label", `stereo pair ${pair.left.id} and ${pair.right.id}`);
-    this.waiting.run(async () => {
+    this.context.waiting.run(async () => {
       const pictures = await pairPictures(pair.left, pair.right, this.closing.signal);
+      if (pair !== this.pair) return;
       this.eyes?.dispose();
       this.eyes = new Eyes(pictures);
       this.open(this.eyes);
+      place();
+      this.tell();
+      this.element.dataset["settled"] = "true";
     });
   }
 
   dispose(): void {
     clearInterval(this.timer);
+    this.questions.stop();
     this.closing.abort();
     this.resized.disconnect();
     this.eyes?.dispose();
+    this.context.signals.cursor.emit(null);
   }
 
   private open(eyes: Eyes): void {
@@ -113,9 +159,19 @@ export class StereoView {
     this.said.textContent = eyes.isLinearised
       ? "Rows correspond exactly. Arrow keys: parallax; plus and minus, wheel: nearer; drag: move."
       : "This pair was not matched: its images are not epipolar, rows may differ.";
-    this.fit();
-    this.put(eyes.parallax);
-    this.element.dataset["settled"] = "true";
+  }
+
+  /** Records what is seen; the parallax and the part that a pair is shown with at first are not named. */
+  private tell(): void {
+    const { pair, eyes, way, nudge, isWhole } = this;
+    if (!pair || !eyes) return;
+    const { scale, x, y } = this.sight;
+    this.write({
+      left: pair.left.id,
+      way,
+      parallax: nudge === eyes.parallax ? null : nudge,
+      sight: isWhole ? null : { scale: scale / this.pixelRatio, sample: x, line: y },
+    });
   }
 
   /** Has points of that parallax, in pixels, lie on the screen. */
@@ -147,33 +203,128 @@ export class StereoView {
     this.canvas.width = Math.round(clientWidth * this.pixelRatio);
     this.canvas.height = Math.round(clientHeight * this.pixelRatio);
     const { width, height } = this.canvas;
-    const isHalved = this.way === "parallel" || this.way === "crossed";
-    this.sight = whole(this.eyes.width, this.eyes.height, isHalved ? width / 2 : width, height);
+    if (this.isWhole)
+      this.sight = whole(this.eyes.width, this.eyes.height, width / this.halves, height);
     this.draw();
   }
 
+  /** Images beside each other on the canvas. */
+  private get halves(): number {
+    return this.way === "parallel" || this.way === "crossed" ? 2 : 1;
+  }
+
   private draw(): void {
-    this.eyes?.draw(this.canvas, this.way, this.sight, this.nudge, this.phase);
+    const { way, sight, nudge, phase, crosses } = this;
+    this.eyes?.draw(this.canvas, way, sight, { nudge, phase, crosses });
   }
 
   private see(sight: Sight): void {
     this.sight = sight;
+    this.isWhole = false;
     this.draw();
+    this.tell();
+  }
+
+  /** The pixel of the left image at a place of the canvas; null where that shows the other one. */
+  private pixelAt({ offsetX, offsetY }: MouseEvent): readonly [number, number] | null {
+    const { eyes, canvas, sight, way } = this;
+    if (!eyes) return null;
+    const width = canvas.clientWidth / this.halves;
+    const left = way === "crossed" ? width : 0;
+    const x = sight.x + ((offsetX - left - width / 2) * this.pixelRatio) / sight.scale - 0.5;
+    const y = sight.y + ((offsetY - canvas.clientHeight / 2) * this.pixelRatio) / sight.scale - 0.5;
+    const isOn = offsetX >= left && offsetX < left + width;
+    return isOn && x >= -0.5 && y >= -0.5 && x < eyes.width && y < eyes.height ? [x, y] : null;
+  }
+
+  /** The ground at a pixel of the left image. */
+  private async groundAt(at: readonly [number, number], signal?: AbortSignal) {
+    const { pair, eyes, context } = this;
+    if (!pair || !eyes) return null;
+    const { mission } = context.mission;
+    const { id } = pair.left;
+    const pixel = eyes.isLinearised ? await projection.stored(id, at, signal) : at;
+    const { ground } = await projection.toGround(mission, id, pixel, signal);
+    return ground && ([ground.east, ground.north] as const);
+  }
+
+  private hover(event: MouseEvent | null): void {
+    const at = event && this.pixelAt(event);
+    this.isPointing = at !== null;
+    if (at)
+      this.questions.ask(async (signal) => {
+        const ground = await this.groundAt(at, signal);
+        this.element.dataset["ground"] = ground?.join(",") ?? "";
+        this.context.signals.cursor.emit(ground);
+      });
+    else {
+      this.questions.stop();
+      this.context.signals.cursor.emit(null);
+    }
+  }
+
+  private click(event: MouseEvent): void {
+    const at = this.pixelAt(event);
+    if (at)
+      this.context.waiting.run(async () => {
+        const ground = await this.groundAt(at);
+        if (ground) identify(this.context, ground);
+      });
+  }
+
+  /** Marks a place of the map in both images. */
+  private mark(point: MapPoint | null): void {
+    if (this.isPointing) return;
+    if (!point) this.questions.stop();
+    else
+      this.questions.ask(async (signal) => {
+        const { mission } = this.context.mission;
+        const { images } = await projection.toImages(mission, point, signal);
+        const { pair, eyes } = this;
+        const at = (id: string | undefined) => {
+          const seen = images.find(({ image }) => image === id);
+          const [x, y] = eyes?.isLinearised
+            ? [seen?.linearised_sample, seen?.linearised_line]
+            : [seen?.sample, seen?.line];
+          return typeof x === "number" && typeof y === "number" ? ([x, y] as const) : null;
+        };
+        this.crosses = [at(pair?.left.id), at(pair?.right.id)];
+        this.element.dataset["crosses"] = this.crosses.map((one) => one?.join(",") ?? "").join(";");
+        this.draw();
+      });
   }
 
   private listen(): void {
     const { signal } = this.closing;
     const { canvas } = this;
+    const { signals } = this.context;
+    let dragged = 0;
     const wheel = (event: WheelEvent) => {
       event.preventDefault();
       const dx = (event.offsetX - canvas.clientWidth / 2) * this.pixelRatio;
       const dy = (event.offsetY - canvas.clientHeight / 2) * this.pixelRatio;
       this.see(zoomed(this.sight, Math.exp(-event.deltaY / 400), dx, dy));
     };
-    const drag = ({ buttons, movementX, movementY }: PointerEvent) => {
+    const drag = (event: PointerEvent) => {
+      const { buttons, movementX, movementY } = event;
       const ratio = this.pixelRatio;
-      if (buttons & 1) this.see(moved(this.sight, movementX * ratio, movementY * ratio));
+      if (!(buttons & 1)) {
+        this.hover(event);
+        return;
+      }
+      dragged += Math.hypot(movementX, movementY);
+      if (dragged > CLICK_PX) this.see(moved(this.sight, movementX * ratio, movementY * ratio));
     };
+    const stops = [
+      signals.pointer.on((pointed) => this.mark(pointed?.point ?? null)),
+      signals.cursor.on((point) => point && this.mark(point)),
+    ];
+    signal.addEventListener("abort", () => stops.forEach((stop) => stop()));
+    canvas.addEventListener("pointerdown", () => (dragged = 0), { signal });
+    canvas.addEventListener("pointerleave", () => this.hover(null), { signal });
+    canvas.addEventListener("click", (event) => dragged <= CLICK_PX && this.click(event), {
+      signal,
+    });
     canvas.addEventListener("wheel", wheel, { signal, passive: false });
     canvas.addEventListener("pointermove", drag, { signal });
     canvas.addEventListener("keydown", (event) => this.key(event), { signal });
@@ -181,9 +332,10 @@ export class StereoView {
 
   private key(event: KeyboardEvent): void {
     const step = event.shiftKey ? 10 : 1;
-    if (event.key === "ArrowLeft") this.put(this.nudge - step);
-    else if (event.key === "ArrowRight") this.put(this.nudge + step);
-    else if (event.key === "+") this.see(zoomed(this.sight, STEP, 0, 0));
+    if (event.key === "ArrowLeft" || event.key === "ArrowRight") {
+      this.put(this.nudge + (event.key === "ArrowLeft" ? -step : step));
+      this.tell();
+    } else if (event.key === "+") this.see(zoomed(this.sight, STEP, 0, 0));
     else if (event.key === "-") this.see(zoomed(this.sight, 1 / STEP, 0, 0));
     else return;
     event.preventDefault();

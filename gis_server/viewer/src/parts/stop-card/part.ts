@@ -51,15 +51,20 @@ async function rowOf(
 }
 
 function actionsOf(
-  { signals, places }: Context,
+  { page, state, places }: Context,
   stop: string,
   point: MapPoint,
   hasPanorama: boolean,
 ) {
+  const panorama = { stop, sight: null };
+  const images = () => {
+    state.set("images", stop);
+    page.showTab("images");
+  };
   const scene = places.offered.find(({ title }) => title === "3D here");
   return [
-    { name: "Images", run: () => signals.imagesOf.emit(stop) },
-    ...(hasPanorama ? [{ name: "Panorama", run: () => signals.panorama.emit(stop) }] : []),
+    { name: "Images", run: images },
+    ...(hasPanorama ? [{ name: "Panorama", run: () => state.set("panorama", panorama) }] : []),
     ...(scene ? [{ name: "3D view", run: () => scene.run(point) }] : []),
   ];
 }

@@ -8,7 +8,7 @@ import type { SunPlace } from "../../map/shading";
 import { ShadowLayer } from "../../map/shadow-layer";
 import type { RasterLayer } from "../../server/records";
 import type { Context } from "../../session/context";
-import type { Light } from "./light";
+import type { Light } from "../../session/state";
 
 const TINT = 0.75;
 

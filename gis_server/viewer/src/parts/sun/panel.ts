@@ -6,7 +6,8 @@ import { facts, h } from "../../page/dom";
 import { fixed } from "../../page/format";
 import { colourLegend } from "../../page/legend";
 import type { RasterLayer } from "../../server/records";
-import { clock, type Light, type Sky } from "./light";
+import type { Light, Sky } from "../../session/state";
+import { clock } from "./light";
 import { stylesOf } from "./overlays";
 import type { Daylight } from "./sun-place";
 

@@ -8,47 +8,40 @@ import { scopeTitle } from "../../page/format";
 import { api } from "../../server/api";
 import type { RasterLayer } from "../../server/records";
 import type { Context } from "../../session/context";
-import { formatLight, formatSky, type Light, parseLight, parseSky, type Sky } from "./light";
+import type { Light, Sky } from "../../session/state";
 import { solsBegin } from "./mars-time";
 import { Overlays } from "./overlays";
 import { type SunPanel, sunPanel } from "./panel";
 import "./sun.css";
 import { type Daylight, daylight } from "./sun-place";
 
-const [SUN, LIVE, GROUND] = ["sun", "live", "ground"] as const;
-
 export function sunPart(context: Context): void {
-  const { page, layers, link, sun, mission, waiting, signals, alive } = context;
-  const tab = page.addTab("sun", "Sun");
+  const { page, layers, state, sun, mission, waiting, alive } = context;
+  const tab = page.addTab("sun");
   const overlays = new Overlays(context);
-  let sky: Sky = parseSky(link.read(SUN)) ?? { by: "hand", sun: sun.value };
-  let light = parseLight(link.read(LIVE));
+  const sky = (): Sky => state.get("sun") ?? { by: "hand", sun: CARTOGRAPHERS_SUN };
   let begin: number | null = null;
   let panel: SunPanel | null = null;
 
-  const daily = (): Daylight | null =>
-    sky.by === "time" && begin !== null
-      ? daylight(mission.landing, begin, sky.sol, sky.hours)
-      : null;
-  const place = (): SunPlace => (sky.by === "hand" ? sky.sun : (daily()?.sun ?? sun.value));
-  const show = () => overlays.show(groundOf(context), light, sun.value);
-  const follow = () => panel?.follow({ sky, sun: sun.value, day: daily(), light });
+  const daily = (): Daylight | null => {
+    const now = sky();
+    if (now.by === "hand" || begin === null) return null;
+    return daylight(mission.landing, begin, now.sol, now.hours);
+  };
+  const place = (): SunPlace => {
+    const now = sky();
+    return now.by === "hand" ? now.sun : (daily()?.sun ?? sun.value);
+  };
+  const show = () => overlays.show(groundOf(context), state.get("live"), sun.value);
+  const follow = () =>
+    panel?.follow({ sky: sky(), sun: sun.value, day: daily(), light: state.get("live") });
   let frame = 0;
   const shine = () => {
     cancelAnimationFrame(frame); // a slider sends more events than the map draws frames
     frame = requestAnimationFrame(() => sun.set(place()));
   };
-  const setSky = (next: Sky) => {
-    sky = next;
-    link.write(SUN, formatSky(sky));
-    shine();
-  };
-  const setLight = (next: Light) => {
-    light = next;
-    link.write(LIVE, formatLight(light));
-    follow();
-    show();
-  };
+  const setSky = (next: Sky) => state.set("sun", next);
+  const setLight = (next: Light) => state.set("live", next);
   const draw = () => {
     const ground = groundOf(context);
     const known = layers.all.filter((layer) => isElevation(layer) && hasValues(layer));
@@ -59,10 +52,7 @@ export function sunPart(context: Context): void {
     const titles = known.map(
       ({ id, kind, scope }) => [id, `${kindTitle(kind)} · ${scopeTitle(scope)}`] as const,
     );
-    const setGround = (id: string) => {
-      link.write(GROUND, id);
-      draw();
-    };
+    const setGround = (id: string) => state.set("ground", id);
     const firstSol = begin === null ? null : (layers.all.flatMap(({ sols }) => [...sols])[0] ?? 0);
     panel = sunPanel(titles, ground, firstSol, { setSky, setLight, setGround });
     tab.replaceChildren(panel.element);
@@ -75,13 +65,12 @@ export function sunPart(context: Context): void {
     sun.set(place());
   };
 
-  const restore = () => {
-    sky = parseSky(link.read(SUN)) ?? { by: "hand", sun: CARTOGRAPHERS_SUN };
-    light = parseLight(link.read(LIVE));
-    draw();
-    sun.set(place());
-  };
-  for (const key of [SUN, LIVE, GROUND]) link.onRestored(key, restore);
+  state.on("sun", shine);
+  state.on("ground", draw);
+  state.on("live", () => {
+    follow();
+    show();
+  });
   sun.changed.on(() => {
     follow();
     show();
@@ -89,8 +78,9 @@ export function sunPart(context: Context): void {
   layers.replaced.on(draw);
   layers.rearranged.on(show);
   layers.changed.on(show);
-  signals.sols.on((sols) => {
-    if (sols !== null && sky.by === "time") setSky({ ...sky, sol: sols[1] });
+  state.on("sol", (sols) => {
+    const now = sky();
+    if (sols !== null && now.by === "time") setSky({ ...now, sol: sols[1] });
   });
   alive.addEventListener("abort", () => overlays.clear());
   draw();
@@ -98,8 +88,8 @@ export function sunPart(context: Context): void {
 }
 
 /** The terrain model that is shone on: the chosen one, or the widest. */
-function groundOf({ layers, link }: Context): RasterLayer | null {
-  const chosen = layers.all.find(({ id }) => id === link.read(GROUND));
+function groundOf({ layers, state }: Context): RasterLayer | null {
+  const chosen = layers.all.find(({ id }) => id === state.get("ground"));
   const widest = [...layers.widest("region-dtm"), ...layers.widest("dtm")];
   return [...(chosen ? [chosen] : []), ...widest].find(hasValues) ?? null;
 }

@@ -3,23 +3,10 @@ import { rasterLayer, vectorLayer } from "../../fixtures";
 import { half } from "../../map/clipping";
 import { colouringOfDifference, commonGround, overlaps } from "../../map/difference";
 import { statistics } from "../../map/statistics";
-import { firstPair, formatComparison, parseComparison } from "./comparison";
+import { firstPair } from "./comparison";
 
 const A = rasterLayer("mer2-site0010-drive0064", "dtm");
 const B = { ...rasterLayer("mer2-site0011-drive0000", "dtm"), bounds: [0, 10, 90, 90] as const };
-
-test.each(["swipe,mer2/dtm,mer2/slope,0.25", "difference,mer2/a,mer2/b,0.05", "difference,a,b"])(
-  "the link %s comes back",
-  (text) => expect(formatComparison(parseComparison(text) as never)).toBe(text),
-);
-
-test.each([null, "", "swipe,a", "blink,a,b"])("%s compares nothing", (text) =>
-  expect(parseComparison(text)).toBeNull(),
-);
-
-test("a divider off the map is placed in its middle", () => {
-  expect(parseComparison("swipe,a,b,7")?.at).toBe(0.5);
-});
 
 test("two layers of a kind are compared, before any other two", () => {
   const slope = rasterLayer("mer2", "slope");

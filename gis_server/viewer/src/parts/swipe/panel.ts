@@ -8,9 +8,9 @@ import { h } from "../../page/dom";
 import { measured, scopeTitle, sigmaText, unitSign } from "../../page/format";
 import { colourLegend } from "../../page/legend";
 import type { Layer } from "../../server/records";
-import { type Comparison, type Mode, MODES } from "./comparison";
+import { type Comparison, COMPARISONS } from "../../session/state";
 
-const TITLES: Readonly<Record<Mode, string>> = {
+const TITLES: Readonly<Record<Comparison["mode"], string>> = {
   swipe: "Swipe",
   difference: "Difference",
 };
@@ -47,7 +47,7 @@ export function comparisonPanel(
   actions: ComparisonActions,
 ): HTMLElement {
   if (!offered) return h("p", { class: "hint" }, "Two rasters are needed to compare anything.");
-  const modes = MODES.map((mode) =>
+  const modes = COMPARISONS.map((mode) =>
     h(
       "button",
       {

@@ -6,13 +6,12 @@ import type { Context } from "../../session/context";
 import { bringVersions } from "../../session/versions";
 import { isVersion } from "../../server/versions";
 import type { Layer } from "../../server/records";
-import { type Comparison, firstPair, formatComparison, parseComparison } from "./comparison";
+import type { Comparison } from "../../session/state";
+import { firstPair } from "./comparison";
 import { showDifference } from "./difference";
 import { comparisonPanel, layerName } from "./panel";
 import "./swipe.css";
 import { showSwipe } from "./swipe";
-
-const KEY = "compare";
 
 /** Shows a comparison until the returned function is called; an error gives the reason why it cannot. */
 export type Show = (
@@ -24,10 +23,10 @@ export type Show = (
 ) => () => void;
 
 export function swipePart(context: Context): void {
-  const { page, layers, link, keys, signals, waiting, alive } = context;
-  const panel = page.addTab("compare", "Compare");
+  const { page, layers, state, keys, waiting, alive } = context;
+  const panel = page.addTab("compare");
   const box = h("div");
-  let running = parseComparison(link.read(KEY));
+  let running = state.get("compare");
   let undo: () => void = () => undefined;
 
   const offered = (): Comparison | null => {
@@ -48,7 +47,7 @@ export function swipePart(context: Context): void {
   };
   const keep = (comparison: Comparison | null) => {
     running = comparison;
-    link.write(KEY, comparison && formatComparison(comparison));
+    state.set("compare", comparison);
   };
   const begin = () => {
     undo();
@@ -91,17 +90,6 @@ export function swipePart(context: Context): void {
     begin();
     draw();
   });
-  signals.compare.on((asked) => {
-    keep({ ...asked, at: 0.5, most: null });
-    begin();
-    draw();
-    page.showTab("compare");
-  });
-  link.onRestored(KEY, () => {
-    running = parseComparison(link.read(KEY));
-    begin();
-    draw();
-  });
   const linked = running ? [running.a, running.b].filter(isVersion) : [];
   let isComing = linked.length > 0;
   if (isComing)
@@ -115,6 +103,12 @@ export function swipePart(context: Context): void {
     page.showTab("compare");
   });
   alive.addEventListener("abort", () => undo());
+  state.on("compare", (comparison) => {
+    if (comparison === running) return;
+    running = comparison;
+    begin();
+    draw();
+  });
   begin();
   draw();
 }

@@ -1,15 +1,6 @@
 import { expect, test } from "vitest";
-import {
-  ALL,
-  cellText,
-  choicesOf,
-  type Column,
-  formatTable,
-  listed,
-  parseTable,
-  type Row,
-  tableCsv,
-} from "./rows";
+import { cellText, choicesOf, type Column, listed, type Row, tableCsv } from "./rows";
+import { ALL_ROWS } from "../../session/state";
 
 const row = (id: string, values: Row["values"]): Row => ({ id, values, geometry: null });
 const ROWS = [
@@ -19,7 +10,8 @@ const ROWS = [
 ];
 const NORTH: Column = { key: "north", title: "north", sigma: "sigma", resolution: 0.01, width: 9 };
 const NAME: Column = { key: "name", title: "name, or so", width: 9 };
-const ids = (query: Partial<typeof ALL>) => listed(ROWS, { ...ALL, ...query }).map(({ id }) => id);
+const ids = (query: Partial<typeof ALL_ROWS>) =>
+  listed(ROWS, { ...ALL_ROWS, ...query }).map(({ id }) => id);
 
 test("numbers in names are sorted as numbers, and what is not known comes last", () => {
   expect(ids({ sort: "name" })).toEqual(["a", "b", "c"]);
@@ -41,15 +33,4 @@ test("a file has all digits, and standard deviations in columns of their own", (
   expect(tableCsv(ROWS.slice(0, 2), [NAME, NORTH])).toBe(
     "name,north,sigma\n2N9,1.23456,0.05\n2N10,,\n",
   );
-});
-
-test("a link brings back the table", () => {
-  const query = {
-    sort: "sol",
-    isDescending: true,
-    words: "a & b",
-    choices: new Map([["eye", "left"]]),
-  };
-  expect(parseTable(formatTable("images", query))).toEqual({ subject: "images", query });
-  expect(parseTable(formatTable("ties", ALL))).toEqual({ subject: "ties", query: ALL });
 });

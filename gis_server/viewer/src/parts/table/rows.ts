@@ -8,6 +8,7 @@
 import { csvRow } from "../../page/csv";
 import type { GeoJsonFeature, GeoJsonGeometry } from "../../map/mars-geojson";
 import { digits, measured } from "../../page/format";
+import type { Query } from "../../session/state";
 
 export type Value = string | number | null;
 
@@ -32,18 +33,6 @@ export interface Row {
   /** In metres of the local map; null: none, or it is fetched when it is needed. */
   readonly geometry: GeoJsonGeometry | null;
 }
-
-/** What of a table is listed. */
-export interface Query {
-  readonly sort: string | null;
-  readonly isDescending: boolean;
-  /** All of these words occur in a row. */
-  readonly words: string;
-  /** Values that rows have in columns of choices. */
-  readonly choices: ReadonlyMap<string, string>;
-}
-
-export const ALL: Query = { sort: null, isDescending: false, words: "", choices: new Map() };
 
 const collator = new Intl.Collator("en", { numeric: true });
 /** Order of two values; what is not known comes last either way. */
@@ -102,27 +91,3 @@ export function tableCsv(rows: readonly Row[], columns: readonly Column[]): stri
 
 export const tableFeatures = (rows: readonly Row[]): readonly GeoJsonFeature[] =>
   rows.map(({ id, values, geometry }) => ({ type: "Feature", id, geometry, properties: values }));
-
-/** `of=images&sort=-sol&find=…&is.instrument=NAVCAM`: the table in a link. */
-export function formatTable(subject: string, query: Query): string {
-  const parts = new URLSearchParams({ of: subject });
-  if (query.sort) parts.set("sort", `${query.isDescending ? "-" : ""}${query.sort}`);
-  if (query.words) parts.set("find", query.words);
-  for (const [key, value] of query.choices) parts.set(`is.${key}`, value);
-  return parts.toString();
-}
-
-export function parseTable(text: string): { readonly subject: string; readonly query: Query } {
-  const parts = new URLSearchParams(text);
-  const sort = parts.get("sort");
-  const choices = [...parts].filter(([key]) => key.startsWith("is."));
-  return {
-    subject: parts.get("of") ?? "",
-    query: {
-      sort: sort?.replace(/^-/, "") ?? null,
-      isDescending: sort?.startsWith("-") ?? false,
-      words: parts.get("find") ?? "",
-      choices: new Map(choices.map(([key, value]) => [key.slice(3), value] as const)),
-    },
-  };
-}

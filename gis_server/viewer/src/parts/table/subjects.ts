@@ -5,12 +5,13 @@ import { api, ApiError } from "../../server/api";
 import { edits } from "../../server/edits";
 import type { Bounds, ImageEntry, Layer, VectorLayer } from "../../server/records";
 import type { Context } from "../../session/context";
+import type { Table } from "../../session/state";
 import { isAdjusted } from "../../map/styles";
 import type { GeoJsonFeature } from "../../map/mars-geojson";
 import type { Column, Row, Value } from "./rows";
 
 export interface Subject {
-  readonly key: string;
+  readonly key: Table["subject"];
   readonly title: string;
   readonly columns: readonly Column[];
   /** Property of a feature on the map that names its row. */

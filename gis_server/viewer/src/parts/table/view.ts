@@ -14,20 +14,10 @@ import { drawHighlight } from "../../map/styles";
 import { h } from "../../page/dom";
 import { saveFile } from "../../page/save";
 import { api } from "../../server/api";
-import type { Context, Pointed } from "../../session/context";
+import { type Context, identify, openImage, type Pointed } from "../../session/context";
+import { ALL_ROWS, type Query, type Table, TABLES } from "../../session/state";
 import { Grid } from "./grid";
-import {
-  ALL,
-  choicesOf,
-  type Column,
-  formatTable,
-  listed,
-  parseTable,
-  type Query,
-  type Row,
-  tableCsv,
-  tableFeatures,
-} from "./rows";
+import { choicesOf, type Column, listed, type Row, tableCsv, tableFeatures } from "./rows";
 import { type Subject, SUBJECTS } from "./subjects";
 
 const Z_INDEX = 999;
@@ -38,7 +28,6 @@ const AROUND_M = 6;
 const COARSEST_M = 0.25;
 /** Names in one question. */
 const NAMES_AT_ONCE = 100;
-const FIRST = SUBJECTS[0] as Subject;
 
 export class TableView {
   readonly element: HTMLElement;
@@ -61,20 +50,20 @@ export class TableView {
   });
   private readonly subjects = h(
     "select",
-    { "aria-label": "table", onchange: () => this.turnTo(this.subjects.value) },
+    { "aria-label": "table", onchange: () => this.turnTo() },
     ...SUBJECTS.map(({ key, title }) => h("option", { value: key }, title)),
   );
-  private subject = FIRST;
-  private query: Query = ALL;
+  private subject = SUBJECTS[0] as Subject;
+  private query: Query = ALL_ROWS;
   private rows: readonly Row[] = [];
   private shown: readonly Row[] = [];
   private loading = 0;
 
   constructor(
     private readonly context: Context,
-    private readonly remember: (state: string) => void,
+    private readonly write: (table: Table) => void,
   ) {
-    const { view, signals, layers, mission } = context;
+    const { view, signals, layers, mission, state } = context;
     this.grid = new Grid({
       sort: (column) => this.sort(column),
       choose: (row) => this.choose(row),
@@ -105,7 +94,7 @@ export class TableView {
     this.footprints = new ImageFeatures(() => layers.widest("footprints"));
     this.forget = [
       signals.click.on((pointed) => this.clicked(pointed)),
-      signals.image.on((id) => this.mark("image", id)),
+      state.on("image", (image) => image && this.mark("image", image.id)),
       layers.replaced.on(() => this.load()),
       signals.happened.on(({ kind, document }) => {
         const isOfEdits = kind === "edits.changed" && document.mission === mission.mission;
@@ -124,10 +113,8 @@ export class TableView {
     this.grid.dispose();
   }
 
-  /** Shows the table of a link; null: the first one. */
-  follow(text: string | null): void {
-    const { subject, query } = parseTable(text ?? "");
-    const wanted = SUBJECTS.find(({ key }) => key === subject) ?? FIRST;
+  show({ subject, ...query }: Table): void {
+    const wanted = SUBJECTS.find(({ key }) => key === subject) ?? this.subject;
     const isOther = wanted !== this.subject || this.loading === 0;
     [this.subject, this.query] = [wanted, query];
     this.subjects.value = wanted.key;
@@ -136,8 +123,10 @@ export class TableView {
     else this.draw();
   }
 
-  private turnTo(key: string): void {
-    this.follow(formatTable(key, ALL));
+  private turnTo(): void {
+    const { value } = this.subjects;
+    const subject = TABLES.find((key) => key === value);
+    if (subject) this.show({ subject, ...ALL_ROWS });
   }
 
   private load(): void {
@@ -206,7 +195,7 @@ export class TableView {
     this.count.textContent = some === all ? `${all} rows` : `${some} of ${all} rows`;
     this.grid.show(subject.title, subject.columns, this.shown, query);
     this.grid.mounted();
-    this.remember(formatTable(subject.key, query));
+    this.write({ subject: subject.key, ...query });
   }
 
   /** Shows the feature of a row on the map. */
@@ -232,11 +221,10 @@ export class TableView {
   }
 
   private open({ id, geometry }: Row): void {
-    const { signals } = this.context;
-    if (this.subject.key === "images") signals.image.emit(id);
+    if (this.subject.key === "images") openImage(this.context, id);
     else if (geometry?.type === "Point") {
       const [east = 0, north = 0] = geometry.coordinates as readonly number[];
-      signals.identify.emit([east, north]);
+      identify(this.context, [east, north]);
     }
   }
 

@@ -6,6 +6,7 @@ import { ApiError } from "../../server/api";
 import { network, type Solution, type TraverseAnswer } from "../../server/network";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
+import { addPane } from "../../session/pane";
 import {
   differencesCsv,
   differenceTable,
@@ -22,12 +23,10 @@ const NONE = "No adjustment has been made yet: there is nothing to compare telem
 export class Comparison {
   readonly element = h("div", { class: "comparison" });
   private readonly vectors: DifferenceVectors;
-  private readonly profile: LinkedProfile;
+  private profile: LinkedProfile | null = null;
   private readonly table = h("div");
   private solutions: readonly Solution[] = [];
   private answer: TraverseAnswer | null = null;
-  private solution = LATEST;
-  private reference = TELEMETRY_NAME;
   private bySol = false;
   private hasVectors = false;
   private factor = 1;
@@ -37,7 +36,21 @@ export class Comparison {
     private readonly zoomTo: (at: MapPoint) => void,
   ) {
     this.vectors = new DifferenceVectors(context.view.map);
-    this.profile = new LinkedProfile(context);
+    context.state.on("solutions", () => context.waiting.run(() => this.compare()));
+    addPane(context, "traverse", {
+      title: "Vertical profile of the traverse",
+      side: "below",
+      load: async () => {
+        const profile = new LinkedProfile(context);
+        this.profile = profile;
+        if (this.answer) profile.draw(this.answer);
+        const dispose = () => {
+          profile.dispose();
+          this.profile = null;
+        };
+        return { element: profile.element, dispose };
+      },
+    });
     context.alive.addEventListener("abort", () => this.vectors.dispose());
   }
 
@@ -56,17 +69,18 @@ export class Comparison {
   }
 
   private async compare(): Promise<void> {
-    const { mission } = this.context.mission;
-    this.answer = await network.traverse(mission, this.solution, this.reference);
+    const { mission, state } = this.context;
+    const { solution, reference } = state.get("solutions");
+    this.answer = await network.traverse(mission.mission, solution, reference);
     this.factor = vectorFactor(this.answer);
     this.draw(this.answer);
     this.show();
-    if (this.profile.isOpen) this.profile.open(this.answer);
+    this.profile?.draw(this.answer);
   }
 
   private choose(part: "solution" | "reference", value: string): void {
-    this[part] = value;
-    this.context.waiting.run(() => this.compare());
+    const { state } = this.context;
+    state.set("solutions", { ...state.get("solutions"), [part]: value });
   }
 
   private show(): void {
@@ -74,7 +88,7 @@ export class Comparison {
   }
 
   private draw(answer: TraverseAnswer): void {
-    const openProfile = () => this.profile.open(answer);
+    const openProfile = () => this.context.state.set("traverse", true);
     const csv = () => saveFile("differences.csv", "text/csv", differencesCsv(answer));
     this.drawTable(answer);
     this.element.replaceChildren(
@@ -102,21 +116,22 @@ export class Comparison {
   }
 
   private selects(): HTMLElement {
+    const chosen = this.context.state.get("solutions");
     const option = (value: string, title: string, chosen: string) =>
       h("option", { value, selected: value === chosen }, title);
-    const named = (chosen: string) =>
-      this.solutions.map((one) => option(one.id, solutionTitle(one, this.solutions), chosen));
+    const named = (id: string) =>
+      this.solutions.map((one) => option(one.id, solutionTitle(one, this.solutions), id));
     const solution = h(
       "select",
       { class: "solution", onchange: () => this.choose("solution", solution.value) },
-      option(LATEST, "latest adjustment", this.solution),
-      ...named(this.solution),
+      option(LATEST, "latest adjustment", chosen.solution),
+      ...named(chosen.solution),
     );
     const reference = h(
       "select",
       { class: "reference", onchange: () => this.choose("reference", reference.value) },
-      option(TELEMETRY_NAME, "telemetry", this.reference),
-      ...named(this.reference),
+      option(TELEMETRY_NAME, "telemetry", chosen.reference),
+      ...named(chosen.reference),
     );
     return h(
       "div",

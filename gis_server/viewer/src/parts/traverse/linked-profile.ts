@@ -1,4 +1,4 @@
-/** The profile in the dock below the map, its cursor tied to that of the map both ways. */
+/** The profile below the map, its cursor tied to that of the map both ways. */
 
 import { h } from "../../page/dom";
 import { measuring, type Profile } from "../../server/measure";
@@ -10,34 +10,33 @@ import { LineLink } from "../../session/line-link";
 import { profileChart } from "./profile";
 
 export class LinkedProfile {
+  readonly element = h("div", { class: "linked-profile" });
   private readonly link: LineLink;
   private line: readonly MapPoint[] = [];
-  private readonly body = h("div", { class: "linked-profile" });
+  private isOpen = true;
 
   constructor(private readonly context: Context) {
     this.link = new LineLink(context);
   }
 
-  get isOpen(): boolean {
-    return this.link.isOn;
-  }
-
-  open(answer: TraverseAnswer): void {
-    const { page, waiting } = this.context;
+  draw(answer: TraverseAnswer): void {
     this.line = answer.rows.map(({ place }): MapPoint => [place[0], place[1]]);
-    if (!this.isOpen)
-      page.below.open("Vertical profile of the traverse", this.body, () => this.link.off());
-    this.draw(answer, null);
-    waiting.run(async () => {
+    this.chart(answer, null);
+    this.context.waiting.run(async () => {
       const ground = await this.ground();
-      if (ground && this.isOpen) this.draw(answer, ground);
+      if (ground && this.isOpen) this.chart(answer, ground);
     });
   }
 
-  private draw(answer: TraverseAnswer, ground: Profile | null): void {
+  dispose(): void {
+    this.isOpen = false;
+    this.link.off();
+  }
+
+  private chart(answer: TraverseAnswer, ground: Profile | null): void {
     const drawn = profileChart(answer, ground, this.link.tell);
     this.link.on(this.line, drawn);
-    this.body.replaceChildren(drawn.element);
+    this.element.replaceChildren(drawn.element);
   }
 
   /** The ground below the traverse; null where none of it was mapped. */

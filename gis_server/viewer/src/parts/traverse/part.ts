@@ -15,7 +15,7 @@ const STOP_VIEW_M = 24;
 
 export function traversePart(context: Context): void {
   const { page, view, layers, waiting } = context;
-  const panel = page.addTab("stops", "Traverse");
+  const panel = page.addTab("stops");
   const zoomTo = ([east, north]: MapPoint) => {
     const half = STOP_VIEW_M / 2;
     view.fit([east - half, north - half, east + half, north + half]);

@@ -4,7 +4,7 @@ import { button } from "../../page/dom";
 import type { Context } from "../../session/context";
 import "./views.css";
 
-export function viewsPart({ page, keys, history, waiting }: Context): void {
+export function viewsPart({ page, keys, history, state, waiting }: Context): void {
   const show = () =>
     waiting.run(async () => {
       const { viewsDialog } = await import("./list");
@@ -12,7 +12,7 @@ export function viewsPart({ page, keys, history, waiting }: Context): void {
         page.closeDialog();
         history.open(link);
       };
-      const dialog = viewsDialog({ open, now: () => location.hash });
+      const dialog = viewsDialog({ open, now: () => state.link });
       page.dialog("Saved views", dialog);
       dialog.querySelector("input")?.select();
     });

@@ -5,7 +5,7 @@ const FORMAT = "solmap-views";
 
 export interface SavedView {
   readonly name: string;
-  /** The fragment of the address, as `permalink.ts` writes it. */
+  /** The fragment of the address, as `session/state.ts` writes it. */
   readonly link: string;
 }
 
