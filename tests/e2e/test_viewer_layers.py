@@ -320,7 +320,7 @@ def test_a_layer_that_multiplies_darkens_what_lies_below_and_the_link_keeps_that
         return bool(np.abs(colour_at(screenshot(page, "multiply"), place) - wanted).max() <= 4)
 
     until(page, is_multiplied)
-    assert "mer2/orthophoto*1*multiply" in page.url
+    assert "mer2/orthophoto**multiply" in page.url
     page.reload()
     ready(page)
     until(page, is_multiplied)

@@ -128,5 +128,5 @@ def test_the_strip_is_moved_by_keys_and_closed_by_its_own(strip, known, place):
     part = np.s_[y - 20 : y + 20, x - 20 : x + 20]
     assert np.abs(first[part] - second[part]).mean() > 3
     assert box["height"] > 150
-    strip.locator(".dock.below button[aria-label=close]").click()
+    strip.locator(".below .pane button[aria-label=close]").click()
     assert strip.locator(".panorama").count() == 0
