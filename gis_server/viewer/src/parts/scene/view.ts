@@ -2,13 +2,13 @@
 
 import { Group, type Points } from "three";
 import type { SunPlace } from "../../map/shading";
-import { legendFor } from "../../map/raster-style";
+import { kindTitle } from "../../map/kinds";
 import { h } from "../../page/dom";
 import { fixed } from "../../page/format";
-import { colourLegend } from "../../page/legend";
 import type { MapPoint } from "../../server/records";
 import { type Model, type Place3, type SceneStops, sceneApi } from "../../server/scene";
 import type { Context } from "../../session/context";
+import { rasterLegend } from "../layers/legend";
 import { Cloud } from "./surface/cloud";
 import { type Board, type Choices, controls } from "./controls";
 import { dots } from "./drawings";
@@ -107,7 +107,7 @@ export class SceneView {
     this.board = board;
     this.choices = board.choices;
     this.shine(board);
-    this.host.append(this.said, this.card, this.measured, this.legend);
+    this.host.append(this.said, this.card, this.measured, this.legend, board.options);
     this.element = h("div", { class: "scene", "data-settled": "false" }, this.host, board.element);
     this.stage.onFrame = () => {
       this.terrain.update(this.stage.camera, this.stage.renderer);
@@ -117,7 +117,7 @@ export class SceneView {
       this.await();
     };
     this.terrain.add(groundOf(models));
-    context.waiting.run(() => this.terrain.part(Partition.all(context)));
+    void this.terrain.part(Partition.all(context));
     this.listen();
     const { drape, stop } = linked.shown;
     board.choose({ drape, stop });
@@ -179,10 +179,9 @@ export class SceneView {
         : null,
     );
     const layer = kind ? layerFor(context, kind, stop ?? "", stop !== null) : null;
-    const meaning = layer && legendFor(layer, context.layers.state(layer).style);
-    const drawn = meaning && colourLegend(meaning);
+    const drawn = layer && rasterLegend(layer, context.layers.state(layer).style);
     legend.hidden = !drawn;
-    legend.replaceChildren(...(drawn ? [drawn] : []));
+    legend.replaceChildren(...(drawn ? [h("h2", {}, kindTitle(layer.kind)), drawn] : []));
     this.element.dataset["settled"] = "false";
     this.stage.ask();
     this.settled();
