@@ -80,6 +80,7 @@ def test_only_an_operator_asks_for_runs_confirms_and_once(page, workspace, live)
     look(page, live)
     page.locator('[data-tab="runs"]').click()
     assert page.locator("[data-wish]").count() == 0
+    write_engine(workspace, is_up=False, trouble="it was stopped")
     sign_in(page, workspace, Role.OPERATOR)
     for _ in range(2):
         page.locator('[data-wish="region"]').click()
@@ -94,7 +95,23 @@ def test_only_an_operator_asks_for_runs_confirms_and_once(page, workspace, live)
     assert len(RunRequests.of(workspace.store.root).requests()) == 1
 
 
+def test_a_server_without_an_engine_says_so_and_raises_no_alarm(page, workspace, live):
+    look(page, live)
+    page.locator('[data-tab="runs"]').click()
+    sign_in(page, workspace, Role.OPERATOR)
+    hint = page.locator(".runs [role=status]")
+    until(page, lambda: hint.count() == 1)
+    assert hint.inner_text().startswith("Processing is not available from this server")
+    assert page.locator("[data-wish]").count() == 0
+    assert page.get_by_role("heading", name="Deployments").count() == 0
+    assert page.locator(".status").inner_text().strip() == "Server up"
+    write_engine(workspace)
+    until(page, lambda: "Engine up" in page.locator(".status").inner_text())
+    assert page.locator("[data-wish]").count() > 0
+
+
 def test_wrong_parameters_are_not_taken_to_the_confirmation(page, workspace, live):
+    write_engine(workspace)
     look(page, live)
     page.locator('[data-tab="runs"]').click()
     sign_in(page, workspace, Role.OPERATOR)
