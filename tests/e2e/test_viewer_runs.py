@@ -207,7 +207,7 @@ def test_a_wrong_token_is_said_to_be_so_and_not_kept(page, workspace, live):
     assert page.locator(".account").inner_text().count("Sign in") == 1
 
 
-def test_a_note_is_written_seen_by_others_and_deleted(page, browser, workspace, live):
+def test_a_note_is_written_seen_by_others_deleted_and_restored(page, browser, workspace, live):
     other = browser.new_page()
     look(other, live)
     other.locator('[data-tab="notes"]').click()
@@ -231,6 +231,17 @@ def test_a_note_is_written_seen_by_others_and_deleted(page, browser, workspace, 
     until(page, lambda: page.locator("[data-note]").count() == 0)
     until(other, lambda: other.locator("[data-note]").count() == 0)
     assert len(EditLog.of(workspace.store.root).edits("MER2")) == 2
+    other.get_by_text("Deleted annotations").click()
+    until(other, lambda: "layered rock" in other.locator("[data-deleted]").inner_text())
+    assert "deleted by Ann" in other.locator("[data-deleted]").inner_text()
+    assert other.get_by_role("button", name="Restore").count() == 0  # nobody has signed in there
+    page.get_by_text("Deleted annotations").click()
+    page.locator("[data-deleted]").get_by_text("History").click()
+    until(page, lambda: "written: layered rock" in page.locator("[data-deleted]").inner_text())
+    screenshot(page, "note-deleted")
+    page.get_by_role("button", name="Restore").click()
+    until(page, lambda: "layered rock" in page.locator("[data-note]").inner_text())
+    until(page, lambda: page.locator("[data-deleted]").count() == 0)
     other.close()
 
 
