@@ -138,6 +138,9 @@ def test_a_layer_lies_over_the_ground_in_its_colours_and_in_the_link(scene):
     settled(scene)
     only_ground(scene)
     assert shares_of_measured(scene, "draped-again") > 0.95
+    scene.locator('.scene select[name="drape"]').select_option("dtm-source")
+    legend = scene.locator(".scene-legend")
+    until(scene, lambda: all(f"{d}" in legend.inner_text() for d in ("drive 64", "drive 0")))
 
 
 def test_two_clicks_measure_with_standard_deviations(scene):

@@ -13,7 +13,7 @@ import type { Partition } from "./partition";
 
 /** Cells along the longer side at which elevations and brightness are compared. */
 const MOST_PX = 384;
-/** Fewer pixels tell nothing of a stop's brightness. */
+/** Pixels without which a stop's brightness is not known. */
 const LEAST_PX = 100;
 
 /** Brightness of the merged map from that of a stop's own image; both 0 to 1. */
