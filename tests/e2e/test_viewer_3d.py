@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from solmap.products.catalogue.workspace import Workspace
+from tests.e2e.test_viewer_layout import CUT_OFF
 from tests.support.bowl_store import STOPS, elevation_at
 from tests.support.browsing import Server, at, look, pixel_of, ready, screenshot, until
 from tests.support.scene_store import POINT_GREYS, POINTS, fill_scene, heading, place_of
@@ -118,6 +119,23 @@ def test_the_ground_is_where_it_is_and_wears_its_photograph(scene):
             right += abs(picture[round(y), round(x)].mean() - expected) < 12
     assert compared >= 10
     assert right == compared
+
+
+def test_the_controls_leave_the_view_its_room_and_cut_nothing_off(scene):
+    for width, height in ((1440, 900), (1280, 800), (390, 844)):
+        scene.set_viewport_size({"width": width, "height": height})
+        scene.wait_for_timeout(300)
+        pane = scene.locator(".panes .dock-body").bounding_box()
+        assert canvas(scene)[3] > 0.75 * pane["height"]
+        assert scene.evaluate(CUT_OFF) == []
+        with options(scene):
+            box = scene.locator(".scene-options").bounding_box()
+            assert box["y"] >= pane["y"]
+            assert scene.evaluate(CUT_OFF) == []
+            screenshot(scene, f"3d-options-{width}")
+    scene.locator('.scene button[name="options"]').click()
+    scene.locator(".scene-options input").first.press("Escape")
+    assert scene.locator(".scene-options").is_hidden()
 
 
 def test_a_link_restores_the_camera(page, scene_url):

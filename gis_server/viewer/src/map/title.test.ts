@@ -14,18 +14,18 @@ const LAYERS = [
   layer("mer2-site0010-drive0064", 155),
   layer("mer2-site0011-drive0000", 156),
 ];
-const subtitle = (...[layers, range]: [typeof LAYERS, [number, number] | null]) =>
-  titleOf(MISSION, layers, range).subtitle;
+const parts = (...[layers, range]: [typeof LAYERS, [number, number] | null]) =>
+  titleOf(MISSION, layers, range).parts.join(" ");
 
 test("a map is of the sols and sites of its layers", () => {
   expect(titleOf(MISSION, LAYERS, null)).toEqual({
     title: "Spirit",
-    subtitle: "sols 155–156 · sites 10–11 · Columbia Memorial Station",
+    parts: ["sols 155–156", "sites 10–11", "Columbia Memorial Station"],
   });
 });
 
 test("chosen sols leave their sites", () =>
-  expect(subtitle(LAYERS, [156, 156])).toBe("sol 156 · site 11 · Columbia Memorial Station"));
+  expect(parts(LAYERS, [156, 156])).toBe("sol 156 site 11 Columbia Memorial Station"));
 
 test("layers of no site and no sol leave the landing site", () =>
-  expect(subtitle([layer("mer2")], null)).toBe("all sols · Columbia Memorial Station"));
+  expect(parts([layer("mer2")], null)).toBe("all sols Columbia Memorial Station"));

@@ -5,7 +5,8 @@ import { areIn, type Sols, solsTitle } from "./sols";
 
 export interface MapTitle {
   readonly title: string;
-  readonly subtitle: string;
+  /** Sols, sites and landing site. */
+  readonly parts: readonly string[];
 }
 
 const SITE = /-site(\d+)-/;
@@ -26,7 +27,7 @@ export function titleOf(
     sites.length === 0 ? "" : sitesTitle(Math.min(...sites), Math.max(...sites)),
     landing.name,
   ];
-  return { title, subtitle: parts.filter(Boolean).join(" · ") };
+  return { title, parts: parts.filter(Boolean) };
 }
 
 const sitesTitle = (first: number, last: number) =>

@@ -145,7 +145,7 @@ export function textsOf(
   return {
     title: wish.title,
     lines: [
-      titleOf(mission, layers.all, drawing.sols).subtitle,
+      titleOf(mission, layers.all, drawing.sols).parts.join(" · "),
       `centre: north ${fixed(north, 2)} m, east ${fixed(east, 2)} m of ${mission.landing.name}${degrees}`,
       names,
       `${wish.credit}, ${new Date().toISOString().slice(0, 10)}`,

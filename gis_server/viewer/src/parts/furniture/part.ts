@@ -16,8 +16,11 @@ export function furniturePart(context: Context): void {
   const name = h("div", { class: "map-title" });
   page.map.append(name);
   const entitle = () => {
-    const { title, subtitle } = titleOf(mission, layers.all, drawing.sols);
-    name.replaceChildren(h("b", {}, title), h("span", {}, subtitle));
+    const { title, parts } = titleOf(mission, layers.all, drawing.sols);
+    name.replaceChildren(
+      h("b", {}, title),
+      h("span", {}, ...parts.map((part) => h("i", {}, part))),
+    );
   };
   signals.sols.on(entitle);
   layers.replaced.on(entitle);

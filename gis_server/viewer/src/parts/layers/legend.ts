@@ -127,17 +127,24 @@ export interface MapLegend {
   readonly draw: (layers: readonly Layer[]) => void;
 }
 
-const WIDE = "(min-width: 1100px)";
+/** Pixels of a map that keeps room beside its legend. */
+const WIDE_PX = 600;
 
-/** On the map: the legends of what is drawn. Layers of several stops that look alike share one. */
-export function mapLegend(actions: LayerActions): MapLegend {
+/**
+ * On the map: the legends of what is drawn. Layers of several stops that look alike share one. It folds when the map
+ * becomes narrow, and opens when it becomes wide.
+ */
+export function mapLegend(actions: LayerActions, map: HTMLElement): MapLegend {
   const list = h("div", {});
-  const element = h(
-    "details",
-    { class: "map-legend", open: matchMedia(WIDE).matches },
-    h("summary", {}, "Legend"),
-    list,
-  );
+  const element = h("details", { class: "map-legend" }, h("summary", {}, "Legend"), list);
+  let isWide = false;
+  const fit = () => {
+    const wasWide = isWide;
+    isWide = map.clientWidth >= WIDE_PX;
+    if (isWide !== wasWide) element.open = isWide;
+  };
+  new ResizeObserver(fit).observe(map);
+  fit();
   const draw = (layers: readonly Layer[]) => {
     const entries = new Map<string, HTMLElement>();
     for (const layer of layers) {

@@ -6,7 +6,7 @@ import { measured } from "../../page/format";
 import type { Profile } from "../../server/measure";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
-import { decimalsOn } from "./quantities";
+import { decimalsOn, sourcesText } from "./quantities";
 import { LineLink } from "../../session/line-link";
 
 type Drawn = Omit<ChartOptions, "onCursor">;
@@ -18,7 +18,7 @@ export function profileOptions(profile: Profile, shown: Shown): Drawn {
   const { distance_m: xs, layers, slope_baseline_m } = profile;
   const known = profile.elevation_m.filter((value) => value !== null);
   const decimals = decimalsOn(layers);
-  const from = layers.length > 0 ? `From ${layers.map(({ id }) => id).join(", ")}. ` : "";
+  const from = layers.length > 0 ? `From ${sourcesText(layers)}. ` : "";
   const told = (value: number) =>
     measured(value, "m", profile.sigma_m[profile.elevation_m.indexOf(value)], 10 ** -decimals);
   const range =

@@ -245,14 +245,17 @@ export function controls(
   const element = h(
     "div",
     { class: "scene-controls", role: "toolbar", "aria-label": "3D view" },
-    stop,
-    drape,
-    act("overview", "overview", "fit", actions.overview),
-    act("stand", "stand at the stop", "eye", actions.stand),
-    walk,
-    measure,
-    act("full", "full screen", "expand", actions.fullScreen),
-    open,
+    h("div", {}, stop, drape),
+    h(
+      "div",
+      { class: "acts" },
+      act("overview", "overview", "fit", actions.overview),
+      act("stand", "stand at the stop", "eye", actions.stand),
+      walk,
+      measure,
+      act("full", "full screen", "expand", actions.fullScreen),
+      open,
+    ),
   );
   return { element, options, choices, putSun, putEye, putMeasuring, choose };
 }

@@ -22,7 +22,7 @@ import { Route } from "./route";
 import "./scene.css";
 import { Sights } from "./sights";
 import { Stage } from "./stage";
-import { drapable, drapeOf, layerFor } from "./surface/drape";
+import { drapable, drapeOf, layerFor, mergedPhotograph } from "./surface/drape";
 import { Partition } from "./surface/partition";
 import { Terrain } from "./surface/terrain";
 import { Tape } from "./tape";
@@ -121,7 +121,7 @@ export class SceneView {
     this.listen();
     const { drape, stop } = linked.shown;
     board.choose({ drape, stop });
-    if (drape) this.drape();
+    this.drape();
     this.chooseStop();
     this.begin();
   }
@@ -165,12 +165,14 @@ export class SceneView {
     this.board.putMeasuring(this.tape.isOn);
   }
 
-  /** Drapes the chosen kind of layer over the ground, and shows its legend. */
+  /** Drapes the chosen kind of layer over the ground, with its legend; else the photograph of all stops together. */
   private drape(): void {
     const { context, choices, terrain, legend } = this;
-    const { drape: kind, stop } = choices;
+    const { drape: chosen, stop, look } = choices;
+    const isPhotograph = !chosen && stop === null && look !== "relief";
+    const kind = isPhotograph ? mergedPhotograph(context) : chosen || null;
     terrain.drape(
-      kind,
+      kind ?? "",
       kind
         ? async (scope, bounds) => {
             const layer = layerFor(context, kind, scope, choices.stop !== null, bounds);
@@ -178,7 +180,7 @@ export class SceneView {
           }
         : null,
     );
-    const layer = kind ? layerFor(context, kind, stop ?? "", stop !== null) : null;
+    const layer = chosen ? layerFor(context, chosen, stop ?? "", stop !== null) : null;
     const drawn = layer && rasterLegend(layer, context.layers.state(layer).style);
     legend.hidden = !drawn;
     legend.replaceChildren(...(drawn ? [h("h2", {}, kindTitle(layer.kind)), drawn] : []));
@@ -270,7 +272,7 @@ export class SceneView {
         return;
       case "look":
         this.terrain.look = choices.look;
-        return;
+        return this.drape();
       case "drape":
         this.drape();
         this.tellShown();

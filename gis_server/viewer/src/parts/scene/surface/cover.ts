@@ -1,12 +1,11 @@
 /**
- * What the ground's materials have besides the photograph: an image that is draped over it, and a partition that hides
- * ground of which another stop has a better surface, both images over a box of the map; gain and offset of brightness.
+ * Additional textures of the ground's materials: an image that is draped over it, and a partition that hides ground of
+ * which another stop has a better surface. Both are images over a box of the map.
  */
 
-import { type Material, type Texture, Vector2, Vector4 } from "three";
+import { type Material, type Texture, Vector4 } from "three";
 import type { Bounds } from "../../../server/records";
 import type { Place3 } from "../../../server/scene";
-import type { Tone } from "./join";
 import type { Partition } from "./partition";
 
 const DECLARED_VERTEX = "varying vec2 vGround;\nvoid main() {";
@@ -22,7 +21,6 @@ uniform vec3 own[2];
 uniform bool isDraped;
 uniform sampler2D draped;
 uniform vec4 drapedBox;
-uniform vec2 tone;
 bool isOwn(vec2 at) {
   vec4 stop = texture2D(stops, at);
   return stop.a < 0.5 || distance(stop.rgb, own[0]) < 0.01 || distance(stop.rgb, own[1]) < 0.01;
@@ -30,10 +28,6 @@ bool isOwn(vec2 at) {
 void main() {`;
 /** Surfaces of neighbours overlap by a texel of the partition, so that nothing shines through where they meet. */
 const FRAGMENT = `#include <map_fragment>
-#ifdef USE_MAP
-vec3 shade = sRGBTransferOETF(diffuseColor).rgb;
-diffuseColor.rgb = sRGBTransferEOTF(vec4(clamp(shade * tone.x + tone.y, 0.0, 1.0), 1.0)).rgb;
-#endif
 if (isParted) {
   vec2 at = (vGround - stopsBox.xy) / stopsBox.zw;
   vec2 texel = 1.0 / vec2(textureSize(stops, 0));
@@ -62,7 +56,6 @@ export class Cover {
     isDraped: { value: false },
     draped: { value: null as Texture | null },
     drapedBox: { value: new Vector4(0, 0, 1, 1) },
-    tone: { value: new Vector2(1, 0) },
   };
 
   constructor(private readonly origin: Place3) {}
@@ -89,11 +82,6 @@ export class Cover {
     stops.value = partition.texture;
     stopsBox.value = boxOf(partition.bounds, this.origin);
     own.value = [...partition.coloursOf(scope)];
-  }
-
-  /** Changes the brightness of the photograph. */
-  balance({ gain, offset }: Tone): void {
-    this.uniforms.tone.value.set(gain, offset);
   }
 
   /** Drapes an image over a box of the map; null removes it. */

@@ -26,7 +26,7 @@ import type { Bounds } from "../../../server/records";
 import type { Model, Place3 } from "../../../server/scene";
 import { Cover } from "./cover";
 import type { Draped } from "./drape";
-import type { Join, Tone } from "./join";
+import type { Join } from "./join";
 import type { Partition } from "./partition";
 
 /** As photographed; the photograph in another light besides its own; grey in that light alone. */
@@ -50,8 +50,6 @@ interface Clothes {
   /** By which it joins its neighbours now. */
   join: Join | null;
 }
-
-const UNCHANGED: Tone = { gain: 1, offset: 0 };
 
 function clothesOf(mesh: Mesh, origin: Place3): Clothes {
   const known = mesh.userData["clothes"] as Clothes | undefined;
@@ -285,7 +283,6 @@ export class Terrain {
     const join = (partition && this.joinOf(partition, scope)) ?? null;
     if (map && clothes.join !== join) {
       clothes.join = join;
-      clothes.cover.balance(join?.tone ?? UNCHANGED);
       raise(mesh, clothes, join, map);
     }
     const name = this.draping ? `${this.draping.name} ${this.stop === null}` : "";
