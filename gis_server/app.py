@@ -142,6 +142,7 @@ def create_app(  # noqa: PLR0913, PLR0917 - all that differs from one server to 
         server,
     ):
         app.include_router(module.router)
+    app.include_router(features.of_all)
     complete(app)
     server.install_pages(app, viewer_dist or server.SHIPPED_VIEWER)
     app.add_middleware(HeavyRequests, budgets=budgets)

@@ -45,7 +45,10 @@ FORMS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (r"/items(/\{feature\})?$", (GEOJSON, HTML, "application/flatgeobuf", "text/csv")),
     (r"/queryables$", ("application/schema+json",)),
     (r"/crs/\{name\}$", (JSON, "text/plain", HTML)),
-    (r"^/ogc(/\{mission\}(/conformance|/maps|/collections(/\{collection\})?)?)?$", (JSON, HTML)),
+    (
+        r"^/ogc(/\{mission\})?(/conformance|/maps|/collections(/(\{mission\}:)?\{collection\})?)?$",
+        (JSON, HTML),
+    ),
 )
 """Media types of the responses at addresses: the first that fits, else that of the route."""
 

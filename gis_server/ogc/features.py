@@ -62,6 +62,8 @@ _KNOWN = {"f", "crs", "bbox", "bbox-crs", "datetime", "sol", "limit", "offset"}
 _LONGEST = 256
 """Characters of the value of a property."""
 router = APIRouter(prefix="/ogc/{mission}", tags=["ogc features"])
+of_all = APIRouter(prefix="/ogc/collections/{mission}:{collection}", tags=["ogc features"])
+"""The same among the collections of all missions."""
 _PART_1 = "http://www.opengis.net/spec/ogcapi-features-1/1.0/conf"
 CONFORMANCE = (
     f"{_PART_1}/core",
@@ -285,6 +287,7 @@ def collection(
 
 
 @router.get("/collections/{collection}/queryables")
+@of_all.get("/queryables", name="queryables_of_all")
 def queryables(
     known: Known, mission: MissionName, services: ServicesOf, base: BaseOf
 ) -> JSONResponse:
@@ -301,6 +304,7 @@ def queryables(
 
 
 @router.get("/collections/{collection}/items", response_class=Response)
+@of_all.get("/items", name="items_of_all", response_class=Response)
 def items(
     known: Known,
     mission: MissionName,
@@ -331,6 +335,7 @@ def items(
 
 
 @router.get("/collections/{collection}/items/{feature}", response_class=Response)
+@of_all.get("/items/{feature}", name="item_of_all", response_class=Response)
 def item(
     known: Known,
     feature: FeatureId,

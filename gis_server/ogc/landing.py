@@ -1,4 +1,8 @@
-"""The landing page of a mission: what OGC API offers of it, and to what it conforms."""
+"""Landing pages: of all missions together, and of each one.
+
+At `/ogc` the features of all missions are collections named `MISSION:COLLECTION`, for clients that
+are given no mission. Coordinates, tiles and WMTS belong to a mission and have its landing page.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +23,13 @@ from solmap.gis_server.ogc.documents import (
     paragraph,
     table,
 )
-from solmap.gis_server.ogc.features import form_of
+from solmap.gis_server.ogc.features import Known, form_of
 from solmap.gis_server.ogc.formats import Format
 from solmap.gis_server.ogc.tiles import raster_named
 from solmap.gis_server.ogc.tilesets import collection_document, collection_id
-from solmap.gis_server.parameters import AGAIN, BaseOf, MissionName
+from solmap.gis_server.parameters import AGAIN, BaseOf, MissionName, base_of
 from solmap.gis_server.services import ServicesOf
+from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import MARS, local_crs
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.features.collections import BY_ID
@@ -41,13 +46,15 @@ AsFormat = Annotated[str | None, Query(description="json or html")]
 
 @router.get("", response_class=JSONResponse)
 def missions(services: ServicesOf, request: Request, f: AsFormat = None) -> Response:
-    """The missions, each of which has an OGC API of its own."""
+    """All missions: collections of their features, and the OGC API that each has of its own."""
     root = str(request.base_url).rstrip("/")
     links = [
         link("self", f"{root}/ogc", JSON, "This document"),
         link("alternate", f"{root}/ogc?f=html", HTML, "This document as a page"),
         link("service-desc", f"{root}/openapi.json", _OPENAPI, "The API, for programs"),
         link("service-doc", f"{root}/docs", HTML, "The API, for people"),
+        link("conformance", f"{root}/ogc/conformance", JSON, "Conformance classes"),
+        link("data", f"{root}/ogc/collections", JSON, "Collections of features of all missions"),
         *(
             link("child", f"{root}/ogc/{entry.mission}", JSON, entry.title)
             for entry in services.catalogue.missions()
@@ -60,10 +67,56 @@ def missions(services: ServicesOf, request: Request, f: AsFormat = None) -> Resp
         link("related", f"{root}/stac/catalog.json", JSON, "STAC catalogue"),
     ]
     title = "OGC API of solmap"
-    description = "Give GIS programs the address of a mission: they list its layers."
+    description = (
+        "GIS programs list the features of all missions from this address, and those of a mission "
+        "with its tiles and coordinate systems from the address of the mission."
+    )
     if form_of(request, f) is Format.HTML:
         return _page(page(title, paragraph(description), link_list(links)))
     return _json({"title": title, "description": description, "links": links})
+
+
+@router.get("/conformance", response_class=JSONResponse)
+def conformance_of_all(request: Request, f: AsFormat = None) -> Response:
+    """The conformance classes of what is offered of all missions together."""
+    return _conformance([*CONFORMANCE, *features.CONFORMANCE], request, f)
+
+
+@router.get("/collections", response_class=JSONResponse)
+def collections_of_all(services: ServicesOf, request: Request, f: AsFormat = None) -> Response:
+    """The collections of features of all missions."""
+    root = str(request.base_url).rstrip("/")
+    listed = [
+        of_all(one, entry)
+        for entry in services.catalogue.missions()
+        for one in features.collections(entry, services, base_of(request, entry.mission))
+    ]
+    return _listed(
+        "Collections of all missions", _links(f"{root}/ogc/collections"), listed, request, f
+    )
+
+
+@router.get("/collections/{mission}:{collection}", response_class=JSONResponse)
+def collection_of_all(
+    known: Known,
+    mission: MissionName,
+    services: ServicesOf,
+    base: BaseOf,
+    request: Request,
+    f: AsFormat = None,
+) -> Response:
+    """One collection of a mission, among those of all missions."""
+    entry = services.catalogue.mission(mission)
+    return _collection(of_all(features.collection(known, entry, services, base), entry), request, f)
+
+
+def of_all(collection: dict[str, Any], mission: MissionEntry) -> dict[str, Any]:
+    """The description of a mission's collection, named as among those of all missions."""
+    return {
+        **collection,
+        "id": f"{mission.mission}:{collection['id']}",
+        "title": f"{mission.title}: {collection['title']}",
+    }
 
 
 def _services_of(base: str, title: str) -> list[Link]:
@@ -111,6 +164,10 @@ def conformance(
     """The conformance classes that the server aims at."""
     services.catalogue.mission(mission)
     classes = [*CONFORMANCE, *(one for part in _PARTS for one in part.CONFORMANCE)]
+    return _conformance(classes, request, f)
+
+
+def _conformance(classes: list[str], request: Request, f: str | None) -> Response:
     if form_of(request, f) is Format.HTML:
         return _page(page("Conformance", table({"class": one} for one in classes)))
     return _json({"conformsTo": classes})
@@ -190,6 +247,10 @@ def collection(
         body = collection_document(raster_named(collection, mission, services), entry, base)
     else:
         raise ProductNotFoundError(f"no collection {collection!r}; there are {', '.join(BY_ID)}")
+    return _collection(body, request, f)
+
+
+def _collection(body: dict[str, Any], request: Request, f: str | None) -> Response:
     if form_of(request, f) is Format.HTML:
         text = paragraph(body.get("description", ""))
         return _page(page(body["title"], text, link_list(body["links"])))

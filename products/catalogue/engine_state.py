@@ -63,6 +63,8 @@ class EngineState:
     """Whether an inbox is watched."""
     deployments: tuple[DeploymentState, ...] = ()
     queued: tuple[QueuedRun, ...] = ()
+    is_known: bool = True
+    """Whether `solmap up` has ever run on the store; else it is only served."""
 
     def write(self, root: Path) -> None:
         """Write the state, replacing the previous one."""
@@ -78,7 +80,8 @@ def read_engine_state(root: Path) -> EngineState:
     try:
         document = json.loads((root / FILE).read_text())
     except FileNotFoundError:
-        return EngineState(at, is_up=False, trouble="`solmap up` has not run on this store yet")
+        trouble = "`solmap up` has not run on this store yet"
+        return EngineState(at, is_up=False, trouble=trouble, is_known=False)
     except (OSError, ValueError) as error:
         return EngineState(at, is_up=False, trouble=f"{FILE} cannot be read: {error}")
     found = EngineState(

@@ -66,7 +66,7 @@ def draw_vectors(  # noqa: PLR0913 - all that features tell of
     for kind, inputs, extra, features in (
         (ProductKind.TRAVERSE, (), None, lambda: traverse_features(read.network)),
         (ProductKind.STOPS, (), origins, lambda: stop_features(read.network, dict(origins))),
-        (ProductKind.TIE_POINTS, (), None, lambda: tie_point_features(read.network)),
+        (ProductKind.TIE_POINTS, (), "sols", lambda: tie_point_features(read.network)),
         (ProductKind.FOOTPRINTS, images, pairing, lambda: read.outlines(footprint_feature, params)),
         (ProductKind.POINTING, images, pairing, lambda: read.outlines(pointing_feature, params)),
     ):
@@ -190,8 +190,9 @@ def _certainty(stop: AdjustedStop) -> dict[str, Any]:
 
 
 def tie_point_features(network: NetworkProduct) -> Iterator[Feature]:
-    """The tie points of the last adjustment between pairs, with their residuals."""
+    """The tie points of the last adjustment between pairs, with residuals and sols."""
     ties = network.adjusted.ties
+    sols = {pair.pair_id: network.sols[pair.stop] for pair in network.adjusted.pairs}
     used = np.flatnonzero(ties.status == USED)
     order = used[np.argsort(ties.observations.point[used], kind="stable")]
     numbers, starts = np.unique(ties.observations.point[order], return_index=True)
@@ -201,9 +202,11 @@ def tie_point_features(network: NetworkProduct) -> Iterator[Feature]:
         if len(rows) < 2 or not np.isfinite(point).all():  # noqa: PLR2004 - joins nothing
             continue
         sigma_m = math.sqrt(max(float(np.trace(ties.covariances[number])), 0.0))
+        pairs = [ties.observations.pair_ids[ties.observations.pair[row]] for row in rows]
         properties = {
             "kind": str(kind),
-            "pairs": [ties.observations.pair_ids[ties.observations.pair[row]] for row in rows],
+            "pairs": pairs,
+            "sols": sorted({sol for pair in pairs for sol in sols.get(pair, ())}),
             "residual_px": round(float(np.sqrt(np.nanmean(ties.residuals_px[rows] ** 2))), 3),
             "sigma_m": round(sigma_m, 4),
         }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from solmap.products.catalogue.workspace import Workspace
+from tests.e2e.test_viewer_layout import CUT_OFF
 from tests.support.bowl_store import STOPS, elevation_at
 from tests.support.browsing import Server, at, look, pixel_of, ready, screenshot, until
 from tests.support.scene_store import POINT_GREYS, POINTS, fill_scene, heading, place_of
@@ -61,9 +63,28 @@ def middle(page) -> tuple[float, float]:
     return x + width / 2, y + height / 2
 
 
+@contextmanager
+def options(page) -> Iterator[None]:
+    """The options of the view, which lie over it while they are open."""
+    button = page.locator('.scene button[name="options"]')
+    button.click()
+    yield
+    button.click()
+
+
+def switch(page, *names: str, on: bool = False) -> None:
+    with options(page):
+        for name in names:
+            page.locator(f'.scene input[name="{name}"]').set_checked(on)
+
+
+def adjust(page, name: str, value: float) -> None:
+    with options(page):
+        page.locator(f'.scene input[name="{name}"]').fill(str(value))
+
+
 def only_ground(page) -> None:
-    for name in ("rover", "cameras", "traverse", "ellipsoids"):
-        page.locator(f'.scene input[name="{name}"]').uncheck()
+    switch(page, "rover", "cameras", "traverse", "ellipsoids")
 
 
 def settled_picture(page, name: str) -> np.ndarray:
@@ -74,10 +95,10 @@ def settled_picture(page, name: str) -> np.ndarray:
     return screenshot(page, f"3d-{name}").astype(int)
 
 
-def spots(page) -> list[tuple[float, float]]:
+def spots(page, columns: int = 6, rows: int = 5) -> list[tuple[float, float]]:
     x, y, width, height = canvas(page)
-    across = np.linspace(0.2, 0.8, 6)
-    return [(x + u * width, y + v * height) for v in np.linspace(0.3, 0.7, 5) for u in across]
+    across, down = np.linspace(0.2, 0.8, columns), np.linspace(0.3, 0.7, rows)
+    return [(x + u * width, y + v * height) for v in down for u in across]
 
 
 def test_the_ground_is_where_it_is_and_wears_its_photograph(scene):
@@ -98,6 +119,23 @@ def test_the_ground_is_where_it_is_and_wears_its_photograph(scene):
             right += abs(picture[round(y), round(x)].mean() - expected) < 12
     assert compared >= 10
     assert right == compared
+
+
+def test_the_controls_leave_the_view_its_room_and_cut_nothing_off(scene):
+    for width, height in ((1440, 900), (1280, 800), (390, 844)):
+        scene.set_viewport_size({"width": width, "height": height})
+        scene.wait_for_timeout(300)
+        pane = scene.locator(".panes .dock-body").bounding_box()
+        assert canvas(scene)[3] > 0.75 * pane["height"]
+        assert scene.evaluate(CUT_OFF) == []
+        with options(scene):
+            box = scene.locator(".scene-options").bounding_box()
+            assert box["y"] >= pane["y"]
+            assert scene.evaluate(CUT_OFF) == []
+            screenshot(scene, f"3d-options-{width}")
+    scene.locator('.scene button[name="options"]').click()
+    scene.locator(".scene-options input").first.press("Escape")
+    assert scene.locator(".scene-options").is_hidden()
 
 
 def test_a_link_restores_the_camera(page, scene_url):
@@ -142,7 +180,7 @@ def test_heights_may_be_exaggerated_and_are_read_as_they_are(scene):
     only_ground(scene)
     spot = (middle(scene)[0] + 40, middle(scene)[1] - 40)
     before = seen_at(scene, *spot)
-    scene.locator('.scene input[name="exaggeration"]').fill("3")
+    adjust(scene, "exaggeration", 3)
     settled_picture(scene, "exaggerated")
     after = seen_at(scene, *spot)
     assert not np.allclose(before[:2], after[:2], atol=0.5)
@@ -150,8 +188,7 @@ def test_heights_may_be_exaggerated_and_are_read_as_they_are(scene):
 
 
 def test_a_click_on_a_camera_opens_its_image(scene):
-    scene.locator('.scene input[name="traverse"]').uncheck()
-    scene.locator('.scene input[name="ellipsoids"]').uncheck()
+    switch(scene, "traverse", "ellipsoids")
     scene.locator('.scene select[name="stop"]').select_option(STOPS[2][0])
     x = canvas(scene)[0]
     picture = settled_picture(scene, "cameras")
@@ -228,12 +265,13 @@ def test_arrow_keys_turn_the_view_about_what_is_looked_at(scene):
 
 def test_the_sun_lights_the_slope_that_faces_it(scene):
     only_ground(scene)
-    scene.locator('.scene select[name="look"]').select_option("relief")
-    scene.locator('.scene input[name="elevation"]').fill("20")
+    with options(scene):
+        scene.locator('.scene select[name="look"]').select_option("relief")
+        scene.locator('.scene input[name="elevation"]').fill("20")
     shades = {}
     x, y, width, height = canvas(scene)
     for azimuth in (90, 270):
-        scene.locator('.scene input[name="azimuth"]').fill(str(azimuth))
+        adjust(scene, "azimuth", azimuth)
         picture = settled_picture(scene, f"sun-{azimuth}")
         row = round(y + height / 2)
         strip = picture[row - 3 : row + 4, :, :].mean(axis=(0, 2))
@@ -248,7 +286,7 @@ def test_red_and_cyan_eyes_see_different_pictures(scene):
     x, y, width, height = (round(value) for value in canvas(scene))
     part = np.s_[y + height // 3 : y + 2 * height // 3, x + width // 4 : x + 3 * width // 4]
     plain = settled_picture(scene, "one-eye")[part]
-    scene.locator('.scene input[name="anaglyph"]').check()
+    switch(scene, "anaglyph", on=True)
     double = settled_picture(scene, "anaglyph")[part]
     apart = [np.abs(eyes[..., 0] - eyes[..., 2]).mean() for eyes in (plain, double)]
     assert apart[0] < 3
@@ -262,7 +300,7 @@ def test_tie_points_and_telemetry_are_in_it(scene):
     blue = (np.abs(picture - [23, 105, 224]).max(axis=2) < 40).sum()
     assert red > 100
     assert blue > 50
-    scene.locator('.scene input[name="ties"]').check()
+    switch(scene, "ties", on=True)
     scene.wait_for_timeout(600)
     picture = settled_picture(scene, "ties")[:, x:]
     assert (np.abs(picture - [122, 77, 216]).max(axis=2) < 40).sum() > 40
@@ -290,14 +328,14 @@ def test_the_rover_is_outlined_on_the_map_as_large_as_it_is(page, scene_url):
 
 def test_the_dense_points_are_shown_as_bright_as_they_are_and_as_large_as_asked(scene):
     only_ground(scene)
-    scene.locator('.scene input[name="ground"]').uncheck()
+    switch(scene, "ground")
     bare = settled_picture(scene, "no-ground")
-    scene.locator('.scene input[name="points"]').check()
+    switch(scene, "points", on=True)
     told = lambda: int(scene.locator(".scene").get_attribute("data-points") or 0)  # noqa: E731
     until(scene, lambda: told() > 2000)
     small = settled_picture(scene, "points")
     assert told() <= POINTS
-    scene.locator('.scene input[name="pointSize"]').fill("6")
+    adjust(scene, "pointSize", 6)
     large = settled_picture(scene, "points-large")
     x, y, width, height = (round(value) for value in canvas(scene))
     middle_x = x + width // 2
@@ -312,6 +350,6 @@ def test_the_dense_points_are_shown_as_bright_as_they_are_and_as_large_as_asked(
         for picture in (small, large)
     ]
     assert drawn[1] > 1.5 * drawn[0] > 0
-    scene.locator('.scene input[name="points"]').uncheck()
+    switch(scene, "points")
     gone = settled_picture(scene, "points-gone")
     assert (np.abs(gone - bare).max(axis=2) > 20)[y + 60 : y + height, x : x + width].sum() < 50

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import math
 import re
+from collections import defaultdict
 from collections.abc import Iterator
-from pathlib import Path
+from itertools import product
 
 import numpy as np
 import pytest
+import rasterio
 
 from solmap.products.catalogue.workspace import Workspace
+from solmap.products.model import ProductKind
 from tests.e2e.test_viewer_3d import (
     TOLERANCE_M,
+    adjust,
     canvas,
     middle,
     only_ground,
     seen_at,
     settled_picture,
     spots,
+    switch,
 )
 from tests.support.bowl_store import STOPS, elevation_at
 from tests.support.browsing import Server, at, look, ready, until
@@ -34,11 +39,25 @@ PIXEL_M = 0.5
 
 
 @pytest.fixture(scope="module")
-def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    root: Path = tmp_path_factory.mktemp("ground") / "store"
-    fill_overlapping_scene(Workspace.open(root))
-    with Server(root) as server:
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
+    opened = Workspace.open(tmp_path_factory.mktemp("ground") / "store")
+    fill_overlapping_scene(opened)
+    return opened
+
+
+@pytest.fixture(scope="module")
+def url(workspace: Workspace) -> Iterator[str]:
+    with Server(workspace.store.root) as server:
         yield server.url
+
+
+@pytest.fixture(scope="module")
+def merged(workspace: Workspace) -> Iterator[rasterio.DatasetReader]:
+    """The merged terrain model."""
+    layers = workspace.catalogue.layers("MER2")
+    (model,) = (one.ref for one in layers if one.ref.kind is ProductKind.REGION_DTM)
+    with rasterio.open(workspace.store.path(model)) as opened:
+        yield opened
 
 
 def settled(page) -> None:
@@ -61,24 +80,41 @@ def nearer_to_first(east: float, north: float) -> float:
     return last - first
 
 
-def test_at_every_place_the_surface_of_the_nearer_stop_is_shown_alone(scene):
-    settled_picture(scene, "merged")
-    raised = level = 0
-    for x, y in spots(scene):
+def test_at_every_place_the_nearer_stop_is_shown_alone_and_as_bright_as_the_other(scene):
+    picture = settled_picture(scene, "merged")
+    shades: dict[tuple[bool, bool], list[float]] = defaultdict(list)
+    for x, y in spots(scene, 24, 12):
         place = seen_at(scene, x, y)
         if place is None or abs(nearer_to_first(*place[:2])) < BORDER_M:
             continue
-        is_first = nearer_to_first(*place[:2]) > 0
-        expected = elevation_at(*place[:2]) + (RAISED_M if is_first else 0.0)
-        assert place[2] == pytest.approx(expected, abs=TOLERANCE_M)
-        raised, level = raised + is_first, level + (not is_first)
-    assert min(raised, level) >= 4
+        if all(abs((value % 4.0) - 2.0) < 1.0 for value in place[:2]):  # within a square
+            is_first = nearer_to_first(*place[:2]) > 0
+            is_bright = (math.floor(place[0] / 4) + math.floor(place[1] / 4)) % 2 != is_first
+            shades[is_first, is_bright].append(picture[round(y), round(x)].mean())
+    assert all(len(shades[key]) >= 2 for key in product((False, True), repeat=2)), shades
+    for is_bright in (True, False):
+        first, last = (shades[is_first, is_bright] for is_first in (True, False))
+        assert np.median(first) == pytest.approx(np.median(last), abs=8)
+    assert np.median(shades[True, True]) > np.median(shades[True, False]) + 80
     scene.locator('.scene select[name="stop"]').select_option(LAST)
     settled_picture(scene, "one-stop")
     places = [place for x, y in spots(scene) if (place := seen_at(scene, x, y)) is not None]
     assert len(places) > 10
     for place in places:
         assert place[2] == pytest.approx(elevation_at(*place[:2]), abs=TOLERANCE_M)
+
+
+def test_the_surfaces_of_stops_are_raised_to_the_merged_model_without_a_step(scene, merged):
+    sides = set()
+    for pixel in spots(scene, 8, 4):
+        place = seen_at(scene, *pixel)
+        if place is None:
+            continue
+        sides.add(nearer_to_first(*place[:2]) > 0)
+        expected = next(merged.sample([place[:2]]))[0]
+        assert place[2] == pytest.approx(expected, abs=TOLERANCE_M)
+        assert elevation_at(*place[:2]) < place[2] < elevation_at(*place[:2]) + RAISED_M
+    assert sides == {True, False}
 
 
 def shares_of_measured(page, name: str) -> float:
@@ -102,6 +138,9 @@ def test_a_layer_lies_over_the_ground_in_its_colours_and_in_the_link(scene):
     settled(scene)
     only_ground(scene)
     assert shares_of_measured(scene, "draped-again") > 0.95
+    scene.locator('.scene select[name="drape"]').select_option("dtm-source")
+    legend = scene.locator(".scene-legend")
+    until(scene, lambda: all(f"{d}" in legend.inner_text() for d in ("drive 64", "drive 0")))
 
 
 def test_two_clicks_measure_with_standard_deviations(scene):
@@ -152,8 +191,8 @@ def test_a_drag_identifies_nothing(scene):
 
 
 def test_the_eye_walks_along_the_traverse_to_the_last_stop(scene):
-    scene.locator('.scene input[name="cameras"]').check()
-    scene.locator('.scene input[name="walkSpeed"]').fill("10")
+    switch(scene, "cameras", on=True)
+    adjust(scene, "walkSpeed", 10)
     button = scene.locator('.scene button[name="walk"]')
     button.click()
     assert button.get_attribute("aria-pressed") == "true"
@@ -166,7 +205,7 @@ def test_the_eye_walks_along_the_traverse_to_the_last_stop(scene):
 
 
 def test_a_walk_is_stopped_where_it_is(scene):
-    scene.locator('.scene input[name="walkSpeed"]').fill("0.5")
+    adjust(scene, "walkSpeed", 0.5)
     button = scene.locator('.scene button[name="walk"]')
     button.click()
     until(scene, lambda: scene.locator(".scene-place").inner_text() != "")

@@ -119,6 +119,16 @@ def test_a_pick_is_predicted_measured_tried_saved_and_taken_back(page, own):
     until(page, lambda: "would move by" in page.locator(".editor-said").inner_text())
     assert page.locator("[data-planned]").get_attribute("data-status") == "used"
     screenshot(page, "editor-tried")
+    for width in (390, 768, 1280, 1920):
+        page.set_viewport_size({"width": width, "height": 800})
+        table, beside = (
+            page.locator(f".editor-lists > :nth-child({k})").bounding_box() for k in (1, 2)
+        )
+        rows = [box.bounding_box() for box in page.locator(".editor-lists tr").all()]
+        assert all(row["x"] + row["width"] <= table["x"] + table["width"] + 1 for row in rows)
+        is_apart = table["x"] + table["width"] <= beside["x"]
+        assert is_apart or table["y"] + table["height"] <= beside["y"], width
+    page.set_viewport_size({"width": 1280, "height": 760})
 
     assert page.locator('[data-act="save"]').is_disabled()
     page.keyboard.press("Escape")

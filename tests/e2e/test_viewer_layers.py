@@ -166,7 +166,7 @@ def test_colours_stretch_to_what_is_asked_and_the_legend_says_so(page, url):
     row.get_by_label("highest colour at").fill("4")
     row.get_by_label("highest colour at").press("Enter")
     ready(page)
-    assert row.locator(".ticks span").all_inner_texts() == ["1", "1.75", "2.5", "3.25", "4"]
+    assert row.locator(".ticks span").all_inner_texts() == ["1.00", "1.75", "2.50", "3.25", "4.00"]
     page.wait_for_timeout(300)
     picture = screenshot(page, "stretch")
     for radius, colour in ((5.0, VIRIDIS[0]), (30.0, VIRIDIS[1])):
@@ -414,7 +414,7 @@ def test_the_difference_of_two_models_is_what_was_put_between_them(page, url):
     assert page.locator(".difference .ticks span").all_inner_texts() == [
         "−0.4",
         "−0.2",
-        "0",
+        "0.0",
         "0.2",
         "0.4",
     ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import pytest
 
 from tests.support.browsing import at, look, open_page, ready, screenshot, until
@@ -103,6 +105,37 @@ def test_at_200_percent_no_panel_cuts_anything_off(browser, url):
             faults += [f"{name}: {fault}" for fault in page.evaluate(CUT_OFF)]
             screenshot(page, f"zoomed-{name}")
         assert faults == []
+
+
+def test_nothing_on_the_map_lies_over_anything_else(sized):
+    sized.locator("div.map").focus()
+    sized.keyboard.press("m")  # a measurement begins: the line that says how appears
+    sized.locator(".ruler").wait_for()
+    title = sized.locator(".map-title")
+    assert title.inner_text().split("\n")[0] == "Spirit, Gusev crater"
+    boxes = {
+        name: sized.locator(name).bounding_box()
+        for name in (".map-title", ".toolbar", ".north", ".scale", ".map-legend", ".ruler")
+    }
+    for one, other in combinations(boxes, 2):
+        a, b = boxes[one], boxes[other]
+        is_apart = (
+            a["x"] + a["width"] <= b["x"]
+            or b["x"] + b["width"] <= a["x"]
+            or a["y"] + a["height"] <= b["y"]
+            or b["y"] + b["height"] <= a["y"]
+        )
+        assert is_apart, (one, other, a, b)
+    screenshot(sized, f"furniture-{sized.width}")
+
+
+def test_a_pane_leaves_room_for_the_map_and_the_tab(sized, url):
+    look(sized, f"{url}{at(0.1)}&tab=images&image=2N140000000EFFA000P1600L0M1")
+    sized.locator(".panes .pane").wait_for()
+    assert sized.locator(".map").bounding_box()["height"] > 100
+    assert sized.locator(".panes .pane").bounding_box()["height"] > 150
+    assert sized.evaluate(CUT_OFF) == []
+    screenshot(sized, f"layout-{sized.width}-pane")
 
 
 def test_docks_leave_room_for_the_map_and_cut_nothing_off(sized):

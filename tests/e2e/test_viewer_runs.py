@@ -80,6 +80,7 @@ def test_only_an_operator_asks_for_runs_confirms_and_once(page, workspace, live)
     look(page, live)
     page.locator('[data-tab="runs"]').click()
     assert page.locator("[data-wish]").count() == 0
+    write_engine(workspace, is_up=False, trouble="it was stopped")
     sign_in(page, workspace, Role.OPERATOR)
     for _ in range(2):
         page.locator('[data-wish="region"]').click()
@@ -94,7 +95,23 @@ def test_only_an_operator_asks_for_runs_confirms_and_once(page, workspace, live)
     assert len(RunRequests.of(workspace.store.root).requests()) == 1
 
 
+def test_a_server_without_an_engine_says_so_and_raises_no_alarm(page, workspace, live):
+    look(page, live)
+    page.locator('[data-tab="runs"]').click()
+    sign_in(page, workspace, Role.OPERATOR)
+    hint = page.locator(".runs [role=status]")
+    until(page, lambda: hint.count() == 1)
+    assert hint.inner_text().startswith("Processing is not available from this server")
+    assert page.locator("[data-wish]").count() == 0
+    assert page.get_by_role("heading", name="Deployments").count() == 0
+    assert page.locator(".status").inner_text().strip() == "Server up"
+    write_engine(workspace)
+    until(page, lambda: "Engine up" in page.locator(".status").inner_text())
+    assert page.locator("[data-wish]").count() > 0
+
+
 def test_wrong_parameters_are_not_taken_to_the_confirmation(page, workspace, live):
+    write_engine(workspace)
     look(page, live)
     page.locator('[data-tab="runs"]').click()
     sign_in(page, workspace, Role.OPERATOR)
@@ -190,7 +207,7 @@ def test_a_wrong_token_is_said_to_be_so_and_not_kept(page, workspace, live):
     assert page.locator(".account").inner_text().count("Sign in") == 1
 
 
-def test_a_note_is_written_seen_by_others_and_deleted(page, browser, workspace, live):
+def test_a_note_is_written_seen_by_others_deleted_and_restored(page, browser, workspace, live):
     other = browser.new_page()
     look(other, live)
     other.locator('[data-tab="notes"]').click()
@@ -214,6 +231,17 @@ def test_a_note_is_written_seen_by_others_and_deleted(page, browser, workspace, 
     until(page, lambda: page.locator("[data-note]").count() == 0)
     until(other, lambda: other.locator("[data-note]").count() == 0)
     assert len(EditLog.of(workspace.store.root).edits("MER2")) == 2
+    other.get_by_text("Deleted annotations").click()
+    until(other, lambda: "layered rock" in other.locator("[data-deleted]").inner_text())
+    assert "deleted by Ann" in other.locator("[data-deleted]").inner_text()
+    assert other.get_by_role("button", name="Restore").count() == 0  # nobody has signed in there
+    page.get_by_text("Deleted annotations").click()
+    page.locator("[data-deleted]").get_by_text("History").click()
+    until(page, lambda: "written: layered rock" in page.locator("[data-deleted]").inner_text())
+    screenshot(page, "note-deleted")
+    page.get_by_role("button", name="Restore").click()
+    until(page, lambda: "layered rock" in page.locator("[data-note]").inner_text())
+    until(page, lambda: page.locator("[data-deleted]").count() == 0)
     other.close()
 
 

@@ -66,10 +66,21 @@ def debians(tool: str, *asked: str) -> str:
     return told.stdout
 
 
-def test_debians_gdal_lists_the_collections_and_counts_their_features(server):
-    told = debians("ogrinfo", "-so", "-al", f"OAPIF:{server}/ogc/MER2")
+def listed_by_debians_gdal(source: str) -> list[tuple[str, str]]:
+    """Layers and the counts of their features."""
+    told = debians("ogrinfo", "-so", "-al", source)
     layer = re.compile(r"^Layer name: (\S+)$.*?^Feature Count: (\d+)$", re.MULTILINE | re.DOTALL)
-    found = layer.findall(told)
+    return layer.findall(told)
+
+
+def test_debians_gdal_lists_the_collections_of_all_missions_from_the_entry(server):
+    found = listed_by_debians_gdal(f"OAPIF:{server}/ogc")
+    own = listed_by_debians_gdal(f"OAPIF:{server}/ogc/MER2")
+    assert found == [(f"MER2:{name}", count) for name, count in own]
+
+
+def test_debians_gdal_lists_the_collections_and_counts_their_features(server):
+    found = listed_by_debians_gdal(f"OAPIF:{server}/ogc/MER2")
     collections = httpx.get(f"{server}/ogc/MER2/collections").json()["collections"]
     items = f"{server}/ogc/MER2/collections/{{}}/items?limit=1"
     names = [one["id"] for one in collections]

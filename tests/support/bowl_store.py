@@ -22,7 +22,7 @@ from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.formats.raster.raster import summarise, write_dtm, write_raster
 from solmap.products.formats.vector.geojson import Feature, write_features
-from solmap.products.model import Layer, ProductKind, Recipe, Scope, ScopeLevel
+from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 GALE = LandingPoint("Bradbury Landing", 137.4417, -4.5895, 3_391_000.0, "a test")
@@ -90,7 +90,10 @@ class Shop:
     workspace: Workspace
 
     def raster(self, kind: ProductKind, write) -> None:
-        ref = self.workspace.store.make(Recipe(kind, REGION), write)
+        self.show(self.workspace.store.make(Recipe(kind, REGION), write))
+
+    def show(self, ref: ProductRef) -> None:
+        """Publish a raster."""
         grid, bands = summarise(self.workspace.store.path(ref))
         facts = (grid.bounds, grid.cell_m, bands[0].unit or None, bands[0].range)
         self._publish(ref, "raster", *facts)

@@ -28,6 +28,7 @@ from solmap.photogrammetry.synthetic.rig import CAMERAS, Instrument, Pointing
 from solmap.photogrammetry.terrain.dtm.region_dtm import RegionParams
 from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloud, cloud_tiles
 from solmap.photogrammetry.terrain.mesh.surface_mesh import ModelParams, TilesetParams
+from solmap.photogrammetry.terrain.orthophoto.merging import MergingParams
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.adjusted_network import network_document
@@ -38,6 +39,7 @@ from solmap.products.formats.mesh.tiles3d import TilesetWriter
 from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.formats.raster.region import RegionFiles, RegionSource, write_region
+from solmap.products.formats.raster.region_orthophoto import write_region_orthophoto
 from solmap.products.formats.vector.geojson import Feature
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from tests.support.bowl_store import (
@@ -157,8 +159,9 @@ def fill_network(workspace: Workspace) -> None:
     _publish_images(workspace)
 
 
-def _orthophoto(path) -> None:
-    write_orthophoto(path, GRID, chequers(), CRS, stretch=(0.0, 254.0))
+def _orthophoto(path, picture=None) -> None:
+    brightness = chequers() if picture is None else picture
+    write_orthophoto(path, GRID, brightness, CRS, stretch=(0.0, 254.0))
 
 
 def _tie(number: int) -> Feature:
@@ -242,45 +245,62 @@ def _keep(path, data: bytes) -> None:
     path.write_bytes(data)
 
 
-def _publish_models(workspace: Workspace, stop: str = LAST, raised_m: float = 0.0) -> ProductRef:
-    """Tiles and model of the bowl as a stop sees it; its terrain model."""
+def _publish_models(
+    workspace: Workspace, stop: str = LAST, raised_m: float = 0.0, picture=None
+) -> tuple[ProductRef, ProductRef]:
+    """Tiles and model of the bowl as a stop sees it; its terrain model and orthophoto."""
     from solmap.tasks.maps.models import model_terrain, tile_terrain  # noqa: PLC0415 - slow to import
 
     store, scope = workspace.store, Scope(ScopeLevel.STOP, stop)
     seen = replace(dtm(), elevation=dtm().elevation + np.float32(raised_m))
     ground = store.make(Recipe(ProductKind.DTM, scope), lambda path: write_dtm(path, seen, CRS))
-    image = store.make(Recipe(ProductKind.ORTHOPHOTO, scope), _orthophoto)
+    image = store.make(
+        Recipe(ProductKind.ORTHOPHOTO, scope), lambda path: _orthophoto(path, picture)
+    )
     tiles = TilesetParams(texture_px=512, draco=True)
     for ref in (
         tile_terrain.fn(ground, image, tiles, LANDING, store),
         model_terrain.fn(ground, image, ModelParams(max_texture_px=1024), LANDING, store),
     ):
         workspace.catalogue.publish(layers=[_layer(ref, workspace)])
-    return ground
+    return ground, image
 
 
 RAISED_M = 1.0
 """The first stop sees the bowl so much higher than the last one."""
+DARKENED = 0.7
+"""The first stop sees it darker, with the dark squares where the last one sees the bright ones."""
 
 
 def fill_overlapping_scene(workspace: Workspace) -> None:
-    """The scene with two stops that see the same ground, and the map that merges them."""
+    """The scene with two stops that see the same ground, and the maps that merge them."""
     fill_scene(workspace)
-    grounds = {
-        name: _publish_models(workspace, name, raised_m)
-        for name, raised_m in ((STOPS[0][0], RAISED_M), (LAST, 0.0))
-    }
+    shop = Shop(workspace)
     places = {name: at for name, _, _, at, _ in STOPS}
-    sources = [
-        RegionSource(name, places[name], workspace.store.path(ref)) for name, ref in grounds.items()
-    ]
+    seen = {
+        name: _publish_models(workspace, name, *how)
+        for name, how in ((STOPS[0][0], (RAISED_M, DARKENED * (260 - chequers()))), (LAST, ()))
+    }
+    for ref in (ref for refs in seen.values() for ref in refs):
+        shop.show(ref)
+    terrains, pictures = (
+        [
+            RegionSource(name, places[name], workspace.store.path(refs[kind]))
+            for name, refs in seen.items()
+        ]
+        for kind in (0, 1)
+    )
 
     def write(path: Path) -> None:
         seams = path.with_suffix(".seams.tif")
-        write_region(RegionFiles(path, seams), sources, RegionParams(), CRS)
+        write_region(RegionFiles(path, seams), terrains, RegionParams(), CRS)
         seams.unlink()
 
-    Shop(workspace).raster(ProductKind.REGION_DTM, write)
+    shop.raster(ProductKind.REGION_DTM, write)
+    shop.raster(
+        ProductKind.REGION_ORTHOPHOTO,
+        lambda path: write_region_orthophoto(path, pictures, MergingParams(), CRS),
+    )
 
 
 POINTS = 6_000

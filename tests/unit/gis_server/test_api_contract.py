@@ -54,6 +54,37 @@ def test_every_route_refuses_what_it_does_not_have_with_a_problem_document(
     assert refused > 60
 
 
+def is_checked(parameter):
+    """Whether a parameter of a query has a form that `~` does not have."""
+    schema = parameter["schema"]
+    forms = schema.get("anyOf", [schema])
+    free = [
+        one for one in forms if one.get("type") == "string" and not {"pattern", "enum"} & set(one)
+    ]
+    return parameter["in"] == "query" and not free and any("$ref" not in one for one in forms)
+
+
+def test_every_route_refuses_a_bad_question_with_a_problem_document(client, operations):
+    refused = set()
+    for method, path, operation in operations:
+        if path.endswith(OWN_REPORTS):
+            continue
+        address = re.sub(r"\{\w+\}", "0", path.replace("{mission}", "MER2"))
+        asked = [one["name"] for one in operation["parameters"] if is_checked(one)]
+        for query in [{name: "~"} for name in asked]:
+            answer = client.request(method, address, params=query)
+            assert answer.status_code >= 400, (address, query)
+            assert_is_problem(answer, address)
+            refused.add((method, path))
+        if "requestBody" in operation:
+            head = {"content-type": "application/json"}
+            answer = client.request(method, address, content=b"{", headers=head)
+            assert answer.status_code >= 400, address
+            assert_is_problem(answer, address)
+            refused.add((method, path))
+    assert len(refused) > 50
+
+
 def test_every_route_refuses_other_methods_with_a_problem_document(client, operations):
     for _, path, _ in operations:
         address = re.sub(r"\{\w+\}", "0", path)
@@ -76,6 +107,30 @@ def test_a_range_beyond_the_end_is_refused_with_a_problem_document(client):
     assert_is_problem(answer, dtm["download"])
     size = answer.headers["content-range"].removeprefix("bytes */")
     assert int(size) == len(client.get(dtm["download"]).content)
+
+
+def test_the_entry_of_ogc_has_the_features_of_all_missions(client):
+    listed = client.get("/ogc/collections").json()["collections"]
+    names = [one["id"] for one in listed]
+    missions = [one["mission"] for one in client.get("/api/missions").json()]
+    own = {one: client.get(f"/ogc/{one}/collections").json()["collections"] for one in missions}
+    assert names == [f"{one}:{each['id']}" for one in missions for each in own[one]]
+    assert names
+    for one in listed:
+        address = f"/ogc/collections/{one['id']}"
+        assert client.get(address).json() == one
+        mission, _, name = one["id"].partition(":")
+        for end in ("/items?limit=1", "/queryables"):
+            answers = [
+                client.get(each + end).json()
+                for each in (address, f"/ogc/{mission}/collections/{name}")
+            ]
+            for each in answers:
+                each.pop("timeStamp", None)
+            assert answers[0] == answers[1]
+    assert set(client.get("/ogc/conformance").json()["conformsTo"]) < set(
+        client.get(f"/ogc/{missions[0]}/conformance").json()["conformsTo"]
+    )
 
 
 def test_the_entry_of_ogc_links_to_all_services(client):

@@ -71,6 +71,9 @@ test("only the chosen sol's images are drawn", () => {
   const state: DrawingState = { ...STATE, sols: [156, 156] };
   expect(stylesOf("footprints", line({ sol: 155 }), state)).toHaveLength(0);
   expect(stylesOf("footprints", line({ sol: 156 }), state)).toHaveLength(1);
+  expect(stylesOf("tie-points", line({ sols: [154, 155] }), state)).toHaveLength(0);
+  expect(stylesOf("tie-points", line({ sols: [155, 156] }), state)).toHaveLength(1);
+  expect(stylesOf("tie-points", line({}), state)).toHaveLength(1); // of an earlier version
 });
 
 test("index contours carry their elevation and the others do not", () => {
@@ -79,7 +82,7 @@ test("index contours carry their elevation and the others do not", () => {
     [500, 0],
   ]);
   const labelOf = (is_index: boolean) =>
-    stylesOf("contours", new Feature({ geometry: far, elevation_m: -1.5, is_index }))[0]
+    stylesOf("contours", new Feature({ geometry: far, elevation_m: -1.5, is_index }))[1]
       ?.getText()
       ?.getText();
   expect(labelOf(true)).toBe("−1.5 m");

@@ -30,6 +30,8 @@ export const HAVEN = "#0aa3c2";
 export const VIEWING = "#0b8f86";
 export const UNPAIRED = "#b0359c";
 export const HIGHLIGHT = "#ffd400";
+/** Keeps contours apart from dark ground. */
+const CONTOUR_CASING = "rgba(255,255,255,0.4)";
 const CASING = "rgba(255,255,255,0.75)";
 const FONT = "11px system-ui, sans-serif";
 
@@ -218,14 +220,15 @@ function drawStopNearBy(feature: FeatureLike, state: DrawingState): Style[] {
 
 function drawContour(feature: FeatureLike, resolution: number): Style[] {
   const index = Boolean(feature.get("is_index"));
-  const style = new Style({ stroke: line(CONTOUR, index ? 1.5 : 0.7), zIndex: index ? 2 : 1 });
+  const width = index ? 1.8 : 1;
+  const style = new Style({ stroke: line(CONTOUR, width), zIndex: index ? 3 : 2 });
   const geometry = feature.getGeometry();
   const length = geometry instanceof LineString ? geometry.getLength() : Number.POSITIVE_INFINITY;
   if (index && length / resolution > 90) {
     const elevation = `${compact(number(feature.get("elevation_m")))} m`;
     style.setText(label(elevation, "#5d300a", { placement: "line", maxAngle: 0.6, repeat: 420 }));
   }
-  return [style];
+  return [new Style({ stroke: line(CONTOUR_CASING, width + 1.6), zIndex: 1 }), style];
 }
 
 const isUnpaired = (feature: FeatureLike) =>
@@ -275,7 +278,7 @@ export function drawingOf(kind: string, state: DrawingState): Draw {
     case "pointing":
       return (feature) => drawViewing(feature, state);
     case "tie-points":
-      return drawTie;
+      return (feature) => (areIn(solsOf(feature), state.sols) ? drawTie(feature) : undefined);
     case "dips":
       return drawDip;
     default:

@@ -58,6 +58,8 @@ const ICONS = {
   panel: "M2 3h12v10H2zM10 3v10",
   bookmark: "M4 2h8v12l-4-3.5L4 14z",
   table: "M2 3h12v10H2zM2 6.4h12M2 9.7h12M6.5 3v10",
+  expand: "M10 2h4v4M14 2 9.5 6.5M6 14H2v-4M2 14l4.5-4.5",
+  options: "M2 4h5M11 4h3M2 8h1M7 8h7M2 12h6M12 12h2M9 2.4v3.2M5 6.4v3.2M10 10.4v3.2",
   tree: "M3 3h4v3H3zM9 10h4v3H9zM5 6v5.5h4",
 } as const;
 

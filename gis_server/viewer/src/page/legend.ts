@@ -2,11 +2,22 @@
 
 import type { Legend } from "../server/records";
 import { h } from "./dom";
-import { compact } from "./format";
+import { fixed } from "./format";
 
 export const swatch = (style: string, text: string) =>
   h("div", { class: "swatch" }, h("i", { style }), text);
 export const legend = (...rows: HTMLElement[]) => h("div", { class: "legend" }, ...rows);
+
+const MOST_DECIMALS = 6;
+
+/** Values with as few decimals as change none by more than a four-hundredth of their span, all with the same. */
+function tickTexts(values: readonly number[]): string[] {
+  const most = Math.abs((values.at(-1) ?? 0) - (values[0] ?? 0)) / 400;
+  let decimals = 0;
+  const isOff = (value: number) => Math.abs(Number(value.toFixed(decimals)) - value) > most;
+  while (decimals < MOST_DECIMALS && values.some(isOff)) decimals += 1;
+  return values.map((value) => fixed(value, decimals));
+}
 
 /** Colours with their values, or classes with their names; null where there is no legend. */
 export function colourLegend({ stops, unit, classes, note }: Legend): HTMLElement | null {
@@ -26,7 +37,7 @@ export function colourLegend({ stops, unit, classes, note }: Legend): HTMLElemen
     const share = (100 * (value - first[0])) / span;
     return `${colour} ${share.toFixed(1)}%`;
   });
-  const ticks = [0, 0.25, 0.5, 0.75, 1].map((share) => compact(first[0] + share * span, 3));
+  const ticks = tickTexts([0, 0.25, 0.5, 0.75, 1].map((share) => first[0] + share * span));
   return h(
     "div",
     { class: "legend" },

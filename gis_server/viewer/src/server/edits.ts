@@ -59,8 +59,8 @@ export const edits = {
   undo: (mission: string, id: number) => post<Edit>(`${of(mission)}/edits/${id}/undo`, {}),
   annotate: (mission: string, annotation: AnnotationEdit) =>
     post<Edit>(`${of(mission)}/edits/annotations`, annotation),
-  /** Every form that annotations ever had, also of deleted ones. */
-  annotationLog: (mission: string) => get<readonly Edit[]>(`${of(mission)}/edits?kind=annotation`),
+  /** All that was ever edited, also what has no effect any more. */
+  log: (mission: string) => get<readonly Edit[]>(`${of(mission)}/edits`),
   annotations: (mission: string) =>
     get<{ readonly features: readonly AnnotationFeature[] }>(`${of(mission)}/annotations`),
 };

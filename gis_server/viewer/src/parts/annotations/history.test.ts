@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
 import type { Edit } from "../../server/edits";
-import { historyOf } from "./history";
+import { deletedOf, historyOf } from "./history";
 
 const PLACE = { type: "Point", coordinates: [1, 2] };
 const edit = (id: number, author: string, document: Edit["document"], note = ""): Edit => ({
@@ -32,3 +32,22 @@ test("older annotations without category and state are published notes", () => {
 });
 
 test("of what is not in the log there is no history", () => expect(historyOf(LOG, 9)).toEqual([]));
+
+test("deleted annotations are listed with what deleted them, replaced, restored and moved ones are not", () => {
+  const undo = (id: number, undoes: number, note = "", counts = true): Edit => ({
+    ...edit(id, "Ann", {}, note),
+    ...{ kind: "undo", undoes, counts },
+  });
+  const gone = (one: Edit): Edit => ({ ...one, counts: false });
+  const [first, second, third, fourth] = LOG as [Edit, Edit, Edit, Edit];
+  const log = [
+    ...[gone(first), gone(second), undo(5, 1, "replaced"), gone(third), undo(6, 3, "replaced")],
+    ...[gone(fourth), undo(7, 2), undo(8, 4, "a shadow")],
+    ...[gone(edit(9, "Cid", { text: "moved" })), undo(10, 9, "moved to MER2-1")],
+    ...[edit(11, "Cid", { text: "restored" }), undo(12, 11, "", false), undo(13, 12)],
+  ];
+  expect(deletedOf(log).map(({ id, deletion }) => [id, deletion.id])).toEqual([
+    [4, 8],
+    [2, 7],
+  ]);
+});

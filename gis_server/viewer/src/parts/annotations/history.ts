@@ -1,4 +1,4 @@
-/** History of an annotation: its author, and the author, time and fields of each change. */
+/** History of annotations: author, time and fields of each change, and those that were deleted. */
 
 import { h } from "../../page/dom";
 import { time } from "../../page/format";
@@ -10,6 +10,30 @@ export interface Change {
   /** UTC, ISO 8601. */
   readonly at: string;
   readonly what: string;
+}
+
+/** An annotation that was deleted last as it is in the log. */
+export interface Deleted {
+  readonly id: number;
+  readonly annotation: AnnotationEdit;
+  /** The edit that deleted it: undoing that restores it. */
+  readonly deletion: Edit;
+}
+
+/** Annotations without effect that were neither replaced nor moved to another map, the last deleted one first. */
+export function deletedOf(log: readonly Edit[]): readonly Deleted[] {
+  const replaced = new Set(log.map(({ document }) => document["replaces"]));
+  const annotations = new Map(
+    log.filter(({ kind, counts }) => kind === "annotation" && !counts).map((one) => [one.id, one]),
+  );
+  return log
+    .filter(({ kind, counts, note }) => kind === "undo" && counts && !note.startsWith("moved to "))
+    .flatMap((deletion) => {
+      const found = annotations.get(deletion.undoes ?? 0);
+      if (!found || replaced.has(found.id)) return [];
+      return [{ id: found.id, annotation: found.document as unknown as AnnotationEdit, deletion }];
+    })
+    .reverse();
 }
 
 /** Of the annotation that an edit of the log wrote, the newest change first. */
@@ -39,33 +63,41 @@ function differences(before: Partial<AnnotationEdit>, now: Partial<AnnotationEdi
   return found.filter(Boolean).join(", ") || "saved unchanged";
 }
 
-/** Annotations whose history is open: it stays so when the list is drawn again. */
+/** Lists that are open: they stay so when the panel is drawn again. */
 const opened = new Set<string>();
 
-/** A list that is loaded when it is opened. */
-export function historyList(id: string, load: () => Promise<readonly Change[]>): HTMLElement {
+/** A list that is loaded when it is opened, under a name that is another for another list. */
+export function openList(
+  name: string,
+  title: string,
+  load: () => Promise<readonly HTMLElement[]>,
+): HTMLElement {
   const list = h("ol");
-  const fill = (changes: readonly Change[]) =>
-    list.replaceChildren(
-      ...changes.map(({ author, at, what }) =>
-        h("li", {}, what, h("small", {}, `${author} · ${time(at)} UTC`)),
-      ),
-    );
   const details = h(
     "details",
     {
       class: "note-history",
-      open: opened.has(id),
+      open: opened.has(name),
       ontoggle: () => {
-        if (!details.open) opened.delete(id);
+        if (!details.open) opened.delete(name);
         else {
-          opened.add(id);
-          load().then(fill, () => list.replaceChildren("The history could not be fetched."));
+          opened.add(name);
+          load().then(
+            (rows) => list.replaceChildren(...rows),
+            () => list.replaceChildren("The log could not be fetched."),
+          );
         }
       },
     },
-    h("summary", {}, "History"),
+    h("summary", {}, title),
     list,
   );
   return details;
 }
+
+export const historyList = (id: number, log: () => Promise<readonly Edit[]>): HTMLElement =>
+  openList(String(id), "History", async () =>
+    historyOf(await log(), id).map(({ author, at, what }) =>
+      h("li", {}, what, h("small", {}, `${author} · ${time(at)} UTC`)),
+    ),
+  );

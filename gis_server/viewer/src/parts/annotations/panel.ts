@@ -3,9 +3,9 @@
 import type { Shape } from "../../map/sketch";
 import { h } from "../../page/dom";
 import { time } from "../../page/format";
-import type { AnnotationFeature } from "../../server/edits";
+import type { AnnotationFeature, Edit } from "../../server/edits";
 import { categoryOf } from "./categories";
-import { type Change, historyList } from "./history";
+import { type Deleted, deletedOf, historyList, openList } from "./history";
 import type { Unsent } from "./outbox";
 
 export interface NoteActions {
@@ -14,7 +14,8 @@ export interface NoteActions {
   readonly edit: (note: AnnotationFeature) => void;
   readonly redraw: (note: AnnotationFeature) => void;
   readonly remove: (note: AnnotationFeature) => void;
-  readonly history: (note: AnnotationFeature) => Promise<readonly Change[]>;
+  readonly restore: (deleted: Deleted) => void;
+  readonly log: () => Promise<readonly Edit[]>;
   readonly send: () => void;
   readonly discard: (unsent: Unsent) => void;
 }
@@ -52,7 +53,33 @@ export function annotationsPanel(
     unsent.length > 0 ? unsentList(unsent, actions) : null,
     notes.length > 0
       ? h("ul", { class: "plain" }, ...notes.map((note) => row(note, mayWrite, actions)))
-      : h("p", { class: "hint" }, "There are no annotations yet."),
+      : h("p", { class: "hint" }, "There are no annotations."),
+    openList("deleted", "Deleted annotations", async () => {
+      const deleted = deletedOf(await actions.log());
+      if (deleted.length === 0) return [h("li", {}, "None was deleted.")];
+      return deleted.map((one) => deletedRow(one, mayWrite, actions));
+    }),
+  );
+}
+
+function deletedRow(deleted: Deleted, mayWrite: boolean, actions: NoteActions): HTMLElement {
+  const { id, annotation, deletion } = deleted;
+  const { author, at, note } = deletion;
+  const by = `deleted by ${author} · ${time(at)} UTC${note ? ` · ${note}` : ""}`;
+  return h(
+    "li",
+    { class: "note-row", "data-deleted": id },
+    dot(annotation.category),
+    h("span", {}, annotation.text),
+    h("small", {}, by),
+    mayWrite
+      ? h(
+          "div",
+          { class: "note-acts" },
+          link("Restore", () => actions.restore(deleted)),
+        )
+      : null,
+    historyList(id, actions.log),
   );
 }
 
@@ -83,7 +110,7 @@ function row(note: AnnotationFeature, mayWrite: boolean, actions: NoteActions): 
           link("Delete", () => actions.remove(note)),
         )
       : null,
-    historyList(id, () => actions.history(note)),
+    historyList(Number(id), actions.log),
   );
 }
 

@@ -15,7 +15,6 @@ import type { Context } from "../../session/context";
 import { drawAnnotation } from "./drawing";
 import { annotationForm, type Filled } from "./form";
 import { geometryOf, shapeOf } from "./geometry";
-import { historyOf } from "./history";
 import { Outbox, type Unsent } from "./outbox";
 import { annotationsPanel } from "./panel";
 
@@ -93,9 +92,10 @@ class Annotations {
         edit: (note) =>
           this.ask(note, (filled) => this.save({ ...filled, geometry: note.geometry }, note)),
         redraw: (note) => this.start(shapeOf(note.geometry), note),
-        remove: (note) => this.remove(note),
-        history: async ({ id }) =>
-          historyOf(await edits.annotationLog(this.context.mission.mission), Number(id)),
+        remove: ({ id }) =>
+          this.undo(Number(id), "The annotation was deleted; the list below restores it."),
+        restore: ({ deletion }) => this.undo(deletion.id, "The annotation is on the map again."),
+        log: () => edits.log(this.context.mission.mission),
         send: () => this.send(),
         discard: (one) => {
           this.outbox.remove(one);
@@ -173,12 +173,12 @@ class Annotations {
     }
   }
 
-  private remove(note: AnnotationFeature): void {
+  private undo(edit: number, done: string): void {
     const { waiting, mission, page } = this.context;
     waiting.act(async () => {
-      await edits.undo(mission.mission, Number(note.id));
+      await edits.undo(mission.mission, edit);
       await this.load();
-      page.toast("The annotation was deleted; it stays in the log.");
+      page.toast(done);
     });
   }
 }

@@ -3,6 +3,7 @@
 import { kindTitle } from "../../map/layers";
 import { legendFor } from "../../map/raster-style";
 import { Sketch } from "../../map/sketch";
+import { titleOf } from "../../map/title";
 import { copyText } from "../../page/copy";
 import { h } from "../../page/dom";
 import { fixed, scopeTitle } from "../../page/format";
@@ -144,19 +145,20 @@ export function textsOf(
   return {
     title: wish.title,
     lines: [
+      titleOf(mission, layers.all, drawing.sols).parts.join(" · "),
       `centre: north ${fixed(north, 2)} m, east ${fixed(east, 2)} m of ${mission.landing.name}${degrees}`,
       names,
       `${wish.credit}, ${new Date().toISOString().slice(0, 10)}`,
     ],
     legends: drawn.flatMap((layer) => {
       const legend = legendOf(layer, layers.state(layer).style);
-      return legend ? [[titleOf(layer), legend] as const] : [];
+      return legend ? [[layerTitle(layer), legend] as const] : [];
     }),
     rotationDeg,
   };
 }
 
-const titleOf = ({ kind, scope, level }: Layer) =>
+const layerTitle = ({ kind, scope, level }: Layer) =>
   level === "region" ? kindTitle(kind) : `${kindTitle(kind)}, ${scopeTitle(scope)}`;
 
 function legendOf(layer: Layer, style: Parameters<typeof legendFor>[1]): Legend | null {

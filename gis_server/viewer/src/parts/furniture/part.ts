@@ -1,7 +1,8 @@
-/** Scale bar, north arrow, and the tools that move the map. */
+/** Title, scale bar, north arrow, and the tools that move the map. */
 
 import { firstBounds } from "../../map/layers";
 import { scaleBar } from "../../map/scale";
+import { titleOf } from "../../map/title";
 import { copyText } from "../../page/copy";
 import { button, h } from "../../page/dom";
 import type { Context } from "../../session/context";
@@ -12,6 +13,18 @@ const SCALE_PX = 160;
 export function furniturePart(context: Context): void {
   const { page, view, layers, mission, keys, history, state } = context;
   mapFrame(context);
+  const name = h("div", { class: "map-title" });
+  page.map.append(name);
+  const entitle = () => {
+    const { title, parts } = titleOf(mission, layers.all, state.get("sol"));
+    name.replaceChildren(
+      h("b", {}, title),
+      h("span", {}, ...parts.map((part) => h("i", {}, part))),
+    );
+  };
+  state.on("sol", entitle);
+  layers.replaced.on(entitle);
+  entitle();
   const everything = () => view.fit(firstBounds(layers.all) ?? mission.bounds);
   page.addTool(button("zoom in (+)", "plus", () => view.zoomBy(0.5)));
   page.addTool(button("zoom out (-)", "minus", () => view.zoomBy(2)));

@@ -11,13 +11,13 @@ import {
 } from "../../map/styles";
 import { isBand, legendQuery } from "../../map/bands";
 import { kindTitle } from "../../map/layers";
-import { legendFor, quantityTitle } from "../../map/raster-style";
+import { legendFor, quantityTitle, type RasterStyle } from "../../map/raster-style";
 import { NO_RESIDUAL, RESIDUALS } from "../../map/tie-style";
 import { h } from "../../page/dom";
 import { colourLegend, legend, swatch } from "../../page/legend";
 import { api } from "../../server/api";
 import { scopeTitle } from "../../page/format";
-import type { Layer, Legend, VectorLayer } from "../../server/records";
+import type { Layer, Legend, RasterLayer, VectorLayer } from "../../server/records";
 import type { LayerActions } from "./actions";
 
 const stroke = (width: number, kind: string, colour: string) =>
@@ -109,11 +109,16 @@ function fileLegend(layer: Layer, query: string): HTMLElement {
 
 /** Of a layer as it is drawn now; null where there is no legend. */
 export function legendOf(layer: Layer, actions: LayerActions): HTMLElement | null {
-  if (layer.type === "vector")
-    return symbolLegend(layer, actions.ellipseFactor(), actions.setEllipseFactor);
+  return layer.type === "vector"
+    ? symbolLegend(layer, actions.ellipseFactor(), actions.setEllipseFactor)
+    : rasterLegend(layer, actions.stateOf(layer).style);
+}
+
+/** Of a raster in a style, null: the server's. */
+export function rasterLegend(layer: RasterLayer, style: RasterStyle | null): HTMLElement | null {
   const query = legendQuery(layer);
   if (query !== null) return fileLegend(layer, query);
-  const shown = legendFor(layer, actions.stateOf(layer).style);
+  const shown = legendFor(layer, style);
   return shown && colourLegend(shown);
 }
 
@@ -122,17 +127,24 @@ export interface MapLegend {
   readonly draw: (layers: readonly Layer[]) => void;
 }
 
-const WIDE = "(min-width: 1100px)";
+/** Pixels of a map that keeps room beside its legend. */
+const WIDE_PX = 600;
 
-/** On the map: the legends of what is drawn. Layers of several stops that look alike share one. */
-export function mapLegend(actions: LayerActions): MapLegend {
+/**
+ * On the map: the legends of what is drawn. Layers of several stops that look alike share one. It folds when the map
+ * becomes narrow, and opens when it becomes wide.
+ */
+export function mapLegend(actions: LayerActions, map: HTMLElement): MapLegend {
   const list = h("div", {});
-  const element = h(
-    "details",
-    { class: "map-legend", open: matchMedia(WIDE).matches },
-    h("summary", {}, "Legend"),
-    list,
-  );
+  const element = h("details", { class: "map-legend" }, h("summary", {}, "Legend"), list);
+  let isWide = false;
+  const fit = () => {
+    const wasWide = isWide;
+    isWide = map.clientWidth >= WIDE_PX;
+    if (isWide !== wasWide) element.open = isWide;
+  };
+  new ResizeObserver(fit).observe(map);
+  fit();
   const draw = (layers: readonly Layer[]) => {
     const entries = new Map<string, HTMLElement>();
     for (const layer of layers) {

@@ -58,7 +58,10 @@ export function layersPart(context: Context): void {
     view.shown.get(layer.id)?.map.setVisible(visible),
   );
   const onMap = shownList(actionsOf(context, flicker, () => list()));
-  const legend = mapLegend(actionsOf(context, flicker, () => list()));
+  const legend = mapLegend(
+    actionsOf(context, flicker, () => list()),
+    page.map,
+  );
   const drawLegend = () => legend.draw(layers.shown);
   const list = () => {
     onMap.draw(layers.shown);

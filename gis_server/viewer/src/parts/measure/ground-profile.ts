@@ -8,7 +8,7 @@ import type { Context } from "../../session/context";
 import { LineLink } from "../../session/line-link";
 import type { State } from "../../session/state";
 import type { Measurement } from "./export";
-import { decimalsOn } from "./quantities";
+import { decimalsOn, sourcesText } from "./quantities";
 
 type Drawn = Omit<ChartOptions, "onCursor">;
 type ProfileShown = NonNullable<State["profile"]>;
@@ -19,7 +19,7 @@ export function profileOptions(profile: Profile, shown: ProfileShown["shown"]): 
   const { distance_m: xs, layers, slope_baseline_m } = profile;
   const known = profile.elevation_m.filter((value) => value !== null);
   const decimals = decimalsOn(layers);
-  const from = layers.length > 0 ? `From ${layers.map(({ id }) => id).join(", ")}. ` : "";
+  const from = layers.length > 0 ? `From ${sourcesText(layers)}. ` : "";
   const told = (value: number) =>
     measured(value, "m", profile.sigma_m[profile.elevation_m.indexOf(value)], 10 ** -decimals);
   const range =

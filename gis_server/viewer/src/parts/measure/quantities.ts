@@ -1,6 +1,7 @@
 /** What a measurement states, as quantities with unit and standard deviation, and how they are printed. */
 
-import { decimalsFor, measured } from "../../page/format";
+import { kindTitle } from "../../map/kinds";
+import { decimalsFor, measured, scopeTitle } from "../../page/format";
 import { areaSigma, lengthSigma, placeSigma } from "../../map/measure";
 import type {
   AreaMeasured,
@@ -185,6 +186,8 @@ export function zoneQuantities(found: ZoneMeasured): Quantity[] {
 const percentile = ({ percentiles }: ZoneMeasured, percent: string) =>
   Object.entries(percentiles).find(([name]) => Number(name) === Number(percent))?.[1];
 
-/** Terrain models that were used, in the shortest form. */
+/** Terrain models that were used. */
 export const sourcesText = (layers: readonly LayerUsed[]): string =>
-  layers.length === 0 ? "no terrain model" : layers.map(({ id }) => id).join(", ");
+  layers.length === 0
+    ? "no terrain model"
+    : layers.map(({ id, kind }) => `${kindTitle(kind)}, ${scopeTitle(id)}`).join("; ");

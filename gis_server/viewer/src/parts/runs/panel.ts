@@ -48,7 +48,17 @@ function row(run: Run, mayAsk: boolean, actions: RunActions): HTMLElement {
   );
 }
 
-function wishes(kinds: readonly RunKind[], mayAsk: boolean, actions: RunActions): HTMLElement {
+/** Where there is no engine. */
+const ONLY_SHOWN =
+  "Processing is not available from this server: it only shows the map. `solmap run` processes a downlink, `solmap up` processes and serves.";
+
+function wishes(
+  kinds: readonly RunKind[],
+  mayAsk: boolean,
+  actions: RunActions,
+  hasEngine: boolean,
+): HTMLElement {
+  if (!hasEngine) return h("p", { class: "hint", role: "status" }, ONLY_SHOWN);
   if (!mayAsk) return h("p", { class: "hint" }, "Sign in as an operator to start runs from here.");
   const buttons = kinds.map((kind) =>
     h(
@@ -70,6 +80,7 @@ export function runsPanel(
   kinds: readonly RunKind[],
   mayAsk: boolean,
   actions: RunActions,
+  hasEngine: boolean,
 ): HTMLElement {
   const waiting = known.requests.filter(({ state }) => state !== "taken").slice(0, 5);
   const reports = known.reports.map((report) =>
@@ -91,7 +102,7 @@ export function runsPanel(
   return h(
     "div",
     { class: "runs" },
-    wishes(kinds, mayAsk, actions),
+    wishes(kinds, mayAsk, actions, hasEngine),
     ...waiting.map((request) => h("p", { class: "request" }, requestText(request))),
     h("h2", {}, "Runs"),
     known.runs.length > 0

@@ -95,9 +95,11 @@ export function runsPart(context: Context): void {
     },
   };
   const draw = () => {
-    const mayAsk = mayAct(account.value, "operator");
-    panel.replaceChildren(runsPanel(known, kinds, mayAsk, { open, openReport, start, have }));
-    if (engine) panel.append(enginePanel(engine, mayAsk, engineActions));
+    const hasEngine = engine?.is_known !== false;
+    const mayAsk = hasEngine && mayAct(account.value, "operator");
+    const actions = { open, openReport, start, have };
+    panel.replaceChildren(runsPanel(known, kinds, mayAsk, actions, hasEngine));
+    if (engine?.is_known) panel.append(enginePanel(engine, mayAsk, engineActions));
     status(engine);
   };
   const load = async () => {

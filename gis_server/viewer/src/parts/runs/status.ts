@@ -21,7 +21,8 @@ export function indicator(
     const state = last && isConnected ? (last.is_up ? "up" : "down") : "unknown";
     engine.textContent = `Engine ${state}`;
     engine.dataset["up"] = String(state === "up");
-    button.title = last?.trouble ?? "Show runs and deployments";
+    engine.hidden = last?.is_known === false;
+    button.title = (engine.hidden ? null : last?.trouble) ?? "Show runs and deployments";
   };
   const watch = new MutationObserver(draw);
   watch.observe(page.connection, { attributes: true, attributeFilter: ["hidden"] });

@@ -1,7 +1,7 @@
 /** What can be chosen beside the 3D view. No knowledge of how it is drawn. */
 
 import type { SunPlace } from "../../map/shading";
-import { h } from "../../page/dom";
+import { button, h, type IconName } from "../../page/dom";
 
 export interface Choices {
   /** Ground and cameras of one stop; null for all stops' ground. */
@@ -57,7 +57,10 @@ export interface Actions {
 }
 
 export interface Board {
+  /** A line below the view. */
   readonly element: HTMLElement;
+  /** What is opened over the view on demand. */
+  readonly options: HTMLElement;
   readonly choices: Readonly<Choices>;
   /** The sun was moved elsewhere. */
   readonly putSun: (sun: SunPlace) => void;
@@ -158,18 +161,18 @@ export function controls(
   const points = slider("pointSize", "point size", [1, 8, 1], " px", FIRST.pointSize, (size) =>
     set("pointSize", size),
   );
-  const walking = slider("walkSpeed", "walking speed", [0.5, 10, 0.5], " m/s", 2, (speed) =>
+  const walking = slider("walkSpeed", "speed", [0.5, 10, 0.5], " m/s", 2, (speed) =>
     set("walkSpeed", speed),
   );
   points.row.hidden = true;
   let shining = sun;
   const shine = (part: Partial<SunPlace>) => actions.lit({ ...shining, ...part });
-  const from = slider("azimuth", "sun from", [0, 355, 5], "°", sun.azimuthDeg, (azimuthDeg) =>
+  const from = slider("azimuth", "azimuth", [0, 355, 5], "°", sun.azimuthDeg, (azimuthDeg) =>
     shine({ azimuthDeg }),
   );
   const above = slider(
     "elevation",
-    "sun above",
+    "elevation",
     [1, 90, 1],
     "°",
     sun.elevationDeg,
@@ -193,7 +196,7 @@ export function controls(
   let other: Partial<Choices> = { cameras: false, traverse: false, ellipsoids: false };
   const putEye = (at: "flying" | "standing" | "walking") => {
     walk.setAttribute("aria-pressed", String(at === "walking"));
-    walk.textContent = at === "walking" ? "stop walking" : "walk the traverse";
+    name(walk, at === "walking" ? "stop walking" : "walk the traverse");
     if (isOnGround === (at !== "flying")) return;
     isOnGround = !isOnGround;
     const wanted = other;
@@ -209,30 +212,50 @@ export function controls(
     stop.value = chosen.stop ?? "";
     drape.value = chosen.drape;
   };
-  const act = (name: string, title: string, run: () => void) =>
-    h("button", { type: "button", class: "plain", name, onclick: run }, title);
-  const walk = act("walk", "walk the traverse", actions.walk);
+  const act = (name: string, title: string, picture: IconName, run: () => void) =>
+    button(title, picture, run, { class: "ghost", name });
+  const name = (to: HTMLElement, title: string) => {
+    to.title = title;
+    to.setAttribute("aria-label", title);
+  };
+  const walk = act("walk", "walk the traverse", "way", actions.walk);
   walk.disabled = stops.length < 2;
-  const measure = act("measure", "measure", actions.measure);
-  const element = h(
+  const measure = act("measure", "measure", "ruler", actions.measure);
+  const open = act("options", "options of the 3D view", "options", () => toggle());
+  const rows = (title: string, ...parts: HTMLElement[]) =>
+    h("fieldset", {}, h("legend", {}, title), ...parts);
+  const options = h(
     "form",
-    { class: "scene-controls", onsubmit: (event) => event.preventDefault() },
-    h("div", { class: "row" }, stop, look, drape),
+    { class: "scene-options", hidden: true, onsubmit: (event) => event.preventDefault() },
+    rows("Show", h("div", { class: "switches" }, ...toggles.map(({ label }) => label)), points.row),
+    rows("Ground", look, heights.row),
+    rows("Sun", from.row, above.row),
+    rows("Walk", walking.row),
+  );
+  options.addEventListener("keydown", ({ key }) => {
+    if (key !== "Escape") return;
+    toggle();
+    open.focus();
+  });
+  const toggle = () => {
+    options.hidden = !options.hidden;
+    open.setAttribute("aria-expanded", String(!options.hidden));
+  };
+  open.setAttribute("aria-expanded", "false");
+  const element = h(
+    "div",
+    { class: "scene-controls", role: "toolbar", "aria-label": "3D view" },
+    h("div", {}, stop, drape),
     h(
       "div",
-      { class: "row" },
-      act("overview", "overview", actions.overview),
-      act("stand", "stand at the stop", actions.stand),
+      { class: "acts" },
+      act("overview", "overview", "fit", actions.overview),
+      act("stand", "stand at the stop", "eye", actions.stand),
       walk,
       measure,
-      act("full", "full screen", actions.fullScreen),
-    ),
-    h("div", { class: "row switches" }, ...toggles.map(({ label }) => label)),
-    h(
-      "div",
-      { class: "sliders" },
-      ...[heights, walking, points, from, above].map(({ row }) => row),
+      act("full", "full screen", "expand", actions.fullScreen),
+      open,
     ),
   );
-  return { element, choices, putSun, putEye, putMeasuring, choose };
+  return { element, options, choices, putSun, putEye, putMeasuring, choose };
 }

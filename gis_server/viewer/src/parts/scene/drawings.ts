@@ -15,6 +15,7 @@ import {
   SRGBColorSpace,
   Sprite,
   SpriteMaterial,
+  Vector2,
   Vector3,
 } from "three";
 import { LineMaterial } from "three/examples/jsm/lines/LineMaterial.js";
@@ -22,6 +23,9 @@ import { LineSegments2 } from "three/examples/jsm/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/examples/jsm/lines/LineSegmentsGeometry.js";
 import type { Place3, SceneStop } from "../../server/scene";
 import { sum } from "./geometry";
+
+/** Height of a nameplate; its letters have two thirds of it. */
+const NAME_PX = 26;
 
 export interface Stroke {
   readonly color: string;
@@ -67,7 +71,7 @@ export function dots(places: readonly Place3[], origin: Place3, color: string, p
   return new Points(geometry, new PointsMaterial({ color, size: px, sizeAttenuation: false }));
 }
 
-/** A name that faces the viewer, as high as 3 percent of the view. */
+/** A name that faces the viewer, as high on any screen. */
 export function nameplate(text: string, place: Place3, origin: Place3): Sprite {
   const canvas = document.createElement("canvas");
   const pen = canvas.getContext("2d");
@@ -84,7 +88,13 @@ export function nameplate(text: string, place: Place3, origin: Place3): Sprite {
   const map = new CanvasTexture(canvas);
   map.colorSpace = SRGBColorSpace;
   const sprite = new Sprite(new SpriteMaterial({ map, depthTest: false, sizeAttenuation: false }));
-  sprite.scale.set(0.12, 0.03, 1);
+  sprite.onBeforeRender = (renderer, _, camera) => {
+    // A sprite that is not attenuated has its size at a distance of one.
+    const perPx =
+      2 / renderer.getSize(new Vector2()).y / (camera.projectionMatrix.elements[5] ?? 1);
+    sprite.scale.set(4 * NAME_PX * perPx, NAME_PX * perPx, 1);
+    sprite.updateMatrixWorld();
+  };
   sprite.center.set(0.5, -0.4);
   sprite.position.set(...sum(place, origin, -1));
   sprite.renderOrder = 7;

@@ -2,14 +2,14 @@
 
 import { Group, type Points } from "three";
 import type { SunPlace } from "../../map/shading";
-import { legendFor } from "../../map/raster-style";
+import { kindTitle } from "../../map/kinds";
 import { h } from "../../page/dom";
 import { fixed } from "../../page/format";
-import { colourLegend } from "../../page/legend";
 import type { MapPoint } from "../../server/records";
 import { type Model, type Place3, type SceneStops, sceneApi } from "../../server/scene";
 import { type Context, identify, openImage } from "../../session/context";
 import type { Look, Shown } from "../../session/state";
+import { rasterLegend } from "../layers/legend";
 import { Cloud } from "./surface/cloud";
 import { type Board, type Choices, controls } from "./controls";
 import { dots } from "./drawings";
@@ -22,7 +22,7 @@ import { Route } from "./route";
 import "./scene.css";
 import { Sights } from "./sights";
 import { Stage } from "./stage";
-import { drapable, drapeOf, layerFor } from "./surface/drape";
+import { drapable, drapeOf, layerFor, mergedPhotograph } from "./surface/drape";
 import { Partition } from "./surface/partition";
 import { Terrain } from "./surface/terrain";
 import { Tape } from "./tape";
@@ -107,7 +107,7 @@ export class SceneView {
     this.board = board;
     this.choices = board.choices;
     this.shine(board);
-    this.host.append(this.said, this.card, this.measured, this.legend);
+    this.host.append(this.said, this.card, this.measured, this.legend, board.options);
     this.element = h("div", { class: "scene", "data-settled": "false" }, this.host, board.element);
     this.stage.onFrame = () => {
       this.terrain.update(this.stage.camera, this.stage.renderer);
@@ -117,11 +117,11 @@ export class SceneView {
       this.await();
     };
     this.terrain.add(groundOf(models));
-    context.waiting.run(() => this.terrain.part(Partition.all(context)));
+    void this.terrain.part(Partition.all(context));
     this.listen();
     const { drape, stop } = linked.shown;
     board.choose({ drape, stop });
-    if (drape) this.drape();
+    this.drape();
     this.chooseStop();
     this.begin();
   }
@@ -165,12 +165,14 @@ export class SceneView {
     this.board.putMeasuring(this.tape.isOn);
   }
 
-  /** Drapes the chosen kind of layer over the ground, and shows its legend. */
+  /** Drapes the chosen kind of layer over the ground, with its legend; else the photograph of all stops together. */
   private drape(): void {
     const { context, choices, terrain, legend } = this;
-    const { drape: kind, stop } = choices;
+    const { drape: chosen, stop, look } = choices;
+    const isPhotograph = !chosen && stop === null && look !== "relief";
+    const kind = isPhotograph ? mergedPhotograph(context) : chosen || null;
     terrain.drape(
-      kind,
+      kind ?? "",
       kind
         ? async (scope, bounds) => {
             const layer = layerFor(context, kind, scope, choices.stop !== null, bounds);
@@ -178,11 +180,10 @@ export class SceneView {
           }
         : null,
     );
-    const layer = kind ? layerFor(context, kind, stop ?? "", stop !== null) : null;
-    const meaning = layer && legendFor(layer, context.layers.state(layer).style);
-    const drawn = meaning && colourLegend(meaning);
+    const layer = chosen ? layerFor(context, chosen, stop ?? "", stop !== null) : null;
+    const drawn = layer && rasterLegend(layer, context.layers.state(layer).style);
     legend.hidden = !drawn;
-    legend.replaceChildren(...(drawn ? [drawn] : []));
+    legend.replaceChildren(...(drawn ? [h("h2", {}, kindTitle(layer.kind)), drawn] : []));
     this.element.dataset["settled"] = "false";
     this.stage.ask();
     this.settled();
@@ -271,7 +272,7 @@ export class SceneView {
         return;
       case "look":
         this.terrain.look = choices.look;
-        return;
+        return this.drape();
       case "drape":
         this.drape();
         this.tellShown();

@@ -36,9 +36,9 @@ export function divider(
       "aria-valuemin": 0,
       "aria-valuemax": 100,
     },
-    h("span", { class: "side left" }, left),
+    h("span", { class: "side side-a" }, left),
     h("span", { class: "grip", "aria-hidden": "true" }, "⇔"),
-    h("span", { class: "side right" }, right),
+    h("span", { class: "side side-b" }, right),
   );
   element.addEventListener("pointerdown", (event) => {
     event.preventDefault();

@@ -165,6 +165,7 @@ const TIES: Subject = {
   columns: [
     { key: "point", title: "tie point", width: 10 },
     { key: "kind", title: "kind", isChoice: true, width: 14 },
+    { key: "sols", title: "sols", isChoice: true, width: 9 },
     { key: "residual_px", title: "residual", unit: "px", width: 13 },
     { key: "sigma_m", title: "position σ", unit: "m", width: 15, resolution: 0.001 },
     { ...NORTH, sigma: "sigma_m" },
@@ -178,11 +179,13 @@ const TIES: Subject = {
       (feature) => {
         const { id, properties, geometry } = feature;
         const pairs = (properties["pairs"] as readonly string[] | undefined) ?? [];
+        const sols = ((properties["sols"] as readonly number[] | undefined) ?? []).join(" ");
         const values = valuesOf(properties, ["kind", "residual_px", "sigma_m"]);
+        const place = placeOf(feature);
         return {
           id: String(id),
           geometry,
-          values: { point: Number(id), ...values, ...placeOf(feature), pairs: pairs.join(" ") },
+          values: { point: Number(id), sols, ...values, ...place, pairs: pairs.join(" ") },
         };
       },
       tell,

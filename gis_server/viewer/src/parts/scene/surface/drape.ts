@@ -10,8 +10,8 @@ import { tilesOf } from "../../../map/painted-tiles";
 import type { Bounds, RasterLayer } from "../../../server/records";
 import type { Context } from "../../../session/context";
 
-/** Pixels of the longer side of the texture of one tile of the ground. */
-const MOST_PX = 512;
+/** Pixels of the longer side of the texture of one tile of the ground: as many as its photograph has. */
+const MOST_PX = 1024;
 const MERGED = "region-";
 
 /** Kinds that no single stop has. */
@@ -30,7 +30,7 @@ export function drapable(context: Context): readonly (readonly [kind: string, ti
     .map((kind) => [kind, kindTitle(ONLY_MERGED.has(kind) ? MERGED + kind : kind)]);
 }
 
-const overlap = (a: Bounds, b: Bounds): Bounds | null => {
+export const overlap = (a: Bounds, b: Bounds): Bounds | null => {
   const [west, south] = [Math.max(a[0], b[0]), Math.max(a[1], b[1])];
   const [east, north] = [Math.min(a[2], b[2]), Math.min(a[3], b[3])];
   return west < east && south < north ? [west, south, east, north] : null;
@@ -51,6 +51,10 @@ export function layerFor(
   );
   return (isAlone ? (own ?? merged) : (merged ?? own)) ?? null;
 }
+
+/** Kind of layer that is the photograph of the ground of all stops: equally bright everywhere; null: there is none. */
+export const mergedPhotograph = (context: Context): string | null =>
+  rasters(context).some(({ kind }) => kind === `${MERGED}orthophoto`) ? "orthophoto" : null;
 
 export interface Draped {
   readonly texture: Texture;

@@ -9,6 +9,7 @@ import { loadMosaic, mosaicPlan } from "../../../map/mosaic";
 import { api } from "../../../server/api";
 import type { Bounds, MapPoint, RasterLayer } from "../../../server/records";
 import type { Context } from "../../../session/context";
+import { Join } from "./join";
 
 /** Pixels along the longer side: 8 cm for a region of 80 m. */
 const MOST_PX = 1024;
@@ -28,6 +29,7 @@ export class Partition {
   private readonly pixels: ImageData;
 
   private constructor(
+    private readonly context: Context,
     readonly bounds: Bounds,
     canvas: OffscreenCanvas,
     /** Colours of every stop. */
@@ -43,7 +45,8 @@ export class Partition {
   }
 
   /** Of every merged map of a mission. */
-  static async all({ layers, mission }: Context): Promise<readonly Partition[]> {
+  static async all(context: Context): Promise<readonly Partition[]> {
+    const { layers, mission } = context;
     const sources = layers.listed.filter(({ kind }) => kind === SOURCE_STOP);
     return await Promise.all(
       sources.map(async (layer) => {
@@ -56,7 +59,7 @@ export class Partition {
         const colours = new Map<string, Rgb[]>();
         for (const { name, colour } of classes)
           colours.set(name, [...(colours.get(name) ?? []), rgbOf(colour)]);
-        return new Partition(bounds, picture, colours);
+        return new Partition(context, bounds, picture, colours);
       }),
     );
   }
@@ -86,6 +89,11 @@ export class Partition {
     return own.some((colour) =>
       colour.every((value, k) => Math.abs(value - (here[k] ?? 0)) < CHANNELS),
     );
+  }
+
+  /** How a stop's surface joins those of its neighbours. */
+  join(scope: string): Promise<Join | null> {
+    return Join.of(this.context, this, scope);
   }
 
   dispose(): void {

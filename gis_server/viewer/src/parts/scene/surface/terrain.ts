@@ -4,7 +4,10 @@ import { TilesRenderer } from "3d-tiles-renderer/three";
 import { GLTFExtensionsPlugin } from "3d-tiles-renderer/three/plugins";
 import {
   Box3,
+  type BufferAttribute,
+  Float32BufferAttribute,
   Group,
+  type InterleavedBufferAttribute,
   type Intersection,
   type Material,
   Matrix4,
@@ -13,6 +16,7 @@ import {
   MeshLambertMaterial,
   type Object3D,
   type Raycaster,
+  Vector3,
 } from "three";
 import decoderWasm from "three/examples/jsm/libs/draco/gltf/draco_decoder.wasm?url";
 import decoderWrapper from "three/examples/jsm/libs/draco/gltf/draco_wasm_wrapper.js?url";
@@ -22,6 +26,7 @@ import type { Bounds } from "../../../server/records";
 import type { Model, Place3 } from "../../../server/scene";
 import { Cover } from "./cover";
 import type { Draped } from "./drape";
+import type { Join } from "./join";
 import type { Partition } from "./partition";
 
 /** As photographed; the photograph in another light besides its own; grey in that light alone. */
@@ -38,8 +43,12 @@ interface Clothes {
   readonly lit: Material;
   readonly relief: Material;
   readonly cover: Cover;
+  /** Its vertices as the file has them. */
+  readonly places: BufferAttribute | InterleavedBufferAttribute;
   /** What the cover is draped with. */
   draped: string;
+  /** By which it joins its neighbours now. */
+  join: Join | null;
 }
 
 function clothesOf(mesh: Mesh, origin: Place3): Clothes {
@@ -52,24 +61,42 @@ function clothesOf(mesh: Mesh, origin: Place3): Clothes {
     lit: cover.put(new MeshLambertMaterial({ map: worn.map, side: worn.side })),
     relief: cover.put(new MeshLambertMaterial({ color: 0xb9a48f, side: worn.side })),
     cover,
+    places: mesh.geometry.getAttribute("position"),
     draped: "",
+    join: null,
   };
   mesh.userData["clothes"] = clothes;
   return clothes;
 }
 
-/** Bounds on the map of a mesh below a group whose coordinates are the map's; null: it is not shown there. */
-function boundsOf(mesh: Mesh, group: Object3D): Bounds | null {
+/** From a mesh to a group above it, whose coordinates are the map's; null: it is not shown there. */
+function toMap(mesh: Mesh, group: Object3D): Matrix4 | null {
   const map = new Matrix4();
   let part: Object3D | null = mesh;
   for (; part && part !== group; part = part.parent) {
     if (part.matrixAutoUpdate) part.updateMatrix();
     map.premultiply(part.matrix);
   }
-  if (!part) return null;
+  return part && map;
+}
+
+function boundsOf(mesh: Mesh, map: Matrix4): Bounds {
   mesh.geometry.computeBoundingBox();
   const { min, max } = (mesh.geometry.boundingBox ?? new Box3()).clone().applyMatrix4(map);
   return [min.x, min.y, max.x, max.y];
+}
+
+/** Raises the vertices of a mesh so that it joins its neighbours; null: puts them back. */
+function raise({ geometry }: Mesh, { places }: Clothes, join: Join | null, map: Matrix4): void {
+  const back = map.clone().invert();
+  const place = new Vector3();
+  const raised = Array.from({ length: places.count }, (_, k) => {
+    place.fromBufferAttribute(places, k).applyMatrix4(map);
+    place.z += join?.rise([place.x, place.y]) ?? 0;
+    return place.applyMatrix4(back).toArray();
+  });
+  geometry.setAttribute("position", join ? new Float32BufferAttribute(raised.flat(), 3) : places);
+  geometry.boundingBox = geometry.boundingSphere = null;
 }
 
 /** What is draped over a mesh of a stop's ground; null: nothing. */
@@ -84,6 +111,8 @@ export class Terrain {
   private stop: string | null = null;
   private draping: { readonly name: string; readonly of: Draping } | null = null;
   private partitions: readonly Partition[] = [];
+  /** By stop; null while they are on their way. */
+  private readonly joins = new Map<string, Join | null>();
 
   constructor(
     readonly origin: Place3,
@@ -111,14 +140,10 @@ export class Terrain {
 
   /** Shows one surface at every place of some partitions when the ground of all stops is shown. */
   async part(coming: Promise<readonly Partition[]>): Promise<void> {
-    this.waiting += 1;
-    try {
+    await this.await(async () => {
       this.partitions = await coming;
       this.dressAll();
-    } finally {
-      this.waiting -= 1;
-      this.ask();
-    }
+    });
   }
 
   set look(look: Look) {
@@ -252,23 +277,48 @@ export class Terrain {
   private dress(mesh: Mesh, { model: { scope }, group }: Ground): void {
     const clothes = clothesOf(mesh, this.origin);
     mesh.material = clothes[this.worn];
-    clothes.cover.part(this.partitionOf(scope), scope);
+    const map = toMap(mesh, group);
+    const partition = this.partitionOf(scope);
+    clothes.cover.part(partition, scope);
+    const join = (partition && this.joinOf(partition, scope)) ?? null;
+    if (map && clothes.join !== join) {
+      clothes.join = join;
+      raise(mesh, clothes, join, map);
+    }
     const name = this.draping ? `${this.draping.name} ${this.stop === null}` : "";
     if (clothes.draped === name) return;
-    const bounds = boundsOf(mesh, group);
-    if (!bounds) return;
+    if (!map) return;
     clothes.draped = name;
     if (!this.draping) clothes.cover.drape(null, null);
-    else void this.drapeOver(clothes, this.draping.of(scope, bounds), name);
+    else void this.drapeOver(clothes, this.draping.of(scope, boundsOf(mesh, map)), name);
+  }
+
+  /** How a stop joins its neighbours; null until that is known. */
+  private joinOf(partition: Partition, scope: string): Join | null {
+    const known = this.joins.get(scope);
+    if (known !== undefined) return known;
+    this.joins.set(scope, null);
+    void this.await(async () => {
+      this.joins.set(scope, await partition.join(scope));
+      this.dressAll();
+    });
+    return null;
   }
 
   private async drapeOver(clothes: Clothes, coming: Promise<Draped | null>, name: string) {
-    this.waiting += 1;
-    try {
+    await this.await(async () => {
       const draped = await coming;
       if (clothes.draped === name)
         clothes.cover.drape(draped?.texture ?? null, draped?.bounds ?? null);
       else draped?.texture.dispose();
+    });
+  }
+
+  /** It is not settled until some work is done. */
+  private async await(work: () => Promise<void>): Promise<void> {
+    this.waiting += 1;
+    try {
+      await work();
     } catch (reason) {
       this.onError(reason as Error);
     } finally {
