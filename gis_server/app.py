@@ -5,9 +5,10 @@ from __future__ import annotations
 import sys
 from collections.abc import AsyncIterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from anyio import to_thread
 from fastapi import Depends, FastAPI
@@ -99,6 +100,7 @@ def create_app(  # noqa: PLR0913, PLR0917 - all that differs from one server to 
         with budgets.running_workers(), ThreadPoolExecutor(1) as background:
             if workers:
                 _app.openapi()  # FastAPI builds its routes here, which would stop the event loop
+                await _answer_once(_app)
                 exempt_objects_from_collection()
             background.submit(services.ahead.read)
             yield
@@ -163,6 +165,33 @@ def create_app(  # noqa: PLR0913, PLR0917 - all that differs from one server to 
     if public_url:
         app.add_middleware(PublicAddress, url=public_url)
     return app
+
+
+async def _answer_once(app: FastAPI) -> None:
+    """Answer the viewer's first request before clients are: it prepares what all answers need."""
+    path = "/api/start"
+    scope = {
+        "type": "http",
+        "asgi": {"version": "3.0"},
+        "http_version": "1.1",
+        "method": "GET",
+        "scheme": "http",
+        "path": path,
+        "raw_path": path.encode(),
+        "query_string": b"",
+        "headers": [(b"host", b"localhost")],
+        "client": None,
+        "server": None,
+    }
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def send(_: Any) -> None:  # noqa: ANN401 - a message of ASGI
+        pass
+
+    with suppress(Exception):  # what fails here fails for the first client too
+        await app(scope, receive, send)
 
 
 def create_app_from_settings() -> FastAPI:

@@ -27,6 +27,7 @@ from solmap.products.store.process import (
     collect_garbage_seldom,
     exempt_objects_from_collection,
     log_to_store,
+    return_free_memory,
 )
 
 log = logging.getLogger(__name__)
@@ -34,11 +35,6 @@ _NICENESS = 10
 """Tiles and health come first where processors are few."""
 _DIE_WITH_PARENT = 1
 """PR_SET_PDEATHSIG of prctl(2)."""
-
-
-def _return_memory() -> None:
-    with contextlib.suppress(AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _limit_memory(memory_mb: int) -> None:
@@ -70,7 +66,7 @@ async def _answer_all(connection: Connection) -> None:
             answer = await collect(app, request, body, folder)
         except UnkeptError as error:
             answer = error
-        _return_memory()
+        return_free_memory()
         lacked_memory = request.get(LACKED_MEMORY, False)
         is_full = resident_bytes(os.getpid()) > at_start + (memory_mb << 20) // 2
         await to_thread.run_sync(connection.send, (answer, is_full, lacked_memory))

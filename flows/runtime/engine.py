@@ -34,6 +34,7 @@ from pathlib import Path
 from solmap.config.settings import PREFIX, Settings
 from solmap.flows.runtime.children import Child, module_command
 from solmap.products.store.faults import require_writable
+from solmap.products.store.process import use_one_heap
 
 log = logging.getLogger(__name__)
 _START_S = 300.0
@@ -51,6 +52,7 @@ _RUN_ONLY = {"PREFECT_UI_ENABLED": "false"}
 
 def prepare_engine(store: Path) -> None:
     """Set what Prefect reads at import; call before the first import of a flow."""
+    use_one_heap()
     days = Settings().history_days
     defaults = {
         "PREFECT_HOME": str(store.resolve() / "prefect"),

@@ -24,8 +24,8 @@ from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import (
     HAZARD_CLASSES,
     VISIBILITY_CLASSES,
+    open_dtm,
     read_dtm,
-    read_elevation,
     write_classes,
     write_raster,
 )
@@ -50,7 +50,8 @@ def map_insolation(
 
     @cache
     def insolation() -> Insolation:
-        return insolation_of(*read_elevation(store.path(dtm)), latitude, params)
+        with open_dtm(store.path(dtm)) as terrain:
+            return insolation_of(terrain, latitude, params)
 
     map_recipe = Recipe(dtm.map_kind(ProductKind.INSOLATION), dtm.scope, (dtm,), (params, landing))
     haven_recipe = Recipe(
@@ -111,7 +112,8 @@ def map_hazards(
     recipe = Recipe(dtm.map_kind(ProductKind.HAZARD), dtm.scope, (dtm,), (params, landing))
 
     def write(path: Path) -> None:
-        codes, grid = hazards(read_dtm(store.path(dtm)), params)
+        with open_dtm(store.path(dtm)) as terrain:
+            codes, grid = hazards(terrain, params)
         tags = raster_tags(recipe, store)
         write_classes(
             path, grid, codes, local_crs(landing), name="hazard", classes=HAZARD_CLASSES, tags=tags

@@ -11,23 +11,22 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams
 from solmap.photogrammetry.terrain.dtm.stop_dtm import build_dtm as model_terrain
-from solmap.photogrammetry.terrain.relief.contours import ContourParams
-from solmap.photogrammetry.terrain.relief.contours import trace_contours as trace
+from solmap.photogrammetry.terrain.relief.contours import ContourParams, trace_terrain
 from solmap.photogrammetry.terrain.relief.slope import (
     HillshadeParams,
     Relief,
     SlopeParams,
     aspect_of,
-    hillshade,
+    hillshade_parts,
     northerly_tilt_of,
     relief_map,
     slope_of,
 )
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import (
-    read_dtm,
-    read_elevation,
+    open_dtm,
     write_dtm,
+    write_parts,
     write_raster,
 )
 from solmap.products.formats.vector.geojson import contour_feature, write_features
@@ -82,7 +81,8 @@ def trace_contours(
     """Trace the contours of a terrain model."""
 
     def write(path: Path) -> None:
-        contours = trace(*read_elevation(store.path(dtm)), params)
+        with open_dtm(store.path(dtm)) as terrain:
+            contours = trace_terrain(terrain, params)
         write_features(path, map(contour_feature, contours), landing)
 
     kind = dtm.map_kind(ProductKind.CONTOURS)
@@ -98,7 +98,8 @@ def map_relief(
 
     @cache
     def fit_relief() -> tuple[Relief, MapGrid]:
-        return relief_map(read_dtm(store.path(dtm)), params)
+        with open_dtm(store.path(dtm)) as terrain:
+            return relief_map(terrain, params)
 
     def make_map(kind: ProductKind, unit: str, bands_of: Callable[[Relief], Bands]) -> ProductRef:
         recipe = Recipe(dtm.map_kind(kind), dtm.scope, (dtm,), (params, landing))
@@ -122,8 +123,9 @@ def shade_relief(
     recipe = Recipe(dtm.map_kind(ProductKind.HILLSHADE), dtm.scope, (dtm,), (params, landing))
 
     def write(path: Path) -> None:
-        elevation, grid = read_elevation(store.path(dtm))
-        bands = {"hillshade": hillshade(elevation, grid.cell_m, params)}
-        write_raster(path, grid, bands, local_crs(landing), tags=raster_tags(recipe, store))
+        crs, tags = local_crs(landing), raster_tags(recipe, store)
+        with open_dtm(store.path(dtm)) as terrain:
+            parts = hillshade_parts(terrain, params)
+            write_parts(path, terrain.grid, "hillshade", parts, crs, tags)
 
     return store.make(recipe, write)

@@ -7,13 +7,21 @@ from enum import IntEnum
 
 import numpy as np
 
-from solmap.photogrammetry.arrays import Classes, Float64, GreyImage, Mask, ParallaxMap, Raster
+from solmap.photogrammetry.arrays import (
+    Bool,
+    Classes,
+    Float64,
+    GreyImage,
+    Mask,
+    ParallaxMap,
+    Raster,
+)
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.height_bias import NO_BIAS, HeightBias
 from solmap.photogrammetry.matching.stereo.dense import SharedSigma
-from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
 
 PoseCovariance = Float64[np.ndarray, "6 6"]
 """Of a rotation vector (radians) and a position (metres), both in the LSL."""
@@ -76,3 +84,23 @@ class Dtm:
                 raise TerrainError(
                     f"the {name} of a DTM of {self.grid.shape} cells is {layer.shape}"
                 )
+
+    def seen_blocks(self) -> Bool[np.ndarray, "block_rows block_cols"]:
+        """The blocks with an elevation."""
+        rows, cols = (np.arange(0, count, BLOCK) for count in self.grid.shape)
+        known = np.isfinite(self.elevation)
+        return np.logical_or.reduceat(np.logical_or.reduceat(known, rows, axis=0), cols, axis=1)
+
+    def part(self, rows: slice, cols: slice) -> Dtm:
+        """A window of the model, inside its grid."""
+        own = (rows, cols)
+        pose = None if self.pose_sigma_m is None else self.pose_sigma_m[own]
+        size = (rows.stop - rows.start, cols.stop - cols.start)
+        return Dtm(
+            self.grid.part(rows.start, cols.start, *size),
+            self.elevation[own],
+            self.sigma_m[own],
+            self.observations[own],
+            self.ground[own],
+            pose,
+        )

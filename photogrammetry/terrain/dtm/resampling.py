@@ -60,15 +60,6 @@ def seen_window(elevation: Raster) -> tuple[slice, slice]:
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
 
 
-def manageable_cell_m(elevation: Raster, grid: MapGrid, cell_m: float, most_cells: int) -> float:
-    """`cell_m`, doubled until the measured part of a terrain model fits `most_cells`."""
-    rows, cols = seen_window(elevation)
-    area_m2 = (rows.stop - rows.start) * (cols.stop - cols.start) * grid.cell_m**2
-    while area_m2 > most_cells * cell_m**2:
-        cell_m *= 2
-    return cell_m
-
-
 def coarsen(elevation: Raster, grid: MapGrid, cell_m: float) -> tuple[CoarseRaster, MapGrid]:
     """Mean elevation of larger cells, and their grid; NaN where too few cells are known."""
     coarse = coarse_grid(grid, cell_m)

@@ -53,11 +53,12 @@ from solmap.photogrammetry.ranges import (
     Tilt,
 )
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
-from solmap.photogrammetry.terrain.dtm.resampling import (
-    coarsen,
+from solmap.photogrammetry.terrain.dtm.parts import (
+    Terrain,
+    coarse_elevation,
     manageable_cell_m,
-    seen_window,
 )
+from solmap.photogrammetry.terrain.dtm.resampling import seen_window
 from solmap.photogrammetry.terrain.insolation.horizon import Horizons, horizons
 from solmap.photogrammetry.terrain.insolation.sun import (
     SOL_HOURS,
@@ -119,13 +120,11 @@ class Insolation:
     normal: Normals
 
 
-def insolation(
-    elevation: Raster, grid: MapGrid, latitude: float, params: InsolationParams
-) -> Insolation:
+def insolation(terrain: Terrain, latitude: float, params: InsolationParams) -> Insolation:
     """Insolation of a terrain model at a planetographic latitude (radians)."""
-    cell_m = max(grid.cell_m, params.cell_m)
-    cell_m = manageable_cell_m(elevation, grid, cell_m, params.most_cells)
-    coarse, coarse_grid = coarsen(elevation, grid, cell_m)
+    cell_m = max(terrain.grid.cell_m, params.cell_m)
+    cell_m = manageable_cell_m(terrain, cell_m, params.most_cells)
+    coarse, coarse_grid = coarse_elevation(terrain, cell_m)
     window = seen_window(coarse)
     seen = np.ascontiguousarray(coarse[window])
     gradient = window_gradients(seen, coarse_grid.cell_m, params.baseline_m, params.min_share)

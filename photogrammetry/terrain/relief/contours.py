@@ -38,6 +38,7 @@ from solmap.photogrammetry.ranges import (
     ShortMetresOrZero,
 )
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.parts import Terrain, seen_parts
 
 Line = Float64[np.ndarray, "_ 2"]
 """(east, north), metres; the first and last are equal where the line is closed."""
@@ -47,6 +48,8 @@ STEPS = (1.0, 2.0, 2.5, 5.0)
 """Intervals are one of these times a power of ten."""
 LEAST_OFF = 1e-3
 """Least distance of a node's elevation from a contour's, in intervals."""
+REACH_SIGMAS = 4.0
+"""Standard deviations to which the Gaussian reaches, as OpenCV cuts it off."""
 NODES_PER_SIGMA = 2.0
 """Lattice nodes per standard deviation of the Gaussian: finer ones add no detail."""
 
@@ -141,11 +144,36 @@ class Contour:
     """(east, north), metres; the first and last are equal where the line is closed."""
 
 
+def trace_terrain(terrain: Terrain, params: ContourParams) -> tuple[Contour, ...]:
+    """Contours of a terrain model that is smoothed part by part."""
+    grid, step = terrain.grid, _node_step(terrain.grid, params)
+    nodes = np.full([-(-count // step) for count in grid.shape], np.nan, np.float32)
+    margin = math.ceil(REACH_SIGMAS * params.smoothing_m / grid.cell_m) + 1
+    for part in seen_parts(terrain, margin):
+        smooth = smooth_elevation(
+            part.dtm.elevation, grid.cell_m, params.smoothing_m, params.min_share
+        )[part.inner]
+        down, right = (-side.start % step for side in part.own)
+        own = smooth[down::step, right::step]
+        row, col = (-(-side.start // step) for side in part.own)
+        nodes[row : row + own.shape[0], col : col + own.shape[1]] = own
+    return _trace(nodes, grid, step, params)
+
+
 def trace_contours(elevation: Raster, grid: MapGrid, params: ContourParams) -> tuple[Contour, ...]:
-    """Contours of a terrain model, lowest first; none where it is flat or empty."""
+    """Contours of elevations, lowest first; none where they are flat or empty."""
     smooth = smooth_elevation(elevation, grid.cell_m, params.smoothing_m, params.min_share)
-    step = max(1, int(params.smoothing_m / NODES_PER_SIGMA / grid.cell_m))
-    nodes = smooth[::step, ::step]
+    step = _node_step(grid, params)
+    return _trace(smooth[::step, ::step], grid, step, params)
+
+
+def _node_step(grid: MapGrid, params: ContourParams) -> int:
+    """Cells from one node of the lattice to the next."""
+    return max(1, int(params.smoothing_m / NODES_PER_SIGMA / grid.cell_m))
+
+
+def _trace(nodes: Raster, grid: MapGrid, step: int, params: ContourParams) -> tuple[Contour, ...]:
+    """Contours of smoothed elevations at every `step`-th cell of a grid."""
     known = nodes[np.isfinite(nodes)]
     if not len(known) or min(nodes.shape) < 2:  # noqa: PLR2004 - a cell has two sides
         return ()

@@ -21,13 +21,13 @@ gives the largest deviation in a ring of 4 cm instead, for an arm's tool.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from solmap.photogrammetry.arrays import Float32, Raster
 from solmap.photogrammetry.planes import (
-    BLOCK,
     Gradients,
     fit_window_planes,
     gradient_blocks,
@@ -45,12 +45,14 @@ from solmap.photogrammetry.ranges import (
     ShortMetres,
 )
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
-from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.dtm.resampling import (
-    coarse_grid,
+from solmap.photogrammetry.terrain.dtm.parts import (
+    Terrain,
+    Window,
     manageable_cell_m,
-    place_means,
+    seen_parts,
 )
+from solmap.photogrammetry.terrain.dtm.records import Dtm
+from solmap.photogrammetry.terrain.dtm.resampling import coarse_grid, place_means
 
 CORRELATION_M = 0.15
 """Least correlation length of neighbouring cells, even at short range: remaining errors of lens,
@@ -59,8 +61,6 @@ HILLSHADE_BASELINE_CELLS = 3
 """Side of the window in cells: the smallest that fits a plane, which keeps edges sharp."""
 Normals = Float32[np.ndarray, "3 rows cols"]
 """Unit normals (north, east, down) in the LSL, pointing up; NaN where none could be fitted."""
-STRIP = 512
-"""Rows that are processed together: 70 MB at a stop's width."""
 LEAST_STEEPNESS = 1e-6
 """Gradient below which ground has no aspect: single precision."""
 
@@ -120,6 +120,13 @@ def aspect_of(normal: Normals) -> Raster:
 def northerly_tilt_of(normal: Normals) -> Raster:
     """Tilt towards north in degrees of surfaces with these normals."""
     return np.degrees(np.arcsin(np.clip(normal[0], -1, 1)))
+
+
+def hillshade_parts(terrain: Terrain, params: HillshadeParams) -> Iterator[tuple[Window, Raster]]:
+    """The brightness of a terrain model part by part, and where each part lies."""
+    cell_m = terrain.grid.cell_m
+    for part in seen_parts(terrain, HILLSHADE_BASELINE_CELLS):
+        yield part.own, hillshade(part.dtm.elevation, cell_m, params)[part.inner]
 
 
 def hillshade(elevation: Raster, cell_m: float, params: HillshadeParams) -> Raster:
@@ -188,51 +195,20 @@ def _cells_that_share(dtm: Dtm, params: SlopeParams) -> Raster:
         return np.clip(np.float32(params.correlation_px**2) / points, least, most)
 
 
-def relief_map(dtm: Dtm, params: SlopeParams) -> tuple[Relief, MapGrid]:
+def relief_map(terrain: Terrain, params: SlopeParams) -> tuple[Relief, MapGrid]:
     """The same as means over cells of at least `params.cell_m`, and their grid.
 
-    Strips of the model are processed one after the other, so that a region takes no more memory
+    Parts of the model are processed one after the other, so that a region takes no more memory
     than its map.
     """
-    cell_m = max(dtm.grid.cell_m, params.cell_m)
-    cell_m = manageable_cell_m(dtm.elevation, dtm.grid, cell_m, params.most_cells)
-    place = coarse_grid(dtm.grid, cell_m)
+    grid = terrain.grid
+    cell_m = max(grid.cell_m, params.cell_m)
+    cell_m = manageable_cell_m(terrain, cell_m, params.most_cells)
+    place = coarse_grid(grid, cell_m)
     layers = np.full((5, *place.shape), np.nan, np.float32)
-    margin = half_window(dtm.grid.shape, dtm.grid.cell_m, params.baseline_m)
-    for top in range(0, dtm.grid.rows, STRIP):
-        rows = min(STRIP, dtm.grid.rows - top)
-        cols = _seen_blocks(dtm.elevation[top : top + rows])
-        if cols is None:
-            continue
-        above = min(top, margin)
-        around = _part(dtm, slice(top - above, top + rows + margin), cols)
-        fine = relief(around, params)
-        grid = dtm.grid.part(top, cols.start, rows, around.grid.cols)
-        for whole, part in zip(layers, fine.layers, strict=True):
-            place_means(whole, place, part[above : above + rows], grid)
+    for part in seen_parts(terrain, half_window(grid.shape, grid.cell_m, params.baseline_m)):
+        for whole, fine in zip(layers, relief(part.dtm, params).layers, strict=True):
+            place_means(whole, place, fine[part.inner], part.grid)
     north, east, down, sigma, rough = layers
     length = np.sqrt(north**2 + east**2 + down**2)
     return Relief(np.stack([north, east, down]) / length, sigma, rough), place
-
-
-def _seen_blocks(elevation: Raster) -> slice | None:
-    """The columns of a strip from a block before its first elevation to one after its last."""
-    seen = np.flatnonzero(np.isfinite(elevation).any(axis=0))
-    if not len(seen):
-        return None
-    first, last = (int(col) // BLOCK for col in (seen[0], seen[-1]))
-    return slice(max(0, (first - 1) * BLOCK), min(elevation.shape[1], (last + 2) * BLOCK))
-
-
-def _part(dtm: Dtm, rows: slice, cols: slice) -> Dtm:
-    """Some rows and columns of a terrain model, fewer rows at its lower edge."""
-    own = (slice(rows.start, min(rows.stop, dtm.grid.rows)), cols)
-    pose = None if dtm.pose_sigma_m is None else dtm.pose_sigma_m[own]
-    return Dtm(
-        dtm.grid.part(own[0].start, cols.start, own[0].stop - own[0].start, cols.stop - cols.start),
-        dtm.elevation[own],
-        dtm.sigma_m[own],
-        dtm.observations[own],
-        dtm.ground[own],
-        pose,
-    )

@@ -28,11 +28,9 @@ from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.planes import Gradients, fit_window_planes
 from solmap.photogrammetry.ranges import CellSize, Metres, Share, ShortMetres, Slope
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.parts import Terrain, seen_parts
 from solmap.photogrammetry.terrain.dtm.records import Dtm
-from solmap.photogrammetry.terrain.dtm.resampling import coarsen
-
-STRIP = 1024
-"""Rows that are processed together."""
+from solmap.photogrammetry.terrain.dtm.resampling import CoarseRaster, coarse_grid, place_means
 
 
 class Hazard(IntEnum):
@@ -80,26 +78,36 @@ class HazardParams:
             )
 
 
-def hazards(dtm: Dtm, params: HazardParams) -> tuple[Classes, MapGrid]:
+def hazards(terrain: Terrain, params: HazardParams) -> tuple[Classes, MapGrid]:
     """A `Hazard` for every cell of a coarser grid, and that grid."""
-    elevation, grid = coarsen(dtm.elevation, dtm.grid, params.cell_m)
-    sigma, _ = coarsen(dtm.sigma_m, dtm.grid, params.cell_m)
-    if dtm.pose_sigma_m is not None:  # errors common to all cells cause no steps
-        shared, _ = coarsen(dtm.pose_sigma_m, dtm.grid, params.cell_m)
-        sigma = np.sqrt(np.maximum(sigma**2 - shared**2, 0))
-    return _classify_in_strips(elevation, sigma, replace(params, cell_m=grid.cell_m)), grid
-
-
-def _classify_in_strips(elevation: Raster, sigma_m: Raster, params: HazardParams) -> Classes:
-    """The same for some rows at a time, so that memory does not grow with the region."""
+    grid = coarse_grid(terrain.grid, params.cell_m)
+    params, factor = replace(params, cell_m=grid.cell_m), round(grid.cell_m / terrain.grid.cell_m)
     margin = math.ceil(params.window_m / params.cell_m)  # a step half a window off, and its plane
-    found = np.zeros(elevation.shape, np.uint8)
-    for top in range(0, len(elevation), STRIP):
-        rows = slice(max(0, top - margin), top + STRIP + margin)
-        if np.isfinite(elevation[rows]).any():
-            part = classify_cells(elevation[rows], sigma_m[rows], params)
-            found[top : top + STRIP] = part[top - rows.start :][:STRIP]
-    return found
+    codes = np.zeros(grid.shape, np.uint8)
+    for part in seen_parts(terrain, margin * factor):
+        found = _classify_part(part.dtm, factor, params)
+        inner = tuple(slice(side.start // factor, -(-side.stop // factor)) for side in part.inner)
+        row = round((grid.north - part.grid.north) / grid.cell_m)
+        col = round((part.grid.west - grid.west) / grid.cell_m)
+        own = found[inner]
+        codes[row : row + len(own), col : col + own.shape[1]] = own
+    return codes, grid
+
+
+def _classify_part(dtm: Dtm, factor: int, params: HazardParams) -> Classes:
+    """The hazards of a part of a terrain model, in cells `factor` times as wide."""
+    rows, cols = (-(-count // factor) for count in dtm.grid.shape)
+    place = MapGrid(dtm.grid.west, dtm.grid.north, params.cell_m, rows, cols)
+
+    def mean(layer: Raster) -> CoarseRaster:
+        whole = np.full(place.shape, np.nan, np.float32)
+        place_means(whole, place, layer, dtm.grid)
+        return whole
+
+    sigma_m = mean(dtm.sigma_m)
+    if dtm.pose_sigma_m is not None:  # errors common to all cells cause no steps
+        sigma_m = np.sqrt(np.maximum(sigma_m**2 - mean(dtm.pose_sigma_m) ** 2, 0))
+    return classify_cells(mean(dtm.elevation), sigma_m, params)
 
 
 def classify_cells(elevation: Raster, sigma_m: Raster, params: HazardParams) -> Classes:

@@ -36,8 +36,9 @@ import numpy as np
 from solmap.photogrammetry.arrays import Classes, Float32, Float64, Int32, PerPoint, Raster, Vector3
 from solmap.photogrammetry.ranges import CellSize, MapCells, Metres, MetresOrZero
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
+from solmap.photogrammetry.terrain.dtm.parts import manageable_cell_m
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
-from solmap.photogrammetry.terrain.dtm.resampling import MapPoints, coarsen, manageable_cell_m
+from solmap.photogrammetry.terrain.dtm.resampling import MapPoints, coarsen
 
 Rays = Float32[np.ndarray, "rays steps"]
 """Values along rays from the viewpoint, one row per ray."""
@@ -86,7 +87,7 @@ def viewshed_of_stop(dtm: Dtm, eye: Vector3, params: ViewshedParams) -> tuple[Cl
     beyond long unknown stretches, unless it is no higher than nearer ground; and occluded cells of
     its terrain model are hidden.
     """
-    cell_m = manageable_cell_m(dtm.elevation, dtm.grid, params.cell_m, params.most_cells)
+    cell_m = manageable_cell_m(dtm, params.cell_m, params.most_cells)
     elevation, grid = coarsen(dtm.elevation, dtm.grid, cell_m)
     sight = viewshed(elevation, grid, eye, params)
     occluded = (dtm.ground == GroundClass.OCCLUDED).astype(np.float32)

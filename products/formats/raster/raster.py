@@ -11,9 +11,10 @@ map.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, get_args
@@ -22,14 +23,14 @@ import numpy as np
 import rasterio
 from pyproj import CRS
 from rasterio.enums import ColorInterp, Resampling
-from rasterio.errors import CRSError, RasterioError, RasterioIOError
+from rasterio.errors import CRSError, RasterBlockError, RasterioError, RasterioIOError
 from rasterio.session import DummySession
 from rasterio.transform import Affine
 from rasterio.warp import reproject, transform_bounds
 from rasterio.windows import Window
 
 from solmap.photogrammetry.arrays import Classes, Raster
-from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
+from solmap.photogrammetry.terrain.dtm.grid import BLOCK, Bounds, MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.photogrammetry.terrain.traversability.hazard import Hazard
 from solmap.photogrammetry.terrain.visibility.viewshed import Sight
@@ -106,6 +107,21 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
     ) as dataset:
         for index, band in enumerate(stack, start=1):
             dataset.write(band, index)
+
+
+def write_parts(
+    path: Path,
+    grid: MapGrid,
+    name: str,
+    parts: Iterable[tuple[tuple[slice, slice], Raster]],
+    crs: CRS,
+    tags: Mapping[str, str] | None = None,
+) -> None:
+    """Write a band of float32 from its parts, each with its rows and columns; NaN elsewhere."""
+    band = Band(name, colour=ColorInterp.gray)
+    with create_cog(path, grid, crs, RasterDescription("float32", (band,), tags=tags)) as dataset:
+        for (rows, cols), values in parts:
+            dataset.write(values, 1, window=Window.from_slices(rows, cols))
 
 
 def write_classes(  # noqa: PLR0913 - the properties of one file
@@ -196,12 +212,13 @@ def read_raster(
         ProductError: the file is broken.
     """
     with open_raster(path) as dataset:
+        numbers = {
+            name: number
+            for number, name in enumerate(band_names(dataset), start=1)
+            if wanted is None or name in wanted
+        }
         try:
-            bands = {
-                name: dataset.read(number)
-                for number, name in enumerate(band_names(dataset), start=1)
-                if wanted is None or name in wanted
-            }
+            bands = {name: dataset.read(number) for name, number in numbers.items()}
         except RasterioError as error:
             raise read_error(path, error) from error
         return grid_of(dataset), bands
@@ -263,36 +280,64 @@ def read_dtm(path: Path) -> Dtm:
     Raises:
         ProductError: the file is not a terrain model.
     """
-    grid, bands = _read_terrain(path, _DTM_UNITS.keys(), _POSE_DEVIATION)
-    return Dtm(
-        grid=grid,
-        elevation=bands["elevation"],
-        sigma_m=bands["standard_deviation"],
-        # blocks that hold nothing are not kept
-        observations=np.nan_to_num(bands["observations"], copy=False),
-        ground=np.nan_to_num(bands.pop("class"), copy=False).astype(np.uint8),
-        pose_sigma_m=bands.get(_POSE_DEVIATION),
-    )
+    with open_dtm(path) as stored:
+        grid = stored.grid
+        return stored.part(slice(0, grid.rows), slice(0, grid.cols))
 
 
-def read_elevation(path: Path) -> tuple[Raster, MapGrid]:
-    """Only the elevations of a terrain model, and their grid.
+@contextlib.contextmanager
+def open_dtm(path: Path) -> Iterator[StoredDtm]:
+    """A terrain model to be read in parts.
 
     Raises:
-        ProductError: the file is not a terrain model.
+        ProductError: the file is not a terrain model, or it is broken.
     """
-    grid, bands = _read_terrain(path, ("elevation",))
-    return bands["elevation"], grid
+    with open_raster(path) as dataset:
+        names = band_names(dataset)
+        missing = [name for name in _DTM_UNITS if name not in names]
+        if missing:
+            raise ProductError(f"{path.name} is not a terrain model: it has no band {missing[0]}")
+        try:
+            yield StoredDtm(grid_of(dataset), dataset)
+        except RasterioError as error:
+            raise read_error(path, error) from error
 
 
-def _read_terrain(
-    path: Path, needed: Collection[str], *others: str
-) -> tuple[MapGrid, dict[str, np.ndarray]]:
-    grid, bands = read_raster(path, {*needed, *others})
-    missing = [name for name in needed if name not in bands]
-    if missing:
-        raise ProductError(f"{path.name} is not a terrain model: it has no band {missing[0]}")
-    return grid, bands
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredDtm:
+    """An open terrain model; blocks that the file does not hold are not decoded."""
+
+    grid: MapGrid
+    _dataset: rasterio.DatasetReader
+
+    def seen_blocks(self) -> np.ndarray:
+        """The blocks that the file holds."""
+        rows, cols = (-(-count // BLOCK) for count in self.grid.shape)
+        return np.array([[self._is_held(row, col) for col in range(cols)] for row in range(rows)])
+
+    def _is_held(self, row: int, col: int) -> bool:
+        try:
+            return bool(self._dataset.block_size(1, row, col))
+        except RasterBlockError:
+            return False
+
+    def part(self, rows: slice, cols: slice) -> Dtm:
+        """A window of the model, inside its grid."""
+        window = Window.from_slices(rows, cols)
+        names = [*_DTM_UNITS, _POSE_DEVIATION]
+        known = {name: k for k, name in enumerate(band_names(self._dataset), start=1)}
+        bands = {
+            name: self._dataset.read(known[name], window=window) for name in names if name in known
+        }
+        return Dtm(
+            self.grid.part(rows.start, cols.start, window.height, window.width),
+            elevation=bands["elevation"],
+            sigma_m=bands["standard_deviation"],
+            # blocks that hold nothing are not kept
+            observations=np.nan_to_num(bands["observations"], copy=False),
+            ground=np.nan_to_num(bands.pop("class"), copy=False).astype(np.uint8),
+            pose_sigma_m=bands.get(_POSE_DEVIATION),
+        )
 
 
 def values_in(

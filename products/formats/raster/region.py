@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -142,14 +142,15 @@ def _fuse_tile(
     out: tuple[rasterio.io.DatasetWriter, rasterio.io.DatasetWriter],
     counter: SeamCounter,
 ) -> None:
-    """Read, fuse and write one tile; does nothing where no stop covers it."""
+    """Read, fuse and write one tile; does nothing where no stop has ground in it."""
     row, col = corner
     rows, cols = min(TILE, grid.rows - row), min(TILE, grid.cols - col)
     halo = params.halo
     around = grid.part(row - halo, col - halo, rows + 2 * halo, cols + 2 * halo)
     tile = grid.part(row, col, rows, cols).bounds
     reached = [one for one in sources if overlap(one.grid.bounds, tile)]
-    stops = [StopTerrain(one.number, one.source.place, one.read(around)) for one in reached]
+    read = [(one, one.read(around)) for one in reached]
+    stops = [StopTerrain(one.number, one.source.place, dtm) for one, dtm in read if dtm]
     if not stops:
         return
     inside = (slice(halo, halo + rows), slice(halo, halo + cols))
@@ -204,25 +205,28 @@ class _Source:
             )
         self._coarser, self._finer = 2 ** max(0, round(ratio)), 2 ** max(0, round(-ratio))
 
-    def read(self, around: MapGrid) -> Dtm:
-        """The model on a grid of the region's cells; unknown beyond its own."""
+    def read(self, around: MapGrid) -> Dtm | None:
+        """The model on a grid of the region's cells; None where it has no ground."""
         if self._finer == 1:
             fine = self.grid.cell_m
             rows, cols = (count * self._coarser for count in around.shape)
-            return coarser_dtm(
-                self._window(MapGrid(around.west, around.north, fine, rows, cols)), self._coarser
-            )
+            dtm = self._window(MapGrid(around.west, around.north, fine, rows, cols))
+            return coarser_dtm(dtm, self._coarser) if dtm else None
         row = round((self.grid.north - around.north) / around.cell_m)
         col = round((around.west - self.grid.west) / around.cell_m)
         first_row, first_col = row // self._finer - 1, col // self._finer - 1
         last_row = (row + around.rows) // self._finer + 2
         last_col = (col + around.cols) // self._finer + 2
         wide = self.grid.part(first_row, first_col, last_row - first_row, last_col - first_col)
-        finer = finer_dtm(self._window(wide), self._finer)
-        return _cut(finer, around, row - first_row * self._finer, col - first_col * self._finer)
+        dtm = self._window(wide)
+        if dtm is None:
+            return None
+        top, left = row - first_row * self._finer, col - first_col * self._finer
+        rows, cols = slice(top, top + around.rows), slice(left, left + around.cols)
+        return replace(finer_dtm(dtm, self._finer).part(rows, cols), grid=around)
 
-    def _window(self, wanted: MapGrid) -> Dtm:
-        """The model on a grid of its own cells that may extend beyond it."""
+    def _window(self, wanted: MapGrid) -> Dtm | None:
+        """The model on a grid of its own cells that may extend beyond it; None without ground."""
         row = round((self.grid.north - wanted.north) / wanted.cell_m)
         col = round((wanted.west - self.grid.west) / wanted.cell_m)
         top, left = max(0, row), max(0, col)
@@ -233,25 +237,14 @@ class _Source:
             there = (slice(None), slice(top - row, bottom - row), slice(left - col, right - col))
             stack[there] = self._dataset.read(window=Window(left, top, right - left, bottom - top))
         bands = dict(zip(self._bands, stack, strict=True))
+        ground = np.nan_to_num(bands["class"]).astype(np.uint8)
+        if not ground.any():
+            return None
         return Dtm(
             wanted,
             bands["elevation"],
             bands["standard_deviation"],
             np.nan_to_num(bands["observations"]),
-            np.nan_to_num(bands["class"]).astype(np.uint8),
+            ground,
             bands.get("pose_deviation"),
         )
-
-
-def _cut(dtm: Dtm, wanted: MapGrid, row: int, col: int) -> Dtm:
-    """The part of a model on a grid inside its own."""
-    inside = (slice(row, row + wanted.rows), slice(col, col + wanted.cols))
-    pose = None if dtm.pose_sigma_m is None else dtm.pose_sigma_m[inside]
-    return Dtm(
-        wanted,
-        dtm.elevation[inside],
-        dtm.sigma_m[inside],
-        dtm.observations[inside],
-        dtm.ground[inside],
-        pose,
-    )

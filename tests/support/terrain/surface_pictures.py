@@ -79,7 +79,7 @@ def pictures(dtm: Dtm) -> dict[str, Picture]:
     """One figure of each kind, over the hillshade."""
     light = _shown(hillshade(dtm.elevation, dtm.grid.cell_m, HillshadeParams()), dtm.grid)
     relief, relief_grid = relief_map(dtm, SlopeParams())
-    lit = insolation(dtm.elevation, dtm.grid, LATITUDE, InsolationParams())
+    lit = insolation(dtm, LATITUDE, InsolationParams())
     havens = winter_havens(lit, LATITUDE, HavenParams())
     coarse, coarse_grid = coarsen(dtm.elevation, dtm.grid, 0.16)
     eye = _eye_on_mast(coarse, coarse_grid, (0.0, 0.0), 1.5)

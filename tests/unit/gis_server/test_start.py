@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 from http import HTTPStatus
 
 from fastapi.testclient import TestClient
 
+from solmap.gis_server import app as app_module
 from solmap.gis_server.app import create_app
 from solmap.gis_server.routes import missions
 
@@ -47,6 +49,14 @@ def test_events_since_the_answer_tell_all_that_it_does_not_know(own_world):
         assert again.status_code == HTTPStatus.NOT_MODIFIED
         assert int(again.headers["Last-Event-ID"]) == seen + 1
         assert [event.document["id"] for event in own_world.catalogue.events_since(seen)] == ["a"]
+
+
+def test_the_answer_is_there_before_the_first_client(own_world, monkeypatch):
+    app = create_app(own_world.root)
+    asyncio.run(app_module._answer_once(app))
+    monkeypatch.setattr(missions, "missions_of", _never)
+    with TestClient(app) as client:
+        assert client.get("/api/start").status_code == HTTPStatus.OK
 
 
 def _never(_services):

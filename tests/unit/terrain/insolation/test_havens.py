@@ -26,7 +26,7 @@ def ridge(east, north):
 
 def lit(scenes, surface, latitude=GUSEV, side=512):
     dtm = scenes.dtm_of(surface, side=side)
-    return insolation(dtm.elevation, dtm.grid, latitude, InsolationParams())
+    return insolation(dtm, latitude, InsolationParams())
 
 
 def test_ground_that_leans_to_the_winter_sun_is_a_haven(scenes):

@@ -32,7 +32,7 @@ def plane(slope_deg, azimuth_deg):
 
 def received(scenes, surface, params=CLEAR, side=256):
     dtm = scenes.dtm_of(surface, side=side)
-    made = insolation(dtm.elevation, dtm.grid, GUSEV, params)
+    made = insolation(dtm, GUSEV, params)
     values = made.received[0]
     return values, made
 
@@ -196,7 +196,7 @@ def test_cells_are_not_made_finer(scenes):
 
 def test_large_areas_have_larger_cells(scenes):
     dtm = scenes.dtm_of(scenes.tilted, side=256)
-    made = insolation(dtm.elevation, dtm.grid, GUSEV, InsolationParams(most_cells=2000))
+    made = insolation(dtm, GUSEV, InsolationParams(most_cells=2000))
     assert made.grid.cell_m == 0.32  # 32 x 32 cells of 10.24 m
     assert np.isfinite(made.received[0]).sum() > 500
 
@@ -205,4 +205,4 @@ def test_a_model_without_elevations_is_an_error(scenes):
     dtm = scenes.dtm_of(scenes.level)
     dtm.elevation[:] = np.nan
     with pytest.raises(TerrainError, match="has no elevations"):
-        insolation(dtm.elevation, dtm.grid, GUSEV, CLEAR)
+        insolation(dtm, GUSEV, CLEAR)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solmap.photogrammetry.errors import TerrainError
-from solmap.photogrammetry.terrain.traversability import hazard as hazard_module
+from solmap.photogrammetry.terrain.dtm import parts
 from solmap.photogrammetry.terrain.traversability.hazard import Hazard, HazardParams, hazards
 
 PARAMS = HazardParams()
@@ -112,7 +112,7 @@ def test_strips_of_a_large_map_have_no_seams(scenes, rng, monkeypatch):
     rocks = rng.random((32, 32)) < 0.02
     dtm.elevation[:] += np.kron(rocks, np.ones((32, 32))).astype(np.float32) * 0.3
     whole, _ = hazards(dtm, PARAMS)
-    monkeypatch.setattr(hazard_module, "STRIP", 100)
+    monkeypatch.setattr(parts, "STRIP", 1)
     strips, _ = hazards(dtm, PARAMS)
     assert len(np.unique(whole)) > 2
     np.testing.assert_array_equal(strips, whole)
