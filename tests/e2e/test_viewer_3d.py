@@ -228,7 +228,7 @@ def test_arrow_keys_turn_the_view_about_what_is_looked_at(scene):
 
 def test_the_sun_lights_the_slope_that_faces_it(scene):
     only_ground(scene)
-    scene.locator('.scene select[name="look"]').select_option("relief")
+    scene.locator('.scene select[name="shading"]').select_option("relief")
     scene.locator('.scene input[name="elevation"]').fill("20")
     shades = {}
     x, y, width, height = canvas(scene)

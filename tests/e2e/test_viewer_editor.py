@@ -113,10 +113,10 @@ def test_a_pick_is_predicted_measured_tried_saved_and_taken_back(page, own):
     assert np.hypot(*np.subtract(predicted, picked)) < 2.0  # the prediction is in the middle
 
     page.locator('[data-act="refine"]').click()
-    until(page, lambda: "easured" in page.locator(".editor-said").inner_text())
+    until(page, lambda: "easured" in page.locator(".editor-status").inner_text())
     page.locator('[data-act="plan"]').click()
     page.locator('[data-act="trial"]').click()
-    until(page, lambda: "would move by" in page.locator(".editor-said").inner_text())
+    until(page, lambda: "would move by" in page.locator(".editor-status").inner_text())
     assert page.locator("[data-planned]").get_attribute("data-status") == "used"
     screenshot(page, "editor-tried")
 
@@ -163,7 +163,7 @@ def test_two_orthophotos_laid_over_each_other_pick_in_both(page, mapped):
     with Server(mapped.store) as server:
         open_editor(page, server.url)
         page.locator('[data-tool="overlay"]').click()
-        page.wait_for_selector(".overlay-pane[data-laid]")
+        page.wait_for_selector(".overlay-pane[data-placement]")
         ready(page)
         canvas = page.locator(".overlay-pane canvas")
         box = canvas.bounding_box()
@@ -173,7 +173,7 @@ def test_two_orthophotos_laid_over_each_other_pick_in_both(page, mapped):
         page.mouse.move(x + 30, y - 12, steps=4)
         page.mouse.up()
         east, north, turn = map(
-            float, page.locator(".overlay-pane").get_attribute("data-laid").split(",")
+            float, page.locator(".overlay-pane").get_attribute("data-placement").split(",")
         )
         assert east > 0
         assert north == pytest.approx(0.4 * east, rel=0.02)

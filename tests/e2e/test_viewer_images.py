@@ -58,7 +58,7 @@ def view_of(page):
 
 def on_screen(page, pixel, size):
     """Where on the page a pixel of the image is, while it is shown whole."""
-    box = page.locator("canvas.picture").bounding_box()
+    box = page.locator("canvas.image-canvas").bounding_box()
     scale = min(box["width"] / size[0], box["height"] / size[1])
     left = box["x"] + (box["width"] - scale * size[0]) / 2
     top = box["y"] + (box["height"] - scale * size[1]) / 2
@@ -156,7 +156,7 @@ def test_a_tie_under_the_pointer_tells_what_it_joins(viewer, images_url, oriente
 
 def test_the_wheel_zooms_and_contrast_changes_the_picture(viewer):
     scale = float(view_of(viewer).get_attribute("data-scale"))
-    box = viewer.locator("canvas.picture").bounding_box()
+    box = viewer.locator("canvas.image-canvas").bounding_box()
     viewer.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     viewer.mouse.wheel(0, -500)
     until(viewer, lambda: float(view_of(viewer).get_attribute("data-scale")) > 1.8 * scale)
@@ -172,7 +172,7 @@ def test_the_wheel_zooms_and_contrast_changes_the_picture(viewer):
         round(box["x"]) + 20 : round(box["x"] + box["width"]) - 20,
     ]
     assert bright[inside].mean() > plain[inside].mean() + 20
-    viewer.locator("canvas.picture").press("0")
+    viewer.locator("canvas.image-canvas").press("0")
     until(viewer, lambda: float(view_of(viewer).get_attribute("data-scale")) == scale)
 
 

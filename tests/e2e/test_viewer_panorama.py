@@ -68,7 +68,7 @@ def test_a_panorama_says_where_it_looks_and_what_is_there(strip, known, place):
     until(strip, lambda: panorama.get_attribute("data-ground"))
     found = [float(text) for text in panorama.get_attribute("data-ground").split(",")]
     assert math.dist(found, (east, north)) < 0.3
-    said = strip.locator(".panorama-said").inner_text().replace("\u2212", "-")
+    said = strip.locator(".panorama-readout").inner_text().replace("\u2212", "-")
     azimuth = float(said.split("azimuth ")[1].split("°")[0])
     expected = known["west_deg"] + (pixel[1] + 0.5) * known["cell_deg"]
     assert abs((azimuth - expected + 180) % 360 - 180) < 0.5  # two pixels of the screen

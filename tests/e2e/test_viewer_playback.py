@@ -15,7 +15,7 @@ from tests.support.browsing import at, look, screenshot, until
 
 
 def shown(page) -> str:
-    return page.locator(".sol-told output").inner_text()
+    return page.locator(".sol-summary output").inner_text()
 
 
 def open_dialog(page) -> None:

@@ -79,10 +79,10 @@ def write_engine(workspace, **more):
 def test_only_an_operator_asks_for_runs_confirms_and_once(page, workspace, live):
     look(page, live)
     page.locator('[data-tab="runs"]').click()
-    assert page.locator("[data-wish]").count() == 0
+    assert page.locator("[data-start]").count() == 0
     sign_in(page, workspace, Role.OPERATOR)
     for _ in range(2):
-        page.locator('[data-wish="region"]').click()
+        page.locator('[data-start="region"]').click()
         assert page.locator('dialog [name="mission"]').input_value() == "MER2"
         page.locator('dialog button[type="submit"]').click()
         assert "merged to regions again" in page.locator("dialog").inner_text()
@@ -98,7 +98,7 @@ def test_wrong_parameters_are_not_taken_to_the_confirmation(page, workspace, liv
     look(page, live)
     page.locator('[data-tab="runs"]').click()
     sign_in(page, workspace, Role.OPERATOR)
-    page.locator('[data-wish="fetch"]').click()
+    page.locator('[data-start="fetch"]').click()
     page.locator('dialog [name="sols"]').fill("yesterday")
     page.locator('dialog button[type="submit"]').click()
     assert page.locator("[data-confirm]").count() == 0
@@ -158,7 +158,7 @@ def test_a_refusal_is_said_in_the_dialog_and_the_engine_is_shown(page, workspace
     write_engine(workspace, is_up=False, trouble="it was stopped")
     until(page, lambda: engine.inner_text() == "Engine down")
     page.locator("[data-confirm]").click()
-    trouble = page.locator("dialog .trouble")
+    trouble = page.locator("dialog .error")
     until(page, lambda: "the engine is down: it was stopped" in trouble.inner_text())
 
 
@@ -184,7 +184,7 @@ def test_a_wrong_token_is_said_to_be_so_and_not_kept(page, workspace, live):
     page.get_by_role("button", name="Sign in").click()
     page.locator('dialog input[type="password"]').fill("solmap_a_b")
     page.locator('dialog button[type="submit"]').click()
-    until(page, lambda: "unknown, revoked" in page.locator("dialog .trouble").inner_text())
+    until(page, lambda: "unknown, revoked" in page.locator("dialog .error").inner_text())
     page.reload()
     ready(page)
     assert page.locator(".account").inner_text().count("Sign in") == 1

@@ -261,7 +261,7 @@ def test_add_a_tie_and_preview_the_adjustment(hand, true_images, tmp_path):
         until(page, lambda: "sample" in page.locator('[data-pick="second"]').inner_text())
         hand.click(page.locator('[data-act="plan"]'))
         hand.click(page.locator('[data-act="trial"]'))
-        until(page, lambda: "would move by" in page.locator(".editor-said").inner_text())
+        until(page, lambda: "would move by" in page.locator(".editor-status").inner_text())
         screenshot(page, f"task-tie-{hand.name}")
     done("add a tie and preview", hand, 5)
 

@@ -223,10 +223,10 @@ function framesOf(frames: References["frames"]): Frame[] {
 
 /** The places that a text may mean, the likeliest first. */
 export function readCoordinates(text: string, to: References): readonly Reading[] {
-  const said = plain(text);
-  const inFrame = frameReading(said, to);
+  const reading = plain(text);
+  const inFrame = frameReading(reading, to);
   if (inFrame !== undefined) return inFrame ? [inFrame] : [];
-  const parts = halves(said);
+  const parts = halves(reading);
   const [a, b] = [parts && componentOf(parts[0]), parts && componentOf(parts[1])];
   if (!a || !b) return [];
   const units = new Set([a.unit, b.unit]);

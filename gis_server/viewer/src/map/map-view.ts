@@ -11,7 +11,7 @@ import type MapBrowserEvent from "ol/MapBrowserEvent";
 import TileSource from "ol/source/Tile";
 import VectorSource from "ol/source/Vector";
 import View from "ol/View";
-import { CalmMap, TILES_ON_THEIR_WAY } from "./calm-map";
+import { ThrottledMap, TILES_ON_THEIR_WAY } from "./throttled-map";
 import { isNeeded } from "./extent-of-need";
 import { type FeatureSource, type Shown, show } from "./map-layers";
 import type { Place } from "../session/permalink";
@@ -66,7 +66,7 @@ export class MapView {
   ) {
     const set = mission.tile_matrix_set;
     const finest = set.cell_sizes.at(-1) ?? 0.01;
-    this.map = new CalmMap({
+    this.map = new ThrottledMap({
       target,
       maxTilesLoading: TILES_ON_THEIR_WAY,
       controls: defaultControls({ zoom: false, rotate: false, attribution: false }),

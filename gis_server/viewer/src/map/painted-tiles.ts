@@ -3,10 +3,10 @@
 import ImageTile from "ol/source/ImageTile";
 import type TileGrid from "ol/tilegrid/TileGrid";
 import type { RasterLayer, TileMatrixSet } from "../server/records";
-import { fade, type Pen, pen, picture } from "./painting";
-import type { TilePicture } from "./mosaic";
-import { recolouring } from "./picture-style";
-import { emptyTile, pictureOf, recoloured } from "./picture-tiles";
+import { canvasOf, fade, type Pen, pen } from "./painting";
+import type { TileImage } from "./mosaic";
+import { recolouring } from "./imagery-style";
+import { emptyTile, loadTile, recoloured } from "./image-tiles";
 import type { LocalMap } from "./projection";
 import { bandOf, colouringOf, hasValues, type Quantity, type RasterStyle } from "./raster-style";
 import { quantityOf, type SunPlace } from "./shading";
@@ -52,7 +52,7 @@ async function paint({ values, pen: draw, fading }: Painting, z: number, x: numb
   const [found, sigmas] = await Promise.all([values(z, x, y), fading?.sigmas(z, x, y)]);
   if (!found) return null;
   const pixels = draw(found);
-  return picture(fading ? fade(pixels, sigmas ?? null, fading.most) : pixels, SIDE);
+  return canvasOf(fading ? fade(pixels, sigmas ?? null, fading.most) : pixels, SIDE);
 }
 
 /** Tile of a layer's values, or of another band's. */
@@ -97,14 +97,14 @@ export function tilesOf(
   style: RasterStyle | null,
   sun: SunPlace,
   set: TileMatrixSet,
-): TilePicture {
+): TileImage {
   if (style && hasValues(layer)) {
     const painting = styled(layer, style, sun, set);
     return (z, x, y) => paint(painting, z, x, y);
   }
   const recolour = recolouring(layer, style);
   return async (z, x, y) => {
-    const drawn = await pictureOf(tileUrl(layer.tiles, z, x, y));
+    const drawn = await loadTile(tileUrl(layer.tiles, z, x, y));
     return drawn && recolour ? recoloured(drawn, recolour) : drawn;
   };
 }

@@ -58,12 +58,12 @@ export class ShadowLayer extends ImageLayer<ImageCanvas> {
     const window = windowOf(this.ground, this.tiling, extent, resolution);
     if (window.columns * window.rows > MOST) return canvas;
     const ground = this.read(window);
-    const picture = drawn(ground, shadows(ground, this.sun));
+    const shadow = drawn(ground, shadows(ground, this.sun));
     const pixel = (window.cell_m / ((extent[2] ?? 0) - (extent[0] ?? 0))) * width;
     const left = ((window.west - (extent[0] ?? 0)) / window.cell_m) * pixel;
     const top = (((extent[3] ?? 0) - window.north) / window.cell_m) * pixel;
     const context = canvas.getContext("2d");
-    context?.drawImage(picture, left, top, picture.width * pixel, picture.height * pixel);
+    context?.drawImage(shadow, left, top, shadow.width * pixel, shadow.height * pixel);
     return canvas;
   }
 

@@ -8,11 +8,11 @@ async function isCopied(text: string): Promise<boolean> {
     await navigator.clipboard.writeText(text);
     return true;
   } catch {
-    return isCopiedByHand(text); // no clipboard on plain http, or not allowed
+    return isCopiedBySelection(text); // no clipboard on plain http, or not allowed
   }
 }
 
-function isCopiedByHand(text: string): boolean {
+function isCopiedBySelection(text: string): boolean {
   const field = h("textarea", { class: "off-screen", readonly: true, "aria-hidden": "true" });
   field.value = text;
   const before = document.activeElement;

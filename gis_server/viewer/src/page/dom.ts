@@ -76,13 +76,13 @@ export function icon(name: IconName): SVGSVGElement {
 
 export function button(
   label: string,
-  picture: keyof typeof ICONS,
+  image: keyof typeof ICONS,
   onClick: () => void,
   extra: Attributes = {},
 ): HTMLButtonElement {
   return h(
     "button",
     { type: "button", title: label, "aria-label": label, onclick: onClick, ...extra },
-    icon(picture),
+    icon(image),
   );
 }

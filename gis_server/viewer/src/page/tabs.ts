@@ -3,7 +3,7 @@
 import { h, icon, type IconName } from "./dom";
 
 /** An icon for every tab listed here; others have the first letter of their title. */
-const PICTURES: Readonly<Record<string, IconName>> = {
+const ICON_OF_TAB: Readonly<Record<string, IconName>> = {
   point: "pin",
   images: "image",
   stops: "way",
@@ -38,8 +38,8 @@ const STEPS: Readonly<Record<string, number>> = {
   ArrowRight: 1,
 };
 
-function pictureOf(name: string, title: string): Node {
-  const known = PICTURES[name];
+function iconOf(name: string, title: string): Node {
+  const known = ICON_OF_TAB[name];
   return known ? icon(known) : h("b", { "aria-hidden": "true" }, title.charAt(0));
 }
 
@@ -80,7 +80,7 @@ export function tabs(opened: (name: string) => void): Tabs {
         "aria-controls": panelId,
         onclick: () => show(name),
       },
-      pictureOf(name, title),
+      iconOf(name, title),
       h("span", {}, title),
     );
     bar.append(button);

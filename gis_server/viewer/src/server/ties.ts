@@ -38,7 +38,7 @@ export interface Refined {
   readonly correlation: number | null;
 }
 
-export interface TieWish {
+export interface TieRequest {
   readonly action: "add";
   readonly first: PixelOf;
   readonly second: PixelOf;
@@ -81,6 +81,6 @@ export const ties = {
     ),
   refine: (mission: string, first: PixelOf, second: PixelOf) =>
     post<Refined>(`${of(mission)}/refine`, { first, second }),
-  trial: (mission: string, wishes: readonly TieWish[]) =>
-    post<Trial>(`${of(mission)}/preview-adjustment`, { ties: wishes }),
+  trial: (mission: string, tieRequests: readonly TieRequest[]) =>
+    post<Trial>(`${of(mission)}/preview-adjustment`, { ties: tieRequests }),
 };

@@ -12,7 +12,7 @@ import type { Sols } from "../map/sols";
 import type { DrawingState } from "../map/styles";
 import type { Shell } from "../page/shell";
 import type { Account } from "../server/account";
-import type { Happening } from "../server/events";
+import type { ServerEvent } from "../server/events";
 import type { Layer, MapPoint, Mission } from "../server/records";
 import type { Kept, LinkBook } from "./kept";
 import type { LayerBook } from "./layer-book";
@@ -64,7 +64,7 @@ export interface Signals {
   /** Two layers are to be compared, by their ids. */
   readonly compare: Signal<{ mode: "swipe" | "difference"; a: string; b: string }>;
   /** The server sent an event of the store. */
-  readonly happened: Signal<Happening>;
+  readonly serverEvent: Signal<ServerEvent>;
   /** The connection with the server is there again. */
   readonly reconnected: Signal<void>;
   /** The view moved, or layers were switched: the link to it is another. */

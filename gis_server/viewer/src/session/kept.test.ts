@@ -3,21 +3,21 @@ import { LinkBook } from "./kept";
 
 test("a part gets the value of its key at once and when another link is followed", () => {
   const link = new LinkBook(new Map([["sun", "noon"]]));
-  const told: (string | null)[] = [];
-  link.follow("sun", (text) => told.push(text));
+  const received: (string | null)[] = [];
+  link.follow("sun", (text) => received.push(text));
   link.restore(new Map([["sun", "noon"]]));
   link.restore(new Map([["sun", "dusk"]]));
   link.restore(new Map());
-  expect(told).toEqual(["noon", "dusk", null]);
+  expect(received).toEqual(["noon", "dusk", null]);
 });
 
 test("a part is not called for what it writes itself", () => {
   const link = new LinkBook(new Map());
-  const told: (string | null)[] = [];
-  link.follow("sun", (text) => told.push(text));
+  const received: (string | null)[] = [];
+  link.follow("sun", (text) => received.push(text));
   link.write("sun", "noon");
   link.restore(new Map([["sun", "noon"]]));
-  expect(told).toEqual([]);
+  expect(received).toEqual([]);
 });
 
 test("keys that nobody reads are unknown", () => {

@@ -71,8 +71,8 @@ function formatOn(on: LinkedLayers): string {
   const layers = [...on].map(([id, { opacity, style, blend }]) => {
     const strength = opacity < 1 || blend ? `*${tidy(opacity, 2)}` : "";
     const mode = blend ? `*${blend}` : "";
-    const look = style ? formatStyle(style) : "";
-    return `${id}${strength}${mode}${look && `~${look}`}`;
+    const styleText = style ? formatStyle(style) : "";
+    return `${id}${strength}${mode}${styleText && `~${styleText}`}`;
   });
   return layers.join(",");
 }

@@ -48,7 +48,7 @@ const signals = (): Signals => ({
   sols: new Signal(),
   ellipses: new Signal(),
   compare: new HeldSignal(),
-  happened: new Signal(),
+  serverEvent: new Signal(),
   reconnected: new Signal(),
   view: new Signal(),
 });
@@ -166,13 +166,13 @@ export class Session {
   /** Shows the link that is now in the address; false if it is of another mission. */
   follow(): boolean {
     const { mission, view, layers, link, drawing, signals, history } = this.context;
-    const said = parsePermalink(location.hash);
-    if (said.mission !== null && said.mission !== mission.mission) return false;
+    const linked = parsePermalink(location.hash);
+    if (linked.mission !== null && linked.mission !== mission.mission) return false;
     history.moved();
-    if (said.place) view.goTo(said.place);
-    if (said.on) layers.follow(said.on, said.ordered);
-    if (!isSame(said.sols, drawing.sols)) signals.sols.emit(said.sols);
-    link.restore(said.more);
+    if (linked.place) view.goTo(linked.place);
+    if (linked.on) layers.follow(linked.on, linked.ordered);
+    if (!isSame(linked.sols, drawing.sols)) signals.sols.emit(linked.sols);
+    link.restore(linked.more);
     this.noteUnknown(location.hash);
     return true;
   }

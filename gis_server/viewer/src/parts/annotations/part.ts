@@ -34,7 +34,7 @@ export function annotationsPart(context: Context): void {
     isOffered: () => mayAct(account.value, "analyst"),
   });
   keys.add("Escape", "stop drawing an annotation", () => annotations.stop());
-  signals.happened.on(({ kind, document }) => {
+  signals.serverEvent.on(({ kind, document }) => {
     const concerns = kind === "edits.changed" && document.mission === mission.mission;
     if (concerns || kind === "reload") waiting.run(() => annotations.load());
   });

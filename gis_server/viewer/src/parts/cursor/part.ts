@@ -48,6 +48,6 @@ function placeTip(tip: HTMLElement, map: HTMLElement, [x = 0, y = 0]: readonly n
 }
 
 function lines({ title, facts, caution }: Tip): Node[] {
-  const told = facts.map((fact) => h("span", {}, fact));
-  return [h("b", {}, title), ...told, ...(caution ? [h("em", {}, caution)] : [])];
+  const spans = facts.map((fact) => h("span", {}, fact));
+  return [h("b", {}, title), ...spans, ...(caution ? [h("em", {}, caution)] : [])];
 }

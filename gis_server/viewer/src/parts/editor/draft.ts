@@ -3,7 +3,7 @@
  * of a trial with them. A trial holds for the ties that it was made of; it is forgotten when they change.
  */
 
-import type { PixelOf, Refined, TieWish, Trial } from "../../server/ties";
+import type { PixelOf, Refined, TieRequest, Trial } from "../../server/ties";
 
 export interface Pick extends PixelOf {
   /** Of one coordinate; null: as a person picks. */
@@ -58,9 +58,9 @@ export const without = (draft: Draft, row: number): Draft => ({
   trial: null,
 });
 
-export const wishes = (draft: Draft): readonly TieWish[] => draft.planned.map(wishOf);
+export const tieRequests = (draft: Draft): readonly TieRequest[] => draft.planned.map(requestOf);
 
-export function wishOf({ first, second }: PlannedTie): TieWish {
+export function requestOf({ first, second }: PlannedTie): TieRequest {
   const sigma = second.sigma_px === null ? {} : { sigma_px: Math.max(second.sigma_px, LEAST_PX) };
   return { action: "add", first: pixel(first), second: pixel(second), ...sigma };
 }

@@ -15,7 +15,7 @@ export interface LayerActions {
   /** Spreads the colours over what is on the screen. */
   readonly stretch: (layer: RasterLayer) => void;
   /** Black and white where a share of the shades on the screen lies beyond. */
-  readonly stretchPicture: (layer: RasterLayer, share: number) => void;
+  readonly stretchImagery: (layer: RasterLayer, share: number) => void;
   readonly zoomTo: (layer: Layer) => void;
   readonly showProvenance: (layer: Layer) => void;
   readonly ellipseFactor: () => number;

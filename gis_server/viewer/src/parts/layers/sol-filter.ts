@@ -84,11 +84,11 @@ export function solFilter(days: readonly number[], actions: SolActions): SolFilt
     });
     name.textContent = solsTitle(sols);
     const [only = null] = days.length === 1 ? days : [];
-    const told = sols && sols[0] === sols[1] ? sols[0] : only;
-    report.hidden = told === null;
-    if (told === null) return;
-    report.href = reportOf(told);
-    report.textContent = `report of sol ${told}`;
+    const singleSol = sols && sols[0] === sols[1] ? sols[0] : only;
+    report.hidden = singleSol === null;
+    if (singleSol === null) return;
+    report.href = reportOf(singleSol);
+    report.textContent = `report of sol ${singleSol}`;
   };
 
   const growing = h("input", { type: "checkbox", "aria-label": "keep earlier sols" });
@@ -137,7 +137,7 @@ export function solFilter(days: readonly number[], actions: SolActions): SolFilt
   const element = h(
     "div",
     { class: "sol-filter" },
-    h("div", { class: "sol-told" }, days.length < 2 ? null : name, report),
+    h("div", { class: "sol-summary" }, days.length < 2 ? null : name, report),
     h(
       "div",
       { class: "sol-range", hidden: days.length < 2 },

@@ -78,7 +78,7 @@ function reachFound(reach: Reachable): Found {
   const { picture: url, bounds, geotiff } = reach;
   return found(reachQuantities(reach), "ground reached", reach.layers, {
     note: "On the map: yellow is near, blue is far; to ground without colour no safe way is known.",
-    picture: { url, bounds, geotiff },
+    overlay: { url, bounds, geotiff },
   });
 }
 

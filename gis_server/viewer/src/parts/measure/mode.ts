@@ -7,7 +7,7 @@ import type { Bounds, MapPoint } from "../../server/records";
 import type { Quantity } from "./quantities";
 
 /** An image overlaid on the map. */
-export interface Picture {
+export interface Overlay {
   readonly url: string;
   readonly bounds: Bounds;
   /** The same as a GeoTIFF. */
@@ -26,7 +26,7 @@ export interface Found {
   readonly chart?: Omit<ChartOptions, "onCursor">;
   /** A place to be noticed. */
   readonly mark?: MapPoint | null;
-  readonly picture?: Picture;
+  readonly overlay?: Overlay;
   /** A way that leads elsewhere than the line that was drawn. */
   readonly way?: readonly MapPoint[];
 }

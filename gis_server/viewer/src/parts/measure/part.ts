@@ -101,8 +101,8 @@ class Measuring {
       const found = await orPlanar(mode, corners, mode.find(mission.mission, corners, asked));
       this.keep(mode, corners, found);
       link.write(KEY, this.linked);
-      const told = found.quantities.filter(({ name }) => BETWEEN.includes(name));
-      box.replaceChildren(facts(told.map((one) => [one.name, quantityText(one)] as const)));
+      const between = found.quantities.filter(({ name }) => BETWEEN.includes(name));
+      box.replaceChildren(facts(between.map((one) => [one.name, quantityText(one)] as const)));
       if (found.note) box.append(found.note);
     });
   }
@@ -236,7 +236,7 @@ class Measuring {
         this.layer = id;
       },
       start: (mode) => (mode === this.mode ? this.stop() : this.start(mode)),
-      zoomTo: ({ corners, found }) => view.fit(found.picture?.bounds ?? boundsOf(corners)),
+      zoomTo: ({ corners, found }) => view.fit(found.overlay?.bounds ?? boundsOf(corners)),
       remove: (one) => {
         this.all = this.all.filter((other) => other !== one);
         this.context.link.write(KEY, this.linked);

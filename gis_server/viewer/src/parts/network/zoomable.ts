@@ -30,10 +30,10 @@ export function zoomable(drawing: SVGSVGElement): HTMLElement {
   const put = (next: Box) => {
     box = next;
     drawing.setAttribute("viewBox", `${box.x} ${box.y} ${box.side} ${box.side}`);
-    tellUnit();
+    setUnit();
   };
   /** Texts and marks keep their size on the screen. */
-  const tellUnit = () => {
+  const setUnit = () => {
     drawing.style.setProperty("--unit", unit().toFixed(4));
     drawing.classList.toggle("close", unit() < 1 / NAMES_FROM);
   };
@@ -55,7 +55,7 @@ export function zoomable(drawing: SVGSVGElement): HTMLElement {
     if ((buttons & 1) === 0) return;
     put({ ...box, x: box.x - movementX * unit(), y: box.y - movementY * unit() });
   });
-  new ResizeObserver(tellUnit).observe(drawing);
+  new ResizeObserver(setUnit).observe(drawing);
   drawing.addEventListener("dblclick", () => put({ x: 0, y: 0, side: whole }));
   return h("div", { class: "network-sheet" }, drawing);
 }

@@ -6,7 +6,7 @@ import { h } from "../../page/dom";
 export interface Choices {
   /** Ground and cameras of one stop; null for all stops' ground. */
   stop: string | null;
-  look: "photograph" | "lit" | "relief";
+  shading: "photograph" | "lit" | "relief";
   /** Kind of the layer that is draped over the ground; empty: none. */
   drape: string;
   exaggeration: number;
@@ -27,7 +27,7 @@ export interface Choices {
 
 export const FIRST: Choices = {
   stop: null,
-  look: "photograph",
+  shading: "photograph",
   drape: "",
   exaggeration: 1,
   rover: true,
@@ -56,13 +56,13 @@ export interface Actions {
   readonly fullScreen: () => void;
 }
 
-export interface Board {
+export interface ControlPanel {
   readonly element: HTMLElement;
   readonly choices: Readonly<Choices>;
   /** The sun was moved elsewhere. */
   readonly putSun: (sun: SunPlace) => void;
   /** Where the eye is from now on. */
-  readonly putEye: (at: "flying" | "standing" | "walking") => void;
+  readonly setCameraMode: (at: "flying" | "standing" | "walking") => void;
   readonly putMeasuring: (isMeasuring: boolean) => void;
   /** Chooses stop and layer without notifying listeners. */
   readonly choose: (chosen: Pick<Choices, "stop" | "drape">) => void;
@@ -79,7 +79,7 @@ const SWITCHES = [
   ["points", "dense points"],
   ["anaglyph", "red-cyan"],
 ] as const;
-const LOOKS = [
+const SHADINGS = [
   ["photograph", "as photographed"],
   ["lit", "photograph, lit by the sun"],
   ["relief", "relief, lit by the sun"],
@@ -93,7 +93,7 @@ export function controls(
   layers: Named,
   sun: SunPlace,
   actions: Actions,
-): Board {
+): ControlPanel {
   const choices = { ...FIRST };
   const set = <K extends keyof Choices>(name: K, value: Choices[K]) => {
     choices[name] = value;
@@ -106,14 +106,14 @@ export function controls(
     h("option", { value: "" }, "all stops"),
     ...stops.map(([id, title]) => h("option", { value: id }, title)),
   );
-  const look = h(
+  const shading = h(
     "select",
     {
-      "aria-label": "look of the ground",
-      name: "look",
-      onchange: () => set("look", look.value as Choices["look"]),
+      "aria-label": "shading of the ground",
+      name: "shading",
+      onchange: () => set("shading", shading.value as Choices["shading"]),
     },
-    ...LOOKS.map(([value, title]) => h("option", { value }, title)),
+    ...SHADINGS.map(([value, title]) => h("option", { value }, title)),
   );
   const drape = h(
     "select",
@@ -162,10 +162,10 @@ export function controls(
     set("walkSpeed", speed),
   );
   points.row.hidden = true;
-  let shining = sun;
-  const shine = (part: Partial<SunPlace>) => actions.lit({ ...shining, ...part });
+  let currentSun = sun;
+  const moveSun = (part: Partial<SunPlace>) => actions.lit({ ...currentSun, ...part });
   const from = slider("azimuth", "sun from", [0, 355, 5], "°", sun.azimuthDeg, (azimuthDeg) =>
-    shine({ azimuthDeg }),
+    moveSun({ azimuthDeg }),
   );
   const above = slider(
     "elevation",
@@ -173,10 +173,10 @@ export function controls(
     [1, 90, 1],
     "°",
     sun.elevationDeg,
-    (elevationDeg) => shine({ elevationDeg }),
+    (elevationDeg) => moveSun({ elevationDeg }),
   );
   const putSun = (to: SunPlace) => {
-    shining = to;
+    currentSun = to;
     from.put(to.azimuthDeg);
     above.put(to.elevationDeg);
   };
@@ -191,7 +191,7 @@ export function controls(
   });
   let isOnGround = false;
   let other: Partial<Choices> = { cameras: false, traverse: false, ellipsoids: false };
-  const putEye = (at: "flying" | "standing" | "walking") => {
+  const setCameraMode = (at: "flying" | "standing" | "walking") => {
     walk.setAttribute("aria-pressed", String(at === "walking"));
     walk.textContent = at === "walking" ? "stop walking" : "walk the traverse";
     if (isOnGround === (at !== "flying")) return;
@@ -217,7 +217,7 @@ export function controls(
   const element = h(
     "form",
     { class: "scene-controls", onsubmit: (event) => event.preventDefault() },
-    h("div", { class: "row" }, stop, look, drape),
+    h("div", { class: "row" }, stop, shading, drape),
     h(
       "div",
       { class: "row" },
@@ -234,5 +234,5 @@ export function controls(
       ...[heights, walking, points, from, above].map(({ row }) => row),
     ),
   );
-  return { element, choices, putSun, putEye, putMeasuring, choose };
+  return { element, choices, putSun, setCameraMode, putMeasuring, choose };
 }

@@ -5,7 +5,14 @@ import type { Pane } from "../../page/panes";
 import { sceneApi } from "../../server/scene";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
-import { formatLook, formatShown, type Look, parseLook, parseShown, type Shown } from "./look";
+import {
+  formatViewpoint,
+  formatShown,
+  type Viewpoint,
+  parseViewpoint,
+  parseShown,
+  type Shown,
+} from "./viewpoint";
 import { showOutlines } from "./outlines";
 import type { SceneView } from "./view";
 
@@ -19,7 +26,7 @@ export function scenePart(context: Context): void {
   let pane: Pane | null = null;
   let wanted: MapPoint | null = null;
   /** Eye and what is looked at in the link. */
-  let linked: Look | null = null;
+  let linked: Viewpoint | null = null;
   const tool = button("3D view (3)", "cube", () => toggle(), {
     class: "scene-tool",
     "aria-pressed": "false",
@@ -36,12 +43,12 @@ export function scenePart(context: Context): void {
       waiting.say("no stop of this mission has a 3D model yet: see `[models]` of the pipeline");
       return;
     }
-    const told = {
-      look: (look: Look) => link.write(KEY, formatLook(look)),
+    const callbacks = {
+      viewpoint: (to: Viewpoint) => link.write(KEY, formatViewpoint(to)),
       shown: (to: Shown) => link.write(SHOWN_KEY, formatShown(to)),
     };
-    const begin = { look: linked, shown: parseShown(link.read(SHOWN_KEY)) };
-    const view = build(() => new View(context, models, stops, begin, told));
+    const begin = { viewpoint: linked, shown: parseShown(link.read(SHOWN_KEY)) };
+    const view = build(() => new View(context, models, stops, begin, callbacks));
     pane = page.panes.open("3D view", view?.element ?? withoutGraphics(), () => {
       view?.dispose();
       close();
@@ -72,14 +79,14 @@ export function scenePart(context: Context): void {
     else if (!isOpen) toggle();
   };
   link.follow(KEY, (text) => {
-    const look = parseLook(text);
-    if (look && shown) {
-      shown.look(look);
+    const viewpoint = parseViewpoint(text);
+    if (viewpoint && shown) {
+      shown.look(viewpoint);
       return;
     }
     if (isOpen) toggle();
-    linked = look;
-    if (look) toggle();
+    linked = viewpoint;
+    if (viewpoint) toggle();
   });
   link.onRestored(SHOWN_KEY, () => shown?.show(parseShown(link.read(SHOWN_KEY))));
   page.addTool(tool);

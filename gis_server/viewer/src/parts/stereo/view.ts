@@ -2,9 +2,9 @@
 
 import { h } from "../../page/dom";
 import { scopeTitle } from "../../page/format";
-import { pairPictures } from "../../server/stereo";
+import { loadPairImages } from "../../server/stereo";
 import type { Waiting } from "../../session/waiting";
-import { Eyes, type Way } from "./eyes";
+import { StereoDisplay, type Way } from "./stereo-display";
 import { moved, type Pair, type Sight, whole, zoomed } from "./fuse";
 import "./stereo.css";
 
@@ -23,13 +23,13 @@ export class StereoView {
   readonly element: HTMLElement;
   private readonly canvas = h("canvas", { tabindex: 0, role: "img" });
   private readonly host = h("div", { class: "stereo-view" }, this.canvas);
-  private readonly said = h("output", { class: "hint" });
+  private readonly status = h("output", { class: "hint" });
   private readonly choice: HTMLSelectElement;
   private readonly slider: HTMLInputElement;
   private readonly shift = h("output", { class: "number" });
   private readonly closing = new AbortController();
   private readonly resized = new ResizeObserver(() => this.fit());
-  private eyes: Eyes | null = null;
+  private display: StereoDisplay | null = null;
   private sight: Sight = { scale: 1, x: 0, y: 0 };
   private way: Way = "anaglyph";
   private nudge = 0;
@@ -49,7 +49,7 @@ export class StereoView {
       {
         "aria-label": "way of looking",
         name: "way",
-        onchange: () => this.look(way.value as Way),
+        onchange: () => this.setWay(way.value as Way),
       },
       ...WAYS.map(([value, title]) => h("option", { value }, title)),
     );
@@ -79,7 +79,7 @@ export class StereoView {
           ),
         ),
         h("label", { class: "inline" }, "parallax on the screen", this.slider, this.shift),
-        this.said,
+        this.status,
       ),
     );
     this.resized.observe(this.host);
@@ -93,10 +93,10 @@ export class StereoView {
     this.element.dataset["settled"] = "false";
     this.canvas.setAttribute("aria-label", `stereo pair ${pair.left.id} and ${pair.right.id}`);
     this.waiting.run(async () => {
-      const pictures = await pairPictures(pair.left, pair.right, this.closing.signal);
-      this.eyes?.dispose();
-      this.eyes = new Eyes(pictures);
-      this.open(this.eyes);
+      const images = await loadPairImages(pair.left, pair.right, this.closing.signal);
+      this.display?.dispose();
+      this.display = new StereoDisplay(images);
+      this.open(this.display);
     });
   }
 
@@ -104,17 +104,17 @@ export class StereoView {
     clearInterval(this.timer);
     this.closing.abort();
     this.resized.disconnect();
-    this.eyes?.dispose();
+    this.display?.dispose();
   }
 
-  private open(eyes: Eyes): void {
-    const most = Math.round(eyes.width / 2);
+  private open(display: StereoDisplay): void {
+    const most = Math.round(display.width / 2);
     Object.assign(this.slider, { min: String(-most), max: String(most), step: "1" });
-    this.said.textContent = eyes.isLinearised
+    this.status.textContent = display.isLinearised
       ? "Rows correspond exactly. Arrow keys: parallax; plus and minus, wheel: nearer; drag: move."
       : "This pair was not matched: its images are not epipolar, rows may differ.";
     this.fit();
-    this.put(eyes.parallax);
+    this.put(display.parallax);
     this.element.dataset["settled"] = "true";
   }
 
@@ -126,7 +126,7 @@ export class StereoView {
     this.draw();
   }
 
-  private look(way: Way): void {
+  private setWay(way: Way): void {
     this.way = way;
     clearInterval(this.timer);
     if (way === "wiggle")
@@ -143,17 +143,22 @@ export class StereoView {
 
   private fit(): void {
     const { clientWidth, clientHeight } = this.host;
-    if (!this.eyes || clientWidth === 0 || clientHeight === 0) return;
+    if (!this.display || clientWidth === 0 || clientHeight === 0) return;
     this.canvas.width = Math.round(clientWidth * this.pixelRatio);
     this.canvas.height = Math.round(clientHeight * this.pixelRatio);
     const { width, height } = this.canvas;
     const isHalved = this.way === "parallel" || this.way === "crossed";
-    this.sight = whole(this.eyes.width, this.eyes.height, isHalved ? width / 2 : width, height);
+    this.sight = whole(
+      this.display.width,
+      this.display.height,
+      isHalved ? width / 2 : width,
+      height,
+    );
     this.draw();
   }
 
   private draw(): void {
-    this.eyes?.draw(this.canvas, this.way, this.sight, this.nudge, this.phase);
+    this.display?.draw(this.canvas, this.way, this.sight, this.nudge, this.phase);
   }
 
   private see(sight: Sight): void {

@@ -108,7 +108,7 @@ export function sunPanel(
   const elevation = slider("elevation of the sun", 0, 90, 0.5, (elevationDeg) =>
     place({ elevationDeg }),
   );
-  const [hoursText, azimuthText, elevationText, told] = [
+  const [hoursText, azimuthText, elevationText, details] = [
     h("output"),
     h("output"),
     h("output"),
@@ -145,7 +145,7 @@ export function sunPanel(
         ),
     h("label", { class: "inline" }, h("span", {}, "azimuth"), azimuth, azimuthText),
     h("label", { class: "inline" }, h("span", {}, "elevation"), elevation, elevationText),
-    told,
+    details,
     h("h2", {}, "Shading of the map"),
     h("div", { class: "inline" }, relief.element, strength),
     shadow.element,
@@ -166,7 +166,7 @@ export function sunPanel(
     [azimuth.value, elevation.value] = [String(azimuthDeg), String(Math.max(0, elevationDeg))];
     azimuthText.textContent = `${fixed(azimuthDeg, 1)}°`;
     elevationText.textContent = `${fixed(elevationDeg, 1)}°`;
-    told.replaceChildren(
+    details.replaceChildren(
       facts([
         ["Ls", now.day ? `${fixed(now.day.lsDeg, 1)}°` : null],
         ["UTC", now.day ? now.day.moment.toISOString().slice(0, 16).replace("T", " ") : null],

@@ -107,7 +107,7 @@ export class TableView {
       signals.click.on((pointed) => this.clicked(pointed)),
       signals.image.on((id) => this.mark("image", id)),
       layers.replaced.on(() => this.load()),
-      signals.happened.on(({ kind, document }) => {
+      signals.serverEvent.on(({ kind, document }) => {
         const isOfEdits = kind === "edits.changed" && document.mission === mission.mission;
         if (isOfEdits && this.subject.key === "annotations") this.load();
       }),

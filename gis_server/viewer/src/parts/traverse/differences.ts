@@ -11,10 +11,10 @@ export const TELEMETRY_NAME = "telemetry";
 /** `sol 157`, `sol 157, overall`; with the time it was made where several are of one sol. */
 export function solutionTitle(one: Solution, all: readonly Solution[]): string {
   const name = `sol ${one.sol}${one.is_overall ? ", overall" : ""}`;
-  const twins = all.filter(
+  const sameTitle = all.filter(
     ({ sol, is_overall }) => sol === one.sol && is_overall === one.is_overall,
   );
-  const made = twins.length > 1 ? `, made ${one.made_at.slice(0, 16).replace("T", " ")}` : "";
+  const made = sameTitle.length > 1 ? `, made ${one.made_at.slice(0, 16).replace("T", " ")}` : "";
   return `${name}${made}${one.is_latest ? " (on the map)" : ""}`;
 }
 

@@ -25,7 +25,7 @@ import type { Draped } from "./drape";
 import type { Partition } from "./partition";
 
 /** As photographed; the photograph in another light besides its own; grey in that light alone. */
-export type Look = "photograph" | "lit" | "relief";
+export type Shading = "photograph" | "lit" | "relief";
 
 interface Ground {
   readonly model: Model;
@@ -33,7 +33,7 @@ interface Ground {
   readonly tiles: TilesRenderer | null;
 }
 
-interface Clothes {
+interface Materials {
   readonly photograph: Material;
   readonly lit: Material;
   readonly relief: Material;
@@ -42,20 +42,20 @@ interface Clothes {
   draped: string;
 }
 
-function clothesOf(mesh: Mesh, origin: Place3): Clothes {
-  const known = mesh.userData["clothes"] as Clothes | undefined;
+function materialsOf(mesh: Mesh, origin: Place3): Materials {
+  const known = mesh.userData["materials"] as Materials | undefined;
   if (known) return known;
-  const worn = mesh.material as MeshBasicMaterial;
+  const loaded = mesh.material as MeshBasicMaterial;
   const cover = new Cover(origin);
-  const clothes: Clothes = {
-    photograph: cover.put(new MeshBasicMaterial({ map: worn.map, side: worn.side })),
-    lit: cover.put(new MeshLambertMaterial({ map: worn.map, side: worn.side })),
-    relief: cover.put(new MeshLambertMaterial({ color: 0xb9a48f, side: worn.side })),
+  const materials: Materials = {
+    photograph: cover.put(new MeshBasicMaterial({ map: loaded.map, side: loaded.side })),
+    lit: cover.put(new MeshLambertMaterial({ map: loaded.map, side: loaded.side })),
+    relief: cover.put(new MeshLambertMaterial({ color: 0xb9a48f, side: loaded.side })),
     cover,
     draped: "",
   };
-  mesh.userData["clothes"] = clothes;
-  return clothes;
+  mesh.userData["materials"] = materials;
+  return materials;
 }
 
 /** Bounds on the map of a mesh below a group whose coordinates are the map's; null: it is not shown there. */
@@ -80,7 +80,7 @@ export class Terrain {
   private readonly draco = new DRACOLoader();
   private readonly grounds: Ground[] = [];
   private waiting = 0;
-  private worn: Look = "photograph";
+  private current: Shading = "photograph";
   private stop: string | null = null;
   private draping: { readonly name: string; readonly of: Draping } | null = null;
   private partitions: readonly Partition[] = [];
@@ -106,7 +106,7 @@ export class Terrain {
     this.stop = scope;
     for (const { group, model } of this.grounds)
       group.visible = scope === null || model.scope === scope;
-    this.dressAll();
+    this.updateMaterials();
   }
 
   /** Shows one surface at every place of some partitions when the ground of all stops is shown. */
@@ -114,22 +114,22 @@ export class Terrain {
     this.waiting += 1;
     try {
       this.partitions = await coming;
-      this.dressAll();
+      this.updateMaterials();
     } finally {
       this.waiting -= 1;
       this.ask();
     }
   }
 
-  set look(look: Look) {
-    this.worn = look;
-    this.dressAll();
+  set shading(shading: Shading) {
+    this.current = shading;
+    this.updateMaterials();
   }
 
   /** Drapes a layer over the ground, under a name that is another for another layer; null takes it away. */
   drape(name: string, of: Draping | null): void {
     this.draping = of && { name, of };
-    this.dressAll();
+    this.updateMaterials();
   }
 
   get isSettled(): boolean {
@@ -185,16 +185,16 @@ export class Terrain {
     const tiles = new TilesRenderer(new URL(model.open, location.href).toString());
     tiles.registerPlugin(new GLTFExtensionsPlugin({ dracoLoader: this.draco, autoDispose: false }));
     const ground: Ground = { model, group: tiles.group, tiles };
-    tiles.addEventListener("load-model", ({ scene }) => this.dressPart(ground, scene));
+    tiles.addEventListener("load-model", ({ scene }) => this.updateMaterialsBelow(ground, scene));
     tiles.addEventListener("dispose-model", ({ scene }) => {
       scene.traverse((thing) => {
-        if (thing instanceof Mesh) clothesOf(thing, this.origin).cover.drape(null, null);
+        if (thing instanceof Mesh) materialsOf(thing, this.origin).cover.drape(null, null);
       });
     });
     tiles.addEventListener("needs-update", this.ask);
     tiles.addEventListener("load-root-tileset", this.ask);
     tiles.addEventListener("tile-visibility-change", ({ scene, visible }) => {
-      if (visible && scene) this.dressPart(ground, scene);
+      if (visible && scene) this.updateMaterialsBelow(ground, scene);
       this.ask();
     });
     tiles.addEventListener("load-error", ({ error }) => this.onError(error));
@@ -220,7 +220,7 @@ export class Terrain {
       .then(({ scene }) => {
         scene.rotation.x = Math.PI / 2; // y up in the file, z up here
         group.add(scene);
-        this.dressPart(ground, scene);
+        this.updateMaterialsBelow(ground, scene);
       })
       .catch((reason: unknown) => this.onError(reason as Error))
       .finally(end);
@@ -238,36 +238,36 @@ export class Terrain {
     return (this.stop === null && this.partitions.find((one) => one.has(scope))) || null;
   }
 
-  private dressAll(): void {
-    for (const ground of this.grounds) this.dressPart(ground, ground.group);
+  private updateMaterials(): void {
+    for (const ground of this.grounds) this.updateMaterialsBelow(ground, ground.group);
   }
 
-  private dressPart(ground: Ground, part: Object3D): void {
+  private updateMaterialsBelow(ground: Ground, part: Object3D): void {
     part.traverse((thing) => {
-      if (thing instanceof Mesh) this.dress(thing, ground);
+      if (thing instanceof Mesh) this.updateMaterial(thing, ground);
     });
     this.ask();
   }
 
-  private dress(mesh: Mesh, { model: { scope }, group }: Ground): void {
-    const clothes = clothesOf(mesh, this.origin);
-    mesh.material = clothes[this.worn];
-    clothes.cover.part(this.partitionOf(scope), scope);
+  private updateMaterial(mesh: Mesh, { model: { scope }, group }: Ground): void {
+    const materials = materialsOf(mesh, this.origin);
+    mesh.material = materials[this.current];
+    materials.cover.part(this.partitionOf(scope), scope);
     const name = this.draping ? `${this.draping.name} ${this.stop === null}` : "";
-    if (clothes.draped === name) return;
+    if (materials.draped === name) return;
     const bounds = boundsOf(mesh, group);
     if (!bounds) return;
-    clothes.draped = name;
-    if (!this.draping) clothes.cover.drape(null, null);
-    else void this.drapeOver(clothes, this.draping.of(scope, bounds), name);
+    materials.draped = name;
+    if (!this.draping) materials.cover.drape(null, null);
+    else void this.drapeOver(materials, this.draping.of(scope, bounds), name);
   }
 
-  private async drapeOver(clothes: Clothes, coming: Promise<Draped | null>, name: string) {
+  private async drapeOver(materials: Materials, coming: Promise<Draped | null>, name: string) {
     this.waiting += 1;
     try {
       const draped = await coming;
-      if (clothes.draped === name)
-        clothes.cover.drape(draped?.texture ?? null, draped?.bounds ?? null);
+      if (materials.draped === name)
+        materials.cover.drape(draped?.texture ?? null, draped?.bounds ?? null);
       else draped?.texture.dispose();
     } catch (reason) {
       this.onError(reason as Error);

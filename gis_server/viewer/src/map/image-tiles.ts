@@ -6,11 +6,11 @@
 import ImageTile from "ol/source/ImageTile";
 import type TileGrid from "ol/tilegrid/TileGrid";
 import type { LocalMap } from "./projection";
-import { count, type Recolour } from "./picture-style";
+import { count, type Recolour } from "./imagery-style";
 import { SIDE, tileUrl } from "./value-tiles";
 
 /** Tiles of an address with {z}, {x} and {y}; in other colours, if a style is given. */
-export function pictureTiles(
+export function imageTiles(
   template: string,
   grid: TileGrid,
   { projection }: LocalMap,
@@ -18,7 +18,7 @@ export function pictureTiles(
 ) {
   return new ImageTile({
     loader: async (z, x, y, { signal }) => {
-      const drawn = await pictureOf(tileUrl(template, z, x, y), signal);
+      const drawn = await loadTile(tileUrl(template, z, x, y), signal);
       if (!drawn) return emptyTile();
       return recolour ? recoloured(drawn, recolour) : drawn;
     },
@@ -31,7 +31,7 @@ export function pictureTiles(
 }
 
 /** What the server drew; null where nothing was measured. */
-export async function pictureOf(url: string, signal?: AbortSignal): Promise<ImageBitmap | null> {
+export async function loadTile(url: string, signal?: AbortSignal): Promise<ImageBitmap | null> {
   const answer = await fetch(url, signal ? { signal } : {});
   if (answer.status === 204) return null;
   if (!answer.ok) throw new Error(`${url} was answered with ${answer.status}`);
@@ -63,7 +63,7 @@ export function recoloured(drawn: ImageBitmap, recolour: Recolour): HTMLCanvasEl
 export async function shadesOf(addresses: readonly string[]): Promise<number[]> {
   const counts = Array.from({ length: 256 }, () => 0);
   for (const url of addresses) {
-    const drawn = await pictureOf(url);
+    const drawn = await loadTile(url);
     if (drawn) count(canvasOf(drawn).getImageData(0, 0, SIDE, SIDE).data, counts);
   }
   return counts;

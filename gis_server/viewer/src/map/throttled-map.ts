@@ -11,7 +11,7 @@ const REST_MS = 60;
 /** Tiles on their way at a time: as many as come between two frames. */
 export const TILES_ON_THEIR_WAY = 32;
 
-export class CalmMap extends OlMap {
+export class ThrottledMap extends OlMap {
   private lastMs = 0;
   private timer: ReturnType<typeof setTimeout> | undefined;
 

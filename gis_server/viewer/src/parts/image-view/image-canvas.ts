@@ -23,15 +23,15 @@ const CLICK_PX = 4;
 const PAN_PX = 60;
 const WHEEL_STEP = 1.0015;
 
-export interface PictureListener {
+export interface ImageCanvasListener {
   /** The pointer is at a place of the image; null: it is not over the image. */
   readonly hover: (at: ImagePoint | null, screen: ScreenPoint) => void;
   readonly click: (at: ImagePoint) => void;
   readonly moved: (viewport: Viewport) => void;
 }
 
-export class Picture {
-  readonly element = h("canvas", { class: "picture", tabindex: 0, role: "application" });
+export class ImageCanvas {
+  readonly element = h("canvas", { class: "image-canvas", tabindex: 0, role: "application" });
   viewport: Viewport = { scale: 1, left: 0, top: 0 };
   private raw: ImageData | null = null;
   private shown: OffscreenCanvas | null = null;
@@ -42,7 +42,7 @@ export class Picture {
   private frame = 0;
   private grabbed: { readonly x: number; readonly y: number; isDrag: boolean } | null = null;
 
-  constructor(private readonly listener: PictureListener) {
+  constructor(private readonly listener: ImageCanvasListener) {
     const { element } = this;
     element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     element.addEventListener("pointerdown", (event) => this.down(event));
@@ -231,13 +231,13 @@ function drawMiddle(paper: CanvasRenderingContext2D, x: number, y: number): void
   }
 }
 
-const KEYS: Readonly<Record<string, (picture: Picture) => void>> = {
-  ArrowLeft: (picture) => picture.step(1, 0),
-  ArrowRight: (picture) => picture.step(-1, 0),
-  ArrowUp: (picture) => picture.step(0, 1),
-  ArrowDown: (picture) => picture.step(0, -1),
-  "+": (picture) => picture.zoom(1.5),
-  "-": (picture) => picture.zoom(1 / 1.5),
-  "0": (picture) => picture.fit(),
-  Enter: (picture) => picture.pickMiddle(),
+const KEYS: Readonly<Record<string, (view: ImageCanvas) => void>> = {
+  ArrowLeft: (view) => view.step(1, 0),
+  ArrowRight: (view) => view.step(-1, 0),
+  ArrowUp: (view) => view.step(0, 1),
+  ArrowDown: (view) => view.step(0, -1),
+  "+": (view) => view.zoom(1.5),
+  "-": (view) => view.zoom(1 / 1.5),
+  "0": (view) => view.fit(),
+  Enter: (view) => view.pickMiddle(),
 };

@@ -47,13 +47,13 @@ function without(classes: NonNullable<Legend["classes"]>, hidden: readonly numbe
 
 export const classesOf = (layer: RasterLayer) => layer.legend?.classes ?? [];
 /** Whether its grey values can be stretched: an image, and not one of classes. */
-export const isPicture = (layer: RasterLayer) =>
+export const isImagery = (layer: RasterLayer) =>
   !hasValues(layer) && classesOf(layer).length === 0 && legendQuery(layer) === null;
 
 /** How a style changes a layer's tiles; null: not at all. */
 export function recolouring(layer: RasterLayer, style: RasterStyle | null): Recolour | null {
   if (!style || isPlain(style) || hasValues(layer)) return null;
-  if (isPicture(layer)) return stretched(style);
+  if (isImagery(layer)) return stretched(style);
   return style.hidden.length > 0 ? without(classesOf(layer), style.hidden) : null;
 }
 

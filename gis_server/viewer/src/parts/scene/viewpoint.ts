@@ -6,7 +6,7 @@
 
 import type { Place3 } from "../../server/scene";
 
-export interface Look {
+export interface Viewpoint {
   readonly from: Place3;
   readonly to: Place3;
 }
@@ -20,11 +20,11 @@ export interface Shown {
 const CENTIMETRES = 2;
 const STAND = "stand";
 
-export const formatLook = ({ from, to }: Look): string =>
+export const formatViewpoint = ({ from, to }: Viewpoint): string =>
   [...from, ...to].map((metres) => Number(metres.toFixed(CENTIMETRES))).join(",");
 
 /** Null if the text is not such a view. */
-export function parseLook(text: string | null): Look | null {
+export function parseViewpoint(text: string | null): Viewpoint | null {
   const numbers = (text ?? "").split(",").map(Number);
   if (numbers.length !== 6 || !numbers.every(Number.isFinite)) return null;
   const [a = 0, b = 0, c = 0, d = 0, e = 0, f = 0] = numbers;
