@@ -216,7 +216,7 @@ def pattern_of(problem, free, numbers):
 
 
 @pytest.mark.parametrize("stops", [2, 5])
-def test_against_the_general_solver_from_the_same_start(benchmark, stops):
+def test_adjustment_and_general_solver_from_the_same_start(benchmark, stops):
     """Same residuals, same start (the alignment), same minimum; the ratio is of wall time."""
     network = simulate_network(
         np.random.default_rng(stops), stops=stops, inter_ties=20, intra_ties=0

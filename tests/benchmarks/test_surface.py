@@ -89,7 +89,7 @@ def every_cell_from_every_cell(elevation, cell_m):
     return found
 
 
-def test_one_horizon_by_hulls(benchmark, coarse):
+def test_one_horizon_by_convex_hulls(benchmark, coarse):
     elevation, grid = coarse
     window = np.ascontiguousarray(elevation[np.isfinite(elevation).any(axis=1)][:, :512])
     benchmark.pedantic(horizons, args=(np.nan_to_num(window), grid.cell_m, 36), rounds=3)
@@ -98,7 +98,7 @@ def test_one_horizon_by_hulls(benchmark, coarse):
     )
 
 
-def test_one_horizon_looking_at_every_cell_for_comparison(benchmark, coarse):
+def test_one_horizon_by_visiting_every_cell_for_comparison(benchmark, coarse):
     elevation, grid = coarse
     window = np.nan_to_num(elevation[np.isfinite(elevation).any(axis=1)][:, :512])
     found = benchmark.pedantic(every_cell_from_every_cell, args=(window, grid.cell_m), rounds=3)

@@ -117,7 +117,7 @@ def _layer(store: ProductStore, kind: ProductKind, field: np.ndarray) -> Layer:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_our_tiles(benchmark, served, kind):
+def test_tiles_of_this_server(benchmark, served, kind):
     benchmark.group = f"{TILES} tiles of {kind}"
     pool = RasterPool()
     layer = served.layers[kind]
@@ -244,7 +244,7 @@ def test_tiles_over_http(benchmark, served, servers, addresses, server, picture)
 
 
 @pytest.mark.slow
-def test_an_orthophoto_takes_no_more_than_one_and_a_half_files(served, servers, addresses):
+def test_an_orthophoto_tile_costs_at_most_one_and_a_half_files(served, servers, addresses):
     cost = {name: _cost(name, "orthophoto", served, servers, addresses) for name in SERVERS[::2]}
     assert cost["ours"] <= 1.5 * cost["files"], f"{cost} s of processor for {ASKED} tiles"
 
@@ -252,7 +252,7 @@ def test_an_orthophoto_takes_no_more_than_one_and_a_half_files(served, servers, 
 @pytest.mark.slow
 @NEEDS_TITILER
 @pytest.mark.parametrize("picture", list(PICTURES)[1:])
-def test_what_is_computed_takes_a_fifth_of_titiler(served, servers, addresses, picture):
+def test_a_computed_tile_costs_at_most_a_fifth_of_titiler(served, servers, addresses, picture):
     cost = {name: _cost(name, picture, served, servers, addresses) for name in SERVERS[:2]}
     assert 5.0 * cost["ours"] <= cost["titiler"], f"{cost} s of processor for {ASKED} tiles"
 

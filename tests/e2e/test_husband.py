@@ -50,7 +50,7 @@ def test_every_stop_has_every_product(store):
         }  # fmt: skip
 
 
-def test_stops_are_tied_to_a_tenth_of_a_percent_of_the_way(judged):
+def test_stops_are_within_a_tenth_of_a_percent_of_the_distance(judged):
     assert [row["stop"] for row in judged] == [
         "mer2-site0010-drive0000",
         "mer2-site0010-drive0064",
@@ -62,12 +62,12 @@ def test_stops_are_tied_to_a_tenth_of_a_percent_of_the_way(judged):
     assert np.median([row["percent"] for row in judged[1:]]) <= 0.1
 
 
-def test_attitudes_are_known_to_a_twentieth_of_a_degree(judged):
+def test_attitudes_are_within_a_twentieth_of_a_degree(judged):
     for name in ("azimuth_error_deg", "tilt_error_deg"):
         assert np.median([abs(row[name]) for row in judged[1:]]) <= 0.05, judged
 
 
-def test_stops_err_by_what_they_state(judged):
+def test_errors_of_stops_agree_with_their_covariances(judged):
     # the mean of NEES/6 over worlds is to lie between 0.6 and 1.5; two stops of one scatter more:
     # twelve freedoms, of which 99.9 % are below 2.8
     nees = np.mean([row["nees"] for row in judged[1:]])
@@ -77,13 +77,13 @@ def test_stops_err_by_what_they_state(judged):
 @pytest.mark.parametrize(
     ("range_m", "limit_m"), [((0, 10), 0.005), ((10, 20), 0.005), ((20, 30), 0.01)]
 )
-def test_ground_of_the_held_stop_is_neither_too_high_nor_too_low(store, husband, range_m, limit_m):
+def test_ground_of_the_held_stop_has_no_height_bias(store, husband, range_m, limit_m):
     rows = evaluate_terrain(Workspace.open(store), husband / "truth")
     held = {tuple(row["range_m"]): row for row in rows if "site0010-drive0000" in row["stop"]}
     assert abs(held[range_m]["bias_m"]) <= limit_m, held[range_m]
 
 
-def test_a_mosaic_with_a_turned_georeference_makes_no_stop_worse(store, husband, judged, tmp_path):
+def test_a_mosaic_with_a_rotated_georeference_makes_no_stop_worse(store, husband, judged, tmp_path):
     """By 1.3 degrees and some metres; it turned every stop by a degree, the first one too."""
     from solmap.flows.external_data import add_orbital  # noqa: PLC0415 - needs the engine's settings
     from solmap.flows.overall import readjust  # noqa: PLC0415

@@ -58,7 +58,7 @@ def test_sols_and_adjustments_are_tables(artifacts, mapped):
         assert (mapped.store / "products" / "report" / scope / f"{digest}.html").is_file()
 
 
-def test_the_traverse_is_a_picture_and_map_and_report_are_links(artifacts, mapped):
+def test_the_traverse_is_a_figure_and_map_and_report_are_links(artifacts, mapped):
     assert artifacts["map"]["data"].endswith("(http://127.0.0.1:8765/)")
     assert "/reports/mer2-sol0156/" in artifacts["report-mer2"]["data"]
     picture = artifacts["traverse-mer2"]

@@ -80,7 +80,7 @@ def spots(page) -> list[tuple[float, float]]:
     return [(x + u * width, y + v * height) for v in np.linspace(0.3, 0.7, 5) for u in across]
 
 
-def test_the_ground_is_where_it_is_and_wears_its_photograph(scene):
+def test_the_ground_has_its_true_position_and_its_photograph(scene):
     only_ground(scene)
     assert 100 < int(scene.locator(".scene").get_attribute("data-triangles")) < MOST_TRIANGLES
     picture = settled_picture(scene, "ground")
@@ -138,7 +138,7 @@ def test_the_map_and_the_view_share_one_cursor(scene):
     scene.mouse.move(5, 5)
 
 
-def test_heights_may_be_exaggerated_and_are_read_as_they_are(scene):
+def test_heights_may_be_exaggerated_and_are_reported_true(scene):
     only_ground(scene)
     spot = (middle(scene)[0] + 40, middle(scene)[1] - 40)
     before = seen_at(scene, *spot)
@@ -171,7 +171,7 @@ def test_a_click_on_a_camera_opens_its_image(scene):
     assert scene.locator("section.image").get_attribute("data-image") == name
 
 
-def test_standing_at_the_stop_one_looks_where_the_rover_headed(scene):
+def test_the_view_at_a_stop_faces_the_heading_of_the_rover(scene):
     only_ground(scene)
     scene.locator('.scene select[name="stop"]').select_option(STOPS[2][0])
     scene.locator('.scene button[name="stand"]').click()
@@ -189,7 +189,7 @@ def test_standing_at_the_stop_one_looks_where_the_rover_headed(scene):
     assert not np.allclose(far[:2], place[:2], atol=1.0)
 
 
-def test_outlines_are_off_where_one_stands_at_a_stop_and_on_again_in_flight(scene):
+def test_outlines_are_hidden_at_a_stop_and_shown_again_in_flight(scene):
     outlines = [
         scene.locator(f'.scene input[name="{name}"]')
         for name in ("cameras", "traverse", "ellipsoids")
@@ -201,7 +201,7 @@ def test_outlines_are_off_where_one_stands_at_a_stop_and_on_again_in_flight(scen
     until(scene, lambda: all(one.is_checked() for one in outlines))
 
 
-def test_one_who_stands_at_a_stop_sees_a_sky_above_the_ground(scene):
+def test_the_view_at_a_stop_has_sky_above_the_ground(scene):
     only_ground(scene)
     scene.locator('.scene button[name="stand"]').click()
     picture = settled_picture(scene, "sky")
@@ -212,7 +212,7 @@ def test_one_who_stands_at_a_stop_sees_a_sky_above_the_ground(scene):
     assert (above <= bright + 3).all()
 
 
-def test_arrow_keys_turn_the_view_about_what_is_looked_at(scene):
+def test_arrow_keys_turn_the_view_about_its_target(scene):
     only_ground(scene)
     x, y = middle(scene)
     first, right = seen_at(scene, x, y), seen_at(scene, x + 60, y)
@@ -243,7 +243,7 @@ def test_the_sun_lights_the_slope_that_faces_it(scene):
     assert shades[270][east] > shades[270][west] + 15
 
 
-def test_red_and_cyan_eyes_see_different_pictures(scene):
+def test_red_and_cyan_views_differ(scene):
     only_ground(scene)
     x, y, width, height = (round(value) for value in canvas(scene))
     part = np.s_[y + height // 3 : y + 2 * height // 3, x + width // 4 : x + 3 * width // 4]
@@ -255,7 +255,7 @@ def test_red_and_cyan_eyes_see_different_pictures(scene):
     assert apart[1] > 5
 
 
-def test_tie_points_and_telemetry_are_in_it(scene):
+def test_tie_points_and_telemetry_are_shown_in_3d(scene):
     x = round(canvas(scene)[0])
     picture = settled_picture(scene, "all")[:, x:]
     red = (np.abs(picture - [224, 45, 37]).max(axis=2) < 40).sum()
@@ -268,7 +268,7 @@ def test_tie_points_and_telemetry_are_in_it(scene):
     assert (np.abs(picture - [122, 77, 216]).max(axis=2) < 40).sum() > 40
 
 
-def test_the_rover_is_outlined_on_the_map_as_large_as_it_is(page, scene_url):
+def test_the_rover_outline_on_the_map_has_its_true_size(page, scene_url):
     resolution = 0.01
     east, north, _ = place_of(0)  # it heads north there
     look(page, scene_url + at(resolution, "", east, north))
@@ -288,7 +288,7 @@ def test_the_rover_is_outlined_on_the_map_as_large_as_it_is(page, scene_url):
     assert (columns.max() + columns.min()) / 2 == pytest.approx(centre, abs=2)
 
 
-def test_the_dense_points_are_shown_as_bright_as_they_are_and_as_large_as_asked(scene):
+def test_dense_points_have_their_brightness_and_the_chosen_size(scene):
     only_ground(scene)
     scene.locator('.scene input[name="ground"]').uncheck()
     bare = settled_picture(scene, "no-ground")

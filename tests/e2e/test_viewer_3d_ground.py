@@ -61,7 +61,7 @@ def nearer_to_first(east: float, north: float) -> float:
     return last - first
 
 
-def test_at_every_place_the_surface_of_the_nearer_stop_is_shown_alone(scene):
+def test_overlapping_ground_shows_only_the_nearer_stop(scene):
     settled_picture(scene, "merged")
     raised = level = 0
     for x, y in spots(scene):
@@ -89,7 +89,7 @@ def shares_of_measured(page, name: str) -> float:
     return float((np.abs(inner - MEASURED).max(axis=2) < 6).mean())
 
 
-def test_a_layer_lies_over_the_ground_in_its_colours_and_in_the_link(scene):
+def test_a_draped_layer_has_its_colours_and_is_in_the_link(scene):
     assert shares_of_measured(scene, "bare") < 0.01
     scene.locator('.scene select[name="drape"]').select_option("dtm-class")
     assert shares_of_measured(scene, "draped") > 0.95
@@ -126,7 +126,7 @@ def test_two_clicks_measure_with_standard_deviations(scene):
     assert scene.locator(".scene-card.measured").is_hidden()
 
 
-def test_a_click_identifies_the_ground_and_so_does_enter_in_the_middle(scene):
+def test_a_click_and_enter_identify_the_ground(scene):
     x, y = middle(scene)
     place = seen_at(scene, x + 50, y + 20)
     scene.mouse.click(x + 50, y + 20)
@@ -151,7 +151,7 @@ def test_a_drag_identifies_nothing(scene):
     assert "pt=" not in scene.evaluate("location.hash")
 
 
-def test_the_eye_walks_along_the_traverse_to_the_last_stop(scene):
+def test_the_walk_goes_along_the_traverse_to_the_last_stop(scene):
     scene.locator('.scene input[name="cameras"]').check()
     scene.locator('.scene input[name="walkSpeed"]').fill("10")
     button = scene.locator('.scene button[name="walk"]')
@@ -165,7 +165,7 @@ def test_the_eye_walks_along_the_traverse_to_the_last_stop(scene):
     assert scene.locator('.scene input[name="cameras"]').is_checked()
 
 
-def test_a_walk_is_stopped_where_it_is(scene):
+def test_a_walk_can_be_stopped_midway(scene):
     scene.locator('.scene input[name="walkSpeed"]').fill("0.5")
     button = scene.locator('.scene button[name="walk"]')
     button.click()
@@ -177,7 +177,7 @@ def test_a_walk_is_stopped_where_it_is(scene):
     assert math.dist((east, north), STOPS[0][3]) < 5.0
 
 
-def test_a_link_to_who_stands_at_a_stop_brings_one_there(page, url):
+def test_a_link_restores_the_view_at_a_stop(page, url):
     look(page, f"{url}{at(0.1)}&view3d=0,-20,15,1,2,0&show3d=/{LAST}/stand")
     settled(page)
     until(page, lambda: not page.locator('.scene input[name="cameras"]').is_checked())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from tests.support.browsing import Server, look, open_page, until
 
 
-def test_all_that_the_page_asks_for_and_links_to_lies_below_the_path(browser, workspace):
+def test_all_requests_and_links_of_the_page_are_below_the_path(browser, workspace):
     with Server(workspace.store.root, "/solmap") as server, open_page(browser) as page:
         asked = []
         page.on("request", lambda request: asked.append(request.url))

@@ -49,7 +49,7 @@ def bar_text(metres: float, dots: int, resolution: float) -> None:
     assert dots * resolution == pytest.approx(metres, abs=1.5 * resolution)
 
 
-def test_the_picture_of_the_map_is_the_map_with_a_true_scale_bar(page, url):
+def test_the_exported_image_equals_the_map_and_has_a_true_scale_bar(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/orthophoto,mer2/slope*0"))
     page.locator('[data-tab="downloads"]').click()
@@ -65,7 +65,7 @@ def test_the_picture_of_the_map_is_the_map_with_a_true_scale_bar(page, url):
     assert struct.unpack(">I", body[41:45])[0] == round(96 / INCH_M)
 
 
-def test_on_paper_a_metre_is_as_long_as_the_scale_says(page, url):
+def test_a_metre_on_paper_has_the_length_that_the_scale_gives(page, url):
     look(page, url + at(0.1, "mer2/orthophoto"))
     page.locator('[data-tab="downloads"]').click()
     page.get_by_label("paper").select_option("a4")
@@ -86,7 +86,7 @@ def test_on_paper_a_metre_is_as_long_as_the_scale_says(page, url):
     until(page, lambda: "at=0,0,0.1" in page.url)  # the map is as it was
 
 
-def test_a_part_of_a_layer_is_cut_out_by_a_box(page, url):
+def test_a_box_cuts_a_part_out_of_a_layer(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/dtm,mer2/stops"))
     page.locator('[data-tab="downloads"]').click()
@@ -107,7 +107,7 @@ def test_a_part_of_a_layer_is_cut_out_by_a_box(page, url):
         assert heights[row, column] == pytest.approx(elevation_at(3.0, 5.0), abs=GRID.cell_m)
 
 
-def test_features_of_the_mission_and_addresses_are_offered_and_answer(page, url):
+def test_feature_files_and_service_urls_are_offered_and_answer(page, url):
     look(page, url + at(0.1))
     page.locator('[data-tab="downloads"]').click()
     page.get_by_text("Features of the mission").click()

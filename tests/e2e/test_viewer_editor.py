@@ -102,7 +102,7 @@ def plan_a_tie(page, url: str, mission: str) -> None:
     until(page, lambda: "sample" in page.locator('[data-pick="second"]').inner_text())
 
 
-def test_a_pick_is_predicted_measured_tried_saved_and_taken_back(page, own):
+def test_a_pick_is_predicted_measured_previewed_saved_and_undone(page, own):
     workspace, url = own
     (mission,) = (entry.mission for entry in workspace.catalogue.missions())
     open_editor(page, url)
@@ -138,7 +138,7 @@ def test_a_pick_is_predicted_measured_tried_saved_and_taken_back(page, own):
     assert EditLog.of(workspace.store.root).effective(EditKind.TIE, mission) == []
 
 
-def test_the_anaglyph_is_picked_in_like_the_left_image(page, own):
+def test_picks_in_the_anaglyph_equal_picks_in_the_left_image(page, own):
     _, url = own
     open_editor(page, url)
     pane(page, "first").locator('input[type="checkbox"]').check()
@@ -159,7 +159,7 @@ def is_coloured(picture: np.ndarray, page) -> bool:
 
 
 @pytest.mark.slow
-def test_two_orthophotos_laid_over_each_other_pick_in_both(page, mapped):
+def test_overlaid_orthophotos_give_picks_in_both(page, mapped):
     with Server(mapped.store) as server:
         open_editor(page, server.url)
         page.locator('[data-tool="overlay"]').click()
@@ -186,7 +186,7 @@ def test_two_orthophotos_laid_over_each_other_pick_in_both(page, mapped):
 
 
 @pytest.mark.slow
-def test_a_saved_tie_changes_the_next_adjustment_and_the_page_follows(page, mapped, tmp_path):
+def test_a_saved_tie_changes_the_next_adjustment_and_the_page_updates(page, mapped, tmp_path):
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
     root = tmp_path / "store"

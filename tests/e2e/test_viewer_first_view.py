@@ -20,7 +20,7 @@ def view(chromium, url):
     return first_view(chromium, url)
 
 
-def test_what_the_map_shows_is_all_that_is_asked_for_before_it_is_drawn(view):
+def test_the_first_drawing_requests_only_what_the_map_shows(view):
     page = [path for path in view.first_asked if path.startswith("/assets/")]
     data = [path for path in view.first_asked if path.startswith("/api/")]
     tiles = [path for path in view.first_asked if path.startswith("/tiles/")]
@@ -34,20 +34,20 @@ def test_what_the_map_shows_is_all_that_is_asked_for_before_it_is_drawn(view):
     assert len(view.first_asked) == len(page) + len(data) + len(tiles)
 
 
-def test_tiles_are_of_the_view_and_each_is_asked_for_once(view):
+def test_tiles_are_of_the_view_and_requested_once(view):
     tiles = [one["path"] for one in view.asked if one["path"].startswith("/tiles/")]
     assert len(tiles) == len(set(tiles))
     assert len(tiles) <= 2 * 4 * 4  # two layers, a map of 664 x 732 pixels, tiles of 256
 
 
-def test_the_rest_of_the_page_comes_after_the_map(view):
+def test_the_rest_of_the_page_loads_after_the_map(view):
     later = [one["path"] for one in view.asked if one["start"] >= view.painted_ms]
     assert any("later-parts" in path for path in later)
     assert any(path.endswith("/images") for path in later)
 
 
 @pytest.mark.parametrize("kind", ["footprints", "stops"])
-def test_what_comes_after_the_rest_of_the_page_is_ready_when_it_is_drawn(page, url, kind):
+def test_later_parts_load_after_the_page_is_drawn(page, url, kind):
     def late(route) -> None:
         page.wait_for_timeout(LATEST_MS + 500)
         route.continue_()
@@ -64,7 +64,7 @@ def test_what_comes_after_the_rest_of_the_page_is_ready_when_it_is_drawn(page, u
     assert parts < spans["map painted"]
 
 
-def test_the_browser_has_nothing_to_complain_of(page, url):
+def test_the_browser_logs_no_error(page, url):
     said: list[str] = []
     page.on("console", lambda message: said.append(f"{message.text} {message.location['url']}"))
     look(page, url)
@@ -77,7 +77,7 @@ def test_the_first_view_takes_less_than_a_second_of_processor(view):
     assert view.main_thread_ms < 1000
 
 
-def test_script_and_style_come_compressed_by_the_build_and_are_kept_forever(view, url):
+def test_script_and_style_are_precompressed_and_cached_forever(view, url):
     for path in (path for path in view.first_asked if path.startswith("/assets/")):
         for encoding, suffix in (("br, gzip", ".br"), ("gzip", ".gz")):
             request = urllib.request.Request(url + path, headers={"Accept-Encoding": encoding})
@@ -96,6 +96,6 @@ def test_scripts_until_the_map_is_drawn_are_at_most_160_kb(view):
     assert 0 < sum(scripts[path] for path in scripts if path in view.first_asked) <= 160_000
 
 
-def test_the_page_itself_is_asked_for_again(url):
+def test_the_page_itself_is_revalidated(url):
     with urllib.request.urlopen(url) as answer:
         assert answer.headers["cache-control"] == "no-cache"

@@ -58,7 +58,7 @@ def test_undo_and_redo_by_keys(bowl):
     until(bowl, lambda: box(bowl, "slope").is_checked())
 
 
-def test_undo_does_not_leave_the_page(bowl):
+def test_undo_stays_on_the_page(bowl):
     bowl.locator("div.map").focus()
     for _ in range(3):
         bowl.keyboard.press("Control+z")
@@ -81,7 +81,7 @@ def test_a_link_restores_place_tab_and_measurements(page, url):
     assert "tab=" not in now  # the first tab needs no name
 
 
-def test_an_identified_place_and_its_tab_are_undone(bowl):
+def test_an_identified_place_and_its_tab_can_be_undone(bowl):
     moved(bowl)
     bowl.locator("#tab-sun").click()
     until(bowl, lambda: "tab=sun" in fragment(bowl))
@@ -105,7 +105,7 @@ def test_an_identified_place_and_its_tab_are_undone(bowl):
         ("&tab=weather", "weather"),
     ],
 )
-def test_parts_of_a_link_that_are_unknown_are_named(page, url, part, told):
+def test_unknown_parts_of_a_link_are_named(page, url, part, told):
     link = "/#m=MER2&at=0,0,0.05" + part
     look(page, url + link)
     banner = page.locator(".banner")

@@ -75,7 +75,7 @@ def shown_order(page) -> list[str]:
 
 
 @pytest.mark.both_browsers
-def test_a_layer_moves_over_the_next_one_and_the_link_keeps_that(page, url):
+def test_a_layer_moves_above_the_next_one_and_the_link_restores_it(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto"))
     assert shown_order(page) == ["mer2/orthophoto", "mer2/hillshade"]
@@ -92,7 +92,7 @@ def test_a_layer_moves_over_the_next_one_and_the_link_keeps_that(page, url):
     assert shown_order(page) == ["mer2/hillshade", "mer2/orthophoto"]
 
 
-def test_a_dragged_layer_lies_where_it_was_dropped(page, url):
+def test_a_dragged_layer_stays_at_its_new_position(page, url):
     look(page, url + at(0.1, "mer2/hillshade,mer2/orthophoto,mer2/slope"))
     assert shown_order(page) == ["mer2/slope", "mer2/orthophoto", "mer2/hillshade"]
     rows = page.locator("ul.shown li")
@@ -101,7 +101,7 @@ def test_a_dragged_layer_lies_where_it_was_dropped(page, url):
     assert shown_order(page) == ["mer2/hillshade", "mer2/slope", "mer2/orthophoto"]
 
 
-def test_one_layer_is_shown_alone_and_another_click_brings_back_all(page, url):
+def test_one_layer_is_shown_alone_and_a_second_click_restores_all(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto"))
     place = pixel_of(page, 2.0, 2.0, resolution)
@@ -115,7 +115,7 @@ def test_one_layer_is_shown_alone_and_another_click_brings_back_all(page, url):
     assert colour_at(screenshot(page, "all"), place).mean() == pytest.approx(91, abs=3)
 
 
-def test_a_flickering_layer_comes_and_goes(page, url):
+def test_a_flickering_layer_is_shown_and_hidden(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto"))
     place = pixel_of(page, 2.0, 2.0, resolution)
@@ -128,7 +128,7 @@ def test_a_flickering_layer_comes_and_goes(page, url):
 
 
 @pytest.mark.both_browsers
-def test_slope_drawn_here_is_slope_drawn_by_the_server(page, url):
+def test_slope_drawn_by_the_viewer_equals_slope_drawn_by_the_server(page, url):
     resolution = 0.16
     look(page, url + at(resolution, "mer2/slope"))
     there = screenshot(page, "slope-there").astype(int)
@@ -142,7 +142,7 @@ def test_slope_drawn_here_is_slope_drawn_by_the_server(page, url):
     assert np.percentile(apart, 95) <= 12  # 254 steps over 40 degrees; the centre is steep there
 
 
-def test_relief_drawn_here_has_no_seams(page, url):
+def test_relief_drawn_by_the_viewer_has_no_seams(page, url):
     resolution = 0.08
     look(page, url + at(resolution, "mer2/dtm~relief"))
     picture = screenshot(page, "relief").astype(int)
@@ -157,7 +157,7 @@ def test_relief_drawn_here_has_no_seams(page, url):
     assert np.abs(level - 255 * math.sin(math.radians(45))).max() <= 3
 
 
-def test_colours_stretch_to_what_is_asked_and_the_legend_says_so(page, url):
+def test_colours_follow_the_chosen_limits_and_so_does_the_legend(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/dtm"))
     row = page.locator('li[data-layer="mer2/dtm"].layer')
@@ -235,7 +235,7 @@ def test_a_model_fades_by_its_standard_deviation(page, url):
     assert np.abs(colour_at(screenshot(page, "again"), place) - half).max() <= 2
 
 
-def test_colours_spread_over_what_is_on_the_screen(page, url):
+def test_colours_stretch_to_the_values_on_the_screen(page, url):
     look(page, url + at(0.02, "mer2/dtm", 20.0, 0.0))
     row = page.locator('li[data-layer="mer2/dtm"].layer')
     row.locator(".more").click()
@@ -247,7 +247,7 @@ def test_colours_spread_over_what_is_on_the_screen(page, url):
     assert 5.5 < high < 7.7
 
 
-def test_the_sol_slider_of_layers_hides_what_was_not_seen_then(page, url):
+def test_the_sol_slider_hides_layers_of_other_sols(page, url):
     look(page, url + at(0.1, f"mer2/orthophoto,{STOP}/dtm"))
     assert page.locator(f'details[data-scope="{STOP}"]').is_visible()
     page.get_by_label("last sol").press("ArrowLeft")
@@ -261,7 +261,7 @@ def test_the_sol_slider_of_layers_hides_what_was_not_seen_then(page, url):
     assert "sol=" not in page.url
 
 
-def test_sols_are_played_one_after_the_other_and_all_at_the_end(page, url):
+def test_playback_shows_the_sols_in_order_and_ends_with_all(page, url):
     look(page, url + at(0.1, f"mer2/orthophoto,{STOP}/dtm"))
     told = page.locator(".sol-filter output")
     page.get_by_role("button", name="Play").click()
@@ -307,7 +307,7 @@ def test_layers_are_listed_by_kind_and_by_instrument(page, url):
     until(page, lambda: listed.count() > 3)
 
 
-def test_a_layer_that_multiplies_darkens_what_lies_below_and_the_link_keeps_that(page, url):
+def test_a_multiplying_layer_darkens_those_below_and_the_link_restores_it(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto"))
     place = pixel_of(page, 2.0, 2.0, resolution)
@@ -326,7 +326,7 @@ def test_a_layer_that_multiplies_darkens_what_lies_below_and_the_link_keeps_that
     until(page, is_multiplied)
 
 
-def test_an_active_layer_is_one_line_and_its_opacity_is_there_on_demand(page, url):
+def test_an_active_layer_takes_one_line_and_shows_its_opacity_on_request(page, url):
     look(page, url + at(0.1, "mer2/hillshade,mer2/orthophoto"))
     row = page.locator("ul.shown li").first
     assert row.bounding_box()["height"] <= 32
@@ -338,7 +338,7 @@ def test_an_active_layer_is_one_line_and_its_opacity_is_there_on_demand(page, ur
     until(page, lambda: "mer2/orthophoto*0.5" in page.url)
 
 
-def test_the_edges_of_the_map_tell_round_metres(page, url):
+def test_the_map_frame_is_labelled_with_round_metres(page, url):
     look(page, url + at(0.1))
     frame = page.locator("div.map").bounding_box()
     for label in page.locator(".frame-east span").all():
@@ -355,7 +355,7 @@ def centre(page) -> tuple[float, float]:
     return float(east), float(north)
 
 
-def test_search_goes_to_a_stop_and_to_an_image(page, url):
+def test_search_opens_a_stop_and_an_image(page, url):
     look(page, url + at(0.1))
     page.locator("div.map").click(position={"x": 300, "y": 600})
     page.keyboard.press("/")
@@ -379,7 +379,7 @@ def test_search_goes_to_a_stop_and_to_an_image(page, url):
     assert [page.get_by_label(f"{end} sol").input_value() for end in ("first", "last")] == ["1"] * 2
 
 
-def test_the_divider_has_one_layer_on_either_side(page, url):
+def test_the_divider_shows_one_layer_on_each_side(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto") + compare("swipe"))
     left, right = (pixel_of(page, east, 2.0, resolution) for east in (-6.0, 2.0))
@@ -405,7 +405,7 @@ def compare(mode: str, a: str = "mer2/orthophoto", b: str = "mer2/hillshade") ->
     return f"&compare={mode},{a},{b}"
 
 
-def test_the_difference_of_two_models_is_what_was_put_between_them(page, url):
+def test_the_difference_of_two_models_is_the_difference_put_in(page, url):
     resolution = 0.1
     pair = compare("difference", f"{STOP}/dtm", "mer2/dtm")
     look(page, url + at(resolution) + pair + ",0.4")

@@ -31,7 +31,7 @@ def server(mapped):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_every_tab_and_every_tool_shows_something_and_nothing_goes_wrong(browser, server, theme):
+def test_every_tab_and_tool_opens_without_an_error(browser, server, theme):
     with open_page(browser) as page:
         page.emulate_media(color_scheme=theme)
         errors = []

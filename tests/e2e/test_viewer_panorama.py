@@ -58,7 +58,7 @@ def on_screen(page, known, place):
     return x, box["y"] + box["height"] / 2 + (row + 0.5 - known["rows"] / 2) / resolution
 
 
-def test_a_panorama_says_where_it_looks_and_what_is_there(strip, known, place):
+def test_a_panorama_shows_direction_and_ground_under_the_pointer(strip, known, place):
     (east, north, _), _, pixel = place
     x, y = on_screen(strip, known, pixel)
     plain = screenshot(strip, "panorama").astype(int)
@@ -86,7 +86,7 @@ def test_a_panorama_says_where_it_looks_and_what_is_there(strip, known, place):
     assert yellow.sum() > 5  # the ray of its azimuth
 
 
-def test_a_place_of_the_map_is_marked_where_the_panorama_sees_it(strip, known, place):
+def test_a_place_on_the_map_is_marked_in_the_panorama(strip, known, place):
     (east, north, _), _, pixel = place
     e, n, _ = known["centre"]
     strip.mouse.move(*pixel_of(strip, east - e, north - n, RESOLUTION))
@@ -106,14 +106,14 @@ def test_a_place_of_the_map_is_marked_where_the_panorama_sees_it(strip, known, p
     assert (np.abs(near - [255, 212, 0]).max(axis=2) < 60).sum() > 15
 
 
-def test_a_click_opens_the_image_that_is_shown_there(strip, known, place):
+def test_a_click_in_the_panorama_opens_its_image(strip, known, place):
     _, image, pixel = place
     strip.mouse.click(*on_screen(strip, known, pixel))
     strip.wait_for_selector("section.image")
     assert strip.locator("section.image").get_attribute("data-image") == image
 
 
-def test_the_strip_is_moved_by_keys_and_closed_by_its_own(strip, known, place):
+def test_keys_move_and_close_the_panorama(strip, known, place):
     *_, pixel = place
     before = on_screen(strip, known, pixel)
     box = strip.locator(".panorama-view").bounding_box()

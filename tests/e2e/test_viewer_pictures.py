@@ -57,7 +57,7 @@ def shade(page, place, name: str = "pictures") -> float:
     return float(colour_at(screenshot(page, name), pixel_of(page, *place, RESOLUTION)).mean())
 
 
-def test_a_photograph_is_stretched_brightened_and_coloured_and_the_link_keeps_that(page, pictures):
+def test_an_image_layer_is_stretched_and_recoloured_and_the_link_restores_it(page, pictures):
     row = opened(page, pictures, "orthophoto")
     ends = sorted(shade(page, place) for place in (DARK, BRIGHT))
     assert ends == pytest.approx([90, 170], abs=4)
@@ -95,7 +95,7 @@ def is_coloured(page) -> bool:
     return bool(np.ptp(colour) > 60)
 
 
-def test_a_class_that_is_not_wanted_is_not_drawn_and_the_legend_says_so(page, pictures):
+def test_a_hidden_class_is_not_drawn_and_the_legend_marks_it(page, pictures):
     row = opened(page, pictures, "hazard")
     row.locator(".opacity input").first.fill("1")
     before = [seen(page, place) for place in (WEST, EAST)]

@@ -26,7 +26,7 @@ def sign_in(page, workspace, role: Role) -> None:
     until(page, lambda: f"Ann ({role})" in page.locator(".account").inner_text())
 
 
-def test_a_run_is_followed_while_it_goes_on(page, workspace, live):
+def test_the_progress_of_a_run_is_shown(page, workspace, live):
     look(page, live)
     page.locator('[data-tab="runs"]').click()
     book = RunRecords(workspace.catalogue.engine)
@@ -76,7 +76,7 @@ def write_engine(workspace, **more):
     workspace.catalogue.append_event(ENGINE_CHANGED, {"is_up": known["is_up"]})
 
 
-def test_only_an_operator_asks_for_runs_confirms_and_once(page, workspace, live):
+def test_only_an_operator_starts_a_run_after_one_confirmation(page, workspace, live):
     look(page, live)
     page.locator('[data-tab="runs"]').click()
     assert page.locator("[data-start]").count() == 0
@@ -94,7 +94,7 @@ def test_only_an_operator_asks_for_runs_confirms_and_once(page, workspace, live)
     assert len(RunRequests.of(workspace.store.root).requests()) == 1
 
 
-def test_wrong_parameters_are_not_taken_to_the_confirmation(page, workspace, live):
+def test_invalid_parameters_do_not_reach_the_confirmation(page, workspace, live):
     look(page, live)
     page.locator('[data-tab="runs"]').click()
     sign_in(page, workspace, Role.OPERATOR)
@@ -145,7 +145,7 @@ def test_runs_are_cancelled_and_retried_and_deployments_paused(page, workspace, 
     ]
 
 
-def test_a_refusal_is_said_in_the_dialog_and_the_engine_is_shown(page, workspace, live):
+def test_a_refusal_is_shown_in_the_dialog_and_the_engine_is_listed(page, workspace, live):
     write_engine(workspace)
     run = Run.start("downlink", "inbox", "f-1")
     RunRecords(workspace.catalogue.engine).write(run)
@@ -162,7 +162,7 @@ def test_a_refusal_is_said_in_the_dialog_and_the_engine_is_shown(page, workspace
     until(page, lambda: "the engine is down: it was stopped" in trouble.inner_text())
 
 
-def test_what_failed_to_load_comes_without_a_reload(page, live):
+def test_failed_requests_are_repeated_without_a_reload(page, live):
     page.route("**/api/runs?*", lambda route: route.abort())
     page.route("**/api/runs", lambda route: route.abort())
     look(page, live)
@@ -178,7 +178,7 @@ def test_what_failed_to_load_comes_without_a_reload(page, live):
     assert page.evaluate("window.stillTheSame")
 
 
-def test_a_wrong_token_is_said_to_be_so_and_not_kept(page, workspace, live):
+def test_a_wrong_token_is_reported_and_not_kept(page, workspace, live):
     Tokens.of(workspace.store.root).add("Ann", Role.ANALYST)
     look(page, live)
     page.get_by_role("button", name="Sign in").click()
@@ -277,7 +277,7 @@ def test_an_annotation_is_kept_while_the_server_is_away(page, workspace, live):
     assert edit.document["text"] == "layered rock"
 
 
-def test_the_keys_are_listed_on_a_key(page, live):
+def test_a_key_opens_the_list_of_keys(page, live):
     look(page, live)
     page.keyboard.press("?")
     listed = page.locator("dialog kbd").all_inner_texts()

@@ -122,7 +122,7 @@ def contours(stops: int) -> str:
     return ",".join(names)
 
 
-def test_from_afar_little_is_asked_for(page, large_url):
+def test_a_zoomed_out_view_requests_few_features(page, large_url):
     asked = opened(page, large_url + view(8.0, f"mer2/stops,mer2/traverse,{contours(STOPS)}"))
     features = [address for address in asked if "features.geojson" in address]
     tell(f"\n{STOPS} stops: {len(asked)} requests, {len(features)} of them features")
@@ -131,13 +131,13 @@ def test_from_afar_little_is_asked_for(page, large_url):
     assert len(asked) < 40
 
 
-def test_contours_come_where_one_looks(page, large_url):
+def test_contours_load_for_the_current_view(page, large_url):
     asked = opened(page, large_url + f"/#m=MER2&at=90,90,0.1&on={contours(min(STOPS, 60))}")
     near = [address for address in asked if "contours" in address]
     assert 3 <= len(near) <= 20  # a view of 60 m of a traverse with a stop every 13 m
 
 
-def test_tie_points_come_in_squares(page, large_url):
+def test_tie_points_load_by_squares(page, large_url):
     asked = opened(page, large_url + view(0.2, "mer2/tie-points"))
     page.wait_for_timeout(1500)
     squares = [address for address in asked if "tie-points" in address]
@@ -155,7 +155,7 @@ def test_tie_points_come_in_squares(page, large_url):
         ("tie points near by", 0.2, "stops,tie-points"),
     ],
 )
-def test_fluency_is_measured(page, large_url, name, resolution, on):
+def test_frame_times_of_panning_are_measured(page, large_url, name, resolution, on):
     opened(page, large_url + view(resolution, ",".join(f"mer2/{kind}" for kind in on.split(","))))
     page.wait_for_timeout(500)
     tell(f"\n{name}, {resolution:.2g} m a pixel")

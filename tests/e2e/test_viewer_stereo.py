@@ -50,7 +50,7 @@ def coloured(picture: np.ndarray) -> float:
     return float((np.abs(picture[..., 0] - picture[..., 1]) > 40).mean())
 
 
-def test_eyes_fuse_what_has_the_parallax_on_the_screen(stereo):
+def test_points_with_the_screen_parallax_coincide_in_the_anaglyph(stereo):
     assert int(stereo.locator('.stereo input[name="nudge"]').input_value()) == PARALLAX_PX
     inside = np.s_[:, 40:-40]  # beside it one eye sees the picture's edge
     fused = part(stereo, "fused")[inside]
@@ -61,7 +61,7 @@ def test_eyes_fuse_what_has_the_parallax_on_the_screen(stereo):
     assert coloured(apart) == pytest.approx(8 / 17.5, abs=0.08)
 
 
-def test_arrow_keys_move_one_picture_against_the_other(stereo):
+def test_arrow_keys_shift_one_image_against_the_other(stereo):
     canvas = stereo.locator(".stereo-view canvas")
     canvas.press("ArrowLeft")
     canvas.press("Shift+ArrowRight")
@@ -70,7 +70,7 @@ def test_arrow_keys_move_one_picture_against_the_other(stereo):
     assert stereo.locator(".stereo-controls output.number").inner_text() == f"{value} px"
 
 
-def test_side_by_side_either_eye_has_its_half(stereo):
+def test_side_by_side_each_image_has_its_half(stereo):
     stereo.locator('.stereo select[name="way"]').select_option("parallel")
     picture = part(stereo, "parallel").mean(axis=2)
     half = picture.shape[1] // 2
@@ -83,7 +83,7 @@ def test_side_by_side_either_eye_has_its_half(stereo):
     assert np.corrcoef(left.ravel(), right.ravel())[0, 1] < 0.5
 
 
-def test_one_after_the_other_moves_what_is_off_the_screen_only(stereo):
+def test_alternating_images_move_only_points_off_the_screen_plane(stereo):
     stereo.locator('.stereo select[name="way"]').select_option("wiggle")
     put(stereo, 0)
     first = part(stereo, "wiggle-0")
@@ -99,7 +99,7 @@ def test_one_after_the_other_moves_what_is_off_the_screen_only(stereo):
     assert max(np.abs(a - seen[0]).mean() for a in seen) < 3
 
 
-def test_the_wheel_comes_nearer(stereo):
+def test_the_wheel_zooms_the_stereo_view(stereo):
     def bars(picture: np.ndarray) -> int:
         bright = picture.mean(axis=(0, 2)) > 128
         return int(np.abs(np.diff(bright.astype(int))).sum())
@@ -111,7 +111,7 @@ def test_the_wheel_comes_nearer(stereo):
     assert bars(part(stereo, "near")) == pytest.approx(before / 2, abs=2)
 
 
-def test_the_pair_is_that_of_the_image_that_was_opened(page, pair_url):
+def test_the_stereo_view_shows_the_pair_of_the_open_image(page, pair_url):
     look(page, pair_url)
     page.locator('[data-tab="images"]').click()
     page.locator(".images button").nth(1).click()

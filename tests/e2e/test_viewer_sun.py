@@ -15,7 +15,7 @@ NOTHING = np.array([0xCF, 0xCB, 0xC4])
 """Colour of the page where no layer is, `--ground` of the light page."""
 
 
-def test_relief_is_as_bright_as_the_sun_stands(page, url):
+def test_relief_brightness_follows_the_sun(page, url):
     resolution = 0.1
     look(page, url + at(resolution) + "&sun=270,30&live=relief")
     picture = screenshot(page, "sun-west")
@@ -28,7 +28,7 @@ def test_relief_is_as_bright_as_the_sun_stands(page, url):
         assert np.abs(shown - 255.0 * light).max() <= 3
 
 
-def test_a_low_sun_leaves_the_bowl_dark_as_far_as_its_rim_shades_it(page, url):
+def test_a_low_sun_leaves_the_shaded_part_of_the_bowl_dark(page, url):
     resolution = 0.12
     look(page, url + at(resolution, "mer2/orthophoto") + "&sun=90,5&live=shadow")
     page.wait_for_timeout(500)
@@ -41,7 +41,7 @@ def test_a_low_sun_leaves_the_bowl_dark_as_far_as_its_rim_shades_it(page, url):
     assert lit.mean() - dark.mean() > 40
 
 
-def test_ground_that_tilts_north_is_shown_from_the_threshold_on(page, url):
+def test_north_facing_ground_is_shown_from_the_threshold_on(page, url):
     resolution = 0.1
     look(page, url + at(resolution))
     page.locator('[data-tab="sun"]').click()
@@ -59,7 +59,7 @@ def test_ground_that_tilts_north_is_shown_from_the_threshold_on(page, url):
     assert page.locator(".sun .ticks span").all_inner_texts()[0] == "−20"
 
 
-def test_the_sun_stands_where_the_science_says_at_a_solar_time(page, url):
+def test_the_sun_position_at_a_solar_time_equals_the_library(page, url):
     look(page, url + at(0.1) + "&sun=sol:155,15.5&live=relief")
     page.locator('[data-tab="sun"]').click()
     until(page, lambda: "Ls" in page.locator(".sun dl").inner_text())

@@ -50,7 +50,7 @@ def number(text):
     return float(text.replace("−", "-").rstrip(" %"))
 
 
-def test_accumulated_differences_are_told_in_metres_and_percent(traverse, places):
+def test_accumulated_differences_are_in_metres_and_percent(traverse, places):
     adjusted, told = places
     _, sol, distance, off, percent, height = cells(traverse, last_label(traverse))
     way = math.hypot(*(adjusted[1] - adjusted[0])[:2])
@@ -75,7 +75,7 @@ def test_an_older_solution_is_compared_with_the_latest(traverse):
     assert height == pytest.approx(-OLDER_STEP_NED_M[2], abs=6e-4)  # down is down
 
 
-def test_difference_vectors_point_to_where_telemetry_has_the_stop(traverse, places):
+def test_difference_vectors_point_to_the_telemetry_of_the_stop(traverse, places):
     adjusted, told = places
     before = screenshot(traverse, "vectors_off")
     traverse.locator("input.vectors").check()
@@ -120,7 +120,7 @@ def test_the_vertical_profile_and_the_map_share_one_cursor(traverse, places):
     assert np.abs(after[arm].astype(int) - before[arm]).max() > 60
 
 
-def test_a_stop_that_is_clicked_tells_how_far_telemetry_was_off(page, images_url, places):
+def test_a_clicked_stop_shows_the_error_of_telemetry(page, images_url, places):
     look(page, f"{images_url}/#m=MER2&at=0,0,{RESOLUTION}&on=mer2/stops")
     ready(page)
     adjusted, told = places
@@ -142,7 +142,7 @@ def test_a_stop_that_is_clicked_tells_how_far_telemetry_was_off(page, images_url
     until(page, lambda: card.count() == 0)
 
 
-def test_the_differences_are_handed_out_as_a_table(traverse, places):
+def test_the_differences_are_exported_as_a_table(traverse, places):
     with traverse.expect_download() as download:
         traverse.locator(".comparison .csv").click()
     rows = list(csv.DictReader(io.StringIO(download.value.path().read_text())))

@@ -41,7 +41,7 @@ def earlier(page, stop: str, kind: str):
     return row.locator("[data-version]").filter(has=page.locator("input"))
 
 
-def test_the_difference_of_two_solutions_is_what_lies_between_them(page, twice):
+def test_the_difference_of_two_solutions_is_the_difference_put_in(page, twice):
     versions, url = twice
     open_versions(page, url + at(RESOLUTION), versions.moved, "dtm")
     assert "sol 156 ·" in earlier(page, versions.moved, "dtm").inner_text()
@@ -60,7 +60,7 @@ def test_the_difference_of_two_solutions_is_what_lies_between_them(page, twice):
         until(page, lambda e=expected: abs(said(here) - e) < 0.003)
 
 
-def test_a_comparison_that_is_asked_for_before_its_part_is_there_comes_with_it(page, twice):
+def test_a_comparison_requested_before_its_part_has_loaded_is_shown(page, twice):
     versions, url = twice
     held = []
     page.route("**/later-parts*", lambda route: held.append(route))  # noqa: PLW0108 - needs no self
@@ -80,7 +80,7 @@ def said(here) -> float:
     return float(words[1]) if len(words) > 1 and words[0] == "here" else np.nan
 
 
-def test_two_solutions_lie_on_either_side_of_the_divider_and_the_link_brings_them_back(page, twice):
+def test_two_solutions_are_on_both_sides_of_the_divider_and_the_link_restores_them(page, twice):
     versions, url = twice
     on = f"{versions.moved}/orthophoto"
     open_versions(page, url + at(RESOLUTION, on), versions.moved, "orthophoto")
@@ -106,7 +106,7 @@ def sides(page, name: str) -> tuple[float, float]:
     return left, right
 
 
-def test_the_older_picture_flickers_over_the_newer(page, twice):
+def test_the_older_image_flickers_over_the_newer(page, twice):
     versions, url = twice
     on = f"{versions.moved}/orthophoto"
     open_versions(page, url + at(RESOLUTION, on), versions.moved, "orthophoto")
@@ -123,7 +123,7 @@ def test_the_older_picture_flickers_over_the_newer(page, twice):
     assert "@" not in page.url
 
 
-def test_a_map_that_stayed_has_one_version_that_holds_for_both(page, twice):
+def test_an_unchanged_map_has_one_version_for_both_solutions(page, twice):
     versions, url = twice
     look(page, url + at(RESOLUTION))
     page.locator(f'details[data-scope="{versions.stayed}"] > summary').click()
@@ -135,7 +135,7 @@ def test_a_map_that_stayed_has_one_version_that_holds_for_both(page, twice):
     assert "No other version" in row.locator(".version-list").inner_text()
 
 
-def test_the_traverses_of_both_solutions_stand_side_by_side(page, twice):
+def test_the_traverses_of_both_solutions_are_listed_side_by_side(page, twice):
     versions, url = twice
     look(page, url + at(RESOLUTION))
     page.locator('[data-tab="stops"]').click()

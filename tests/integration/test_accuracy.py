@@ -9,7 +9,7 @@ from tests.support import accuracy
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 
-def test_a_small_world_is_run_once_and_stands_on_the_scorecard(tmp_path, monkeypatch):
+def test_a_small_world_is_run_once_and_listed_on_the_scorecard(tmp_path, monkeypatch):
     asked = ["--level", "quick", "--out", str(tmp_path)]
     assert accuracy.main(asked) == 0
     out = tmp_path / "quick"

@@ -89,7 +89,7 @@ def deployment(engine):
     return engine.ask("/deployments/", body)
 
 
-def test_the_password_is_for_its_owner_only_and_nowhere_else(engine):
+def test_the_password_file_is_readable_by_its_owner_only(engine):
     file = password_file(engine.store)
     assert file.stat().st_mode & 0o777 == 0o600
     secret = file.read_text().partition(":")[2]
@@ -100,13 +100,15 @@ def test_the_password_is_for_its_owner_only_and_nowhere_else(engine):
     assert not [path for path in others if secret.encode() in path.read_bytes()]
 
 
-def test_it_listens_on_this_machine_only(engine):
+def test_the_engine_listens_on_this_machine_only(engine):
     found = psutil.Process(engine.child.process.pid).net_connections()
     listening = {one.laddr.ip for one in found if one.status == psutil.CONN_LISTEN}
     assert listening == {"127.0.0.1"}
 
 
-def test_a_stranger_can_neither_change_a_deployment_nor_start_it(engine, deployment, tmp_path):
+def test_an_unauthenticated_client_neither_changes_nor_starts_a_deployment(
+    engine, deployment, tmp_path
+):
     script = json.loads(json.dumps(SCRIPT).replace("MARK", str(tmp_path / "mark")))
     one, stranger = f"/api/deployments/{deployment['id']}", engine.stranger
     answers = [
@@ -120,7 +122,7 @@ def test_a_stranger_can_neither_change_a_deployment_nor_start_it(engine, deploym
     assert kept["pull_steps"] == deployment["pull_steps"]
 
 
-def test_no_route_gives_a_stranger_anything(engine, deployment):
+def test_no_route_answers_an_unauthenticated_client(engine, deployment):
     routes = engine.stranger.get("/openapi.json").json()["paths"]
     before = engine.rows()
     for path, methods in routes.items():
@@ -142,7 +144,7 @@ def test_no_route_gives_a_stranger_anything(engine, deployment):
 @pytest.mark.parametrize(
     "path", ["events/in", "events/out", "logs/out", "task_runs/subscriptions/scheduled"]
 )
-def test_no_socket_gives_a_stranger_anything(engine, path):
+def test_no_socket_answers_an_unauthenticated_client(engine, path):
     url = f"ws://127.0.0.1:{engine.port}/api/{path}"
     for protocols, first in ((None, None), (["prefect"], '{"type": "auth", "token": "guess"}')):
         with pytest.raises((ConnectionClosed, InvalidStatus)):
@@ -164,7 +166,7 @@ def test_pages_of_other_sites_are_not_answered(engine):
     assert own.headers["access-control-allow-origin"] == engine.url
 
 
-def test_old_runs_are_removed_and_young_ones_stay(engine, deployment):
+def test_old_runs_are_removed_and_recent_ones_kept(engine, deployment):
     """Their end is dated back; the server's own service does the rest."""
     start = f"/deployments/{deployment['id']}/create_flow_run"
     old, young = (engine.ask(start, {})["id"] for _ in range(2))

@@ -98,7 +98,7 @@ def test_the_frames_of_one_pointing_are_found_by_their_filters(workspace, pair):
     assert colour_frames([pair], without_green, workspace) == ()
 
 
-def test_frames_that_repeat_the_view_of_a_pair_are_not_tied_as_images_of_their_own(workspace):
+def test_frames_that_repeat_a_pair_are_not_tied_separately(workspace):
     entries = workspace.catalogue.images()
     assert len(entries) == 5
     left = [entry for entry in drop_repeats(entries, workspace) if entry.partner is None]
@@ -108,7 +108,7 @@ def test_frames_that_repeat_the_view_of_a_pair_are_not_tied_as_images_of_their_o
     assert one in alone
 
 
-def test_a_frame_that_looked_elsewhere_is_no_part_of_it(workspace, pair, monkeypatch):
+def test_a_frame_of_another_direction_is_left_out(workspace, pair, monkeypatch):
     def turned(entry, known):
         image = original(entry, known)
         if image.filter_number != 5:
@@ -148,7 +148,7 @@ DETECTOR = (1.2, 1.0, 0.8)
     # of a Bayer frame a quarter of all pixels saw red: the others are interpolated
     [(three_bands, 0.02, 0.99), (bayer_mosaic, 0.04, 0.98)],
 )
-def test_an_image_in_colour_makes_a_map_in_colour_by_itself(
+def test_colour_frames_make_a_colour_map_automatically(
     workspace, pair, monkeypatch, change, cell_m, alike
 ):
     monkeypatch.setattr(colour, "MER", M2020)  # its detectors have no colours
@@ -165,7 +165,7 @@ def test_an_image_in_colour_makes_a_map_in_colour_by_itself(
     check_colours(workspace.store, pair, (frame,), DETECTOR, cell_m, alike)
 
 
-def test_the_map_in_colour_lies_on_the_map_in_grey(workspace, pair):
+def test_the_colour_map_is_registered_to_the_grey_map(workspace, pair):
     frames = colour_frames([pair], workspace.catalogue.images(), workspace)
     sources = check_colours(workspace.store, pair, frames, GAINS.values())
     _, source, names = read_sources(workspace.store.path(sources))

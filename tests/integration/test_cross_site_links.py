@@ -57,7 +57,7 @@ def test_links_place_the_rover_to_some_tenths_of_a_per_cent(shared):
     assert np.median(share) < 0.003
 
 
-def test_links_are_as_wrong_as_they_say(shared):
+def test_errors_of_links_agree_with_their_covariances(shared):
     nees = [outcome.nees for outcome in shared if outcome.linked]
     # the mean of n chi-squares of 6 freedoms over 6 scatters by sqrt(1 / 3n): 0.15 at 15 links
     assert 0.3 < np.mean(nees) < 2.0
@@ -71,7 +71,7 @@ def test_links_are_as_wrong_as_they_say(shared):
         (WORLDS[2], 1, 2, (-14.0, 9.0)),
     ],
 )
-def test_a_stop_is_linked_although_its_wheels_spun(world, earlier, later, off_m):
+def test_a_stop_is_linked_after_total_wheel_slip(world, earlier, later, off_m):
     pair = SitePair((world, earlier), (world, later))
     one, other = stops_of(pair)
     told, here = other.matched.lsl_from_rover, one.matched.lsl_from_rover

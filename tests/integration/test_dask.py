@@ -50,7 +50,7 @@ def outcome(engine: str, store: ProductStore):
     return done, failed, steps
 
 
-def test_workers_give_the_same_results_and_say_the_same_of_failures(tmp_path):
+def test_workers_give_the_same_results_and_report_the_same_failures(tmp_path):
     store = ProductStore.open(tmp_path / "store")
     here, failed_here, told_here = outcome("threads", store)
     there, failed_there, told_there = outcome("dask", store)
@@ -78,7 +78,7 @@ def test_a_full_disk_stops_the_flow_on_workers_too():
 
 
 @pytest.mark.slow
-def test_a_worker_that_is_killed_again_and_again_is_one_failure(tmp_path):
+def test_a_worker_that_is_killed_repeatedly_is_one_failure(tmp_path):
     from solmap.flows.runtime.failures import wait_for  # noqa: PLC0415 - imports Prefect
 
     store, task = ProductStore.open(tmp_path / "store"), stages()

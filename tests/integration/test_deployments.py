@@ -49,7 +49,7 @@ def test_deployments_have_descriptions_tags_and_the_schedules_of_the_settings(de
     assert crons["refresh-region"] == crons["fetch-archive"] == []
 
 
-def test_the_file_of_deployments_says_the_same_as_what_is_served(deployed):
+def test_the_deployments_file_agrees_with_the_served_deployments(deployed):
     from prefect.flows import load_flow_from_entrypoint  # noqa: PLC0415 - after the engine is set
 
     written = yaml.safe_load((ROOT / "prefect.yaml").read_text())["deployments"]
@@ -71,7 +71,7 @@ def _asked(flow):
     return {"mission": "MER2", "sols": "155"} if flow.name == "fetch-archive" else {}
 
 
-def test_a_run_is_named_by_what_it_does():
+def test_the_name_of_a_run_states_its_task():
     from solmap.flows.runtime.run_page import format_sols  # noqa: PLC0415 - imports Prefect
 
     assert format_sols([158, 156, 157]) == "156-158"
@@ -79,7 +79,7 @@ def test_a_run_is_named_by_what_it_does():
     assert format_sols(range(1, 500, 2)) == "1-499 (250 sols)"
 
 
-def test_a_worker_that_names_its_store_by_half_a_path_is_refused(monkeypatch):
+def test_a_worker_with_a_relative_store_path_is_refused(monkeypatch):
     from solmap.config.records import ConfigError  # noqa: PLC0415 - as above
     from solmap.flows.service.deployed import adjust_missions  # noqa: PLC0415 - as above
 

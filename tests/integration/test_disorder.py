@@ -41,7 +41,7 @@ def test_four_sols_in_disorder_end_as_in_order(tmp_path: Path, seed: int) -> Non
     assert compared(tmp_path, sols=4, turns=3, seed=seed) == []
 
 
-def test_a_late_image_remakes_what_depends_on_it_and_nothing_else(tmp_path: Path) -> None:
+def test_a_late_image_remakes_only_what_depends_on_it(tmp_path: Path) -> None:
     """The right image of a pair of the second of three sols comes last."""
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
 

@@ -33,7 +33,7 @@ print("made", many(), flush=True)
 
 
 @pytest.mark.slow
-def test_a_run_whose_server_dies_gets_another_and_goes_on(tmp_path):
+def test_a_run_continues_on_a_new_engine_after_the_first_one_ends(tmp_path):
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT_")}
     run = subprocess.Popen(
         [sys.executable, "-c", RUN, str(tmp_path)],

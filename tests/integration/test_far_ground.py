@@ -62,7 +62,7 @@ def test_far_ground_is_published_beside_the_map_of_the_later_stop(mapped):
         assert max(east - west, north - south) > 200
 
 
-def test_far_ground_lies_where_it_truly_does(mapped, world):
+def test_far_ground_has_its_true_coordinates(mapped, world):
     dtm = read_dtm(mapped[0].store.path(far_layers(mapped[0])[ProductKind.FAR_DTM].ref))
     for (low, high), most_m, cells in (((100, 200), 0.5, 10_000), ((200, 300), 0.5, 10_000)):
         error_m, sigma_m = errors(dtm, world, low, high)
@@ -81,7 +81,7 @@ def errors(dtm: Dtm, world: World, low: float, high: float) -> tuple[np.ndarray,
     return dtm.elevation[row, col] - true_m, dtm.sigma_m[row, col]
 
 
-def test_a_second_run_makes_nothing_that_could_be_made(mapped):
+def test_a_second_run_skips_existing_products(mapped):
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415
 
     workspace, downlink, settings = mapped

@@ -22,7 +22,7 @@ def root(tmp_path_factory):
 @pytest.mark.parametrize(
     "path", ["/", "/api/missions", "/api/missions/none/layers", "/metrics", "/docs", "/nothing"]
 )
-def test_every_answer_says_what_browsers_may_do_with_it(root, path):
+def test_every_answer_has_the_security_headers(root, path):
     with TestClient(create_app(root)) as client:
         head = client.get(path).headers
     assert "frame-ancestors 'none'" in head["content-security-policy"]
@@ -35,7 +35,7 @@ def test_every_answer_says_what_browsers_may_do_with_it(root, path):
     assert "set-cookie" not in head
 
 
-def test_no_other_site_is_let_in_unless_it_is_named(root):
+def test_no_other_site_is_allowed_unless_it_is_named(root):
     asked = {"Origin": ELSEWHERE}
     with TestClient(create_app(root)) as client:
         assert (
@@ -54,7 +54,7 @@ def test_no_other_site_is_let_in_unless_it_is_named(root):
         assert "POST" in asked_before.headers["access-control-allow-methods"]
 
 
-def test_nothing_can_be_written_where_nobody_has_a_token(root):
+def test_a_store_without_tokens_accepts_no_writes(root):
     with TestClient(create_app(root)) as client:
         described = client.get("/openapi.json").json()["paths"]
         writing = [
@@ -68,7 +68,7 @@ def test_nothing_can_be_written_where_nobody_has_a_token(root):
         assert "is read-only" in answer.json()["description"]
 
 
-def test_a_failure_inside_tells_nothing_of_the_inside(root, monkeypatch):
+def test_an_internal_error_reveals_nothing_internal(root, monkeypatch):
     app = create_app(root)
 
     def broken() -> None:

@@ -47,7 +47,7 @@ def workspace(tmp_path) -> Workspace:
     return Workspace.open(tmp_path / "store")
 
 
-def test_an_image_whose_label_lies_beside_it_is_ingested(shared_data, downlink, workspace):
+def test_an_image_with_a_detached_label_is_ingested(shared_data, downlink, workspace):
     path = next(shared_data.rglob(f"{MSL}.IMG"))
     label = path.with_suffix(".LBL").read_text("latin-1")
     record = label.index(",23)")
@@ -68,7 +68,7 @@ def test_an_image_whose_label_lies_beside_it_is_ingested(shared_data, downlink, 
     assert image_record(entry, workspace).stop == delivery.images[0].stop
 
 
-def test_an_image_with_a_label_of_its_own_is_kept_as_it_came(shared_data, downlink, workspace):
+def test_an_image_with_an_attached_label_is_kept_unchanged(shared_data, downlink, workspace):
     path = next(shared_data.rglob(f"{MSL}.IMG"))
     (downlink / path.name).write_bytes(path.read_bytes())
     (downlink / f"{MSL}.LBL").write_text("no label at all")
@@ -78,7 +78,7 @@ def test_an_image_with_a_label_of_its_own_is_kept_as_it_came(shared_data, downli
     assert workspace.store.path(entry.ref).read_bytes() == path.read_bytes()
 
 
-def test_curiosity_s_files_are_ingested_as_the_archive_has_them(shared_data, downlink, workspace):
+def test_curiosity_s_files_are_ingested_as_archived(shared_data, downlink, workspace):
     """EDR and RDR, each an .IMG with a label of its own and a .LBL that says the same."""
     folder = shared_data / "msl_navcam_sol1431_pair"
     for path in [*folder.glob("*.IMG"), *folder.glob("*.LBL")]:
@@ -123,7 +123,7 @@ def test_a_raw_image_of_mars_2020_is_kept_with_its_metadata(shared_data, downlin
     assert read.mask.mean() > 0.99
 
 
-def test_a_jpeg_may_have_a_label_beside_it(shared_data, downlink, workspace):
+def test_a_jpeg_may_have_a_detached_label(shared_data, downlink, workspace):
     path = next(shared_data.rglob(f"{MSL}.IMG"))
     grey = (read_image(path.read_bytes(), path.name).pixels / 16).clip(1, 255).astype(np.uint8)
     (downlink / f"{MSL}.JPG").write_bytes(cv2.imencode(".jpg", grey)[1].tobytes())
@@ -134,7 +134,9 @@ def test_a_jpeg_may_have_a_label_beside_it(shared_data, downlink, workspace):
     assert np.abs(read.pixels - grey).mean() < 2  # of JPEG at OpenCV's quality of 95
 
 
-def test_what_cannot_be_placed_is_one_line_and_stops_nothing(shared_data, downlink, workspace):
+def test_a_file_that_cannot_be_placed_is_one_line_and_the_rest_continues(
+    shared_data, downlink, workspace
+):
     picture = next(shared_data.rglob(f"{M2020}.png")).read_bytes()
     cases = {
         "without_attitude": metadata(shared_data),
@@ -168,7 +170,7 @@ def test_what_cannot_be_placed_is_one_line_and_stops_nothing(shared_data, downli
         assert "\n" not in line
 
 
-def test_a_file_that_is_delivered_again_and_whole_is_no_fault_any_more(downlink, workspace, rng):
+def test_a_file_delivered_again_intact_is_no_longer_a_fault(downlink, workspace, rng):
     data = bytes(16) + rng.integers(1, 255, (3, 2, 3), dtype=np.uint8).tobytes()
     (downlink / f"{TILE}.xml").write_bytes(PDS4.read_bytes())
     (downlink / f"{TILE}.IMG").write_bytes(data[:20])
@@ -255,7 +257,7 @@ def test_labels_that_place_their_site_join_the_stops_of_two_sites(shared_data):
     np.testing.assert_array_equal(alone.stop(of_54.stop).lsl_from_rover.translation_m, in_54_m)
 
 
-def test_of_two_files_of_an_image_the_one_made_later_counts_however_they_come(tmp_path):
+def test_of_two_files_of_an_image_the_later_edition_counts_in_any_order(tmp_path):
     world = WorldParams("hills", TraverseParams(stops=1), pairs=1, averaging=4)
     file = next(f for f in simulate_downlink(world, 3) if f.path.endswith("l0m1.img"))
     made = re.search(rb"PRODUCT_CREATION_TIME\s*= (\d{4})", file.data)

@@ -38,7 +38,7 @@ def numbers(heard: queue.Queue, count: int) -> list[int]:
     return [heard.get(timeout=10)[2]["number"] for _ in range(count)]
 
 
-def test_two_listeners_hear_every_event_of_another_process_in_order_and_soon(root):
+def test_two_listeners_receive_every_event_of_another_process_in_order(root):
     with (
         serving(root) as server,
         listening(f"{server}/api/events") as first,
@@ -57,7 +57,7 @@ def test_two_listeners_hear_every_event_of_another_process_in_order_and_soon(roo
     print(f"delay median {np.median(delays):.3f} s, worst {max(delays):.3f} s")  # noqa: T201
 
 
-def test_who_comes_back_is_told_what_it_missed(root):
+def test_a_client_that_reconnects_gets_the_missed_events(root):
     with serving(root) as server:
         tell(root, 6)
         with listening(f"{server}/api/events", **{"Last-Event-ID": "2"}) as heard:
@@ -74,7 +74,7 @@ def numbers_after_hello(heard: queue.Queue) -> list[int]:
     return numbers(heard, 1)
 
 
-def test_events_of_other_missions_are_left_out_when_one_is_named(root):
+def test_events_of_other_missions_are_left_out_if_one_is_named(root):
     catalogue = Catalogue.open(root)
     with serving(root) as server, listening(f"{server}/api/events?mission=MER2") as heard:
         heard.get(timeout=10)
@@ -86,7 +86,7 @@ def test_events_of_other_missions_are_left_out_when_one_is_named(root):
     assert told[0][2]["mission"] == "MER2"
 
 
-def test_who_missed_what_is_forgotten_is_told_to_ask_everything_anew(root):
+def test_a_client_that_missed_removed_events_is_advised_to_reload(root):
     catalogue = Catalogue.open(root)
     from solmap.products.catalogue.events import EVENTS  # noqa: PLC0415
 

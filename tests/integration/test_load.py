@@ -61,7 +61,7 @@ class Told:
         }
 
 
-def test_a_flow_that_publishes_disturbs_nobody_who_looks_at_the_bowl(tmp_path):
+def test_publishing_disturbs_no_reader(tmp_path):
     """The small sister: products are made and published one by one while clients read."""
     root = tmp_path / "store"
     script = (
@@ -78,7 +78,7 @@ def test_a_flow_that_publishes_disturbs_nobody_who_looks_at_the_bowl(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_second_downlink_is_published_while_browsers_ask_for_tiles(tmp_path):
+def test_a_second_downlink_is_published_under_tile_requests(tmp_path):
     root, first, second = tmp_path / "store", tmp_path / "first", tmp_path / "second"
     run = [sys.executable, "-m", "solmap.flows.cli"]
     subprocess.run([*run, "simulate", str(first), "--stops", "2", "--seed", "5"], check=True)

@@ -159,7 +159,7 @@ def index_of_curiosity(rows: list[tuple[str, ...]]) -> tuple[bytes, bytes]:
     return label.encode(), "".join(f"{line}\r\n" for line in lines).encode()
 
 
-def test_pairs_of_curiosity_come_from_the_volume_s_index(site, fetch, images, tmp_path):
+def test_pairs_of_curiosity_are_found_in_the_volume_s_index(site, fetch, images, tmp_path):
     sol, rows, files = images[0][1].image.sol, [], {}
     for data, read in images:
         name = name_of(read, "MSL")
@@ -187,7 +187,9 @@ def test_pairs_of_curiosity_come_from_the_volume_s_index(site, fetch, images, tm
     assert [entry.partner is not None for entry in entries] == [True] * 4
 
 
-def test_pairs_of_perseverance_come_from_the_collection_s_inventory(site, fetch, images, tmp_path):
+def test_pairs_of_perseverance_are_found_in_the_collection_s_inventory(
+    site, fetch, images, tmp_path
+):
     """Each tile is a product; documents and thumbnails stand in the inventory, too."""
     sol, files = images[0][1].image.sol, {}
     lines = ["P,urn:nasa:pds:mars2020_navcam_ops_raw:document:sis::1.0"]
@@ -216,7 +218,7 @@ def test_pairs_of_perseverance_come_from_the_collection_s_inventory(site, fetch,
 
 
 @pytest.mark.parametrize("mission", ["MSL", "M20"])
-def test_public_raw_images_come_with_what_places_them(site, fetch, images, tmp_path, mission):
+def test_public_raw_images_are_fetched_with_their_metadata(site, fetch, images, tmp_path, mission):
     key, address = LISTS[mission]
     sol, items, pictures = images[0][1].image.sol, [], {}
     for number, (_, read) in enumerate(images):
@@ -254,7 +256,7 @@ def test_public_raw_images_come_with_what_places_them(site, fetch, images, tmp_p
     assert {urlsplit(asked).path for asked in site.asked} == {address}
 
 
-def test_a_rover_without_public_list_says_so(fetch, site):
+def test_a_rover_without_a_public_list_is_refused(fetch, site):
     from solmap.config.records import ConfigError  # noqa: PLC0415
 
     tables = f'base_urls = ["{site.url}"]\nvolumes = {{}}\n'
@@ -285,7 +287,7 @@ def deliver(form: str, data: bytes, read: ReadImage, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_every_form_of_an_image_is_the_same_image(form, images, tmp_path):
+def test_every_form_of_an_image_is_read_as_the_same_image(form, images, tmp_path):
     (data, left), (_, right) = images[0], images[1]
     for data, read in images[:2]:
         deliver(form, data, read, tmp_path)
@@ -308,7 +310,7 @@ def test_every_form_of_an_image_is_the_same_image(form, images, tmp_path):
         )
 
 
-def test_images_that_an_old_store_holds_under_m2020_move_when_delivered_again(images, tmp_path):
+def test_images_stored_under_m2020_move_when_delivered_again(images, tmp_path):
     downlink = tmp_path / "downlink"
     downlink.mkdir()
     for data, read in images[:2]:
@@ -327,7 +329,7 @@ def test_images_that_an_old_store_holds_under_m2020_move_when_delivered_again(im
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("engine")
-def test_every_form_leads_to_the_same_terrain_model(images, tmp_path):
+def test_every_form_gives_the_same_terrain_model(images, tmp_path):
     """Through the whole pipeline: PDS3, PDS4, and eight-bit pictures with their JSON."""
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 

@@ -66,7 +66,7 @@ def debians(tool: str, *asked: str) -> str:
     return told.stdout
 
 
-def test_debians_gdal_lists_the_collections_and_counts_their_features(server):
+def test_the_system_gdal_lists_the_collections_and_counts_their_features(server):
     told = debians("ogrinfo", "-so", "-al", f"OAPIF:{server}/ogc/MER2")
     layer = re.compile(r"^Layer name: (\S+)$.*?^Feature Count: (\d+)$", re.MULTILINE | re.DOTALL)
     found = layer.findall(told)
@@ -77,9 +77,7 @@ def test_debians_gdal_lists_the_collections_and_counts_their_features(server):
     assert [(name, int(count)) for name, count in found] == list(zip(names, counts, strict=True))
 
 
-def test_debians_gdal_places_features_on_mars_when_told_the_reference_system(
-    server, root, tmp_path
-):
+def test_the_system_gdal_places_features_on_mars_given_the_reference_system(server, root, tmp_path):
     file = tmp_path / "ties.gpkg"
     source = f"OAPIF:{server}/ogc/MER2"
     debians("ogr2ogr", "-a_srs", "IAU_2015:49900", str(file), source, "tie-points")
@@ -90,7 +88,7 @@ def test_debians_gdal_places_features_on_mars_when_told_the_reference_system(
     np.testing.assert_allclose(found, places_of(root, "tie-points"), atol=2e-4)
 
 
-def test_gdal_reads_every_page_and_every_feature_falls_on_its_place_on_mars(server, root):
+def test_gdal_reads_every_page_and_places_every_feature_on_mars(server, root):
     frame = pyogrio.read_dataframe(f"OAPIF:{server}/ogc/MER2", layer="tie-points")
     assert CRS(frame.crs).equals(CRS(MARS), ignore_axis_order=True)
     assert len(frame) == 2500
@@ -100,7 +98,7 @@ def test_gdal_reads_every_page_and_every_feature_falls_on_its_place_on_mars(serv
     np.testing.assert_allclose(found, places_of(root, "tie-points"), atol=2e-4)
 
 
-def test_gdal_asks_for_a_box_and_gets_what_lies_in_it(server, root):
+def test_gdal_requests_a_box_and_gets_its_features(server, root):
     places = places_of(root, "tie-points")
     centre = places.mean(axis=0)
     local = local_crs(LANDING)
@@ -126,7 +124,7 @@ def test_owslib_reads_collections_and_items(server):
     assert client.collection_queryables("stops")["properties"]["stop"]["type"] == "string"
 
 
-def test_pystac_walks_from_the_catalogue_to_files_that_gdal_opens(server):
+def test_pystac_follows_links_to_files_that_gdal_opens(server):
     catalogue = pystac.Catalog.from_file(f"{server}/stac/catalog.json")
     (mission,) = catalogue.get_children()
     assert mission.id == "MER2"

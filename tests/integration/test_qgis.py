@@ -124,7 +124,7 @@ def is_on_our_mars(told: dict[str, Any]) -> bool:
     return "+proj=ortho" in proj and "+R=3393000" in proj and "+lat_0=-14.5692" in proj
 
 
-def test_a_terrain_model_by_http_has_its_metres_values_and_mars(qgis_answers):
+def test_a_terrain_model_over_http_has_metres_values_and_the_mars_crs(qgis_answers):
     told = qgis_answers["terrain"]
     assert told["valid"]
     assert is_on_our_mars(told)
@@ -133,7 +133,7 @@ def test_a_terrain_model_by_http_has_its_metres_values_and_mars(qgis_answers):
     assert told["errors"] == []
 
 
-def test_wmts_by_gdals_driver_is_on_mars_and_drawn_where_it_belongs(qgis_answers):
+def test_wmts_by_gdals_driver_is_on_mars_at_its_coordinates(qgis_answers):
     told = qgis_answers["wmts by GDAL"]
     assert told["valid"]
     assert is_on_our_mars(told)
@@ -147,7 +147,7 @@ def test_wmts_by_gdals_driver_is_on_mars_and_drawn_where_it_belongs(qgis_answers
     assert (drawn[200, 10] == 255).all()  # 38 m to the west nothing was seen
 
 
-def test_wmts_by_its_own_provider_opens_without_a_reference_system(qgis_answers):
+def test_wmts_by_the_qgis_provider_opens_without_a_reference_system(qgis_answers):
     told = qgis_answers["wmts"]
     assert told["valid"]
     assert told["crs"] == ""
@@ -155,14 +155,14 @@ def test_wmts_by_its_own_provider_opens_without_a_reference_system(qgis_answers)
 
 
 @pytest.mark.parametrize("name", ["geopackage", "geojson", "features"])
-def test_features_come_all_with_their_values(qgis_answers, name):
+def test_all_features_arrive_with_their_values(qgis_answers, name):
     told = qgis_answers[name]
     assert told["valid"]
     assert told["count"] == 1
     assert [value for value, _, _ in told["values"]] == [96.0]
 
 
-def test_a_geopackage_lies_on_our_mars_in_metres(qgis_answers):
+def test_a_geopackage_is_in_metres_of_the_local_mars_crs(qgis_answers):
     told = qgis_answers["geopackage"]
     feature: Feature = haven()
     assert is_on_our_mars(told)
@@ -178,7 +178,7 @@ def test_geojson_is_in_degrees_of_mars(qgis_answers):
     assert "3396190" in qgis_answers["geojson"]["crs_ellipsoid"]
 
 
-def test_features_by_ogc_api_have_degrees_of_mars_taken_for_the_earths(qgis_answers):
+def test_ogc_api_features_are_read_as_degrees_of_the_earth(qgis_answers):
     """QGIS 3.22 gives them all the Earth's: set the layer's reference system by hand."""
     told, geojson = qgis_answers["features"], qgis_answers["geojson"]
     assert told["extent"] == pytest.approx(geojson["extent"], abs=1e-8)

@@ -118,7 +118,7 @@ def store(request, folder) -> Path:
 
 
 @pytest.mark.slow
-def test_a_store_on_a_disk_that_may_only_be_read_is_served(store):
+def test_a_store_on_a_read_only_disk_is_served(store):
     probe = ["unshare", "-m", "sh", "-c", _READ_ONLY, str(store), "true"]
     if shutil.which("unshare") is None or subprocess.run(probe, check=False).returncode:
         pytest.skip("this user may not mount")
@@ -138,7 +138,7 @@ def test_a_store_of_another_user_is_served(store):
 
 
 @pytest.mark.slow
-def test_a_store_that_another_user_works_on_is_served(store):
+def test_a_store_in_use_by_another_user_is_served(store):
     if os.geteuid() != 0:
         pytest.skip("there is no other user")
     workspace = Workspace.open(store)

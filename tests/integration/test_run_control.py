@@ -63,7 +63,7 @@ def alone(left):
     return found if all(b"resource_tracker" in line for line in found) else None
 
 
-def test_runs_are_cancelled_with_their_processes_and_run_again(up):
+def test_runs_are_cancelled_with_their_processes_and_restarted(up):
     _, token = Tokens.of(up.root / "store").add("Ada", Role.OPERATOR)
     until(lambda: len(engine(up)["deployments"]) == 4 and engine(up)["is_up"], "a state is there")
     idle = set(up.children())

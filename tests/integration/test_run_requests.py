@@ -21,7 +21,7 @@ def submitted(monkeypatch):
     return asked
 
 
-def test_requests_become_runs_of_their_deployments(tmp_path, submitted):
+def test_requests_start_runs_of_their_deployments(tmp_path, submitted):
     book, catalogue = RunRequests.of(tmp_path), Catalogue.open(tmp_path)
     book.add(RequestKind.OVERALL, "MER2", "Ada")
     book.add(RequestKind.DOWNLINK, None, "Ada")
@@ -46,7 +46,7 @@ def test_a_downlink_without_an_inbox_is_refused(tmp_path, submitted):
     assert submitted == []
 
 
-def test_a_request_waits_while_the_scheduler_has_not_begun(tmp_path, monkeypatch):
+def test_a_request_waits_until_the_scheduler_has_started(tmp_path, monkeypatch):
     def unknown(_deployment, _parameters):
         raise ObjectNotFound(http_exc=Exception("404"))
 

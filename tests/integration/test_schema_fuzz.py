@@ -122,14 +122,14 @@ def questions_in(said: str) -> int:
     return int(re.search(r"(\d+) generated", said)[1])
 
 
-def test_the_server_keeps_to_its_description(target, tmp_path):
+def test_answers_conform_to_the_openapi_schema(target, tmp_path):
     few = ("--phases", "fuzzing", "--max-examples", "1", "--max-time", "20")
     said = fuzz(target, tmp_path, target.token, *few)
     assert not failures_in(said), said[-6000:]
     assert questions_in(said) > 50, said[-3000:]
 
 
-def test_whoever_shows_no_token_is_refused_as_described(target, tmp_path):
+def test_requests_without_a_token_are_refused_as_documented(target, tmp_path):
     writes = ("--include-method", "POST", "--phases", "fuzzing", "--max-examples", "1")
     said = fuzz(target, tmp_path, None, *writes)
     assert not failures_in(said), said[-6000:]
@@ -137,7 +137,7 @@ def test_whoever_shows_no_token_is_refused_as_described(target, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_server_keeps_to_its_description_for_minutes(full_target, tmp_path):
+def test_answers_conform_to_the_openapi_schema_for_minutes(full_target, tmp_path):
     many = ("--phases", "coverage,fuzzing", "--max-examples", "100", "--max-time", "300")
     said = fuzz(full_target, tmp_path, full_target.token, *many)
     assert not failures_in(said), said[-6000:]
@@ -208,7 +208,7 @@ def status_of(answer: bytes) -> int:
     return int(answer.split(b" ", 2)[1])
 
 
-def test_no_name_in_an_address_leads_out_of_the_store(target):
+def test_no_name_in_a_url_reaches_outside_the_store(target):
     target.opened.write_text("")
     told = []
     for place in PLACES:
@@ -227,7 +227,7 @@ def test_no_name_in_an_address_leads_out_of_the_store(target):
     assert not [path for path in opened if any(name in path for name in named)]
 
 
-def test_the_note_of_opened_files_sees_what_is_read(target):
+def test_the_record_of_opened_files_contains_what_is_read(target):
     """Else the test before would hold whatever the server opens."""
     target.opened.write_text("")
     (layer,) = [row for row in fuzz_store.names(target.root) if row.get("kind") == "contours"]
@@ -261,7 +261,7 @@ SIZES = (
 )
 
 
-def test_huge_numbers_and_long_questions_are_refused_rather_than_tried(target):
+def test_huge_numbers_and_long_queries_are_refused_at_once(target):
     (dtm,) = [row for row in fuzz_store.names(target.root) if row.get("kind") == "dtm"]
     path = "{scope}/{kind}/{digest}".format(**dtm)
     filled = {"tiles": f"/tiles/{path}", "download": f"/download/{path}"}
@@ -293,7 +293,7 @@ def test_large_and_malformed_bodies_are_refused(target):
     assert {code for code, _ in codes} <= {400, 413, 422}, codes
 
 
-def test_a_body_without_end_is_stopped(target):
+def test_an_endless_body_is_cut_off(target):
     head = (
         b"POST /api/missions/MER2/profile HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n"
     )
@@ -303,7 +303,7 @@ def test_a_body_without_end_is_stopped(target):
         assert status_of(connection.recv(1 << 16)) == 413
 
 
-def test_a_guesser_of_tokens_has_to_wait_and_holders_do_not(target):
+def test_wrong_tokens_are_throttled_and_valid_ones_are_not(target):
     place = f"{target.address}/api/account"
     guess = {"Authorization": "Bearer solmap_00000000_x"}
     codes = [httpx.get(place, headers=guess).status_code for _ in range(25)]

@@ -78,7 +78,7 @@ def test_the_stated_deviations_hold_in_every_band_of_range(judged):
 
 
 @pytest.mark.slow
-def test_most_of_what_is_visible_is_mapped_and_little_of_what_is_not(judged):
+def test_most_visible_ground_is_mapped_and_little_hidden_ground(judged):
     # the hills fall away below the rover's sight: half of what a ray reaches there is seen edge-on
     assert judged.completeness > 0.5
     outside = judged.confusion["outside"]
@@ -87,7 +87,7 @@ def test_most_of_what_is_visible_is_mapped_and_little_of_what_is_not(judged):
 
 
 @pytest.mark.slow
-def test_hidden_ground_without_an_elevation_is_mostly_called_occluded(judged):
+def test_hidden_ground_without_an_elevation_is_mostly_marked_occluded(judged):
     hidden, visible = judged.confusion["hidden"], judged.confusion["visible"]
     assert hidden["occluded"] > hidden["unseen"]
     assert visible["occluded"] / sum(visible.values()) < hidden["occluded"] / sum(hidden.values())

@@ -41,7 +41,7 @@ def blocks(page: str, language: str) -> list[str]:
 
 
 @pytest.mark.timeout(600)
-def test_archived_frames_of_spirit_are_mapped_as_the_tutorial_says(shared_data, tmp_path):
+def test_archived_frames_of_spirit_give_the_results_of_the_tutorial(shared_data, tmp_path):
     for frames, folder in {"sol1869_troy": "sol1869", "sol1900": "sol1900"}.items():
         (tmp_path / "spirit" / folder).mkdir(parents=True)
         for image in (shared_data / f"mer_spirit_{frames}").glob("*.img"):
@@ -54,7 +54,7 @@ def test_archived_frames_of_spirit_are_mapped_as_the_tutorial_says(shared_data, 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-def test_the_demo_gives_what_its_tutorial_says(tmp_path):
+def test_the_demo_gives_the_results_of_its_tutorial(tmp_path):
     printed = follow("tutorials/demo.md", tmp_path)
     for stop in re.findall(r"^mer2-\S+", blocks("tutorials/demo.md", "")[0], re.MULTILINE):
         assert stop in printed["positions"]
@@ -67,7 +67,7 @@ def test_the_demo_gives_what_its_tutorial_says(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-def test_the_realistic_traverse_can_be_followed(tmp_path):
+def test_the_realistic_traverse_gives_the_results_of_its_tutorial(tmp_path):
     (settings,) = blocks("tutorials/realistic-traverse.md", "toml")
     (tmp_path / "image-only.toml").write_text(settings)
     printed = follow("tutorials/realistic-traverse.md", tmp_path)

@@ -120,7 +120,7 @@ def up(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks at processes in /proc")
-def test_files_that_arrive_are_processed_and_nothing_outlives_it(up):
+def test_arriving_files_are_processed_and_no_process_is_left(up):
     process = up.start()
     try:
         until(up.is_up, "map and deployments are there")
@@ -201,7 +201,7 @@ def state_of(up: Up) -> dict:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks at the ports of processes")
-def test_a_stranger_on_any_port_of_it_changes_nothing(up, tmp_path):
+def test_an_unauthenticated_client_on_any_port_changes_nothing(up, tmp_path):
     process = up.start()
     try:
         until(up.is_up, "map and deployments are there")
@@ -240,7 +240,7 @@ def test_a_stranger_on_any_port_of_it_changes_nothing(up, tmp_path):
         process.wait(20)
 
 
-def test_who_has_the_password_can_name_no_path_and_no_program(up, tmp_path):
+def test_the_password_holder_can_name_neither_path_nor_program(up, tmp_path):
     """The run of a deployment runs its flow, whatever the engine was told of the deployment."""
     process = up.start()
     try:
@@ -273,7 +273,7 @@ def test_who_has_the_password_can_name_no_path_and_no_program(up, tmp_path):
 
 
 @pytest.mark.parametrize("after_s", [0.5, 4.0, None])
-def test_sigterm_ends_it_and_all_parts_within_ten_seconds(up, after_s):
+def test_sigterm_ends_all_processes_within_ten_seconds(up, after_s):
     process = up.start()
     try:
         if after_s is None:  # while a run is on

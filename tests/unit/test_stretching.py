@@ -14,7 +14,7 @@ def test_percentiles_of_usable_pixels_become_black_and_white(rng):
     assert (picture[:5] == 255).all()
 
 
-def test_an_even_or_unusable_image_is_a_picture_too():
+def test_a_uniform_or_unusable_image_is_drawn_too():
     even = np.full((4, 5), 7.0, dtype=np.float32)
     assert not stretch(even, np.ones((4, 5), dtype=bool)).any()
     ramp = np.arange(20, dtype=np.float32).reshape(4, 5)

@@ -17,7 +17,7 @@ though all sigmas are true."""
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(CASES)))
-def test_stated_sigmas_are_true_in_every_mode_and_no_harmful_blunder_is_left(number):
+def test_stated_sigmas_are_true_in_every_mode_and_no_harmful_blunder_remains(number):
     case = CASES[number]
     results = [found(case, 100_000 * (number + 1) + seed) for seed in range(NETWORKS)]
     low, high = band(NETWORKS, LEVEL)

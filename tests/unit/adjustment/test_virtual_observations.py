@@ -197,7 +197,7 @@ def turn_between(one, other):
     return np.linalg.norm(axis_of(one.T @ other))
 
 
-def test_free_images_held_by_virtual_observations_come_to_stand_as_hard_bars_do(both):
+def test_free_images_with_virtual_observations_agree_with_rigid_baselines(both):
     network, adjusted, state, _ = both
     assert len(network.ties) > 30
     for k, pair in enumerate(network.pairs):
@@ -208,7 +208,7 @@ def test_free_images_held_by_virtual_observations_come_to_stand_as_hard_bars_do(
         assert np.linalg.norm(state.right[k][:3, 3] - right) < 1e-6
 
 
-def test_stops_and_their_covariances_agree_too(both):
+def test_stops_and_their_covariances_agree_with_rigid_baselines(both):
     network, adjusted, state, covariance = both
     stop = adjusted.stop(network.stop_ids[1])
     assert np.linalg.norm(state.stops[1][:3, 3] - stop.lsl_from_rover.translation_m) < 1e-6

@@ -29,7 +29,7 @@ def shots_of(text, files, poses=None):
     return rig_shots(rig_of(text), files, rows)
 
 
-def test_the_first_pair_is_the_origin_and_others_have_maps_of_their_own():
+def test_the_first_pair_is_the_origin_and_unplaced_ones_have_separate_maps():
     shots, faults = shots_of(NAMED, [f"{eye}{n}.png" for eye in ("left", "right") for n in (9, 4)])
     assert not faults
     places = {file: (shot.stop.site, shot.stop.drive) for file, shot in shots.items()}
@@ -57,7 +57,7 @@ def test_poses_place_pairs_by_any_of_their_images_or_by_their_number():
     assert {shot.stop.site for shot in shots.values()} == {0}
 
 
-def test_pairs_whose_names_are_no_numbers_are_counted():
+def test_pairs_with_names_that_are_not_numbers_are_numbered():
     text = NAMED.replace("left*.png", "left/*.png").replace("right*.png", "right/*.png")
     names = ["1403636579763555584", "1403636579813555456"]
     shots, faults = shots_of(
@@ -68,7 +68,7 @@ def test_pairs_whose_names_are_no_numbers_are_counted():
     assert len({shot.image_id for shot in shots.values()}) == 4, "left and right are told apart"
 
 
-def test_pictures_that_belong_to_no_pair_are_named():
+def test_image_files_without_a_pair_are_named():
     shots, faults = shots_of(NAMED, ["left4.png", "right4.png", "left5.png", "robot.jpg"])
     assert sorted(shots) == ["left4.png", "right4.png"]
     assert "its partner right5.png is missing" in faults["left5.png"]
@@ -82,7 +82,7 @@ def test_pictures_that_belong_to_no_pair_are_named():
         ("left4.png,1,2,0,,,", "row 1 has no attitude; give roll_deg"),
     ],
 )
-def test_a_pair_without_a_whole_pose_says_what_to_add(row, complaint):
+def test_a_pair_with_an_incomplete_pose_is_refused_with_the_missing_columns(row, complaint):
     poses = f"image,x_m,y_m,z_m,roll_deg,pitch_deg,yaw_deg\n{row}\n"
     shots, faults = shots_of(NAMED, ["left4.png", "right4.png"], poses)
     assert not shots
@@ -102,7 +102,7 @@ def test_a_calibration_of_both_cameras_is_mounted_on_the_rover():
     np.testing.assert_allclose(apart, [0, 0.11, 0], atol=2e-3)
 
 
-def test_the_numbers_of_a_camera_may_stand_in_the_file_itself():
+def test_camera_parameters_may_be_in_the_file_itself():
     rig = read_rig(rig_text("fisheye"), "rig.toml", str)
     left, right = (rig.cameras[eye] for eye in (Eye.LEFT, Eye.RIGHT))
     assert isinstance(left.camera, Fisheye)
@@ -122,7 +122,7 @@ def test_images_of_another_size_than_the_calibration_are_refused(size):
             shot.record(picture, names[0], None)
 
 
-def test_a_record_is_of_its_picture():
+def test_a_record_belongs_to_its_image_file():
     shots, _ = shots_of(NAMED, ["left4.png", "right4.png"])
     image = shots["left4.png"].record(PNG, "left4.png", "2026-11-23T00:00:00")
     assert (image.samples, image.lines, image.created) == (1024, 768, "2026-11-23T00:00:00")

@@ -5,7 +5,7 @@ from solmap.flows.sol_maps import FINDINGS, LACKING, _one_finding_a_stop
 from solmap.photogrammetry.imagery import StopId
 
 
-def test_pairs_without_far_ground_are_told_in_one_line_a_stop_and_faults_each():
+def test_pairs_without_far_ground_are_reported_in_one_line_per_stop():
     stop, other = StopId("MER2", 10, 64), StopId("MER2", 11, 0)
     failed = {
         (stop, "a-with-b"): "MatchingError: 1 points were found",

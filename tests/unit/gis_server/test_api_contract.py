@@ -63,7 +63,7 @@ def test_every_route_refuses_other_methods_with_a_problem_document(client, opera
 
 
 @pytest.mark.parametrize("address", ["/nothing", "/assets/none.js", "/swagger/none.css", "/api"])
-def test_addresses_of_no_route_are_refused_with_a_problem_document(client, address):
+def test_unknown_urls_are_refused_with_a_problem_document(client, address):
     answer = client.get(address)
     assert answer.status_code == 404
     assert_is_problem(answer, address)
@@ -78,7 +78,7 @@ def test_a_range_beyond_the_end_is_refused_with_a_problem_document(client):
     assert int(size) == len(client.get(dtm["download"]).content)
 
 
-def test_the_entry_of_ogc_links_to_all_services(client):
+def test_the_ogc_landing_page_links_to_all_services(client):
     links = client.get("/ogc").json()["links"]
     addresses = [one["href"] for one in links]
     for end in ("/ogc/MER2", "/collections", "/maps", "/tileMatrixSets", "WMTSCapabilities.xml"):

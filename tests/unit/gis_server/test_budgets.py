@@ -67,7 +67,7 @@ async def until(condition):
     raise AssertionError("it did not come to pass")
 
 
-def test_heavy_requests_take_turns_and_light_ones_do_not_wait_for_them():
+def test_heavy_requests_queue_and_light_ones_do_not_wait_for_them():
     async def crowd():
         slow, budgets = Slow(), Budgets({})
         app = HeavyRequests(slow, budgets)
@@ -86,7 +86,7 @@ def test_heavy_requests_take_turns_and_light_ones_do_not_wait_for_them():
     assert not budgets.lanes[FILES].places
 
 
-def test_a_client_with_too_many_is_told_when_to_come_again_and_others_are_served():
+def test_a_client_with_too_many_requests_gets_retry_after_and_others_are_served():
     async def crowd():
         slow, budgets = Slow(), Budgets({})
         app = HeavyRequests(slow, budgets)
@@ -107,7 +107,7 @@ def test_a_client_with_too_many_is_told_when_to_come_again_and_others_are_served
     assert budgets.refused == {("solid", 429): 3}
 
 
-def test_who_comes_when_all_places_are_taken_is_refused_with_503():
+def test_a_request_beyond_all_places_is_refused_with_503():
     async def crowd():
         slow, budgets = Slow(), Budgets({})
         budgets.lanes[FILES].lane = replace(FILES, places=2)
@@ -124,7 +124,7 @@ def test_who_comes_when_all_places_are_taken_is_refused_with_503():
     assert "retry-after" in refused.headers
 
 
-def test_who_waits_too_long_is_refused_with_503(monkeypatch):
+def test_a_request_that_waits_too_long_is_refused_with_503(monkeypatch):
     monkeypatch.setattr(budgets_module, "WAIT_S", 0.05)
 
     async def crowd():
@@ -141,7 +141,7 @@ def test_who_waits_too_long_is_refused_with_503(monkeypatch):
     assert "took more than" in refused.json()["description"]
 
 
-def test_who_was_answered_lately_comes_again_when_others_wait_for_long():
+def test_a_recently_served_client_is_refused_while_others_wait_long():
     async def crowd():
         slow, budgets = Slow(), Budgets({})
         budgets.lanes[FILES].lane = replace(FILES, busy_s=0.0)
@@ -160,7 +160,7 @@ def test_who_was_answered_lately_comes_again_when_others_wait_for_long():
     assert [one.status_code for one in (served, again, fresh)] == [200, 429, 200]
 
 
-def test_who_leaves_while_waiting_gives_the_place_back():
+def test_a_client_that_disconnects_frees_its_place():
     async def crowd():
         slow, budgets = Slow(), Budgets({})
         app = HeavyRequests(slow, budgets)
@@ -190,7 +190,7 @@ def test_who_leaves_while_waiting_gives_the_place_back():
     assert most == 1
 
 
-def test_whoever_reads_slowly_holds_a_place_of_his_own_and_no_turn():
+def test_a_slow_reader_holds_a_place_and_no_turn():
     async def crowd():
         slow, budgets = Slow(), Budgets({})
         app = HeavyRequests(slow, budgets)
@@ -234,7 +234,7 @@ def test_a_client_is_an_address_or_a_network_of_64_bits(host, client):
     assert client_of({"client": host and (host, 1)}) == client
 
 
-def test_what_is_heavy_is_known_by_its_address(world):
+def test_heavy_requests_are_recognised_by_their_url(world):
     """The description of the API has a word for it: each of them may be answered 429."""
     document = create_app(world.root).openapi()
     heavy = {path: found[0] for path in document["paths"] if (found := kind_of(path))}
@@ -248,7 +248,7 @@ def test_what_is_heavy_is_known_by_its_address(world):
             assert "429" in operation["responses"], path
 
 
-def test_metrics_tell_the_limits_and_how_far_they_are_used(client, world):
+def test_metrics_give_the_limits_and_their_use(client, world):
     ref = ref_of(world, ProductKind.DTM)
     client.get(f"/models/{ref.scope.name}/dtm/{ref.digest}/terrain.stl")
     families = text_string_to_metric_families(client.get("/metrics").text)
@@ -301,7 +301,7 @@ async def body_of(app_or_worker, path):
     return answer, body
 
 
-def test_a_worker_answers_as_the_server_does(world, worker):
+def test_a_worker_gives_the_answers_of_the_server(world, worker):
     ref = ref_of(world, ProductKind.DTM)
     path = f"/models/{ref.scope.name}/dtm/{ref.digest}/terrain.stl"
     here = asyncio.run(body_of(create_app(world.root), path))
@@ -330,7 +330,7 @@ def test_an_answer_that_is_too_large_is_refused_and_leaves_no_file(tmp_path, mon
     assert not list(tmp_path.iterdir())
 
 
-def test_whose_answer_is_too_large_is_told_to_ask_for_less():
+def test_a_too_large_answer_is_refused_with_advice_to_request_less():
     class Refusing:
         async def ask(self, *_request):
             raise UnkeptError(HTTPStatus.UNPROCESSABLE_ENTITY, "request less at once")
@@ -343,7 +343,7 @@ def test_whose_answer_is_too_large_is_told_to_ask_for_less():
     assert not budgets.lanes[FILES].places
 
 
-def test_an_answer_that_the_disk_has_no_room_for_is_not_sent_in_part(tmp_path, monkeypatch):
+def test_an_answer_that_does_not_fit_the_disk_is_not_sent_in_part(tmp_path, monkeypatch):
     class Full:
         name = str(tmp_path / "answer")
 
@@ -364,7 +364,7 @@ def test_an_answer_that_the_disk_has_no_room_for_is_not_sent_in_part(tmp_path, m
     assert not list(tmp_path.iterdir())
 
 
-def test_files_of_answers_have_a_sum(tmp_path, monkeypatch):
+def test_answer_files_have_a_total_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(budgets_module, "MOST_SPOOLED", 200)
     budgets = Budgets({})
 
@@ -388,7 +388,7 @@ def test_files_of_answers_have_a_sum(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("is_file", [True, False])
-def test_who_reads_too_slowly_is_given_up(is_file, tmp_path, monkeypatch):
+def test_a_too_slow_reader_is_disconnected(is_file, tmp_path, monkeypatch):
     monkeypatch.setattr(workers_module, "STALL_S", 0.2)
     monkeypatch.setattr(workers_module, "LEAST_BYTES_S", 1e8)
     file = tmp_path / "answer"
@@ -406,7 +406,7 @@ def test_who_reads_too_slowly_is_given_up(is_file, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_worker_that_was_killed_or_took_too_long_is_followed_by_a_new_one(worker):
+def test_a_worker_that_was_killed_or_took_too_long_is_replaced(worker):
     half = worker._folder / "half"
     half.touch()
     worker.wait(20.0)
@@ -450,7 +450,7 @@ def test_processes_end_and_start_outside_the_event_loop(worker, monkeypatch):
     assert threading.main_thread() not in threads
 
 
-def test_a_request_that_others_left_too_little_memory_is_answered_by_a_new_process(
+def test_a_request_that_lacked_memory_beside_others_is_repeated_in_a_new_process(
     world, tmp_path, monkeypatch
 ):
     worker = Worker((world.root,), 300)
@@ -473,7 +473,7 @@ def test_a_request_that_others_left_too_little_memory_is_answered_by_a_new_proce
 
 
 @pytest.mark.slow
-def test_a_process_that_lacks_memory_says_so(world, tmp_path):
+def test_a_process_that_lacks_memory_reports_it(world, tmp_path):
     ref = ref_of(world, ProductKind.DTM)
     path = f"/models/{ref.scope.name}/dtm/{ref.digest}/terrain.stl"
     worker = Worker((world.root,), 8)

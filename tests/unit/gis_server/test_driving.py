@@ -19,7 +19,7 @@ def ask(client, what, **query):
     return answer.json()
 
 
-def test_what_can_be_reached_is_half_a_disc_south_of_the_slope(client):
+def test_the_reachable_area_is_half_a_disc_south_of_the_slope(client):
     body = ask(client, "reach", east=10, north=-1, farthest_m=15, interval_m=5)
     assert body["reached_m2"] == pytest.approx(math.pi * 15**2 / 2 + 15 * 2 - 1, rel=0.04)
     assert 14.8 < body["longest_drive_m"] <= 15
@@ -32,7 +32,7 @@ def test_what_can_be_reached_is_half_a_disc_south_of_the_slope(client):
     assert {layer["kind"] for layer in body["layers"]} == {"hazard", "dtm"}
 
 
-def test_picture_and_geotiff_tell_the_same(client):
+def test_image_and_geotiff_agree(client):
     body = ask(client, "reach", east=10, north=-10, farthest_m=15, interval_m=5)
     west, south, _, north = body["bounds"]
 
@@ -55,7 +55,7 @@ def test_picture_and_geotiff_tell_the_same(client):
         assert dataset.crs.is_projected
 
 
-def test_a_route_is_told_with_its_length_and_climb(client):
+def test_a_route_has_its_length_and_climb(client):
     body = ask(client, "route", east=0.04, north=-10, to_east=20, to_north=-10)
     assert body["drive_m"] == pytest.approx(20 * math.hypot(1, 0.1), abs=0.1)
     assert body["straight_m"] == pytest.approx(20, abs=0.1)
@@ -74,20 +74,20 @@ def test_a_route_is_told_with_its_length_and_climb(client):
         ("reach", {"north": 20}, "is a hazard"),
     ],
 )
-def test_where_no_way_is_the_answer_says_why(client, what, query, said):
+def test_an_impossible_route_is_answered_with_the_reason(client, what, query, said):
     answer = client.get(f"{API}/{what}", params={"east": 10, "north": -5, **query})
     assert answer.status_code == 422
     assert said in answer.text
 
 
-def test_a_long_way_is_looked_for_on_larger_cells(client):
+def test_a_long_route_is_searched_on_larger_cells(client):
     body = ask(client, "reach", east=10, north=-5, farthest_m=500, interval_m=0.1)
     assert body["cell_m"] > 0.16
     assert body["interval_m"] == 10
     assert body["reached_m2"] > 1000
 
 
-def test_without_hazard_maps_it_says_what_is_missing(own_world):
+def test_missing_hazard_maps_are_reported(own_world):
     from fastapi.testclient import TestClient  # noqa: PLC0415
 
     from solmap.gis_server.app import create_app  # noqa: PLC0415

@@ -43,7 +43,7 @@ def test_a_stop_that_moved_has_a_version_for_each_solution(store):
             assert found["layer"]["id"].endswith(f"/{kind}@{found['layer']['digest']}")
 
 
-def test_a_map_that_stayed_holds_for_both_solutions(store):
+def test_an_unchanged_map_is_valid_for_both_solutions(store):
     client, versions = store
     answer = ask(client, versions.stayed)
     assert answer["total"] == 1
@@ -51,18 +51,18 @@ def test_a_map_that_stayed_holds_for_both_solutions(store):
     assert {s["id"] for s in only["solutions"]} == {named(ref) for ref in versions.networks}
 
 
-def test_what_came_from_nowhere_holds_for_no_solution_that_is_known(store):
+def test_a_layer_of_unknown_origin_belongs_to_no_known_solution(store):
     client, _ = store
     assert ask(client, "mer2", "dtm")["versions"][0]["solutions"] == []
 
 
-def test_versions_tell_the_run_they_were_made_in(store):
+def test_versions_name_the_run_that_made_them(store):
     client, versions = store
     (newest, *_) = ask(client, versions.moved)["versions"]
     assert newest["run"]["kind"] == "downlink"
 
 
-def test_versions_come_page_by_page(store):
+def test_versions_are_paged(store):
     client, versions = store
     pages = [ask(client, versions.moved, limit=1, offset=k) for k in range(3)]
     assert [page["total"] for page in pages] == [2, 2, 2]
@@ -80,7 +80,7 @@ def test_an_earlier_version_has_tiles_and_values_of_its_own(store):
         assert client.get(address).status_code == 200
 
 
-def test_layers_that_are_not_there_have_no_versions(store):
+def test_unknown_layers_have_no_versions(store):
     client, versions = store
     assert client.get(f"/api/layers/{versions.stayed}/slope/versions").status_code == 404
     assert client.get(f"/api/layers/{versions.stayed}/nonsense/versions").status_code == 422

@@ -40,7 +40,7 @@ def test_an_end_without_elevation_has_no_rise(client):
     assert ask(client, "measure-line", line=[[0, 0], [5, 5], [0, 0]])["ends"] is None
 
 
-def test_the_true_azimuth_is_that_of_the_meridian():
+def test_the_true_azimuth_refers_to_the_meridian():
     landing = LandingPoint("far south", 10.0, -60.0, 3.39e6, "a test")
     assert true_azimuth(np.array([[0.0, 0.0], [3.0, 4.0]]), landing) == pytest.approx(
         math.degrees(math.atan2(3, 4)), abs=2e-3
@@ -111,7 +111,7 @@ def test_statistics_of_a_layer_over_a_polygon(client):
     assert aspect["mean"] == pytest.approx(90.0, abs=0.01)
 
 
-def test_classes_over_a_polygon_come_with_their_area(client):
+def test_classes_inside_a_polygon_have_their_areas(client):
     box = [[0, -5], [10, -5], [10, 5], [0, 5]]
     body = ask(client, "zonal", polygon=box, layer=f"{STOP.name}/hazard")
     areas = {row["name"]: row["area_m2"] for row in body["classes"]}
@@ -119,7 +119,7 @@ def test_classes_over_a_polygon_come_with_their_area(client):
     assert body["mean"] is None
 
 
-def test_a_polygon_off_the_layer_holds_nothing(client):
+def test_a_polygon_outside_the_layer_is_empty(client):
     far = [[1000, 1000], [1010, 1000], [1010, 1010]]
     body = ask(client, "zonal", polygon=far, layer=f"{STOP.name}/dtm")
     assert (body["count"], body["mean"]) == (0, None)
@@ -143,20 +143,20 @@ def test_a_polygon_off_the_layer_holds_nothing(client):
         ("measure-line", {"line": [[0, 0], [3000, 0]], "step_m": 0.001}, "stations"),
     ],
 )
-def test_what_cannot_be_measured_is_refused_in_words(client, what, question, told):
+def test_unmeasurable_shapes_are_refused_with_the_reason(client, what, question, told):
     answer = client.post(f"{API}/{what}", json=question)
     assert answer.status_code == 422
     assert told in answer.text
 
 
-def test_an_enormous_polygon_is_answered_without_harm(client):
+def test_an_enormous_polygon_is_answered(client):
     huge = [[-1e6, -1e6], [1e6, -1e6], [1e6, 1e6], [-1e6, 1e6]]
     body = ask(client, "measure-area", polygon=huge)
     assert body["map_area_m2"] == pytest.approx(4e12)
     assert client.post(f"{API}/volume", json={"polygon": huge}).status_code == 422
 
 
-def test_identify_tells_every_band_of_every_layer(client):
+def test_identify_lists_every_band_of_every_layer(client):
     place = client.get(f"{API}/identify", params={"east": 3, "north": 4}).json()
     layers = {layer["id"]: layer for layer in place["layers"]}
     dtm = layers[f"{STOP.name}/dtm"]["bands"]
@@ -167,13 +167,13 @@ def test_identify_tells_every_band_of_every_layer(client):
 
 
 @pytest.mark.parametrize("question", ["measure-line", "profile", "profile.csv", "measure-area"])
-def test_places_that_are_nearly_one_are_no_line(client, question):
+def test_nearly_identical_places_are_not_a_line(client, question):
     near = [[5e-324, 0.0], [0.0, 0.0], [0.0, 1e-9]]
     asked = {"polygon": near} if question == "measure-area" else {"line": near}
     assert client.post(f"{API}/{question}", json=asked).status_code == 422
 
 
-def test_a_line_that_all_but_closes_has_no_ends(client):
+def test_a_nearly_closed_line_has_no_ends(client):
     line = [[0.0, 0.0], [3.0, 0.0], [5e-324, 0.0]]
     body = client.post(f"{API}/measure-line", json={"line": line}).json()
     assert body["map_length_m"] == 6.0

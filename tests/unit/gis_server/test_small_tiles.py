@@ -52,7 +52,7 @@ def test_colours_of_a_legend_and_their_opacity_are_exact(client, world, kind, st
 @pytest.mark.parametrize(
     ("kind", "style"), [(ProductKind.ORTHOPHOTO, "default"), (ProductKind.DTM, "shaded-relief")]
 )
-def test_shades_differ_by_less_than_is_seen_and_opacity_by_nothing(client, world, kind, style):
+def test_shades_differ_invisibly_and_opacity_is_exact(client, world, kind, style):
     png, webp = both(client, world, kind, style=style)
     seen = png[..., 3] > 0
     assert seen.any()
@@ -61,7 +61,7 @@ def test_shades_differ_by_less_than_is_seen_and_opacity_by_nothing(client, world
     assert np.sqrt(np.mean((webp[seen] - png[seen]) ** 2)) < SHADES_RMS
 
 
-def test_where_nothing_was_measured_there_is_no_content_each_time(client, world):
+def test_unmeasured_tiles_are_answered_without_content_each_time(client, world):
     far = tile_at(5_000.0, 0.1, OWN_ZOOM)
     for _ in range(2):
         answer = asked(client, world, ProductKind.DTM, far, "webp")

@@ -42,7 +42,7 @@ def ask(client, what, **query):
     return answer.json()
 
 
-def test_all_of_a_plane_can_be_seen(client):
+def test_all_of_a_plane_is_visible(client):
     body = ask(client, "viewshed", east=10, north=0, radius_m=15)
     assert body["visible_m2"] == pytest.approx(math.pi * 15**2, rel=0.01)
     assert body["hidden_m2"] == 0
@@ -52,7 +52,7 @@ def test_all_of_a_plane_can_be_seen(client):
     assert body["layers"][0]["kind"] == "dtm"
 
 
-def test_a_wall_hides_what_lies_behind_it(walls):
+def test_a_wall_hides_the_ground_behind_it(walls):
     body = ask(walls, "viewshed", east=10, north=0, radius_m=20)
     half_disc_beyond = 20**2 * math.acos(0.5) - 10 * math.sqrt(300)
     assert body["hidden_m2"] == pytest.approx(half_disc_beyond, rel=0.05)
@@ -89,7 +89,7 @@ def test_a_large_radius_is_answered_on_larger_cells(client):
     assert body["visible_m2"] > 1000
 
 
-def test_a_line_of_sight_over_a_plane_is_free_and_over_a_wall_is_not(client, walls):
+def test_a_line_of_sight_is_free_over_a_plane_and_blocked_by_a_wall(client, walls):
     query = {"east": 10, "north": 0, "to_east": 10, "to_north": 18}
     free = ask(client, "line-of-sight", **query)
     assert free["sight"] == "visible"
@@ -124,12 +124,12 @@ def test_an_end_on_unmapped_ground_takes_an_elevation(client):
         ("line-of-sight", {"east": 0, "north": 0}, "required"),
     ],
 )
-def test_what_cannot_be_looked_at_is_refused_in_words(client, what, query, told):
+def test_invalid_sight_queries_are_refused_with_the_reason(client, what, query, told):
     answer = client.get(f"{API}/{what}", params=query)
     assert answer.status_code == 422
     assert told in answer.text
 
 
-def test_the_picture_is_a_png(client):
+def test_the_viewshed_image_is_a_png(client):
     body = client.get(f"{API}/viewshed.png", params={"east": 0, "north": 0, "radius_m": 5}).content
     assert cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED).shape[2] == 4

@@ -97,7 +97,7 @@ def test_all_pairs_that_overlap_are_tied(panorama, tied):
     assert few == []
 
 
-def test_ties_are_where_the_truth_has_them(panorama, tied):
+def test_ties_are_at_their_true_places(panorama, tied):
     off, off_parallax = [], []
     for one, other in {*zip(tied.ties.first.tolist(), tied.ties.second.tolist(), strict=True)}:
         rows = (tied.ties.first == one) & (tied.ties.second == other)

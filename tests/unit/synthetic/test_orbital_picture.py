@@ -20,7 +20,7 @@ def world():
     return make_world(WorldParams("hills", TraverseParams(stops=2)), 1)
 
 
-def test_registration_against_the_true_ground_finds_the_stated_error(world):
+def test_registration_to_the_true_ground_finds_the_stated_error(world):
     picture = orbital_picture(world)
     grid = MapGrid(-32.0, 40.0, 0.25, 256, 256)
     patch = world.terrain.patch(Window.around(3, 0.0, 0.0, 48.0))
@@ -47,7 +47,7 @@ def test_a_world_has_one_orbital_image(world):
 
 
 @pytest.mark.parametrize("stops", [1, 60])
-def test_the_image_holds_all_stops_in_a_bounded_number_of_cells(stops):
+def test_the_image_contains_all_stops_in_a_bounded_number_of_cells(stops):
     world = make_world(WorldParams("plains", TraverseParams(stops=stops)), 3)
     picture = orbital_picture(world)
     west, south, east, north = picture.grid.bounds

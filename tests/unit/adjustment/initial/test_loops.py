@@ -58,7 +58,7 @@ def loose(count):
 
 
 @pytest.mark.parametrize("turn_deg", [0.2, 1.5])
-def test_a_circle_that_telemetry_bends_open_closes(turn_deg):
+def test_a_loop_that_telemetry_leaves_open_is_closed(turn_deg):
     count = 40
     true, held = circle(count), np.arange(count) == 0
     start = drifted(true, np.radians(turn_deg))
@@ -78,7 +78,7 @@ def test_a_circle_that_telemetry_bends_open_closes(turn_deg):
     assert np.linalg.norm(state.centres - true.centres, axis=1).max() < 0.5 * gone
 
 
-def test_a_loop_that_contradicts_the_others_is_weighed_down():
+def test_a_loop_that_contradicts_the_others_gets_less_weight():
     count = 30
     true, held = circle(count), np.arange(count) == 0
     chain = [(k, k + 1) for k in range(count - 1)]
@@ -92,7 +92,7 @@ def test_a_loop_that_contradicts_the_others_is_weighed_down():
     np.testing.assert_allclose(state.centres, true.centres, atol=1e-3)  # an initial value
 
 
-def test_a_rigid_motion_is_found_without_a_start_though_a_third_of_the_ties_is_wrong():
+def test_a_rigid_motion_is_found_without_a_start_although_a_third_of_the_ties_are_wrong():
     rng = np.random.default_rng(3)
     Y = rng.uniform(-15, 15, (30, 3)) * [1, 1, 0.1]
     R, t = rotation_of_vector(np.array([0.05, -0.02, 2.5])), np.array([30.0, -12.0, 0.5])

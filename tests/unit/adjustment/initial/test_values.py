@@ -99,7 +99,7 @@ def test_rays_that_diverge_end_far_away_in_front(ground, rng):
         assert (in_camera[ahead, 2] > 0).all()
 
 
-def test_points_that_have_a_place_or_one_sighting_only_are_left_alone(ground, rng):
+def test_points_with_known_places_or_one_ray_are_not_recomputed(ground, rng):
     geometries = [single(k, a) for k, a in enumerate(AZIMUTHS)]
     ties, _ = seen_by(geometries, ground, rng)
     observations = Observations.of(network(geometries, ties))

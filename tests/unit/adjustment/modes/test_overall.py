@@ -151,7 +151,7 @@ def test_a_held_stop_must_be_in_the_network(bent, params):
         adjust(bent[0], {StopId("TEST", 9, 9)}, params)
 
 
-def test_an_empty_network_says_so(params):
+def test_an_empty_network_is_refused(params):
     network, _ = simulate_network(np.random.default_rng(1), stops=1)
     empty = Network((), (), select(network.ties, np.zeros(len(network.ties), dtype=bool)))
     with pytest.raises(AdjustmentError, match="network is empty"):
@@ -202,7 +202,7 @@ def test_a_stop_without_ties_follows_the_stop_before_it(params):
     assert stop.sigma_ned_m.min() > 0.9 * params.slip * step > before.sigma_ned_m.max()
 
 
-def test_a_network_of_telemetry_alone_is_carried_through(params):
+def test_a_network_of_telemetry_alone_is_adjusted(params):
     network, _ = simulate_network(np.random.default_rng(11), stops=3)
     bare = replace(network, ties=select(network.ties, np.zeros(len(network.ties), dtype=bool)))
     adjusted, report = adjust_overall(bare, params)
@@ -244,7 +244,7 @@ def test_a_fine_azimuth_is_absolute_and_a_coarse_one_relative(params):
     )
 
 
-def test_points_seen_in_the_left_image_alone_tie_too(params):
+def test_points_seen_in_the_left_image_alone_are_ties_too(params):
     network, truth = simulate_network(np.random.default_rng(8), stops=2)
     parallax = network.ties.parallax_px.copy()
     first = np.unique(network.ties.point, return_index=True)[1]
@@ -257,7 +257,7 @@ def test_points_seen_in_the_left_image_alone_tie_too(params):
     assert np.linalg.norm(errors(adjusted, truth)[1, 3:]) < 0.3
 
 
-def test_a_point_that_one_image_alone_saw_is_not_used(params):
+def test_a_point_of_one_image_is_not_used(params):
     network, _ = simulate_network(np.random.default_rng(8), stops=2)
     number = network.ties.point[0]
     parallax = network.ties.parallax_px.copy()
@@ -271,7 +271,7 @@ def test_a_point_that_one_image_alone_saw_is_not_used(params):
     assert np.isnan(adjusted.ties.points[number]).all()
 
 
-def test_elimination_leaves_the_normal_equations_of_the_classical_reduction(bent, params):
+def test_elimination_equals_the_classical_reduction_of_the_normal_equations(bent, params):
     """On near points it equals N_oo - N_ot N_tt^-1 N_to, on a dense copy of the whole system."""
     network, observations, state = bent
     telemetry = Telemetry.of(network, params)
@@ -317,13 +317,13 @@ def test_redundancy_numbers_sum_to_the_redundancy_of_the_images(params):
     assert images == pytest.approx(report.redundancy - telemetry, abs=0.1 * telemetry)
 
 
-def test_a_stop_must_come_with_its_own_telemetry():
+def test_a_stop_needs_its_own_telemetry():
     pose = Pose.identity(LSL, StopId("TEST", 1, 0).frame)
     with pytest.raises(AdjustmentError, match=r"must be the pose of rover\[2, 0\] in lsl"):
         StopPrior(StopId("TEST", 2, 0), pose)
 
 
-def test_a_pair_of_a_stop_that_is_missing_is_named():
+def test_a_missing_pair_of_a_stop_is_named():
     network, _ = simulate_network(np.random.default_rng(2), stops=2)
     with pytest.raises(AdjustmentError, match="S0001P00 was taken at test-site0001-drive0010"):
         replace(network, stops=network.stops[:1])
@@ -334,7 +334,7 @@ def test_a_standard_deviation_of_zero_is_refused():
         AdjustmentParams(tilt_deg=0.0)
 
 
-def test_a_tie_that_comes_back_starts_where_it_is_seen_now(params):
+def test_a_tie_that_returns_starts_at_its_current_place(params):
     """Its stops moved by metres while it was set aside; started from there it lay behind them."""
     network, _ = simulate_network(
         np.random.default_rng(0), stops=40, pairs_per_stop=6, inter_ties=4, intra_ties=0,

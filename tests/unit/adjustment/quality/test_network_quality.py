@@ -76,7 +76,7 @@ def test_a_bent_camera_shows_in_the_grid_of_means(params):
     assert np.nanmean(parallax[:, :half]) == pytest.approx(-0.4, abs=0.1)
 
 
-def test_blunders_are_named_with_their_place_and_what_stands_against_them(params):
+def test_blunders_are_named_with_their_place_and_the_ties_that_contradict_them(params):
     network, truth = simulate_network(np.random.default_rng(4), blunders=0.1, **SIZES)
     adjusted, report = adjust_overall(network, params)
     found = stated(network, adjusted).blunders
@@ -140,7 +140,7 @@ def test_weak_places_are_named(params):
     assert (names[2], names[3]) not in found.links
 
 
-def test_the_document_is_json_and_names_what_it_speaks_of(clean):
+def test_the_document_is_json_and_names_images_and_stops(clean):
     network, _, _, found = clean
     document = json.loads(json.dumps(quality_document(found), allow_nan=False))
     assert [stop["stop"] for stop in document["stops"]] == [str(s) for s in network.stop_ids]

@@ -15,7 +15,7 @@ def encoded(values, suffix):
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
-def test_a_picture_is_read_with_its_missing_patch(rng, suffix):
+def test_an_image_file_is_read_with_its_missing_patch(rng, suffix):
     values = rng.integers(90, 200, (60, 80), dtype=np.uint8)
     values[10:40, 20:60] = 0
     pixels, mask = read_picture(encoded(values, suffix), "x")
@@ -37,7 +37,7 @@ def test_colours_are_averaged(rng):
     assert read_colour_picture(encoded(grey, ".png"), "x") is None
 
 
-def test_a_small_file_cannot_ask_for_much_memory(rng):
+def test_a_small_file_cannot_request_much_memory(rng):
     data = bytearray(encoded(rng.integers(1, 200, (6, 8), dtype=np.uint8), ".png"))
     data[16:24] = (60_000).to_bytes(4, "big") * 2
     with pytest.raises(PixelError, match="60000 x 60000 pixels: no rover image"):
@@ -54,7 +54,7 @@ def test_a_cut_off_or_foreign_file_is_refused_or_read(rng, suffix):
         read_picture(b"GIF89a" + data, "x")
 
 
-def test_the_raw_images_of_curiosity_and_perseverance_read(shared_data):
+def test_raw_images_of_curiosity_and_perseverance_are_read(shared_data):
     sizes = {
         "NLB_524534514EDR*.jpeg": (1024, 1024),
         "NRB_524534514EDR*.jpeg": (1024, 1024),
@@ -68,7 +68,7 @@ def test_the_raw_images_of_curiosity_and_perseverance_read(shared_data):
         assert pixels.std() > 10
 
 
-def test_pictures_that_unpack_to_more_than_they_say_are_refused_unread(rng):
+def test_image_files_that_unpack_to_more_than_declared_are_refused_unread(rng):
     deep = bytearray(encoded(rng.integers(1, 200, (6, 8), dtype=np.uint8), ".png"))
     deep[24] = 16
     scans = encoded(rng.integers(1, 200, (30, 40), dtype=np.uint8), ".jpg") + b"\xff\xda" * 40

@@ -23,14 +23,14 @@ def machine(tmp_path, engine):  # noqa: ARG001 - Prefect reads its settings at i
     return made, said
 
 
-def test_files_that_come_before_the_deployments_wait_in_silence(machine):
+def test_files_before_the_deployments_wait_without_a_message(machine):
     up, said = machine
     up.tend()  # the engine of the tests knows no deployment of this name
     assert said == []
     assert up._running is None
 
 
-def test_any_trouble_is_said_once_and_tried_again(machine, monkeypatch):
+def test_an_error_is_logged_once_and_retried(machine, monkeypatch):
     from solmap.flows.service import submission  # noqa: PLC0415
 
     up, said = machine
@@ -49,7 +49,7 @@ def test_any_trouble_is_said_once_and_tried_again(machine, monkeypatch):
     assert said[1].startswith("files came: run a-run")
 
 
-def test_a_run_that_failed_does_not_count_as_done(machine, monkeypatch):
+def test_a_failed_run_does_not_count_as_processed(machine, monkeypatch):
     from solmap.flows.service import submission  # noqa: PLC0415
 
     up, said = machine

@@ -29,7 +29,7 @@ def stored(stereo, entry):
     return read_image(path.read_bytes(), f"{entry.id}.IMG")
 
 
-def test_the_raw_picture_is_what_was_sent(stereo, stereo_client):
+def test_the_raw_image_is_the_delivered_one(stereo, stereo_client):
     entry = left_of(stereo)
     pixels = stored(stereo, entry).pixels
     shown = picture(stereo_client, f"/images/{entry.id}/raw.png")
@@ -50,7 +50,7 @@ def test_a_stretch_runs_between_its_percentiles(stereo, stereo_client):
     assert np.abs(set_by_hand - expected).max() <= 0.51
 
 
-def test_the_linearised_picture_is_what_matching_sees(stereo, stereo_client):
+def test_the_linearised_image_is_the_one_used_for_matching(stereo, stereo_client):
     entry = left_of(stereo)
     read = stored(stereo, entry)
     geometry = geometry_of(matches_of(entry, stereo.workspace), stereo.workspace)
@@ -76,7 +76,7 @@ def test_an_anaglyph_is_left_in_red_and_right_in_cyan_shifted(stereo, stereo_cli
 
 
 @pytest.mark.parametrize("style", ["raw", "stretched", "linearised", "anaglyph"])
-def test_the_tiles_of_the_highest_zoom_are_the_picture(stereo, stereo_client, style):
+def test_the_tiles_of_the_highest_zoom_are_the_image(stereo, stereo_client, style):
     entry = left_of(stereo)
     info = stereo_client.get(f"/images/{entry.id}/info").json()["styles"][style]
     whole = picture(stereo_client, info["picture"], shift_px=3)
@@ -92,7 +92,7 @@ def test_the_tiles_of_the_highest_zoom_are_the_picture(stereo, stereo_client, st
     assert (np.concatenate(rows) == whole).all()
 
 
-def test_a_picture_is_not_sent_again_while_it_stays(stereo, stereo_client):
+def test_an_unchanged_image_is_not_sent_again(stereo, stereo_client):
     address = f"/images/{left_of(stereo).id}/stretched.png"
     tag = stereo_client.get(address).headers["etag"]
     assert stereo_client.get(address, headers={"if-none-match": tag}).status_code == 304
@@ -100,7 +100,7 @@ def test_a_picture_is_not_sent_again_while_it_stays(stereo, stereo_client):
     assert other.status_code == 200
 
 
-def test_a_point_goes_to_the_linearised_image_and_back(stereo, stereo_client):
+def test_a_point_is_transformed_to_the_linearised_image_and_back(stereo, stereo_client):
     address = f"/images/{left_of(stereo).id}/point"
     there = stereo_client.get(address, params={"sample": 90.25, "line": 140.5}).json()
     back = stereo_client.get(
@@ -130,7 +130,7 @@ def test_a_point_goes_to_the_linearised_image_and_back(stereo, stereo_client):
         ("{id}/anaglyph.png?shift_px=1e9", 422),
     ],
 )
-def test_what_is_not_there_is_refused(stereo, stereo_client, address, status):
+def test_unknown_images_are_refused(stereo, stereo_client, address, status):
     answer = stereo_client.get("/images/" + address.format(id=left_of(stereo).id))
     assert answer.status_code == status
 
@@ -141,7 +141,7 @@ def test_an_image_without_partner_has_no_stereo(client):
     assert "the right image was never sent" in answer.text
 
 
-def test_what_is_kept_stays_within_its_bytes():
+def test_the_cache_stays_within_its_bytes():
     kept, made = ArrayCache(1000), []
 
     def make(key):

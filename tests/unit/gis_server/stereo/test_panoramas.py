@@ -71,7 +71,7 @@ def test_a_true_place_lies_at_its_azimuth_and_elevation_to_a_pixel(
     assert max(apart) < 1.0
 
 
-def test_a_direction_meets_the_ground_where_it_truly_is(stereo, stereo_client, panoramas):
+def test_a_direction_meets_the_ground_at_its_true_place(stereo, stereo_client, panoramas):
     for image in images(stereo):
         body = of_stop(panoramas, image, stereo)
         for pixel in PIXELS:
@@ -91,7 +91,7 @@ def test_a_direction_meets_the_ground_where_it_truly_is(stereo, stereo_client, p
             assert across < 0.05  # two nodes of 0.75 degrees, seen at 10 degrees
 
 
-def test_brightness_is_that_of_the_image_it_names(stereo, stereo_client, panoramas):
+def test_brightness_equals_that_of_the_named_image(stereo, stereo_client, panoramas):
     """Around a place the panorama looks as its source image does there."""
     image = images(stereo)[0]
     body = of_stop(panoramas, image, stereo)
@@ -113,7 +113,7 @@ def test_brightness_is_that_of_the_image_it_names(stereo, stereo_client, panoram
     assert np.corrcoef(drawn, grey)[0, 1] > 0.9
 
 
-def test_what_stands_behind_nearer_ground_is_hidden(stereo, stereo_client, panoramas):
+def test_ground_behind_nearer_ground_is_hidden(stereo, stereo_client, panoramas):
     image = images(stereo)[0]
     body = of_stop(panoramas, image, stereo)
     truth = MAP_FROM_LSL @ true_place(stereo, image, (128.0, 200.0))

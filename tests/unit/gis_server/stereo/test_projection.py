@@ -34,7 +34,7 @@ def images(stereo, eye="left"):
 
 
 @pytest.mark.parametrize("eye", ["left", "right"])
-def test_a_pixel_shows_the_ground_that_it_was_taken_of(stereo, stereo_client, eye):
+def test_a_pixel_gives_its_true_ground(stereo, stereo_client, eye):
     for image in images(stereo, eye):
         for pixel in ((60.0, 180.0), (128.0, 230.0), (200.0, 200.0)):
             body = ask(
@@ -49,7 +49,7 @@ def test_a_pixel_shows_the_ground_that_it_was_taken_of(stereo, stereo_client, ey
             )
 
 
-def test_a_place_is_seen_where_the_camera_truly_sees_it(stereo, stereo_client):
+def test_a_place_is_projected_to_its_true_pixel(stereo, stereo_client):
     seen = 0
     for image in images(stereo):
         truth = true_place(stereo, image, (128.0, 200.0))
@@ -72,7 +72,7 @@ def test_a_place_is_seen_where_the_camera_truly_sees_it(stereo, stereo_client):
     assert seen >= 2 * len(images(stereo))  # at least both eyes
 
 
-def test_what_stands_behind_a_rise_is_hidden_and_what_does_not_is_not(stereo, stereo_client):
+def test_only_ground_behind_a_rise_is_hidden(stereo, stereo_client):
     """Places that random pixels show: what is said of them against rays through the true ground."""
     rng, said = np.random.default_rng(1), []
     for image in images(stereo) * 2:
@@ -101,7 +101,7 @@ def _hidden(stereo, image, point):
     return True if met < distance - 0.5 else None
 
 
-def test_there_and_back_again_is_the_same_pixel(stereo, stereo_client):
+def test_projecting_and_back_gives_the_same_pixel(stereo, stereo_client):
     image = images(stereo)[1]
     there = ask(stereo_client, "image-to-ground", image=image, sample=100, line=190)["ground"]
     back = ask(
@@ -115,7 +115,7 @@ def test_there_and_back_again_is_the_same_pixel(stereo, stereo_client):
     assert (own["sample"], own["line"]) == pytest.approx((100, 190), abs=0.02)
 
 
-def test_a_point_is_predicted_in_the_other_stops_images(stereo, stereo_client):
+def test_a_point_is_predicted_in_the_images_of_the_other_stop(stereo, stereo_client):
     compared = 0
     for image in images(stereo):
         stop = next(entry.stop for entry in stereo.entries if entry.id == image)
@@ -144,7 +144,7 @@ def test_a_point_is_predicted_in_the_other_stops_images(stereo, stereo_client):
     assert compared >= 6
 
 
-def test_the_linearised_place_is_that_of_the_resampled_image(stereo, stereo_client):
+def test_the_linearised_place_equals_that_of_the_resampled_image(stereo, stereo_client):
     image = images(stereo)[0]
     truth = MAP_FROM_LSL @ true_place(stereo, image, (120.0, 200.0))
     body = ask(stereo_client, "ground-to-image", east=truth[0], north=truth[1])
@@ -171,20 +171,20 @@ def test_the_linearised_place_is_that_of_the_resampled_image(stereo, stereo_clie
         ("image-to-image", {"image": "OWN", "sample": 9, "line": 9, "stop": "x"}, 422, "no stop"),
     ],
 )
-def test_questions_without_answer_are_refused(stereo, stereo_client, what, query, status, told):
+def test_unanswerable_queries_are_refused(stereo, stereo_client, what, query, status, told):
     query = {k: images(stereo)[0] if v == "OWN" else v for k, v in query.items()}
     answer = stereo_client.get(f"{API}/{what}", params=query)
     assert answer.status_code == status
     assert told in answer.text
 
 
-def test_a_pixel_of_the_sky_shows_no_ground(stereo, stereo_client):
+def test_a_pixel_of_the_sky_has_no_ground(stereo, stereo_client):
     body = ask(stereo_client, "image-to-ground", image=images(stereo)[0], sample=5, line=0)
     if body["ground"] is None:
         assert body["told_by"] == "nothing"
 
 
-def test_a_store_without_network_says_so(client):
+def test_a_store_without_a_network_is_reported(client):
     answer = client.get(f"{API}/ground-to-image", params={"east": 0, "north": 0})
     assert answer.status_code == 404
     assert "no network" in answer.text

@@ -54,7 +54,7 @@ def test_two_stops_that_face_each_other_are_linked_under_another_sun(link):
     assert link.figures.handed_on <= link.figures.ties  # those that hardly share their ground
 
 
-def test_the_link_finds_where_the_rover_stood(link, first_stand, second_stand):
+def test_the_link_finds_the_position_of_the_rover(link, first_stand, second_stand):
     true = first_stand.true.inverse @ second_stand.true
     told = first_stand.told.inverse @ second_stand.told
     error_m = np.linalg.norm(link.earlier_from_later.translation_m - true.translation_m)
@@ -81,16 +81,14 @@ def test_ties_of_a_link_run_from_the_earlier_stop_to_the_later(link):
     assert all(name.startswith("P01") for name in ids[link.ties.second])
 
 
-def test_other_ground_at_the_claimed_place_is_not_linked(foreign):
+def test_different_ground_at_the_predicted_place_is_not_linked(foreign):
     assert not foreign.linked
     assert foreign.verdict == "not linked"
     assert "no significant peak" in foreign.reason
     assert len(foreign.ties) == 0
 
 
-def test_a_stop_is_linked_however_far_off_telemetry_puts_it(
-    first, second_stop, first_stand, second_stand
-):
+def test_a_stop_is_linked_at_any_error_of_telemetry(first, second_stop, first_stand, second_stand):
     link = tie_cross_site(first, claimed_elsewhere(second_stop, -9.0, 6.0), PARAMS)
     assert link.linked
     true = first_stand.true.inverse @ second_stand.true
@@ -103,11 +101,11 @@ def test_stops_too_far_apart_to_share_ground_are_not_searched(first, second_stop
     assert "no common ground in reach" in verdict.reason
 
 
-def test_a_stop_that_is_not_linked_keeps_the_pose_of_telemetry(foreign, first, foreign_stop):
+def test_an_unlinked_stop_keeps_the_pose_of_telemetry(foreign, first, foreign_stop):
     told = first.stop.lsl_from_rover.inverse @ foreign_stop.lsl_from_rover
     np.testing.assert_allclose(foreign.earlier_from_later.translation_m, told.translation_m)
 
 
-def test_fewer_ties_than_unknowns_are_no_link():
+def test_fewer_ties_than_unknowns_are_not_a_link():
     with pytest.raises(MatchingError, match="a link needs more than"):
         VerdictParams(least_ties=3)

@@ -105,7 +105,7 @@ def test_a_clicked_tie_gives_the_point_that_was_clicked(bodies, ground):
     assert made.first_sigma_px[0] == 1.0
 
 
-def test_without_a_right_point_the_dense_parallax_serves_or_none(bodies, ground):
+def test_without_a_right_point_the_dense_parallax_is_used(bodies, ground):
     _, clicked = ground
     points = [EditPoint(name, clicked[name][0]) for name in "AB"]
     a, b = bodies["A"], bodies["B"]
@@ -124,14 +124,14 @@ def original(bodies, name, epipolar):
     return tuple(some.left.project(ground)[0].tolist())
 
 
-def test_a_veto_drops_the_tie_at_the_point_and_no_other(bodies, ties):
+def test_a_veto_drops_only_the_tie_at_the_point(bodies, ties):
     click = EditPoint("A", original(bodies, "A", (401.0, 501.5)))
     found = edited([ties], [wish("veto", click, EditPoint("B"))], bodies)
     assert found.vetoed == 1
     assert found.ties[0].first_left[:, 0].tolist() == [100.0, 600.0, 300.0]
 
 
-def test_a_veto_is_heeded_from_either_side(bodies, ties):
+def test_a_veto_applies_from_either_side(bodies, ties):
     click = EditPoint("B", original(bodies, "B", (407.0, 507.0)))
     found = edited([ties], [wish("veto", click, EditPoint("A"))], bodies)
     assert found.vetoed == 1
@@ -153,7 +153,7 @@ def test_a_veto_of_a_stop_with_itself_drops_its_inter_stereo_ties(bodies, ties):
     assert found.notes == ("f, row 1: no automatic tie here to veto",)
 
 
-def test_a_veto_without_second_image_drops_whatever_starts_there(bodies, ties):
+def test_a_veto_without_second_image_drops_all_ties_from_its_point(bodies, ties):
     click = EditPoint("B", original(bodies, "B", (300.0, 300.0)))
     found = edited([ties], [wish("veto", click, EditPoint(""))], bodies)
     assert found.vetoed == 1
@@ -188,7 +188,7 @@ def test_a_moved_tie_goes_to_the_second_point(bodies, ties):
         ),
     ],
 )
-def test_what_cannot_be_placed_is_said_and_the_rest_goes_on(
+def test_an_edit_that_cannot_be_placed_is_reported_and_the_rest_applied(
     bodies, ties, ground, first, second, said
 ):
     good = [EditPoint(name, *ground[1][name]) for name in "AB"]

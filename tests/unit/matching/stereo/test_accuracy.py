@@ -76,7 +76,7 @@ def test_verified_matches_are_true(case):
     assert 0.5 < (normalised < 1).mean() < 0.8  # 0.68 if it were normal
 
 
-def test_dense_parallax_is_true_and_knows_how_true(case):
+def test_dense_parallax_has_true_values_and_sigmas(case):
     dense, peer = match_densely(case.images), plain_opencv(case.images)
     figures = []
     for parallax in (dense.parallax_px, peer):
@@ -101,7 +101,7 @@ MOTORCYCLE = ROOT / ".cache" / "middlebury"
 """motorcycle_{left,right}.png and motorcycle_disp.npz, the data of scikit-image 0.16."""
 
 
-def test_off_the_ground_as_few_are_wrong_as_with_opencv_at_equal_fill():
+def test_off_the_ground_as_few_matches_are_wrong_as_with_opencv_at_equal_fill():
     if not MOTORCYCLE.exists():
         pytest.skip(f"needs Middlebury's motorcycle of scikit-image in {MOTORCYCLE}")
     left, right = (
@@ -159,7 +159,7 @@ def rendered(request, husband):
     return judged
 
 
-def test_matches_in_the_rendered_world_are_true_where_its_grid_can_tell(rendered):
+def test_matches_in_the_rendered_world_agree_with_its_grid(rendered):
     for pair, matches, error, width in rendered:
         off, told = np.abs(error[width < TRUTH_WIDTH_PX]), np.abs(error[np.isfinite(error)])
         print(  # noqa: T201 - figures for the docs
@@ -172,7 +172,7 @@ def test_matches_in_the_rendered_world_are_true_where_its_grid_can_tell(rendered
         assert np.median(off) < 0.15
 
 
-def test_where_match_and_grid_differ_the_images_side_with_the_match(rendered):
+def test_where_match_and_grid_differ_images_support_the_match(rendered):
     """They correlate better at the match's parallax, in windows a third as wide as the match's."""
     at_match, at_truth = [], []
     for pair, matches, error, _ in rendered:

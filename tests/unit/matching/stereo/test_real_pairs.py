@@ -83,7 +83,7 @@ def curiosity(shared_data):
     return eyes
 
 
-def test_camera_models_of_other_exposures_are_noticed_and_put_right(curiosity):
+def test_camera_models_of_other_exposures_are_detected_and_corrected(curiosity):
     before, after, images = put_right(*curiosity)
     assert not before.fits_the_rig
     assert abs(before.median_px) == pytest.approx(2.7, abs=0.3)  # as the data's README measured
@@ -102,7 +102,7 @@ def test_camera_models_of_other_exposures_are_noticed_and_put_right(curiosity):
     assert np.isfinite(parallax[720:, 60:-20]).mean() > 0.75  # ground
 
 
-def test_errors_of_real_lenses_do_not_pass_for_toe_in(curiosity):
+def test_errors_of_real_lenses_are_not_mistaken_for_toe_in(curiosity):
     images = resampled(*curiosity)
     measured = vertical_parallax(images)
     free = rig_rotation(measured) * images.geometry.focal_px
@@ -140,7 +140,7 @@ def tsai_eye(folder, name):
     return grey, mask, camera, rover_frame(1, 0)
 
 
-def test_a_bar_whose_direction_is_wrong_is_put_right_where_a_turn_is_not_enough(shared_data):
+def test_a_wrong_baseline_direction_is_corrected_where_a_rotation_is_not_enough(shared_data):
     folder = shared_data / "analogue_k10_pair"
     left, right = (tsai_eye(folder, name) for name in ("left", "right"))
     near = SparseParams(nearest_range_m=0.6)

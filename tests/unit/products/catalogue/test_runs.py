@@ -45,7 +45,7 @@ def test_every_change_of_a_run_is_an_event(book, catalogue):
     assert (told[1].document["done"], told[1].document["total"]) == (1, 2)
 
 
-def test_a_run_whose_process_is_gone_is_lost(book):
+def test_a_run_whose_process_has_ended_is_marked_lost(book):
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     run = Run.start("downlink", "sol156")

@@ -49,7 +49,7 @@ def pictures(stated):
     ]
 
 
-def test_pictures_are_svg_and_the_same_every_time(stated):
+def test_figures_are_svg_and_reproducible(stated):
     drawn = pictures(stated)
     assert drawn == pictures(stated)
     for picture in drawn:

@@ -61,7 +61,7 @@ def server() -> Iterator[ThreadingHTTPServer]:
         (200, "no raster" * 100, ProductError, False),
     ],
 )
-def test_what_gdal_says_is_told_apart(server, status, body, kind, passes):
+def test_gdal_errors_are_classified(server, status, body, kind, passes):
     server.answer = status, body
     client_of("bucket", "maps")  # which tells GDAL where the server is
     with pytest.raises(kind) as refused:
@@ -76,7 +76,7 @@ def test_what_gdal_says_is_told_apart(server, status, body, kind, passes):
         (403, DENIED, "does not give access to s3://bucket/maps with these keys", False),
     ],
 )
-def test_what_the_client_says_is_told_apart(server, tmp_path, status, body, said, passes):
+def test_client_errors_are_classified(server, tmp_path, status, body, said, passes):
     server.answer = status, body
     with pytest.raises(ProductError, match=said) as refused:
         ProductStore.open(tmp_path, ObjectStorage("s3://bucket/maps"))
@@ -117,7 +117,7 @@ def test_a_file_is_fetched_once(tmp_path):
     assert len(asked) == 1
 
 
-def test_the_least_recently_used_go_first_and_the_limit_holds(tmp_path):
+def test_the_least_recently_used_files_are_removed_first_and_the_limit_holds(tmp_path):
     cache, asked = ReadCache(tmp_path, 1000), []
     for number in range(12):
         name = f"dtm/{number}.tif"
@@ -131,14 +131,14 @@ def test_the_least_recently_used_go_first_and_the_limit_holds(tmp_path):
     assert "dtm/11.tif" in held(cache)
 
 
-def test_what_was_just_used_stays_even_over_the_limit(tmp_path):
+def test_recently_used_files_stay_even_above_the_limit(tmp_path):
     cache = ReadCache(tmp_path, 100)
     for number in range(5):
         cache.path(f"{number}.tif", fetch_of(100, []))
     assert len(held(cache)) == 5
 
 
-def test_a_fetch_that_fails_leaves_nothing(tmp_path):
+def test_a_failed_fetch_leaves_no_file(tmp_path):
     def fail(path):
         path.write_bytes(b"half")
         raise ConnectionError
@@ -150,7 +150,7 @@ def test_a_fetch_that_fails_leaves_nothing(tmp_path):
     assert cache.path("a.tif", fetch_of(3, [])).read_bytes() == b"xxx"
 
 
-def test_what_a_killed_process_left_half_done_is_cleared(tmp_path):
+def test_partial_files_of_a_killed_process_are_removed(tmp_path):
     cache = ReadCache(tmp_path, 1000)
     for name, seconds in ((".half-old", 7200.0), (".half-young", 60.0)):
         (tmp_path / name).write_bytes(b"half")

@@ -42,7 +42,7 @@ def notes_of(delivery):
     return [note for fault in delivery.faults for note in fault.notes]
 
 
-def test_pairs_are_taken_with_camera_and_pose(folder, workspace):
+def test_pairs_are_ingested_with_camera_and_pose(folder, workspace):
     delivery = ingest_downlink.fn(folder, workspace)
     assert notes_of(delivery) == []
     assert delivery.missions == ("FIELD",)
@@ -76,7 +76,7 @@ def test_a_copied_folder_changes_nothing_and_a_new_calibration_counts(folder, wo
     assert all(after[name] != before[name] for name in before)
 
 
-def test_without_poses_every_pair_but_the_first_has_a_site_of_its_own(folder, workspace):
+def test_without_poses_every_pair_but_the_first_has_a_separate_site(folder, workspace):
     (folder / "poses.csv").unlink()
     ingest_downlink.fn(folder, workspace)
     sites = {(entry.site, entry.drive) for entry in workspace.catalogue.images()}
@@ -143,7 +143,7 @@ def _resize(folder):
     ],
     ids=["partner", "size", "model", "calibration", "poses", "row", "other", "broken"],
 )
-def test_what_is_wrong_is_said_in_one_line_and_stops_nothing_else(
+def test_faults_are_reported_in_one_line_and_the_rest_continues(
     spoil, complaints, taken, folder, workspace
 ):
     spoil(folder)
@@ -156,7 +156,7 @@ def test_what_is_wrong_is_said_in_one_line_and_stops_nothing_else(
     assert len(workspace.catalogue.images()) == taken
 
 
-def test_names_may_not_lead_out_of_the_folder(folder, workspace, tmp_path):
+def test_names_may_not_leave_the_folder(folder, workspace, tmp_path):
     (tmp_path / "secret.yaml").write_text("camera_matrix: 1")
     text = 'mission = "FIELD"\ncalibration = "../secret.yaml"\n'
     text += '[left]\nimages = "left/*.png"\n[right]\nimages = "right/*.png"\n'

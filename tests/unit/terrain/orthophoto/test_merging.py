@@ -24,7 +24,7 @@ def picture(place, value, shown=None):
     return StopPicture(place, brightness)
 
 
-def test_every_cell_is_as_the_nearest_stop_shows_it():
+def test_every_cell_shows_the_image_of_the_nearest_stop():
     merged = merge_block([picture(WEST, 1.0), picture(EAST, 3.0)], GRID, PARAMS)
     east, _ = GRID.centres()
     inner = np.abs(GRID.centres()[1]) < 3.0
@@ -32,7 +32,7 @@ def test_every_cell_is_as_the_nearest_stop_shows_it():
     assert merged[inner][:, (east > 3) & (east < 9)] == pytest.approx(3.0, abs=1e-4)
 
 
-def test_the_change_from_stop_to_stop_has_no_step():
+def test_the_transition_between_stops_has_no_step():
     half = picture(WEST, 1.0, lambda east: east < 5.0)  # its edge lies on the ground of the other
     merged = merge_block([half, picture(EAST, 3.0)], GRID, PARAMS)
     inner = merged[np.abs(GRID.centres()[1]) < 3.0]
@@ -48,6 +48,6 @@ def test_ground_that_no_stop_shows_stays_unseen():
     assert np.isfinite(merged[:, np.abs(east) > 2.1]).all()
 
 
-def test_edges_fade_over_a_cell_at_least():
+def test_edges_fade_over_at_least_a_cell():
     with pytest.raises(TerrainError, match="at least a cell"):
         MergingParams(cell_m=0.04, feather_m=0.02)

@@ -53,7 +53,7 @@ def test_ground_is_steep_beyond_the_largest_tilt(scenes, slope_deg, found):
 
 
 @pytest.mark.parametrize("slope_deg", [0.0, 15.0])
-def test_a_rock_higher_than_a_wheel_takes_keeps_the_whole_rover_away(scenes, slope_deg):
+def test_a_rock_higher_than_a_wheel_can_pass_blocks_the_whole_rover(scenes, slope_deg):
     classes, grid = judged(scenes, rock(0.26, slope_deg))
     east, north = np.meshgrid(*grid.centres())
     away = np.hypot(east, north)
@@ -61,7 +61,7 @@ def test_a_rock_higher_than_a_wheel_takes_keeps_the_whole_rover_away(scenes, slo
     assert (classes[(away > 2.2) & (away < 8.0)] == Hazard.TRAVERSABLE).all()
 
 
-def test_a_rock_that_a_wheel_takes_does_not(scenes):
+def test_a_rock_that_a_wheel_can_pass_does_not_block(scenes):
     classes, grid = judged(scenes, rock(0.15, 15.0))
     assert (middle(classes, grid, 8.0) == Hazard.TRAVERSABLE).all()
 
@@ -77,7 +77,7 @@ def test_dunes_without_steps_or_tilt_are_rough(scenes):
     assert (middle(classes, grid, 5.0) == Hazard.TRAVERSABLE).all()
 
 
-def test_unseen_ground_is_unknown_and_what_borders_on_it_too(scenes):
+def test_unseen_ground_and_its_border_are_unknown(scenes):
     dtm = scenes.dtm_of(scenes.level, side=512)
     dtm.elevation[:, 256:] = np.nan
     classes, grid = hazards(dtm, PARAMS)
@@ -88,7 +88,7 @@ def test_unseen_ground_is_unknown_and_what_borders_on_it_too(scenes):
     assert (classes[inside & (east < -1) & (east > -8)] == Hazard.TRAVERSABLE).all()
 
 
-def test_a_hazard_beside_unseen_ground_is_told(scenes):
+def test_a_hazard_beside_unseen_ground_is_marked(scenes):
     dtm = scenes.dtm_of(rock(0.4), side=512)
     east, _ = np.meshgrid(*dtm.grid.centres())
     dtm.elevation[east > 0.3] = np.nan
@@ -97,7 +97,7 @@ def test_a_hazard_beside_unseen_ground_is_told(scenes):
     assert (classes[(np.abs(north) < 0.5) & (east < 0) & (east > -0.5)] == Hazard.STEP).all()
 
 
-def test_ground_that_is_known_too_poorly_for_a_step_is_unknown(scenes):
+def test_ground_too_uncertain_for_a_step_is_unknown(scenes):
     dtm = scenes.dtm_of(scenes.level, side=512)
     poor = replace(dtm, sigma_m=np.full(dtm.grid.shape, 0.1, np.float32))
     classes, _ = hazards(poor, PARAMS)
@@ -118,6 +118,6 @@ def test_strips_of_a_large_map_have_no_seams(scenes, rng, monkeypatch):
     np.testing.assert_array_equal(strips, whole)
 
 
-def test_a_limit_of_nothing_is_an_error():
+def test_a_limit_of_zero_is_an_error():
     with pytest.raises(TerrainError, match="must be above zero"):
         HazardParams(highest_step_m=0.0)

@@ -39,7 +39,7 @@ def assert_right(found, one, other, first_stand, second_stand):
     assert found.highest > 2 * found.fits[1].z
 
 
-def test_a_stop_that_looks_back_is_found_in_the_narrow_gate(
+def test_a_stop_facing_back_is_found_in_the_narrow_gate(
     first_stop, second_stop, first_stand, second_stand
 ):
     found = found_between(first_stop, second_stop)
@@ -48,7 +48,7 @@ def test_a_stop_that_looks_back_is_found_in_the_narrow_gate(
 
 
 @pytest.mark.parametrize(("north_m", "east_m"), [(9.0, 3.0), (-3.0, 17.0)])
-def test_the_gate_widens_where_wheels_spun_and_the_heading_is_off(
+def test_the_gate_widens_after_wheel_slip_and_heading_errors(
     first_stop, second_stop, first_stand, second_stand, north_m, east_m
 ):
     off = told(second_stop, north_m, east_m, np.deg2rad(6.0))
@@ -58,7 +58,7 @@ def test_the_gate_widens_where_wheels_spun_and_the_heading_is_off(
     assert np.trace(found.prior) > 4 * np.trace(narrow.prior)
 
 
-def test_on_other_ground_no_peak_stands_out_however_wide_the_gate(first_stop, foreign_stop):
+def test_different_ground_has_no_distinct_peak_in_any_gate(first_stop, foreign_stop):
     found = found_between(first_stop, foreign_stop)
     assert len(found.fits) <= BIRDS_EYE.peaks
     assert found.highest < LEAST_Z
