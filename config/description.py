@@ -95,9 +95,11 @@ def tables_of(record: Any, key: str = "") -> Iterator[Table]:  # noqa: ANN401 - 
     kind = type(record)
     values = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
     own = {name: value for name, value in values.items() if not dataclasses.is_dataclass(value)}
-    hints, told = get_type_hints(kind, include_extras=True), reasons(kind)
+    hints, descriptions = get_type_hints(kind, include_extras=True), reasons(kind)
     parameters = (
-        Parameter(name, value, told.get(name, ""), _choices(hints[name]), range_of(hints[name]))
+        Parameter(
+            name, value, descriptions.get(name, ""), _choices(hints[name]), range_of(hints[name])
+        )
         for name, value in own.items()
     )
     yield Table(key, _purpose(kind), tuple(parameters))
@@ -162,8 +164,8 @@ def _setting(parameter: Parameter) -> str:
 
 
 def _note(notes: list[str]) -> str:
-    said = "; ".join(filter(None, notes))
-    return f"  # {said}" if said else ""
+    comment = "; ".join(filter(None, notes))
+    return f"  # {comment}" if comment else ""
 
 
 def toml_value(value: Any) -> str:  # noqa: ANN401 - any setting
@@ -184,12 +186,12 @@ def configuration_page() -> str:
         if table.parameters:
             title = f"### `[{table.key}]`" if table.key else "### Before the first table"
             parts.append(f"{title}\n\n{_prose(table.purpose)}\n\n{_rows(table.parameters)}\n")
-    told = reasons(Settings)
+    descriptions = reasons(Settings)
     variables = (
         Parameter(
             f"SOLMAP_{name.upper()}",
             _display_value(field.default),
-            told.get(name, ""),
+            descriptions.get(name, ""),
             range=limits_in_words(field.metadata),
         )
         for name, field in Settings.model_fields.items()

@@ -81,7 +81,7 @@ def process_downlink(
             ):
                 _process_mission(mission, workspace, pipeline, report)
                 clear_failure(mission.lower(), workspace)
-        record.say([*report.warnings, *report.lines])
+        record.add_lines([*report.warnings, *report.lines])
         record.fail_if(report.failures)
     unwritten: dict[str, str] = {}
     with keep_going(unwritten, "the page of the run"):

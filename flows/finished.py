@@ -80,8 +80,8 @@ class ReusableSols:
             tuple(map(ProductRef.of_text, found[part])) for part in PARTS
         )
         store = self.workspace.store
-        asked = (*standing, *((*published, *pointed) if store.object_storage is None else ()))
-        if not all(map(store.has, asked)):  # of an object store each would be a request
+        needed = (*standing, *((*published, *pointed) if store.object_storage is None else ()))
+        if not all(map(store.has, needed)):  # of an object store each would be a request
             return None
         left = Standing(*standing) if standing else None
         notes, failures = list(found["notes"]), list(found["failures"])
@@ -104,8 +104,8 @@ class ReusableSols:
         standing = (left.network, left.orientations, left.rig) if left else ()
         made = dict(zip(PARTS, (standing, report.published, report.pointed), strict=True))
         document = {part: [ref.text for ref in refs if ref] for part, refs in made.items()}
-        told = {"notes": report.notes, "failures": report.failures}
-        self.book.note(scope.name, key, document | told)
+        messages = {"notes": report.notes, "failures": report.failures}
+        self.book.note(scope.name, key, document | messages)
 
 
 def is_finished(report: SolReport) -> bool:

@@ -201,7 +201,7 @@ def refresh_regions(store: Path, pipeline: str, mission: str | None = None) -> l
             record_run("region", name, workspace) as record,
         ):
             seams = map_regions(name, workspace, pipeline, failed)
-            record.say(seams)
+            record.add_lines(seams)
             record.fail_if([f"{part}: {cause}" for part, cause in failed.items()])
             notes += [f"{name}: {line}" for line in seams]
             if not failed:
@@ -225,5 +225,5 @@ def missions_of(store: Path, mission: str | None) -> list[str]:
     known = [entry.mission for entry in open_workspace(store).catalogue.missions()]
     if mission is None:
         return known
-    wanted = mission_id(mission)
-    return [name for name in known if wanted in {name, mission_of(name)}] or [wanted]
+    mission_name = mission_id(mission)
+    return [name for name in known if mission_name in {name, mission_of(name)}] or [mission_name]

@@ -54,7 +54,7 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
     ):
         take_edits(workspace)
         report = _readjust(mission, workspace, pipeline)
-        record.say(report.notes)
+        record.add_lines(report.notes)
         record.fail_if(report.failures)
     write_adjustments([report], workspace)
     return report

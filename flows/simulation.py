@@ -30,7 +30,7 @@ from solmap.photogrammetry.synthetic.downlink import (
     text_files,
 )
 from solmap.photogrammetry.synthetic.mission import MISSION, MissionPlan
-from solmap.photogrammetry.synthetic.orbital import orbital_picture
+from solmap.photogrammetry.synthetic.orbital import orbital_mosaic
 from solmap.photogrammetry.synthetic.scene import World, WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.catalogue.catalogue import MissionEntry, Outcome
@@ -74,7 +74,7 @@ def write_downlink(out_dir: Path, params: WorldParams, seed: int) -> int:
     with ThreadPoolExecutor(WORKERS) as pool:
         done = pool.map(partial(_render, world, out_dir), jobs)
         for number, _ in enumerate(done, 1):
-            report("render pictures", number, len(jobs))
+            report("render images", number, len(jobs))
     _write_true_terrain(world, out_dir / "truth" / "dtm.tif")
     _write_orbital(world, out_dir)
     return len(texts) + len(jobs) + 3
@@ -118,13 +118,13 @@ def _write_orbital(world: World, out_dir: Path) -> None:
     path = out_dir / "orbital" / "orbital.tif"
     if path.exists():
         return
-    picture = orbital_picture(world)
-    error = json.dumps({"georeference_error": asdict(picture.error)}, indent=1)
+    mosaic = orbital_mosaic(world)
+    error = json.dumps({"georeference_error": asdict(mosaic.error)}, indent=1)
     _write(out_dir, DownlinkFile("truth/orbital.json", error.encode()))
     path.parent.mkdir(exist_ok=True)
     draft = path.with_name("draft.tif")
     landing = landing_site(world.stops[0].id.mission).landing
-    write_orthophoto(draft, picture.grid, picture.brightness, local_crs(landing))
+    write_orthophoto(draft, mosaic.grid, mosaic.brightness, local_crs(landing))
     draft.replace(path)
 
 

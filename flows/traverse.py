@@ -112,8 +112,8 @@ def import_files(files: Sequence[Path], mission: str, root: Path) -> str:
     sols = tuple(sorted({int(sol) for one in traverses.found for sol in one.sols}))
     entry = MissionEntry(mission, site.title, site.landing, None)
     publish.fn(entry, [(ref, sols) for ref in layers], (), (), workspace).check()
-    said = ", ".join(f"{len(one)} {one.solution} stops" for one in traverses.found)
-    return f"{mission}: {said} are on the map"
+    counts = ", ".join(f"{len(one)} {one.solution} stops" for one in traverses.found)
+    return f"{mission}: {counts} are on the map"
 
 
 def export_files(folder: Path, mission: str, root: Path) -> list[Path]:

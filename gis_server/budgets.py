@@ -66,9 +66,9 @@ QUESTIONS = Lane("questions", per_client=8, places=64, busy_s=15.0)
 """Requests of a person on the map."""
 FILES = Lane("files", per_client=4, places=64, busy_s=15.0)
 """What is written for a download."""
-PICTURES = Lane("pictures", per_client=64, places=512, busy_s=WAIT_S)
+IMAGES = Lane("images", per_client=64, places=512, busy_s=WAIT_S)
 """Many small ones at a time, drawn in the server's own process from what it keeps in memory."""
-LANES = (QUESTIONS, FILES, PICTURES)
+LANES = (QUESTIONS, FILES, IMAGES)
 KINDS: tuple[tuple[str, str, Lane], ...] = (
     ("solid", r"^/models/.*\.stl$", FILES),
     ("part", r"^/download/.*/clip$", FILES),
@@ -82,8 +82,8 @@ KINDS: tuple[tuple[str, str, Lane], ...] = (
     ("adjustment", r"^/api/.*/(refine|preview-adjustment)$", QUESTIONS),
     ("network", r"^/api/.*/(solutions|traverse|network|pairs|images/[^/]+/ties)$", QUESTIONS),
     ("scene", r"^/api/.*/(scene/\w+|tileset\.json)$", QUESTIONS),
-    ("picture", r"^/(images|panoramas)/.*\.png$|^/api/.*/legend\.png$", PICTURES),
-    ("map", r"^/ogc/.*(/map/tiles/[^/]+/[^/]+/|/wmts$|/WMTSCapabilities\.xml$)", PICTURES),
+    ("image", r"^/(images|panoramas)/.*\.png$|^/api/.*/legend\.png$", IMAGES),
+    ("map", r"^/ogc/.*(/map/tiles/[^/]+/[^/]+/|/wmts$|/WMTSCapabilities\.xml$)", IMAGES),
 )
 """Kind, what its addresses look like, and its lane. A tile of WMTS by its path
 (`/ogc/{mission}/wmts/1.0.0/.../{column}.png`) is light: it costs as much as one of `/tiles`."""
@@ -219,7 +219,7 @@ class LaneState:
         if self.worker is None:
             return await collect(app, scope, body, None)
         try:
-            return await self.worker.ask(scope, body, WORK_S)
+            return await self.worker.answer(scope, body, WORK_S)
         except TimeoutError:
             what = f"this took longer than {WORK_S:.0f} s; request less at once"
             raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, what) from None

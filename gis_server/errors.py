@@ -118,8 +118,8 @@ async def _answer(request: Request, error: Exception) -> JSONResponse:
 async def _name_methods(request: Request, _error: Exception) -> JSONResponse:
     """Which methods an address has, of all its routes: a file server would answer with its own."""
     described = request.app.openapi()["paths"].items()
-    asked = request.url.path.removeprefix(request.scope.get("root_path", ""))
-    fitting = [ways for path, ways in described if compile_path(path)[0].match(asked)]
+    requested = request.url.path.removeprefix(request.scope.get("root_path", ""))
+    fitting = [ways for path, ways in described if compile_path(path)[0].match(requested)]
     methods = sorted({way.upper() for ways in fitting for way in ways}) or ["GET", "HEAD"]
     status = HTTPStatus.METHOD_NOT_ALLOWED
     what = f"{request.method} is not among the methods of this address: {', '.join(methods)}"

@@ -46,10 +46,10 @@ class Launcher:
         with other, self._lock:
             self._number += 1
             try:
-                self._hand_over(other)
+                self._pass_connection(other)
             except OSError:  # the process was killed, and its workers with it
                 self._close()
-                self._hand_over(other)
+                self._pass_connection(other)
             return self._number, mine
 
     def end(self, number: int) -> None:
@@ -79,7 +79,7 @@ class Launcher:
         with self._lock:
             self._close()
 
-    def _hand_over(self, connection: Connection) -> None:
+    def _pass_connection(self, connection: Connection) -> None:
         if self._process is None or self._control is None:
             self._control, other = Pipe()
             with other:

@@ -48,7 +48,7 @@ class EventTail:
     """What is done, in a thread, before the listeners hear of new events."""
     _listeners: dict[asyncio.Queue[Event | None], str] = field(default_factory=dict)
     """Queues, and whose they are."""
-    _wanted: asyncio.Event = field(default_factory=asyncio.Event)
+    _has_listeners: asyncio.Event = field(default_factory=asyncio.Event)
     """Set while anybody listens."""
     _task: asyncio.Task[None] | None = None
     _last: int = 0
@@ -70,13 +70,13 @@ class EventTail:
         if self._task is None:
             self._task = asyncio.create_task(self._watch())
         self._listeners[queue] = client
-        self._wanted.set()
+        self._has_listeners.set()
         try:
             yield queue
         finally:
             self._listeners.pop(queue, None)
             if not self._listeners:
-                self._wanted.clear()
+                self._has_listeners.clear()
 
     @property
     def listeners(self) -> int:
@@ -99,7 +99,7 @@ class EventTail:
     async def _watch(self) -> None:
         """Follow the table whenever anybody listens, whatever goes wrong meanwhile."""
         while True:
-            await self._wanted.wait()
+            await self._has_listeners.wait()
             try:
                 with self.engine.connect() as connection:
                     await self._follow(connection)

@@ -96,10 +96,10 @@ class AnswerHead:
             if message["type"] == "http.response.start":
                 await send(message)
 
-        asked = {**scope, "method": "GET", _HEAD: True}
-        await self.app(asked, receive, send_head)
+        requested = {**scope, "method": "GET", _HEAD: True}
+        await self.app(requested, receive, send_head)
         await send({"type": "http.response.body", "body": b""})
-        scope.update({name: asked[name] for name in (ROUTE, "route") if name in asked})
+        scope.update({name: requested[name] for name in (ROUTE, "route") if name in requested})
 
 
 async def restore_head(request: Request) -> None:

@@ -117,9 +117,9 @@ def _first_sentence(description: str) -> str:
 
 def _undeclared_parameters(path: str, operation: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Parameters in the path that no dependency declares."""
-    said = {one["name"] for one in operation.get("parameters", ()) if one["in"] == "path"}
+    described = {one["name"] for one in operation.get("parameters", ()) if one["in"] == "path"}
     for name in re.findall(r"\{(\w+)\}", path):
-        if name not in said:
+        if name not in described:
             text = {"type": "string", "maxLength": 128}
             yield {"name": name, "in": "path", "required": True, "schema": text}
 

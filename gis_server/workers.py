@@ -224,7 +224,7 @@ class Worker:
         self._number = self._connection = None
         self._is_used = False
 
-    async def ask(self, scope: Scope, body: bytes, most_s: float) -> Answer:
+    async def answer(self, scope: Scope, body: bytes, most_s: float) -> Answer:
         """The response to a request; by a new process if memory is too low for it.
 
         Raises:
@@ -290,12 +290,12 @@ class Worker:
     ) -> tuple[Answer | UnkeptError, bool, bool]:
         """Reply of the process: the response, whether it has grown, whether memory was lacking."""
         connection = self._connection
-        assert connection is not None  # noqa: S101 - `ask` has started it
+        assert connection is not None  # noqa: S101 - `answer` has started it
 
         def exchange() -> tuple[Answer | UnkeptError, bool, bool]:
             connection.send((request, body))
-            told: tuple[Answer | UnkeptError, bool, bool] = connection.recv()
-            return told
+            result: tuple[Answer | UnkeptError, bool, bool] = connection.recv()
+            return result
 
         return await to_thread.run_sync(exchange, abandon_on_cancel=True, limiter=self._threads)
 

@@ -83,7 +83,7 @@ class Commands(TyperGroup):
         except KeyboardInterrupt:
             note("error", "interrupted; what was made stays")
             raise typer.Exit(_INTERRUPTED) from None
-        except Exception as error:  # noqa: BLE001 - nothing else would say it in one line
+        except Exception as error:  # noqa: BLE001 - nothing else reduces it to one line
             _end_command(error)
 
 
@@ -136,8 +136,8 @@ for _panel, _commands in _PANELS.items():
 app.command("judge", hidden=True)(simulation.evaluate)  # its name until 0.1
 
 
-def _print_version(wanted: bool) -> None:  # noqa: FBT001 - as Typer calls it
-    if wanted:
+def _print_version(is_requested: bool) -> None:  # noqa: FBT001 - as Typer calls it
+    if is_requested:
         from solmap import __version__  # noqa: PLC0415
 
         typer.echo(__version__)

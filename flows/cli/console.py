@@ -1,6 +1,6 @@
 """What commands share: output, progress bars, tables, errors, and the options of a store.
 
-Everything that reaches the terminal goes through `say`, `note`, `fail`, `show_rows` or a bar. None
+Everything for the terminal goes through `print_line`, `note`, `fail`, `show_rows` or a bar. None
 of them reads markup in a text, and `printable` shows what would steer a terminal as an escape, so
 that file names, labels and messages may be passed as they are. A table fits the terminal; to a pipe
 or file it goes as lines of cells with tabs between, its header first.
@@ -95,7 +95,7 @@ KindFilter = Annotated[
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
-def say(text: object) -> None:
+def print_line(text: object) -> None:
     """Print one line."""
     _out.print(Text(printable(text)))
 
@@ -193,9 +193,9 @@ def mission_of(given: str | None, store: Path | None) -> str:
     held = [entry.mission for entry in open_catalogue(root).missions()]
     if given is None and len(held) == 1:
         return held[0]
-    wanted = mission_name(given) if given is not None else None
-    of_mission = [name for name in held if mission_of_map(name) == wanted]
-    for name in (name for name in held if name == wanted or [name] == of_mission):
+    selected = mission_name(given) if given is not None else None
+    of_mission = [name for name in held if mission_of_map(name) == selected]
+    for name in (name for name in held if name == selected or [name] == of_mission):
         return name
     wrong = "name one by --mission" if given is None else f"{given} is not one of them"
     fail(f"{root} holds {', '.join(held) or 'no mission yet'}; {wrong}")
@@ -215,10 +215,10 @@ def select_rows(
 
     maps = {row["mission"] for row in rows} - {None}
     if mission is not None:
-        wanted = {name for name in maps if mission in {name, mission_name(mission_of_map(name))}}
-        if maps and not wanted:
+        selected = {name for name in maps if mission in {name, mission_name(mission_of_map(name))}}
+        if maps and not selected:
             fail(f"nothing is of {mission}; there are {', '.join(sorted(maps))}")
-        rows = [row for row in rows if row["mission"] in wanted]
+        rows = [row for row in rows if row["mission"] in selected]
     known = {row["kind"] for row in rows} if kinds else set()
     for kind in kinds or []:
         if known and kind not in known:

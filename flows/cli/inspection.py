@@ -60,10 +60,10 @@ from solmap.photogrammetry.stretching import stretch
 from solmap.products.errors import cause_of
 from solmap.products.store.user_files import read_user_file, reason_of
 from solmap.tasks.images.files import image_bytes
-from solmap.tasks.images.folders import IMAGE_SUFFIXES, PICTURE_SUFFIXES
+from solmap.tasks.images.folders import IMAGE_FILE_SUFFIXES, IMAGE_SUFFIXES
 
 LABEL_SUFFIXES = frozenset({".lbl", ".xml", ".json"})
-NEIGHBOURS = IMAGE_SUFFIXES | PICTURE_SUFFIXES | {".lbl"}
+NEIGHBOURS = IMAGE_SUFFIXES | IMAGE_FILE_SUFFIXES | {".lbl"}
 """Files that may hold the partner of an image."""
 FIELDS = {"PANCAM": Field.LARGEST}
 """Field of view that JPL's linearised products of an instrument take over, if not the smallest."""
@@ -178,14 +178,14 @@ def write_linearised(file: Path, png: Path) -> None:
 
 
 def _write_stretched(pixels: GreyImage, mask: Mask, file: Path, png: Path) -> None:
-    import cv2  # noqa: PLC0415 - only pictures need it
+    import cv2  # noqa: PLC0415 - only images need it
 
     draft = png.with_name(png.name + ".part")
     try:
-        encoded, picture = cv2.imencode(".png", stretch(pixels, mask))
+        encoded, content = cv2.imencode(".png", stretch(pixels, mask))
         if not encoded:
             raise InspectionError(f"{file.name} could not be encoded as PNG")
-        draft.write_bytes(picture.tobytes())
+        draft.write_bytes(content.tobytes())
         draft.replace(png)
     except OSError as error:
         raise InspectionError(f"{png} cannot be written: {error.strerror}") from error

@@ -18,8 +18,8 @@ from solmap.flows.cli.console import (
     existing_store,
     fail,
     note,
+    print_line,
     progress_shown,
-    say,
     show_rows,
     workspace_of,
 )
@@ -100,13 +100,15 @@ def check(
         for finding in look_through(workspace_of(store), repair=repair, on_progress=progress):
             findings.append(finding)
             if not as_json:
-                say(finding)
-    left = sum(not finding.is_mended for finding in findings)
+                print_line(finding)
+    left = sum(not finding.is_repaired for finding in findings)
     if as_json:
-        rows = [{"finding": str(one), "is_mended": one.is_mended} for one in findings]
+        rows = [{"finding": str(one), "is_mended": one.is_repaired} for one in findings]
         typer.echo(json.dumps(rows, indent=2))
     else:
-        say(f"{len(findings) - left} mended, {left} left" if findings else "nothing is wrong")
+        print_line(
+            f"{len(findings) - left} repaired, {left} left" if findings else "nothing is wrong"
+        )
     if left:
         raise typer.Exit(1)
 
@@ -114,7 +116,7 @@ def check(
 def _print_report(done: BackupReport, verb: str, remedy: str) -> None:
     for name in done.broken:
         note("warning", f"{name} is broken and was left out; {remedy}")
-    say(f"{done.folder}: {done.files} files {verb}, {done.copied} of them copied")
+    print_line(f"{done.folder}: {done.files} files {verb}, {done.copied} of them copied")
     if done.broken:
         raise typer.Exit(1)
 
@@ -147,7 +149,7 @@ def prune(
         show_rows(rows, ["kind", "products", "megabytes"], False)  # noqa: FBT003
     megabytes = sum(one.size for one in found) / _MB
     verb = "removed" if yes else "would go; --yes removes them"
-    say(f"{len(found)} products, {megabytes:.1f} MB, {verb}")
+    print_line(f"{len(found)} products, {megabytes:.1f} MB, {verb}")
 
 
 def _rows(found: Sequence[UnreferencedProduct]) -> list[dict[str, Any]]:
@@ -185,7 +187,7 @@ def add(
     if not name.strip():
         fail("a token has a name: edits are signed with it")
     _, text = _book(store).add(name.strip(), Role.of_name(role), days)
-    say(text)
+    print_line(text)
 
 
 @tokens.command("list")
@@ -216,7 +218,7 @@ def revoke(
 ) -> None:
     """Revoke a token: it opens nothing any more."""
     token = _book(store).revoke(number)
-    say(f"the token of {token.name} ({token.id}) is revoked")
+    print_line(f"the token of {token.name} ({token.id}) is revoked")
 
 
 @config.command()
@@ -244,7 +246,7 @@ def check_pipeline(
         note("error", fault)
     if faults:
         raise typer.Exit(1)
-    say(f"{file} is a valid pipeline")
+    print_line(f"{file} is a valid pipeline")
 
 
 @config.command()

@@ -16,7 +16,7 @@ from solmap.flows.cli.console import (
     StoreOption,
     input_file,
     mission_of,
-    say,
+    print_line,
     show_rows,
     store_of,
 )
@@ -108,10 +108,10 @@ def add_image(  # noqa: PLR0913 - options
     name = mission_of(mission, root)
     if not origin_of(name):
         for line in add_orbital(file, name, root, options):
-            say(line)
+            print_line(line)
         return
     line, vectors = tie_by_image(file, name, root, options)
-    say(line)
+    print_line(line)
     with TemporaryDirectory() as folder:
         svf = Path(folder) / vectors.source
         svf.write_text(vector_text(vectors))
@@ -142,7 +142,7 @@ def add_stated(
 
     root = store_of(store)
     for line in add_poses(files, mission_of(mission, root), root):
-        say(line)
+        print_line(line)
 
 
 @control.command("add")
@@ -166,7 +166,7 @@ def add_measured(
 
     params = FrameParams(shift_sigma, rotation_sigma, scale_sigma)
     root = store_of(store)
-    say(add_control(file, mission_of(mission, root), root, params))
+    print_line(add_control(file, mission_of(mission, root), root, params))
 
 
 @control.command("list")

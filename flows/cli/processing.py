@@ -29,8 +29,8 @@ from solmap.flows.cli.console import (
     mission_name,
     mission_of,
     note,
+    print_line,
     progress_shown,
-    say,
     sols_named,
     store_of,
 )
@@ -199,7 +199,7 @@ def ties(
     taken = take_ties_file(file, root)
     for name in taken.strangers:
         note("warning", f"{name} is not in the store (yet)")
-    say(taken)
+    print_line(taken)
 
 
 def serve(
@@ -218,7 +218,7 @@ def serve(
     settings = Settings()
     address, listening_port = host or settings.host, port or settings.port
     os.environ["SOLMAP_STORE"] = str(root)
-    say(f"map at http://{address}:{listening_port}/  (Ctrl-C stops)")
+    print_line(f"map at http://{address}:{listening_port}/  (Ctrl-C stops)")
     uvicorn.run(
         "solmap.gis_server.app:create_app_from_settings",
         factory=True,
@@ -262,17 +262,17 @@ def up(
     with end_on_signals(stopping.set), try_lock(root / "up.lock") as is_alone:
         if not is_alone:
             fail(f"another `solmap up` runs on {root}; stop it first")
-        machine = Machine(settings, say)
+        machine = Machine(settings, print_line)
         try:
             machine.start()
-            say(f"map at http://{settings.host}:{settings.port}/")
-            say(f"runs at {machine.engine_url}/, password in {password_file(root)}")
-            say("Ctrl-C stops both")
+            print_line(f"map at http://{settings.host}:{settings.port}/")
+            print_line(f"runs at {machine.engine_url}/, password in {password_file(root)}")
+            print_line("Ctrl-C stops both")
             while not stopping.wait(LOOK_EVERY_S):
                 machine.tend()
         finally:
             machine.stop()
-    say("stopped; what was made is kept")
+    print_line("stopped; what was made is kept")
 
 
 @contextmanager
@@ -306,14 +306,14 @@ def _print_report(
 ) -> None:
     """Print how a flow ended, and exit with 1 where something failed."""
     if as_json:
-        said = {"warnings": [*warnings], "failures": [*failures], "lines": [*lines]}
-        typer.echo(json.dumps(said, indent=2))
+        document = {"warnings": [*warnings], "failures": [*failures], "lines": [*lines]}
+        typer.echo(json.dumps(document, indent=2))
     else:
         for line in warnings:
             note("warning", line)
         for line in failures:
             note("failed", line)
         for line in lines:
-            say(line)
+            print_line(line)
     if failures:
         raise typer.Exit(1)

@@ -20,7 +20,7 @@ from solmap.flows.cli.console import (
     mission_name,
     mission_of,
     note,
-    say,
+    print_line,
     select_rows,
     show_rows,
     workspace_of,
@@ -104,7 +104,7 @@ def report(  # noqa: PLR0913 - the words of the command
         name = mission_of(mission_of_sol, store)
         target = out or Path(f"{name.lower()}-sol{sol:04d}.html")
         write_sol_report(name, sol, workspace_of(store), target)
-        say(target)
+        print_line(target)
         if show:
             typer.launch(str(target.resolve()))
         return
@@ -145,7 +145,7 @@ def rig(
     columns = ["mission", "camera", "pairs", "component", "applied", "value", "sigma", "unit"]
     show_rows(shown, [*columns, "stands_out", "parallax_px"], as_json)
     for row in {row["mission"]: row for row in rows}.values():
-        say(
+        print_line(
             f"{row['mission']}: sigma0 {row['sigma0_labelled']:.3f} with rigs as matched, "
             f"{row['sigma0_corrected']:.3f} with what the network finds; nothing was changed"
         )
@@ -188,8 +188,8 @@ def inspect(
     )
     from solmap.flows.cli.inspection_text import report_of  # noqa: PLC0415
 
-    asked = {"png": png, "linearised": linearised, "points": points}
-    out = {option: path for option, path in asked.items() if path is not None}
+    options = {"png": png, "linearised": linearised, "points": points}
+    out = {option: path for option, path in options.items() if path is not None}
     for option in out:
         if len(files) != 1:
             fail(f"--{option} writes one image, but {len(files)} are named")
@@ -199,7 +199,7 @@ def inspect(
     else:
         lines = [line for finding in findings for line in ("", *report_of(finding))]
         for line in lines[1:]:
-            say(line)
+            print_line(line)
     writers = {"png": write_png, "linearised": write_linearised, "points": write_points}
     try:
         for option, path in () if faults else out.items():

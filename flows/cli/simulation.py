@@ -10,8 +10,8 @@ import typer
 from solmap.flows.cli.console import (
     JsonOption,
     StoreOption,
+    print_line,
     progress_shown,
-    say,
     show_rows,
     store_of,
     workspace_of,
@@ -46,7 +46,7 @@ def simulate(
 
     with progress_shown():
         files = write_downlink(out_dir, params, seed)
-    say(f"{files} files in {out_dir}; {out_dir / 'truth'} is for evaluation only")
+    print_line(f"{files} files in {out_dir}; {out_dir / 'truth'} is for evaluation only")
 
 
 def simulate_mission(
@@ -71,7 +71,7 @@ def simulate_mission(
         from solmap.flows.simulation import simulate_into  # noqa: PLC0415 - Prefect is ready now
 
         summary = simulate_into(root, plan, seed)
-    say(summary)
+    print_line(summary)
 
 
 def evaluate(

@@ -12,7 +12,7 @@ from solmap.flows.cli.console import (
     PipelineOption,
     StoreOption,
     fail,
-    say,
+    print_line,
     show_rows,
     workspace_of,
 )
@@ -98,4 +98,6 @@ def stl(
     solid = build_solid(read_dtm(workspace.store.path(ref)), SolidParams(tolerance_m, base_m))
     file.write_bytes(stl_bytes(solid))
     kind = "watertight" if solid.is_watertight else "open"
-    say(f"{file}: {len(solid.triangles)} triangles, {kind}, {abs(solid.volume_m3):.1f} m3 inside")
+    print_line(
+        f"{file}: {len(solid.triangles)} triangles, {kind}, {abs(solid.volume_m3):.1f} m3 inside"
+    )

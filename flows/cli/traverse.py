@@ -18,7 +18,7 @@ from solmap.flows.cli.console import (
     mission_name,
     mission_of,
     note,
-    say,
+    print_line,
     show_rows,
     store_of,
 )
@@ -55,7 +55,7 @@ def compare(  # noqa: PLR0913 - options
         note("note", line)
     show_rows(found.rows(every_sol=every_sol), COLUMNS, as_json)
     if not as_json:
-        say(found.as_a_whole)
+        print_line(found.as_a_whole)
 
 
 @app.command("import")
@@ -64,7 +64,7 @@ def take(files: Files, mission: Mission = "MER2", store: StoreOption = None) -> 
     root = existing_store(store)
     from solmap.flows.traverse import import_files  # noqa: PLC0415 - slow to import
 
-    say(import_files(files, mission, root))
+    print_line(import_files(files, mission, root))
 
 
 @app.command()
@@ -87,7 +87,7 @@ def export(
         show_rows([{"file": str(file)} for file in made], [], as_json)
         return
     for file in made:
-        say(file)
+        print_line(file)
 
 
 @app.command("georeference")
@@ -110,7 +110,7 @@ def georeference_track(
         show_rows([found.document()], [], as_json)
         return
     show_rows(found.rows(), list(found.rows()[0]), as_json)
-    say(found.summary)
+    print_line(found.summary)
 
 
 @app.command("simulate-mosaic")
@@ -126,4 +126,4 @@ def simulate_points(
     from solmap.flows.traverse import write_simulated  # noqa: PLC0415 - slow to import
 
     truth = write_simulated(file, seed, rotation)
-    say(f"{file}; the answer is in {truth}")
+    print_line(f"{file}; the answer is in {truth}")

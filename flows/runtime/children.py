@@ -133,7 +133,7 @@ class Child:
             self.start()
         return None
 
-    def ask_to_end(self) -> None:
+    def request_end(self) -> None:
         """Send it SIGTERM and start it no more."""
         self._stopping = True
         if self.process is not None:
@@ -141,7 +141,7 @@ class Child:
 
     def stop(self, patience_s: float = 4.0) -> None:
         """End it and all that it started: by a signal, then by killing it."""
-        self.ask_to_end()
+        self.request_end()
         if self.process is None:
             return
         with contextlib.suppress(subprocess.TimeoutExpired):

@@ -203,9 +203,9 @@ def start_engine(store: Path) -> None:
 def _keep_alive(child: Child) -> None:
     """Start the server again whenever it dies, until it is stopped."""
     while not child.is_stopping:
-        said = child.revive()
-        if said:
-            log.warning("%s", said)
+        message = child.revive()
+        if message:
+            log.warning("%s", message)
         time.sleep(_LOOK_S)
 
 

@@ -83,13 +83,13 @@ def _adjustment(sol: SolReport, workspace: Workspace) -> dict[str, Any] | None:
     page = _latest(scope, ProductKind.REPORT, workspace)
     if quality is None or page is None:
         return None
-    told = json.loads(workspace.store.path(quality).read_text())["adjustment"]
+    adjustment = json.loads(workspace.store.path(quality).read_text())["adjustment"]
     figures = ("name", "converged", "sigma0", "redundancy", "stops", "pairs", "blunders")
-    ties = ", ".join(f"{count} {kind}" for kind, count in told["ties"].items())
+    ties = ", ".join(f"{count} {kind}" for kind, count in adjustment["ties"].items())
     return {
         "mission": sol.mission,
         "sol": sol.sol,
-        **{name: told[name] for name in figures},
+        **{name: adjustment[name] for name in figures},
         "ties": ties,
         "report": f"{Settings().map_url}/reports/{page.scope.name}/{page.digest}.html",
     }

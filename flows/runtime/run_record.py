@@ -2,7 +2,7 @@
 
 with recorded("downlink", downlink.name, workspace) as record:
     ...                       # what `runtime.progress` reports is written down
-    record.say(report.warnings)
+    record.add_lines(report.warnings)
     record.fail_if(report.failures)
 """
 
@@ -57,7 +57,7 @@ class RunRecord:
         if is_new or time.monotonic() - self._written_at > _AT_MOST_EVERY_S:
             self._write()
 
-    def say(self, lines: Sequence[str]) -> None:
+    def add_lines(self, lines: Sequence[str]) -> None:
         """Add lines for people."""
         if lines:
             self._run = self._run.with_lines(lines)
@@ -66,12 +66,12 @@ class RunRecord:
     def fail_if(self, failures: Sequence[str]) -> None:
         """Add what went wrong; where anything did, the run ends as failed."""
         self._has_failed = self._has_failed or bool(failures)
-        self.say([f"failed: {line}" for line in failures])
+        self.add_lines([f"failed: {line}" for line in failures])
 
     def stop(self) -> None:
         """People stop the run before its end."""
         self._is_stopped = True
-        self.say([STOPPED])
+        self.add_lines([STOPPED])
 
     def end(self) -> None:
         """The run is over."""

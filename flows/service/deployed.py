@@ -80,7 +80,7 @@ def fetch_to_inbox(
     inbox, workspace = _inbox(settings), open_workspace(settings.store)
     with record_run("fetch", f"{mission} sol {sols}", workspace) as record:
         report = fetch_archive.fn(mission, sols, list(instruments), inbox, dry_run=dry_run)
-        record.say([*report.warnings, *report.files])
+        record.add_lines([*report.warnings, *report.files])
         record.fail_if(report.failures)
     return report
 

@@ -46,29 +46,29 @@ def submit_requests(store: Path, *, has_inbox: bool) -> list[str]:
         HTTPError: Prefect's server does not answer; the request goes on waiting.
     """
     book, lines = RunRequests.of(store), []
-    for asked in book.waiting():
+    for request in book.waiting():
         with contextlib.suppress(ObjectNotFound):
-            state, answer = _submit(asked, has_inbox=has_inbox)
-            book.answer(asked.id, state, answer)
-            document = {"request": asked.id, "state": str(state), "answer": answer}
+            state, answer = _submit(request, has_inbox=has_inbox)
+            book.answer(request.id, state, answer)
+            document = {"request": request.id, "state": str(state), "answer": answer}
             open_catalogue(store).append_event(REQUESTS_CHANGED, document)
-            lines.append(f"{asked.author} asked for {asked.kind}: {state}, {answer}")
+            lines.append(f"{request.author} requested {request.kind}: {state}, {answer}")
     return lines
 
 
-def _submit(asked: RunRequest, *, has_inbox: bool) -> tuple[RequestState, str]:
+def _submit(request: RunRequest, *, has_inbox: bool) -> tuple[RequestState, str]:
     try:
-        match asked.kind:
+        match request.kind:
             case RequestKind.CANCEL:
-                return cancel_run(UUID(asked.parameters["run"]), asked.author)
+                return cancel_run(UUID(request.parameters["run"]), request.author)
             case RequestKind.PAUSE | RequestKind.RESUME:
-                is_paused = asked.kind is RequestKind.PAUSE
-                return pause(asked.parameters["deployment"], is_paused=is_paused)
-        if asked.kind in _NEED_INBOX and not has_inbox:
+                is_paused = request.kind is RequestKind.PAUSE
+                return pause(request.parameters["deployment"], is_paused=is_paused)
+        if request.kind in _NEED_INBOX and not has_inbox:
             return RequestState.REFUSED, "no inbox is watched; start `solmap up --inbox`"
-        mission = {"mission": asked.mission} if asked.mission else {}
-        deployment = RUN_KINDS[asked.kind].deployment
-        return RequestState.TAKEN, submit(deployment, {**asked.parameters, **mission})
+        mission = {"mission": request.mission} if request.mission else {}
+        deployment = RUN_KINDS[request.kind].deployment
+        return RequestState.TAKEN, submit(deployment, {**request.parameters, **mission})
     except (PrefectHTTPStatusError, ValueError) as error:
         status = error.response.status_code if isinstance(error, PrefectHTTPStatusError) else 422
         if status >= _SERVER_FAILED or isinstance(error, ObjectNotFound):

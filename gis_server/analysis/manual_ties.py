@@ -128,12 +128,12 @@ def refine_pick(question: RefineQuestion, mission: OrientedMission) -> RefineAns
     try:
         found = measure_pick(first, second, at, start, question.reach_px)
         place = stored_point(eyes.left, eyes.geometry, np.array([found.place]))[0]
-        said, sigma, correlation = None, found.sigma_px, found.correlation
+        reason, sigma, correlation = None, found.sigma_px, found.correlation
     except MatchingError as error:
-        place, said, sigma, correlation = picked, str(error), None, None
+        place, reason, sigma, correlation = picked, str(error), None, None
     return RefineAnswer(
-        found=said is None,
-        said=said,
+        found=reason is None,
+        said=reason,
         image=eyes.pair_id,
         sample=round(float(place[0]), 3),
         line=round(float(place[1]), 3),
@@ -195,7 +195,7 @@ class TiePoint(Question):
     right_line: PixelHere | None = None
 
 
-class TieWish(Question):
+class TieRequest(Question):
     """A row of a file of manual tie points."""
 
     action: Literal["add", "veto", "move"] = "add"
@@ -208,7 +208,7 @@ class TieWish(Question):
 class TrialQuestion(Question):
     """Manual tie points between images of two stops."""
 
-    ties: Annotated[list[TieWish], Field(min_length=1, max_length=_MOST_TIES)]
+    ties: Annotated[list[TieRequest], Field(min_length=1, max_length=_MOST_TIES)]
 
 
 class TieResidual(BaseModel):
@@ -327,7 +327,7 @@ def _manual_image(name: str, mission: OrientedMission) -> ManualImage:
     return ManualImage(eyes.pair_id, eyes.geometry, eyes.left, eyes.right, parallax)
 
 
-def _tie_request(row: int, tie: TieWish) -> EditRequest:
+def _tie_request(row: int, tie: TieRequest) -> EditRequest:
     first, second = (_point(point) for point in (tie.first, tie.second))
     action = EditAction(tie.action)
     return EditRequest(action, first, second, tie.sigma_px, tie.tolerance_px, f"tie {row}")

@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 
 from solmap.gis_server.analysis.bodies import (
     UNITS,
-    LayerAsked,
+    LayerChoice,
     LayerUsed,
     Line,
     Polygon,
@@ -54,7 +54,7 @@ class LineQuestion(Question):
     """A line on the map."""
 
     line: Line
-    layer: LayerAsked = BEST
+    layer: LayerChoice = BEST
     step_m: Annotated[float, Field(gt=0, le=1000)] = 0.5
     """Of the length along the ground: with shorter steps noise makes lines longer."""
 
@@ -94,7 +94,7 @@ class AreaQuestion(Question):
     """A polygon on the map."""
 
     polygon: Polygon
-    layer: LayerAsked = BEST
+    layer: LayerChoice = BEST
 
 
 class AreaAnswer(BaseModel):
@@ -297,7 +297,7 @@ class ProfileQuestion(Question):
     """A line on the map, and how it is to be read."""
 
     line: Line
-    layer: LayerAsked = BEST
+    layer: LayerChoice = BEST
     step_m: Annotated[float, Field(gt=0)] | None = None
     """Largest distance of stations; by default a cell, or a thousandth of the line."""
     slope_baseline_m: Annotated[float, Field(gt=0, le=100)] = 0.5

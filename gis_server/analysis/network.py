@@ -361,9 +361,9 @@ def _ties(
 def _others(rows: np.ndarray, ties: AdjustedTies) -> dict[int, list[tuple[int, str]]]:
     """By point: the used observations and the pairs they are in."""
     seen = ties.observations
-    wanted = np.flatnonzero(np.isin(seen.point, seen.point[rows]) & (ties.status == USED))
+    rows_of_points = np.flatnonzero(np.isin(seen.point, seen.point[rows]) & (ties.status == USED))
     found: dict[int, list[tuple[int, str]]] = {}
-    for row in wanted.tolist():
+    for row in rows_of_points.tolist():
         found.setdefault(int(seen.point[row]), []).append((row, seen.pair_ids[seen.pair[row]]))
     return found
 

@@ -12,7 +12,7 @@ from solmap.gis_server.analysis.bodies import (
     MOST_CORNERS,
     UNITS,
     Corner,
-    LayerAsked,
+    LayerChoice,
     LayerUsed,
     MetresHere,
     Polygon,
@@ -45,7 +45,7 @@ class PlaneQuestion(Question):
 
     points: Annotated[list[Picked], Field(min_length=3, max_length=MOST_CORNERS)] | None = None
     polygon: Polygon | None = None
-    layer: LayerAsked = BEST
+    layer: LayerChoice = BEST
     sigma_m: Annotated[float, Field(gt=0, le=10)] = 0.02
     """Standard deviation, each way, of points that come with their elevation."""
 
@@ -98,8 +98,8 @@ def _places(question: PlaneQuestion, ground: Ground) -> tuple[MapPoints, np.ndar
     """Places and their elevations, NaN where these are the ground's."""
     if question.points is not None:
         places = np.array([point[:2] for point in question.points])
-        told = [point[2] if len(point) > 2 else math.nan for point in question.points]  # noqa: PLR2004
-        return places, np.array(told)
+        elevations = [point[2] if len(point) > 2 else math.nan for point in question.points]  # noqa: PLR2004
+        return places, np.array(elevations)
     spacing = max(CORRELATION_M, ground.finest_cell_m)  # nearer points repeat each other's error
     inside, _ = places_inside(polygon_of(np.array(question.polygon)), spacing, _MOST_POINTS)
     return inside, np.full(len(inside), np.nan)

@@ -104,8 +104,10 @@ def add_visibility(
     The terrain is read once for all images.
     """
     by_pair = [_by_pair(one, target, mission) for one in seen]
-    asked = [k for k, (sight, _) in enumerate(by_pair) if sight is not Sight.HIDDEN]
-    between = dict(zip(asked, _by_terrain([seen[k] for k in asked], target, ground), strict=True))
+    not_hidden = [k for k, (sight, _) in enumerate(by_pair) if sight is not Sight.HIDDEN]
+    between = dict(
+        zip(not_hidden, _by_terrain([seen[k] for k in not_hidden], target, ground), strict=True)
+    )
     return [
         _with_sight(one, sight, between.get(k), linearised)
         for k, (one, (sight, linearised)) in enumerate(zip(seen, by_pair, strict=True))

@@ -134,23 +134,23 @@ def _made_at(ref: ProductRef, store: ProductStore) -> str:
 
 
 def network_named(
-    mission: str, asked: str, catalogue: Catalogue, store: ProductStore
+    mission: str, requested: str, catalogue: Catalogue, store: ProductStore
 ) -> tuple[ProductRef, NetworkProduct]:
     """The network that a question names: `latest`, or scope and digest.
 
     Raises:
         ProductNotFoundError: there is none of that name.
     """
-    if asked == LATEST:
+    if requested == LATEST:
         ref = latest_network(mission, catalogue)
         return ref, cached_whole_network(ref, store)
-    scope, _, digest = asked.partition("/")
+    scope, _, digest = requested.partition("/")
     for ref in published_networks(mission, catalogue):
         same = ProductRef(ref.kind, ref.scope, digest)
         if ref.scope.name == scope and same in store.versions(ref.kind, ref.scope):
             return same, cached_whole_network(same, store)
     raise ProductNotFoundError(
-        f"no adjustment {asked!r} of {mission} is in the store; /solutions lists them, "
+        f"no adjustment {requested!r} of {mission} is in the store; /solutions lists them, "
         f"{LATEST!r} is the one on the map"
     )
 

@@ -141,7 +141,7 @@ def edit_tie(mission: MissionName, edit: TieEdit, services: ServicesOf, who: Ana
     (tie,) = parse_edit_requests(json.dumps(document), "edit")  # MatchingError answers 422
     for point in (tie.first, tie.second):
         if point.image:
-            _must_know(point.image, mission, services, is_stop=point.is_stop)
+            _check_known(point.image, mission, services, is_stop=point.is_stop)
     return _announce(
         services.edits.append(mission, EditKind.TIE, request, who.name, edit.note), services
     )
@@ -208,7 +208,7 @@ def _feature(edit: Edit) -> dict[str, Any]:
     }
 
 
-def _must_know(name: str, mission: str, services: Services, *, is_stop: bool) -> None:
+def _check_known(name: str, mission: str, services: Services, *, is_stop: bool) -> None:
     """Refuse images and stops that the mission does not have: a slip would wait for ever."""
     known = (
         bool(services.catalogue.images(mission, stop=name))

@@ -72,11 +72,11 @@ def add_request(
     parameters: Mapping[str, Any],
 ) -> RunRequest:
     """Keep a request for `solmap up`, with an event; one that waits already is not kept twice."""
-    asked = services.requests.add(kind, mission, author, parameters)
+    request = services.requests.add(kind, mission, author, parameters)
     services.catalogue.append_event(
-        REQUESTS_CHANGED, {"request": asked.id, "state": str(asked.state)}
+        REQUESTS_CHANGED, {"request": request.id, "state": str(request.state)}
     )
-    return asked
+    return request
 
 
 def _deployment(name: str, services: Services) -> DeploymentState:

@@ -8,7 +8,7 @@ from fastapi import APIRouter, HTTPException, Path, Query, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from solmap.config.run_parameters import RUN_KINDS, DownlinkRun, RunKind, RunWish
+from solmap.config.run_parameters import RUN_KINDS, DownlinkRun, RunKind, RunSpecification
 from solmap.gis_server.addresses import ServerPath
 from solmap.gis_server.collaboration.accounts import Operator
 from solmap.gis_server.collaboration.engine import add_request, require_engine
@@ -74,8 +74,8 @@ class RunKindBody(BaseModel):
     """JSON schema of an object."""
 
 
-Wish = Annotated[RunWish, Field(discriminator="kind")]
-_WISH: TypeAdapter[RunWish] = TypeAdapter(Wish)
+Specification = Annotated[RunSpecification, Field(discriminator="kind")]
+_SPECIFICATION: TypeAdapter[RunSpecification] = TypeAdapter(Specification)
 
 
 @router.get("/runs")
@@ -123,15 +123,19 @@ def run_kinds(response: Response) -> list[RunKindBody]:
 
 
 @router.post("/runs", status_code=202)
-def request_run(wish: Wish, services: ServicesOf, who: Operator) -> RunRequest:
+def request_run(specification: Specification, services: ServicesOf, who: Operator) -> RunRequest:
     """Request a run. It waits until `solmap up` takes it; equal requests are stored once."""
-    if wish.mission is not None and wish.kind != "fetch":
-        services.catalogue.mission(wish.mission)
+    if specification.mission is not None and specification.kind != "fetch":
+        services.catalogue.mission(specification.mission)
     engine = read_engine_state(services.store.root)
-    if engine.is_up and not engine.has_inbox and wish.kind in {"downlink", "fetch"}:
+    if engine.is_up and not engine.has_inbox and specification.kind in {"downlink", "fetch"}:
         raise HTTPException(409, "no inbox is watched: start `solmap up` with `--inbox FOLDER`")
-    parameters = {name: value for name, value in wish.parameters.items() if name != "mission"}
-    return add_request(services, RequestKind(wish.kind), wish.mission, who.name, parameters)
+    parameters = {
+        name: value for name, value in specification.parameters.items() if name != "mission"
+    }
+    return add_request(
+        services, RequestKind(specification.kind), specification.mission, who.name, parameters
+    )
 
 
 @router.post("/runs/{run}/cancel", status_code=202)
@@ -166,12 +170,12 @@ def restart(run: RunName, services: ServicesOf, who: Operator) -> RunRequest:
     if found.flow_run is None:
         raise HTTPException(409, f"run {run} was started by a command: repeat that command")
     try:
-        wish = _WISH.validate_python({"kind": found.kind, **found.parameters})
+        specification = _SPECIFICATION.validate_python({"kind": found.kind, **found.parameters})
     except ValidationError as error:
         raise HTTPException(
             409, f"the parameters of run {run} do not hold any more; start a new run"
         ) from error
-    return request_run(wish, services, who)
+    return request_run(specification, services, who)
 
 
 @router.get("/reports/{scope}/{digest}.html", response_class=FileResponse)

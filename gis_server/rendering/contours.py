@@ -59,10 +59,10 @@ def contour_margin(cell_m: float) -> int:
     return math.ceil(4.0 * smoothing_m(cell_m) / cell_m) + 1
 
 
-def interval_of(layer: Layer, asked_m: float | None) -> float:
+def interval_of(layer: Layer, requested_m: float | None) -> float:
     """The requested interval, or one that suits the layer's relief."""
-    if asked_m is not None:
-        return asked_m
+    if requested_m is not None:
+        return requested_m
     low, high = layer.range or (0.0, 1.0)
     return interval_by_relief(np.array([low, high]), _PARAMS.contours_wanted)
 

@@ -23,7 +23,7 @@ from solmap.gis_server.rendering.png import colour_png, indexed_png
 from solmap.gis_server.rendering.reading import Patch, read_patch, read_tile
 from solmap.gis_server.rendering.styles import (
     ELEVATIONS,
-    PICTURES,
+    IMAGERY,
     StyleQuery,
     UnknownStyleError,
     indices_of,
@@ -130,7 +130,7 @@ OF_TERRAIN: dict[str, Callable[[Gradients, StyleQuery], Raster]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class PictureFormat:
+class ImageFormat:
     """How a painted tile becomes bytes; index 0 and black, 0 0 0, are transparent."""
 
     media_type: str
@@ -140,8 +140,8 @@ class PictureFormat:
     """Of red, green and blue."""
 
 
-PNG = PictureFormat("image/png", indexed_png, colour_png)
-WEBP = PictureFormat("image/webp", indexed_webp, colour_webp)
+PNG = ImageFormat("image/png", indexed_png, colour_png)
+WEBP = ImageFormat("image/webp", indexed_webp, colour_webp)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,7 +153,7 @@ class Canvas:
     query: StyleQuery
     style: TileStyle
     dataset: rasterio.DatasetReader
-    form: PictureFormat = PNG
+    form: ImageFormat = PNG
 
     @property
     def cell_m(self) -> float:
@@ -199,8 +199,8 @@ def painter_of(
     kind = layer.ref.kind
     if style.is_colour:
         return _paint_colour
-    if kind in PICTURES:
-        return _paint_classes if style.is_classes else _paint_picture
+    if kind in IMAGERY:
+        return _paint_classes if style.is_classes else _paint_imagery
     if kind in ELEVATIONS:
         if style.is_classes:
             return _paint_classes_of_band
@@ -257,7 +257,7 @@ def _paint_classes_of_band(canvas: Canvas) -> bytes | None:
     return canvas.form.indexed(codes, palette) if codes.any() else None
 
 
-def _paint_picture(canvas: Canvas) -> bytes | None:
+def _paint_imagery(canvas: Canvas) -> bytes | None:
     """Eight bits are indices already: colours and stretch are matters of the palette alone."""
     grey = read_tile(canvas.dataset, canvas.address)
     if grey is None or not grey.any():

@@ -61,10 +61,10 @@ def colour_png(pixels: np.ndarray) -> bytes:
     return _png(pixels, _TRUE_COLOUR, _chunk(b"tRNS", bytes(6)))
 
 
-def _png(picture: np.ndarray, colour_type: int, notes: bytes) -> bytes:
+def _png(pixels: np.ndarray, colour_type: int, notes: bytes) -> bytes:
     """An image of bytes, rows by columns by bands; `notes` are the chunks before the data."""
-    rows, columns, bands = picture.shape
-    flat = picture.reshape(rows, columns * bands)
+    rows, columns, bands = pixels.shape
+    flat = pixels.reshape(rows, columns * bands)
     lines = np.empty((rows, columns * bands + 1), np.uint8)
     lines[:, 0] = _UP
     lines[0, 1:] = flat[0]

@@ -72,7 +72,7 @@ DEFAULT = "default"
 
 
 ELEVATIONS = (ProductKind.DTM, ProductKind.FAR_DTM, ProductKind.REGION_DTM)
-PICTURES = {
+IMAGERY = {
     ProductKind.ORTHOPHOTO,
     ProductKind.REGION_ORTHOPHOTO,
     ProductKind.ORBITAL,
@@ -269,26 +269,26 @@ def draw_legend(layer: Layer, style: TileStyle) -> bytes:
     classes = [(one.name, one.colour) for one in legend.classes]
     stops = [(f"{value:.5g}", colour) for value, colour in reversed(legend.stops)]
     rows = stops or classes
-    picture = np.full((_TOP + _ROW * max(1, len(rows)) + 8, _WIDTH, 3), _PAPER, np.uint8)
+    canvas = np.full((_TOP + _ROW * max(1, len(rows)) + 8, _WIDTH, 3), _PAPER, np.uint8)
     unit = f" ({legend.unit})" if legend.unit else ""
-    _write(picture, f"{style.title or layer.ref.kind}{unit}", 8, 18)
+    _write(canvas, f"{style.title or layer.ref.kind}{unit}", 8, 18)
     for number, (text, colour) in enumerate(rows):
         top = _TOP + _ROW * number
         red, green, blue = palette_of((colour,) * 2)[1].tolist()
-        picture[top : top + _ROW - (2 if classes else 0), 8 : 8 + _BAR] = blue, green, red
-        _write(picture, text, 16 + _BAR, top + 15)
+        canvas[top : top + _ROW - (2 if classes else 0), 8 : 8 + _BAR] = blue, green, red
+        _write(canvas, text, 16 + _BAR, top + 15)
     if stops:
-        _blend(picture, style, len(stops))
-    return bytes(cv2.imencode(".png", picture)[1])
+        _blend(canvas, style, len(stops))
+    return bytes(cv2.imencode(".png", canvas)[1])
 
 
-def _blend(picture: np.ndarray, style: TileStyle, count: int) -> None:
+def _blend(canvas: np.ndarray, style: TileStyle, count: int) -> None:
     """A bar without steps, the low end below; every value stands at the middle of its row."""
     rows = _ROW * count
     share = np.clip((rows - _ROW / 2 - np.arange(rows)) / (rows - _ROW), 0.0, 1.0)
     colours = palette_of(style.colours)[np.rint(1 + 254 * share).astype(int)]
-    picture[_TOP : _TOP + rows, 8 : 8 + _BAR] = colours[:, None, ::-1]
+    canvas[_TOP : _TOP + rows, 8 : 8 + _BAR] = colours[:, None, ::-1]
 
 
-def _write(picture: np.ndarray, text: str, left: int, base: int) -> None:
-    cv2.putText(picture, text, (left, base), _FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+def _write(canvas: np.ndarray, text: str, left: int, base: int) -> None:
+    cv2.putText(canvas, text, (left, base), _FONT, _SIZE, _INK, 1, cv2.LINE_AA)

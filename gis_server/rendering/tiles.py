@@ -35,7 +35,7 @@ import numpy as np
 from solmap.gis_server.rendering.painting import (
     PNG,
     Canvas,
-    PictureFormat,
+    ImageFormat,
     averaging,
     band_index,
     painter_of,
@@ -44,7 +44,7 @@ from solmap.gis_server.rendering.png import gzip_stream, indexed_png
 from solmap.gis_server.rendering.reading import RasterPool, read_patch
 from solmap.gis_server.rendering.styles import (
     ELEVATIONS,
-    PICTURES,
+    IMAGERY,
     StyleQuery,
     resolve_style,
 )
@@ -98,9 +98,9 @@ def _planes(steps: np.ndarray) -> bytes:
 
 def _step(extent: float, finest: float) -> float:
     """The finest power of two that is not finer than `finest` and has `extent` in its range."""
-    asked = math.floor(math.log2(finest)) if finest > 0 else _FINEST_EXPONENT
+    requested = math.floor(math.log2(finest)) if finest > 0 else _FINEST_EXPONENT
     needed = math.ceil(math.log2(extent / (_STEPS - 2))) if extent > 0 else _FINEST_EXPONENT
-    exponent = max(asked, needed, _FINEST_EXPONENT)
+    exponent = max(requested, needed, _FINEST_EXPONENT)
     return math.ldexp(1.0, min(exponent, _COARSEST_EXPONENT))
 
 
@@ -121,7 +121,7 @@ def draw_tile(
     store: ProductStore,
     pool: RasterPool,
     query: StyleQuery,
-    form: PictureFormat,
+    form: ImageFormat,
 ) -> bytes | None:
     """The image of a tile; None where nothing was measured.
 
@@ -166,7 +166,7 @@ def render_values(
         ProductNotFoundError: the layer has no such values.
     """
     style = resolve_style(layer, PLAIN)
-    if layer.ref.kind in PICTURES:
+    if layer.ref.kind in IMAGERY:
         raise ProductNotFoundError(f"{layer.id} has images only: request its tiles as .png")
     if not overlap(layer.bounds, address.bounds):
         return None

@@ -184,7 +184,7 @@ def viewshed(seen: ViewshedHere, request: Request, response: Response) -> Viewsh
 
 
 @router.get("/viewshed.png", response_class=Response)
-def viewshed_picture(seen: ViewshedHere) -> Response:
+def viewshed_image(seen: ViewshedHere) -> Response:
     """The same as an image on the bounds from /viewshed: visible blue, hidden brown."""
     return Response(viewshed_png(seen), media_type="image/png", headers=AGAIN)
 
@@ -261,7 +261,7 @@ def reachable(
 
 
 @router.get("/reach.png", response_class=Response)
-def reach_picture(drives: DrivesHere, interval_m: Interval = 5.0) -> Response:
+def reach_image(drives: DrivesHere, interval_m: Interval = 5.0) -> Response:
     """The same as an image on the bounds from /reach: near is yellow, far is blue."""
     interval_m = max(interval_m, drives.params.farthest_m / MOST_BANDS)
     return Response(reach_png(drives, interval_m), media_type="image/png", headers=AGAIN)

@@ -81,10 +81,10 @@ def product_response(
     headers = {**FOREVER, "accept-ranges": "bytes", "etag": f'"{ref.digest}"'}
     if filename is not None:
         headers["content-disposition"] = f'attachment; filename="{filename}"'
-    asked = _requested_range(request, size, headers["etag"])
-    start, end = asked or (0, size)
-    status = 206 if asked else 200
-    if asked:
+    requested = _requested_range(request, size, headers["etag"])
+    start, end = requested or (0, size)
+    status = 206 if requested else 200
+    if requested:
         headers["content-range"] = f"bytes {start}-{end - 1}/{size}"
     headers["content-length"] = str(end - start)
     if request.method == "HEAD":
@@ -315,10 +315,10 @@ def file(
     layer: LayerPath, digest: Digest, suffix: Suffix, services: ServicesOf, request: Request
 ) -> Response:
     """The file of a STAC item, whole or by ranges."""
-    wanted = layer.ref.kind.suffix
-    if suffix != wanted.removeprefix("."):
-        raise ProductNotFoundError(f"{layer.id} is a {wanted}: {digest}{wanted}")
-    media_type = MEDIA_TYPES.get(wanted, "application/octet-stream")
+    suffix_of_kind = layer.ref.kind.suffix
+    if suffix != suffix_of_kind.removeprefix("."):
+        raise ProductNotFoundError(f"{layer.id} is a {suffix_of_kind}: {digest}{suffix_of_kind}")
+    media_type = MEDIA_TYPES.get(suffix_of_kind, "application/octet-stream")
     return product_response(layer.ref, services.store, request, media_type)
 
 

@@ -240,9 +240,9 @@ def height_bias_of(stop: str, links: Iterable[Mapping[str, Any]]) -> HeightBias:
     """Height bias of the ground of a stop, from all of its links."""
     figures = [link["figures"] for link in links if stop in (link["earlier"], link["later"])]
     return HeightBias.pooled(
-        HeightBias(told["height_bias_lines"], told["height_bias_sigma"])
-        for told in figures
-        if told.get("height_bias_sigma")
+        HeightBias(figures_of_link["height_bias_lines"], figures_of_link["height_bias_sigma"])
+        for figures_of_link in figures
+        if figures_of_link.get("height_bias_sigma")
     )
 
 

@@ -1,4 +1,4 @@
-"""How fast the meaning of the ground is told: 60 x 60 m of a hilly world in cells of 0.04 m.
+"""How fast maps are derived from the ground: 60 x 60 m of a hilly world in cells of 0.04 m.
 
 Every cell has an elevation, which is the most that a stop can have. The viewshed runs next to
 GDAL's on the same cells, where `gdal_viewshed` is installed; horizons next to looking at every cell

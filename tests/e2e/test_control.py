@@ -54,7 +54,7 @@ def test_the_georeference_of_the_measured_map_is_found(controlled):
 
 def test_every_later_stop_is_listed_as_held_by_control(mapped, controlled):
     rows = position_rows(controlled)
-    assert rows[0]["held_by"] == "held as the datum"  # nobody said that the file knows north
+    assert rows[0]["held_by"] == "held as the datum"  # the file does not state its north
     assert all("control: its position in measured-csv" in row["held_by"] for row in rows[1:])
     for row, true in zip(rows, true_stops(mapped.downlink / "truth"), strict=True):
         off = np.subtract(row["adjusted_ned_m"], true.position)

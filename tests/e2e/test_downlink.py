@@ -29,7 +29,7 @@ OF_HALF_SIZE = FacetParams(
     max_sigma_deg=20.0,
     shared_px=12.5,
 )
-"""As many degrees of the view as the defaults have of pictures of full size."""
+"""As many degrees of the view as the defaults have of images of full size."""
 
 
 def error_m(row: dict, truth: dict, solution: str) -> float:

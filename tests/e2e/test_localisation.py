@@ -1,4 +1,4 @@
-"""What a run tells of the traverse: files that other tools read back to the same places."""
+"""Files of the traverse that other tools read back to the same places."""
 
 import json
 

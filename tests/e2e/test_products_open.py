@@ -28,7 +28,8 @@ def is_map(path):
 def is_one_tile_wide(path, error):
     """Whether an overview is called untiled only because it is as wide as its square tiles.
 
-    rasterio tells tiles from strips by their width; such an overview has tiles by its blocks.
+    rasterio distinguishes tiles from strips by their width; such an overview has tiles by its
+    blocks.
     """
     found = re.fullmatch(r"Overview of index (\d+) is not tiled", error)
     if found is None:
@@ -85,8 +86,8 @@ def test_gdal_reads_every_raster(mapped):
     if gdalinfo is None:
         pytest.skip("gdalinfo is not installed: the package gdal-bin has it")
     for path in rasters(mapped):
-        told = subprocess.run([gdalinfo, "-json", str(path)], capture_output=True, check=True)
-        seen = json.loads(told.stdout)
+        reported = subprocess.run([gdalinfo, "-json", str(path)], capture_output=True, check=True)
+        seen = json.loads(reported.stdout)
         assert seen["metadata"]["IMAGE_STRUCTURE"]["LAYOUT"] == "COG"
         expected = "Orthographic" if is_map(path) else "Azimuth and elevation"
         assert expected in seen["coordinateSystem"]["wkt"]

@@ -52,13 +52,13 @@ def test_relief_image_contours_stops_and_traverse_are_shown_at_first(page, url):
 def test_squares_of_the_orthophoto_are_at_their_true_coordinates(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/orthophoto"))
-    picture = screenshot(page, "orthophoto")
+    image = screenshot(page, "orthophoto")
     for east, north, grey in ((2.0, 2.0, 90), (6.0, 2.0, 170), (-2.0, 2.0, 170), (-6.0, -6.0, 90)):
-        shown = colour_at(picture, pixel_of(page, east, north, resolution))
+        shown = colour_at(image, pixel_of(page, east, north, resolution))
         assert np.abs(shown - (grey + 1)).max() <= 3  # half a grey step in store, tile and screen
     # The edge between squares at 4 m east: half a cell of 8 cm is less than a pixel here.
     y = pixel_of(page, 0.0, 2.0, resolution)[1]
-    row = picture[round(y), :, 0].astype(int)
+    row = image[round(y), :, 0].astype(int)
     start = round(pixel_of(page, 2.0, 0.0, resolution)[0])
     edge = start + int(np.argmax(row[start : start + 40] > 130))
     assert abs(edge - pixel_of(page, 4.0, 0.0, resolution)[0]) <= 1.5
@@ -67,14 +67,14 @@ def test_squares_of_the_orthophoto_are_at_their_true_coordinates(page, url):
 def test_a_contour_is_at_the_elevation_of_its_label(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/contours"))
-    picture = screenshot(page, "contours").astype(int)
+    image = screenshot(page, "contours").astype(int)
     # Between the labels, to the north-east of the bowl's middle.
     radius = CONTOUR_RADIUS_M
     turns = np.radians(np.arange(0, 360, 3.0))
     on_line = 0
     for turn in turns:
         x, y = pixel_of(page, radius * math.sin(turn), radius * math.cos(turn), resolution)
-        patch = picture[round(y) - 1 : round(y) + 2, round(x) - 1 : round(x) + 2]
+        patch = image[round(y) - 1 : round(y) + 2, round(x) - 1 : round(x) + 2]
         brown = (patch[..., 0] - patch[..., 2]) > 40
         on_line += bool(brown.any())
     assert on_line >= 0.8 * len(turns)  # its label interrupts it
@@ -264,8 +264,8 @@ def test_the_north_arrow_follows_the_rotation_of_the_map(page, url):
 def test_the_dark_theme_has_a_dark_background(page, url):
     page.emulate_media(color_scheme="dark")
     look(page, url)
-    picture = screenshot(page, "dark")
-    assert picture[788, 1200].mean() < 60
+    image = screenshot(page, "dark")
+    assert image[788, 1200].mean() < 60
     page.get_by_role("button", name="light or dark").click()
     assert screenshot(page, "light")[788, 1200].mean() > 200
 
@@ -287,9 +287,9 @@ def test_an_unreachable_server_is_reported(browser, tmp_path):
 @pytest.mark.parametrize("resolution", [0.05])
 def test_adjusted_and_telemetry_have_the_colours_of_the_paper(page, url, resolution):
     look(page, url + at(resolution, "mer2/traverse"))
-    picture = screenshot(page, "traverse").astype(int)
+    image = screenshot(page, "traverse").astype(int)
     (_, _, _, from_east_north, _), (_, _, _, to_east_north, _) = STOPS[0], STOPS[1]
     middle = tuple((a + b) / 2 for a, b in zip(from_east_north, to_east_north, strict=True))
-    red, green, blue = colour_at(picture, pixel_of(page, *middle, resolution))
+    red, green, blue = colour_at(image, pixel_of(page, *middle, resolution))
     assert red > 200
     assert max(green, blue) < 90

@@ -66,8 +66,8 @@ def only_ground(page) -> None:
         page.locator(f'.scene input[name="{name}"]').uncheck()
 
 
-def settled_picture(page, name: str) -> np.ndarray:
-    """A picture after the last frame: levels of detail come one after the other."""
+def settled_image(page, name: str) -> np.ndarray:
+    """A screenshot after the last frame: levels of detail come one after the other."""
     page.mouse.move(5, 5)
     page.wait_for_timeout(400)
     page.wait_for_selector('.scene[data-settled="true"]', timeout=30_000)
@@ -83,7 +83,7 @@ def spots(page) -> list[tuple[float, float]]:
 def test_the_ground_has_its_true_position_and_its_photograph(scene):
     only_ground(scene)
     assert 100 < int(scene.locator(".scene").get_attribute("data-triangles")) < MOST_TRIANGLES
-    picture = settled_picture(scene, "ground")
+    image = settled_image(scene, "ground")
     right = compared = 0
     for x, y in spots(scene):
         place = seen_at(scene, x, y)
@@ -95,7 +95,7 @@ def test_the_ground_has_its_true_position_and_its_photograph(scene):
         if all(inside):  # half a metre from any edge of a square
             expected = 170 if (math.floor(east / 4) + math.floor(north / 4)) % 2 else 90
             compared += 1
-            right += abs(picture[round(y), round(x)].mean() - expected) < 12
+            right += abs(image[round(y), round(x)].mean() - expected) < 12
     assert compared >= 10
     assert right == compared
 
@@ -104,13 +104,13 @@ def test_a_link_restores_the_camera(page, scene_url):
     look(page, scene_url + at(0.1, "mer2/orthophoto") + "&view3d=0,-20,15,1,2,0")
     page.wait_for_selector('.scene[data-settled="true"]', timeout=60_000)
     page.wait_for_timeout(800)
-    told = page.evaluate("location.hash").split("view3d=")[1].split("&")[0].split(",")
-    assert [float(number) for number in told] == pytest.approx([0, -20, 15, 1, 2, 0], abs=0.02)
+    reported = page.evaluate("location.hash").split("view3d=")[1].split("&")[0].split(",")
+    assert [float(number) for number in reported] == pytest.approx([0, -20, 15, 1, 2, 0], abs=0.02)
 
 
 def test_the_map_and_the_view_share_one_cursor(scene):
     only_ground(scene)
-    before = settled_picture(scene, "no-cursor")
+    before = settled_image(scene, "no-cursor")
     east, north = 6.0, -9.0
     resolution = 0.1
     scene.mouse.move(*pixel_of(scene, east, north, resolution))
@@ -143,7 +143,7 @@ def test_heights_may_be_exaggerated_and_are_reported_true(scene):
     spot = (middle(scene)[0] + 40, middle(scene)[1] - 40)
     before = seen_at(scene, *spot)
     scene.locator('.scene input[name="exaggeration"]').fill("3")
-    settled_picture(scene, "exaggerated")
+    settled_image(scene, "exaggerated")
     after = seen_at(scene, *spot)
     assert not np.allclose(before[:2], after[:2], atol=0.5)
     assert after[2] == pytest.approx(elevation_at(*after[:2]), abs=TOLERANCE_M)
@@ -154,8 +154,8 @@ def test_a_click_on_a_camera_opens_its_image(scene):
     scene.locator('.scene input[name="ellipsoids"]').uncheck()
     scene.locator('.scene select[name="stop"]').select_option(STOPS[2][0])
     x = canvas(scene)[0]
-    picture = settled_picture(scene, "cameras")
-    teal = np.abs(picture - [11, 143, 134]).max(axis=2) < 25
+    image = settled_image(scene, "cameras")
+    teal = np.abs(image - [11, 143, 134]).max(axis=2) < 25
     teal[:, : round(x)] = False
     assert teal.sum() > 30
     dense = cv2.boxFilter(teal.astype(np.float32), -1, (9, 9))
@@ -163,7 +163,7 @@ def test_a_click_on_a_camera_opens_its_image(scene):
     scene.mouse.click(float(column), float(row))
     card = scene.locator(".scene-card .link")
     assert card.inner_text() in {"2N140200000EDN1100P1600L0M1", "2N140200000EDN1100P1600R0M1"}
-    chosen = settled_picture(scene, "camera-chosen")
+    chosen = settled_image(scene, "camera-chosen")
     assert (np.abs(chosen - [255, 212, 0]).max(axis=2) < 40).sum() > 30
     name = card.inner_text()
     card.click()
@@ -175,7 +175,7 @@ def test_the_view_at_a_stop_faces_the_heading_of_the_rover(scene):
     only_ground(scene)
     scene.locator('.scene select[name="stop"]').select_option(STOPS[2][0])
     scene.locator('.scene button[name="stand"]').click()
-    settled_picture(scene, "standing")
+    settled_image(scene, "standing")
     index = 2
     east, north, _ = place_of(index)
     place = seen_at(scene, *middle(scene))
@@ -204,9 +204,9 @@ def test_outlines_are_hidden_at_a_stop_and_shown_again_in_flight(scene):
 def test_the_view_at_a_stop_has_sky_above_the_ground(scene):
     only_ground(scene)
     scene.locator('.scene button[name="stand"]').click()
-    picture = settled_picture(scene, "sky")
+    image = settled_image(scene, "sky")
     x, y, width, _ = canvas(scene)
-    above = picture[int(y) + 4, int(x + width / 2)]
+    above = image[int(y) + 4, int(x + width / 2)]
     dark, bright = np.array([0xA9, 0x8F, 0x78]), np.array([0xDC, 0xC9, 0xAF])  # zenith, horizon
     assert (dark - 3 <= above).all()
     assert (above <= bright + 3).all()
@@ -234,9 +234,9 @@ def test_the_sun_lights_the_slope_that_faces_it(scene):
     x, y, width, height = canvas(scene)
     for azimuth in (90, 270):
         scene.locator('.scene input[name="azimuth"]').fill(str(azimuth))
-        picture = settled_picture(scene, f"sun-{azimuth}")
+        image = settled_image(scene, f"sun-{azimuth}")
         row = round(y + height / 2)
-        strip = picture[row - 3 : row + 4, :, :].mean(axis=(0, 2))
+        strip = image[row - 3 : row + 4, :, :].mean(axis=(0, 2))
         shades[azimuth] = strip[round(x + 0.3 * width)], strip[round(x + 0.7 * width)]
     west, east = 0, 1  # sides of the bowl: each faces the sun that stands across
     assert shades[90][west] > shades[90][east] + 15
@@ -247,9 +247,9 @@ def test_red_and_cyan_views_differ(scene):
     only_ground(scene)
     x, y, width, height = (round(value) for value in canvas(scene))
     part = np.s_[y + height // 3 : y + 2 * height // 3, x + width // 4 : x + 3 * width // 4]
-    plain = settled_picture(scene, "one-eye")[part]
+    plain = settled_image(scene, "one-eye")[part]
     scene.locator('.scene input[name="anaglyph"]').check()
-    double = settled_picture(scene, "anaglyph")[part]
+    double = settled_image(scene, "anaglyph")[part]
     apart = [np.abs(eyes[..., 0] - eyes[..., 2]).mean() for eyes in (plain, double)]
     assert apart[0] < 3
     assert apart[1] > 5
@@ -257,15 +257,15 @@ def test_red_and_cyan_views_differ(scene):
 
 def test_tie_points_and_telemetry_are_shown_in_3d(scene):
     x = round(canvas(scene)[0])
-    picture = settled_picture(scene, "all")[:, x:]
-    red = (np.abs(picture - [224, 45, 37]).max(axis=2) < 40).sum()
-    blue = (np.abs(picture - [23, 105, 224]).max(axis=2) < 40).sum()
+    image = settled_image(scene, "all")[:, x:]
+    red = (np.abs(image - [224, 45, 37]).max(axis=2) < 40).sum()
+    blue = (np.abs(image - [23, 105, 224]).max(axis=2) < 40).sum()
     assert red > 100
     assert blue > 50
     scene.locator('.scene input[name="ties"]').check()
     scene.wait_for_timeout(600)
-    picture = settled_picture(scene, "ties")[:, x:]
-    assert (np.abs(picture - [122, 77, 216]).max(axis=2) < 40).sum() > 40
+    image = settled_image(scene, "ties")[:, x:]
+    assert (np.abs(image - [122, 77, 216]).max(axis=2) < 40).sum() > 40
 
 
 def test_the_rover_outline_on_the_map_has_its_true_size(page, scene_url):
@@ -274,8 +274,8 @@ def test_the_rover_outline_on_the_map_has_its_true_size(page, scene_url):
     look(page, scene_url + at(resolution, "", east, north))
     ready(page)
     page.wait_for_timeout(400)
-    picture = screenshot(page, "3d-outline").astype(int)
-    ink = np.abs(picture - [28, 47, 87]).max(axis=2) < 40
+    image = screenshot(page, "3d-outline").astype(int)
+    ink = np.abs(image - [28, 47, 87]).max(axis=2) < 40
     box = page.locator("div.map").bounding_box()
     ink[:, : round(box["x"] + 80)] = False  # tools
     ink[:, round(box["x"] + box["width"] - 60) :] = False
@@ -291,14 +291,14 @@ def test_the_rover_outline_on_the_map_has_its_true_size(page, scene_url):
 def test_dense_points_have_their_brightness_and_the_chosen_size(scene):
     only_ground(scene)
     scene.locator('.scene input[name="ground"]').uncheck()
-    bare = settled_picture(scene, "no-ground")
+    bare = settled_image(scene, "no-ground")
     scene.locator('.scene input[name="points"]').check()
-    told = lambda: int(scene.locator(".scene").get_attribute("data-points") or 0)  # noqa: E731
-    until(scene, lambda: told() > 2000)
-    small = settled_picture(scene, "points")
-    assert told() <= POINTS
+    reported = lambda: int(scene.locator(".scene").get_attribute("data-points") or 0)  # noqa: E731
+    until(scene, lambda: reported() > 2000)
+    small = settled_image(scene, "points")
+    assert reported() <= POINTS
     scene.locator('.scene input[name="pointSize"]').fill("6")
-    large = settled_picture(scene, "points-large")
+    large = settled_image(scene, "points-large")
     x, y, width, height = (round(value) for value in canvas(scene))
     middle_x = x + width // 2
     inner = slice(y + height // 3, y + 2 * height // 3)
@@ -308,10 +308,10 @@ def test_dense_points_have_their_brightness_and_the_chosen_size(scene):
         assert shown.sum() > 300
         assert np.median(large[inner, side][shown]) == pytest.approx(grey, abs=12)
     drawn = [
-        (np.abs(picture - bare).max(axis=2) > 20)[y : y + height, x : x + width].sum()
-        for picture in (small, large)
+        (np.abs(image - bare).max(axis=2) > 20)[y : y + height, x : x + width].sum()
+        for image in (small, large)
     ]
     assert drawn[1] > 1.5 * drawn[0] > 0
     scene.locator('.scene input[name="points"]').uncheck()
-    gone = settled_picture(scene, "points-gone")
+    gone = settled_image(scene, "points-gone")
     assert (np.abs(gone - bare).max(axis=2) > 20)[y + 60 : y + height, x : x + width].sum() < 50

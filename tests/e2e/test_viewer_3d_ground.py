@@ -17,7 +17,7 @@ from tests.e2e.test_viewer_3d import (
     middle,
     only_ground,
     seen_at,
-    settled_picture,
+    settled_image,
     spots,
 )
 from tests.support.bowl_store import STOPS, elevation_at
@@ -62,7 +62,7 @@ def nearer_to_first(east: float, north: float) -> float:
 
 
 def test_overlapping_ground_shows_only_the_nearer_stop(scene):
-    settled_picture(scene, "merged")
+    settled_image(scene, "merged")
     raised = level = 0
     for x, y in spots(scene):
         place = seen_at(scene, x, y)
@@ -74,7 +74,7 @@ def test_overlapping_ground_shows_only_the_nearer_stop(scene):
         raised, level = raised + is_first, level + (not is_first)
     assert min(raised, level) >= 4
     scene.locator('.scene select[name="stop"]').select_option(LAST)
-    settled_picture(scene, "one-stop")
+    settled_image(scene, "one-stop")
     places = [place for x, y in spots(scene) if (place := seen_at(scene, x, y)) is not None]
     assert len(places) > 10
     for place in places:
@@ -83,9 +83,9 @@ def test_overlapping_ground_shows_only_the_nearer_stop(scene):
 
 def shares_of_measured(page, name: str) -> float:
     """Share of the ground in the middle of the view that has the colour of measured ground."""
-    picture = settled_picture(page, name)
+    image = settled_image(page, name)
     x, y, width, height = (round(value) for value in canvas(page))
-    inner = picture[y + height * 2 // 5 : y + height * 3 // 5, x + width // 3 : x + width * 2 // 3]
+    inner = image[y + height * 2 // 5 : y + height * 3 // 5, x + width // 3 : x + width * 2 // 3]
     return float((np.abs(inner - MEASURED).max(axis=2) < 6).mean())
 
 
@@ -131,14 +131,14 @@ def test_a_click_and_enter_identify_the_ground(scene):
     place = seen_at(scene, x + 50, y + 20)
     scene.mouse.click(x + 50, y + 20)
 
-    def told() -> list[float]:
+    def reported() -> list[float]:
         found = re.search(r"pt=([-\d.]+),([-\d.]+)", scene.evaluate("location.hash"))
         return [float(number) for number in found.groups()] if found else [math.inf] * 2
 
-    until(scene, lambda: math.dist(told(), place[:2]) < PIXEL_M)
+    until(scene, lambda: math.dist(reported(), place[:2]) < PIXEL_M)
     centre = seen_at(scene, x, y)
     scene.locator(".scene-view canvas").press("Enter")
-    until(scene, lambda: math.dist(told(), centre[:2]) < PIXEL_M)
+    until(scene, lambda: math.dist(reported(), centre[:2]) < PIXEL_M)
 
 
 def test_a_drag_identifies_nothing(scene):
@@ -147,7 +147,7 @@ def test_a_drag_identifies_nothing(scene):
     scene.mouse.down()
     scene.mouse.move(x + 40, y + 10, steps=4)
     scene.mouse.up()
-    settled_picture(scene, "dragged")
+    settled_image(scene, "dragged")
     assert "pt=" not in scene.evaluate("location.hash")
 
 

@@ -96,7 +96,7 @@ def plan_a_tie(page, url: str, mission: str) -> None:
     page.wait_for_selector('[data-pane="second"][data-predicted]')
     ready(page)
     page.set_viewport_size({"width": 1280, "height": 760})  # 40 lower: the middle stays one
-    page.wait_for_timeout(200)  # the picture is drawn in the next frame
+    page.wait_for_timeout(200)  # the image is drawn in the next frame
     box = pane(page, "second").locator("canvas").bounding_box()
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     until(page, lambda: "sample" in page.locator('[data-pick="second"]').inner_text())
@@ -151,10 +151,10 @@ def test_picks_in_the_anaglyph_equal_picks_in_the_left_image(page, own):
     assert sample == pytest.approx(size[0] / 2, abs=1.0)
 
 
-def is_coloured(picture: np.ndarray, page) -> bool:
+def is_coloured(png: np.ndarray, page) -> bool:
     box = pane(page, "first").locator("canvas").bounding_box()
     x, y = (round(box[a] + box[b] / 2) for a, b in (("x", "width"), ("y", "height")))
-    patch = picture[y - 60 : y + 60, x - 60 : x + 60].astype(int)
+    patch = png[y - 60 : y + 60, x - 60 : x + 60].astype(int)
     return np.abs(patch[..., 0] - patch[..., 2]).mean() > 3.0
 
 

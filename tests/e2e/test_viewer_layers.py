@@ -145,15 +145,15 @@ def test_slope_drawn_by_the_viewer_equals_slope_drawn_by_the_server(page, url):
 def test_relief_drawn_by_the_viewer_has_no_seams(page, url):
     resolution = 0.08
     look(page, url + at(resolution, "mer2/dtm~relief"))
-    picture = screenshot(page, "relief").astype(int)
+    image = screenshot(page, "relief").astype(int)
     # Tiles meet at multiples of 20.48 m: across these lines the light changes slowly.
     for east in (-20.48, 0.0, 20.48):
         x, _ = pixel_of(page, east, 0.0, resolution)
         for north in np.arange(-15.0, 15.1, 1.5):
             y = round(pixel_of(page, 0.0, north, resolution)[1])
-            row = picture[y, round(x) - 4 : round(x) + 5, 0]
+            row = image[y, round(x) - 4 : round(x) + 5, 0]
             assert np.abs(np.diff(row)).max() <= 2
-    level = colour_at(picture, pixel_of(page, 0.3, 0.3, resolution))
+    level = colour_at(image, pixel_of(page, 0.3, 0.3, resolution))
     assert np.abs(level - 255 * math.sin(math.radians(45))).max() <= 3
 
 
@@ -168,9 +168,9 @@ def test_colours_follow_the_chosen_limits_and_so_does_the_legend(page, url):
     ready(page)
     assert row.locator(".ticks span").all_inner_texts() == ["1", "1.75", "2.5", "3.25", "4"]
     page.wait_for_timeout(300)
-    picture = screenshot(page, "stretch")
+    image = screenshot(page, "stretch")
     for radius, colour in ((5.0, VIRIDIS[0]), (30.0, VIRIDIS[1])):
-        shown = colour_at(picture, pixel_of(page, radius, 0.0, resolution))
+        shown = colour_at(image, pixel_of(page, radius, 0.0, resolution))
         assert np.abs(shown - colour).max() <= 4
     assert "mer2/dtm~::1:4" in page.url
     page.reload()
@@ -186,10 +186,10 @@ NOTHING = np.array([0xCF, 0xCB, 0xC4])
 def test_values_below_a_floor_are_not_drawn(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/dtm*1~tilt::::10"))
-    picture = screenshot(page, "floor")
+    image = screenshot(page, "floor")
     # To the south of the middle the ground falls to the north, by 10 degrees at 8.8 m.
-    hidden = colour_at(picture, pixel_of(page, 0.0, -7.0, resolution))
-    drawn = colour_at(picture, pixel_of(page, 0.0, -12.0, resolution))
+    hidden = colour_at(image, pixel_of(page, 0.0, -7.0, resolution))
+    drawn = colour_at(image, pixel_of(page, 0.0, -12.0, resolution))
     assert np.abs(hidden - NOTHING).max() <= 2
     assert np.abs(drawn - NOTHING).max() > 20
 
@@ -263,12 +263,12 @@ def test_the_sol_slider_hides_layers_of_other_sols(page, url):
 
 def test_playback_shows_the_sols_in_order_and_ends_with_all(page, url):
     look(page, url + at(0.1, f"mer2/orthophoto,{STOP}/dtm"))
-    told = page.locator(".sol-filter output")
+    reported = page.locator(".sol-filter output")
     page.get_by_role("button", name="Play").click()
-    until(page, lambda: told.inner_text() == "sol 155")
+    until(page, lambda: reported.inner_text() == "sol 155")
     assert page.get_by_role("button", name="Stop", exact=True).is_visible()
-    until(page, lambda: told.inner_text() == "sol 156")
-    until(page, lambda: told.inner_text() == "all sols")
+    until(page, lambda: reported.inner_text() == "sol 156")
+    until(page, lambda: reported.inner_text() == "all sols")
     assert page.get_by_role("button", name="Play").is_visible()
 
 
@@ -314,10 +314,10 @@ def test_a_multiplying_layer_darkens_those_below_and_the_link_restores_it(page, 
     row = page.locator('li[data-layer="mer2/orthophoto"].layer')
     row.locator(".more").click()
     row.get_by_label("blend").select_option("multiply")
-    wanted = 91 * math.sqrt(0.5)  # of the shades of both; the bottom of the bowl is nearly level
+    requested = 91 * math.sqrt(0.5)  # of the shades of both; the bottom of the bowl is nearly level
 
     def is_multiplied() -> bool:
-        return bool(np.abs(colour_at(screenshot(page, "multiply"), place) - wanted).max() <= 4)
+        return bool(np.abs(colour_at(screenshot(page, "multiply"), place) - requested).max() <= 4)
 
     until(page, is_multiplied)
     assert "mer2/orthophoto*1*multiply" in page.url
@@ -383,9 +383,9 @@ def test_the_divider_shows_one_layer_on_each_side(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto") + compare("swipe"))
     left, right = (pixel_of(page, east, 2.0, resolution) for east in (-6.0, 2.0))
-    picture = screenshot(page, "swipe")
-    assert np.abs(colour_at(picture, left) - 91).max() <= 3  # the orthophoto, A
-    assert colour_at(picture, right).mean() > 160  # the hillshade, B
+    image = screenshot(page, "swipe")
+    assert np.abs(colour_at(image, left) - 91).max() <= 3  # the orthophoto, A
+    assert colour_at(image, right).mean() > 160  # the hillshade, B
     line = page.locator(".divider")
     box = line.bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, 500)
@@ -410,7 +410,7 @@ def test_the_difference_of_two_models_is_the_difference_put_in(page, url):
     pair = compare("difference", f"{STOP}/dtm", "mer2/dtm")
     look(page, url + at(resolution) + pair + ",0.4")
     page.locator('[data-tab="compare"]').click()
-    picture = screenshot(page, "difference")
+    image = screenshot(page, "difference")
     assert page.locator(".difference .ticks span").all_inner_texts() == [
         "−0.4",
         "−0.2",
@@ -418,9 +418,9 @@ def test_the_difference_of_two_models_is_the_difference_put_in(page, url):
         "0.2",
         "0.4",
     ]
-    same = colour_at(picture, pixel_of(page, -10.0, 5.0, resolution))
-    higher = colour_at(picture, pixel_of(page, 25.0, 5.0, resolution))
-    lower = colour_at(picture, pixel_of(page, -31.0, 5.0, resolution))
+    same = colour_at(image, pixel_of(page, -10.0, 5.0, resolution))
+    higher = colour_at(image, pixel_of(page, 25.0, 5.0, resolution))
+    lower = colour_at(image, pixel_of(page, -31.0, 5.0, resolution))
     assert np.abs(same - 0xF7).max() <= 4
     assert higher[0] > higher[2] + 60
     assert lower[2] > lower[0] + 30

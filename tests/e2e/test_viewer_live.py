@@ -23,7 +23,7 @@ from tests.support.browsing import (
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """What tells one product from the next."""
+    """What distinguishes one product from the next."""
 
     value: float
 

@@ -98,18 +98,18 @@ def test_features_of_a_local_file_are_at_their_coordinates(page, url, features, 
     edges = [pixel_of(page, (east + 10) / 2, north, RESOLUTION) for east, north in CORNERS]
 
     def is_drawn() -> bool:
-        picture = screenshot(page, f"file-{write.__name__}")
-        return all(colour_at(picture, at)[2] > colour_at(empty, at)[2] + 40 for at in edges)
+        image = screenshot(page, f"file-{write.__name__}")
+        return all(colour_at(image, at)[2] > colour_at(empty, at)[2] + 40 for at in edges)
 
     until(page, is_drawn)
     outside = pixel_of(page, 18.0, 8.0, RESOLUTION)
-    picture = screenshot(page, f"file-{write.__name__}")
-    assert np.abs(colour_at(picture, outside) - colour_at(empty, outside)).max() <= 2
+    image = screenshot(page, f"file-{write.__name__}")
+    assert np.abs(colour_at(image, outside) - colour_at(empty, outside)).max() <= 2
     page.get_by_role("button", name="remove plan").click()
 
     def is_gone() -> bool:
-        picture = screenshot(page, "removed")
-        return all((colour_at(picture, at) == colour_at(empty, at)).all() for at in edges)
+        image = screenshot(page, "removed")
+        return all((colour_at(image, at) == colour_at(empty, at)).all() for at in edges)
 
     until(page, is_gone)
     assert rows(page) == []
@@ -122,15 +122,15 @@ def test_attributes_of_a_local_feature_are_shown_on_click(page, url, features, t
     centre(page)
     until(page, lambda: f"at=0,0,{RESOLUTION}" in page.url)
     page.mouse.click(*pixel_of(page, 10.0, 8.0, RESOLUTION))
-    told = page.locator(".file-attributes")
-    told.wait_for()
-    assert told.locator("h2").inner_text() == "plan.geojson"
-    rows = [row.inner_text().split("\t") for row in told.locator("tr").all()]
+    reported = page.locator(".file-attributes")
+    reported.wait_for()
+    assert reported.locator("h2").inner_text() == "plan.geojson"
+    rows = [row.inner_text().split("\t") for row in reported.locator("tr").all()]
     assert rows == [["name", "keep out"], ["depth_cm", "20"]]
     page.locator(".point").wait_for()
     screenshot(page, "file-attributes")
     page.mouse.click(*pixel_of(page, 10.0, -8.0, RESOLUTION))
-    until(page, lambda: told.count() == 0)
+    until(page, lambda: reported.count() == 0)
 
 
 def write_quarters(folder: Path, crs: str | None) -> Path:

@@ -141,10 +141,10 @@ def test_a_profile_and_the_map_share_one_cursor(measuring):
     left, right = field["x"] + 56, field["x"] + field["width"] - 14
     measuring.mouse.move(left + 0.25 * (right - left), field["y"] + 50)
     until(measuring, lambda: readout.inner_text() != "")
-    distance, _, told = readout.inner_text().partition(" m: elevation ")
+    distance, _, reported = readout.inner_text().partition(" m: elevation ")
     assert float(distance) == pytest.approx(10.0, abs=0.1)
-    assert float(told.split(" ± ")[0]) == pytest.approx(1.0, abs=0.03)
-    assert float(told.split(" ± ")[1].split()[0]) == pytest.approx(0.02, abs=2e-3)
+    assert float(reported.split(" ± ")[0]) == pytest.approx(1.0, abs=0.03)
+    assert float(reported.split(" ± ")[1].split()[0]) == pytest.approx(0.02, abs=2e-3)
     measuring.wait_for_timeout(200)
     after = screenshot(measuring, "measure_profile")
     x, y = (round(pixel) for pixel in pixel_of(measuring, -10.0, 0.0, RESOLUTION))

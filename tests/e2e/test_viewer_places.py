@@ -201,6 +201,6 @@ def test_stops_of_other_sols_are_hidden_by_the_sol_filter(page, url):
     place = STOPS[1][3]
     for sol, is_drawn in ((155, True), (156, False)):  # all stops are of sol 155
         look(page, url + at(RESOLUTION, "mer2/stops") + f"&sol={sol}")
-        picture = screenshot(page, f"places_sol_{sol}")
-        red, green, blue = colour_at(picture, pixel_of(page, *place, RESOLUTION))
+        image = screenshot(page, f"places_sol_{sol}")
+        red, green, blue = colour_at(image, pixel_of(page, *place, RESOLUTION))
         assert (red > 200 and green < 90 and blue < 90) == is_drawn

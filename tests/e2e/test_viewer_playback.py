@@ -60,12 +60,12 @@ def test_a_video_shows_every_sol_for_the_chosen_duration(footprints, tmp_path):
     footprints.get_by_label("keep earlier sols").check()
     open_dialog(footprints)
     path = save(footprints, "webm", tmp_path)
-    told = subprocess.run(
+    reported = subprocess.run(
         [ffprobe, "-v", "error", "-show_packets", "-show_streams", "-of", "json", path],
         capture_output=True,
         check=True,
     )
-    found = json.loads(told.stdout)
+    found = json.loads(reported.stdout)
     (stream,) = found["streams"]
     assert stream["codec_type"] == "video"
     assert stream["width"] % 2 == stream["height"] % 2 == 0

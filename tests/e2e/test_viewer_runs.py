@@ -1,4 +1,4 @@
-"""Runs, notes and signing in: what people write on the map, what the pipeline says of itself."""
+"""Runs, notes and signing in: annotations by people, and progress of the pipeline."""
 
 from __future__ import annotations
 
@@ -107,9 +107,9 @@ def test_invalid_parameters_do_not_reach_the_confirmation(page, workspace, live)
     page.locator('dialog button[type="submit"]').click()
     page.locator("[data-confirm]").click()
     until(page, lambda: page.locator(".request").count() == 1)
-    (asked,) = RunRequests.of(workspace.store.root).requests()
-    assert asked.mission == "MER2"
-    assert asked.parameters == {"sols": "155-157", "instruments": ["navcam"], "dry_run": False}
+    (requested,) = RunRequests.of(workspace.store.root).requests()
+    assert requested.mission == "MER2"
+    assert requested.parameters == {"sols": "155-157", "instruments": ["navcam"], "dry_run": False}
 
 
 def test_runs_are_cancelled_and_retried_and_deployments_paused(page, workspace, live):

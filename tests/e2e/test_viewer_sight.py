@@ -82,9 +82,9 @@ def test_the_top_of_the_dome_blocks_a_line_and_is_marked(seeing):
     seeing.keyboard.press("Escape")
     seeing.evaluate("document.activeElement.blur()")  # its cross in the middle covers the mark
     seeing.wait_for_timeout(300)
-    picture = screenshot(seeing, "sight_blocked")
+    image = screenshot(seeing, "sight_blocked")
     at_east, at_north = value(item, "blocked at east"), value(item, "blocked at north")
-    red, green, blue = colour_at(picture, pixel_of(seeing, at_east, at_north, RESOLUTION))
+    red, green, blue = colour_at(image, pixel_of(seeing, at_east, at_north, RESOLUTION))
     assert (red - green > 120, red - blue > 120) == (True, True)
 
 
@@ -208,25 +208,27 @@ def test_tie_points_have_the_residual_colours_of_the_legend(page, dome_url):
     page.wait_for_timeout(300)
     swatches = page.locator('[data-layer="mer2/tie-points"] .swatch')
     assert swatches.count() == len(CLASSES)
-    picture = screenshot(page, "ties")
+    image = screenshot(page, "ties")
     for number, colour in enumerate(CLASSES):
-        told = (
+        reported = (
             swatches.nth(number).locator("i").evaluate("i => getComputedStyle(i).backgroundColor")
         )
-        assert told == "rgb({}, {}, {})".format(*rgb(colour))
+        assert reported == "rgb({}, {}, {})".format(*rgb(colour))
         spot = pixel_of(page, *tie_place(number), RESOLUTION)
-        np.testing.assert_allclose(colour_at(picture, spot), rgb(colour), atol=12)
+        np.testing.assert_allclose(colour_at(image, spot), rgb(colour), atol=12)
     assert swatches.nth(3).inner_text() == "0.3 to 1 px"
 
 
 @pytest.mark.parametrize(
-    ("number", "told"), [(3, "residual 0.50 px"), (5, "residual 26.00 px"), (6, "not known")]
+    ("number", "reported"), [(3, "residual 0.50 px"), (5, "residual 26.00 px"), (6, "not known")]
 )
-def test_a_tie_point_under_the_pointer_shows_residual_kind_and_images(page, dome_url, number, told):
+def test_a_tie_point_under_the_pointer_shows_residual_kind_and_images(
+    page, dome_url, number, reported
+):
     look(page, dome_url + at(RESOLUTION, "mer2/orthophoto,mer2/tie-points"))
     page.mouse.move(*pixel_of(page, *tie_place(number), RESOLUTION))
     tip = page.locator(".tip")
-    until(page, lambda: told in tip.inner_text())
+    until(page, lambda: reported in tip.inner_text())
     for part in ("cross-site", "0.03 m", "2N1400L0M1", "2N1401L0M1"):
         assert part in tip.inner_text()
     screenshot(page, f"ties_tip_{number}")

@@ -96,8 +96,8 @@ class Keyboard(Mouse):
 
     def tab(self, name: str) -> None:
         self.focus(self.page.locator('[role="tab"][aria-selected="true"]'))
-        wanted = self.page.locator(f'[data-tab="{name}"]')
-        while wanted.get_attribute("aria-selected") != "true":
+        requested = self.page.locator(f'[data-tab="{name}"]')
+        while requested.get_attribute("aria-selected") != "true":
             self.press("ArrowRight")
 
     def to_map(self) -> None:
@@ -256,7 +256,7 @@ def test_add_a_tie_and_preview_the_adjustment(hand, true_images, tmp_path):
         page.wait_for_selector('[data-pane="second"][data-predicted]')
         ready(page)
         page.set_viewport_size({"width": 1280, "height": 760})
-        page.wait_for_timeout(200)  # the picture is drawn in the next frame
+        page.wait_for_timeout(200)  # the image is drawn in the next frame
         hand.pick_middle("second")
         until(page, lambda: "sample" in page.locator('[data-pick="second"]').inner_text())
         hand.click(page.locator('[data-act="plan"]'))

@@ -57,7 +57,7 @@ def test_the_difference_of_two_solutions_is_the_difference_put_in(page, twice):
     for east in (-20.0, 0.0, 20.0):
         page.mouse.move(*pixel_of(page, east, 5.0, RESOLUTION))
         expected = -(OFF_M + TILT * east)
-        until(page, lambda e=expected: abs(said(here) - e) < 0.003)
+        until(page, lambda e=expected: abs(message(here) - e) < 0.003)
 
 
 def test_a_comparison_requested_before_its_part_has_loaded_is_shown(page, twice):
@@ -75,7 +75,7 @@ def test_a_comparison_requested_before_its_part_has_loaded_is_shown(page, twice)
     ready(page)
 
 
-def said(here) -> float:
+def message(here) -> float:
     words = here.inner_text().replace("\u2212", "-").split()
     return float(words[1]) if len(words) > 1 and words[0] == "here" else np.nan
 
@@ -99,7 +99,7 @@ def test_two_solutions_are_on_both_sides_of_the_divider_and_the_link_restores_th
 
 
 def sides(page, name: str) -> tuple[float, float]:
-    page.wait_for_timeout(400)  # pictures fade in
+    page.wait_for_timeout(400)  # images fade in
     shown = screenshot(page, name)
     places = [pixel_of(page, east, 20.0, RESOLUTION) for east in (-10.0, 10.0)]
     left, right = (float(colour_at(shown, place).mean()) for place in places)

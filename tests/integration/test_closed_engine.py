@@ -1,4 +1,4 @@
-"""Prefect's server as solmap starts it gives nothing to whoever has not its password."""
+"""Prefect's server as solmap starts it gives nothing to clients without its password."""
 
 import json
 import os
@@ -55,10 +55,10 @@ class Engine:
     def url(self) -> str:
         return address(self.port)
 
-    def ask(self, path: str, body: dict) -> dict:
+    def request(self, path: str, body: dict) -> dict:
         for _ in range(20):
             answer = self.friend.post(f"/api{path}", json=body)
-            if answer.status_code != 503:  # a busy database: Prefect's own client asks again too
+            if answer.status_code != 503:  # a busy database: Prefect's own client retries too
                 break
             time.sleep(0.5)
         return answer.raise_for_status().json()
@@ -84,9 +84,9 @@ def engine(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def deployment(engine):
-    flow = engine.ask("/flows/", {"name": "harmless"})
+    flow = engine.request("/flows/", {"name": "harmless"})
     body = {"name": "served", "flow_id": flow["id"], "entrypoint": "harmless.flow"}
-    return engine.ask("/deployments/", body)
+    return engine.request("/deployments/", body)
 
 
 def test_the_password_file_is_readable_by_its_owner_only(engine):
@@ -159,21 +159,21 @@ def _listen(url, protocols, first):
 
 
 def test_pages_of_other_sites_are_not_answered(engine):
-    asked = {"Origin": "https://evil.example", "Access-Control-Request-Method": "POST"}
-    answer = engine.stranger.options("/api/flows/filter", headers=asked)
+    requested = {"Origin": "https://evil.example", "Access-Control-Request-Method": "POST"}
+    answer = engine.stranger.options("/api/flows/filter", headers=requested)
     assert "access-control-allow-origin" not in answer.headers
-    own = engine.stranger.options("/api/flows/filter", headers={**asked, "Origin": engine.url})
+    own = engine.stranger.options("/api/flows/filter", headers={**requested, "Origin": engine.url})
     assert own.headers["access-control-allow-origin"] == engine.url
 
 
 def test_old_runs_are_removed_and_recent_ones_kept(engine, deployment):
     """Their end is dated back; the server's own service does the rest."""
     start = f"/deployments/{deployment['id']}/create_flow_run"
-    old, young = (engine.ask(start, {})["id"] for _ in range(2))
+    old, young = (engine.request(start, {})["id"] for _ in range(2))
     for run in (old, young):
         for state in ("RUNNING", "COMPLETED"):
             body = {"state": {"type": state}, "force": True}
-            engine.ask(f"/flow_runs/{run}/set_state", body)
+            engine.request(f"/flow_runs/{run}/set_state", body)
     with closing(sqlite3.connect(engine.store / "prefect" / "prefect.db", timeout=30)) as file:
         date_back = "UPDATE flow_run SET end_time = '2020' || substr(end_time, 5) WHERE id = ?"
         file.execute(date_back, (old,))

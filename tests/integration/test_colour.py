@@ -78,7 +78,7 @@ def workspace(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def pair(workspace):
-    """The pair, matched, and placed as its label says."""
+    """The pair, matched, with the pose of its label."""
     (files,) = pairs_of(workspace.catalogue.images())
     products = match_stereo_pair.fn(files, MatchParams(), workspace.store)
     geometry, _ = read_matches(workspace.store.path(products.matches))
@@ -134,9 +134,9 @@ def bayer_mosaic(data: bytes) -> bytes:
     side = round(pixels.size**0.5)
     line, sample = np.indices((side, side)) % 2
     mosaic = np.rint(pixels.reshape(side, side) * np.array(DETECTOR)[line + sample])
-    said = b"  COLOR_FILTER_ARRAY_STATE        = ENCODED "
+    message = b"  COLOR_FILTER_ARRAY_STATE        = ENCODED "
     plain = re.search(rb"  SAMPLE_BIT_MASK +=[^\r\n]*", head)[0]
-    return head.replace(plain, said.ljust(len(plain))) + mosaic.astype(">u2").tobytes()
+    return head.replace(plain, message.ljust(len(plain))) + mosaic.astype(">u2").tobytes()
 
 
 DETECTOR = (1.2, 1.0, 0.8)
@@ -182,7 +182,7 @@ def check_colours(store, pair, frames, gains, cell_m=ORTHOPHOTO.cell_m, alike=0.
     with rasterio.open(store.path(grey)) as one, rasterio.open(store.path(made)) as other:
         assert one.bounds == other.bounds
         assert other.tags()["FILTERS"] == ("RGB" if frames[0].filters is None else "L4, L5, L6")
-        picture = one.read(1).astype(float) * one.scales[0] + one.offsets[0]
+        png = one.read(1).astype(float) * one.scales[0] + one.offsets[0]
         seen = one.read(1) > 0
         for index, gain in enumerate(gains, start=1):
             stored = other.read(index)
@@ -190,6 +190,6 @@ def check_colours(store, pair, frames, gains, cell_m=ORTHOPHOTO.cell_m, alike=0.
             both = seen & (stored > 1) & (stored < 255)
             assert both.sum() > 0.9 * seen.sum()
             # a step of grey is 1/254 of each band's range; brightness runs over thousands
-            np.testing.assert_allclose(np.median(band[both] / picture[both]), gain, rtol=0.02)
-            assert np.corrcoef(band[both], picture[both])[0, 1] > alike
+            np.testing.assert_allclose(np.median(band[both] / png[both]), gain, rtol=0.02)
+            assert np.corrcoef(band[both], png[both])[0, 1] > alike
     return sources

@@ -44,7 +44,7 @@ def test_products_are_whole_after_their_writer_is_killed_repeatedly(tmp_path: Pa
 
 @pytest.fixture(scope="module")
 def crash_test(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """A downlink and one engine for all flows: processes that are forked know no later one."""
+    """A downlink and one engine for all flows: forked processes cannot use a later one."""
     from tests.support.crashes import prepared  # noqa: PLC0415 - starts an engine
 
     with prepared(tmp_path_factory.mktemp("crashes"), seed=1, pairs=2) as test:

@@ -16,7 +16,7 @@ from tests.support.site_pairs import (
     WORLDS,
     SitePair,
     Views,
-    judged,
+    evaluated,
     matched_stops,
     negative_pairs,
     positive_pairs,
@@ -32,7 +32,7 @@ def outcomes(pairs, params):
     for pair in pairs:
         stops = stops_of(pair)
         first, second = (views.of(stop) for stop in matched_stops(pair, *stops))
-        every.append(judged(pair, *stops, tie_cross_site(first, second, params), 0.0))
+        every.append(evaluated(pair, *stops, tie_cross_site(first, second, params), 0.0))
     return every
 
 
@@ -74,12 +74,12 @@ def test_errors_of_links_agree_with_their_covariances(shared):
 def test_a_stop_is_linked_after_total_wheel_slip(world, earlier, later, off_m):
     pair = SitePair((world, earlier), (world, later))
     one, other = stops_of(pair)
-    told, here = other.matched.lsl_from_rover, one.matched.lsl_from_rover
+    reported, here = other.matched.lsl_from_rover, one.matched.lsl_from_rover
     true = here.translation_m + here.rotation @ (one.true.inverse @ other.true).translation_m
     place = true + np.array([*off_m, 0.0])
-    spun = other.told_at(Pose(told.target, told.source, told.rotation, place))
+    spun = other.reported_at(Pose(reported.target, reported.source, reported.rotation, place))
     link = tie_cross_site(one.matched, spun, CrossSiteParams())
-    outcome = judged(pair, one, other, link, 0.0)
+    outcome = evaluated(pair, one, other, link, 0.0)
     assert outcome.linked, outcome
     assert not outcome.is_false, outcome
 

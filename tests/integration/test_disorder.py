@@ -65,7 +65,7 @@ def test_a_late_image_remakes_only_what_depends_on_it(tmp_path: Path) -> None:
     assert {sol.sol for sol in report.sols if sol.notes} == {155, 156, 157}
     networks = {one.scope.name for one in fresh if one.kind is ProductKind.NETWORK}
     assert networks == {"mer2-sol0156", "mer2-sol0157"}
-    mapped_anew = {
+    remapped = {
         stop
         for ref in fresh
         if ref.kind is ProductKind.ORIENTATIONS
@@ -73,8 +73,8 @@ def test_a_late_image_remakes_only_what_depends_on_it(tmp_path: Path) -> None:
         if mapped.is_new
     }
     independent = fresh - dependents(entry.ref, workspace)
-    assert {one.scope.name for one in independent} <= mapped_anew  # by poses, plain numbers
-    assert mapped_anew == {entry.stop, "mer2-site0011-drive0000"}
+    assert {one.scope.name for one in independent} <= remapped  # by poses, plain numbers
+    assert remapped == {entry.stop, "mer2-site0011-drive0000"}
     assert not {one for one in fresh if one.scope.name == "mer2-site0010-drive0000"}
 
 

@@ -91,10 +91,10 @@ def test_qgis_draws_visible_layers_at_their_coordinates(project):
 def test_gdal_reads_a_raster_with_its_values(exported):
     if not GDALINFO.is_file():
         pytest.skip(f"there is no {GDALINFO}: install gdal-bin")
-    said = subprocess.run(
+    message = subprocess.run(
         [GDALINFO, "-valonly", "-b", "1", "-geoloc", str(exported / "maps" / DTM), "10.04", "4.04"],
         check=True,
         capture_output=True,
         text=True,
     )
-    assert float(said.stdout) == pytest.approx(elevation_at(10.04, 4.04), abs=1e-4)
+    assert float(message.stdout) == pytest.approx(elevation_at(10.04, 4.04), abs=1e-4)

@@ -28,7 +28,7 @@ def world() -> World:
 
 @pytest.fixture(scope="module")
 def mapped(engine, tmp_path_factory) -> tuple[Workspace, Path, Path]:  # noqa: ARG001
-    """The downlink taken all the way with far ground wanted: store, downlink and settings."""
+    """The downlink processed with far ground enabled: store, downlink and settings."""
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
     folder = tmp_path_factory.mktemp("far")
@@ -68,7 +68,7 @@ def test_far_ground_has_its_true_coordinates(mapped, world):
         error_m, sigma_m = errors(dtm, world, low, high)
         assert len(error_m) > cells
         assert np.median(np.abs(error_m)) < most_m
-        # the tilt of the left camera is no part of sigma: 0.04 degrees are 0.14 m at 200 m
+        # the tilt of the left camera is not part of sigma: 0.04 degrees are 0.14 m at 200 m
         assert (np.abs(error_m) < 3 * sigma_m).mean() > 0.8
 
 

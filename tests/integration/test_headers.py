@@ -1,4 +1,4 @@
-"""What is said in the head of every answer, and to pages of other sites."""
+"""Headers of every answer, and answers to pages of other sites."""
 
 from __future__ import annotations
 
@@ -36,22 +36,23 @@ def test_every_answer_has_the_security_headers(root, path):
 
 
 def test_no_other_site_is_allowed_unless_it_is_named(root):
-    asked = {"Origin": ELSEWHERE}
+    requested = {"Origin": ELSEWHERE}
     with TestClient(create_app(root)) as client:
         assert (
-            "access-control-allow-origin" not in client.get("/api/missions", headers=asked).headers
+            "access-control-allow-origin"
+            not in client.get("/api/missions", headers=requested).headers
         )
     with TestClient(create_app(root, origins=[ELSEWHERE])) as client:
-        head = client.get("/api/missions", headers=asked).headers
+        head = client.get("/api/missions", headers=requested).headers
         assert head["access-control-allow-origin"] == ELSEWHERE
         assert "access-control-allow-credentials" not in head
         other = client.get("/api/missions", headers={"Origin": "https://evil.example"}).headers
         assert "access-control-allow-origin" not in other
-        before = {**asked, "Access-Control-Request-Method": "POST"}
+        before = {**requested, "Access-Control-Request-Method": "POST"}
         before["Access-Control-Request-Headers"] = "authorization"
-        asked_before = client.options("/api/runs", headers=before)
-        assert asked_before.status_code == 200
-        assert "POST" in asked_before.headers["access-control-allow-methods"]
+        requested_before = client.options("/api/runs", headers=before)
+        assert requested_before.status_code == 200
+        assert "POST" in requested_before.headers["access-control-allow-methods"]
 
 
 def test_a_store_without_tokens_accepts_no_writes(root):

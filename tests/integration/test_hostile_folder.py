@@ -87,7 +87,7 @@ def test_a_stopped_run_ends_with_one_line(tmp_path, number, reached):
         while not (tmp_path / "store" / reached).exists():
             time.sleep(0.1)
         process.send_signal(signal.Signals[number])
-        _, said = process.communicate(timeout=60)
+        _, message = process.communicate(timeout=60)
     assert process.returncode == 128 + signal.Signals[number]
-    assert said.splitlines()[-1] == "stopped; what was made is kept; run again to continue"
-    assert "Traceback" not in said
+    assert message.splitlines()[-1] == "stopped; what was made is kept; run again to continue"
+    assert "Traceback" not in message

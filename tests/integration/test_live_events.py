@@ -13,7 +13,7 @@ import pytest
 from solmap.products.catalogue.catalogue import Catalogue
 from tests.support.live_server import listening, serving
 
-_TELL = """
+_REPORT = """
 import sys, time
 from pathlib import Path
 from solmap.products.catalogue.catalogue import Catalogue
@@ -30,8 +30,8 @@ def root(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def tell(root: Path, count: int) -> None:
-    subprocess.run([sys.executable, "-c", _TELL, str(root), str(count)], check=True)
+def report(root: Path, count: int) -> None:
+    subprocess.run([sys.executable, "-c", _REPORT, str(root), str(count)], check=True)
 
 
 def numbers(heard: queue.Queue, count: int) -> list[int]:
@@ -45,7 +45,7 @@ def test_two_listeners_receive_every_event_of_another_process_in_order(root):
         listening(f"{server}/api/events") as second,
     ):
         assert first.get(timeout=10)[0] == second.get(timeout=10)[0] == "hello"
-        tell(root, 20)
+        report(root, 20)
         delays = []
         for heard in (first, second):
             events = [heard.get(timeout=10) for _ in range(20)]
@@ -59,11 +59,11 @@ def test_two_listeners_receive_every_event_of_another_process_in_order(root):
 
 def test_a_client_that_reconnects_gets_the_missed_events(root):
     with serving(root) as server:
-        tell(root, 6)
+        report(root, 6)
         with listening(f"{server}/api/events", **{"Last-Event-ID": "2"}) as heard:
             assert heard.get(timeout=10)[:2] == ("hello", 2)
             assert numbers(heard, 4) == [2, 3, 4, 5]
-            tell(root, 1)
+            report(root, 1)
             assert numbers(heard, 1) == [0]
         with listening(f"{server}/api/events?since=6") as heard:
             assert numbers_after_hello(heard) == [0]
@@ -81,9 +81,9 @@ def test_events_of_other_missions_are_left_out_if_one_is_named(root):
         for mission in ("MER1", "MER2"):
             catalogue.append_event("layers.published", {"mission": mission, "layers": []})
         catalogue.append_event("run.changed", {"id": "a"})  # of no mission
-        told = [heard.get(timeout=10) for _ in range(2)]
-    assert [event[0] for event in told] == ["layers.published", "run.changed"]
-    assert told[0][2]["mission"] == "MER2"
+        reported = [heard.get(timeout=10) for _ in range(2)]
+    assert [event[0] for event in reported] == ["layers.published", "run.changed"]
+    assert reported[0][2]["mission"] == "MER2"
 
 
 def test_a_client_that_missed_removed_events_is_advised_to_reload(root):

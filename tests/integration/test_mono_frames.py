@@ -68,8 +68,8 @@ def test_mono_ties_are_kept_with_the_geometry_of_both_images(spirit):
 def test_a_figure_shows_mono_ties(spirit):
     workspace, ref, _ = spirit
     recipe = Recipe(ProductKind.QUICKLOOK, ref.scope, (ref,))
-    picture = cv2.imread(str(workspace.store.path(recipe.ref)))
-    green = (picture[:, :, 1] > 200) & (picture[:, :, 0] < 120)
+    png = cv2.imread(str(workspace.store.path(recipe.ref)))
+    green = (png[:, :, 1] > 200) & (png[:, :, 0] < 120)
     assert green.sum() > 1000
 
 

@@ -37,8 +37,8 @@ def test_documents_of_sols_hold_the_stops_they_changed(traverse):
         mapped = json.loads(workspace.store.path(standing.orientations).read_text())
         assert {row["stop"] for row in mapped["mapped"]} == set(map(str, stops))
         assert len(mapped["holders"]) == sol - len(stops)
-        told = workspace.store.provenance(standing.network)["recipe"]["params"]
-        named = [row for row in json.dumps(told).split('"') if row.startswith("mer2-site")]
+        reported = workspace.store.provenance(standing.network)["recipe"]["params"]
+        named = [row for row in json.dumps(reported).split('"') if row.startswith("mer2-site")]
         assert set(named) == set(map(str, stops))
 
 

@@ -1,4 +1,4 @@
-"""The notebooks of the documentation run, in the time that they state, and say what they should."""
+"""The notebooks of the documentation run in their stated time, and have the expected results."""
 
 import json
 from pathlib import Path

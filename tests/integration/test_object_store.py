@@ -28,6 +28,7 @@ from solmap.products.store.backends import ObjectStorage
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.mission.publish import update_stac
 from tests.support.bowl_store import GRID, REGION, fill
+from tests.support.decoded_answers import unpacked
 from tests.support.object_store import (
     NoObjectStoreError,
     ObjectStore,
@@ -38,7 +39,6 @@ from tests.support.object_store import (
     running_object_store,
     wire_to,
 )
-from tests.support.pictures import unpacked
 from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink
 from tests.support.tile_at import tile_at
 
@@ -183,12 +183,12 @@ def test_the_server_gives_the_same_answers_from_the_object_store(worlds):
     here, there = worlds.clients()
     forget_copies(worlds.there.store.root)
     layers = worlds.here.catalogue.layers("MER2")
-    asked = list(questions(layers))
-    for address in asked:
+    requested = list(questions(layers))
+    for address in requested:
         one, other = here.get(address), there.get(address)
         assert one.status_code == other.status_code == 200, address
         assert unpacked(one.content) == unpacked(other.content), address
-    assert len(asked) > 30
+    assert len(requested) > 30
 
 
 def test_tiles_are_read_in_place_by_a_few_requests(worlds, objects):
@@ -266,7 +266,7 @@ def test_two_concurrent_makers_of_one_product_keep_one(url, tmp_path):
     together, made = threading.Barrier(len(stores)), []
 
     def write(path: Path) -> None:
-        together.wait(timeout=30)  # nobody has sent anything yet
+        together.wait(timeout=30)  # nothing was sent yet
         path.write_bytes(b"label" * 1000)
 
     makers = [
@@ -363,14 +363,16 @@ def test_the_server_reports_an_unreachable_store_and_recovers(worlds, wire):
     client = TestClient(create_app(worlds.there.store.root, object_storage=replace(object_storage)))
     forget_copies(worlds.there.store.root)
     layers = worlds.here.catalogue.layers("MER2")
-    asked = [address for address in questions(layers) if address.startswith(("/tiles", "/down"))]
+    requested = [
+        address for address in questions(layers) if address.startswith(("/tiles", "/down"))
+    ]
     wire.cut()
-    for address in (*asked[:2], next(x for x in asked if x.startswith("/tiles"))):
+    for address in (*requested[:2], next(x for x in requested if x.startswith("/tiles"))):
         answer = client.get(address)
         assert answer.status_code == 503, (address, answer.text)
         assert "does not respond" in answer.json()["detail"]
     wire.mend()
-    assert {client.get(address).status_code for address in asked} == {200}
+    assert {client.get(address).status_code for address in requested} == {200}
 
 
 def test_an_unreachable_object_store_is_named(url, wire, tmp_path):
@@ -388,12 +390,12 @@ def test_a_missing_bucket_is_named(tmp_path):
 
 
 def test_keys_refused_by_the_bucket_are_named(url, objects, tmp_path):
-    objects.ask("POST", "moto-api/reset-auth", b"0")
+    objects.request("POST", "moto-api/reset-auth", b"0")
     try:
         with pytest.raises(ProductError, match=r"does not give access to s3://.*AWS_ACCESS_KEY_ID"):
             ProductStore.open(tmp_path, ObjectStorage(url))
     finally:
-        objects.ask("POST", "moto-api/reset-auth", b"inf")
+        objects.request("POST", "moto-api/reset-auth", b"inf")
 
 
 @pytest.mark.parametrize("wrong", ["http://a/b", "s3:///prefix", "bucket/prefix", "gs://a/b"])

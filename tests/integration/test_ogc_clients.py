@@ -51,25 +51,25 @@ def test_gdal_lists_the_collections_as_layers(server):
     listed = pyogrio.list_layers(f"OAPIF:{server}/ogc/MER2")
     names = set(listed[:, 0])
     assert {"traverse-adjusted", "stops", "images", "footprints", "tie-points", "contours"} <= names
-    assert not {name for name in names if "." in name}  # rasters are no layers of features
+    assert not {name for name in names if "." in name}  # rasters are not layers of features
 
 
-def debians(tool: str, *asked: str) -> str:
-    """What a program of the machine's own GDAL says; it must meet no error."""
+def debians(tool: str, *requested: str) -> str:
+    """Output of a program of the machine's own GDAL; it must report no error."""
     program = shutil.which(tool)
     if program is None:
         pytest.skip(f"{tool} of GDAL is not installed")
-    told = subprocess.run(
-        [program, *asked], capture_output=True, text=True, timeout=180, check=True
+    reported = subprocess.run(
+        [program, *requested], capture_output=True, text=True, timeout=180, check=True
     )
-    assert "ERROR" not in told.stderr + told.stdout
-    return told.stdout
+    assert "ERROR" not in reported.stderr + reported.stdout
+    return reported.stdout
 
 
 def test_the_system_gdal_lists_the_collections_and_counts_their_features(server):
-    told = debians("ogrinfo", "-so", "-al", f"OAPIF:{server}/ogc/MER2")
+    reported = debians("ogrinfo", "-so", "-al", f"OAPIF:{server}/ogc/MER2")
     layer = re.compile(r"^Layer name: (\S+)$.*?^Feature Count: (\d+)$", re.MULTILINE | re.DOTALL)
-    found = layer.findall(told)
+    found = layer.findall(reported)
     collections = httpx.get(f"{server}/ogc/MER2/collections").json()["collections"]
     items = f"{server}/ogc/MER2/collections/{{}}/items?limit=1"
     names = [one["id"] for one in collections]

@@ -1,4 +1,4 @@
-"""OGC API Tiles and WMTS as others meet them: GDAL, OWSLib and OpenLayers ask a live server."""
+"""OGC API Tiles and WMTS as clients use them: GDAL, OWSLib and OpenLayers query a live server."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def server(world: SmallWorld) -> Iterator[str]:
 
 @pytest.fixture(autouse=True)
 def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """GDAL keeps what it asked a WMTS for in the folder it runs in."""
+    """GDAL caches answers of a WMTS in the folder it runs in."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -83,8 +83,8 @@ def refusal(address: str) -> tuple[int, str]:
 
 
 def pixels(body: bytes) -> np.ndarray:
-    picture = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
-    return picture[:, :, [2, 1, 0, 3]]
+    image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
+    return image[:, :, [2, 1, 0, 3]]
 
 
 def expected_grey() -> np.ndarray:
@@ -206,10 +206,10 @@ def test_openlayers_reads_the_tileset_and_requests_the_tile_of_a_place(ogc, styl
     finally:
         script.unlink()
     assert found.returncode == 0, found.stderr
-    told = json.loads(found.stdout)
-    assert told["resolution"] == CELL_M
-    assert told["at"] == [OWN_ZOOM, INSIDE.column, INSIDE.row]
-    shown = pixels(read(told["url"]))
+    reported = json.loads(found.stdout)
+    assert reported["resolution"] == CELL_M
+    assert reported["at"] == [OWN_ZOOM, INSIDE.column, INSIDE.row]
+    shown = pixels(read(reported["url"]))
     assert shown.shape == (256, 256, 4)
     assert shown[..., 3].any()
 
@@ -284,7 +284,7 @@ def test_unseen_ground_is_transparent_for_every_client(ogc):
 
 
 @pytest.mark.parametrize(
-    ("path", "status", "says"),
+    ("path", "status", "content"),
     [
         ("collections/{map}/map/tiles/WebMercatorQuad/3/1/1", 404, "no tile matrix set WebMerc"),
         ("collections/nowhere.dtm/map/tiles/{tms}/3/1/1", 404, "no dtm of nowhere"),
@@ -297,10 +297,10 @@ def test_unseen_ground_is_transparent_for_every_client(ogc):
         ("collections/{map}/map/tiles/{tms}/3/1/1?low=nan", 422, "low"),
     ],
 )
-def test_unknown_resources_are_refused_with_the_reason(ogc, path, status, says):
+def test_unknown_resources_are_refused_with_the_reason(ogc, path, status, content):
     code, text = refusal(f"{ogc}/{path.format(map=ORTHOPHOTO, tms=TMS)}")
     assert code == status
-    assert says in text
+    assert content in text
 
 
 GET_TILE = {
@@ -315,7 +315,7 @@ GET_TILE = {
 
 
 @pytest.mark.parametrize(
-    ("changed", "code", "says"),
+    ("changed", "code", "content"),
     [
         ({"request": "GetMap"}, "OperationNotSupported", "request=GetMap is neither"),
         ({"layer": ""}, "MissingParameterValue", "GetTile needs layer"),
@@ -327,12 +327,12 @@ GET_TILE = {
         ({"format": "image/jpeg"}, "InvalidParameterValue", "format=image/jpeg is not"),
     ],
 )
-def test_an_invalid_wmts_request_gets_an_exception_report(ogc, changed, code, says):
+def test_an_invalid_wmts_request_gets_an_exception_report(ogc, changed, code, content):
     query = urllib.parse.urlencode({**GET_TILE, **changed})
     status, text = refusal(f"{ogc}/wmts?{query}")
     assert status == 400
     assert f'exceptionCode="{code}"' in text
-    assert says in text
+    assert content in text
 
 
 def test_parameters_of_wmts_may_be_written_in_any_case(ogc):

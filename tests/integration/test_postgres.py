@@ -45,10 +45,10 @@ def test_two_processes_publish_at_once_without_loss(tmp_path, catalogue_url):
         assert writer.returncode == 0
     catalogue = Catalogue.open(tmp_path, catalogue_url)
     assert len(catalogue.images()) == 51
-    told = catalogue.events_since(0)
-    moved = [event for event in told if event.kind == events.LAYERS_PUBLISHED]
+    reported = catalogue.events_since(0)
+    moved = [event for event in reported if event.kind == events.LAYERS_PUBLISHED]
     assert len(moved) == 50
-    assert [event.id for event in told] == list(range(1, len(told) + 1))
+    assert [event.id for event in reported] == list(range(1, len(reported) + 1))
 
 
 def test_a_reader_of_events_misses_none_during_writes(tmp_path, catalogue_url):
@@ -109,7 +109,7 @@ def test_changed_images_change_the_version_of_a_mission(tmp_path, catalogue_url)
         catalogue.publish(images=images)
         versions.append(catalogue.images_version("MER2"))
     assert len(set(versions)) == 4
-    catalogue.publish(images=[an_image("2")])  # says nothing new
+    catalogue.publish(images=[an_image("2")])  # changes nothing
     assert catalogue.images_version("MER2") == versions[-1]
 
 
@@ -157,7 +157,7 @@ def test_a_connection_dropped_by_the_server_is_reopened(postgres, tmp_path):
 
 
 def test_no_connection_is_left_to_the_garbage_collector(postgres, tmp_path):
-    url = postgres.database()  # ours are told apart by their names
+    url = postgres.database()  # ours are distinguished by their names
     for number in range(20):
         Catalogue.open(tmp_path, f"{url}&application_name=ours{number}")
     gc.collect()  # an engine that was dropped would make this test fail by its ResourceWarning
@@ -174,7 +174,7 @@ def test_no_connection_is_left_to_the_garbage_collector(postgres, tmp_path):
     while open_connections() and time.monotonic() < give_up:
         time.sleep(0.05)  # a backend of the server takes a moment to end
     assert open_connections() == 0
-    catalogue.engine.dispose()  # it was asked for once more
+    catalogue.engine.dispose()  # it was requested once more
 
 
 def test_an_unreachable_database_is_named_without_its_password(tmp_path):
@@ -201,13 +201,13 @@ def test_an_invalid_database_url_is_refused_with_an_example(tmp_path, url, messa
 
 def test_a_command_on_an_unreachable_database_ends_with_one_line(tmp_path):
     (tmp_path / "store" / "products").mkdir(parents=True)
-    asked = subprocess.run(
+    requested = subprocess.run(
         (sys.executable, "-m", "solmap.flows.cli", "status", "--store", str(tmp_path / "store")),
         env={"PATH": "", "SOLMAP_CATALOGUE_URL": "postgresql+psycopg://x:y@127.0.0.1:1/z"},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert asked.returncode == 1
-    assert "does not respond" in asked.stderr
-    assert "Traceback" not in asked.stderr
+    assert requested.returncode == 1
+    assert "does not respond" in requested.stderr
+    assert "Traceback" not in requested.stderr

@@ -1,4 +1,4 @@
-"""The map behind a reverse proxy, at a path of its host: addresses, live events, who is believed.
+"""The map behind a reverse proxy, at a path of its host: addresses, live events, trusted proxies.
 
 nginx and Caddy run as docs/how-to/reverse-proxy.md configures them, where they are installed.
 """
@@ -146,7 +146,7 @@ def certificate(tmp_path_factory):
 
 @pytest.fixture(scope="module", params=["nginx", "caddy"])
 def proxy(request, served, certificate, tmp_path_factory):
-    """A client of the map over TLS, through a proxy configured as the documentation says."""
+    """A client of the map over TLS, through a proxy configured as documented."""
     program = shutil.which(request.param)
     if program is None:
         pytest.skip(f"{request.param} is not installed")
@@ -168,7 +168,7 @@ def proxy(request, served, certificate, tmp_path_factory):
     extensions = {"sni_hostname": "maps.example.org"}
     with httpx.Client(base_url=f"https://127.0.0.1:{port}", verify=trusted, timeout=30) as client:
         client.headers["Host"] = "maps.example.org"
-        client.event_hooks["request"] = [lambda asked: asked.extensions.update(extensions)]
+        client.event_hooks["request"] = [lambda requested: requested.extensions.update(extensions)]
         try:
             deadline = time.monotonic() + 30
             while not _is_ready(client):

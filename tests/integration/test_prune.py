@@ -1,4 +1,4 @@
-"""Pruning a store that flows filled: what is published stays, a rerun makes nothing anew."""
+"""Pruning a store that flows filled: published products stay, and a rerun makes nothing."""
 
 from datetime import timedelta
 from pathlib import Path

@@ -27,7 +27,7 @@ from solmap.tasks.network.match import MatchParams, match_stereo_pair
 from solmap.tasks.scopes import pair_scope
 
 COUNTS = np.round(4095 * (np.arange(256) / 255) ** 1.9).astype(int)
-"""A table that is none of those that are built in."""
+"""A table that is not among the built-in ones."""
 MODEL = RadialVignetting(k1=-0.25)
 SIDE = 256
 
@@ -138,7 +138,7 @@ END_GROUP = COMPRESSION_PARMS
 
 
 def test_lost_segments_are_masked_and_reported(frames, tmp_path):
-    """The lower half did not come down; the label that says so is a file of its own."""
+    """The lower half did not come down; its label is a separate file."""
     name = min(frames.files)
     data = frames.files[name]
     label = data[: -2 * SIDE * SIDE].rstrip()
@@ -156,7 +156,7 @@ def test_lost_segments_are_masked_and_reported(frames, tmp_path):
 
 
 def test_a_mission_without_tables_has_none_in_its_recipes(frames, tmp_path):
-    """Whatever was made before there were tables stays what is asked for."""
+    """Products made before there were tables stay valid."""
     downlink = frames.written(tmp_path / "downlink")
     workspace = ingested(downlink, tmp_path / "store", tables(tmp_path / "settings"))
     (pair,) = pairs_of(workspace.catalogue.images())
@@ -199,7 +199,7 @@ def test_a_changed_table_remakes_only_products_that_use_it(frames, tmp_path):
     assert after[right] == before[right]
     assert after[left].ref == before[left].ref
     assert after[left].browse != before[left].browse
-    assert len(files_of(workspace) - made) == 4, "a table and a browse picture, and their recipes"
+    assert len(files_of(workspace) - made) == 4, "a table and a browse image, and their recipes"
 
 
 def test_images_of_earlier_downlinks_are_read_with_a_new_table(frames, tmp_path):

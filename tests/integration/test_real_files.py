@@ -1,4 +1,4 @@
-"""The page about real files says what becomes of them today."""
+"""The page about real files states their current outcome."""
 
 from pathlib import Path
 

@@ -138,17 +138,17 @@ def test_a_broken_pair_and_a_broken_sol_are_reported_and_the_rest_continues(
 
 
 def page_of_last_run() -> str:
-    """What the page of the last downlink says: the text of its artifact and of its failed tasks."""
+    """Text of the page of the last downlink: that of its artifact and of its failed tasks."""
     from prefect.client.orchestration import get_client  # noqa: PLC0415 - after its settings
 
-    asked = {"artifacts": {"key": {"any_": ["downlink"]}}, "sort": "CREATED_DESC", "limit": 1}
+    requested = {"artifacts": {"key": {"any_": ["downlink"]}}, "sort": "CREATED_DESC", "limit": 1}
     with get_client(sync_client=True) as client:
-        (artifact,) = client.request("POST", "/artifacts/filter", json=asked).json()
-        asked = {"task_runs": {"state": {"type": {"any_": ["FAILED"]}}}}  # others send nulls
-        failed = client.request("POST", "/task_runs/filter", json=asked).json()
-    told = {run["name"].split("-")[0]: str(run["state"]["message"]) for run in failed}
-    assert "FileExistsError" in told["adjust"]
-    assert "FileExistsError" in told["match"]
+        (artifact,) = client.request("POST", "/artifacts/filter", json=requested).json()
+        requested = {"task_runs": {"state": {"type": {"any_": ["FAILED"]}}}}  # others send nulls
+        failed = client.request("POST", "/task_runs/filter", json=requested).json()
+    reported = {run["name"].split("-")[0]: str(run["state"]["message"]) for run in failed}
+    assert "FileExistsError" in reported["adjust"]
+    assert "FileExistsError" in reported["match"]
     return str(artifact["data"])
 
 

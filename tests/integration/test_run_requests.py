@@ -1,4 +1,4 @@
-"""What people ask for on the map is submitted once, or refused with a reason."""
+"""A run requested on the map is submitted once, or refused with a reason."""
 
 import httpx
 import pytest
@@ -11,14 +11,14 @@ from solmap.products.catalogue.edits import RequestKind, RequestState, RunReques
 
 @pytest.fixture
 def submitted(monkeypatch):
-    asked = []
+    requested = []
 
     def submit(deployment, parameters):
-        asked.append((deployment, dict(parameters)))
+        requested.append((deployment, dict(parameters)))
         return "wise-lynx"
 
     monkeypatch.setattr(requests, "submit", submit)
-    return asked
+    return requested
 
 
 def test_requests_start_runs_of_their_deployments(tmp_path, submitted):
@@ -26,7 +26,7 @@ def test_requests_start_runs_of_their_deployments(tmp_path, submitted):
     book.add(RequestKind.OVERALL, "MER2", "Ada")
     book.add(RequestKind.DOWNLINK, None, "Ada")
     lines = requests.submit_requests(tmp_path, has_inbox=True)
-    assert lines[0] == "Ada asked for overall adjustment: taken, wise-lynx"
+    assert lines[0] == "Ada requested overall adjustment: taken, wise-lynx"
     assert submitted == [
         ("overall-adjustment/weekly", {"mission": "MER2"}),
         ("downlink/inbox", {}),
@@ -40,9 +40,9 @@ def test_a_downlink_without_an_inbox_is_refused(tmp_path, submitted):
     book = RunRequests.of(tmp_path)
     book.add(RequestKind.DOWNLINK, None, "Ada")
     requests.submit_requests(tmp_path, has_inbox=False)
-    (asked,) = book.requests()
-    assert asked.state is RequestState.REFUSED
-    assert "no inbox is watched" in asked.answer
+    (requested,) = book.requests()
+    assert requested.state is RequestState.REFUSED
+    assert "no inbox is watched" in requested.answer
     assert submitted == []
 
 

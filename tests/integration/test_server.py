@@ -1,4 +1,4 @@
-"""The server as others meet it: a process of its own, asked by GDAL over HTTP."""
+"""The server as a separate process, queried by GDAL over HTTP."""
 
 from __future__ import annotations
 

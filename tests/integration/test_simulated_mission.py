@@ -75,10 +75,10 @@ def test_adjusted_stops_are_nearer_to_the_truth_than_telemetry(root, workspace):
     layer = workspace.catalogue.layer("mer2", ProductKind.STOPS)
     off = {"telemetry": [], "adjusted": []}
     for feature in read_features(workspace.store.path(layer.ref)).features:
-        told = feature.properties
-        north, east, _ = true[told["stop"]]
+        reported = feature.properties
+        north, east, _ = true[reported["stop"]]
         place = np.asarray(feature.points).ravel()[:2]
-        off[told["solution"]].append(np.hypot(*(place - [east, north])))
+        off[reported["solution"]].append(np.hypot(*(place - [east, north])))
     assert max(off["adjusted"]) < max(off["telemetry"])
     assert max(off["adjusted"]) < 1.0
 

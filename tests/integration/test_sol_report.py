@@ -93,8 +93,8 @@ def test_the_server_shows_the_same_report(workspace):
 
 def test_the_command_writes_the_report_and_lists_timings(workspace, tmp_path):
     out, store = tmp_path / "sol.html", str(workspace.store.root)
-    asked = ["report", "MER2", "155", "--store", store, "--out", str(out)]
-    done = CliRunner().invoke(command, asked)
+    requested = ["report", "MER2", "155", "--store", store, "--out", str(out)]
+    done = CliRunner().invoke(command, requested)
     assert done.exit_code == 0, done.output
     assert "MER2, sol 155" in out.read_text()
     listed = CliRunner().invoke(command, ["status", "--timings", "--store", store, "--json"])

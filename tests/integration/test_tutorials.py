@@ -1,4 +1,4 @@
-"""The commands of the tutorials run in their order and do what the tutorials say."""
+"""The commands of the tutorials run in their order and give the stated results."""
 
 import re
 import shlex
@@ -14,7 +14,7 @@ SOLMAP = Path(sys.executable).with_name("solmap")
 
 
 def commands(page: str) -> list[list[str]]:
-    """Arguments of the `solmap` lines of a page, but of those that serve or ask the archive."""
+    """Arguments of the `solmap` lines of a page, except those that serve or query the archive."""
     lines = re.findall(r"^ {4}solmap (.*)$", (DOCS / page).read_text(), re.MULTILINE)
     calls = [shlex.split(line, comments=True) for line in lines]
     return [call for call in calls if call[0] not in {"serve", "fetch"} and "FILE" not in call]
@@ -60,7 +60,7 @@ def test_the_demo_gives_the_results_of_its_tutorial(tmp_path):
         assert stop in printed["positions"]
     errors = printed["evaluate"].splitlines()[2].split("\t")
     assert float(errors[2]) == pytest.approx(3.16, abs=0.01)
-    assert float(errors[4]) < 0.3  # percent of the distance; the tutorial says 0.2
+    assert float(errors[4]) < 0.3  # percent of the distance; the tutorial states 0.2
     python = blocks("how-to/uncertainty.md", "python")[0]
     subprocess.run([sys.executable, "-c", python], cwd=tmp_path, check=True)
 

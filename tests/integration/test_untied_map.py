@@ -1,4 +1,4 @@
-"""Everything that is made of sites that nothing ties to the lander says so."""
+"""Every product of sites that nothing ties to the lander states so."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def workspace(store: Path) -> Workspace:
 
 
 def text_of(path: Path) -> str:
-    """What a file says in words, in its parts if it is an archive."""
+    """Text of a file, or of its parts if it is an archive."""
     data = path.read_bytes()
     if zipfile.is_zipfile(path):
         with zipfile.ZipFile(io.BytesIO(data)) as archive:

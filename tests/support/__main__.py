@@ -17,7 +17,7 @@ from tests.support.site_pairs import (
     Outcome,
     SitePair,
     Views,
-    judged,
+    evaluated,
     matched_stops,
     negative_pairs,
     pointed,
@@ -34,7 +34,7 @@ def linked(pair: SitePair, stops: tuple[SimulatedStop, SimulatedStop], views: Vi
     first, second = views.of(one), views.of(other)
     started = time.process_time()
     link = tie_cross_site(first, second, views.params)
-    return judged(pair, *stops, link, time.process_time() - started)
+    return evaluated(pair, *stops, link, time.process_time() - started)
 
 
 def main() -> None:

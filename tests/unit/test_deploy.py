@@ -15,7 +15,7 @@ DEPLOY = ROOT / "deploy"
 UNIT = DEPLOY / "solmap.service"
 VARIABLES = {f"SOLMAP_{name.upper()}" for name in Settings.model_fields}
 MOST_EXPOSED = 1.2
-"""By `systemd-analyze security`, from 0 to 10; what is left is the network."""
+"""By `systemd-analyze security`, from 0 to 10; the remainder is the network."""
 
 
 def test_every_variable_of_the_deployment_is_a_setting():
@@ -48,10 +48,10 @@ def test_the_parts_of_a_cluster_are_configured_for_each_other():
 def test_only_the_map_is_open_and_the_engine_requires_a_password():
     services = compose()["services"]
     assert [name for name, service in services.items() if "ports" in service] == ["map"]
-    asked = "solmap:${ENGINE_PASSWORD:?}"  # which compose refuses to leave out
-    assert services["engine"]["environment"]["PREFECT_SERVER_API_AUTH_STRING"] == asked
+    requested = "solmap:${ENGINE_PASSWORD:?}"  # which compose refuses to leave out
+    assert services["engine"]["environment"]["PREFECT_SERVER_API_AUTH_STRING"] == requested
     for name in ("flows", "worker"):
-        assert services[name]["environment"]["PREFECT_API_AUTH_STRING"] == asked
+        assert services[name]["environment"]["PREFECT_API_AUTH_STRING"] == requested
     assert services["map"]["environment"]["PREFECT_API_AUTH_STRING"] == ""
 
 
@@ -162,7 +162,7 @@ def test_the_exposure_of_the_unit_is_as_documented(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     found = re.search(r"Overall exposure level for solmap.service: ([\d.]+)", done.stdout)
     if found is None:
-        pytest.skip(f"systemd-analyze cannot tell: {done.stderr.strip()[:200]}")
+        pytest.skip(f"systemd-analyze fails: {done.stderr.strip()[:200]}")
     assert float(found[1]) <= MOST_EXPOSED
     assert f"{MOST_EXPOSED} of 10" in (ROOT / "docs" / "how-to" / "deploy.md").read_text()
     installed = tmp_path / UNIT.name  # with a program that is there

@@ -1,4 +1,4 @@
-"""What documents say of tests and files is true."""
+"""Statements of documents about tests and files are true."""
 
 import functools
 import re
@@ -95,7 +95,7 @@ CALL = re.compile(r"(?:^|\s)(?:\.venv/bin/)?solmap ([a-z].*)")
 
 
 def command_lines(text: str) -> list[str]:
-    """What stands behind `solmap` in blocks of code and in code within a sentence."""
+    """What follows `solmap` in blocks of code and in code within a sentence."""
     sentences = FENCED.sub("", text)
     lines = "\n".join([*FENCED.findall(text), *INDENTED.findall(sentences)]).splitlines()
     codes = [" ".join(code.split()) for code in INLINE.findall(INDENTED.sub("", sentences))]

@@ -26,8 +26,8 @@ def stop(driven_m, percent, nees, **others):
 
 
 def world(*stops, links=(), **others):
-    told = {"world": "here", "failure": "", "cpu_s_a_stop": 55.0, "bias_m": {"0-10": -0.001}}
-    return told | {"stops": list(stops), "links": list(links)} | others
+    reported = {"world": "here", "failure": "", "cpu_s_a_stop": 55.0, "bias_m": {"0-10": -0.001}}
+    return reported | {"stops": list(stops), "links": list(links)} | others
 
 
 def link(distance_m, *, linked=True, false=False):

@@ -25,7 +25,7 @@ def test_no_folder_has_more_than_the_limit_of_modules():
 @pytest.mark.parametrize("name", PACKAGES)
 def test_a_package_describes_its_content(name):
     text = ast.get_docstring(KNOWN[name].tree) or ""
-    assert len(text.split()) >= 8, f"{name}/__init__.py does not say what enters and what leaves"
+    assert len(text.split()) >= 8, f"{name}/__init__.py does not state what enters and what leaves"
 
 
 def test_every_folder_of_modules_is_a_package():

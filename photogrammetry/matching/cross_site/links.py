@@ -164,11 +164,11 @@ def link_figures(
 ) -> SiteLinkFigures:
     """The figures of an alignment by some ties."""
     level = one.stop.lsl_from_rover.rotation
-    told = other.stop.lsl_from_rover
+    telemetry = other.stop.lsl_from_rover
     found = alignment.first_from_second
-    step = told.translation_m - one.stop.lsl_from_rover.translation_m
+    step = telemetry.translation_m - one.stop.lsl_from_rover.translation_m
     moved = level @ found.translation_m - step
-    turn = level @ found.rotation @ told.rotation.T
+    turn = level @ found.rotation @ telemetry.rotation.T
     kept = ties.select(alignment.agrees)
     return SiteLinkFigures(
         distance_m=distance_m(one, other),

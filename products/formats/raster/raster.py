@@ -187,7 +187,7 @@ def grid_of(dataset: rasterio.DatasetReader) -> MapGrid:
 
 
 def read_raster(
-    path: Path, wanted: Collection[str] | None = None
+    path: Path, names: Collection[str] | None = None
 ) -> tuple[MapGrid, dict[str, np.ndarray]]:
     """The grid and the stored values of bands by name, of all or of those requested.
 
@@ -200,7 +200,7 @@ def read_raster(
             bands = {
                 name: dataset.read(number)
                 for number, name in enumerate(band_names(dataset), start=1)
-                if wanted is None or name in wanted
+                if names is None or name in names
             }
         except RasterioError as error:
             raise read_error(path, error) from error

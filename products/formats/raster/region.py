@@ -221,20 +221,20 @@ class _Source:
         finer = finer_dtm(self._window(wide), self._finer)
         return _cut(finer, around, row - first_row * self._finer, col - first_col * self._finer)
 
-    def _window(self, wanted: MapGrid) -> Dtm:
+    def _window(self, grid: MapGrid) -> Dtm:
         """The model on a grid of its own cells that may extend beyond it."""
-        row = round((self.grid.north - wanted.north) / wanted.cell_m)
-        col = round((wanted.west - self.grid.west) / wanted.cell_m)
+        row = round((self.grid.north - grid.north) / grid.cell_m)
+        col = round((grid.west - self.grid.west) / grid.cell_m)
         top, left = max(0, row), max(0, col)
-        bottom = max(top, min(self.grid.rows, row + wanted.rows))
-        right = max(left, min(self.grid.cols, col + wanted.cols))
-        stack = np.full((len(self._bands), *wanted.shape), np.nan, dtype=np.float32)
+        bottom = max(top, min(self.grid.rows, row + grid.rows))
+        right = max(left, min(self.grid.cols, col + grid.cols))
+        stack = np.full((len(self._bands), *grid.shape), np.nan, dtype=np.float32)
         if bottom > top and right > left:
             there = (slice(None), slice(top - row, bottom - row), slice(left - col, right - col))
             stack[there] = self._dataset.read(window=Window(left, top, right - left, bottom - top))
         bands = dict(zip(self._bands, stack, strict=True))
         return Dtm(
-            wanted,
+            grid,
             bands["elevation"],
             bands["standard_deviation"],
             np.nan_to_num(bands["observations"]),
@@ -243,12 +243,12 @@ class _Source:
         )
 
 
-def _cut(dtm: Dtm, wanted: MapGrid, row: int, col: int) -> Dtm:
+def _cut(dtm: Dtm, grid: MapGrid, row: int, col: int) -> Dtm:
     """The part of a model on a grid inside its own."""
-    inside = (slice(row, row + wanted.rows), slice(col, col + wanted.cols))
+    inside = (slice(row, row + grid.rows), slice(col, col + grid.cols))
     pose = None if dtm.pose_sigma_m is None else dtm.pose_sigma_m[inside]
     return Dtm(
-        wanted,
+        grid,
         dtm.elevation[inside],
         dtm.sigma_m[inside],
         dtm.observations[inside],

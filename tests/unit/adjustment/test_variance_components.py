@@ -43,7 +43,7 @@ def simulated(seed, stops=5, errors=None, **how):
 
 @pytest.fixture(scope="module")
 def stepped(rough):
-    """Rough, stop by stop, with stops that leave the window."""
+    """Rough, stop by stop, with marginalised stops."""
     return along(rough, AdjustmentParams(window_stops=2), sequentially)
 
 

@@ -123,7 +123,7 @@ def test_a_camera_of_ros_is_read():
 
 
 @pytest.mark.parametrize(
-    ("text", "name", "complaint"),
+    ("text", "name", "message"),
     [
         ("", "a.yaml", "a.yaml: cannot be read as a calibration"),
         ("\x00\x01", "a.yaml", "a.yaml: cannot be read as a calibration"),
@@ -146,8 +146,8 @@ def test_a_camera_of_ros_is_read():
         (TSAI + "pitch = 0.0064\n", "a.tsai", "pitch should be 1"),
     ],
 )
-def test_unusable_calibrations_are_refused_in_one_line(text, name, complaint):
-    with pytest.raises(LabelError, match=complaint) as refused:
+def test_unusable_calibrations_are_refused_in_one_line(text, name, message):
+    with pytest.raises(LabelError, match=message) as refused:
         read_calibration(text, name)
     assert str(refused.value).startswith(name)
     assert "\n" not in str(refused.value)

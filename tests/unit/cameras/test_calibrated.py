@@ -122,7 +122,7 @@ def test_sub_frames_and_averages_image_the_same_ground(lens, seen):
 
 
 @pytest.mark.parametrize(
-    ("change", "complaint"),
+    ("change", "message"),
     [
         ({"distortion": (0.1,)}, "4 or 5 or 8 coefficients, not 1"),
         ({"focal_px": (0.0, 600.0)}, "above zero"),
@@ -130,7 +130,7 @@ def test_sub_frames_and_averages_image_the_same_ground(lens, seen):
         ({"centre": np.array([np.nan, 0.0, 0.0])}, "finite"),
     ],
 )
-def test_impossible_cameras_are_refused(change, complaint):
+def test_impossible_cameras_are_refused(change, message):
     parts = {
         "centre": CENTRE,
         "axes": AXES,
@@ -138,5 +138,5 @@ def test_impossible_cameras_are_refused(change, complaint):
         "principal_px": LENS[1],
         "distortion": (0.0, 0.0, 0.0, 0.0),
     }
-    with pytest.raises(CameraError, match=complaint):
+    with pytest.raises(CameraError, match=message):
         BrownConrady(**{**parts, **change})

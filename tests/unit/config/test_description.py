@@ -74,5 +74,5 @@ def test_values_are_written_in_toml_syntax():
 
 
 def test_the_page_of_the_documentation_is_current():
-    told = "run `solmap config docs --out docs/reference/configuration.md`"
-    assert DOCS.read_text(encoding="utf-8") == configuration_page(), told
+    reported = "run `solmap config docs --out docs/reference/configuration.md`"
+    assert DOCS.read_text(encoding="utf-8") == configuration_page(), reported

@@ -1,4 +1,4 @@
-"""Pipelines as they are shipped, and what a file of one's own may say."""
+"""Shipped pipelines, and what a user's file may contain."""
 
 from dataclasses import replace
 

@@ -63,15 +63,15 @@ def test_an_image_of_a_uniform_source_is_a_flat_field(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("image", "complaint"),
+    ("image", "message"),
     [(None, "flat.img"), (b"text", "NAVCAM_LEFT: flat.img: not a PDS3"), (0, "without light")],
 )
-def test_an_invalid_flat_field_is_refused(tmp_path, image, complaint):
+def test_an_invalid_flat_field_is_refused(tmp_path, image, message):
     if image is not None:
         data = image if isinstance(image, bytes) else flat_image(2000, edge=image)
         (tmp_path / "flat.img").write_bytes(data)
     written(tmp_path, '[flat_fields]\nNAVCAM_LEFT = "flat.img"')
-    with pytest.raises(ConfigError, match=complaint):
+    with pytest.raises(ConfigError, match=message):
         load_radiometry(tmp_path)
 
 
@@ -85,7 +85,7 @@ def test_a_missing_folder_and_a_spacecraft_in_two_files_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("a = [", "rover.toml"),
         ("lut = 1", "no setting 'lut'"),
@@ -101,6 +101,6 @@ def test_a_missing_folder_and_a_spacecraft_in_two_files_are_refused(tmp_path):
         ("[vignetting.NAVCAM_LEFT]\nk4 = 1.0", "no setting 'k4'"),
     ],
 )
-def test_a_broken_file_is_refused_with_its_key(tmp_path, text, complaint):
-    with pytest.raises(ConfigError, match=complaint):
+def test_a_broken_file_is_refused_with_its_key(tmp_path, text, message):
+    with pytest.raises(ConfigError, match=message):
         load_radiometry(written(tmp_path, text))

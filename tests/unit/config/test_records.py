@@ -75,7 +75,7 @@ def test_a_value_that_the_record_refuses_is_a_fault():
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message_"),
     [
         ("x = " + "9" * 5000, "Exceeds the limit"),
         ("x = " + "[" * 5000, "recursion"),
@@ -84,11 +84,11 @@ def test_a_value_that_the_record_refuses_is_a_fault():
         (None, "No such file"),
     ],
 )
-def test_an_invalid_toml_file_is_one_line(text, complaint, tmp_path):
+def test_an_invalid_toml_file_is_one_line(text, message_, tmp_path):
     file = tmp_path / "own.toml"
     if text is not None:
         file.write_bytes(text.encode() if isinstance(text, str) else text)
-    with pytest.raises(ConfigError, match=complaint) as refused:
+    with pytest.raises(ConfigError, match=message_) as refused:
         read_toml(file)
     assert str(refused.value).startswith(f"{file}")
     assert "\n" not in str(refused.value)

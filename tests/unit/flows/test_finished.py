@@ -50,8 +50,8 @@ def test_a_finished_sol_is_recorded_with_its_outcome(workspace):
     key, report = finished.key(155, None), a_report(workspace)
     assert finished.report(SCOPES[155], 155, key) is None
     finished.note(SCOPES[155], key, report)
-    told = ReusableSols.of("MER2", workspace, "default").report(SCOPES[155], 155, key)
-    assert told == report
+    reported = ReusableSols.of("MER2", workspace, "default").report(SCOPES[155], 155, key)
+    assert reported == report
 
 
 def test_a_late_image_changes_its_sol_and_those_after_it(workspace):
@@ -162,8 +162,8 @@ def test_layers_that_no_sol_makes_are_withdrawn_except_those_of_people_and_regio
     withdraw_leftovers("MER2", ["MER2"], [SOL], published)
     assert shown(published) == {NEAR, DIPS, REGION}
     assert pointed(published) == {PAIR, ANOTHER, NETWORK}
-    (told,) = published.catalogue.events_since(seen)
-    assert len(told.document["layers"]) == 1  # browsers take it from the map
+    (reported,) = published.catalogue.events_since(seen)
+    assert len(reported.document["layers"]) == 1  # browsers take it from the map
     assert published.catalogue.layer(STOP.name, ProductKind.FAR_DTM, FAR.digest).ref == FAR
 
 

@@ -74,13 +74,13 @@ def test_links_of_merged_ground_are_made_from_all_of_it(change):
 
     params = inputs().config.cross_site
     ((earlier, later),) = parts_at(STOPS[3], NEXT, inputs())
-    told = TELEMETRY[earlier.stop], TELEMETRY[later.stop]
-    merged = links_recipe(earlier, later, *told, params)
+    reported = TELEMETRY[earlier.stop], TELEMETRY[later.stop]
+    merged = links_recipe(earlier, later, *reported, params)
     assert {ties_of(stop) for stop in STOPS} == set(merged.inputs)
     (first, place), second = earlier.beside
     other = {
         "ground": ((first, place),),
         "place": ((first, replace(place, translation_m=(-6.5, 0.0, 0.0))), second),
     }[change]
-    changed = links_recipe(replace(earlier, beside=other), later, *told, params)
+    changed = links_recipe(replace(earlier, beside=other), later, *reported, params)
     assert changed.ref != merged.ref

@@ -50,9 +50,9 @@ def test_displacements_are_not_part_of_a_similarity():
 def test_the_sentence_has_the_form_of_the_papers(tmp_path):
     file = tmp_path / "points.csv"
     run("simulate-mosaic", file)
-    said = " ".join(run("georeference", file).split())
-    assert "turned by 1.300 degrees" in said
-    assert "% of the way at the end" in said
+    message_ = " ".join(run("georeference", file).split())
+    assert "turned by 1.300 degrees" in message_
+    assert "% of the way at the end" in message_
 
 
 @pytest.mark.parametrize(

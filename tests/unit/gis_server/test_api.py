@@ -23,7 +23,7 @@ from tests.unit.gis_server.conftest import (
     STOP,
     constant,
     elevation_at,
-    picture,
+    image_in,
     plane,
     ref_of,
 )
@@ -230,12 +230,12 @@ def test_unknown_resources_are_answered_with_a_name_and_advice(client, address):
     answer = client.get(address)
     assert answer.status_code == 404
     assert answer.headers["content-type"] == "application/problem+json"
-    told = answer.json()
-    assert set(told) == {*PROBLEM, "code", "description", "hint"}
-    assert told["type"] == "about:blank"
-    assert (told["title"], told["status"]) == ("Not Found", 404)
-    assert told["instance"] == address.split("?")[0]
-    assert (told["code"], told["description"]) == (told["title"], told["detail"])
+    reported = answer.json()
+    assert set(reported) == {*PROBLEM, "code", "description", "hint"}
+    assert reported["type"] == "about:blank"
+    assert (reported["title"], reported["status"]) == ("Not Found", 404)
+    assert reported["instance"] == address.split("?")[0]
+    assert (reported["code"], reported["description"]) == (reported["title"], reported["detail"])
     assert answer.headers["cache-control"] == "no-store"
 
 
@@ -255,12 +255,12 @@ def test_every_refusal_is_a_problem_document(client, method, address, status):
         status,
         "application/problem+json",
     )
-    told = answer.json()
-    assert told.keys() >= PROBLEM
-    assert (told["status"], told["instance"]) == (status, address.split("?")[0])
+    reported = answer.json()
+    assert reported.keys() >= PROBLEM
+    assert (reported["status"], reported["instance"]) == (status, address.split("?")[0])
     if status == 422:
-        assert [one["loc"] for one in told["errors"]] == [["query", "east"]]
-        assert "query.east" in told["detail"]
+        assert [one["loc"] for one in reported["errors"]] == [["query", "east"]]
+        assert "query.east" in reported["detail"]
 
 
 def test_a_raster_has_no_features_and_features_have_no_tiles(client, world):
@@ -358,7 +358,7 @@ def test_a_layer_published_while_serving_is_listed_at_once(own_world):
     assert {v["kind"]: v["value"] for v in place["layers"]}["slope"] == 35.0
     old = layer["tiles"].replace(layer["digest"], before.digest).format(z=17, x=65536, y=65535)
     new = layer["tiles"].format(z=17, x=65536, y=65535)
-    colours = [picture(client.get(address).content)[128, 128] for address in (old, new)]
+    colours = [image_in(client.get(address).content)[128, 128] for address in (old, new)]
     assert not np.array_equal(*colours)
 
 

@@ -21,9 +21,9 @@ def operations(client):
 
 def assert_is_problem(answer, address):
     assert answer.headers["content-type"] == PROBLEM, address
-    told = answer.json()
-    assert told["status"] == answer.status_code
-    assert told.keys() >= {"type", "title", "status", "detail", "instance"}
+    reported = answer.json()
+    assert reported["status"] == answer.status_code
+    assert reported.keys() >= {"type", "title", "status", "detail", "instance"}
 
 
 def test_every_operation_has_a_summary_a_tag_and_documents_its_refusals(operations):

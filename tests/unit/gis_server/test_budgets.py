@@ -54,7 +54,7 @@ class Slow:
         await Response(scope["path"])(scope, receive, send)
 
 
-def asked(app, path=STL, client="10.0.0.1"):
+def requested(app, path=STL, client="10.0.0.1"):
     transport = httpx.ASGITransport(app, client=(client, 1))
     return httpx.AsyncClient(transport=transport, base_url="http://map").get(path)
 
@@ -71,9 +71,9 @@ def test_heavy_requests_queue_and_light_ones_do_not_wait_for_them():
     async def crowd():
         slow, budgets = Slow(), Budgets({})
         app = HeavyRequests(slow, budgets)
-        heavy = [asyncio.create_task(asked(app, client=f"10.0.0.{k}")) for k in range(5)]
+        heavy = [asyncio.create_task(requested(app, client=f"10.0.0.{k}")) for k in range(5)]
         await until(lambda: slow.at_work == 1)
-        light = await asyncio.wait_for(asked(app, "/healthz"), 1.0)
+        light = await asyncio.wait_for(requested(app, "/healthz"), 1.0)
         slow.go.set()
         answers = await asyncio.gather(*heavy)
         return light, answers, slow.most_at_work, budgets
@@ -90,9 +90,9 @@ def test_a_client_with_too_many_requests_gets_retry_after_and_others_are_served(
     async def crowd():
         slow, budgets = Slow(), Budgets({})
         app = HeavyRequests(slow, budgets)
-        greedy = [asyncio.create_task(asked(app)) for _ in range(FILES.per_client + 3)]
+        greedy = [asyncio.create_task(requested(app)) for _ in range(FILES.per_client + 3)]
         await until(lambda: sum(one.done() for one in greedy) == 3)
-        other = asyncio.create_task(asked(app, client="10.0.0.2"))
+        other = asyncio.create_task(requested(app, client="10.0.0.2"))
         await until(lambda: budgets.lanes[FILES].places["10.0.0.2"])
         slow.go.set()
         return await asyncio.gather(*greedy), await other, budgets
@@ -112,9 +112,9 @@ def test_a_request_beyond_all_places_is_refused_with_503():
         slow, budgets = Slow(), Budgets({})
         budgets.lanes[FILES].lane = replace(FILES, places=2)
         app = HeavyRequests(slow, budgets)
-        held = [asyncio.create_task(asked(app, client=f"10.0.0.{k}")) for k in range(2)]
+        held = [asyncio.create_task(requested(app, client=f"10.0.0.{k}")) for k in range(2)]
         await until(lambda: budgets.lanes[FILES].places.total() == 2)
-        refused = await asked(app, client="10.0.0.9")
+        refused = await requested(app, client="10.0.0.9")
         slow.go.set()
         await asyncio.gather(*held)
         return refused
@@ -130,9 +130,9 @@ def test_a_request_that_waits_too_long_is_refused_with_503(monkeypatch):
     async def crowd():
         slow = Slow()
         app = HeavyRequests(slow, Budgets({}))
-        first = asyncio.create_task(asked(app))
+        first = asyncio.create_task(requested(app))
         await until(lambda: slow.at_work == 1)
-        refused = await asked(app, client="10.0.0.2")
+        refused = await requested(app, client="10.0.0.2")
         slow.go.set()
         return await first, refused
 
@@ -147,11 +147,11 @@ def test_a_recently_served_client_is_refused_while_others_wait_long():
         budgets.lanes[FILES].lane = replace(FILES, busy_s=0.0)
         app = HeavyRequests(slow, budgets)
         slow.go.set()
-        served = await asked(app)
+        served = await requested(app)
         slow.go.clear()
-        others = [asyncio.create_task(asked(app, client=f"10.0.1.{k}")) for k in range(2)]
+        others = [asyncio.create_task(requested(app, client=f"10.0.1.{k}")) for k in range(2)]
         await until(lambda: budgets.lanes[FILES].ahead_s > 0)
-        again, fresh = await asked(app), asyncio.create_task(asked(app, client="10.0.0.3"))
+        again, fresh = await requested(app), asyncio.create_task(requested(app, client="10.0.0.3"))
         slow.go.set()
         await asyncio.gather(*others)
         return served, again, await fresh
@@ -164,7 +164,7 @@ def test_a_client_that_disconnects_frees_its_place():
     async def crowd():
         slow, budgets = Slow(), Budgets({})
         app = HeavyRequests(slow, budgets)
-        first = asyncio.create_task(asked(app))
+        first = asyncio.create_task(requested(app))
         await until(lambda: slow.at_work == 1)
         left = asyncio.Event()
         scope = {"type": "http", "method": "GET", "path": STL, "client": ("10.0.0.2", 1)}
@@ -208,7 +208,7 @@ def test_a_slow_reader_holds_a_place_and_no_turn():
         scope = {"type": "http", "method": "GET", "path": STL, "client": ("10.0.0.2", 1)}
         reader = asyncio.create_task(app({**scope, "headers": []}, receive, send))
         await until(lambda: budgets.lanes[FILES].places["10.0.0.2"])
-        answer = await asyncio.wait_for(asked(app), 1.0)
+        answer = await asyncio.wait_for(requested(app), 1.0)
         held = dict(budgets.lanes[FILES].places)
         reads.set()
         await reader
@@ -294,7 +294,7 @@ def scope_of(path):
 
 async def body_of(app_or_worker, path):
     if isinstance(app_or_worker, Worker):
-        answer = await app_or_worker.ask(scope_of(path), b"", 120.0)
+        answer = await app_or_worker.answer(scope_of(path), b"", 120.0)
     else:
         answer = await collect(app_or_worker, scope_of(path), b"", None)
     body = answer.body if isinstance(answer.body, bytes) else answer.body.read_bytes()
@@ -332,11 +332,11 @@ def test_an_answer_that_is_too_large_is_refused_and_leaves_no_file(tmp_path, mon
 
 def test_a_too_large_answer_is_refused_with_advice_to_request_less():
     class Refusing:
-        async def ask(self, *_request):
+        async def answer(self, *_request):
             raise UnkeptError(HTTPStatus.UNPROCESSABLE_ENTITY, "request less at once")
 
     app = HeavyRequests(Slow(), budgets := Budgets({FILES: Refusing()}))
-    refused = asyncio.run(asked(app))
+    refused = asyncio.run(requested(app))
     assert refused.status_code == 422
     assert "request less" in refused.json()["description"]
     assert "retry-after" not in refused.headers
@@ -416,7 +416,7 @@ def test_a_worker_that_was_killed_or_took_too_long_is_replaced(worker):
     worker._connection.poll(5.0)
     assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
     with pytest.raises(TimeoutError):
-        asyncio.run(worker.ask(scope_of("/api/missions"), b"", 0.0))
+        asyncio.run(worker.answer(scope_of("/api/missions"), b"", 0.0))
     assert not half.exists()
     assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
 
@@ -444,7 +444,7 @@ def test_processes_end_and_start_outside_the_event_loop(worker, monkeypatch):
 
     monkeypatch.setattr(Worker, "stop", note)
     with pytest.raises(TimeoutError):
-        asyncio.run(worker.ask(scope_of("/api/missions"), b"", 0.0))
+        asyncio.run(worker.answer(scope_of("/api/missions"), b"", 0.0))
     assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
     assert len(threads) == 2  # when the request was given up, and before the next start
     assert threading.main_thread() not in threads
@@ -479,9 +479,9 @@ def test_a_process_that_lacks_memory_reports_it(world, tmp_path):
     worker = Worker((world.root,), 8)
     worker.start(tmp_path)
     try:
-        told = asyncio.run(worker._exchange(scope_of(path), b""))
-        assert told[0].status == 422
-        assert told[2]
+        reported = asyncio.run(worker._exchange(scope_of(path), b""))
+        assert reported[0].status == 422
+        assert reported[2]
     finally:
         worker.stop()
         worker.launcher.close()

@@ -51,7 +51,7 @@ def test_a_part_of_a_vector_layer_is_cut_at_the_box(client, world, tmp_path, for
 
 
 @pytest.mark.parametrize(
-    ("query", "status", "says"),
+    ("query", "status", "text"),
     [
         ({}, 400, "is missing"),
         ({"bbox": "1,2,3"}, 422, ""),
@@ -59,10 +59,10 @@ def test_a_part_of_a_vector_layer_is_cut_at_the_box(client, world, tmp_path, for
         ({"bbox": "5000,5000,5001,5001"}, 404, "no cell is in the box"),
     ],
 )
-def test_an_invalid_download_box_is_refused(client, world, query, status, says):
+def test_an_invalid_download_box_is_refused(client, world, query, status, text):
     answer = part_of(client, world, ProductKind.DTM, **query)
     assert answer.status_code == status
-    assert says in answer.text
+    assert text in answer.text
 
 
 def test_a_box_with_too_many_cells_is_refused_by_number(client, world, monkeypatch):
@@ -135,8 +135,10 @@ def test_the_terrain_of_a_stop_is_served_as_a_solid(client, world):
     height = plane()[seen] - plane()[seen].min() + 1.0
     assert volume == pytest.approx(height.sum() * CELL_M**2, rel=0.03)
     assert client.get(path, params={"base_m": -1}).status_code == 422
-    told = client.get("/openapi.json").json()["paths"]["/models/{scope}/dtm/{digest}/terrain.stl"]
-    assert list(told["get"]["responses"]["200"]["content"]) == ["model/stl"]
+    reported = client.get("/openapi.json").json()["paths"][
+        "/models/{scope}/dtm/{digest}/terrain.stl"
+    ]
+    assert list(reported["get"]["responses"]["200"]["content"]) == ["model/stl"]
     region = ref_of(world, ProductKind.FOOTPRINTS, REGION)
     lost = f"/models/{REGION.name}/dtm/{region.digest}/terrain.stl"
     assert client.get(lost).status_code == 404

@@ -36,14 +36,16 @@ def test_a_listener_that_lags_gets_a_notice_and_holds_bounded_memory(catalogue):
             await asyncio.sleep(1.0)
             return [queue.get_nowait() for _ in range(queue.qsize())]
 
-    told = asyncio.run(fall_behind())
-    assert told[0] is None
-    assert [event.id for event in told[1:]] == list(range(258, 301))
+    reported = asyncio.run(fall_behind())
+    assert reported[0] is None
+    assert [event.id for event in reported[1:]] == list(range(258, 301))
 
 
 def test_the_database_is_not_polled_without_listeners(catalogue):
     looks = []
-    sa.event.listen(catalogue.engine, "before_cursor_execute", lambda *told: looks.append(told[2]))
+    sa.event.listen(
+        catalogue.engine, "before_cursor_execute", lambda *reported: looks.append(reported[2])
+    )
 
     async def come_and_go():
         tail = EventTail(catalogue.engine)
@@ -92,8 +94,8 @@ def test_the_callback_runs_before_an_event_is_sent(catalogue):
         tail = EventTail(catalogue.engine, before=done.append)
         async with tail.listening() as queue:
             catalogue.append_event("run.changed", {"number": 1})
-            told = await asyncio.wait_for(queue.get(), 30)
-            return told, list(done)
+            reported = await asyncio.wait_for(queue.get(), 30)
+            return reported, list(done)
 
-    told, before = asyncio.run(hear())
-    assert before == [[told]]
+    reported, before = asyncio.run(hear())
+    assert before == [[reported]]

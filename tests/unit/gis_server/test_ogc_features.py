@@ -180,7 +180,7 @@ def test_sol_time_and_properties_select(client, query, count):
 
 
 @pytest.mark.parametrize(
-    ("query", "says"),
+    ("query", "content"),
     [
         ({"bbox": "1,2,3"}, "four or six numbers"),
         ({"bbox": "nan,0,1,1"}, "four or six numbers"),
@@ -197,10 +197,10 @@ def test_sol_time_and_properties_select(client, query, count):
         ({"colour": "red"}, "neither a parameter nor a property"),
     ],
 )
-def test_an_invalid_request_answers_400_with_the_reason(client, query, says):
+def test_an_invalid_request_answers_400_with_the_reason(client, query, content):
     answer = client.get("/ogc/MER2/collections/tie-points/items", params=query)
     assert answer.status_code == 400
-    assert says in answer.json()["description"]
+    assert content in answer.json()["description"]
 
 
 @pytest.mark.parametrize(
@@ -318,8 +318,8 @@ def test_files_have_all_features_in_a_crs_that_gdal_reads(client, tmp_path, form
     file.write_bytes(body)
     frame = pyogrio.read_dataframe(file)
     assert len(frame) == 1200
-    wanted = local_crs(LANDING) if local else CRS(MARS)
-    assert CRS(frame.crs).equals(wanted, ignore_axis_order=True)
+    requested = local_crs(LANDING) if local else CRS(MARS)
+    assert CRS(frame.crs).equals(requested, ignore_axis_order=True)
     on_map = frame.to_crs(local_crs(LANDING)).sort_values("feature_id", key=lambda c: c.astype(int))
     places = np.column_stack([on_map.geometry.x, on_map.geometry.y])
     np.testing.assert_allclose(places, TIES[:, :2], atol=1e-4)  # nine decimals of a degree

@@ -55,12 +55,12 @@ def test_a_token_counts_only_in_its_header(client, token, place):
 
 
 def test_another_site_may_not_send_a_token(client):
-    asked = {
+    requested = {
         "Origin": "https://evil.example",
         "Access-Control-Request-Method": "POST",
         "Access-Control-Request-Headers": "authorization,content-type",
     }
-    answer = client.options(ADDRESS, headers=asked)
+    answer = client.options(ADDRESS, headers=requested)
     assert answer.status_code == 405
     assert not [name for name in answer.headers if name.startswith("access-control")]
 

@@ -1,4 +1,4 @@
-"""What the server says of stops and cameras in space, against a network made by hand."""
+"""Stops and cameras in the 3D scene, compared with a network made by hand."""
 
 import math
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ from tests.support.scene_store import (
 )
 
 ROUNDED_M = 6e-5
-"""Places are told to a tenth of a millimetre."""
+"""Positions are given to a tenth of a millimetre."""
 
 
 @pytest.fixture(scope="module")
@@ -80,17 +80,17 @@ def test_the_ellipsoid_has_the_standard_deviations_as_semi_axes(client):
 @pytest.mark.parametrize("eye", [Eye.LEFT, Eye.RIGHT])
 def test_cameras_have_the_directions_of_labels_and_network(client, eye):
     cameras = client.get(f"/api/missions/MER2/scene/cameras?stop={LAST}").json()["cameras"]
-    (told,) = (camera for camera in cameras if camera["eye"] == str(eye))
+    (reported,) = (camera for camera in cameras if camera["eye"] == str(eye))
     made = exposure(eye)
     # Labels of averaged images are half a pixel off, and their reader puts that right.
     averaged = CAMERAS[Instrument.NAVCAM, eye].in_mast.average(4, 4)
     in_rover = averaged.transform(POINTING.rover_from_mast(made.stop))
     camera = in_rover.transform(lsl_from_rover(len(STOPS) - 1))
-    np.testing.assert_allclose(told["centre"], MAP_FROM_LSL @ camera.centre, atol=2e-4)
+    np.testing.assert_allclose(reported["centre"], MAP_FROM_LSL @ camera.centre, atol=2e-4)
     corners = np.array([[-0.5, -0.5], [255.5, -0.5], [255.5, 255.5], [-0.5, 255.5]])
     expected = camera.rays(corners) @ MAP_FROM_LSL.T
-    np.testing.assert_allclose(told["corners"], expected, atol=1e-4)
-    assert told["image"] == made.product_id
+    np.testing.assert_allclose(reported["corners"], expected, atol=1e-4)
+    assert reported["image"] == made.product_id
 
 
 def test_a_mission_without_network_has_no_stop_yet(tmp_path):

@@ -1,4 +1,4 @@
-"""One answer begins the map; it is written anew when something is published, and only then."""
+"""One answer starts the map; it is rewritten only when something is published."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ from solmap.products.formats.raster.styles import (
 )
 from solmap.products.formats.raster.tiling import TileAddress, zoom_of
 from solmap.products.model import ProductKind
-from tests.support.pictures import unpacked
+from tests.support.decoded_answers import unpacked
 from tests.support.tile_at import tile_at
 from tests.unit.gis_server.conftest import CELL_M, CRS, GRID, STOP, build
 
@@ -72,8 +72,8 @@ def terrain(hilly):
 
 def drawn(world, layer, address, look) -> np.ndarray:
     body = render_tile(layer, address, world.store, RasterPool(), look)
-    picture = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
-    return picture[:, :, [2, 1, 0, 3]]
+    image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
+    return image[:, :, [2, 1, 0, 3]]
 
 
 def block_of(whole: np.ndarray, address: TileAddress) -> np.ndarray:
@@ -94,7 +94,7 @@ OF_WHOLE_MODEL = {
 
 @pytest.mark.parametrize("style", OF_WHOLE_MODEL)
 def test_a_tile_equals_the_same_computation_on_the_whole_model(hilly, terrain, style):
-    """Also in the outermost pixels: tiles know their neighbours."""
+    """Also in the outermost pixels: tiles include cells of their neighbours."""
     look = StyleQuery(style=style, azimuth=200.0, elevation=30.0)
     expected = block_of(OF_WHOLE_MODEL[style](hills()), INSIDE)
     chosen = styles_of(ProductKind.DTM)[style]
@@ -256,7 +256,7 @@ def test_an_image_is_stretched_by_its_palette(world):
     shown = drawn(world, layer, INSIDE, StyleQuery(low=low, high=high))
     brightness = plain[..., 0] / 255 * 254
     expected = np.clip((brightness - low) / (high - low), 0.0, 1.0) * 255
-    assert np.abs(shown[..., 0] - expected).max() < 4.5  # a step of the picture is 2.1 here
+    assert np.abs(shown[..., 0] - expected).max() < 4.5  # a grey step is 2.1 here
     tinted = drawn(world, layer, INSIDE, StyleQuery(colours="red-blue"))
     assert (tinted[0, 0, :3] == palette_of(RED_BLUE)[plain[0, 0, 0]]).all() or tinted.any()
 
@@ -268,19 +268,19 @@ def test_every_style_of_every_kind_has_a_painter_and_a_ramp():
             assert name == "default" or style.title
 
 
-ASKED = "/tiles/{scope}/{kind}/{digest}/{z}/{x}/{y}.png"
+REQUESTED = "/tiles/{scope}/{kind}/{digest}/{z}/{x}/{y}.png"
 
 
-def asked(client, world, kind, **query):
+def requested(client, world, kind, **query):
     ref = world.catalogue.layer(STOP.name, kind).ref
     address = f"{INSIDE.zoom}/{INSIDE.column}/{INSIDE.row}.png"
     return client.get(f"/tiles/{ref.scope.name}/{kind}/{ref.digest}/{address}", params=query)
 
 
 def test_classes_of_the_ground_have_a_colour_each_and_a_legend(hilly, terrain):
-    picture = drawn(hilly, terrain, INSIDE, StyleQuery(style="class"))
-    seen = picture[..., 3] > 0
-    assert {tuple(colour) for colour in picture[seen][:, :3]} == {(0x21, 0x91, 0x8C)}  # measured
+    image = drawn(hilly, terrain, INSIDE, StyleQuery(style="class"))
+    seen = image[..., 3] > 0
+    assert {tuple(colour) for colour in image[seen][:, :3]} == {(0x21, 0x91, 0x8C)}  # measured
     assert 0.9 < seen.mean() < 1.0  # the holes have none
     classes = legend_of(terrain, styles_of(ProductKind.DTM)["class"]).classes
     assert [one.name for one in classes] == ["measured", "interpolated", "occluded"]
@@ -289,7 +289,7 @@ def test_classes_of_the_ground_have_a_colour_each_and_a_legend(hilly, terrain):
 def test_the_query_selects_a_style(client, world):
     layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
     query = {"style": "slope", "colours": "viridis", "low": 0, "high": 15, "baseline": 0.5}
-    answer = asked(client, world, ProductKind.DTM, **query)
+    answer = requested(client, world, ProductKind.DTM, **query)
     assert answer.status_code == 200
     look = StyleQuery(style="slope", colours="viridis", low=0.0, high=15.0, baseline=0.5)
     drawn_so = render_tile(layer, INSIDE, world.store, RasterPool(), look)
@@ -298,7 +298,7 @@ def test_the_query_selects_a_style(client, world):
 
 
 @pytest.mark.parametrize(
-    ("kind", "query", "says"),
+    ("kind", "query", "text"),
     [
         ("dtm", {"style": "sepia"}, "stop/dtm has no style sepia; it has default, hillshade"),
         ("slope", {"style": "contours"}, "has no style contours; it has default, uncertainty"),
@@ -315,10 +315,10 @@ def test_the_query_selects_a_style(client, world):
         ("dtm", {"style": "../../etc"}, "style"),
     ],
 )
-def test_an_unknown_style_is_refused_with_the_reason(client, world, kind, query, says):
-    answer = asked(client, world, kind, **query)
+def test_an_unknown_style_is_refused_with_the_reason(client, world, kind, query, text):
+    answer = requested(client, world, kind, **query)
     assert answer.status_code == 422
-    assert says.replace("stop/", f"{STOP.name}/") in answer.text
+    assert text.replace("stop/", f"{STOP.name}/") in answer.text
     assert answer.headers["cache-control"] == "no-store"
 
 

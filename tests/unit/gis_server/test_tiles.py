@@ -23,7 +23,7 @@ from solmap.products.formats.raster.styles import (
 )
 from solmap.products.formats.raster.tiling import CELL_SIZES, MAX_ZOOM, TileAddress, zoom_of
 from solmap.products.model import ProductKind
-from tests.support.pictures import unpacked
+from tests.support.decoded_answers import unpacked
 from tests.support.tile_at import tile_at
 from tests.unit.gis_server.conftest import (
     CELL_M,
@@ -33,7 +33,7 @@ from tests.unit.gis_server.conftest import (
     UNSEEN_WEST_OF_M,
     brightness,
     elevation_at,
-    picture,
+    image_in,
     plane,
     ref_of,
 )
@@ -90,7 +90,7 @@ def test_the_tile_is_coloured_by_the_legend(client, world):
         for layer in client.get("/api/missions/MER2/layers").json()
         if layer["kind"] == "dtm" and layer["scope"] == STOP.name
     )
-    shown = picture(tile_of(client, world, ProductKind.DTM, address).content)
+    shown = image_in(tile_of(client, world, ProductKind.DTM, address).content)
     east, north = centres_of(address)
     stops = layer["legend"]["stops"]
     values = [value for value, _ in stops]
@@ -104,7 +104,7 @@ def test_the_tile_is_coloured_by_the_legend(client, world):
 
 def test_hillshade_of_one_half_is_middle_grey_and_unseen_ground_is_transparent(client, world):
     address = tile_at(UNSEEN_WEST_OF_M, 0.1, OWN_ZOOM)
-    shown = picture(tile_of(client, world, ProductKind.HILLSHADE, address).content)
+    shown = image_in(tile_of(client, world, ProductKind.HILLSHADE, address).content)
     east, _ = centres_of(address)
     seen = np.broadcast_to(east >= UNSEEN_WEST_OF_M, (256, 256))
     np.testing.assert_array_equal(shown[..., 3], np.where(seen, 255, 0))
@@ -113,7 +113,7 @@ def test_hillshade_of_one_half_is_middle_grey_and_unseen_ground_is_transparent(c
 
 def test_the_orthophoto_gets_brighter_to_the_east_as_measured(client, world):
     address = tile_at(10.0, 10.0, OWN_ZOOM)
-    shown = picture(tile_of(client, world, ProductKind.ORTHOPHOTO, address).content)
+    shown = image_in(tile_of(client, world, ProductKind.ORTHOPHOTO, address).content)
     east, _ = centres_of(address)
     column = (east[0] - GRID.west) / CELL_M - 0.5
     expected = column / (GRID.cols - 1) * 255
@@ -130,13 +130,13 @@ def test_far_from_the_layer_there_is_one_transparent_tile(client, world):
     answer = tile_of(client, world, ProductKind.DTM, tile_at(5_000.0, 0.1, OWN_ZOOM))
     assert answer.status_code == 200
     assert answer.content == empty_tile()
-    assert not picture(answer.content)[..., 3].any()
+    assert not image_in(answer.content)[..., 3].any()
 
 
 def test_a_whole_map_of_four_kilometres_a_pixel_is_still_drawn(client, world):
     answer = tile_of(client, world, ProductKind.DTM, TileAddress(1, 1, 0))
     assert answer.status_code == 200
-    assert picture(answer.content).shape == (256, 256, 4)
+    assert image_in(answer.content).shape == (256, 256, 4)
 
 
 def test_a_tile_is_cached_forever(client, world):
@@ -156,7 +156,7 @@ def test_a_url_outside_the_tile_matrix_set_is_refused(client, world, address):
 def test_an_indexed_png_is_decoded_as_encoded(rng):
     indices = rng.integers(0, 256, (7, 5), dtype=np.uint8)
     palette = rng.integers(0, 256, (256, 3), dtype=np.uint8)
-    shown = picture(indexed_png(indices, palette))
+    shown = image_in(indexed_png(indices, palette))
     np.testing.assert_array_equal(shown[..., 3], np.where(indices == 0, 0, 255))
     np.testing.assert_array_equal(shown[..., :3], palette[indices])
 
@@ -226,7 +226,7 @@ def sources() -> np.ndarray:
 
 @pytest.fixture
 def pictured(own_world):
-    """A world with sources and a colour picture, red to the east and blue to the north."""
+    """A world with sources and a colour orthophoto, red to the east and blue to the north."""
     own_world.publish_raster(
         ProductKind.SOURCES,
         STOP,
@@ -249,7 +249,7 @@ def test_classes_have_the_colours_of_their_file_at_every_zoom(pictured):
     allowed = {tuple(bytes.fromhex(source_colour(n)[1:])) for n in (1, 2, 3)}
     for zoom in (OWN_ZOOM - 2, OWN_ZOOM, OWN_ZOOM + 1):
         address = tile_at(10.0, 10.0, zoom)
-        shown = picture(tile_of(client, world, ProductKind.SOURCES, address).content)
+        shown = image_in(tile_of(client, world, ProductKind.SOURCES, address).content)
         seen = shown[shown[..., 3] > 0]
         assert len(seen)
         assert {tuple(colour) for colour in seen[:, :3].tolist()} <= allowed
@@ -267,7 +267,7 @@ def test_identify_names_the_source_image_of_a_place(pictured):
 def test_a_colour_image_is_shown_unchanged_and_transparent_where_unseen(pictured):
     world, client = pictured
     address = tile_at(UNSEEN_WEST_OF_M, 0.1, OWN_ZOOM)
-    shown = picture(tile_of(client, world, ProductKind.COLOUR, address).content)
+    shown = image_in(tile_of(client, world, ProductKind.COLOUR, address).content)
     with RasterPool().reading(world.store.path(ref_of(world, ProductKind.COLOUR))) as dataset:
         bands = np.stack([read_tile(dataset, address, band) for band in (1, 2, 3)], axis=-1)
     np.testing.assert_array_equal(shown[..., :3], bands)

@@ -28,7 +28,7 @@ from tests.unit.gis_server.conftest import (
 OWN_ZOOM = zoom_of(CELL_M)
 
 
-def asked(client, world, kind, address, **query):
+def requested(client, world, kind, address, **query):
     ref = ref_of(world, kind)
     place = f"{ref.scope.name}/{kind}/{ref.digest}"
     name = f"{address.zoom}/{address.column}/{address.row}.values"
@@ -62,7 +62,7 @@ def test_shared_nodes_of_neighbouring_tiles_are_equal(client, world):
     east = TileAddress(zoom, west.column + 1, west.row)
     south = TileAddress(zoom, west.column, west.row + 1)
     tiles = [
-        decode_values(asked(client, world, ProductKind.DTM, at).content)
+        decode_values(requested(client, world, ProductKind.DTM, at).content)
         for at in (west, east, south)
     ]
     assert all(tile.shape == (258, 258) for tile in tiles)
@@ -73,7 +73,7 @@ def test_shared_nodes_of_neighbouring_tiles_are_equal(client, world):
 @pytest.mark.parametrize("zoom", [OWN_ZOOM - 2, OWN_ZOOM, OWN_ZOOM + 1])
 def test_values_are_the_elevations_of_the_ground_at_every_zoom(client, world, zoom):
     address = tile_at(5.0, 5.0, zoom)
-    values = decode_values(asked(client, world, ProductKind.DTM, address).content)
+    values = decode_values(requested(client, world, ProductKind.DTM, address).content)
     west, north = address.west_north
     at = (np.arange(-1, 257) + 0.5) * address.cell_m
     east, north = (west + at)[None, :], (north - at)[:, None]
@@ -91,9 +91,9 @@ def test_values_are_the_elevations_of_the_ground_at_every_zoom(client, world, zo
 
 def test_another_band_is_requested_by_its_name(client, world):
     address = tile_at(5.0, 5.0, OWN_ZOOM)
-    answer = asked(client, world, ProductKind.DTM, address, band="standard_deviation")
+    answer = requested(client, world, ProductKind.DTM, address, band="standard_deviation")
     np.testing.assert_allclose(decode_values(answer.content), 0.02, rtol=1e-6)
-    unknown = asked(client, world, ProductKind.DTM, address, band="colour")
+    unknown = requested(client, world, ProductKind.DTM, address, band="colour")
     assert unknown.status_code == 404
     assert "has no band colour; it has elevation, " in unknown.json()["detail"]
 
@@ -101,7 +101,7 @@ def test_another_band_is_requested_by_its_name(client, world):
 def test_unseen_ground_has_no_content(client, world):
     for east in (-39.0, 5_000.0):
         address = tile_at(east, 0.1, MAX if east < 0 else OWN_ZOOM)
-        answer = asked(client, world, ProductKind.DTM, address)
+        answer = requested(client, world, ProductKind.DTM, address)
         assert answer.status_code == 204
         assert answer.content == b""
 
@@ -130,7 +130,7 @@ def test_a_client_without_gzip_gets_the_plain_body(client, world):
 
 def test_an_image_has_no_values(client, world):
     address = tile_at(5.0, 5.0, OWN_ZOOM)
-    answer = asked(client, world, ProductKind.ORTHOPHOTO, address)
+    answer = requested(client, world, ProductKind.ORTHOPHOTO, address)
     assert answer.status_code == 404
     assert "has images only" in answer.json()["detail"]
     layers = {layer["kind"]: layer for layer in client.get("/api/missions/MER2/layers").json()}

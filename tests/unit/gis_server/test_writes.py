@@ -96,8 +96,8 @@ def test_an_analyst_writes_and_revokes_edits_and_everybody_reads_the_log(
     again = client.post(f"{EDITS}/{number}/undo", json={}, headers=analyst)
     assert again.status_code == 409
     assert client.get(EDITS, params={"kind": "tie", "counting": True}).json() == []
-    told = [event.kind for event in own_world.catalogue.events_since(0)]
-    assert told.count("edits.changed") == 2
+    reported = [event.kind for event in own_world.catalogue.events_since(0)]
+    assert reported.count("edits.changed") == 2
 
 
 def test_the_columns_of_an_edit_are_those_of_a_manual_ties_file():
@@ -153,8 +153,8 @@ def test_an_annotation_is_replaced_and_both_versions_stay_in_the_log(client, tok
     second = client.post(f"{EDITS}/annotations", json=better, headers=analyst)
     assert second.status_code == 201
     (feature,) = client.get("/api/missions/MER2/annotations").json()["features"]
-    told = feature["properties"]
-    assert (told["text"], told["category"], told["state"]) == (
+    reported = feature["properties"]
+    assert (reported["text"], reported["category"], reported["state"]) == (
         "loose sand",
         "keep-out",
         "published",
@@ -200,12 +200,12 @@ def test_an_annotation_without_a_place_is_refused(client, token_of, geometry):
 
 
 def test_an_operator_requests_a_run_and_an_analyst_may_not(client, token_of):
-    wish = {"kind": "overall adjustment", "mission": "MER2"}
-    assert client.post("/api/runs", json=wish, headers=token_of(Role.ANALYST)).status_code == 403
-    asked = client.post("/api/runs", json=wish, headers=token_of(Role.OPERATOR))
-    assert asked.status_code == 202
-    assert client.get("/api/runs").json()["requests"] == [asked.json()]
-    nowhere = {**wish, "mission": "MER9"}
+    edit = {"kind": "overall adjustment", "mission": "MER2"}
+    assert client.post("/api/runs", json=edit, headers=token_of(Role.ANALYST)).status_code == 403
+    requested = client.post("/api/runs", json=edit, headers=token_of(Role.OPERATOR))
+    assert requested.status_code == 202
+    assert client.get("/api/runs").json()["requests"] == [requested.json()]
+    nowhere = {**edit, "mission": "MER9"}
     operator = token_of(Role.OPERATOR)
     assert client.post("/api/runs", json=nowhere, headers=operator).status_code == 404
 
@@ -228,7 +228,7 @@ FETCH = {"kind": "fetch", "mission": "MER2", "sols": "155-157"}
 
 
 @pytest.mark.parametrize(
-    ("wish", "told"),
+    ("edit", "reported"),
     [
         ({"kind": "fetch", "mission": "MER2"}, "sols: Field required"),
         ({**FETCH, "sols": "yesterday"}, "sols: String should match"),
@@ -240,12 +240,12 @@ FETCH = {"kind": "fetch", "mission": "MER2", "sols": "155-157"}
     ],
 )
 def test_parameters_of_a_run_are_validated_before_the_request(
-    client, token_of, own_world, wish, told
+    client, token_of, own_world, edit, reported
 ):
-    answer = client.post("/api/runs", json=wish, headers=token_of(Role.OPERATOR))
+    answer = client.post("/api/runs", json=edit, headers=token_of(Role.OPERATOR))
     assert answer.status_code == 422
     assert answer.headers["content-type"] == "application/problem+json"
-    assert told in answer.json()["detail"]
+    assert reported in answer.json()["detail"]
     assert RunRequests.of(own_world.root).requests() == []
 
 
@@ -289,8 +289,8 @@ def test_a_running_run_is_cancelled_once_and_an_ended_one_is_not(client, token_o
     listed = {one["id"]: one for one in client.get("/api/runs").json()["runs"]}
     assert (listed[going]["actions"], listed[ended]["actions"]) == (["cancel"], [])
     for _ in range(2):
-        asked = client.post(f"/api/runs/{going}/cancel", headers=operator)
-        assert asked.status_code == 202
+        requested = client.post(f"/api/runs/{going}/cancel", headers=operator)
+        assert requested.status_code == 202
     (kept,) = RunRequests.of(own_world.root).waiting()
     assert (kept.kind, kept.parameters) == (RequestKind.CANCEL, {"run": "f-1"})
     refused = client.post(f"/api/runs/{ended}/cancel", headers=operator)
@@ -305,16 +305,16 @@ def test_a_running_run_is_cancelled_once_and_an_ended_one_is_not(client, token_o
 
 def test_a_run_that_waits_in_the_engine_is_cancelled_by_its_name(client, token_of, own_world):
     write_engine(own_world, queued=(QueuedRun("f-9", "downlink/inbox", "wise-lynx", None),))
-    asked = client.post("/api/runs/f-9/cancel", headers=token_of(Role.OPERATOR))
-    assert asked.json()["parameters"] == {"run": "f-9"}
+    requested = client.post("/api/runs/f-9/cancel", headers=token_of(Role.OPERATOR))
+    assert requested.json()["parameters"] == {"run": "f-9"}
 
 
 @pytest.mark.parametrize("state", [RunState.FAILED, RunState.CANCELLED])
 def test_a_failed_run_is_requested_again_with_its_parameters(client, token_of, own_world, state):
     write_engine(own_world)
     run = write_run(own_world, state)
-    asked = client.post(f"/api/runs/{run}/restart", headers=token_of(Role.OPERATOR)).json()
-    assert (asked["kind"], asked["parameters"]) == ("downlink", {"settle_s": 2.0})
+    requested = client.post(f"/api/runs/{run}/restart", headers=token_of(Role.OPERATOR)).json()
+    assert (requested["kind"], requested["parameters"]) == ("downlink", {"settle_s": 2.0})
     done = write_run(own_world, RunState.SUCCEEDED)
     again = client.post(f"/api/runs/{done}/restart", headers=token_of(Role.OPERATOR))
     assert again.status_code == 409
@@ -348,8 +348,8 @@ def test_without_an_engine_nothing_is_cancelled_or_paused_and_a_run_waits(
         assert answer.headers["content-type"] == "application/problem+json"
         assert "the engine is down: `solmap up`" in answer.json()["detail"]
     assert client.get("/api/engine").json()["is_up"] is False
-    wish = {"kind": "downlink"}
-    assert client.post("/api/runs", json=wish, headers=operator).status_code == 202
+    edit = {"kind": "downlink"}
+    assert client.post("/api/runs", json=edit, headers=operator).status_code == 202
 
 
 def test_a_downlink_is_refused_at_once_without_a_watched_inbox(client, token_of, own_world):

@@ -23,7 +23,7 @@ def test_all_neighbouring_pairs_of_a_panorama_are_tied(tied):
 
 
 def test_ties_show_the_same_ground_in_both_pairs(tied, first_stop):
-    # the labels are off by 1 mrad: the true pointing is that of the images
+    # the labels have errors of 1 mrad: the images have the true pointing
     geometries = {pair.pair_id: pair.images.geometry for pair in first_stop.pairs}
     for k in range(len(tied.ties)):
         one, other = (

@@ -154,7 +154,7 @@ def test_values_between_pixels_equal_the_cubic_spline_up_to_the_border(image, pl
     x, y = places
     exact = ndimage.map_coordinates(image.astype(float), [y, x], order=3, mode="mirror")
     found = sample_points(spline_coefficients(image), x, y)
-    # single precision of places near 100: 8e-6 px, times a slope of up to one a pixel
+    # single precision of places near 100: 8e-6 px, times a slope of up to one per pixel
     np.testing.assert_allclose(found, exact, atol=5e-5)
 
 

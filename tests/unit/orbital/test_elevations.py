@@ -53,15 +53,15 @@ def test_cells_of_another_size_are_refused(crater):
 
 @pytest.mark.slow
 def test_of_ninety_scenes_none_is_registered_wrongly_and_sigmas_are_true():
-    told, levels = [], []
+    reported, levels = [], []
     for seed in (*range(100, 130), *range(200, 260)):
         one = dtm_scene(seed)
         found = register_elevations(one.ground, one.model)
         if found.correction is not None:
-            told.append(error(found, one)[1][:3])
+            reported.append(error(found, one)[1][:3])
             levels.append(found.correction.up_m - one.up_m)
-    assert len(told) >= 30
-    assert np.abs(told).max() < 3.5
-    rms = np.sqrt(np.square(told).mean(axis=0))
+    assert len(reported) >= 30
+    assert np.abs(reported).max() < 3.5
+    rms = np.sqrt(np.square(reported).mean(axis=0))
     assert ((rms > 0.7) & (rms < 1.3)).all()
     assert np.abs(levels).max() < 0.15

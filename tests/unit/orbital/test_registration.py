@@ -92,16 +92,16 @@ def test_rasters_of_another_shape_are_refused(hills):
 
 @pytest.mark.slow
 def test_of_thirty_scenes_none_is_registered_wrongly():
-    wrong, told, within = 0, 0, []
+    wrong, reported, within = 0, 0, []
     for seed in range(100, 130):
         one = scene(seed)
         found = register(one.ground, one.image)
         if found.correction is None:
             continue
-        told += 1
+        reported += 1
         turn = abs(found.correction.rotation_deg - one.rotation_deg)
         wrong += off(found, one) > 0.25 or turn > 0.1
         within.append(off(found, one) / np.hypot(*found.correction.sigma_m))
     assert wrong == 0
-    assert told >= 27
+    assert reported >= 27
     assert np.mean(np.array(within) < 2) > 0.8

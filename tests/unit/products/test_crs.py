@@ -124,7 +124,7 @@ def test_rasterio_understands_the_crs(landing):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ({"longitude": 400.0}, "not on a globe"),
         ({"latitude": -91.0}, "not on a globe"),
@@ -133,7 +133,7 @@ def test_rasterio_understands_the_crs(landing):
         ({"name": 'a "quoted" name'}, "cannot name"),
     ],
 )
-def test_an_impossible_landing_point_is_refused_with_the_reason(wrong, said):
+def test_an_impossible_landing_point_is_refused_with_the_reason(wrong, message):
     good = {"name": "x", "longitude": 1.0, "latitude": 1.0, "radius_m": 3.39e6, "source": "t"}
-    with pytest.raises(ProductError, match=said):
+    with pytest.raises(ProductError, match=message):
         LandingPoint(**{**good, **wrong})

@@ -50,7 +50,7 @@ def fields_of(name, known):
 def test_every_name_in_recipes_is_of_a_record_and_its_fields():
     known = classes()
     for name, names in RECIPE_NAMES.items():
-        assert name in known, f"{name} is no class any more: name the one that took its place"
+        assert name in known, f"{name} is not a class any more: name its replacement"
         fields = fields_of(name, known)
         assert set(names.fields) <= fields, name
         assert not set(names.constants) & fields, name

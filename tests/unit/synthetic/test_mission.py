@@ -1,4 +1,4 @@
-"""A mission at full scale, simulated as a network: what is promised of it is there."""
+"""A mission at full scale, simulated as a network: it has its stated properties."""
 
 import numpy as np
 import pytest
@@ -33,8 +33,8 @@ def mission():
 
 
 def test_wheels_slip_by_terrain_within_the_plan(mission):
-    told = np.array([stop.lsl_from_rover.translation_m for stop in mission.network.stops])
-    driven = np.linalg.norm(np.diff(told, axis=0), axis=1)
+    reported = np.array([stop.lsl_from_rover.translation_m for stop in mission.network.stops])
+    driven = np.linalg.norm(np.diff(reported, axis=0), axis=1)
     true = np.diff(mission.along_m)
     assert (mission.slips >= LEAST_SLIP).all()
     assert (mission.slips <= MOST_SLIP).all()

@@ -1,4 +1,4 @@
-"""The mast carries the cameras as the flight labels say."""
+"""The mast carries the cameras as in the flight labels."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The landscape is one surface, whichever window it is asked for through."""
+"""The landscape is one surface, in any window."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The world is what it says: its pictures, files and truth agree."""
+"""Images, files and truth of a world agree."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -37,7 +37,7 @@ SMALL = WorldParams(
     pancam=True,
     averaging=4,
 )
-"""Three stops, pictures averaged over 4 x 4 pixels."""
+"""Three stops, images averaged over 4 x 4 pixels."""
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +67,8 @@ def test_a_seed_repeats_a_downlink_bit_for_bit(small_world):
     lighting._light.cache_clear()
     again = make_world(SMALL, rng_seed=7)
     with ThreadPoolExecutor(2) as threads:  # other order, other threads
-        pictures = list(threads.map(lambda job: job.run(again), reversed(render_jobs(again)[:2])))
-    assert one == [*text_files(again), *reversed(pictures)]
+        images = list(threads.map(lambda job: job.run(again), reversed(render_jobs(again)[:2])))
+    assert one == [*text_files(again), *reversed(images)]
 
 
 def test_a_downlink_is_delivered_file_by_file(small_world):
@@ -90,8 +90,8 @@ def test_an_edr_is_read_back_as_rendered(small_world, pair):
         np.testing.assert_array_equal(read.pixels, photograph(small_world, shot, eye))
         assert image.sun_azimuth == pytest.approx(stop.sun.azimuth, abs=1e-5)
         assert image.sun_elevation == pytest.approx(stop.sun.elevation, abs=1e-5)
-        told = image.site_from_rover
-        np.testing.assert_allclose(told.rotation, stop.site_from_rover.rotation, atol=2e-6)
+        reported = image.site_from_rover
+        np.testing.assert_allclose(reported.rotation, stop.site_from_rover.rotation, atol=2e-6)
 
 
 def test_the_label_camera_differs_from_the_true_one_by_the_mast_error(small_world, pair):
@@ -198,9 +198,9 @@ def test_vector_files_contain_the_telemetry(small_world):
     first = small_world.stops[0].id.site
     for stop in small_world.stops:
         site_from_rover = tree.tree.pose(site_frame(stop.id.site), stop.id.frame)
-        told = stop.site_from_rover
-        np.testing.assert_allclose(site_from_rover.translation_m, told.translation_m, atol=1e-4)
-        np.testing.assert_allclose(site_from_rover.rotation, told.rotation, atol=2e-6)
+        reported = stop.site_from_rover
+        np.testing.assert_allclose(site_from_rover.translation_m, reported.translation_m, atol=1e-4)
+        np.testing.assert_allclose(site_from_rover.rotation, reported.rotation, atol=2e-6)
     assert {stop.id.site for stop in small_world.stops} == {first, first + 1}
 
 
@@ -218,11 +218,11 @@ def test_only_the_first_stop_is_exact(small_world):
 def test_telemetry_counts_slip_as_distance():
     exact = TraverseParams(stops=2, slip=(0.1, 0.1), drift=0.0, tilt=0.0, position_m=0.0)
     world = make_world(WorldParams(traverse=exact, pairs=1), rng_seed=5)
-    true, told = (
+    true, reported = (
         getattr(world.stops[1], name).translation_m
         for name in ("lsl_from_rover", "telemetry_lsl_from_rover")
     )
-    np.testing.assert_allclose(told, 1.1 * true, rtol=1e-12)
+    np.testing.assert_allclose(reported, 1.1 * true, rtol=1e-12)
 
 
 def test_the_rover_stands_on_the_ground(small_world):
@@ -274,12 +274,10 @@ def test_shadows_point_away_from_the_sun():
 
     wall = np.zeros((60, 60), np.float32)
     wall[28:32, 28:32] = 0.2  # a post of 20 cm, nodes 2 cm apart
-    picture = ground_radiance(
-        wall, 0.02, Sun(np.deg2rad(90), np.deg2rad(45))
-    )  # the sun in the east
-    assert picture[30, 22] == pytest.approx(SKY_LIGHT, abs=0.02)  # west of it: sky light only
-    assert picture[30, 40] > 0.7
-    assert picture[30, 12] > 0.7  # 32 cm west: the shadow of 20 cm has ended
+    png = ground_radiance(wall, 0.02, Sun(np.deg2rad(90), np.deg2rad(45)))  # the sun in the east
+    assert png[30, 22] == pytest.approx(SKY_LIGHT, abs=0.02)  # west of it: sky light only
+    assert png[30, 40] > 0.7
+    assert png[30, 12] > 0.7  # 32 cm west: the shadow of 20 cm has ended
 
 
 def test_ground_hidden_by_the_rover_has_no_truth(small_world, pair):

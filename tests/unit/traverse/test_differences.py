@@ -19,8 +19,8 @@ def traverse(solution, places_m, sols=None, stops=None):
 
 def test_a_constant_slip_of_a_tenth_shows_as_ten_percent_at_every_stop():
     true = [[0.0, 30.0 * k, 0.0] for k in range(5)]
-    told = [[0.0, 33.0 * k, 0.5 * k] for k in range(5)]
-    found = differences(traverse("telemetry", told), traverse("adjusted", true))
+    reported = [[0.0, 33.0 * k, 0.5 * k] for k in range(5)]
+    found = differences(traverse("telemetry", reported), traverse("adjusted", true))
     np.testing.assert_allclose(found.distance_m, [0, 30, 60, 90, 120])
     np.testing.assert_allclose(found.horizontal_m, [0, 3, 6, 9, 12])
     np.testing.assert_allclose(found.percent[1:], 10.0)
@@ -31,8 +31,8 @@ def test_a_constant_slip_of_a_tenth_shows_as_ten_percent_at_every_stop():
 
 def test_the_worst_percentage_excludes_the_first_metres():
     true = [[0, 0, 0], [2, 0, 0], [50, 0, 0], [100, 0, 0], [300, 0, 0]]
-    told = [[0, 0, 0], [3, 0, 0], [51, 0, 0], [108, 0, 0], [306, 0, 0]]
-    found = differences(traverse("telemetry", told), traverse("adjusted", true))
+    reported = [[0, 0, 0], [3, 0, 0], [51, 0, 0], [108, 0, 0], [306, 0, 0]]
+    found = differences(traverse("telemetry", reported), traverse("adjusted", true))
     worst = found.summary().worst
     assert (worst.stop, worst.horizontal_m, worst.percent) == ("1/30", 8.0, 8.0)
     assert found.summary(least_distance_m=0.0).worst.percent == 50.0
@@ -41,17 +41,17 @@ def test_the_worst_percentage_excludes_the_first_metres():
 
 def test_cancelling_slips_show_in_the_legs():
     true = [[0, 0, 0], [50, 0, 0], [100, 0, 0]]
-    told = [[0, 0, 0], [55, 0, 0], [100, 0, 0]]
-    found = differences(traverse("telemetry", told), traverse("adjusted", true))
+    reported = [[0, 0, 0], [55, 0, 0], [100, 0, 0]]
+    found = differences(traverse("telemetry", reported), traverse("adjusted", true))
     assert found.horizontal_m[-1] == 0.0
     np.testing.assert_allclose(found.leg_m, 5.0)
 
 
 def test_a_section_restarts_as_the_papers_local_difference():
     true = [[0, 0, 0], [100, 0, 0], [200, 0, 0], [250, 0, 0]]
-    told = [[0, 0, 0], [90, 0, 0], [180, 0, 0], [240, 0, 0]]
-    told, true = traverse("telemetry", told), traverse("adjusted", true)
-    local = differences(told.between(2, 3), true.between(2, 3))
+    reported = [[0, 0, 0], [90, 0, 0], [180, 0, 0], [240, 0, 0]]
+    reported, true = traverse("telemetry", reported), traverse("adjusted", true)
+    local = differences(reported.between(2, 3), true.between(2, 3))
     assert local.summary().end.horizontal_m == pytest.approx(10.0)
     assert local.summary().end.percent == pytest.approx(20.0)
 
@@ -64,9 +64,9 @@ def test_a_sol_is_represented_by_its_last_stop():
 
 
 def test_an_elevation_missing_in_one_solution_is_not_invented():
-    told = [[0, 0, 0], [10, 0, 1]]
+    reported = [[0, 0, 0], [10, 0, 1]]
     true = [[5, 0, np.nan], [15, 0, np.nan]]
-    found = differences(traverse("telemetry", told), traverse("localised", true))
+    found = differences(traverse("telemetry", reported), traverse("localised", true))
     assert np.isnan(found.offset_m[:, 2]).all()
     np.testing.assert_allclose(found.horizontal_m, 0.0, atol=1e-12)
 

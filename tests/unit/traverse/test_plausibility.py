@@ -102,7 +102,9 @@ def test_an_image_that_disagrees_with_most_of_its_stop_is_identified():
             assert [k for k, reason in enumerate(found) if reason] == [place]
     for poses in (good, good[:1], [label(), label(60.0)], [label(), label(60.0), label(-60.0)]):
         assert not strays(poses)[0]
-    divided = strays([label(), label(60.0)] * 3)  # the first was taken before its place was mended
+    divided = strays(
+        [label(), label(60.0)] * 3
+    )  # the first was taken before its place was corrected
     assert [reason is None for reason in divided] == [True, False] * 3
 
 
@@ -125,7 +127,7 @@ def test_no_stop_gives_no_reason_and_one_stop_is_tested_alone():
 
 
 def stops_of(traverse: Traverse, places_m: np.ndarray, every: int = 1) -> list[TelemetryStop]:
-    """A traverse, or every so many of its stops, as telemetry by the order of site and drive."""
+    """A traverse, or every n-th of its stops, as telemetry ordered by site and drive."""
     ned = np.nan_to_num(places_m)[:, [1, 0, 2]] * (1, 1, -1)
     names = [StopId("MER2", *map(int, name.split("/")[:2])) for name in traverse.stops]
     stops = [

@@ -76,7 +76,7 @@ def test_a_stop_with_rows_at_two_places_is_reported():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("", "no row"),
         ("time,place\n1,2\n", "lacks SITE and DRIVE"),
@@ -90,8 +90,8 @@ def test_a_stop_with_rows_at_two_places_is_reported():
         ("{", "not a GeoJSON"),
     ],
 )
-def test_an_invalid_table_is_refused_with_the_place_of_the_fault(text, said):
-    with pytest.raises(TraverseError, match=said):
+def test_an_invalid_table_is_refused_with_the_place_of_the_fault(text, message):
+    with pytest.raises(TraverseError, match=message):
         parse_mission_table(text, "table")
 
 

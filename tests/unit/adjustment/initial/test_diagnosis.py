@@ -1,4 +1,4 @@
-"""Networks that determine less than they should: telemetry takes over, and says so."""
+"""Networks that determine too little: telemetry is used, and a finding names it."""
 
 from dataclasses import replace
 
@@ -63,7 +63,7 @@ def test_a_stop_tied_only_to_a_blunder_is_held_by_telemetry(network, params):
 
 
 def test_collinear_ties_leave_rotation_about_their_line_to_telemetry(network, params):
-    """Two ties make a line: the turn about it is known only as well as gravity tells."""
+    """Two ties make a line: rotation about it is known as precisely as gravity."""
     few = with_cross_points(network, 2, cross_points(network, 1, 2)[:2])
     loose, _ = adjust_overall(few, params)
     tight, _ = adjust_overall(network, params)
@@ -88,7 +88,7 @@ def test_stops_tied_among_themselves_but_not_to_the_datum_are_named(params):
     assert "ties do not reach the datum" in adjusted.stops[2].held_by
     assert lacks(report) == dict.fromkeys(network.stop_ids[2:], Lack.DETACHED)
     assert "a block of 2 stops" in report.findings[0].text
-    # what they know of each other is better than what telemetry knows of either
+    # their relative pose is more precise than telemetry of either
     apart = adjusted.stops[3].sigma_ned_m - adjusted.stops[2].sigma_ned_m
     assert np.linalg.norm(apart) < 1.5
 
@@ -126,13 +126,13 @@ def test_exhausted_iterations_are_an_outcome_and_not_an_error(network):
 
 def test_a_network_without_ties_equals_telemetry_with_its_uncertainty(network, params):
     bare = replace(network, ties=select(network.ties, np.zeros(0, np.int64)))
-    told, _ = adjust_overall(bare, params)
-    for stop, prior in zip(told.stops, network.stops, strict=True):
+    reported, _ = adjust_overall(bare, params)
+    for stop, prior in zip(reported.stops, network.stops, strict=True):
         np.testing.assert_allclose(
             stop.lsl_from_rover.translation_m, prior.lsl_from_rover.translation_m, atol=1e-9
         )
-    assert told.stops[2].sigma_ned_m.min() > params.slip * 20.0
-    assert len(told.ties.observations) == 0
+    assert reported.stops[2].sigma_ned_m.min() > params.slip * 20.0
+    assert len(reported.ties.observations) == 0
 
 
 def test_a_fully_determined_network_has_no_findings(network, params):
@@ -156,7 +156,7 @@ def test_a_single_tie_is_set_aside_as_unchecked(network, params):
 @given(seed=st.integers(0, 10_000), kept=st.integers(0, 5), wrong=st.booleans())
 @settings(max_examples=12, deadline=None)
 def test_every_undetermined_pose_is_named(seed, kept, wrong):
-    """However few its ties, a stop is where its covariance says, or a finding names it."""
+    """With any number of ties, a stop is where its covariance allows, or a finding names it."""
     params = AdjustmentParams()
     network, truth = simulate_network(
         np.random.default_rng(seed), stops=3, pairs_per_stop=6, far_cross_ties=0, inter_ties=6,

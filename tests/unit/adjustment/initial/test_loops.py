@@ -46,12 +46,12 @@ def drifted(state, turn_rad):
 
 
 def loose(count):
-    """Telemetry that knows next to nothing, but of the tilt."""
+    """Telemetry with large standard deviations, except for the tilt."""
     network, _ = simulate_network(np.random.default_rng(1), stops=2, inter_ties=1, intra_ties=0)
     weak = AdjustmentParams(slip=100.0, azimuth_step_deg=90.0)
-    told = Telemetry.of(network, weak).of_stops(np.ones(count, dtype=np.int64))
+    reported = Telemetry.of(network, weak).of_stops(np.ones(count, dtype=np.int64))
     return replace(
-        told,
+        reported,
         rotations=np.repeat(np.eye(3)[None], count, axis=0),
         centres=np.zeros((count, 3)),
     )
@@ -64,7 +64,7 @@ def test_a_loop_that_telemetry_leaves_open_is_closed(turn_deg):
     start = drifted(true, np.radians(turn_deg))
     assert np.linalg.norm(start.centres - true.centres, axis=1).max() > 1.0
     chain = [(k, k + 1) for k in range(count - 1)]
-    # the chain holds what it has; two loops tell otherwise
+    # the chain fits itself; two loops contradict it
     along = edges_of(start, chain, loops=np.zeros(len(chain), dtype=bool))
     closing = edges_of(true, [(0, count - 1), (1, count - 1)], loops=np.ones(2, dtype=bool))
     along = replace(along, information=0.01 * along.information)
@@ -124,14 +124,14 @@ def test_laps_converge_from_telemetry(slip, blunders):
         far_cross_ties=0, inter_ties=6, intra_ties=0, blunders=blunders,
         errors=TelemetryErrors.assumed_by(params),
     )  # fmt: skip
-    told = np.array([stop.lsl_from_rover.translation_m for stop in network.stops])
+    reported = np.array([stop.lsl_from_rover.translation_m for stop in network.stops])
     true = np.array([pose.translation_m for pose in truth.lsl_from_rover])
     adjusted, report = adjust_overall(network, params)
     found = np.array([stop.lsl_from_rover.translation_m for stop in adjusted.stops])
     assert report.is_usable
     assert (
         np.linalg.norm(found - true, axis=1).max()
-        < 0.02 * np.linalg.norm(told - true, axis=1).max()
+        < 0.02 * np.linalg.norm(reported - true, axis=1).max()
     )
     sigma = np.array([stop.sigma_ned_m for stop in adjusted.stops[1:]])
     assert (np.abs(found[1:] - true[1:]) / sigma).max() < 4.0

@@ -106,8 +106,8 @@ def test_derivatives_agree_with_differences():
             )  # fmt: skip
             both.append(-control.whitened_misclosures(moved))  # computed minus observed
         slope = (both[0] - both[1]) / (2 * h)
-        wanted = of_stop[:, :, c] if c < 6 else of_frame[:, :, c - 6]
-        np.testing.assert_allclose(slope, wanted, rtol=1e-6, atol=1e-4)
+        requested = of_stop[:, :, c] if c < 6 else of_frame[:, :, c - 6]
+        np.testing.assert_allclose(slope, requested, rtol=1e-6, atol=1e-4)
 
 
 def test_the_georeference_of_the_image_is_estimated_with_the_stops():
@@ -156,13 +156,13 @@ def test_a_gap_without_ties_is_bridged_by_control_on_both_sides():
         np.linalg.norm(errors(one, truth)[GAP, 3:5] - errors(one, truth)[GAP - 1, 3:5])
         for one in (alone, adjusted)
     ]
-    assert apart[1] < 0.3  # what the image tells of either side: 0.1 m a coordinate
+    assert apart[1] < 0.3  # precision of the image on either side: 0.1 m per coordinate
     assert apart[0] > 2 * apart[1]
     sigma = [one.stops[GAP].sigma_ned_m[:2].max() for one in (alone, adjusted)]
     assert sigma[1] < 0.5 * sigma[0]
     assert "control: its position in orbit" in adjusted.stops[GAP].held_by
-    told = {finding.stop: finding.text for finding in report.findings}
-    assert "control" in told[network.stop_ids[GAP]]
+    reported = {finding.stop: finding.text for finding in report.findings}
+    assert "control" in reported[network.stop_ids[GAP]]
 
 
 def test_a_wrong_control_point_is_found_named_and_not_used():
@@ -174,13 +174,13 @@ def test_a_wrong_control_point_is_found_named_and_not_used():
     )
     without = tuple(one for one in network.control if not one.is_same(wrong))
     adjusted, report = adjust_overall(replace(network, control=bent), PARAMS)
-    wanted, _ = adjust_overall(replace(network, control=without), PARAMS)
+    requested, _ = adjust_overall(replace(network, control=without), PARAMS)
     (refused,) = report.control_refused
     assert refused.startswith(f"{wrong.stop} in orbit")
     (found,) = (one for one in adjusted.control if not one.used)
     assert found.residual[1] == pytest.approx(2.0, abs=0.5)  # noise, and the image that turns
     assert f"REFUSED: {wrong.stop}" in str(report)
-    np.testing.assert_allclose(errors(adjusted, truth), errors(wanted, truth), atol=1e-5)
+    np.testing.assert_allclose(errors(adjusted, truth), errors(requested, truth), atol=1e-5)
     assert [one.control.stop for one in adjusted.control if not one.used] == [wrong.stop]
 
 
@@ -214,12 +214,12 @@ def test_sequential_equals_simultaneous_adjustment_with_control():
         assert (np.abs(off) / sigma[3:]).max() < 0.02
         # linearised where stops left, while the first azimuth was known to two degrees only
         np.testing.assert_allclose(np.sqrt(np.diagonal(a.covariance)), sigma, rtol=1e-2)
-    found, wanted = (
+    found, requested = (
         next(frame for frame in one.frames if frame.frame.name == "orbit")
         for one in (previous, overall)
     )
-    sigma = np.sqrt(np.diagonal(wanted.covariance))
-    assert (np.abs(found.place - wanted.place) / sigma).max() < 0.02
+    sigma = np.sqrt(np.diagonal(requested.covariance))
+    assert (np.abs(found.place - requested.place) / sigma).max() < 0.02
     np.testing.assert_allclose(np.sqrt(np.diagonal(found.covariance)), sigma, rtol=1e-2)
 
 
@@ -341,8 +341,8 @@ def with_first_attitude_unsure(
 ) -> Network:
     """The network with an error in the first attitude that telemetry reports.
 
-    Its tilt alone; its azimuth with those of all stops up to the next that is measured (FINE), for
-    they were propagated from it. What wheels measured stays.
+    Its tilt alone; its azimuth with those of all stops up to the next that is measured (FINE),
+    because they were propagated from it. What wheels measured stays.
     """
     errors = errors or TelemetryErrors()
     tilt = rng.normal(0, np.radians(errors.tilt_deg), 2)

@@ -98,6 +98,6 @@ def test_an_overall_adjustment_that_fails_is_refused_and_a_step_that_fails_is_re
     adjusted, report = advance(AdjustmentMode.STEPWISE, first, two, two.stop_ids[1:], hasty)
     assert not report.converged
     assert "its stops remain at telemetry" in report.message
-    told = [prior.lsl_from_rover.translation_m for prior in two.stops]
-    for (old, new), (was, now) in zip(pairwise(told), pairwise(places(adjusted)), strict=True):
+    reported = [prior.lsl_from_rover.translation_m for prior in two.stops]
+    for (old, new), (was, now) in zip(pairwise(reported), pairwise(places(adjusted)), strict=True):
         assert np.linalg.norm(now - was) == pytest.approx(np.linalg.norm(new - old), rel=1e-6)

@@ -170,7 +170,7 @@ def test_a_single_stop_has_its_mast_pointing_adjusted(params):
 
 
 def test_a_pair_without_ties_keeps_its_label_and_its_prior(stated):
-    stated = replace(stated, mast_deg=1e-7)  # other pairs tell of the mast
+    stated = replace(stated, mast_deg=1e-7)  # other pairs determine the mast
     network, _ = simulate_network(np.random.default_rng(4), stops=2)
     lonely = network.pairs[3].pair_id
     k = network.ties.pair_ids.index(lonely)
@@ -192,13 +192,13 @@ def test_a_stop_without_ties_follows_the_stop_before_it(params):
     assert not stop.is_tied
     assert stop.held_by == f"telemetry increment from {before.stop}"
     # the step in the frame of the rover before is that of telemetry
-    told = network.stops[-2].lsl_from_rover.inverse.apply(
+    reported = network.stops[-2].lsl_from_rover.inverse.apply(
         network.stops[-1].lsl_from_rover.translation_m[None]
     )
     kept = before.lsl_from_rover.inverse.apply(stop.lsl_from_rover.translation_m[None])
-    np.testing.assert_allclose(kept, told, atol=1e-6)
+    np.testing.assert_allclose(kept, reported, atol=1e-6)
     # and its uncertainty is that of the drive, not of the images
-    step = np.linalg.norm(told)
+    step = np.linalg.norm(reported)
     assert stop.sigma_ned_m.min() > 0.9 * params.slip * step > before.sigma_ned_m.max()
 
 
@@ -297,9 +297,11 @@ def test_elimination_equals_the_classical_reduction_of_the_normal_equations(bent
         N_tt, N_ot = A_t.T @ A_t, A_o.T @ A_t
         dense += A_o.T @ A_o - N_ot @ np.linalg.solve(N_tt, N_ot.T)
         right += A_o.T @ l - N_ot @ np.linalg.solve(N_tt, A_t.T @ l)
-    found, told = (normal_equations(p, state, None) for p in (problem, nothing))
-    np.testing.assert_allclose((found[1] - told[1])[:-1], right, atol=1e-9 * np.abs(right).max())
-    bare = nothing.pattern.views(told[0])
+    found, reported = (normal_equations(p, state, None) for p in (problem, nothing))
+    np.testing.assert_allclose(
+        (found[1] - reported[1])[:-1], right, atol=1e-9 * np.abs(right).max()
+    )
+    bare = nothing.pattern.views(reported[0])
     for (s, t), block in problem.pattern.views(found[0]).items():
         rows = slice(unknowns.offsets[s], unknowns.offsets[s] + unknowns.sizes[s])
         columns = slice(unknowns.offsets[t], unknowns.offsets[t] + unknowns.sizes[t])

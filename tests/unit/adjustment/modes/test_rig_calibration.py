@@ -68,7 +68,7 @@ def test_a_straight_rig_stays_straight_and_its_undetermined_length_stays_at_the_
     instruments = {pair.pair_id: "NAVCAM" for pair in network.pairs}
     (rig,) = calibrate_rig(network, {network.stop_ids[0]}, instruments, params).corrections
     assert (np.abs(rig.values) < 4 * rig.sigmas).all()
-    # wheels slip by 10 per cent: two drives say little of a length of half a per cent
+    # wheels slip by 10 per cent: two drives determine a length of half a per cent poorly
     assert 0.8 * BASELINE_SIGMA_M < rig.sigmas[3] <= BASELINE_SIGMA_M
 
 

@@ -114,15 +114,15 @@ def at_celsius(stop, celsius):
 
 
 def test_a_temperature_model_predicts_the_rotation_at_a_new_temperature(rng):
-    """Toe-in too, which the rows of a cold stop show worse than the law that warm ones tell."""
+    """Toe-in too, which the rows of a cold stop show worse than the law from warm ones."""
     per_kelvin = np.array([8e-6, 5e-6, -6e-6])
     celsius = [-60.0, -45.0, -30.0, -20.0, -5.0, 5.0]
     stops = {
         f"s{k}": stop_of(rng, {"NAVCAM": BENT + per_kelvin * t}, pairs=4 if k else 1)
         for k, t in enumerate(celsius)
     }
-    told = {name: at_celsius(stops[name], t) for name, t in zip(stops, celsius, strict=True)}
-    without, found = (pooled_rotations(some)["s0"]["NAVCAM"] for some in (stops, told))
+    reported = {name: at_celsius(stops[name], t) for name, t in zip(stops, celsius, strict=True)}
+    without, found = (pooled_rotations(some)["s0"]["NAVCAM"] for some in (stops, reported))
     off = found.rotation - (BENT + per_kelvin * celsius[0])
     assert np.abs(off[::2]).max() * FOCAL["NAVCAM"] < 0.02
     assert abs(off[1]) < 3 * found.sigmas[1]
@@ -132,8 +132,10 @@ def test_a_temperature_model_predicts_the_rotation_at_a_new_temperature(rng):
 def test_temperature_explains_nothing_where_rows_do_not_follow_it(rng):
     stops = {f"s{k}": stop_of(rng, {"NAVCAM": BENT}, pairs=2) for k in range(5)}
     celsius = rng.permutation([-60.0, -40.0, -20.0, 0.0, 20.0])
-    told = {name: at_celsius(one, t) for (name, one), t in zip(stops.items(), celsius, strict=True)}
-    for name, cameras in pooled_rotations(told).items():
+    reported = {
+        name: at_celsius(one, t) for (name, one), t in zip(stops.items(), celsius, strict=True)
+    }
+    for name, cameras in pooled_rotations(reported).items():
         np.testing.assert_array_equal(
             cameras["NAVCAM"].rotation, pooled_rotations(stops)[name]["NAVCAM"].rotation
         )

@@ -38,10 +38,10 @@ def along(network, params, count=None):
     return traverse, report
 
 
-def in_sigmas(found, wanted):
+def in_sigmas(found, requested):
     """Greatest difference of poses in standard deviations, and relative one of those."""
     off, wider = [], []
-    for a, b in zip(found, wanted, strict=True):
+    for a, b in zip(found, requested, strict=True):
         if not b.covariance.any():
             continue
         turn = a.lsl_from_rover.rotation @ b.lsl_from_rover.rotation.T - np.eye(3)
@@ -119,7 +119,7 @@ def test_information_of_marginalised_stops_is_kept_exactly(network, stated):
     assert report.is_usable
     assert alone.redundancy == report.redundancy
     off, wider = in_sigmas(again.stops, overall.stops[-stated.window_stops :])
-    assert off < 1e-4  # what is left of the last step: 1e-10 in squared standard deviations
+    assert off < 1e-4  # remainder of the last step: 1e-10 in squared standard deviations
     assert wider < 1e-7
     for pair in again.pairs:
         whole = overall.pair(pair.pair_id)

@@ -42,8 +42,8 @@ def test_without_ties_beyond_the_last_stop_all_earlier_stops_stay(params):
             )
     last = network.stop_ids[-1]
     off = np.linalg.norm(position(states[-1], last) - truth.lsl_from_rover[-1].translation_m)
-    told = network.stops[-1].lsl_from_rover.translation_m
-    assert off < 0.2 * np.linalg.norm(told - truth.lsl_from_rover[-1].translation_m)
+    reported = network.stops[-1].lsl_from_rover.translation_m
+    assert off < 0.2 * np.linalg.norm(reported - truth.lsl_from_rover[-1].translation_m)
 
 
 def test_ties_to_the_stop_before_last_let_the_last_one_move_again(params):
@@ -68,7 +68,7 @@ def test_stepwise_and_overall_agree_within_their_uncertainty(params):
     for a, b in zip(step.stops[1:], overall.stops[1:], strict=True):
         apart = a.lsl_from_rover.translation_m - b.lsl_from_rover.translation_m
         assert (np.abs(apart) < 3 * a.sigma_ned_m).all()
-        # it does not know that errors of the mast are those of the steps before
+        # it ignores that errors of the mast are those of the steps before
         assert (a.sigma_ned_m > 0.85 * b.sigma_ned_m).all()
 
 

@@ -133,9 +133,9 @@ def test_weak_places_are_named(params):
     cut = replace(network, ties=select(network.ties, ~across))
     adjusted, _ = adjust_overall(cut, params)
     found = stated(cut, adjusted)
-    said = {weak.what: weak.why for weak in found.weaknesses}
-    assert "left at telemetry" in said[str(names[3])]
-    assert said[f"link {names[0]} - {names[1]}"] == "rests on 4 tie points, fewer than 7"
+    message = {weak.what: weak.why for weak in found.weaknesses}
+    assert "left at telemetry" in message[str(names[3])]
+    assert message[f"link {names[0]} - {names[1]}"] == "rests on 4 tie points, fewer than 7"
     assert found.links[names[0], names[1]] == 4
     assert (names[2], names[3]) not in found.links
 

@@ -40,7 +40,7 @@ def raster(  # noqa: PLR0913 - the keywords of a label
     sample_type="IEEE_REAL",
     missing="0.0",
 ):
-    """A file with the bands `values`, and the label that says so."""
+    """A file with the bands `values`, and its label."""
     stored = {
         "BAND_SEQUENTIAL": values,
         "LINE_INTERLEAVED": values.transpose(1, 0, 2),
@@ -132,7 +132,7 @@ def test_a_raster_may_have_its_label_in_a_file_of_its_own(xyz):
 
 
 @pytest.mark.parametrize(
-    ("change", "error", "complaint"),
+    ("change", "error", "message"),
     [
         (
             {"derived": "DERIVED_IMAGE_TYPE = IMAGE"},
@@ -146,8 +146,8 @@ def test_a_raster_may_have_its_label_in_a_file_of_its_own(xyz):
         ({"index": "-1"}, LabelError, "and its counters"),
     ],
 )
-def test_files_without_such_a_raster_are_refused(xyz, change, error, complaint):
-    with pytest.raises(error, match=complaint):
+def test_files_without_such_a_raster_are_refused(xyz, change, error, message):
+    with pytest.raises(error, match=message):
         read_raster(raster(xyz, **change), "x.img")
 
 

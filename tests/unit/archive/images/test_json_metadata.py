@@ -49,7 +49,7 @@ def test_every_model_type_is_read():
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("", "not JSON"),
         ("[" * 100_000, "not JSON"),
@@ -63,8 +63,8 @@ def test_every_model_type_is_read():
         (metadata("CAHVORE", VECTORS + ";(0,0,0);(2,3);0"), "T of .* should be 1 number"),
     ],
 )
-def test_broken_metadata_are_refused(text, complaint):
-    with pytest.raises(LabelError, match=complaint) as caught:
+def test_broken_metadata_are_refused(text, message):
+    with pytest.raises(LabelError, match=message) as caught:
         camera_of_metadata(text, "x.json")
     assert str(caught.value).startswith("x.json: ")
 
@@ -127,7 +127,7 @@ def test_the_navcam_of_perseverance_needs_a_pose_from_another_source(shared_data
 
 
 @pytest.mark.parametrize(
-    ("change", "complaint"),
+    ("change", "message"),
     [
         ({"attitude": "(0,0,0,0)"}, "not a unit quaternion"),
         ({"attitude": "(1,0,0)"}, "attitude should be 4 numbers"),
@@ -138,7 +138,7 @@ def test_the_navcam_of_perseverance_needs_a_pose_from_another_source(shared_data
         ({"dimension": "(0,0)"}, "is not that of an image"),
     ],
 )
-def test_incomplete_metadata_name_the_missing_part(change, complaint):
-    with pytest.raises(LabelError, match=complaint) as caught:
+def test_incomplete_metadata_name_the_missing_part(change, message):
+    with pytest.raises(LabelError, match=message) as caught:
         rover_image_of_metadata(json.dumps({**WHOLE, **change}), "x.json")
     assert str(caught.value).startswith("x.json: ")

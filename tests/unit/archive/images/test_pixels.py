@@ -117,7 +117,7 @@ def test_the_pointer_may_count_bytes_or_name_a_file(small):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "complaint"),
+    ("old", "new", "message"),
     [
         ("^IMAGE ", "^OTHER ", r"\^IMAGE, the position of the pixels, is missing from the label"),
         ("^IMAGE                           = 9", "^IMAGE = 0", r"\^IMAGE should be a record"),
@@ -130,8 +130,8 @@ def test_the_pointer_may_count_bytes_or_name_a_file(small):
         ("BANDS                          = 1", "BANDS = 7", "expected 1 or 3 bands"),
     ],
 )
-def test_an_impossible_layout_is_refused(small, old, new, complaint):
-    with pytest.raises((LabelError, PixelError), match=complaint):
+def test_an_impossible_layout_is_refused(small, old, new, message):
+    with pytest.raises((LabelError, PixelError), match=message):
         pixel_layout(parse_label(small.but(old, new).label, "x.img"))
 
 

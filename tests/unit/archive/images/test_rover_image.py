@@ -80,9 +80,9 @@ def test_the_temperature_of_the_mast_is_that_of_the_measured_detectors(
     small, values, names, celsius
 ):
     assert record(small).camera_celsius is None
-    told = f"  INSTRUMENT_TEMPERATURE = {values}\n  INSTRUMENT_TEMPERATURE_NAME = {names}\n"
+    reported = f"  INSTRUMENT_TEMPERATURE = {values}\n  INSTRUMENT_TEMPERATURE_NAME = {names}\n"
     group = "GROUP                            = INSTRUMENT_STATE_PARMS\n"
-    image = record(small.but(group, group + told))
+    image = record(small.but(group, group + reported))
     assert image.camera_celsius == (None if celsius is None else pytest.approx(celsius))
 
 
@@ -155,7 +155,7 @@ def test_a_linearised_product_has_a_perspective_camera(small):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "complaint"),
+    ("old", "new", "message"),
     [
         ("GROUP                            = GEOMETRIC_CAMERA_MODEL\n", "GROUP = OTHER\n", None),
         ("MODEL_TYPE                     = CAHVOR", "MODEL_TYPE = PSPH", "should be CAHV, CAHVOR"),
@@ -183,12 +183,12 @@ def test_a_linearised_product_has_a_perspective_camera(small):
         ("WIDTH          = 1", "WIDTH = 0", "PIXEL_AVERAGING_WIDTH should be 1 or more"),
     ],
 )
-def test_an_unusable_label_is_refused_in_one_line(small, old, new, complaint):
-    if complaint is None:
-        new, complaint = "GROUP = GEO\n", r"the label has no camera model"
+def test_an_unusable_label_is_refused_in_one_line(small, old, new, message):
+    if message is None:
+        new, message = "GROUP = GEO\n", r"the label has no camera model"
         small = small.but("END_GROUP                        = GEOMETRIC_CAMERA_MODEL", "END_GROUP")
         old = "GROUP                            = GEOMETRIC_CAMERA_MODEL\n"
-    with pytest.raises(LabelError, match=complaint) as caught:
+    with pytest.raises(LabelError, match=message) as caught:
         read_image(small.but(old, new).data, NAME)
     assert NAME in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -210,7 +210,7 @@ def test_a_derived_raster_of_another_mission_is_refused_by_its_label(small):
 
 
 @pytest.mark.parametrize(
-    ("data", "complaint"),
+    ("data", "message"),
     [
         (b"", "x.img: the file is empty"),
         (b"Dear reader,\nthis is a letter.\n", "not a PDS3 image: it starts with 'Dear reader,"),
@@ -219,8 +219,8 @@ def test_a_derived_raster_of_another_mission_is_refused_by_its_label(small):
         (b"PDS_VERSION_ID = PDS3\nEND\n", "x.img: INSTRUMENT_HOST_ID is missing"),
     ],
 )
-def test_a_file_without_an_image_is_named_with_its_fault(data, complaint):
-    with pytest.raises(LabelError, match=complaint):
+def test_a_file_without_an_image_is_named_with_its_fault(data, message):
+    with pytest.raises(LabelError, match=message):
         read_image(data, "x.img")
 
 

@@ -142,7 +142,7 @@ def test_the_approximation_agrees_with_the_counts_of_an_archived_frame(shared_da
     """Sol 4090's Pancam frame was inverted with the true LUT3, so its values are the table's.
 
     99.5 percent of the pixels have one of 59 values, the others were interpolated over bad pixels.
-    The codes themselves are not in the file: the one that fits best is taken for the first.
+    The codes themselves are not in the file: the first is taken to be the one that fits best.
     """
     path = next(shared_data.rglob("1P491287702ILF*.IMG"))
     data = path.read_bytes()
@@ -156,7 +156,7 @@ def test_the_approximation_agrees_with_the_counts_of_an_archived_frame(shared_da
         np.abs(table[first : first + 59] - of_table).max() for first in range(len(table) - 58)
     )
     assert worst < 11
-    assert np.diff(of_table).min() == 18  # so no value is off by as much as one code
+    assert np.diff(of_table).min() == 18  # so no value differs by as much as one code
 
 
 def test_a_table_that_falls_or_is_short_is_refused():

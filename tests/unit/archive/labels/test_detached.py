@@ -76,11 +76,11 @@ def test_a_pds4_label_may_be_joined_too(rng):
 
 
 def test_a_label_may_describe_a_png_or_jpeg(small):
-    """Public raw images are eight-bit pictures; their sizes have to agree with the label."""
+    """Public raw images are eight-bit images; their sizes have to agree with the label."""
     grey = (small.pixels % 251 + 1).astype(np.uint8)
     label = small.but("= 9\n", '= "IMAGE.PNG"\n').label.encode()
-    picture = cv2.imencode(".png", grey)[1].tobytes()
-    np.testing.assert_array_equal(read_image(join_label(label, picture, NAME), NAME).pixels, grey)
+    image = cv2.imencode(".png", grey)[1].tobytes()
+    np.testing.assert_array_equal(read_image(join_label(label, image, NAME), NAME).pixels, grey)
     other = cv2.imencode(".jpg", grey[:20])[1].tobytes()
     with pytest.raises(PixelError, match="image is 60 x 20 pixels, its label has 60 x 40"):
         read_image(join_label(label, other, NAME), NAME)
@@ -89,16 +89,16 @@ def test_a_label_may_describe_a_png_or_jpeg(small):
 def test_metadata_of_a_raw_image_replace_its_label(shared_data):
     path = next(shared_data.rglob("NLF_0670_*-metadata.json"))
     metadata = json.loads(path.read_text()) | {"attitude": "(0.8,0.0,0.0,0.6)"}
-    picture = path.with_name(path.name.replace("-metadata.json", ".png"))
-    data = join_label(json.dumps(metadata).encode(), picture.read_bytes(), picture.name)
-    read = read_image(data, picture.name)
+    image = path.with_name(path.name.replace("-metadata.json", ".png"))
+    data = join_label(json.dumps(metadata).encode(), image.read_bytes(), image.name)
+    read = read_image(data, image.name)
     assert read.pixels.shape == (read.image.lines, read.image.samples) == (968, 1288)
     assert read.notes == ()
-    described = describe_image(data, picture.name)
+    described = describe_image(data, image.name)
     assert described.label is None
     assert (described.state.code, described.state.darkened_by) == (None, None)
     with pytest.raises(LabelError, match="it has JSON metadata instead of a label"):
-        read_label(data, picture.name)
+        read_label(data, image.name)
 
 
 def test_data_that_are_too_short_or_a_label_that_is_broken_are_refused(small, pixel_file):

@@ -98,7 +98,7 @@ def test_numbers_may_be_quoted_and_whole_numbers_written_as_reals():
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("A = 1", "x.img: the label ends in line 1 without END"),
         ("", "x.img: the label ends in line 1 without END"),
@@ -119,8 +119,8 @@ def test_numbers_may_be_quoted_and_whole_numbers_written_as_reals():
         ("(((\nEND", "expected KEYWORD = value"),
     ],
 )
-def test_a_broken_label_is_refused_with_its_line(text, complaint):
-    with pytest.raises(LabelError, match=complaint):
+def test_a_broken_label_is_refused_with_its_line(text, message):
+    with pytest.raises(LabelError, match=message):
         parse_label(text, "x.img")
 
 

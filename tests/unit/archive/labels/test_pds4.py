@@ -91,8 +91,8 @@ def test_a_bayer_frame_is_recognised_by_its_label_or_name(name, state, is_mosaic
 
 def test_a_colour_image_is_not_a_bayer_frame_under_any_name(pixels):
     name = NAME.replace("NLF", "NLE")
-    picture = cv2.imencode(".png", pixels.transpose(1, 2, 0)[:, :, ::-1])[1].tobytes()
-    data = join_label(XML.replace(NAME[:-4], name[:-4]).encode(), picture, name)
+    png = cv2.imencode(".png", pixels.transpose(1, 2, 0)[:, :, ::-1])[1].tobytes()
+    data = join_label(XML.replace(NAME[:-4], name[:-4]).encode(), png, name)
     np.testing.assert_allclose(read_image(data, name).pixels, pixels.mean(axis=0), rtol=1e-6)
     np.testing.assert_array_equal(read_colour(data, name)[0], pixels)
 
@@ -131,7 +131,7 @@ def test_a_reverse_quaternion_is_inverted():
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "complaint"),
+    ("old", "new", "message"),
     [
         ("mars2020_navcam", "cassini_iss", "names no mission known here"),
         ("Product_Observational", "Product_Browse", "expected <Product_Observational>, found <Pr"),
@@ -151,14 +151,14 @@ def test_a_reverse_quaternion_is_inverted():
         ("<?xml version", "<!DOCTYPE a []><?xml version", "line 1: <!DOCTYPE is not allowed"),
     ],
 )
-def test_a_broken_label_is_refused_in_one_line(old, new, complaint):
+def test_a_broken_label_is_refused_in_one_line(old, new, message):
     changed = XML.replace(old, new)
     assert changed != XML
-    if complaint == "site":  # the site is then that of the rover's own counters
+    if message == "site":  # the site is then that of the rover's own counters
         record = read_image_record(b"", NAME, detached_label=changed)
         assert record.site_from_rover.target == site_frame(30)
         return
-    with pytest.raises(LabelError, match=complaint) as caught:
+    with pytest.raises(LabelError, match=message) as caught:
         rover_image(parse_pds4_label(changed, NAME), NAME)
     assert "\n" not in str(caught.value)
 

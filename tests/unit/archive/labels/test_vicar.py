@@ -69,7 +69,7 @@ def test_the_end_of_a_label_is_found_in_the_first_bytes():
 
 
 @pytest.mark.parametrize(
-    ("data", "complaint"),
+    ("data", "message"),
     [
         (b"nothing", "not a VICAR label"),
         (b"LBLSIZE=99999 FORMAT='BYTE'", "LBLSIZE is 99999, but 27 bytes follow"),
@@ -77,8 +77,8 @@ def test_the_end_of_a_label_is_found_in_the_first_bytes():
         (b"LBLSIZE=50 FORMAT='X' ", "FORMAT of the VICAR label 'X' is not read"),
     ],
 )
-def test_a_broken_label_is_refused(data, complaint):
-    with pytest.raises(LabelError, match=complaint):
+def test_a_broken_label_is_refused(data, message):
+    with pytest.raises(LabelError, match=message):
         parse_vicar_label(data + bytes(0 if b"999" in data else 50), "x.vic")
 
 
@@ -113,7 +113,7 @@ def test_the_first_bytes_are_read_without_the_second_label_part():
 
 
 @pytest.mark.parametrize(
-    ("text", "behind", "complaint"),
+    ("text", "behind", "message"),
     [
         (FIRST, b"pixels and no label", "EOL=1, but byte 1504 starts no second label"),
         (FIRST.replace("N2=10", "N2=-10"), SECOND, "RECSIZE, N2, N3, NLB do not locate"),
@@ -121,7 +121,7 @@ def test_the_first_bytes_are_read_without_the_second_label_part():
         (FIRST, SECOND.replace(b"PROPERTY=", b"PROPERTY "), "expected KEY=value"),
     ],
 )
-def test_a_broken_second_label_part_is_refused(text, behind, complaint):
+def test_a_broken_second_label_part_is_refused(text, behind, message):
     data = file_of(text, bytes(400)) + behind
-    with pytest.raises(LabelError, match=complaint):
+    with pytest.raises(LabelError, match=message):
         parse_vicar_label(data, "x.vic")

@@ -66,7 +66,7 @@ def test_rows_without_a_place_or_an_attitude_give_no_poses():
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("", "not a PLACES table: its first line lacks frame, site, drive, landing_x"),
         ("frame,site\nSITE,1", "lacks drive, landing_x, landing_y, landing_z"),
@@ -82,8 +82,8 @@ def test_rows_without_a_place_or_an_attitude_give_no_poses():
         ("<!DOCTYPE msl []><msl/>", "<!DOCTYPE is not allowed"),
     ],
 )
-def test_a_broken_table_is_refused_with_its_line(text, complaint):
-    with pytest.raises(VectorFileError, match=complaint) as caught:
+def test_a_broken_table_is_refused_with_its_line(text, message):
+    with pytest.raises(VectorFileError, match=message) as caught:
         parse_localisations(text, "x.csv")
     assert str(caught.value).startswith("x.csv: ")
     assert "\n" not in str(caught.value)

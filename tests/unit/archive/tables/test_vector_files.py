@@ -159,7 +159,7 @@ def test_an_empty_input_has_no_landing_frame():
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("", "x.svf: not well-formed XML"),
         ("<a>", "x.svf: not well-formed XML"),
@@ -181,8 +181,8 @@ def test_an_empty_input_has_no_landing_frame():
         ),
     ],
 )
-def test_a_broken_file_is_refused_with_its_element(text, complaint):
-    with pytest.raises(VectorFileError, match=complaint) as caught:
+def test_a_broken_file_is_refused_with_its_element(text, message):
+    with pytest.raises(VectorFileError, match=message) as caught:
         parse_vector_file(text, "x.svf")
     assert str(caught.value).startswith("x.svf: ")
     assert "\n" not in str(caught.value)
@@ -254,7 +254,7 @@ def test_the_rendered_chain_reaches_the_lander(husband):
 
 
 def test_the_traverse_agrees_with_every_stop_of_the_vector_files(spirit, shared_data):
-    """Site 137 is the one whose rover vector file is at hand: 131 stops, 133 rows of the table.
+    """Site 137 is the one whose rover vector file is available: 131 stops, 133 rows of the table.
 
     The table has the pose of arrival, the lowest motion counter of a stop; `best_poses` takes the
     highest, which is 44 cm from it at drive 166, where the rover sank in later.
@@ -280,7 +280,7 @@ def test_between_sites_the_table_has_the_declaration_or_the_next_drive(spirit, s
     """Of 135 sites the last row is within 1.1 mm of the next site's origin for 74.
 
     At the others the rover drove on within the site before it declared the next one, or a drive
-    was entered late: no vector file is there to tell.
+    was entered late: no vector file decides it.
     """
     lsl = lsl_tree(best_poses(spirit)).tree
     path = shared_data / "traverse" / "mer_spirit" / "MERA-MER2-Spirit_traverse_path.csv"

@@ -62,7 +62,7 @@ def column_text(name: str, start: int, length: int) -> str:
     return (
         f"  OBJECT = COLUMN\n  NAME = {name}\n  DATA_TYPE = CHARACTER\n  START_BYTE = {start}\n"
         f"  BYTES = {length}\n{items}"
-        f'  DESCRIPTION = "What {name} is;\n    it is no\n  END_OBJECT = COLUMN\n  of another"\n'
+        f'  DESCRIPTION = "What {name} is;\n    it is not\n  END_OBJECT = COLUMN\n  of another"\n'
         "  END_OBJECT = COLUMN\n"
     )
 
@@ -354,7 +354,7 @@ print(findings.rows, len(findings.pairs), findings.broken, tracemalloc.get_trace
 
 
 def test_sixty_thousand_rows_need_little_memory():
-    """As many rows as Spirit's Navcam index has, of 21 MB; 600 pairs are asked for and found.
+    """As many rows as Spirit's Navcam index has, of 21 MB; 600 pairs are requested and found.
 
     In a process of its own: the checks of array types in this one triple what is measured.
     """

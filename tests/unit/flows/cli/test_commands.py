@@ -63,7 +63,7 @@ def test_a_file_that_cannot_be_read_is_named(command, text, tmp_path):
     assert "own.toml" in ended.stderr
 
 
-def test_judge_is_an_alias_of_evaluate():
+def test_the_former_name_of_evaluate_still_works():
     commands = CLI.invoke(app, ["--help"]).stdout
     assert "evaluate" in commands
     assert "judge" not in commands

@@ -51,7 +51,7 @@ def fail(text):
 @pytest.mark.parametrize(
     "put",
     [
-        console.say,
+        console.print_line,
         lambda text: console.note("failed", text),
         fail,
         lambda text: console._print_finished(Step(text, 2, 2)),

@@ -18,33 +18,33 @@ def store(tmp_path_factory) -> str:
 
 def test_a_folder_is_exported_and_updated(store, tmp_path):
     target = tmp_path / "out"
-    asked = ["export", str(target), "--store", store, "--mission", "Spirit", "--sol", "155-157"]
-    asked += ["--stop", "10/64", "--kind", "dtm", "--kind", "slope", "--since", "2020-01-01"]
-    first = CLI.invoke(app, asked)
+    requested = ["export", str(target), "--store", store, "--mission", "Spirit", "--sol", "155-157"]
+    requested += ["--stop", "10/64", "--kind", "dtm", "--kind", "slope", "--since", "2020-01-01"]
+    first = CLI.invoke(app, requested)
     assert first.exit_code == 0, first.stderr
     assert {path.name for path in (target / "maps").iterdir()} == {
         "MER2_sol0156_site010_drive0064_dtm_8cm.tif",
         "MER2_sol0156_site010_drive0064_slope_8cm.tif",
     }
-    again = CLI.invoke(app, asked)
+    again = CLI.invoke(app, requested)
     assert "0 written, 10 unchanged, 0 removed" in again.stdout.replace("\n", " ")
-    said = json.loads(CLI.invoke(app, [*asked, "--json"]).stdout)
-    assert (said["written"], said["unchanged"], said["removed"]) == (0, 10, 0)
-    assert all((target / name).is_file() for name in said["files"])
+    message = json.loads(CLI.invoke(app, [*requested, "--json"]).stdout)
+    assert (message["written"], message["unchanged"], message["removed"]) == (0, 10, 0)
+    assert all((target / name).is_file() for name in message["files"])
 
 
 @pytest.mark.parametrize(
-    ("options", "says"),
+    ("options", "text"),
     [
         (["--kind", "dem"], "there is no kind dem"),
         (["--stop", "south"], "does not name a stop; SITE/DRIVE is expected"),
         (["--sol", "900"], "nothing is selected"),
     ],
 )
-def test_a_failed_export_is_one_line_and_leaves_no_file(store, tmp_path, options, says):
+def test_a_failed_export_is_one_line_and_leaves_no_file(store, tmp_path, options, text):
     ended = CLI.invoke(app, ["export", str(tmp_path / "out"), "--store", store, *options])
     assert ended.exit_code == 1
-    assert says in ended.stderr.replace("\n", " ")
+    assert text in ended.stderr.replace("\n", " ")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,4 +1,4 @@
-"""What `solmap inspect` says of an image is what its label, model and pixels say."""
+"""`solmap inspect` reports what label, camera model and pixels of an image contain."""
 
 import json
 import math
@@ -154,14 +154,14 @@ def test_every_real_image_can_be_inspected(shared_data):
 
 def test_the_browse_image_is_the_stretched_image(pair, tmp_path):
     write_png(pair[0], tmp_path / "picture.png")
-    picture = cv2.imread(str(tmp_path / "picture.png"), cv2.IMREAD_UNCHANGED)
+    png = cv2.imread(str(tmp_path / "picture.png"), cv2.IMREAD_UNCHANGED)
     read = read_image(pair[0].read_bytes(), pair[0].name)
-    assert picture.dtype == np.uint8
-    assert picture.shape == read.pixels.shape
-    assert (picture == 0).mean() == pytest.approx(0.01, abs=0.01)  # the lowest percent is black
-    assert (picture == 255).mean() == pytest.approx(0.01, abs=0.01)
+    assert png.dtype == np.uint8
+    assert png.shape == read.pixels.shape
+    assert (png == 0).mean() == pytest.approx(0.01, abs=0.01)  # the lowest percent is black
+    assert (png == 255).mean() == pytest.approx(0.01, abs=0.01)
     order = np.argsort(read.pixels.ravel(), kind="stable")
-    assert (np.diff(picture.ravel()[order].astype(int)) >= 0).all()
+    assert (np.diff(png.ravel()[order].astype(int)) >= 0).all()
 
 
 def test_the_angles_of_a_real_camera_rotate_its_axis(shared_data):
@@ -326,15 +326,15 @@ def test_the_command_prints_good_files_and_exits_with_one_if_any_is_broken(pair,
 
 
 def test_the_command_writes_json_and_an_image(pair, tmp_path):
-    picture = tmp_path / "x.png"
-    result = CliRunner().invoke(app, ["inspect", str(pair[0]), "--json", "--png", str(picture)])
+    png = tmp_path / "x.png"
+    result = CliRunner().invoke(app, ["inspect", str(pair[0]), "--json", "--png", str(png)])
     assert result.exit_code == 0
     (found,) = json.loads(result.output)
     assert found["product"] == pair[0].stem.upper()
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    result = CliRunner().invoke(app, ["inspect", str(pair[0]), "--linearised", str(picture)])
+    assert png.read_bytes().startswith(b"\x89PNG")
+    result = CliRunner().invoke(app, ["inspect", str(pair[0]), "--linearised", str(png)])
     assert result.exit_code == 0
-    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert png.read_bytes().startswith(b"\x89PNG")
 
 
 def test_one_output_image_for_several_inputs_is_refused(pair, tmp_path):
@@ -345,22 +345,22 @@ def test_one_output_image_for_several_inputs_is_refused(pair, tmp_path):
 
 def test_an_image_with_metadata_and_labels_alone_are_inspected(shared_data, tmp_path):
     real = next(shared_data.rglob("NLF_0670_*-metadata.json"))
-    said = json.loads(real.read_text()) | {"attitude": "(0.8,0.0,0.0,0.6)"}
+    message_ = json.loads(real.read_text()) | {"attitude": "(0.8,0.0,0.0,0.6)"}
     name = real.name.removesuffix("-metadata.json")
-    label, picture = tmp_path / f"{name}-metadata.json", tmp_path / f"{name}.png"
-    label.write_text(json.dumps(said))
-    picture.write_bytes(real.with_name(picture.name).read_bytes())
-    of_picture, of_label = inspect_file(picture), inspect_file(label)
-    assert of_picture["camera"] == of_label["camera"]
-    assert of_picture["size"]["masked_share"] < 0.01
+    label, png = tmp_path / f"{name}-metadata.json", tmp_path / f"{name}.png"
+    label.write_text(json.dumps(message_))
+    png.write_bytes(real.with_name(png.name).read_bytes())
+    of_image, of_label = inspect_file(png), inspect_file(label)
+    assert of_image["camera"] == of_label["camera"]
+    assert of_image["size"]["masked_share"] < 0.01
     assert of_label["size"]["masked_share"] is None
-    assert of_picture["pointing"].keys() == {"image_centre"}  # metadata have no mast frame
-    lines = report_of(of_picture)
-    assert lines[0] == said["imageid"]
-    picture.with_name("alone.png").write_bytes(picture.read_bytes())
+    assert of_image["pointing"].keys() == {"image_centre"}  # metadata have no mast frame
+    lines = report_of(of_image)
+    assert lines[0] == message_["imageid"]
+    png.with_name("alone.png").write_bytes(png.read_bytes())
     with pytest.raises(
         InspectionError, match=r"alone.png: an image without a label; alone-metadata.json"
     ):
-        inspect_file(picture.with_name("alone.png"))
+        inspect_file(png.with_name("alone.png"))
     xml = Path(__file__).parents[2] / "archive" / "labels" / "navcam_of_perseverance.xml"
     assert inspect_file(xml)["camera"]["model"] == "CAHVORE"

@@ -84,10 +84,10 @@ def test_a_child_that_ends_repeatedly_is_restarted_after_growing_waits(tmp_path)
     pauses = []
     while len(pauses) < 3:
         until(lambda: not child.is_alive)
-        if said := child.revive():
-            pauses.append(said)
+        if message := child.revive():
+            pauses.append(message)
         time.sleep(0.02)
-    assert [said.split(" in ")[1].split(" s")[0] for said in pauses] == ["1", "2", "4"]
+    assert [message.split(" in ")[1].split(" s")[0] for message in pauses] == ["1", "2", "4"]
     child.stop()
 
 
@@ -125,7 +125,9 @@ def test_a_long_log_is_shortened_and_later_lines_are_kept(tmp_path, monkeypatch)
     assert child.log.with_suffix(".log.1").read_text().startswith("xxx")
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells children of their parent")
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="only Linux signals children at the end of their parent"
+)
 def test_no_child_remains_after_its_parent_is_killed(tmp_path):
     script = PARENT.format(log=str(tmp_path / "log"))
     command = (sys.executable, "-c", script)
@@ -144,8 +146,8 @@ def test_runs_have_lower_priority_than_the_server():
         "print(os.nice(0), group.read_text() if group.exists() else '')"
     )
     command = (sys.executable, "-c", code)
-    told = subprocess.run(
+    reported = subprocess.run(
         command, capture_output=True, text=True, check=True, start_new_session=True
     ).stdout
-    assert int(told.split()[0]) == min(os.nice(0) + 10, 19)
-    assert "nice 0" not in told
+    assert int(reported.split()[0]) == min(os.nice(0) + 10, 19)
+    assert "nice 0" not in reported

@@ -26,7 +26,7 @@ def kept(workspace):
 def test_progress_is_recorded_during_the_run(workspace):
     with record_run("downlink", "sol156", workspace) as record:
         report("match pairs", 2, 7)
-        record.say(["an image has no partner"])
+        record.add_lines(["an image has no partner"])
         run = kept(workspace)
         assert (run.state, run.stage, run.done, run.total) == (
             RunState.RUNNING,

@@ -1,4 +1,4 @@
-"""How a sol's report tells findings from faults."""
+"""How a sol's report distinguishes findings from faults."""
 
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.photogrammetry.errors import MatchingError, TerrainError

@@ -52,10 +52,10 @@ def test_a_signal_ends_the_run_with_one_line_and_ends_its_children(tmp_path, num
         child = int(process.stdout.readline())
         time.sleep(0.3)
         process.send_signal(number)
-        said, wrong = process.communicate(timeout=30)
+        message, wrong = process.communicate(timeout=30)
     assert process.returncode == 128 + number
     assert wrong.splitlines() == ["stopped; what was made is kept; run again to continue"]
-    assert ("closed" in said) == ("order" in doing)
+    assert ("closed" in message) == ("order" in doing)
     with pytest.raises(ProcessLookupError):
         _until_gone(child)
 

@@ -1,4 +1,4 @@
-"""What a watched folder hands over, and when."""
+"""Which files a watched folder delivers, and when."""
 
 import json
 from pathlib import Path

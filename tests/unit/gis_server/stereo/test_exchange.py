@@ -1,4 +1,4 @@
-"""What is made for other programs says what the network says: read back by parsers of our own."""
+"""Files for other programs agree with the network; our own parsers read them back."""
 
 from __future__ import annotations
 
@@ -100,10 +100,10 @@ def test_tracks_of_a_colmap_model_name_the_observations_of_their_points(exported
 def test_images_have_the_size_of_their_cameras(exported):
     model = read_colmap(exported / "colmap" / "MER2")
     for image in model.images.values():
-        picture = cv2.imread(str(exported / "epipolar" / "MER2" / image.name), -1)
+        png = cv2.imread(str(exported / "epipolar" / "MER2" / image.name), -1)
         _, width, height, *_ = model.cameras[image.camera]
-        assert picture.shape == (height, width)
-        assert (picture > 0).mean() > 0.5
+        assert png.shape == (height, width)
+        assert (png > 0).mean() > 0.5
 
 
 def test_pycolmap_reads_the_model(exported):
@@ -124,13 +124,13 @@ def read_tsai(path: Path) -> dict[str, np.ndarray]:
 def test_cameras_for_asp_equal_those_of_the_colmap_model(exported):
     model = read_colmap(exported / "colmap" / "MER2")
     for image in model.images.values():
-        told = read_tsai(exported / "asp" / "MER2" / image.name.replace(".png", ".tsai"))
-        world_from_camera = told["R"].reshape(3, 3)
+        reported = read_tsai(exported / "asp" / "MER2" / image.name.replace(".png", ".tsai"))
+        world_from_camera = reported["R"].reshape(3, 3)
         _, _, _, fx, _, cx, cy = model.cameras[image.camera]
         np.testing.assert_allclose(world_from_camera, image.turn.T, atol=1e-12)
-        np.testing.assert_allclose(-image.turn @ told["C"], image.shift, atol=1e-9)
-        assert told["fu"] == told["fv"] == fx
-        assert (told["cu"] + 0.5, told["cv"] + 0.5) == pytest.approx((cx, cy))
+        np.testing.assert_allclose(-image.turn @ reported["C"], image.shift, atol=1e-9)
+        assert reported["fu"] == reported["fv"] == fx
+        assert (reported["cu"] + 0.5, reported["cv"] + 0.5) == pytest.approx((cx, cy))
 
 
 def csm_image_points(text: str, places: np.ndarray) -> np.ndarray:

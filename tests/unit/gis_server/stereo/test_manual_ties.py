@@ -129,7 +129,7 @@ def test_a_preview_changes_nothing_in_the_store(conjugates, stereo, stereo_clien
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "reported"),
     [
         ({"second": None}, "two stops"),
         ({"first": {"image": "NONE", "sample": 1, "line": 1}}, "no image"),
@@ -140,7 +140,7 @@ def test_a_preview_changes_nothing_in_the_store(conjugates, stereo, stereo_clien
         ({"first": {"image": "LEFT"}}, "takes first_image"),
     ],
 )
-def test_invalid_ties_are_refused(conjugates, stereo, stereo_client, change, told):
+def test_invalid_ties_are_refused(conjugates, stereo, stereo_client, change, reported):
     a, b = conjugates[0]
     right = next(entry.partner for entry in stereo.entries if entry.id == a[0])
     tie = {"first": picked(a), "second": picked(b)} | change
@@ -152,4 +152,4 @@ def test_invalid_ties_are_refused(conjugates, stereo, stereo_client, change, tol
         headers={"content-type": "application/json"},
     )
     assert answer.status_code in (404, 422)
-    assert told in answer.text
+    assert reported in answer.text

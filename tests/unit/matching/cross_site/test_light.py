@@ -21,7 +21,7 @@ MORNING, EVENING = sun_at(90, 32), sun_at(270, 28)
 
 
 def sunlit(north, east, sun, step_m=0.01):
-    """What `light` says of the rolling ground, by its true slopes."""
+    """Expected shading of the rolling ground, from its true slopes."""
     rise = [
         (
             rolling_stops.elevation(north + n, east + e)
@@ -65,10 +65,10 @@ def test_relit_ground_resembles_an_image_under_the_other_sun(rng):
         (rolling_stops.elevation(*(places + d)) - rolling_stops.elevation(*(places - d))) / 0.02
         for d in ([[0.01], [0.0]], [[0.0], [0.01]])
     ]
-    seen, wanted = (sunlit(*places, sun) for sun in (MORNING, EVENING))
+    seen, requested = (sunlit(*places, sun) for sun in (MORNING, EVENING))
     brighter = light.relighting(*np.float32(rise), MORNING, EVENING)
-    np.testing.assert_allclose(seen * brighter, wanted, rtol=1e-3)
-    assert np.corrcoef(seen, wanted)[0, 1] < -0.5  # lit faces and shaded ones change places
+    np.testing.assert_allclose(seen * brighter, requested, rtol=1e-3)
+    assert np.corrcoef(seen, requested)[0, 1] < -0.5  # lit faces and shaded ones change places
 
 
 def test_relighting_under_the_same_sun_changes_nothing(rng):
@@ -102,11 +102,11 @@ def test_relit_patches_resemble_those_of_the_other_stop(dusty_stops, second_stan
     alike = {"as seen": [], "relit": []}
     for here in one.views:
         for view in other.views:
-            wanted, visible = view.draw_patches(there, cells, 6, 6)
+            requested, visible = view.draw_patches(there, cells, 6, 6)
             for look, sun in (("as seen", None), ("relit", view.sun)):
                 drawn, whole = here.draw_patches(places, cells, 6, 6, sun)
                 alike[look] += [
-                    np.corrcoef(drawn[k].ravel(), wanted[k].ravel())[0, 1]
+                    np.corrcoef(drawn[k].ravel(), requested[k].ravel())[0, 1]
                     for k in np.flatnonzero(whole & visible)
                 ]
     assert len(alike["relit"]) > 20

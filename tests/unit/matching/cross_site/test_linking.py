@@ -56,9 +56,9 @@ def test_two_stops_that_face_each_other_are_linked_under_another_sun(link):
 
 def test_the_link_finds_the_position_of_the_rover(link, first_stand, second_stand):
     true = first_stand.true.inverse @ second_stand.true
-    told = first_stand.told.inverse @ second_stand.told
+    reported = first_stand.reported.inverse @ second_stand.reported
     error_m = np.linalg.norm(link.earlier_from_later.translation_m - true.translation_m)
-    assert np.linalg.norm(told.translation_m - true.translation_m) > 0.7
+    assert np.linalg.norm(reported.translation_m - true.translation_m) > 0.7
     # labels point 1 mrad wrong: 1 cm at 9 m; ranges of 5 cm average out over the ties
     assert error_m < 0.08
     turn = Rotation.from_matrix(link.earlier_from_later.rotation @ true.rotation.T).magnitude()
@@ -102,8 +102,8 @@ def test_stops_too_far_apart_to_share_ground_are_not_searched(first, second_stop
 
 
 def test_an_unlinked_stop_keeps_the_pose_of_telemetry(foreign, first, foreign_stop):
-    told = first.stop.lsl_from_rover.inverse @ foreign_stop.lsl_from_rover
-    np.testing.assert_allclose(foreign.earlier_from_later.translation_m, told.translation_m)
+    reported = first.stop.lsl_from_rover.inverse @ foreign_stop.lsl_from_rover
+    np.testing.assert_allclose(foreign.earlier_from_later.translation_m, reported.translation_m)
 
 
 def test_fewer_ties_than_unknowns_are_not_a_link():

@@ -81,7 +81,7 @@ def test_blocks_become_ties_between_pairs_of_both_stops(stops, found):
 
 
 def weight_of(ties, stops, found):
-    """What all ties together tell of the pose of the later stop: the inverse of its covariance."""
+    """Information of all ties on the pose of the later stop: the inverse of its covariance."""
     later, skipped = stops[1], len(stops[0].pairs)
     sigmas = np.column_stack(
         [ties.second_sigma_px, ties.second_sigma_line_px, ties.second_sigma_parallax_px]
@@ -102,11 +102,13 @@ def weight_of(ties, stops, found):
 
 def test_all_ties_together_have_the_information_of_the_surface_fit(stops, found):
     unknowns = len(found.covariance)
-    told = weight_of(tie_by_surface(stops, found, PARAMS), stops, found)
-    assert unknowns / 3 < np.trace(told @ found.covariance) < unknowns
+    reported = weight_of(tie_by_surface(stops, found, PARAMS), stops, found)
+    assert unknowns / 3 < np.trace(reported @ found.covariance) < unknowns
     loose = replace(found, covariance=100 * found.covariance)
-    told = weight_of(tie_by_surface(stops, loose, PARAMS), stops, loose)
-    assert unknowns / 2 < np.trace(told @ loose.covariance) < unknowns  # ties hardly add their own
+    reported = weight_of(tie_by_surface(stops, loose, PARAMS), stops, loose)
+    assert (
+        unknowns / 2 < np.trace(reported @ loose.covariance) < unknowns
+    )  # ties hardly add their own
 
 
 def test_stops_without_common_ground_are_not_aligned(grids, true):

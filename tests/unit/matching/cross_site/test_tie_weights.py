@@ -49,7 +49,8 @@ def test_the_mean_of_overlapping_patches_scatters_as_their_weights_state(rng):
         means.append([noise[i : i + width, j : j + width].mean() for i, j in corners])
     k = overlap_counts(corners.astype(float), np.full(len(corners), float(width)))
     scatter = np.std(np.average(means, axis=1, weights=1 / k))
-    # 400 draws: 3.5 % of scatter; borders, which are weighted by less than they know: some more
+    # 400 draws: 3.5 % of scatter; borders, which are weighted by less than their information: some
+    # more
     assert scatter == pytest.approx(1 / np.sqrt((1 / k).sum()), rel=0.12)
     assert scatter > 1.8 / np.sqrt(len(corners))  # far from independent
 
@@ -98,11 +99,11 @@ def test_different_suns_make_the_mean_of_all_ties_as_uncertain_as_their_shadows(
     ties, displaced = some_ties(30), np.zeros((30, 2, 3))
     displaced[:, 1] = 8.0, -2.0, 1.0
     geometries = {"a": pair, "b": pair}
-    told = add_shared_errors(ties, geometries, displaced)
+    reported = add_shared_errors(ties, geometries, displaced)
     blind = add_shared_errors(ties, geometries, 0 * displaced)
-    np.testing.assert_array_equal(told.first_sigma_px, blind.first_sigma_px)
+    np.testing.assert_array_equal(reported.first_sigma_px, blind.first_sigma_px)
     step, weight = displaced[0, 1], np.zeros(3)
     for k, name in enumerate(("sigma_px", "sigma_line_px", "sigma_parallax_px")):
-        weight[k] = (getattr(told, f"second_{name}") ** -2.0).sum()
+        weight[k] = (getattr(reported, f"second_{name}") ** -2.0).sum()
     sigma_shares = 1 / np.sqrt((weight * step**2).sum())  # of the displacement, by all ties
     assert sigma_shares == pytest.approx(SHARED_LIGHT, rel=0.05)

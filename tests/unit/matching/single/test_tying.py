@@ -21,7 +21,7 @@ from solmap.photogrammetry.matching.stereo.verification import VerificationParam
 
 @pytest.fixture(scope="module")
 def views(first_stop):
-    """The left images of the panorama's pairs, without what their right ones say."""
+    """The left images of the panorama's pairs, without their right images."""
     return [
         SingleView(p.pair_id, p.images.geometry, View.of(p.images.left, p.images.left_mask))
         for p in first_stop.pairs
@@ -57,7 +57,7 @@ def test_only_neighbouring_images_are_tied(tied):
 
 
 def test_ties_show_the_same_ground(tied, first_stop):
-    """The parallax of the pair, which single images do not know, says where they ought to be."""
+    """The parallax of the pair, which single images lack, gives their true positions."""
     offsets = []
     geometries = [pair.images.geometry for pair in first_stop.pairs]
     for k in range(len(tied.ties)):

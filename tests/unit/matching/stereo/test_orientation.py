@@ -54,8 +54,8 @@ def test_the_rotation_of_a_bent_rig_is_found_and_corrected(scene, ground, rng):
     found = rig_rotation(measured)
     np.testing.assert_allclose(found, rotation, atol=2e-5)  # second order in the rotation
     pose = geometry.rover_from_pair
-    mended = turn_in_place(right, rover, pose.rotation @ found).project(points)
-    np.testing.assert_allclose(mended[:, 1], partner[:, 1], atol=0.05)
+    repaired = turn_in_place(right, rover, pose.rotation @ found).project(points)
+    np.testing.assert_allclose(repaired[:, 1], partner[:, 1], atol=0.05)
 
 
 def test_inconsistent_row_offsets_are_not_corrected(scene, ground, rng):

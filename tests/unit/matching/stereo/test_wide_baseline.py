@@ -1,4 +1,4 @@
-"""Two stops as one instrument: how it is set right, and what far ground it resolves."""
+"""Two stops as one instrument: correction of its orientation, and far ground it resolves."""
 
 from dataclasses import replace
 
@@ -118,14 +118,14 @@ def eye_of(world, stop: int, pair: int, turn: np.ndarray, shift_m: np.ndarray) -
         lsl_from_rover.translation_m + shift_m,
     )
     cameras = [world.exposure(shot, eye).camera for eye in (Eye.LEFT, Eye.RIGHT)]
-    pictures = [photograph(world, shot, eye).astype(np.float32) for eye in (Eye.LEFT, Eye.RIGHT)]
-    whole = np.ones(pictures[0].shape, dtype=bool)
-    size = pictures[0].shape[::-1]
+    bitmaps = [photograph(world, shot, eye).astype(np.float32) for eye in (Eye.LEFT, Eye.RIGHT)]
+    whole = np.ones(bitmaps[0].shape, dtype=bool)
+    size = bitmaps[0].shape[::-1]
     bar = epipolar_pair(*cameras, size, size, world.stops[stop].id.frame, PAIR)
-    images = epipolar_images(bar, *((p, whole, c) for p, c in zip(pictures, cameras, strict=True)))
+    images = epipolar_images(bar, *((p, whole, c) for p, c in zip(bitmaps, cameras, strict=True)))
     return WideBaselineImage(
         f"{stop}-{pair}",
-        pictures[0],
+        bitmaps[0],
         whole,
         cameras[0].transform(lsl_from_rover),
         bar,

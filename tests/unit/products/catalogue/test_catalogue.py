@@ -105,8 +105,8 @@ def test_a_withdrawn_layer_leaves_the_map_with_an_event(catalogue):
     catalogue.withdraw([a_layer("a" * 16)])
     assert catalogue.layers() == []
     assert catalogue.layer(STOP.name, ProductKind.DTM, "a" * 16) == a_layer("a" * 16)
-    told = [event.document["layers"] for event in catalogue.events_since(before)]
-    assert told == [[f"{STOP.name}/dtm"]]
+    reported = [event.document["layers"] for event in catalogue.events_since(before)]
+    assert reported == [[f"{STOP.name}/dtm"]]
 
 
 def test_a_failing_publication_publishes_nothing(catalogue):
@@ -125,13 +125,13 @@ def test_images_are_found_by_stop_and_sol(catalogue):
 
 
 @pytest.mark.parametrize(
-    ("ask", "message"),
+    ("query", "message"),
     [
         (lambda c: c.image("2N9"), "no image '2N9' has been ingested"),
         (lambda c: c.layer("x", ProductKind.DTM), "no dtm of x has been published"),
         (lambda c: c.mission("MER9"), "no mission 'MER9' is in the store"),
     ],
 )
-def test_unknown_entries_are_named(catalogue, ask, message):
+def test_unknown_entries_are_named(catalogue, query, message):
     with pytest.raises(ProductNotFoundError, match=message):
-        ask(catalogue)
+        query(catalogue)

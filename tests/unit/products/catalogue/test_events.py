@@ -1,4 +1,4 @@
-"""Events are told in order, once each, and forgotten when there are many newer ones."""
+"""Events are returned in order, once each, and removed when there are many newer ones."""
 
 import pytest
 
@@ -14,9 +14,9 @@ def catalogue(tmp_path, catalogue_url):
 def test_events_are_returned_in_order_after_the_last_seen(catalogue):
     for number in range(5):
         catalogue.append_event("run.changed", {"number": number})
-    told = catalogue.events_since(2)
-    assert [event.id for event in told] == [3, 4, 5]
-    assert [event.document["number"] for event in told] == [2, 3, 4]
+    reported = catalogue.events_since(2)
+    assert [event.id for event in reported] == [3, 4, 5]
+    assert [event.document["number"] for event in reported] == [2, 3, 4]
     assert catalogue.version() == 5
     assert catalogue.events_since(5) == []
 

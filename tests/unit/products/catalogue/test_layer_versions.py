@@ -1,4 +1,4 @@
-"""A map holds for every solution that looks from where it looks, whichever product says so."""
+"""A map belongs to every solution whose orientations it was made with."""
 
 from __future__ import annotations
 

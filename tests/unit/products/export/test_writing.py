@@ -124,7 +124,7 @@ def test_equal_files_give_equal_archives(store, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "content"),
     [
         ("store/out", "is in the store"),
         ("full", "contains files and no earlier export"),
@@ -132,10 +132,10 @@ def test_equal_files_give_equal_archives(store, tmp_path):
         ("folder.zip", "is a folder"),
     ],
 )
-def test_other_files_are_never_overwritten(store, tmp_path, name, says):
+def test_other_files_are_never_overwritten(store, tmp_path, name, content):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "x").write_text("x")
     (tmp_path / "file.txt").write_text("x")
     (tmp_path / "folder.zip").mkdir()
-    with pytest.raises(ProductError, match=says):
+    with pytest.raises(ProductError, match=content):
         check_target(tmp_path / name, store)

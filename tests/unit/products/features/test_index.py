@@ -1,4 +1,4 @@
-"""The index of features: what is put in comes out, and only what was asked for."""
+"""The index of features: stored features are returned, and only the requested ones."""
 
 import json
 import sqlite3
@@ -41,8 +41,8 @@ def test_a_page_has_the_features_of_the_layers_in_order(index):
 
 
 def test_a_feature_is_read_back_unchanged(index):
-    wanted = point("a3", 3, -3, sol=4, even=False)
-    assert index.find(["a/1"], "a3") == wanted
+    requested = point("a3", 3, -3, sol=4, even=False)
+    assert index.find(["a/1"], "a3") == requested
     assert index.find(["b/1"], "a3") is None
 
 

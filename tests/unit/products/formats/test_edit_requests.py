@@ -1,4 +1,4 @@
-"""Files of edit requests: what is read, and which line says what is wrong."""
+"""Files of edit requests: what is read, and the message for each fault."""
 
 import json
 
@@ -89,7 +89,7 @@ HEAD = "action,first_image,first_sample,first_line,second_image,second_sample,se
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("", "f: the first line should name the columns, of action, .* 'action' is missing"),
         ("image,x,y\n", "f: the first line should name the columns"),
@@ -117,8 +117,8 @@ HEAD = "action,first_image,first_sample,first_line,second_image,second_sample,se
         ("{broken", "f: a FeatureCollection of features with properties"),
     ],
 )
-def test_every_fault_is_reported_in_one_line(text, said):
-    with pytest.raises(MatchingError, match=said) as caught:
+def test_every_fault_is_reported_in_one_line(text, message):
+    with pytest.raises(MatchingError, match=message) as caught:
         parse_edit_requests(text, "f")
     assert "\n" not in str(caught.value)
 

@@ -144,7 +144,7 @@ def test_the_bounds_include_all_points(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("geometry", "points", "said"),
+    ("geometry", "points", "message_"),
     [
         ("Point", [[0.0, 0.0], [1.0, 1.0]], "a Point has one row"),
         ("LineString", [[0.0, 0.0]], "at least 2 rows"),
@@ -154,8 +154,8 @@ def test_the_bounds_include_all_points(tmp_path):
         ("Point", [[0.0, 0.0, 0.0, 0.0]], r"not \(1, 4\)"),
     ],
 )
-def test_a_feature_that_cannot_be_drawn_is_refused_on_creation(geometry, points, said):
-    with pytest.raises(ProductError, match=said):
+def test_a_feature_that_cannot_be_drawn_is_refused_on_creation(geometry, points, message_):
+    with pytest.raises(ProductError, match=message_):
         Feature(geometry, np.array(points))
 
 

@@ -63,12 +63,12 @@ def test_a_geotiff_has_the_crs_of_mars(tmp_path, surface, landing):
     assert crs.to_epsg() is None
 
 
-@pytest.mark.parametrize("is_picture", [False, True])
+@pytest.mark.parametrize("is_image_file", [False, True])
 def test_the_file_is_a_valid_cloud_optimised_geotiff_of_blocks_of_256(
-    tmp_path, surface, is_picture
+    tmp_path, surface, is_image_file
 ):
     path = tmp_path / "a.tif"
-    if is_picture:
+    if is_image_file:
         write_orthophoto(path, GRID, surface, CRS)
     else:
         write_raster(path, GRID, {"x": surface}, CRS)

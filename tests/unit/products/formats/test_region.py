@@ -115,7 +115,7 @@ def test_far_ground_with_large_cells_fills_the_rest(made, sources, tmp_path):
     row = round((with_far.grid.north - near.grid.north) / 0.08)
     col = round((near.grid.west - with_far.grid.west) / 0.08)
     rows, cols = np.nonzero(close)
-    np.testing.assert_allclose(  # within a stop's ground the coarse model has no say
+    np.testing.assert_allclose(  # within a stop's ground the coarse model is not used
         with_far.elevation[rows, cols], near.elevation[rows - row, cols - col], atol=2e-3
     )
 

@@ -34,24 +34,24 @@ def test_accepted_candidates_are_white_and_rejected_ones_black(scene, ground):
     images = scene([ground]).images
     candidates = match_interest_points(images, SparseParams())
     candidates.accepted[:5] = False
-    picture = draw_candidates(images, candidates)
-    assert picture.shape == (256, 512, 3)
+    image = draw_candidates(images, candidates)
+    assert image.shape == (256, 512, 3)
     for point, accepted in zip(candidates.left[-20:], candidates.accepted[-20:], strict=True):
-        assert (picture[point[1], point[0]] == (255 if accepted else 0)).all()
+        assert (image[point[1], point[0]] == (255 if accepted else 0)).all()
 
 
 def test_unmatched_pixels_are_black_in_the_parallax_figure(scene, ground):
     parallax = match_densely(scene([ground]).images).parallax_px
-    picture = draw_parallax(parallax)
-    assert (picture[~np.isfinite(parallax)] == 0).all()
-    assert (picture[np.isfinite(parallax)].sum(axis=1) > 0).all()
+    image = draw_parallax(parallax)
+    assert (image[~np.isfinite(parallax)] == 0).all()
+    assert (image[np.isfinite(parallax)].sum(axis=1) > 0).all()
     assert not draw_parallax(np.full((4, 5), np.nan, np.float32)).any()
 
 
 def test_the_parallax_curve_is_drawn_through_the_candidates(scene, ground):
     candidates = match_interest_points(scene([ground]).images, SparseParams())
-    picture = draw_parallax_curve(candidates, SparseParams().verification)
-    orange = (picture == (0, 140, 255)).all(axis=2)
+    image = draw_parallax_curve(candidates, SparseParams().verification)
+    orange = (image == (0, 140, 255)).all(axis=2)
     assert orange.sum() > 500
     columns = np.nonzero(orange.any(axis=0))[0]
     heights = [np.nonzero(orange[:, c])[0].mean() for c in columns[[5, -5]]]
@@ -77,8 +77,8 @@ def test_matches_are_coloured_by_their_difference_from_dense_matching(scene, gro
     agreeing = np.abs(dense[y, x] - matches.parallax_px) < 0.3
     assert agreeing.mean() > 0.9
     for parallax, colour in ((dense, (80, 200, 80)), (far, (60, 20, 220)), (unmatched, (255,) * 3)):
-        picture = draw_residuals(images, matches, parallax.astype(np.float32))
-        drawn = (picture[y, x] == colour).all(axis=1)
+        image = draw_residuals(images, matches, parallax.astype(np.float32))
+        drawn = (image[y, x] == colour).all(axis=1)
         assert drawn.mean() > 0.85
 
 

@@ -1,4 +1,4 @@
-"""The quality report says what images did not determine."""
+"""The quality report names what images did not determine."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from solmap.products.reports.quality_page import report_page
 
 
 class Blank(dict):
-    """Pictures that nobody looks at."""
+    """Placeholder figures."""
 
     def items(self):
         return [(name, b"<svg/>") for name in ("traverse", "growth", "statistics", "NAVCAM")]

@@ -95,7 +95,7 @@ def catalogue_of(store):
 
 
 class Offline(JsonSchemaSTACValidator):
-    """Knows what pystac ships: the core of STAC 1.1 and GeoJSON, none of the extensions."""
+    """The schemas in pystac: the core of STAC 1.1 and GeoJSON, none of the extensions."""
 
     def __init__(self):
         super().__init__()

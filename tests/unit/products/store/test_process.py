@@ -71,9 +71,9 @@ def test_a_large_log_is_renamed_and_the_oldest_removed(tmp_path, log_of):
         logger.info("line %d", number)
     names = {path.name for path in (tmp_path / "logs").iterdir()}
     assert names <= {"flows.jsonl", "flows.jsonl.1", "flows.jsonl.2", "flows.lock"}
-    said = {line["message"] for line in lines_in(tmp_path)}
-    assert "line 59" in said
-    assert "line 0" not in said
+    message = {line["message"] for line in lines_in(tmp_path)}
+    assert "line 59" in message
+    assert "line 0" not in message
 
 
 _WRITER = """
@@ -93,8 +93,8 @@ def test_processes_that_share_a_file_lose_no_line(tmp_path):
     command = [sys.executable, "-c", _WRITER, str(tmp_path / "logs" / "flows.jsonl")]
     writers = [subprocess.Popen([*command, name]) for name in "ab"]
     assert [writer.wait(60) for writer in writers] == [0, 0]
-    said = sorted(line["message"] for line in lines_in(tmp_path))
-    assert said == sorted(f"{name} {number}" for name in "ab" for number in range(100))
+    message = sorted(line["message"] for line in lines_in(tmp_path))
+    assert message == sorted(f"{name} {number}" for name in "ab" for number in range(100))
 
 
 def test_setting_up_logs_twice_writes_a_line_once(tmp_path):

@@ -46,7 +46,7 @@ def take(downlink, store):
     return [note for fault in delivery.faults for note in fault.notes]
 
 
-def picture(downlink, **changed):
+def png(downlink, **changed):
     import cv2  # noqa: PLC0415 - slow to import
     import numpy as np  # noqa: PLC0415
 
@@ -55,7 +55,7 @@ def picture(downlink, **changed):
 
 
 @pytest.mark.parametrize(
-    ("changed", "complaint"),
+    ("changed", "message"),
     [
         ({"sclk": int("9" * 400)}, "sclk should be seconds"),
         ({"imageid": "A\0B"}, "the product identifier"),
@@ -63,11 +63,11 @@ def picture(downlink, **changed):
         ({"imageid": "/."}, "the product identifier"),
     ],
 )
-def test_metadata_with_unrepresentable_values(downlink, store, changed, complaint):
-    picture(downlink, **changed)
+def test_metadata_with_unrepresentable_values(downlink, store, changed, message):
+    png(downlink, **changed)
     (line,) = take(downlink, store)
     assert line.startswith("bad.png: ")
-    assert complaint in line
+    assert message in line
     prune(store, PruningParams())  # which an identifier "/." made fail for good
 
 

@@ -57,4 +57,4 @@ def test_manual_tie_files_are_kept_beside_the_edits(workspace):
     workspace.catalogue.publish(pointers=[ref])
     EditLog.of(workspace.store.root).append("MER2", EditKind.TIE, VETO, "Ada")
     take_edits(workspace)
-    assert {wish.first.image for wish in all_edit_requests(workspace)} == {"A", "X"}
+    assert {edit.first.image for edit in all_edit_requests(workspace)} == {"A", "X"}

@@ -58,7 +58,7 @@ def workspace(tmp_path):
 
 @pytest.fixture
 def bare(shared_data, tmp_path):
-    """The one raw image of Perseverance at hand, without attitude."""
+    """The one available raw image of Perseverance, without attitude."""
     folder = tmp_path / "bare"
     folder.mkdir()
     for file in shared_data.rglob(f"{M2020}*"):
@@ -104,7 +104,7 @@ def test_an_image_without_attitude_is_used_with_a_stated_one(bare, workspace, tm
     (entry,) = workspace.catalogue.images("M20")
     pose = image_record(entry, workspace).site_from_rover
     np.testing.assert_allclose(pose.quaternion, ATTITUDE, atol=1e-9)
-    assert pose.translation_m.tolist() == [12.8213, 60.1509, 0.32331]  # as its metadata say
+    assert pose.translation_m.tolist() == [12.8213, 60.1509, 0.32331]  # as in its metadata
 
 
 def test_an_rvf_in_the_folder_places_an_image_too(bare, workspace, tmp_path):
@@ -127,7 +127,7 @@ def test_a_corrected_attitude_counts(bare, workspace, tmp_path):
 
 
 def test_poses_are_priors_with_deviation_and_source(spirit, workspace, tmp_path):
-    """In the network as observations, in frames that bear the names of the files."""
+    """In the network as observations, in frames named after the files."""
     ingested(spirit, workspace)
     entry, *_ = workspace.catalogue.images("MER2")
     label = image_record(entry, workspace)

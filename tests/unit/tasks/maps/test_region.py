@@ -1,4 +1,4 @@
-"""The region as a product: made from the models of stops, and made anew only when one changed."""
+"""The region as a product: made from the models of stops, and remade only when one changed."""
 
 import numpy as np
 import pytest
@@ -122,10 +122,10 @@ def ground(east, north):
 
 def test_orthophotos_of_stops_agree_in_the_region(store, stops):
     dtm, _ = fuse(store, stops)
-    pictures = [shown(store, 0, 0.0, 1.0, 0.0), shown(store, 64, 12.0, 1.2, 90.0)]
-    merged = merge_orthophotos.fn(dtm, pictures, MergingParams(), LANDING, store)
+    images = [shown(store, 0, 0.0, 1.0, 0.0), shown(store, 64, 12.0, 1.2, 90.0)]
+    merged = merge_orthophotos.fn(dtm, images, MergingParams(), LANDING, store)
     assert (merged.kind, merged.scope) == (ProductKind.REGION_ORTHOPHOTO, dtm.scope)
-    assert merged == merge_orthophotos.fn(dtm, pictures[::-1], MergingParams(), LANDING, store)
+    assert merged == merge_orthophotos.fn(dtm, images[::-1], MergingParams(), LANDING, store)
     with open_raster(store.path(merged)) as dataset:
         assert grid_of(dataset).cell_m == 0.02
         grey = dataset.read(1).astype(float)
@@ -141,8 +141,8 @@ def test_orthophotos_of_stops_agree_in_the_region(store, stops):
 
 def test_a_region_is_no_finer_than_its_coarsest_stop(store, stops):
     dtm, _ = fuse(store, stops)
-    pictures = [shown(store, 0, 0.0, 1.0, 0.0), shown(store, 64, 12.0, 1.2, 90.0, cell_m=0.32)]
-    merged = merge_orthophotos.fn(dtm, pictures, MergingParams(), LANDING, store)
+    images = [shown(store, 0, 0.0, 1.0, 0.0), shown(store, 64, 12.0, 1.2, 90.0, cell_m=0.32)]
+    merged = merge_orthophotos.fn(dtm, images, MergingParams(), LANDING, store)
     with open_raster(store.path(merged)) as dataset:
         assert grid_of(dataset).cell_m == 0.32
         assert (dataset.read(1) > 0).any()

@@ -1,4 +1,4 @@
-"""Rasters say which mission, sols, stops, cameras and local times they show."""
+"""Rasters carry tags of mission, sols, stops, cameras and local times."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The tasks that say what the ground of a terrain model means."""
+"""The tasks that derive maps from a terrain model."""
 
 import json
 

@@ -40,7 +40,7 @@ def test_occluded_ground_has_no_elevation(boulder):
 def test_a_hole_in_the_matching_of_open_ground_is_not_occluded(scenes):
     view = scenes.view_of(scenes.level)
     hole = view.parallax.copy()
-    hole[110:150, 100:156] = np.nan  # a shadow, say
+    hole[110:150, 100:156] = np.nan  # such as a shadow
     dtm = build_dtm([replace(view, parallax=hole)], PARAMS)
     whole = build_dtm([view], PARAMS, dtm.grid)
     lost = (whole.ground != UNSEEN) & ~np.isfinite(dtm.elevation)

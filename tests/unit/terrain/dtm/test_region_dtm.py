@@ -24,7 +24,7 @@ SIDE = 256
 
 
 def known_in(dtm: Dtm, cells: np.ndarray, raised_m=0.0, sigma_m=0.01, pose_m=0.0) -> Dtm:
-    """A model that knows some cells only."""
+    """A model with some measured cells only."""
     seen = np.where(cells, np.float32(1), np.float32(np.nan))
     return Dtm(
         dtm.grid,
@@ -102,7 +102,7 @@ def test_every_cell_names_the_nearest_stop_that_measured_it(halves):
     nearest = fuse_block(halves, PARAMS).nearest
     assert (nearest[:, : SIDE // 3] == 4).all()
     assert (nearest[:, -SIDE // 3 :] == 7).all()
-    assert (nearest[:, SIDE // 3 + 1 : SIDE // 2] == 4).all()  # both know it; the first is nearer
+    assert (nearest[:, SIDE // 3 + 1 : SIDE // 2] == 4).all()  # both have it; the first is nearer
 
 
 def test_measured_and_occluded_cells_of_stops_are_combined(ground):

@@ -1,4 +1,4 @@
-"""The rover that stands in its own pictures."""
+"""The rover's own body in its images."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ def seen_from(scenes, forward_m, height_m, dip_deg, distance_m) -> TerrainView:
     )
     shape = (geometry.lines, geometry.samples)
     parallax = np.full(shape, geometry.focal_px * geometry.base_m / distance_m, np.float32)
-    told = type(geometry)(
+    reported = type(geometry)(
         in_rover,
         geometry.base_m,
         geometry.focal_px,
@@ -27,7 +27,7 @@ def seen_from(scenes, forward_m, height_m, dip_deg, distance_m) -> TerrainView:
         geometry.lines,
     )
     return TerrainView(
-        "PAIR0", "NAVCAM", lsl_from_pair, told, parallax, parallax, np.ones(shape, dtype=bool)
+        "PAIR0", "NAVCAM", lsl_from_pair, reported, parallax, parallax, np.ones(shape, dtype=bool)
     )
 
 

@@ -253,10 +253,10 @@ def test_common_errors_of_a_view_do_not_average_out(scenes):
 def test_pose_errors_within_their_covariance_are_within_the_stated_sigma(scenes, rng):
     view = scenes.view_of(scenes.tilted)
     sigmas = np.r_[np.radians([0.3, 0.4, 0.5]), 0.02, 0.03, 0.04]
-    told = replace(view, covariance=np.diag(sigmas**2))
-    stated = build_dtm([told], PARAMS)
+    reported = replace(view, covariance=np.diag(sigmas**2))
+    stated = build_dtm([reported], PARAMS)
     off = []
-    for _ in range(40):  # draw the poses that the covariance speaks of, and look how far cells move
+    for _ in range(40):  # draw poses from the covariance, and measure how far cells move
         turn, shift = np.split(rng.normal(0, sigmas), 2)
         pose = view.lsl_from_pair
         moved = Pose(

@@ -1,4 +1,4 @@
-"""Planar facets of rocks: found where they are, turned as they are, and as unsure as they say."""
+"""Planar facets of rocks: found at their place, with their attitude and true uncertainty."""
 
 from dataclasses import replace
 

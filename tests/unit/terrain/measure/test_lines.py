@@ -125,15 +125,15 @@ def test_a_gap_has_no_slope_and_affects_no_neighbour():
 
 
 @pytest.mark.parametrize(
-    ("corners", "step", "told"),
+    ("corners", "step", "reported"),
     [
         ([[1.0, 1.0], [1.0, 1.0]], 0.1, "two different points"),
         ([[0.0, 0.0], [1e6, 0.0]], 0.01, "step of 50 m"),
         ([[0.0, 0.0], [1.0, 0.0]], 0.0, "two different points"),
     ],
 )
-def test_invalid_and_too_long_lines_are_refused(corners, step, told):
-    with pytest.raises(TerrainError, match=told):
+def test_invalid_and_too_long_lines_are_refused(corners, step, reported):
+    with pytest.raises(TerrainError, match=reported):
         stations(np.array(corners), step)
 
 
@@ -221,7 +221,7 @@ def test_a_pit_is_below_a_level_base():
 
 
 def test_the_stated_sigma_agrees_with_simulated_errors_of_elevation(rng):
-    """Errors drawn as they are said to be: one for all, one a patch, and those of the rim."""
+    """Errors drawn as stated: one for all, one per patch, and those of the rim."""
     places, cell = places_inside(polygon_of(SQUARE), 0.05)
     patch = np.floor(places / 0.15).astype(int)
     number = np.unique(patch, axis=0, return_inverse=True)[1].ravel()
@@ -230,8 +230,10 @@ def test_the_stated_sigma_agrees_with_simulated_errors_of_elevation(rng):
         own = rng.normal(0, 0.05, number.max() + 1)[number]
         heights = 1.0 + own + rng.normal(0, 0.004)
         nets.append(volume(places, ground(heights), BasePlane.level(0.0), 100.0).net_m3)
-    told = volume(places, ground(np.ones(len(places)), 0.05, 0.004), BasePlane.level(0.0), 100.0)
-    assert np.std(nets) == pytest.approx(told.sigma_m3, rel=0.15)
+    reported = volume(
+        places, ground(np.ones(len(places)), 0.05, 0.004), BasePlane.level(0.0), 100.0
+    )
+    assert np.std(nets) == pytest.approx(reported.sigma_m3, rel=0.15)
     assert cell == pytest.approx(0.05)
 
 
@@ -241,13 +243,13 @@ def test_the_sigma_of_a_fitted_base_is_that_of_its_rim(rng):
         [np.linspace(a, b, 20) for a, b in zip(SQUARE, np.roll(SQUARE, -1, 0), strict=True)]
     )
     flat = ground(np.zeros(len(places)), own=0.0)
-    nets, told = [], []
+    nets, reported = [], []
     for _ in range(300):
         base = BasePlane.fit(rim, ground(rng.normal(0, 0.05, len(rim))), 0.5)
         found = volume(places, flat, base, 100.0)
         nets.append(found.net_m3)
-        told.append(found.sigma_m3)
-    assert np.std(nets) == pytest.approx(np.mean(told), rel=0.15)
+        reported.append(found.sigma_m3)
+    assert np.std(nets) == pytest.approx(np.mean(reported), rel=0.15)
 
 
 def test_too_little_ground_is_refused():

@@ -1,4 +1,4 @@
-"""Point clouds: on the surface within what they say, one point a cube, and whole in their tiles."""
+"""Point clouds: on the surface within sigma, one point per cube, complete in their tiles."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NOISE_PX = 0.2
 
 @pytest.fixture(scope="module")
 def noisy(scenes):
-    """Two views of a tilted plane whose parallaxes are off by chance, as they say they are."""
+    """Two views of a tilted plane whose parallaxes have random errors of the stated size."""
     rng = np.random.default_rng(5)
     views = [scenes.view_of(scenes.tilted, azimuth, pair=i) for i, azimuth in enumerate((0, 20))]
     return [

@@ -1,4 +1,4 @@
-"""Which filters make a picture in colour, and the picture itself."""
+"""Which filters make a colour orthophoto, and the orthophoto itself."""
 
 from dataclasses import replace
 

@@ -156,7 +156,7 @@ def test_roughness_is_the_scatter_around_the_plane(scenes, rng):
     assert np.nanmax(relief(dtm, PARAMS).roughness_m) < 5e-4
     dtm.elevation[:] += rng.normal(0, 0.03, dtm.grid.shape).astype(np.float32)
     rough = relief(dtm, PARAMS).roughness_m
-    # 27 x 27 cells tell a deviation to 3 percent
+    # 27 x 27 cells determine a deviation to 3 percent
     np.testing.assert_allclose(rough[40:-40, 40:-40], 0.03, rtol=0.15)
     assert np.nanmean(rough) == pytest.approx(0.03, rel=0.01)
 
@@ -195,7 +195,7 @@ def test_the_stated_deviation_of_slope_is_true(scenes, rng, slope_deg):
         errors.append((np.degrees(np.arctan(np.abs(along))) - slope_deg)[30:-30:27, 30:-30:27])
         stated.append(found.slope_sigma_deg[30:-30:27, 30:-30:27])
     sigma = float(np.sqrt(np.mean(np.square(errors))))
-    # on level ground the part along one direction is judged; 500 windows tell it to 4 percent
+    # on level ground the part along one direction is tested; 500 windows determine it to 4 percent
     assert sigma == pytest.approx(float(np.mean(stated)), rel=0.12)
 
 

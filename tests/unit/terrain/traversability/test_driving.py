@@ -115,6 +115,6 @@ def test_ground_without_elevation_is_level_with_its_neighbours():
 
 
 @pytest.mark.parametrize("wrong", [{"stand_m": -1.0}, {"gap_m": -0.1}, {"farthest_m": 0.0}])
-def test_absurd_parameters_are_refused(wrong):
+def test_impossible_parameters_are_refused(wrong):
     with pytest.raises(TerrainError, match="farthest_m must be above zero"):
         DrivingParams(**wrong)

@@ -29,7 +29,7 @@ def rock(height_m, slope_deg=0.0):
     return surface
 
 
-def judged(scenes, surface, params=PARAMS, side=512):
+def evaluated(scenes, surface, params=PARAMS, side=512):
     dtm = scenes.dtm_of(surface, side=side)
     return hazards(dtm, params)
 
@@ -40,7 +40,7 @@ def middle(classes, grid, radius_m):
 
 
 def test_level_ground_is_traversable(scenes):
-    classes, grid = judged(scenes, scenes.level)
+    classes, grid = evaluated(scenes, scenes.level)
     assert (middle(classes, grid, 8.0) == Hazard.TRAVERSABLE).all()
 
 
@@ -48,13 +48,13 @@ def test_level_ground_is_traversable(scenes):
     ("slope_deg", "found"), [(19.0, Hazard.TRAVERSABLE), (21.0, Hazard.STEEP), (45.0, Hazard.STEEP)]
 )
 def test_ground_is_steep_beyond_the_largest_tilt(scenes, slope_deg, found):
-    classes, grid = judged(scenes, plane(slope_deg))
+    classes, grid = evaluated(scenes, plane(slope_deg))
     assert (middle(classes, grid, 8.0) == found).all()
 
 
 @pytest.mark.parametrize("slope_deg", [0.0, 15.0])
 def test_a_rock_higher_than_a_wheel_can_pass_blocks_the_whole_rover(scenes, slope_deg):
-    classes, grid = judged(scenes, rock(0.26, slope_deg))
+    classes, grid = evaluated(scenes, rock(0.26, slope_deg))
     east, north = np.meshgrid(*grid.centres())
     away = np.hypot(east, north)
     assert (classes[away < 1.2] == Hazard.STEP).all()
@@ -62,7 +62,7 @@ def test_a_rock_higher_than_a_wheel_can_pass_blocks_the_whole_rover(scenes, slop
 
 
 def test_a_rock_that_a_wheel_can_pass_does_not_block(scenes):
-    classes, grid = judged(scenes, rock(0.15, 15.0))
+    classes, grid = evaluated(scenes, rock(0.15, 15.0))
     assert (middle(classes, grid, 8.0) == Hazard.TRAVERSABLE).all()
 
 
@@ -71,9 +71,9 @@ def test_dunes_without_steps_or_tilt_are_rough(scenes):
     def dunes(east, north):
         return 0.17 * np.sin(2 * np.pi * east / 1.36) + 0.0 * north
 
-    classes, grid = judged(scenes, dunes, replace(PARAMS, highest_step_m=0.5))
+    classes, grid = evaluated(scenes, dunes, replace(PARAMS, highest_step_m=0.5))
     assert (middle(classes, grid, 5.0) == Hazard.ROUGH).all()
-    classes, grid = judged(scenes, dunes, replace(PARAMS, highest_step_m=0.5, roughest_m=0.13))
+    classes, grid = evaluated(scenes, dunes, replace(PARAMS, highest_step_m=0.5, roughest_m=0.13))
     assert (middle(classes, grid, 5.0) == Hazard.TRAVERSABLE).all()
 
 

@@ -1,4 +1,4 @@
-"""What can be seen of surfaces where geometry tells it."""
+"""Visibility on surfaces with a closed solution."""
 
 import numpy as np
 import pytest

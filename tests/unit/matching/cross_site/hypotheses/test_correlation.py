@@ -157,9 +157,9 @@ def test_a_birds_eye_view_has_the_ground_at_its_coordinates(first_stop):
 def test_the_overlay_is_grey_where_both_views_agree():
     view = seen_from(1)
     fit = places(view, view, 0.0, 0.0, 1.0, 0.01)[0]
-    picture = draw_overlay(view, view, fit).astype(int)
-    shown = picture.any(axis=2)
-    assert np.abs(picture[shown][:, 0] - picture[shown][:, 1]).mean() < 10
+    image = draw_overlay(view, view, fit).astype(int)
+    shown = image.any(axis=2)
+    assert np.abs(image[shown][:, 0] - image[shown][:, 1]).mean() < 10
 
 
 def test_a_view_of_few_cells_is_refused():

@@ -1,4 +1,4 @@
-"""What `solmap check` finds in a store, and what it mends."""
+"""What `solmap check` finds in a store, and what it repairs."""
 
 import json
 from datetime import UTC, datetime, timedelta
@@ -63,10 +63,10 @@ def texts(findings: list[Finding]) -> str:
 
 
 def repaired(workspace: Workspace) -> str:
-    """What repairing said; after it nothing that can be mended is left."""
-    assert not any(one.is_mended for one in check(workspace))
+    """Findings of a repair; after it nothing repairable remains."""
+    assert not any(one.is_repaired for one in check(workspace))
     found = list(check(workspace, repair=True))
-    assert not any(one.is_mended for one in check(workspace, repair=True))
+    assert not any(one.is_repaired for one in check(workspace, repair=True))
     return texts(found)
 
 
@@ -83,10 +83,10 @@ def test_a_broken_product_is_removed_from_store_and_catalogue(workspace):
     assert "is broken: its checksum differs from its provenance; `solmap check" in texts(
         list(check(workspace))
     )
-    said = repaired(workspace)
-    assert "removed, the next run makes it again" in said
-    assert "withdrawn, the next run makes it again" in said
-    assert "products of the finished sol mer2-sol0155 are not in the store; forgotten" in said
+    message = repaired(workspace)
+    assert "removed, the next run makes it again" in message
+    assert "withdrawn, the next run makes it again" in message
+    assert "products of the finished sol mer2-sol0155 are not in the store; forgotten" in message
     assert workspace.catalogue.layers() == []
     assert workspace.catalogue.events_since(seen)[0].document["layers"] == [f"{STOP}/dtm"]
     with workspace.catalogue.engine.connect() as connection:
@@ -138,8 +138,8 @@ def test_a_delivered_file_of_unknown_origin_is_moved_and_not_removed(workspace, 
         made(workspace, kind)
     path = path_of(workspace, kind)
     notes_of(path).unlink() if notes is None else notes_of(path).write_text(notes)
-    said, name = repaired(workspace), path.relative_to(workspace.store.root / "products")
-    assert f"its product was moved to broken/{name}; deliver its file again" in said
+    message, name = repaired(workspace), path.relative_to(workspace.store.root / "products")
+    assert f"its product was moved to broken/{name}; deliver its file again" in message
     assert (workspace.store.root / "broken" / name).read_text() == f"{kind} 0"
     assert not path.exists()
     assert not notes_of(path).exists()
@@ -170,8 +170,8 @@ def test_unknown_files_are_named_and_kept(workspace):
         file = workspace.store.root / "products" / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text("mine")
-    said = repaired(workspace)
-    assert said.count("is not a product; it is left unchanged") == 4
+    message = repaired(workspace)
+    assert message.count("is not a product; it is left unchanged") == 4
     assert (workspace.store.root / "products" / "loose").exists()
     prune(workspace, NOW)
 

@@ -1,4 +1,4 @@
-"""Old history goes, what is published stays, and who asks for old events is answered clearly."""
+"""Old history is removed, published layers stay, and requests for removed events are answered."""
 
 import os
 from datetime import UTC, datetime, timedelta

@@ -42,9 +42,9 @@ def publish(workspace: Workspace, *refs: ProductRef) -> None:
 
 
 def gone(workspace: Workspace, params: PruningParams = NOW) -> set[ProductRef]:
-    told = [one.ref for one in unreferenced_products(workspace, params)]
+    reported = [one.ref for one in unreferenced_products(workspace, params)]
     removed = [one.ref for one in prune(workspace, params)]
-    assert removed == told
+    assert removed == reported
     assert not any(workspace.store.has(ref) for ref in removed)
     return set(removed)
 

@@ -1,4 +1,4 @@
-"""A stereo bar that is not as its labels have it is found from the images, and set right."""
+"""A stereo rig that differs from its labels is measured in the images and corrected."""
 
 from dataclasses import replace
 
@@ -190,7 +190,7 @@ def parallax_error_px(rows, rotation):
 
 
 def ties_of_stop(stop, rig):
-    """What the ties within a stop say, its pairs matched with the rotations that stand."""
+    """Information of ties within a stop whose pairs were matched with the applied rotations."""
     matched = stop.matched(rig)
     ties = weigh_by_cells(tie_inter_stereo(matched, InterStereoParams()).ties)
     network = Network(
@@ -212,7 +212,7 @@ def ties_of_stop(stop, rig):
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_parallaxes_of_a_bent_rig_are_correct_after_two_stops(husband, pooled):
-    """As far as ties tell: a Pancam's toe-in, of two and four pairs, to 0.07 and then 0.04 px."""
+    """From ties: a Pancam's toe-in, of two and four pairs, to 0.07 and then 0.04 px."""
     bend = np.array([0.54e-3, 0.3e-3, -0.2e-3])  # 0.63 and 1.9 rows
     known = {}
     for sol, stated_px in (("sol0155", 0.08), ("sol0156", 0.05)):

@@ -127,13 +127,13 @@ RANDOM = sorted(set(COMMANDS) - SERVERS - {("simulate",)})
 
 
 @pytest.mark.parametrize("path", RANDOM, ids="-".join)
-def test_absurd_arguments(path, stores, paths):
+def test_invalid_arguments_are_refused(path, stores, paths):
     check_at_random(path, stores, paths, rounds=1)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", RANDOM, ids="-".join)
-def test_many_absurd_arguments(path, stores, paths):
+def test_many_invalid_arguments_are_refused(path, stores, paths):
     check_at_random(path, stores, paths, rounds=30)
 
 
@@ -229,7 +229,7 @@ def test_unknown_ground_is_named(terrain, tmp_path):
 
 
 def raising(error, monkeypatch):
-    """What comes of a command in which an error is raised."""
+    """Result of a command in which an error is raised."""
 
     def fail(*_):
         raise error
