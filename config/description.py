@@ -34,7 +34,7 @@ UNITS = {
     "cells": "cells",
     "sigmas": "standard deviations",
 }
-"""By the last part of a parameter's name."""
+"""Units by the last part of a parameter's name."""
 
 HEAD = """\
 Every parameter of the pipeline. A pipeline file names only what differs: `solmap run --pipeline

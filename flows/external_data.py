@@ -70,7 +70,7 @@ class OrbitalOptions:
     registered: bool = True
     """Find its place, rather than trust its georeference."""
     reach_m: float = SearchParams().reach_m
-    """How far off its georeference may be."""
+    """Largest error of its georeference."""
     control: FrameParams | None = field(default_factory=FrameParams)
     """Find every stop in it on its own, as control for the adjustment; None: do not."""
     heights: bool = False
@@ -209,7 +209,7 @@ def _site_on_mars(name: str) -> LandingSite:
 
 
 def latest_standing(mission: str, workspace: Workspace) -> Standing | None:
-    """The latest network of a mission with what its stops are mapped with, if there is one."""
+    """The latest network of a mission with the orientations of its maps, if there is one."""
     networks = published_networks(mission, workspace.catalogue)
     return standing_of(networks[-1], workspace) if networks else None
 
@@ -298,7 +298,7 @@ def add_poses(files: Sequence[Path], mission: str, root: Path) -> list[str]:
 
 
 def control_rows(mission: str, root: Path) -> list[dict[str, Any]]:
-    """Every place of a stop that counts as control."""
+    """Every control point of a stop."""
     workspace = open_workspace(root)
     rows = []
     for ref in control_of(mission, workspace):
@@ -325,7 +325,7 @@ class TakenTies:
     name: str
     counts: dict[EditAction, int]
     strangers: tuple[str, ...]
-    """Images and stops that it names and the store does not have yet."""
+    """Images and stops named in it that the store does not have yet."""
 
     def __str__(self) -> str:
         counts = ", ".join(f"{count} to {action}" for action, count in self.counts.items())

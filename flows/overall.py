@@ -27,7 +27,7 @@ from solmap.tasks.scopes import is_overall, sol_of
 def process_overall(
     mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
 ) -> SolReport:
-    """Adjust all stops up to a sol in one adjustment, from where `previous` left them."""
+    """Adjust all stops up to a sol in one adjustment, starting from `previous`."""
     report = SolReport(mission, sol)
     inputs = gather_all(mission, sol, store, pipeline, previous)
     if inputs.touched:
@@ -82,7 +82,7 @@ def _readjust(mission: str, workspace: Workspace, pipeline: str) -> SolReport:
 
 
 def overall_sols(mission: str, workspace: Workspace) -> set[int]:
-    """Sols up to which the mission was adjusted overall; later ones have stepped on from there."""
+    """Sols up to which the mission was adjusted overall; later sols continued from there."""
     return {
         sol_of(ref.scope)
         for ref in published_networks(mission, workspace.catalogue)

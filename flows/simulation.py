@@ -1,8 +1,8 @@
 """Simulated data with known truth: a downlink of rendered images, or a whole mission without.
 
 A downlink is written file by file, each whole or absent; a second call with the same arguments
-continues where the first stopped. Beside it lies an orbital image of the same ground. A mission
-goes straight into a store: traverse, stops, ties and footprints.
+continues where the first stopped. An orbital image of the same ground is written beside it. A
+mission is published to a store: traverse, stops, ties and footprints.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ PIPELINE = "default"
 
 
 def write_downlink(out_dir: Path, params: WorldParams, seed: int) -> int:
-    """Simulate a rover's downlink into a folder; the number of files.
+    """Simulate a rover's downlink into a folder; returns the number of files.
 
     Raises:
         PhotogrammetryError: the folder holds something else.
@@ -114,7 +114,7 @@ def _write_true_terrain(world: World, path: Path) -> None:
 
 
 def _write_orbital(world: World, out_dir: Path) -> None:
-    """The orbital image, and how far its georeference is off, in the form of `rendered_husband`."""
+    """The orbital image, and the error of its georeference, in the form of `rendered_husband`."""
     path = out_dir / "orbital" / "orbital.tif"
     if path.exists():
         return
@@ -131,7 +131,7 @@ def _write_orbital(world: World, out_dir: Path) -> None:
 @flow(name="simulate-mission", flow_run_name="{seed}")
 @beside_runs
 def simulate_into(store: Path, plan: MissionPlan, seed: int) -> str:
-    """Simulate a mission and publish it; one line of what it holds.
+    """Simulate a mission and publish it; returns one line on its content.
 
     Raises:
         PhotogrammetryError: the store holds another mission.
@@ -166,7 +166,7 @@ def _publish(network: ProductRef, workspace: Workspace) -> None:
 
 
 def _refuse_other_missions(workspace: Workspace, network: ProductRef) -> None:
-    """A store holds one mission of a name: what is simulated must not mix with anything else."""
+    """A store has one mission of each name: simulated data must not mix with other data."""
     images = workspace.catalogue.images(MISSION)
     others = [one for one in workspace.catalogue.pointers(ProductKind.NETWORK) if one != network]
     if others or any(NO_PIXELS not in image.notes for image in images):

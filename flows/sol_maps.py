@@ -255,7 +255,7 @@ def _match_wide_pairs(
 def _one_finding_a_stop(
     failed: Mapping[tuple[StopId, str], str], requested: Iterable[tuple[StopId, str]]
 ) -> dict[str, str]:
-    """Causes by subject; findings of one stop are summarised in one line with the first."""
+    """Causes by subject; findings of one stop are summarised in one line that quotes the first."""
     named = tuple(f"{error.__name__}: " for error in FINDINGS)
     causes = {name: why for (_, name), why in failed.items() if not why.startswith(named)}
     found: dict[StopId, list[str]] = {}

@@ -81,7 +81,7 @@ _PROBLEM_SCHEMA = {
 
 
 def complete(app: FastAPI) -> None:
-    """Have the app describe itself in full, in the way that FastAPI leaves open for that."""
+    """Replace the app's description by a complete one, by FastAPI's documented hook."""
     write = app.openapi
 
     def describe() -> dict[str, Any]:
@@ -104,13 +104,13 @@ def _complete_document(document: dict[str, Any]) -> dict[str, Any]:
             _put_forms(path, operation)
             for status in _error_statuses(path, operation):
                 operation["responses"][str(int(status))] = _error_response(status)
-            if path.endswith("/wmts"):  # which has a report of exceptions of its own
+            if path.endswith("/wmts"):  # which has its own exception reports
                 operation["responses"]["400"]["content"]["application/xml"] = {}
     return document
 
 
 def _first_sentence(description: str) -> str:
-    """What an operation does in one line: FastAPI would take the name of its function."""
+    """Summary of an operation in one line: FastAPI would use the name of its function."""
     paragraph = " ".join(description.split("\n\n", maxsplit=1)[0].split())
     return re.split(r"(?<=[.;]) ", paragraph)[0].rstrip(".;")
 

@@ -39,7 +39,7 @@ def _layer(scope: ScopeName, kind: ProductKind, digest: Digest, services: Servic
 
 
 LayerPath = Annotated[Layer, Depends(_layer)]
-"""The published layer that scope, kind and digest name."""
+"""The published layer of a scope, kind and digest."""
 
 
 async def _bounds(
@@ -77,6 +77,6 @@ BaseOf = Annotated[str, Depends(_base)]
 
 
 def ground_of(mission: str, requested: str, services: Services) -> Ground:
-    """The terrain models of a mission that a question names."""
+    """The requested terrain models of a mission."""
     services.catalogue.mission(mission)
     return Ground.of(map_layers(mission, services), requested, services.store, services.pool)

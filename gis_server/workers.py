@@ -1,9 +1,9 @@
 """Processes that answer heavy requests, one at a time each.
 
-Heavy requests hold Python's lock for tenths of a second and memory for good, so they are answered
-by another process that has the same application. It is given a request as ASGI has it and gives the
-whole answer back; a large one lies in a file. A worker that has taken too long or too much memory
-is ended, and a new one started.
+Heavy requests hold Python's lock for tenths of a second and do not release memory, so another
+process with the same application answers them. It gets a request in the form of ASGI and returns
+the whole answer, a large one in a file. A worker that has taken too long or too much memory is
+ended, and a new one started.
 """
 
 from __future__ import annotations
@@ -55,17 +55,17 @@ class Answer:
     status: int
     headers: list[tuple[bytes, bytes]]
     body: bytes | Path
-    """Or the file with it, which its sender removes."""
+    """Body, or its file, which the sender removes."""
     route: str | None
     """The template of the route that answered."""
 
     @property
     def file_bytes(self) -> int:
-        """Size of its file, if it lies in one."""
+        """Size of its file, if it has one."""
         return self.body.stat().st_size if isinstance(self.body, Path) else 0
 
     def remove(self) -> None:
-        """Remove its file, if it lies in one."""
+        """Remove its file, if it has one."""
         if isinstance(self.body, Path):
             self.body.unlink()
 
@@ -94,10 +94,10 @@ class Answer:
 
 
 class UnkeptError(Exception):
-    """The body of an answer could not be laid into a file: status of the refusal, and why."""
+    """The body of an answer could not be written to a file; has the status and the reason."""
 
     def __init__(self, status: HTTPStatus, what: str) -> None:
-        super().__init__(status, what)  # both are needed to hand it to another process
+        super().__init__(status, what)  # both are needed to pass it to another process
         self.status, self.what = status, what
 
 
@@ -131,10 +131,10 @@ class _Body:
         self.file.flush()
 
     def close(self) -> bytes | Path:
-        """What was kept.
+        """The collected body.
 
         Raises:
-            UnkeptError: some of it could not be; nothing is left.
+            UnkeptError: a part could not be written; no file is left.
         """
         file = None
         if self.file is not None:
@@ -146,7 +146,7 @@ class _Body:
         if file is not None:
             file.unlink()
         status = HTTPStatus.SERVICE_UNAVAILABLE
-        what = f"the answer could not be kept in a temporary file: {self.error.strerror}"
+        what = f"the answer could not be written to a temporary file: {self.error.strerror}"
         if self.error.errno == errno.EFBIG:
             status = HTTPStatus.UNPROCESSABLE_ENTITY
             what = f"the answer has more than {LARGEST >> 20} MiB; request less at once"
@@ -164,7 +164,7 @@ async def collect(app: ASGIApp, scope: Scope, body: bytes, folder: Path | None) 
     async def receive() -> Message:
         nonlocal has_come
         if has_come:
-            await anyio.sleep_forever()  # nobody hears of clients that leave
+            await anyio.sleep_forever()  # disconnected clients are not reported
         has_come = True
         return {"type": "http.request", "body": body, "more_body": False}
 
@@ -203,7 +203,7 @@ class Worker:
     _folder: Path | None = None
 
     def start(self, folder: Path | None) -> None:
-        """Start the process, which lays large answers into `folder`, its own; go on meanwhile."""
+        """Start the process without waiting; it writes large answers to its own `folder`."""
         self.stop()
         self._folder = folder
         self._threads = CapacityLimiter(1)  # the thread of a request that was given up may be left
@@ -216,7 +216,7 @@ class Worker:
             self.launcher.wait_for(self._number, most_s)
 
     def stop(self) -> None:
-        """End the process, whatever it does."""
+        """End the process in any state."""
         if self._number is not None:
             self.launcher.end(self._number)
         if self._connection is not None:
@@ -275,7 +275,7 @@ class Worker:
         self.stop()
         with contextlib.suppress(OSError):  # the server ends, and its folder with it
             for half in self._folder.iterdir() if self._folder else ():
-                half.unlink()  # what was answered before is open and has no name any more
+                half.unlink()  # earlier answers are open files without a name
 
     @property
     def memory_bytes(self) -> int:
@@ -301,7 +301,7 @@ class Worker:
 
 
 def limit_arenas() -> None:
-    """Have this process's threads share memory that was freed: glibc keeps a heap a thread."""
+    """Share freed memory among the threads of this process: glibc keeps one heap per thread."""
     with contextlib.suppress(AttributeError):
         ctypes.CDLL(None).mallopt(-8, 2)  # M_ARENA_MAX
 

@@ -47,7 +47,7 @@ def export(  # noqa: PLR0913 - the words of the command
 ) -> None:
     """Maps, tables and reports under readable names, with a QGIS project and a STAC catalogue.
 
-    Again into the same folder or archive, only what has changed is written. For other programs:
+    A repeated export into the same folder or archive writes only changes. For other programs:
     `--kind colmap` and `--kind asp` write cameras and tie points, `--kind isis` a control network,
     `--kind pds` rasters of every stereo pair.
     """

@@ -1,4 +1,4 @@
-"""Commands that operate a store: backups, checks, what nothing refers to, tokens, configuration."""
+"""Commands that operate a store: backups, checks, unreferenced products, tokens, configuration."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def backup(
         int | None, typer.Option(help="Remove all but so many of the newest backups", min=1)
     ] = None,
 ) -> None:
-    """Back the store up while it is worked on; products that DESTINATION has are not copied."""
+    """Back up the store, also during runs; products already in DESTINATION are not copied."""
     from solmap.products.catalogue.maintenance.backups import back_up  # noqa: PLC0415 - `solmap --help` answers at once
 
     with progress_shown():
@@ -63,10 +63,10 @@ def restore(
     ],
     *,
     replace: Annotated[
-        bool, typer.Option("--replace", help="Put it in place of what the store holds.")
+        bool, typer.Option("--replace", help="Replace the content of the store.")
     ] = False,
 ) -> None:
-    """Restore a backup, or the newest of several; every file is held against its checksum."""
+    """Restore a backup, or the newest of several; the checksum of every file is checked."""
     from solmap.config.settings import Settings  # noqa: PLC0415 - as above
     from solmap.products.catalogue.maintenance import backups  # noqa: PLC0415
 
@@ -91,7 +91,7 @@ def check(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Look through the store: checksums, catalogue, left-overs, databases; a line a finding."""
+    """Check the store: checksums, catalogue, left-overs, databases; one line per finding."""
     from solmap.products.catalogue.maintenance.checking import check as look_through  # noqa: PLC0415 - as above
 
     findings = []
@@ -125,7 +125,7 @@ def prune(
     store: StoreOption = None,
     older_than: Annotated[
         float,
-        typer.Option(help="Days; what is younger stays", min=0.0, max=36_500),
+        typer.Option(help="Days; younger products stay", min=0.0, max=36_500),
     ] = 7.0,
     versions: Annotated[
         int, typer.Option(help="Kept of each product, the published one counted", min=1)
@@ -170,12 +170,12 @@ def _book(store: Path | None) -> Tokens:
 
 @tokens.command()
 def add(
-    name: Annotated[str, typer.Argument(help="Whose it is; edits are signed with it")],
+    name: Annotated[str, typer.Argument(help="Name of its owner; edits are signed with it")],
     role: Annotated[
         str, typer.Option(help="viewer; analyst: edits and annotations; operator: runs too")
     ] = "analyst",
     days: Annotated[
-        int | None, typer.Option(help="It ends by itself after so many", min=1, max=36_500)
+        int | None, typer.Option(help="Days until it expires", min=1, max=36_500)
     ] = None,
     store: StoreOption = None,
 ) -> None:
@@ -216,7 +216,7 @@ def revoke(
     number: Annotated[str, typer.Argument(help="The id that `solmap token list` shows")],
     store: StoreOption = None,
 ) -> None:
-    """Revoke a token: it opens nothing any more."""
+    """Revoke a token: it is refused from now on."""
     token = _book(store).revoke(number)
     print_line(f"the token of {token.name} ({token.id}) is revoked")
 

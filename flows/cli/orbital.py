@@ -61,7 +61,7 @@ def add_image(  # noqa: PLR0913 - options
     store: StoreOption = None,
     reach: Annotated[
         float,
-        typer.Option(help="How far off it may be, metres", min=1.0, max=500.0),
+        typer.Option(help="Largest error of its georeference, metres", min=1.0, max=500.0),
     ] = 300.0,
     *,
     shift_sigma: ShiftSigma = 300.0,
@@ -88,8 +88,8 @@ def add_image(  # noqa: PLR0913 - options
 ) -> None:
     """Find where an orbital image lies on the rover's map, and show it there as base layer.
 
-    A map that is not tied to the lander is found in the image instead, moves to Mars, and is made
-    again there with the pipeline.
+    A map that is not tied to the lander is located in the image instead, and its layers are remade
+    in Mars coordinates with the pipeline.
     """
     from solmap.flows.external_data import (  # noqa: PLC0415 - slow to import
         OrbitalOptions,
@@ -156,10 +156,10 @@ def add_measured(
     rotation_sigma: RotationSigma = 3.0,
     scale_sigma: ScaleSigma = 0.01,
 ) -> None:
-    """Take measured places of stops as control; a file of the same name before counts no more.
+    """Take measured places of stops as control; it replaces an earlier file of the same name.
 
-    The places may lie on an orbital image that is off as a whole: its place is found with the
-    network. With all three standard deviations zero they are places on the map itself.
+    The places may be on an orbital image with a common georeference error, which the network
+    estimates. With all three standard deviations zero they are places on the map itself.
     """
     from solmap.flows.external_data import add_control  # noqa: PLC0415 - slow to import
     from solmap.tasks.mission.control import FrameParams  # noqa: PLC0415
@@ -176,7 +176,7 @@ def show(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """Every place that counts as control, by registration or by hand."""
+    """Every control point, by registration or manual."""
     from solmap.flows.external_data import control_rows  # noqa: PLC0415 - slow to import
 
     root = store_of(store)

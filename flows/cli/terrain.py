@@ -79,7 +79,7 @@ def stl(
         typer.Option(min=0, max=1000, help="How far the base lies below; 0: no base"),
     ] = 0.5,
     tolerance_m: Annotated[
-        float, typer.Option(min=0.005, max=100, help="Of the surface, metres")
+        float, typer.Option(min=0.005, max=100, help="Largest error of the surface, metres")
     ] = 0.05,
     store: StoreOption = None,
 ) -> None:

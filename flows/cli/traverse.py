@@ -1,4 +1,4 @@
-"""`solmap traverse`: compare, import and hand out traverses (`flows.traverse` does the work)."""
+"""`solmap traverse`: compare, import and export traverses (`flows.traverse` does the work)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ from solmap.flows.cli.console import (
     store_of,
 )
 
-app = typer.Typer(name="traverse", help="Where the rover really was.", no_args_is_help=True)
+app = typer.Typer(
+    name="traverse", help="Compare, import and export traverses.", no_args_is_help=True
+)
 
 Files = Annotated[
     list[Path],
@@ -47,7 +49,7 @@ def compare(  # noqa: PLR0913 - options
     every_sol: Annotated[bool, typer.Option("--sols", help="A row for every sol.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """How far telemetry strays from the localised traverse, as the paper reports it."""
+    """Differences of telemetry from the localised traverse, as the paper reports them."""
     from solmap.flows.traverse import compare_files  # noqa: PLC0415 - slow to import
 
     found = compare_files(files, mission, (first_sol, last_sol), figure)
@@ -75,7 +77,7 @@ def export(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """Hand out the adjusted traverse: PLACES table, vector files, differences, figure."""
+    """Export the adjusted traverse: PLACES table, vector files, differences, figure."""
     from solmap.flows.traverse import export_files  # noqa: PLC0415 - slow to import
 
     root = store_of(store)

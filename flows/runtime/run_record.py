@@ -37,7 +37,7 @@ _AT_MOST_EVERY_S = 0.5
 
 
 class RunRecord:
-    """The record of a run; that it cannot be written never stops the run."""
+    """The record of a run; an error in writing it never stops the run."""
 
     def __init__(self, run: Run, book: RunRecords) -> None:
         self._run, self._book = run, book
@@ -51,7 +51,7 @@ class RunRecord:
         return self._run.id
 
     def step(self, step: Step) -> None:
-        """Note how far a stage is."""
+        """Record the progress of a stage."""
         is_new = step.stage != self._run.stage or step.done == step.total
         self._run = self._run.with_progress(step.stage, step.done, step.total)
         if is_new or time.monotonic() - self._written_at > _AT_MOST_EVERY_S:
@@ -64,7 +64,7 @@ class RunRecord:
             self._write()
 
     def fail_if(self, failures: Sequence[str]) -> None:
-        """Add what went wrong; where anything did, the run ends as failed."""
+        """Add failures; if there are any, the run ends as failed."""
         self._has_failed = self._has_failed or bool(failures)
         self.add_lines([f"failed: {line}" for line in failures])
 
@@ -85,13 +85,13 @@ class RunRecord:
         try:
             self._book.write(self._run)
         except (SQLAlchemyError, StoreFullError) as error:
-            log.warning("how far %s is could not be noted: %s", self._run.id, error)
+            log.warning("the progress of %s could not be recorded: %s", self._run.id, error)
 
 
 def beside_runs(work: Callable[P, T]) -> Callable[P, T]:
     """Decorator of functions that make products outside a run: they hold the lock of runs.
 
-    It works on its argument `workspace`, or on the store in the folder `root` or `store`.
+    The store is that of the argument `workspace`, or in the folder `root` or `store`.
     """
     names = signature(work)
 

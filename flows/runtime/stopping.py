@@ -1,10 +1,10 @@
-"""Ctrl-C and SIGTERM: they interrupt a command, and end its process soon whatever it is doing.
+"""Ctrl-C and SIGTERM interrupt a command and end its process soon, in any state.
 
-An interrupted block is left in order where that is quick: records are closed, child processes
-stopped. A thread that computes in a library or a read that hangs is not waited for longer than
-`GRACE_S`; finished products are complete, others are drafts, as after a kill. A guard, a small
-process, is notified of the signal by the kernel and kills a process that cannot run because a
-library keeps the interpreter's lock.
+An interrupted block is left in order if that is quick: records are closed, child processes stopped.
+A thread that computes in a library or a read that hangs is not waited for longer than `GRACE_S`;
+finished products are complete, others are drafts, as after a kill. A guard, a small process, is
+notified of the signal by the kernel and kills a process that cannot run because a library keeps the
+interpreter's lock.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ if number:
             sys.exit()  # the process has ended
     os.kill(pid, 9)
 """
-"""Passes the number of the first signal on, and kills the process that is there too long after."""
+"""Script of the guard: it passes on the first signal and kills a process that does not end."""
 
 
 @contextmanager
@@ -87,7 +87,7 @@ def end_on_signals(on_signal: Callable[[], None] | None = None) -> Iterator[None
 
 
 def end_process(number: int) -> NoReturn:
-    """End the process as one that a signal stopped, and its children, with one line."""
+    """End the process and its children as after a signal, with one line."""
     kill_children()
     sys.stderr.write(f"{STOPPED}\n")
     sys.stderr.flush()

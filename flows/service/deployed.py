@@ -1,7 +1,7 @@
 """The flows of deployments, whose parameters are plain values.
 
-Folders, the store, the pipeline and addresses come from the settings of the service, never from the
-parameters of a run: who may start runs cannot name files or programs by them.
+Folders, the store, the pipeline and addresses come from the settings of the service, not from the
+parameters of a run: users who may start runs cannot name files or programs.
 """
 
 import multiprocessing
@@ -25,7 +25,7 @@ from solmap.flows.runtime.sol_report import DownlinkReport
 
 @flow(name="downlink", flow_run_name="downlink of the inbox")
 def process_inbox(settle_s: Settling = 20.0) -> DownlinkReport:
-    """Take the inbox to published layers; what was made before is looked up.
+    """Process the inbox to published layers; existing products are looked up.
 
     Args:
         settle_s: Files that changed more recently, in seconds, may still be arriving: they are
@@ -68,7 +68,7 @@ def fetch_to_inbox(
     *,
     dry_run: bool = False,
 ) -> FetchReport:
-    """Bring the stereo pairs of some sols from the archive to the inbox.
+    """Download the stereo pairs of some sols from the archive to the inbox.
 
     Args:
         mission: MER1 or MER2.

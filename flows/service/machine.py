@@ -1,7 +1,7 @@
 """Everything on one machine: Prefect's server, the scheduled flows, the map, and the watched inbox.
 
-`solmap up` starts them as children that never outlive it, starts those that die again, hands the
-inbox over when files have come whole, and stops all of it in order.
+`solmap up` starts them as children that never outlive it, restarts those that end, submits the
+inbox when its files are complete, and stops all in order.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LOOK_EVERY_S = 2.0
 _STOP_S = 2.5
 """Seconds after which a stopping process is killed."""
 _STUCK_S = 300.0
-"""A run that is so late while none runs: the scheduler takes no run any more."""
+"""A run this late while none runs shows that the scheduler does not work."""
 
 
 @dataclass(slots=True)
@@ -75,7 +75,7 @@ class Machine:
         from solmap.flows.service import submission  # noqa: PLC0415 - after the engine's settings
 
         if dead := submission.mark_crashed_runs():
-            self.report(f"{dead} runs had died with the last `solmap up`; what they made is kept")
+            self.report(f"{dead} runs ended with the last `solmap up`; their products are kept")
         self._child("scheduler", *module_command("solmap.flows.service.deployments"))
         self._child("map", *module_command("solmap.flows.cli", "serve", *self._address()))
         if self.settings.inbox is not None:
@@ -84,7 +84,7 @@ class Machine:
             self._inbox = Inbox(self.settings.inbox.resolve(), memory, params)
 
     def tend(self) -> None:
-        """Look after everything once: the children, the inbox, runs that nobody takes."""
+        """Check everything once: the children, the inbox, late runs."""
         for child in self._children.values():
             if message := child.revive():
                 self.report(message)
@@ -95,7 +95,7 @@ class Machine:
             self._tend_requests()
             self._tend_scheduler()
         except Exception as error:  # noqa: BLE001 - the engine starts again, the inbox is away, ...
-            self._report_once(f"{type(error).__name__}: {error}; tried again until it works")
+            self._report_once(f"{type(error).__name__}: {error}; retried until it works")
         else:
             self._trouble = ""
         self._write_engine_state()
@@ -132,7 +132,7 @@ class Machine:
 
     def _child(self, name: str, *command: str) -> None:
         environment = {"PYTHONUNBUFFERED": "1"}
-        if name == "map":  # gives the engine no orders; requests of people go through the store
+        if name == "map":  # does not control the engine; requests of people go through the store
             environment["PREFECT_API_AUTH_STRING"] = ""
         self._keep(Child(name, command, environment, self.store / "logs" / f"{name}.log"))
 
@@ -161,7 +161,7 @@ class Machine:
             self.report(f"files came: run {self._running.name}, see {self.engine_url}/runs")
 
     def _note_end(self, ended: str, delivery: str, inbox: Inbox) -> None:
-        """Remember how the run of a delivery ended; one that people cancelled counts as done."""
+        """Record the outcome of a delivery's run; a cancelled one counts as processed."""
         if ended in {"COMPLETED", "CANCELLED"}:
             inbox.mark_processed(delivery)
             self.report(f"the inbox was processed: {ended.lower()}")
@@ -197,7 +197,7 @@ class Machine:
 
         scheduler = self._children["scheduler"]
         if scheduler.is_alive and submission.is_stuck(_STUCK_S):
-            self.report("runs are late and none is taken: the scheduler is started again")
+            self.report("runs are late and none is started: the scheduler is restarted")
             scheduler.stop()
             self._children.pop("scheduler")
             self._child("scheduler", *scheduler.command)

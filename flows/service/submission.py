@@ -38,12 +38,12 @@ _TAKEN = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
 
 
 def submit_requests(store: Path, *, has_inbox: bool) -> list[str]:
-    """Submit what waits; a line for each request that was taken or refused.
+    """Submit waiting requests; returns a line for each one taken or refused.
 
     A scheduler that has just started has no deployments yet: requests continue to wait.
 
     Raises:
-        HTTPError: Prefect's server does not answer; the request goes on waiting.
+        HTTPError: Prefect's server does not answer; the request continues to wait.
     """
     book, lines = RunRequests.of(store), []
     for request in book.waiting():
@@ -77,7 +77,7 @@ def _submit(request: RunRequest, *, has_inbox: bool) -> tuple[RequestState, str]
 
 
 def cancel_run(run: UUID, author: str) -> tuple[RequestState, str]:
-    """Have the engine end a run, with its processes; one that has not begun never does."""
+    """Have the engine end a run with its processes; one that has not begun will not begin."""
     with _client() as client:
         try:
             found = client.read_flow_run(run)
@@ -95,7 +95,7 @@ def cancel_run(run: UUID, author: str) -> tuple[RequestState, str]:
 
 
 def pause(deployment: str, *, is_paused: bool) -> tuple[RequestState, str]:
-    """Have a deployment start no scheduled runs, or start them again."""
+    """Pause or resume the scheduled runs of a deployment."""
     with _client() as client:
         found = client.read_deployment_by_name(deployment)
         if is_paused:
@@ -115,9 +115,9 @@ class SubmittedRun:
 
 
 def submit_inbox(delivery: str, settle_s: float) -> SubmittedRun | None:
-    """Have the inbox processed; files that changed less than `settle_s` ago are left for later.
+    """Submit a run for the inbox; files that changed less than `settle_s` ago are left for later.
 
-    None where the scheduler has just begun and its deployments are not known yet.
+    None if the scheduler has just started and its deployments are not known yet.
     """
     try:
         answer = run_deployment(
@@ -136,7 +136,7 @@ def submit(deployment: str, parameters: Mapping[str, object]) -> str:
 
 
 def final_state(submitted: SubmittedRun) -> str | None:
-    """How a run ended, like COMPLETED or CRASHED; None while it has not."""
+    """Final state of a run, like COMPLETED or CRASHED; None before its end."""
     with _client() as client:
         state = client.read_flow_run(submitted.run).state
     return state.type.value if state is not None and state.is_final() else None
@@ -145,7 +145,7 @@ def final_state(submitted: SubmittedRun) -> str | None:
 def mark_crashed_runs() -> int:
     """Mark all runs in the state "running" as crashed; returns their number.
 
-    For the moment at which no scheduler runs: then none of them does.
+    Called while no scheduler runs, so that none of them can be running.
     """
     number, sort = 0, FlowRunSort.START_TIME_ASC
     with _client() as client:
@@ -158,7 +158,7 @@ def mark_crashed_runs() -> int:
 
 
 def is_stuck(late_s: float) -> bool:
-    """Whether a run is late by so much while none is running: the scheduler takes none."""
+    """Whether a run is this late while none is running, so that the scheduler does not work."""
     before = cast("DateTime", datetime.now(UTC) - timedelta(seconds=late_s))
     late = FlowRunFilter(
         state=FlowRunFilterState(name=FlowRunFilterStateName(any_=["Late"])),

@@ -34,14 +34,14 @@ from solmap.photogrammetry.terrain.relief.slope import CORRELATION_M
 
 _MOST_POINTS = 2500
 _LEAST_SIGMA_M = 0.002
-"""Standard deviation of an elevation that a model calls surer: a fraction of its steps."""
+"""Least standard deviation of an elevation: a fraction of the steps of the model."""
 
 Picked = Corner | tuple[MetresHere, MetresHere, Annotated[float, Field(ge=-1e5, le=1e5)]]
 """(east, north), on the ground, or (east, north, elevation)."""
 
 
 class PlaneQuestion(Question):
-    """Places that a plane is to go through: picked points, or a polygon of ground."""
+    """Places for fitting a plane: picked points, or a polygon of ground."""
 
     points: Annotated[list[Picked], Field(min_length=3, max_length=MOST_CORNERS)] | None = None
     polygon: Polygon | None = None
@@ -51,7 +51,7 @@ class PlaneQuestion(Question):
 
 
 class PlaneAnswer(BaseModel):
-    """A plane and how sure it is."""
+    """A plane and its uncertainty."""
 
     units: str = UNITS
     dip_deg: float
@@ -75,10 +75,10 @@ class PlaneAnswer(BaseModel):
 
 
 def plane_answer(question: PlaneQuestion, ground: Ground) -> PlaneAnswer:
-    """The likeliest plane through the places of a question.
+    """The most probable plane through the places of a request.
 
     Raises:
-        TerrainError: they hold no plane.
+        TerrainError: they do not determine a plane.
     """
     if (question.points is None) == (question.polygon is None):
         raise UnanswerableError("a plane goes through `points` or a `polygon`: give one of them")

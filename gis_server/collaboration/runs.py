@@ -25,7 +25,7 @@ RunName = Annotated[str, Path(pattern=r"^[A-Za-z0-9-]{1,64}$")]
 
 
 class RunBody(BaseModel):
-    """A run: its stage, with finished and all parts."""
+    """A run: its stage, with the numbers of finished and all parts."""
 
     id: str
     kind: str
@@ -42,7 +42,7 @@ class RunBody(BaseModel):
     parameters: dict[str, Any]
     """Its parameters."""
     actions: tuple[Literal["cancel", "restart"], ...]
-    """What an operator may have done with it."""
+    """Actions that an operator may request."""
 
 
 class ReportBody(BaseModel):
@@ -68,7 +68,7 @@ class RunKindBody(BaseModel):
     kind: str
     title: str
     effect: str
-    """What will happen, in sentences."""
+    """Description of its effects."""
     deployment: str
     parameters: dict[str, Any]
     """JSON schema of an object."""
@@ -140,7 +140,7 @@ def request_run(specification: Specification, services: ServicesOf, who: Operato
 
 @router.post("/runs/{run}/cancel", status_code=202)
 def cancel(run: RunName, services: ServicesOf, who: Operator) -> RunRequest:
-    """Cancel a run that is going on, or that waits in the engine.
+    """Cancel a run that is in progress or waits in the engine.
 
     Its processes are ended; products that exist are kept, and another run continues from them.
     """
@@ -159,21 +159,21 @@ def cancel(run: RunName, services: ServicesOf, who: Operator) -> RunRequest:
 
 @router.post("/runs/{run}/restart", status_code=202)
 def restart(run: RunName, services: ServicesOf, who: Operator) -> RunRequest:
-    """Run again, with the same parameters, what failed, was cancelled or lost.
+    """Repeat a failed, cancelled or lost run with the same parameters.
 
-    What was made is looked up: only what failed or had not been reached is worked on.
+    Existing products are looked up: only failed and remaining work is done.
     """
     require_engine(services)
     found = services.runs.run(run)
     if found.state not in RESTARTABLE:
-        raise HTTPException(409, f"run {run} is {found.state}: there is nothing to run again")
+        raise HTTPException(409, f"run {run} is {found.state}: it cannot be repeated")
     if found.flow_run is None:
         raise HTTPException(409, f"run {run} was started by a command: repeat that command")
     try:
         specification = _SPECIFICATION.validate_python({"kind": found.kind, **found.parameters})
     except ValidationError as error:
         raise HTTPException(
-            409, f"the parameters of run {run} do not hold any more; start a new run"
+            409, f"the parameters of run {run} are no longer valid; start a new run"
         ) from error
     return request_run(specification, services, who)
 

@@ -50,7 +50,7 @@ _MOST_LEVELS = 500
 
 
 def smoothing_m(cell_m: float) -> float:
-    """Standard deviation of the Gaussian: that of contours, or one pixel where that is more."""
+    """Standard deviation of the Gaussian: that of contours, but at least one pixel."""
     return max(_PARAMS.smoothing_m, cell_m)
 
 
@@ -68,14 +68,14 @@ def interval_of(layer: Layer, requested_m: float | None) -> float:
 
 
 def contour_cover(patch: Patch, interval_m: float) -> np.ndarray:
-    """How much of every pixel lines cover, 0 to 255."""
+    """Share of every pixel covered by lines, 0 to 255."""
     sigma_m = smoothing_m(patch.cell_m)
     smooth = smooth_elevation(patch.values, patch.cell_m, sigma_m, _PARAMS.min_share)
     return _cover(patch.interpolate(smooth) / np.float32(interval_m))
 
 
 def _cover(height: Raster) -> np.ndarray:
-    """Cover by lines of whole heights, of all pixels but the outer ones, which are dropped."""
+    """Share covered by lines of round heights, for all pixels except the outer ones."""
     east = (height[1:-1, 2:] - height[1:-1, :-2]) / 2
     south = (height[2:, 1:-1] - height[:-2, 1:-1]) / 2
     own = height[1:-1, 1:-1]

@@ -68,11 +68,11 @@ class Style(StrEnum):
     """How an image is shown."""
 
     RAW = "raw"
-    """Values as they were sent, the whole range of their bits."""
+    """Raw values, with the full range of their bits."""
     STRETCHED = "stretched"
     """Radiometrically corrected values between two percentiles, or between two values."""
     LINEARISED = "linearised"
-    """Resampled with its partner so that rows correspond: what matching sees."""
+    """Resampled with its partner so that rows correspond, as used for matching."""
     ANAGLYPH = "anaglyph"
     """Both linearised images of a pair, for red and cyan glasses."""
 
@@ -88,7 +88,7 @@ class Stretch:
     white: float | None = None
     gamma: float = 1.0
     shift_px: float = 0.0
-    """Of an anaglyph: the parallax that falls together."""
+    """Of an anaglyph: the parallax that coincides."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +233,7 @@ def _grey(entry: ImageEntry, style: Style, workspace: Workspace) -> GreyImage:
     if style is Style.STRETCHED:
         return np.where(read.mask, read.pixels, np.float32(np.nan))
     matches = matches_of(entry, workspace)
-    assert matches is not None  # noqa: S101 - asked of before
+    assert matches is not None  # noqa: S101 - checked before
     camera = matched_record(entry, workspace).camera
     geometry = geometry_of(matches, workspace)
     image, mask = resample(read.pixels, read.mask, camera, geometry, Eye(entry.eye))

@@ -1,7 +1,7 @@
 """Colours of tiles: palettes, the available styles, and their legends.
 
-The styles of every kind of raster are those of `products.formats.raster.styles`. What is drawn of a
-terrain model beside its elevation is computed for every tile (`rendering.painting`).
+The styles of every kind of raster are those of `products.formats.raster.styles`. Quantities derived
+from a terrain model are computed for every tile (`rendering.painting`).
 
 Index 0 of a palette is transparent (not measured), 1 to 255 run from the low to the high end of
 a range.
@@ -156,9 +156,10 @@ _Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class StyleQuery(BaseModel):
-    """Style of a tile, its colours and its light, named as in the tile's address.
+    """Style of a tile, its colours and its light, named as in the tile's URL.
 
-    The defaults are those of the layers that are made once. A style ignores what it has no use for.
+    The defaults are those of the precomputed layers. A style ignores parameters that it does not
+    use.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -246,7 +247,7 @@ class Legend(BaseModel):
 
 
 def legend_of(layer: Layer, style: TileStyle | None = None) -> Legend | None:
-    """Value and colour along the range, for what needs explaining; by default the kind's style."""
+    """Values and colours along the range, or classes; by default of the kind's style."""
     style = style or STYLES.get(layer.ref.kind)
     if style is None or not style.has_legend:
         return None

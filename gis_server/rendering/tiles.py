@@ -69,7 +69,7 @@ PLAIN = StyleQuery()
 _SHADES = 256
 """Resolution of a gradient: one shade of grey."""
 _COLOURS = 4096
-"""Steps that a stretch of a layer's range is good for."""
+"""Steps that a stretched range of a layer needs."""
 
 
 def encode_values(values: np.ndarray, finest: float) -> bytes:
@@ -183,7 +183,7 @@ def render_values(
 
 
 def _finest(layer: Layer, style: TileStyle, cell_m: float) -> float:
-    """The step that values need: elevations for their gradient, others for their colour."""
+    """The required step: of elevations for their gradient, of others for their colour."""
     if layer.ref.kind in ELEVATIONS:
         return cell_m / _SHADES
     low, high = range_of(style, layer)

@@ -40,7 +40,7 @@ class StyledImage(BaseModel):
 
 
 class ImageInfo(BaseModel):
-    """The styles of an image that there are."""
+    """The available styles of an image."""
 
     id: str
     stop: str
@@ -183,7 +183,7 @@ def tile(  # noqa: PLR0913, PLR0917 - the address
 
 @router.get("/{image}/original", response_class=FileResponse)
 def original(image: ImageName, services: ServicesOf) -> FileResponse:
-    """The file as the rover sent it, label and all."""
+    """The file as the rover sent it, with its label."""
     entry = services.catalogue.image(image)
     path = services.store.path(entry.ref)
     return FileResponse(

@@ -82,7 +82,7 @@ def features(
 
 
 def _count_of(layer: Layer, texts: FeatureTexts) -> int:
-    """How many features there are.
+    """Check the number of features and return it.
 
     Raises:
         HTTPException: more than are sent at once.
@@ -216,7 +216,7 @@ def versions(
     limit: Annotated[int, Query(ge=1, le=100)] = 20,
     offset: Annotated[int, Query(ge=0)] = 0,
 ) -> LayerVersions:
-    """Every version of a layer that was ever published, with the solutions it holds for."""
+    """All published versions of a layer, with their solutions."""
     response.headers.update(AGAIN)
     found = versions_of(scope, kind, services.catalogue)
     if not found or found[0].type == "model":
@@ -230,7 +230,7 @@ def version(layer: LayerPath, services: ServicesOf, response: Response) -> Layer
     """One version of a layer."""
     response.headers.update(AGAIN)
     if layer.type == "model":
-        raise ProductNotFoundError(f"{layer.id} is a model and no layer of the map")
+        raise ProductNotFoundError(f"{layer.id} is a model, which is not a layer of the map")
     return _bodies([layer], services)[0]
 
 

@@ -1,4 +1,4 @@
-"""Panoramas of the stops: which there are, their tiles, and the way between them and the map."""
+"""Panoramas of the stops: list, tiles, and conversion between panorama and map."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def project_place(  # noqa: PLR0913, PLR0917 - the address
     north: Metres,
     elevation: Metres | None = None,
 ) -> PlaceSeen:
-    """In which direction a place of the map is seen, and whether nearer ground hides it."""
+    """Direction of a place of the map, and whether nearer ground hides it."""
     panorama = _panorama(scope, digest, services)
     if elevation is None:
         oriented = OrientedMission.latest(mission, Workspace(services.store, services.catalogue))

@@ -1,4 +1,4 @@
-"""Between map and images: where a place is seen, what a pixel shows, where others see it."""
+"""Projection between map and images, and from image to image."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def ground_to_image(  # noqa: PLR0913 - the parameters of the question
     layer: LayerId = BEST,
     within_m: Reach = 60.0,
 ) -> GroundToImage:
-    """Every image that shows a place of the map: where in it, how sure, and whether in sight."""
+    """Every image that shows a place of the map, with image point, uncertainty and visibility."""
     known, ground = _network_and_ground(mission, layer, services)
     target, layers = _target((east, north), elevation, known, ground)
     entries = images_within(known, mission, (east, north), within_m)
@@ -92,7 +92,7 @@ def image_to_ground(  # noqa: PLR0913 - the parameters of the question
     layer: LayerId = BEST,
     sigma_px: Sigma = 0.5,
 ) -> ImageToGround:
-    """The ground that a pixel shows, by the parallax it was matched with or by the terrain."""
+    """The ground at a pixel, by its matched parallax or by the terrain."""
     known, ground = _network_and_ground(mission, layer, services)
     entry = _entry(mission, image, services)
     found = ground_at(entry, (sample, line), sigma_px, known, ground)

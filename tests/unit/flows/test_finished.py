@@ -1,4 +1,4 @@
-"""Sols that nothing changed for need no processing; what no sol gives any more is withdrawn."""
+"""Unchanged sols need no processing; layers that no sol makes any more are withdrawn."""
 
 from dataclasses import replace
 

@@ -102,7 +102,7 @@ def test_a_client_with_too_many_requests_gets_retry_after_and_others_are_served(
     assert statuses == {200: FILES.per_client, 429: 3}
     refused = next(one for one in greedy if one.status_code == 429)
     assert 1 <= int(refused.headers["retry-after"]) <= 60
-    assert "4 files of yours are under way" in refused.json()["description"]
+    assert "4 files of yours are in progress" in refused.json()["description"]
     assert other.status_code == 200
     assert budgets.refused == {("solid", 429): 3}
 

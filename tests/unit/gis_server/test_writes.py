@@ -76,7 +76,7 @@ def test_a_missing_a_wrong_and_an_insufficient_token_are_distinguished(
     assert (missing.status_code, missing.headers["www-authenticate"]) == (401, "Bearer")
     wrong = client.post(path, json=body, headers={"Authorization": "Bearer solmap_a_b"})
     assert wrong.status_code == 401
-    assert "unknown, revoked or has ended" in wrong.json()["description"]
+    assert "unknown, revoked or expired" in wrong.json()["description"]
     low = client.post(path, json=body, headers=viewer)
     assert low.status_code == 403
     assert "takes the role" in low.json()["description"]

@@ -42,7 +42,7 @@ def test_an_error_is_logged_once_and_retried(machine, monkeypatch):
         patched.setattr(submission, "submit_inbox", trouble)
         up.tend()
         up.tend()
-    assert message == ["RuntimeError: no luck; tried again until it works"]
+    assert message == ["RuntimeError: no luck; retried until it works"]
     run = submission.SubmittedRun("id", "a-run", "delivery")
     monkeypatch.setattr(submission, "submit_inbox", lambda *_: run)
     up.tend()
