@@ -55,7 +55,7 @@ _IN_PLACE = {
 }
 """GDAL options: no sidecar files are searched, and the header is read in one request."""
 _LASTING = ("not recognized", "Access Denied", "AccessKeyId", "signature", "bucket does not exist")
-"""GDAL's messages on objects that a retry does not open: broken ones, wrong keys, no bucket."""
+"""GDAL's messages on objects that no retry opens: broken ones, wrong keys, no bucket."""
 _LOOK = 1 << 20
 """Cells read for a summary: an overview of at most this many."""
 

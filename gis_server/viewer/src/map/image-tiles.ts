@@ -1,6 +1,6 @@
 /**
- * Tiles that the server drew. They are decoded apart from the page: each `<img>` that is decoded the usual way makes
- * the browser put out a frame, which copies the whole map, and a first view has fifty of them.
+ * Tiles that the server drew. They are decoded outside the page: each `<img>` decoded in the usual way makes
+ * the browser produce a frame, which copies the whole map, and a first view has fifty of them.
  */
 
 import ImageTile from "ol/source/ImageTile";
@@ -30,7 +30,7 @@ export function imageTiles(
   });
 }
 
-/** What the server drew; null where nothing was measured. */
+/** The tile that the server drew; null where nothing was measured. */
 export async function loadTile(url: string, signal?: AbortSignal): Promise<ImageBitmap | null> {
   const answer = await fetch(url, signal ? { signal } : {});
   if (answer.status === 204) return null;
@@ -59,7 +59,7 @@ export function recoloured(drawn: ImageBitmap, recolour: Recolour): HTMLCanvasEl
   return context.canvas;
 }
 
-/** How many pixels of some tiles have which shade. */
+/** Number of pixels of some tiles by shade. */
 export async function shadesOf(addresses: readonly string[]): Promise<number[]> {
   const counts = Array.from({ length: 256 }, () => 0);
   for (const url of addresses) {

@@ -33,7 +33,7 @@ export type FeatureSource = VectorSource<Feature<Geometry>>;
 export interface Shown {
   readonly layer: Layer;
   readonly map: BaseLayer;
-  /** Fetches what is fetched whole, once; what comes piece by piece comes when it is looked at. */
+  /** Fetches features that are loaded whole, once; others load by squares in view. */
   readonly load: () => Promise<FeatureSource | null>;
   /** Draws the values here in a style of their own; null: as the server draws them. */
   readonly restyle: (style: RasterStyle | null, sun: SunPlace) => void;
@@ -67,7 +67,7 @@ function raster(layer: RasterLayer, set: TileMatrixSet, map: LocalMap): Shown {
   });
   let painted: PaintedTiles | null = null;
   let recoloured: { key: string; source: ImageTile } | null = null;
-  /** What the server drew, in the colours of a style. */
+  /** The server's tiles in the colours of a style. */
   const drawnIn = (style: RasterStyle | null): ImageTile => {
     const recolour = recolouring(layer, style);
     if (!style || !recolour) return drawn;
@@ -123,7 +123,7 @@ function inPieces(layer: VectorLayer, side: number, set: TileMatrixSet): Feature
       api
         .features(layer, [w, s, e, n])
         .then((found) => {
-          // What lies across the edge of a square comes with both.
+          // Features across the edge of a square arrive with both.
           const features = readFeatures(found).filter(isNewTo(source));
           source.addFeatures(features);
           success?.(features);

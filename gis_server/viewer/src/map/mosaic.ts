@@ -4,7 +4,7 @@ import type { Bounds, RasterLayer, TileMatrixSet } from "../server/records";
 import { loadTile } from "./image-tiles";
 import { tileUrl } from "./value-tiles";
 
-/** Pixels of the longer side: finer than a screen shows needs no one here. */
+/** Most pixels of the longer side: more than a screen shows is not needed. */
 const MOST_PX = 1600;
 
 /** A tile as it is drawn; null where nothing was measured. */

@@ -15,12 +15,12 @@ import { SIDE, tileUrl, type ValueTile, valueTiles } from "./value-tiles";
 /** Values of the 256 x 256 cells of a tile; null where nothing was measured. */
 export type ValuesOf = (z: number, x: number, y: number) => Promise<Float32Array | null>;
 
-/** What tiles show, and a key that is another when they show something else. */
+/** Content of tiles, and a key that changes with it. */
 export interface Painting {
   readonly key: string;
   readonly values: ValuesOf;
   readonly pen: Pen;
-  /** By which opacity falls to nothing at `most`. */
+  /** Standard deviations by which opacity falls, to nothing at `most`. */
   readonly fading?: { readonly sigmas: ValuesOf; readonly most: number };
 }
 

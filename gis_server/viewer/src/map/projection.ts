@@ -10,8 +10,8 @@
  *     east = R cos lat sin (lon - lon0)
  *     north = R (cos lat0 sin lat - sin lat0 cos lat cos (lon - lon0))
  *
- * (Snyder, Map Projections - A Working Manual, USGS PP 1395, section 20; PROJ's `+proj=ortho +R=`.) It stands here
- * because proj4js was a quarter of all that the browser fetched before it drew a map.
+ * (Snyder, Map Projections - A Working Manual, USGS PP 1395, section 20; PROJ's `+proj=ortho +R=`.) It is implemented
+ * here because proj4js was a quarter of all that the browser fetched before it drew a map.
  *
  * OpenLayers assumes that every plane is on the Earth: its point resolution, and so its scale bar, is
  * wrong by R_earth / R_mars = 1.88 unless the projection states that a map metre is a metre.

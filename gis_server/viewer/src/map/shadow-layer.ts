@@ -1,4 +1,4 @@
-/** Cast shadows on the map: the ground of the whole view is looked at at once, and some way towards the sun. */
+/** Cast shadows on the map: the ground of the whole view and a margin towards the sun are processed at once. */
 
 import type { Extent } from "ol/extent";
 import ImageLayer from "ol/layer/Image";
@@ -12,7 +12,7 @@ import { SIDE, tileUrl, valueTiles } from "./value-tiles";
 
 /** Cells around the view whose shadows may fall into it. */
 const MARGIN = 192;
-/** Cells of the ground that is looked at, at most; 4 bytes each. */
+/** Most cells of the processed ground; 4 bytes each. */
 const MOST = 16e6;
 const COLOUR = 0x9e1e0a06; // opacity, blue, green, red: dark, a little bluish
 

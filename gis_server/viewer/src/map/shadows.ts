@@ -1,7 +1,7 @@
 /**
- * Shadows that the ground throws.
+ * Cast shadows of the ground.
  *
- * Cells are visited from the sun's side. H is the height up to which a place is in the shadow of what was passed, or the
+ * Cells are visited from the sun's side. H is the height up to which a place is in the shadow of earlier cells, or the
  * ground itself; a step of length s further from the sun the shadow has come down by s tan E:
  *
  *     incoming = H(one step towards the sun) - s tan E          shadow where incoming > z

@@ -1,11 +1,11 @@
-/** Sols that are looked at: from a first to a last one, or all. */
+/** Selected sols: from a first to a last one, or all. */
 
 export type Sols = readonly [from: number, to: number] | null;
 
 export const isIn = (sol: number, range: Sols): boolean =>
   range === null || (range[0] <= sol && sol <= range[1]);
 
-/** Whether something of some sols was seen in a range; what belongs to no sol belongs to all. */
+/** Whether a feature with these sols is in a range; one without sols is in all. */
 export const areIn = (sols: readonly number[], range: Sols): boolean =>
   sols.length === 0 || sols.some((sol) => isIn(sol, range));
 
@@ -15,7 +15,7 @@ export const isSame = (a: Sols, b: Sols): boolean => a?.[0] === b?.[0] && a?.[1]
 export const formatSols = ([from, to]: readonly [number, number]): string =>
   from === to ? String(from) : `${from}-${to}`;
 
-/** Null if the text is nothing of the kind. */
+/** Null if the text is not a range. */
 export function parseSols(text: string | null): Sols {
   const [, from, to = from] = /^(\d+)(?:-(\d+))?$/.exec(text ?? "") ?? [];
   if (from === undefined) return null;

@@ -33,9 +33,9 @@ export const HIGHLIGHT = "#ffd400";
 const CASING = "rgba(255,255,255,0.75)";
 const FONT = "11px system-ui, sans-serif";
 
-/** What drawing depends on besides the feature. */
+/** State on which drawing depends besides the feature. */
 export interface DrawingState {
-  /** Only what was seen on these. */
+  /** Sols whose features are drawn. */
   sols: Sols;
   /** Error ellipses are drawn this many times larger. */
   ellipseFactor: number;
@@ -100,7 +100,7 @@ const cased = (casing: number, stroke: Stroke) => [
 const ADJUSTED_LINE = cased(5, line(ADJUSTED, 2.5));
 const TELEMETRY_LINE = cased(4.5, line(TELEMETRY, 2, [7, 5]));
 
-/** Names a place by its centimetre. */
+/** Key of a place, rounded to a centimetre. */
 export const placeKey = ([east = 0, north = 0]: readonly number[]): string =>
   `${east.toFixed(2)},${north.toFixed(2)}`;
 
@@ -145,7 +145,7 @@ const stopDot = (fill: string, stroke: string, width: number) =>
     radius: 5,
     fill: new Fill({ color: fill }),
     stroke: line(stroke, width),
-    declutterMode: "none", // labels give way to each other, places do not
+    declutterMode: "none", // labels avoid each other, symbols do not
   });
 const [FREE_DOT, HELD_DOT] = [stopDot(ADJUSTED, "#fff", 1.5), stopDot("#fff", ADJUSTED, 2.5)];
 /** From this resolution on stops are dots, and only the first of every site is named: 12 m are 24 pixels. */

@@ -24,7 +24,7 @@ function isCopiedBySelection(text: string): boolean {
   return isDone;
 }
 
-/** Copies a text and confirms it; where that is not allowed, shows the text to be copied by hand. */
+/** Copies a text and confirms it; if that is not allowed, shows the text for copying manually. */
 export async function copyText(
   page: Pick<Shell, "toast" | "dialog">,
   what: string,

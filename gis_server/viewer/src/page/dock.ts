@@ -1,11 +1,11 @@
-/** Room below or over the map that one thing at a time may use. */
+/** Area below or over the map for one content at a time. */
 
 import { button, h } from "./dom";
 import { OPENED } from "./fold";
 
 export interface Dock {
   readonly element: HTMLElement;
-  /** Shows `content` under a title; what was there before is closed first. */
+  /** Shows `content` under a title; the earlier content is closed first. */
   open(title: string, content: Node, onClose?: () => void): void;
   close(): void;
   readonly isOpen: boolean;

@@ -1,7 +1,7 @@
 /**
- * Panes beside the map, for what is looked at together with it. There are as many as there is room for: side by side on
- * a wide window, two one above the other on a laptop, one on a small window; where there is no room the oldest one
- * closes. Dividers before them give room from one to the other; how much the map keeps is remembered in the browser.
+ * Panes beside the map. Their number depends on the width: side by side on
+ * a wide window, two one above the other on a laptop, one on a small window; if there is no space, the oldest one
+ * closes. Dividers resize them; the share of the map is remembered in the browser.
  */
 
 import { button, h } from "./dom";
@@ -22,12 +22,12 @@ interface Opened extends Pane {
   readonly divider: HTMLElement;
 }
 
-/** What the map and every pane keep, pixels: across, and down where one pane is above the other. */
+/** Least size of the map and every pane, pixels: across, and down where one pane is above the other. */
 const LEAST = { row: 320, column: 180 } as const;
 const MOST_ACROSS = 3;
 const WIDE = matchMedia("(min-width: 1100px)");
 const LAPTOP = matchMedia("(min-width: 1400px)");
-/** By which the arrow keys move a divider, pixels. */
+/** Step of the arrow keys at a divider, pixels. */
 const STEP_PX = 24;
 const KEPT = "solmap-panes";
 
@@ -43,7 +43,7 @@ function keptShares(): Record<string, number> {
 const within = (value: number, least: number, most: number) =>
   Math.max(least, Math.min(most, value));
 
-/** How many panes have room beside the map, and how many of them side by side. */
+/** Number of panes that fit beside the map, and number of them side by side. */
 export function roomFor(
   width: number,
   isWide: boolean,

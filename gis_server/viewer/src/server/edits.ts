@@ -1,4 +1,4 @@
-/** What people write on the map: ties and annotations, in a log that is only appended to. */
+/** Edits by people: ties and annotations, in an append-only log. */
 
 import { get, of, post } from "./api";
 
@@ -35,7 +35,7 @@ export interface AnnotationEdit {
   readonly category: AnnotationCategory;
   readonly state: AnnotationState;
   readonly colour?: string;
-  /** The annotation that this is a new form of. */
+  /** The annotation that this one replaces. */
   readonly replaces?: number;
 }
 
@@ -59,7 +59,7 @@ export const edits = {
   undo: (mission: string, id: number) => post<Edit>(`${of(mission)}/edits/${id}/undo`, {}),
   annotate: (mission: string, annotation: AnnotationEdit) =>
     post<Edit>(`${of(mission)}/edits/annotations`, annotation),
-  /** Every form that annotations ever had, also of deleted ones. */
+  /** All versions of annotations, also of deleted ones. */
   annotationLog: (mission: string) => get<readonly Edit[]>(`${of(mission)}/edits?kind=annotation`),
   annotations: (mission: string) =>
     get<{ readonly features: readonly AnnotationFeature[] }>(`${of(mission)}/annotations`),

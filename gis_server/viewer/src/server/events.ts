@@ -41,7 +41,7 @@ const KINDS: readonly Kind[] = [
   "engine.changed",
   "reload",
 ];
-/** Comes first, and carries no more than the number of the last event. */
+/** The first event, which has only the number of the last one. */
 const FIRST_EVENT = "hello";
 
 export const eventsUrl = (mission: string, since: string | null) =>

@@ -16,7 +16,7 @@ export interface Predicted extends Seen {
 export interface ImageToImage {
   readonly ground: Ground | null;
   readonly told_by: string;
-  /** Those in which the place is in sight come first. */
+  /** Images in which the place is visible come first. */
   readonly images: readonly Predicted[];
   readonly curves: Readonly<Record<string, readonly CurvePoint[]>>;
 }

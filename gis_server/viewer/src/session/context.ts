@@ -41,7 +41,7 @@ export interface Signals {
   readonly image: Signal<string>;
   /** An image to show on the map for a moment; null: no longer. */
   readonly imageHovered: Signal<string | null>;
-  /** A stop was clicked: `box` is room for what is known of it. */
+  /** A stop was clicked: `box` receives its description. */
   readonly stop: Signal<{
     readonly stop: string;
     readonly point: MapPoint;
@@ -53,13 +53,13 @@ export interface Signals {
   readonly panorama: Signal<string>;
   /** Request for the value of every layer at a place. */
   readonly identify: Signal<MapPoint>;
-  /** A place is identified: `box` is room for what else is known of it. */
+  /** A place is identified: `box` receives further results. */
   readonly identified: Signal<{ readonly point: MapPoint; readonly box: HTMLElement }>;
-  /** The way between places is to be measured: `box` is room for what is found. */
+  /** The distance between places is to be measured: `box` receives the result. */
   readonly measure: Signal<{ readonly corners: readonly MapPoint[]; readonly box: HTMLElement }>;
-  /** Other sols were chosen; they stand in `drawing`. */
+  /** Other sols were chosen; they are in `drawing`. */
   readonly sols: Signal<Sols>;
-  /** Error ellipses are drawn so many times as large. */
+  /** Error ellipses have a new factor. */
   readonly ellipses: Signal<number>;
   /** Two layers are to be compared, by their ids. */
   readonly compare: Signal<{ mode: "swipe" | "difference"; a: string; b: string }>;
@@ -67,7 +67,7 @@ export interface Signals {
   readonly serverEvent: Signal<ServerEvent>;
   /** The connection with the server is there again. */
   readonly reconnected: Signal<void>;
-  /** The view moved, or layers were switched: the link to it is another. */
+  /** The view moved, or layers were switched: the link has changed. */
   readonly view: Signal<void>;
 }
 
@@ -77,7 +77,7 @@ export interface Context {
   readonly layers: LayerBook;
   readonly view: MapView;
   readonly drawing: DrawingState;
-  /** Where the sun stands in everything that is shaded here. */
+  /** Position of the sun for all shading in the viewer. */
   readonly sun: Kept<SunPlace>;
   /** What parts keep in the link to the view. */
   readonly link: LinkBook;

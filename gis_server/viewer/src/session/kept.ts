@@ -17,7 +17,7 @@ export class Kept<T> {
   }
 }
 
-/** What parts keep in the link, each under keys of its own. */
+/** Values of parts in the link, each under keys of its own. */
 export class LinkBook {
   readonly changed = new Signal<void>();
   private readonly restored = new Signal<ReadonlySet<string>>();
@@ -33,7 +33,7 @@ export class LinkBook {
     return this.entries.get(key) ?? null;
   }
 
-  /** Calls `show` with what stands under a key, if anything does, and again when another link is followed. */
+  /** Calls `show` with the value of a key, if any, and again when another link is followed. */
   follow(key: string, show: (text: string | null) => void): void {
     const text = this.read(key);
     if (text !== null) show(text);

@@ -19,7 +19,7 @@ export class LayerBook {
   readonly changed = new Signal<Layer>();
   /** Other layers lie on top, or another one is shown alone. */
   readonly rearranged = new Signal<void>();
-  /** The server published: there are other layers, or other products behind them. */
+  /** The server published new layers, or new products of layers. */
   readonly replaced = new Signal<readonly Layer[]>();
   /** An earlier version of a layer was brought in, or one was dismissed. */
   readonly versionsChanged = new Signal<void>();

@@ -9,7 +9,7 @@ export const formatPoints = (points: readonly MapPoint[]): string =>
     .map((point) => point.map((metres) => Number(metres.toFixed(MILLIMETRES))).join(","))
     .join(";");
 
-/** Null if the text holds anything else. */
+/** Null for any other text. */
 export function parsePoints(text: string): readonly MapPoint[] | null {
   const points = text.split(";").map((pair) => pair.split(",").map(Number));
   const isWhole = points.every((pair) => pair.length === 2 && pair.every(Number.isFinite));

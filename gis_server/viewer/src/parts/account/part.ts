@@ -26,7 +26,7 @@ export function accountPart(context: Context): void {
   if (token.read()) waiting.run(() => recognise(context));
 }
 
-/** Requests the owner of the stored token; a revoked one is deleted. */
+/** Requests the owner of the stored token; deletes a revoked token. */
 async function recognise({ account }: Context): Promise<void> {
   try {
     account.set(await whoami());

@@ -39,7 +39,7 @@ function differences(before: Partial<AnnotationEdit>, now: Partial<AnnotationEdi
   return found.filter(Boolean).join(", ") || "saved unchanged";
 }
 
-/** Annotations whose history is open: it stays so when the list is drawn again. */
+/** Annotations whose history is open: it stays open when the list is redrawn. */
 const opened = new Set<string>();
 
 /** A list that is loaded when it is opened. */

@@ -1,4 +1,4 @@
-/** The pointer over the map: what it touches, and the cursor that other parts see. */
+/** The pointer over the map: the feature under it, and the cursor for other parts. */
 
 import { CLICKABLE } from "../../map/map-view";
 import { h } from "../../page/dom";

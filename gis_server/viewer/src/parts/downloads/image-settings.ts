@@ -13,7 +13,7 @@ export interface ImageSettings {
   readonly credit: string;
 }
 
-/** `first` is what is offered. */
+/** `first` are the initial settings. */
 export function imageSettings(
   first: ImageSettings,
   take: (settings: ImageSettings, format: ImageFormat) => void,

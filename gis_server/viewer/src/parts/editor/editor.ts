@@ -29,7 +29,7 @@ import { OrthoOverlay } from "./ortho-overlay";
 import { Pane } from "./pane";
 import { editorPanel } from "./panel";
 
-/** Nine in ten points lie within so many times the standard ellipse. */
+/** Nine in ten points lie within the standard ellipse enlarged by this factor. */
 const ELLIPSE_90 = 2.146;
 
 export class Editor {

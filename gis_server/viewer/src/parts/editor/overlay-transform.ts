@@ -1,5 +1,5 @@
 /**
- * Where the orthophoto of one stop is placement over that of another: moved by east and north metres and turned about its
+ * How the orthophoto of one stop is placed over that of another: moved by east and north metres and turned about its
  * middle. A place p of the moved orthophoto lies at middle + R (p - middle) + shift; turns are clockwise, as azimuths.
  */
 

@@ -1,4 +1,4 @@
-/** One side of the editor: a stop, its left images, and the one that points are picked in. */
+/** One side of the editor: a stop, its left images, and the one for picking points. */
 
 import { h } from "../../page/dom";
 import { scopeTitle } from "../../page/format";

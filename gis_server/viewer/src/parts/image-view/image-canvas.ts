@@ -17,7 +17,7 @@ import {
   zoomed,
 } from "./viewport";
 
-/** From this magnification on pixels are shown as the squares they are. */
+/** From this magnification on pixels are shown as squares. */
 const SHARP_FROM = 3;
 const CLICK_PX = 4;
 const PAN_PX = 60;
@@ -106,7 +106,7 @@ export class ImageCanvas {
     this.set(fitted(this.size, this.room));
   }
 
-  /** Brings a point into the middle, at least so large that pixels are seen. */
+  /** Centres a point, at a scale at which pixels are visible. */
   centre(point: ImagePoint, scale = Math.max(this.viewport.scale, 2)): void {
     this.isWhole = false;
     this.set(centred(point, scale, this.size, this.room));
@@ -216,7 +216,7 @@ export class ImageCanvas {
   }
 }
 
-/** What Enter picks. */
+/** Picks the middle, for Enter. */
 function drawMiddle(paper: CanvasRenderingContext2D, x: number, y: number): void {
   const arms = new Path2D(
     `M${x - 12} ${y}H${x - 3}M${x + 3} ${y}H${x + 12}M${x} ${y - 12}V${y - 3}M${x} ${y + 3}V${y + 12}`,

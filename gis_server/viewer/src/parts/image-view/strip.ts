@@ -31,7 +31,7 @@ interface Thumb {
   tell(seen: Seen, isChosen: boolean): void;
 }
 
-/** Thumbnails stay where an image goes on seeing the place, so that they do not flicker under the pointer. */
+/** Thumbnails of images that still see the place stay, so that they do not flicker under the pointer. */
 export class Strip {
   readonly element = h("div", { class: "strip" });
   private readonly heading = h("p", { class: "hint" });

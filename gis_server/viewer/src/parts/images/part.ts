@@ -115,7 +115,7 @@ function filters(
     images,
     layers.all.flatMap(({ sols }) => [...sols]),
   );
-  /** A range of more than one sol has no place on the slider. */
+  /** The slider cannot show a range of several sols. */
   const placeOf = (sols: Sols) => (sols && sols[0] === sols[1] ? days.indexOf(sols[0]) + 1 : 0);
   const name = h("output", {}, solsTitle(drawing.sols));
   const slider = h("input", {

@@ -1,4 +1,4 @@
-/** A layer in the tree: its switch, and behind it all that can be done with it. */
+/** A layer in the tree: its switch and its actions. */
 
 import { isBand } from "../../map/bands";
 import { type Blend, BLEND_NAMES } from "../../map/blending";

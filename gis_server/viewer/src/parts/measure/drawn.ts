@@ -53,7 +53,7 @@ export function boundsOf(corners: readonly MapPoint[]): Bounds {
   return [Math.min(...easts), Math.min(...norths), Math.max(...easts), Math.max(...norths)];
 }
 
-/** A ring around the ground that is in the way. */
+/** A ring around the obstruction. */
 function inTheWay(mark: MapPoint): Style {
   const ring = new CircleStyle({
     radius: 7,
@@ -63,7 +63,7 @@ function inTheWay(mark: MapPoint): Style {
   return new Style({ geometry: new Point([...mark]), image: ring, zIndex: 1 });
 }
 
-/** The way that was found, which the line that was drawn only points to. */
+/** The found route; the drawn line only gives its ends. */
 function wayFound(way: readonly MapPoint[]): Style[] {
   const geometry = new LineString(way.map((place) => [...place]));
   return [

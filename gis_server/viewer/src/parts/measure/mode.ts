@@ -1,4 +1,4 @@
-/** What a kind of measurement is, and what it finds. */
+/** Kinds of measurements, and their results. */
 
 import type { Shape } from "../../map/sketch";
 import type { ChartOptions } from "../../page/chart";
@@ -14,7 +14,7 @@ export interface Overlay {
   readonly geotiff: string;
 }
 
-/** What was found on the ground that was drawn. */
+/** Result of a measurement. */
 export interface Found {
   readonly quantities: readonly Quantity[];
   /** Index of the main quantity. */
@@ -24,10 +24,10 @@ export interface Found {
   readonly profile?: Profile;
   /** Another chart along what was drawn. */
   readonly chart?: Omit<ChartOptions, "onCursor">;
-  /** A place to be noticed. */
+  /** A marked place. */
   readonly mark?: MapPoint | null;
   readonly overlay?: Overlay;
-  /** A way that leads elsewhere than the line that was drawn. */
+  /** A route that differs from the drawn line. */
   readonly way?: readonly MapPoint[];
 }
 

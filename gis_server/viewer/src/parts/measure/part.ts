@@ -86,7 +86,7 @@ class Measuring {
     else if (first) this.start(first);
   }
 
-  /** Measures what takes one place. */
+  /** Measures a kind that needs one place. */
   at(mode: Mode, point: MapPoint): void {
     this.stop();
     this.context.page.showTab("measure");

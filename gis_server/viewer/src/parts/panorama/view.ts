@@ -1,4 +1,4 @@
-/** Panoramas of the stops below the map: which one, what is under the pointer, and the cursor shared with the map. */
+/** Panoramas of the stops below the map: choice, description under the pointer, and the cursor shared with the map. */
 
 import Feature from "ol/Feature";
 import LineString from "ol/geom/LineString";
@@ -111,7 +111,7 @@ export class PanoramaView {
     );
   }
 
-  /** Describes what is in a direction, and shows it on the map: the ray, and the ground where it meets that. */
+  /** Describes a direction, and shows it on the map: the ray, and its intersection with the ground. */
   private over(direction: Direction | null): void {
     const { mission } = this.context;
     this.rays.clear();

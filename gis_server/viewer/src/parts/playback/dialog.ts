@@ -1,4 +1,4 @@
-/** How the playback is saved, and how far it has come. */
+/** Dialog for saving the playback, with its progress. */
 
 import "./playback.css";
 import type { Sols } from "../../map/sols";

@@ -14,7 +14,7 @@ const BLOCK_PX = 2;
 
 const whole = (px: number) => BLOCK_PX * Math.round(px / BLOCK_PX);
 
-/** Shows the sols of every step until all of it is drawn; at the end those that were shown before. */
+/** Shows the sols of every step until it is drawn completely; restores the earlier sols at the end. */
 export async function* framesOf(
   context: Context,
   steps: readonly Sols[],

@@ -11,7 +11,7 @@ export interface EngineActions {
 
 const utc = (at: string | null) => (at ? `${time(at)} UTC` : null);
 
-/** Whether somebody takes the runs of a deployment. */
+/** Whether workers serve a deployment. */
 export const workersText = ({ pool, is_ready }: Deployment): string =>
   `${pool ? `work pool ${pool}` : "runs in solmap up"}, ${is_ready ? "ready" : "not ready"}`;
 

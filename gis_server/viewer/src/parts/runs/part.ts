@@ -1,4 +1,4 @@
-/** Runs: those in progress, how far they are and how they ended; new ones are requested here. */
+/** Runs: their progress and outcome, and requests for new ones. */
 
 import "./runs.css";
 import { h } from "../../page/dom";

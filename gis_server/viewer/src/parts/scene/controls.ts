@@ -1,4 +1,4 @@
-/** What can be chosen beside the 3D view. No knowledge of how it is drawn. */
+/** Controls of the 3D view, independent of its drawing. */
 
 import type { SunPlace } from "../../map/shading";
 import { h } from "../../page/dom";
@@ -43,7 +43,7 @@ export const FIRST: Choices = {
   anaglyph: false,
 };
 
-/** Switched for an eye that flies and for one on the ground on their own; off at first for one on the ground. */
+/** Switched separately for flying and for standing on the ground; off at first on the ground. */
 const OUTLINES = ["cameras", "traverse", "ellipsoids"] as const;
 
 export interface Actions {

@@ -30,7 +30,7 @@ import { tiePlaces } from "./ties";
 
 const TIE = "#7a4dd8";
 /**
- * The camera rests when it has not moved for so long; after so long without a frame it is looked whether all has come.
+ * The camera rests after this time without movement; completeness is checked after this time without a frame.
  */
 const REST_MS = 300;
 
@@ -404,7 +404,7 @@ export class SceneView {
     addPointerControls(this.stage, this.terrain, this.sights, handlers, this.closing.signal);
   }
 
-  /** Names an image whose camera was clicked, and does not cover it; to open it takes the place of this view. */
+  /** Names an image whose camera was clicked, without covering the camera; opening the image may replace this view. */
   private choose(id: string, side: Side): void {
     this.sights.choose(id);
     this.card.classList.toggle("at-left", side === "right");

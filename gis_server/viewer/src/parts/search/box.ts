@@ -6,7 +6,7 @@ import type { Entry } from "./find";
 export interface SearchBox {
   readonly element: HTMLElement;
   readonly focus: () => void;
-  /** Looks again: what can be found has come. */
+  /** Searches again after the entries have loaded. */
   readonly refresh: () => void;
 }
 

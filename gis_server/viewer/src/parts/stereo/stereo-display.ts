@@ -1,4 +1,4 @@
-/** Drawing of both eyes' images on a canvas: red and cyan, side by side, or one after the other. */
+/** Drawing of a stereo pair on a canvas: red and cyan, side by side, or one after the other. */
 
 import type { PairImages } from "../../server/stereo";
 import { bestParallax, type Grey, type Sight } from "./fuse";

@@ -118,7 +118,7 @@ export class StereoView {
     this.element.dataset["settled"] = "true";
   }
 
-  /** Has points of that parallax, in pixels, lie on the screen. */
+  /** Places points of this parallax, in pixels, on the screen plane. */
   private put(nudge: number): void {
     this.nudge = nudge;
     this.slider.value = String(nudge);

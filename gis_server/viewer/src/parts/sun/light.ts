@@ -1,5 +1,5 @@
 /**
- * What is shown under the sun, and its text in the link: `live=relief*0.6,shadow,tilt:5` and `sun=sol:156,14.5` or
+ * Layers drawn for the sun, and their text in the link: `live=relief*0.6,shadow,tilt:5` and `sun=sol:156,14.5` or
  * `sun=315,45`.
  */
 

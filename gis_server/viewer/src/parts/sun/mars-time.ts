@@ -20,7 +20,7 @@ export const SOL_DAYS = 1.0274912517;
 const UNIX_EPOCH = 2440587.5;
 const DAY_MS = 86400000;
 
-/** Amplitude in degrees, period in Julian years, phase in degrees: what the planets do to the orbit. */
+/** Amplitude in degrees, period in Julian years, phase in degrees: perturbations of the orbit by the planets. */
 const PERTURBATIONS = [
   [0.0071, 2.2353, 49.409],
   [0.0057, 2.7543, 168.173],

@@ -1,4 +1,4 @@
-/** What is painted over the map under the sun: relief, shadows, and ground that is steep or tilts to the north. */
+/** Layers painted over the map for the sun: relief, shadows, and ground that is steep or tilts to the north. */
 
 import TileLayer from "ol/layer/Tile";
 import { tileGrid } from "../../map/map-layers";

@@ -1,4 +1,4 @@
-/** The tab of the sun: when it shines, where it stands, and what is shown of it on the map. */
+/** The tab of the sun: its time, its position, and its layers on the map. */
 
 import { legendOfColours, colouringOf } from "../../map/raster-style";
 import type { SunPlace } from "../../map/shading";
@@ -18,7 +18,7 @@ export interface SunActions {
 
 export interface SunPanel {
   readonly element: HTMLElement;
-  /** Puts all in the panel where the sun and the light are. */
+  /** Sets all controls by the sun and the light. */
   readonly follow: (state: SunState) => void;
 }
 

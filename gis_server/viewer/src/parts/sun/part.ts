@@ -1,4 +1,4 @@
-/** The sun over the map: by sol and solar time or by hand, with what is seen of it. The link keeps it. */
+/** The sun over the map: by sol and solar time or set manually, with its layers. The link keeps it. */
 
 import { kindTitle } from "../../map/layers";
 import { hasValues, isElevation } from "../../map/raster-style";
@@ -97,7 +97,7 @@ export function sunPart(context: Context): void {
   waiting.run(load);
 }
 
-/** The terrain model that is shone on: the chosen one, or the widest. */
+/** The shaded terrain model: the chosen one, or the widest. */
 function groundOf({ layers, link }: Context): RasterLayer | null {
   const chosen = layers.all.find(({ id }) => id === link.read(GROUND));
   const widest = [...layers.widest("region-dtm"), ...layers.widest("dtm")];

@@ -1,4 +1,4 @@
-/** What is compared with what: the state of the comparison, and its text in the link. */
+/** State of the comparison, and its text in the link. */
 
 import { isElevation } from "../../map/raster-style";
 import type { Layer } from "../../server/records";
@@ -33,7 +33,7 @@ export function parseComparison(text: string | null): Comparison | null {
   return { mode, a, b, at, most: mode === "difference" && value > 0 ? value : null };
 }
 
-/** The two layers that most likely are to be compared: what lies uppermost of a kind, and another of that kind. */
+/** The proposed two layers: the uppermost of a kind, and another of that kind. */
 export function firstPair(
   shown: readonly Layer[],
   all: readonly Layer[],

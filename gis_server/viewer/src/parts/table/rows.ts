@@ -12,7 +12,7 @@ import { digits, measured } from "../../page/format";
 export type Value = string | number | null;
 
 export interface Column {
-  /** Of the value, in files too. */
+  /** Unit of the value, in files too. */
   readonly key: string;
   readonly title: string;
   readonly unit?: string;
@@ -22,7 +22,7 @@ export interface Column {
   readonly resolution?: number;
   /** Whether rows can be chosen by one of its values. */
   readonly isChoice?: boolean;
-  /** Room for so many characters. */
+  /** Width in characters. */
   readonly width: number;
 }
 
@@ -33,7 +33,7 @@ export interface Row {
   readonly geometry: GeoJsonGeometry | null;
 }
 
-/** What of a table is listed. */
+/** The listed part of a table. */
 export interface Query {
   readonly sort: string | null;
   readonly isDescending: boolean;

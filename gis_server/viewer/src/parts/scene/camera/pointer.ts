@@ -24,7 +24,7 @@ export interface PointerHandlers {
 
 const NAME =
   "3D view: arrow keys turn it, with Shift they move it, plus and minus come nearer and go away, Enter clicks in the middle";
-/** A press that is let go so near is a click, pixels. */
+/** Largest movement of the pointer in a click, pixels. */
 const STILL_PX = 4;
 
 export function addPointerControls(

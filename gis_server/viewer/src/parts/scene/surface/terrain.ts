@@ -24,7 +24,7 @@ import { Cover } from "./cover";
 import type { Draped } from "./drape";
 import type { Partition } from "./partition";
 
-/** As photographed; the photograph in another light besides its own; grey in that light alone. */
+/** As photographed; the photograph with additional light; grey in that light only. */
 export type Shading = "photograph" | "lit" | "relief";
 
 interface Ground {
@@ -126,7 +126,7 @@ export class Terrain {
     this.updateMaterials();
   }
 
-  /** Drapes a layer over the ground, under a name that is another for another layer; null takes it away. */
+  /** Drapes a layer over the ground, under a name unique to the layer; null removes it. */
   drape(name: string, of: Draping | null): void {
     this.draping = of && { name, of };
     this.updateMaterials();
