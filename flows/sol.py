@@ -162,5 +162,5 @@ def _remapped_line(stop: MappedStop, params: ReissueParams) -> str:
 
 
 def _link_line(link: dict[str, object]) -> str:
-    verdict = "linked" if link["linked"] else "not linked"
-    return f"{link['earlier']} - {link['later']}: {verdict}, {link['reason']}"
+    state = "linked" if link["linked"] else "not linked"
+    return f"{link['earlier']} - {link['later']}: {state}, {link['reason']}"

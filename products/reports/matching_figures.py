@@ -3,7 +3,7 @@
 - of a pair: accepted candidates, the parallax curve, dense parallax and residuals from it;
 - of ties: two images side by side with a line for every point that both show, coloured by the
   length of the tie's residual in standard deviations (Mahalanobis), from green (0) over yellow to
-  red (the limit of the verdict);
+  red (the limit of acceptance);
 - of hypotheses: two stops from above, overlaid.
 """
 

@@ -82,7 +82,7 @@ PAGE = """<!doctype html>
 <div class="scroll"><table>
 <tr><th>stop</th><th>lies in</th><th class="n">1 sigma, m</th>
   <th class="n">residual east, m</th><th class="n">north, m</th>
-  <th class="n">in its own sigmas</th><th class="n">redundancy</th><th>verdict</th></tr>
+  <th class="n">in its own sigmas</th><th class="n">redundancy</th><th>status</th></tr>
 {% for one in quality.control %}
 <tr><td class="id">{{ one.stop }}</td><td>{{ one.frame }}</td>
   <td class="n">{{ n(one.sigma_m[0], 2) }}, {{ n(one.sigma_m[1], 2) }}</td>

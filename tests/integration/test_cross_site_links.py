@@ -10,7 +10,7 @@ import pytest
 
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, tie_cross_site
-from solmap.photogrammetry.matching.cross_site.links import VerdictParams
+from solmap.photogrammetry.matching.cross_site.links import LinkTestParams
 from solmap.photogrammetry.matching.cross_site.surface_matching import SurfaceTieParams
 from tests.support.site_pairs import (
     WORLDS,
@@ -85,12 +85,12 @@ def test_a_stop_is_linked_after_total_wheel_slip(world, earlier, later, off_m):
 
 
 @pytest.mark.parametrize(
-    ("least_z", "by_shape"), [(VerdictParams().least_z, True), (0.0, True), (0.0, False)]
+    ("least_z", "by_shape"), [(LinkTestParams().least_z, True), (0.0, True), (0.0, False)]
 )
 def test_stops_without_common_ground_are_not_linked(least_z, by_shape):
-    # with a least z of 0 every pair is tried in the images: the last verdict stands alone
+    # with a least z of 0 every pair is tried in the images: the last test decides
     params = CrossSiteParams(
-        verdict=VerdictParams(least_z=least_z), by_shape=SurfaceTieParams(enabled=by_shape)
+        link_test=LinkTestParams(least_z=least_z), by_shape=SurfaceTieParams(enabled=by_shape)
     )
     foreign = outcomes(negative_pairs(NEAR_WORLDS), params)
     assert len(foreign) >= 12

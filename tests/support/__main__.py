@@ -8,7 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, tie_cross_site
-from solmap.photogrammetry.matching.cross_site.links import VerdictParams
+from solmap.photogrammetry.matching.cross_site.links import LinkTestParams
 from tests.support.rendered_stops import HUSBAND, rendered_stop
 from tests.support.simulated_stops import ROOT, SimulatedStop
 from tests.support.site_pairs import (
@@ -47,11 +47,11 @@ def main() -> None:
     parser.add_argument(
         "--least-z",
         type=float,
-        default=VerdictParams().least_z,
+        default=LinkTestParams().least_z,
         help="0 tries every pair in images",
     )
     arguments = parser.parse_args()
-    views = Views(CrossSiteParams(verdict=VerdictParams(least_z=arguments.least_z)))
+    views = Views(CrossSiteParams(link_test=LinkTestParams(least_z=arguments.least_z)))
     worlds = worlds_from(arguments.first_seed)
     pairs: list[SitePair] = []
     if arguments.kind in {"all", "shared"}:

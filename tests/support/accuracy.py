@@ -149,7 +149,7 @@ def evaluated(world: Path, workspace: Workspace) -> dict[str, Any]:
 
 
 def links_of(world: Path, workspace: Workspace) -> list[dict[str, Any]]:
-    """Every link that was tried: its verdict at the last, and how wrong it is."""
+    """Every link that was tried: its last state, and its error."""
     true = {_name(stop): stop for stop in true_stops(world / "truth")}
     latest: dict[str, list[ProductRef]] = {}
     for ref in workspace.store.refs():

@@ -80,7 +80,7 @@ def searched(
     """What is found, and the CPU seconds it took."""
     started = time.process_time()
     stages = search_stages(one, other, PARAMS.gate, PARAMS.birds_eye.radius_m)
-    found = find_hypotheses(*views, stages, PARAMS.birds_eye, PARAMS.verdict.least_z)
+    found = find_hypotheses(*views, stages, PARAMS.birds_eye, PARAMS.link_test.least_z)
     return found, time.process_time() - started
 
 

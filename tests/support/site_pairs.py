@@ -142,7 +142,7 @@ class Outcome:
 
 
 HEADING = (
-    "pair                     dist  telem  verdict     ties chance   z    err_m   %    az_deg tilt"
+    "pair                     dist  telem  state       ties chance   z    err_m   %    az_deg tilt"
     "  stated   nees sigma0  s    reason"
 )
 

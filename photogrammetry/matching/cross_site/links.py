@@ -21,7 +21,7 @@ LEAST_TO_ALIGN = 6
 
 
 @dataclass(frozen=True, slots=True)
-class VerdictParams:
+class LinkTestParams:
     """Criteria for accepting a link."""
 
     least_ties: Count = 20
@@ -96,15 +96,15 @@ class SiteLink:
     """The best peak of the bird's-eye search, kept for figures."""
 
     @property
-    def verdict(self) -> str:
+    def state(self) -> str:
         """`linked` or `not linked`."""
         return "linked" if self.linked else "not linked"
 
     def __str__(self) -> str:
-        return f"{self.earlier} - {self.later}: {self.verdict}, {self.reason}"
+        return f"{self.earlier} - {self.later}: {self.state}, {self.reason}"
 
 
-def evaluate_link(figures: SiteLinkFigures, params: VerdictParams) -> tuple[bool, str]:
+def evaluate_link(figures: SiteLinkFigures, params: LinkTestParams) -> tuple[bool, str]:
     """(linked, reason)."""
     share = figures.ties / max(figures.measured, 1)
     if figures.ties < params.least_ties:

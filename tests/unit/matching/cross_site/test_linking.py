@@ -14,12 +14,12 @@ from solmap.photogrammetry.matching.cross_site.linking import (
     TrialParams,
     tie_cross_site,
 )
-from solmap.photogrammetry.matching.cross_site.links import VerdictParams
+from solmap.photogrammetry.matching.cross_site.links import LinkTestParams
 
 PARAMS = CrossSiteParams(
     birds_eye=BirdsEyeParams(radius_m=16.0),
     trials=TrialParams(candidates=CandidateParams(cell_m=0.5), decoys=1),
-    verdict=VerdictParams(least_spread_m=0.5),  # two narrow panoramas share a strip of ground
+    link_test=LinkTestParams(least_spread_m=0.5),  # two narrow panoramas share a strip of ground
 )
 
 
@@ -48,8 +48,8 @@ def claimed_elsewhere(stop, north, east):
 
 def test_two_stops_that_face_each_other_are_linked_under_another_sun(link):
     assert link.linked, link.reason
-    assert link.verdict == "linked"
-    assert link.figures.handed_on >= PARAMS.verdict.least_ties
+    assert link.state == "linked"
+    assert link.figures.handed_on >= PARAMS.link_test.least_ties
     assert len(link.ties) == link.figures.handed_on + link.figures.by_shape
     assert link.figures.handed_on <= link.figures.ties  # those that hardly share their ground
 
@@ -83,7 +83,7 @@ def test_ties_of_a_link_run_from_the_earlier_stop_to_the_later(link):
 
 def test_different_ground_at_the_predicted_place_is_not_linked(foreign):
     assert not foreign.linked
-    assert foreign.verdict == "not linked"
+    assert foreign.state == "not linked"
     assert "no significant peak" in foreign.reason
     assert len(foreign.ties) == 0
 
@@ -96,9 +96,9 @@ def test_a_stop_is_linked_at_any_error_of_telemetry(first, second_stop, first_st
 
 
 def test_stops_too_far_apart_to_share_ground_are_not_searched(first, second_stop):
-    verdict = tie_cross_site(first, claimed_elsewhere(second_stop, 200.0, 0.0), PARAMS)
-    assert not verdict.linked
-    assert "no common ground in reach" in verdict.reason
+    link = tie_cross_site(first, claimed_elsewhere(second_stop, 200.0, 0.0), PARAMS)
+    assert not link.linked
+    assert "no common ground in reach" in link.reason
 
 
 def test_an_unlinked_stop_keeps_the_pose_of_telemetry(foreign, first, foreign_stop):
@@ -108,4 +108,4 @@ def test_an_unlinked_stop_keeps_the_pose_of_telemetry(foreign, first, foreign_st
 
 def test_fewer_ties_than_unknowns_are_not_a_link():
     with pytest.raises(MatchingError, match="a link needs more than"):
-        VerdictParams(least_ties=3)
+        LinkTestParams(least_ties=3)

@@ -3,8 +3,8 @@ from dataclasses import replace
 import pytest
 
 from solmap.photogrammetry.matching.cross_site.links import (
+    LinkTestParams,
     SiteLinkFigures,
-    VerdictParams,
     evaluate_link,
 )
 
@@ -22,7 +22,7 @@ GOOD = SiteLinkFigures(
 
 
 def evaluated(**changes):
-    return evaluate_link(replace(GOOD, **changes), VerdictParams())
+    return evaluate_link(replace(GOOD, **changes), LinkTestParams())
 
 
 def test_many_ties_far_above_chance_and_spread_out_are_a_link():

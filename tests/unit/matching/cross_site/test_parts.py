@@ -10,14 +10,14 @@ from solmap.photogrammetry.matching.cross_site.linking import (
     TrialParams,
     tie_cross_site,
 )
-from solmap.photogrammetry.matching.cross_site.links import VerdictParams
+from solmap.photogrammetry.matching.cross_site.links import LinkTestParams
 from solmap.photogrammetry.matching.cross_site.parts import Part, merge_ground, parts_to_link
 from tests.support.rolling_stops import elevation, photographed, stand
 
 PARAMS = CrossSiteParams(
     birds_eye=BirdsEyeParams(radius_m=16.0),
     trials=TrialParams(candidates=CandidateParams(cell_m=0.5), decoys=1),
-    verdict=VerdictParams(least_spread_m=0.5),  # narrow panoramas share a strip of ground
+    link_test=LinkTestParams(least_spread_m=0.5),  # narrow panoramas share a strip of ground
 )
 A, B, C, D = (StopId("MER2", 1, drive) for drive in (0, 2, 4, 6))
 PLACES = {

@@ -124,10 +124,10 @@ def test_points_off_the_line_or_off_the_ground_are_rejected(two_views, ground, r
     deep &= moved > 5.0  # nearer to the epipole than this, depth shows too little
     seen[deep] = on_the_line[deep]
     seen[aside] += 5.0 * normals(two_views, points[aside])
-    verdict = check_conjugates(two_views, points, seen, 0.5, 0.0026, VerificationParams())
+    checked = check_conjugates(two_views, points, seen, 0.5, 0.0026, VerificationParams())
     assert deep.sum() > 20
-    assert not verdict.agrees[deep | aside].any()
-    assert verdict.agrees[~(deep | aside)].mean() > 0.95
+    assert not checked.agrees[deep | aside].any()
+    assert checked.agrees[~(deep | aside)].mean() > 0.95
 
 
 def normals(two_views, points):
