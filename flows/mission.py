@@ -188,7 +188,7 @@ def refresh_regions(store: Path, pipeline: str, mission: str | None = None) -> l
     Args:
         store: Folder of products and catalogue.
         pipeline: Name of a shipped pipeline, or path of a TOML file.
-        mission: As its labels have it: MER2; every mission where none is given.
+        mission: Identifier as in its labels, such as MER2; all missions by default.
     """
     workspace = open_workspace(store)
     notes: list[str] = []

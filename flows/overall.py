@@ -96,10 +96,10 @@ def adjust_all(store: Path, pipeline: str, mission: str | None = None) -> list[s
     Args:
         store: Folder of products and catalogue.
         pipeline: Name of a shipped pipeline, or path of a TOML file.
-        mission: As its labels have it: MER2; every mission where none is given.
+        mission: Identifier as in its labels, such as MER2; all missions by default.
 
     Returns:
-        Notes, a line each; failures begin with the mission and `failed`.
+        Notes, one line each; failures begin with the mission and `failed`.
     """
     workspace = open_workspace(store)
     notes: list[str] = []

@@ -36,7 +36,7 @@ _SENT_AS = (
 STALL_S = 60.0
 """Longest time that a client may take for the next megabyte of an answer."""
 LEAST_BYTES_S = 100_000
-"""A client that reads less a second on average is given up, so that it keeps no place for hours."""
+"""Least rate of a client, bytes per second; slower ones are disconnected and free their place."""
 LARGEST = 256 << 20
 """Bytes of an answer that lies in a file: the largest part of a raster, 50 million cells of 4
 bytes, has 200 MB. RLIMIT_FSIZE would also stop copies of larger products from an object store."""
@@ -72,9 +72,7 @@ class Answer:
     async def send(self, send: Send) -> None:
         """Send it as long as the client reads fast enough, and remove its file."""
         with anyio.move_on_after(STALL_S + self.file_bytes / LEAST_BYTES_S):
-            await self._send(
-                send
-            )  # the server closes the connection of an answer that is not whole
+            await self._send(send)  # the server closes the connection of an incomplete answer
 
     async def _send(self, send: Send) -> None:
         start = {"type": "http.response.start", "status": self.status, "headers": self.headers}
@@ -185,16 +183,16 @@ async def collect(app: ASGIApp, scope: Scope, body: bytes, folder: Path | None) 
 
 @dataclass(slots=True, eq=False)
 class Worker:
-    """One such process, seen from the server."""
+    """The server's side of one worker process."""
 
     arguments: tuple[Any, ...]
     """Of `create_app`."""
     memory_mb: int
-    """What a request may take beyond what the application itself does."""
+    """Memory limit of a request, beyond that of the application."""
     launcher: Launcher = field(default_factory=Launcher)
     """Several workers may share it."""
     _number: int | None = None
-    """Of its process, with the launcher."""
+    """Number of its process at the launcher."""
     _connection: Connection | None = None
     _is_used: bool = False
     """Whether it has answered a request."""
@@ -211,7 +209,7 @@ class Worker:
         self._connection.send((self.arguments, self.memory_mb, folder))
 
     def wait(self, most_s: float) -> None:
-        """Wait until the process is there: its start takes a processor for seconds."""
+        """Wait until the process has started, which takes seconds of processor time."""
         if self._number is not None:
             self.launcher.wait_for(self._number, most_s)
 
@@ -247,7 +245,7 @@ class Worker:
                 raise WorkerLostError from error
             raise
         if is_full:
-            with anyio.CancelScope(shield=True):  # else nobody removed the answer
+            with anyio.CancelScope(shield=True):  # else the file of the answer would stay
                 await to_thread.run_sync(self.start, self._folder)
         if isinstance(answer, UnkeptError):
             raise answer

@@ -40,10 +40,10 @@ def adjust_missions(mission: MissionName | None = None) -> list[str]:
     """Adjust all stops of every mission, or of one, together; map again what moved.
 
     Args:
-        mission: As its labels have it: MER2; every mission where none is given.
+        mission: Identifier as in its labels, such as MER2; all missions by default.
 
     Returns:
-        Notes, a line each; failures begin with the mission and `failed`.
+        Notes, one line each; failures begin with the mission and `failed`.
     """
     settings = _settings()
     return adjust_all(settings.store, settings.pipeline, mission)
@@ -54,7 +54,7 @@ def refresh_missions(mission: MissionName | None = None) -> list[str]:
     """Join the stops of every mission, or of one, into regions again where any changed.
 
     Args:
-        mission: As its labels have it: MER2; every mission where none is given.
+        mission: Identifier as in its labels, such as MER2; all missions by default.
     """
     settings = _settings()
     return refresh_regions(settings.store, settings.pipeline, mission)
@@ -72,7 +72,7 @@ def fetch_to_inbox(
 
     Args:
         mission: MER1 or MER2.
-        sols: 155, 155-157, or several of these with commas between.
+        sols: 155, 155-157, or several of these separated by commas.
         instruments: Any of navcam, pancam, hazcam, front_hazcam, rear_hazcam.
         dry_run: Only list the images.
     """
@@ -86,7 +86,7 @@ def fetch_to_inbox(
 
 
 def _settings() -> Settings:
-    """The settings of the service; the process of a run ends with that of the scheduler."""
+    """The settings of the service; also makes the process of a run end with the scheduler."""
     if multiprocessing.parent_process() is not None:
         die_with_parent()
     settings = Settings()

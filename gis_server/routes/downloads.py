@@ -1,4 +1,4 @@
-"""Files of products: downloads whole, by ranges or cut out, the STAC catalogue, addresses to copy.
+"""Files of products: whole, by ranges or cropped; the STAC catalogue; URLs to copy.
 
 Products in an object store are streamed through, so readers of the map need neither keys of the
 object store nor access to it. The links of the STAC catalogue are relative; served from here they
@@ -162,7 +162,7 @@ def clip(
 
 
 def _clip_layer(layer: Layer, store: ProductStore, bounds: BBox, where: tuple[Path, str]) -> Path:
-    assert bounds is not None  # noqa: S101 - the caller has looked
+    assert bounds is not None  # noqa: S101 - checked by the caller
     folder, form = where
     name = f"{layer.readable_name}_part"
     if layer.type == "raster":

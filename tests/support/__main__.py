@@ -43,7 +43,9 @@ def main() -> None:
     parser.add_argument("--only", default="", help="part of the pair's name")
     parser.add_argument("--kind", choices=["all", "shared", "foreign", "husband"], default="all")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="of the six worlds")
-    parser.add_argument("--json", type=Path, help="file to add the outcomes to, a line each")
+    parser.add_argument(
+        "--json", type=Path, help="file to which outcomes are appended, one line each"
+    )
     parser.add_argument(
         "--least-z",
         type=float,
@@ -61,7 +63,7 @@ def main() -> None:
     if arguments.kind in {"all", "husband"}:
         pairs += [SitePair((HUSBAND, a), (HUSBAND, b)) for a, b in ((0, 1), (1, 2), (0, 2))]
     outcomes = []
-    print(HEADING)  # noqa: T201 - a table is what this makes
+    print(HEADING)  # noqa: T201 - prints a table
     for pair in pairs:
         if arguments.only not in pair.name:
             continue

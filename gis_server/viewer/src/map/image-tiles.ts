@@ -25,7 +25,7 @@ export function imageTiles(
     projection,
     tileGrid: grid,
     interpolate: true,
-    transition: 0, // to fade in takes seven frames a tile
+    transition: 0, // fading in takes seven frames per tile
     wrapX: false,
   });
 }
@@ -46,7 +46,7 @@ export function emptyTile(): HTMLCanvasElement {
 
 function canvasOf(drawn: ImageBitmap): CanvasRenderingContext2D {
   const context = emptyTile().getContext("2d", { willReadFrequently: true });
-  if (!context) throw new Error("the browser gives no canvas to recolour a tile on");
+  if (!context) throw new Error("the browser provides no canvas for recolouring a tile");
   context.drawImage(drawn, 0, 0);
   return context;
 }

@@ -65,7 +65,7 @@ export interface Signals {
   readonly compare: Signal<{ mode: "swipe" | "difference"; a: string; b: string }>;
   /** The server sent an event of the store. */
   readonly serverEvent: Signal<ServerEvent>;
-  /** The connection with the server is there again. */
+  /** The connection with the server was restored. */
   readonly reconnected: Signal<void>;
   /** The view moved, or layers were switched: the link has changed. */
   readonly view: Signal<void>;
@@ -79,10 +79,10 @@ export interface Context {
   readonly drawing: DrawingState;
   /** Position of the sun for all shading in the viewer. */
   readonly sun: Kept<SunPlace>;
-  /** What parts keep in the link to the view. */
+  /** Values of parts in the link. */
   readonly link: LinkBook;
   readonly history: LinkHistory;
-  /** Who has signed in; null: nobody, and nothing can be written. */
+  /** The signed-in account; null: nobody, so nothing can be written. */
   readonly account: Kept<Account | null>;
   readonly waiting: Waiting;
   readonly keys: Shortcuts;
@@ -91,7 +91,7 @@ export interface Context {
   /** How longitude and latitude are shown; kept in the browser. */
   readonly coordinates: Kept<CoordinateFormat>;
   readonly signals: Signals;
-  /** The number of the last event in the store that the page began with; null: not known. */
+  /** Number of the last event included when the page was loaded; null: unknown. */
   readonly lastEvent: string | null;
   /** Ends when the session does: for listeners and requests. */
   readonly alive: AbortSignal;

@@ -92,7 +92,7 @@ export class Overlays {
     this.shadow = null;
   }
 
-  /** Right over the uppermost raster that is shown. */
+  /** Height directly above the uppermost visible raster. */
   private base(): number {
     const { layers } = this.context;
     const rasters = layers.shown.filter(({ type }) => type === "raster");
