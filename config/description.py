@@ -86,8 +86,20 @@ class Table:
 
     key: str
     """`models.terrain`; empty for parameters before the first table."""
+    kind: type
+    """Class of the record."""
     purpose: str
     parameters: tuple[Parameter, ...]
+
+    @property
+    def heading(self) -> str:
+        """The table's name in the documentation."""
+        return f"`[{self.key}]`" if self.key else "Before the first table"
+
+    def unlike(self, other: Table) -> tuple[Parameter, ...]:
+        """The parameters with another default than in a table of the same class."""
+        before = {one.name: one.value for one in other.parameters}
+        return tuple(one for one in self.parameters if one.value != before[one.name])
 
 
 def tables_of(record: Any, key: str = "") -> Iterator[Table]:  # noqa: ANN401 - any record
@@ -102,7 +114,7 @@ def tables_of(record: Any, key: str = "") -> Iterator[Table]:  # noqa: ANN401 - 
         )
         for name, value in own.items()
     )
-    yield Table(key, _purpose(kind), tuple(parameters))
+    yield Table(key, kind, _purpose(kind), tuple(parameters))
     for name, value in values.items():
         if name not in own:
             yield from tables_of(value, f"{key}.{name}".lstrip("."))
@@ -182,10 +194,18 @@ def toml_value(value: Any) -> str:  # noqa: ANN401 - any setting
 def configuration_page() -> str:
     """The page of the documentation: all parameters of the pipeline, and all settings."""
     parts = [PAGE, "## Pipeline\n"]
+    described: dict[type, Table] = {}
     for table in tables_of(PipelineConfig()):
-        if table.parameters:
-            title = f"### `[{table.key}]`" if table.key else "### Before the first table"
-            parts.append(f"{title}\n\n{_prose(table.purpose)}\n\n{_rows(table.parameters)}\n")
+        if not table.parameters:
+            continue
+        first = described.setdefault(table.kind, table)
+        if first is table:
+            text, rows = _prose(table.purpose), table.parameters
+        else:
+            rows = table.unlike(first)
+            text = f"The parameters of {first.heading}" + (" with other defaults:" if rows else ".")
+        body = f"\n\n{_rows(rows)}" if rows else ""
+        parts.append(f"### {table.heading}\n\n{text}{body}\n")
     descriptions = reasons(Settings)
     variables = (
         Parameter(
