@@ -111,7 +111,7 @@ fuzz: develop  ## Every reader under mutated files; guided by coverage where ath
 	done
 
 screenshots: develop viewer  ## The main tasks of the viewer at six widths, light and dark, in .cache/screenshots.
-	$(BIN)/python -m tests.support.task_pictures $(STORE) .cache/screenshots
+	$(BIN)/python -m tests.support.task_screenshots $(STORE) .cache/screenshots
 
 docs: develop
 	$(BIN)/mkdocs build --strict

@@ -21,7 +21,7 @@ class MissionArchive:
 
     title: str
     base_urls: tuple[str, ...]
-    """Tried in turn; each contains the volumes' folders."""
+    """Mirrors, tried in turn; each contains the volumes' folders."""
     volumes: Mapping[str, str]
     """Instrument, lower case -> volume."""
     index: str = "index/edrindex.lbl"

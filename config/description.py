@@ -34,7 +34,7 @@ UNITS = {
     "cells": "cells",
     "sigmas": "standard deviations",
 }
-"""By the last part of a parameter's name."""
+"""Units by the last part of a parameter's name."""
 
 HEAD = """\
 Every parameter of the pipeline. A pipeline file names only what differs: `solmap run --pipeline
@@ -86,8 +86,20 @@ class Table:
 
     key: str
     """`models.terrain`; empty for parameters before the first table."""
+    kind: type
+    """Class of the record."""
     purpose: str
     parameters: tuple[Parameter, ...]
+
+    @property
+    def heading(self) -> str:
+        """The table's name in the documentation."""
+        return f"`[{self.key}]`" if self.key else "Before the first table"
+
+    def unlike(self, other: Table) -> tuple[Parameter, ...]:
+        """The parameters with another default than in a table of the same class."""
+        before = {one.name: one.value for one in other.parameters}
+        return tuple(one for one in self.parameters if one.value != before[one.name])
 
 
 def tables_of(record: Any, key: str = "") -> Iterator[Table]:  # noqa: ANN401 - any record
@@ -95,12 +107,14 @@ def tables_of(record: Any, key: str = "") -> Iterator[Table]:  # noqa: ANN401 - 
     kind = type(record)
     values = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
     own = {name: value for name, value in values.items() if not dataclasses.is_dataclass(value)}
-    hints, told = get_type_hints(kind, include_extras=True), reasons(kind)
+    hints, descriptions = get_type_hints(kind, include_extras=True), reasons(kind)
     parameters = (
-        Parameter(name, value, told.get(name, ""), _choices(hints[name]), range_of(hints[name]))
+        Parameter(
+            name, value, descriptions.get(name, ""), _choices(hints[name]), range_of(hints[name])
+        )
         for name, value in own.items()
     )
-    yield Table(key, _purpose(kind), tuple(parameters))
+    yield Table(key, kind, _purpose(kind), tuple(parameters))
     for name, value in values.items():
         if name not in own:
             yield from tables_of(value, f"{key}.{name}".lstrip("."))
@@ -162,8 +176,8 @@ def _setting(parameter: Parameter) -> str:
 
 
 def _note(notes: list[str]) -> str:
-    said = "; ".join(filter(None, notes))
-    return f"  # {said}" if said else ""
+    comment = "; ".join(filter(None, notes))
+    return f"  # {comment}" if comment else ""
 
 
 def toml_value(value: Any) -> str:  # noqa: ANN401 - any setting
@@ -180,16 +194,24 @@ def toml_value(value: Any) -> str:  # noqa: ANN401 - any setting
 def configuration_page() -> str:
     """The page of the documentation: all parameters of the pipeline, and all settings."""
     parts = [PAGE, "## Pipeline\n"]
+    described: dict[type, Table] = {}
     for table in tables_of(PipelineConfig()):
-        if table.parameters:
-            title = f"### `[{table.key}]`" if table.key else "### Before the first table"
-            parts.append(f"{title}\n\n{_prose(table.purpose)}\n\n{_rows(table.parameters)}\n")
-    told = reasons(Settings)
+        if not table.parameters:
+            continue
+        first = described.setdefault(table.kind, table)
+        if first is table:
+            text, rows = _prose(table.purpose), table.parameters
+        else:
+            rows = table.unlike(first)
+            text = f"The parameters of {first.heading}" + (" with other defaults:" if rows else ".")
+        body = f"\n\n{_rows(rows)}" if rows else ""
+        parts.append(f"### {table.heading}\n\n{text}{body}\n")
+    descriptions = reasons(Settings)
     variables = (
         Parameter(
             f"SOLMAP_{name.upper()}",
             _display_value(field.default),
-            told.get(name, ""),
+            descriptions.get(name, ""),
             range=limits_in_words(field.metadata),
         )
         for name, field in Settings.model_fields.items()

@@ -79,7 +79,7 @@ class Models:
 
 @dataclass(frozen=True, slots=True)
 class Panoramas:
-    """Whether the images of a stop are joined to a panorama, and how."""
+    """Panoramas of stops."""
 
     enabled: bool = True
     drawing: PanoramaParams = field(default_factory=PanoramaParams)

@@ -83,7 +83,7 @@ class FetchRun(_Run):
     ] = False
 
 
-RunWish = DownlinkRun | OverallRun | RegionRun | FetchRun
+RunSpecification = DownlinkRun | OverallRun | RegionRun | FetchRun
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,7 +32,7 @@ class TaskRunnerName(StrEnum):
     """Runner of the tasks of a flow."""
 
     THREADS = "threads"
-    """Of the flow's own process."""
+    """Threads in the flow's own process."""
     DASK = "dask"
     """Workers of a Dask cluster."""
 

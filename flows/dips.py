@@ -77,7 +77,7 @@ def dip_of_ground(
 
 @beside_runs
 def dips_of_rocks(stop: str, params: FacetParams, workspace: Workspace) -> list[dict[str, object]]:
-    """Strike and dip of the facets that a stop's pairs see; they become a layer of the map.
+    """Publish strike and dip of the facets that a stop's pairs see as a layer.
 
     Raises:
         ProductNotFoundError: the stop has no adjusted pairs.

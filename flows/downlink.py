@@ -1,4 +1,4 @@
-"""Process a downlink: ingest what came, every sol in its order, then the mission's traverse."""
+"""Process a downlink: ingest its files, process each sol in order, then the mission's traverse."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ def process_downlink(
     settle_s: float = 0.0,
     places: Sequence[Path] = (),
 ) -> DownlinkReport:
-    """Take a folder of rover images to published layers; what was made before is looked up.
+    """Process a folder of rover images to published layers; existing products are looked up.
 
     Args:
-        downlink: Folder of images with their labels, and of vector files; none where `places`
-            alone are new.
+        downlink: Folder of images with their labels, and of vector files; None if only
+            `places` are new.
         store: Folder of products and catalogue.
         pipeline: Name of a shipped pipeline, or path of a TOML file.
         settle_s: Files that changed more recently, in seconds, may still be arriving: they are
@@ -81,7 +81,7 @@ def process_downlink(
             ):
                 _process_mission(mission, workspace, pipeline, report)
                 clear_failure(mission.lower(), workspace)
-        record.say([*report.warnings, *report.lines])
+        record.add_lines([*report.warnings, *report.lines])
         record.fail_if(report.failures)
     unwritten: dict[str, str] = {}
     with keep_going(unwritten, "the page of the run"):
@@ -96,10 +96,10 @@ def _ingest(
     settle_s: float,
     poses: PoseSources,
 ) -> Delivery:
-    """Take the files over; where that fails as a whole, nothing can be done.
+    """Ingest the files.
 
     Raises:
-        ProductError: it does; the message is the reason.
+        ProductError: that failed as a whole; the message is the reason.
     """
     try:
         return ingest_downlink(
@@ -121,7 +121,7 @@ def _ingest(
 def _take_poses(
     poses: PoseSources, delivery: Delivery, workspace: Workspace, report: DownlinkReport
 ) -> tuple[str, ...]:
-    """Keep poses from other sources; the missions that the run is about.
+    """Store poses from other sources; returns the missions of the run.
 
     Where the files do not name a mission it is that of the delivery, or the only one in the store.
     """
@@ -158,7 +158,7 @@ def _note_delivery(delivery: Delivery, downlink: Path | None, report: DownlinkRe
 def _process_mission(
     mission: str, workspace: Workspace, pipeline: str, report: DownlinkReport
 ) -> None:
-    """All maps of a mission: that of what is tied to the lander, and one for each other group."""
+    """All maps of a mission: that of the sites tied to the lander, and one for each other group."""
     try:
         landing_site(mission, Settings().landing_sites)
     except ConfigError as error:
@@ -185,8 +185,8 @@ def _process_map(
 ) -> bool:
     """All sols on a map, oldest first: each adjustment starts from the one before.
 
-    Where the map was adjusted overall, it is again: later sols have stepped on from there.
-    `standings` gains what the last sol left; whether every sol came to its end.
+    A map that was adjusted overall is adjusted again, because later sols continued from there.
+    `standings` gains the result of the last sol; returns whether every sol was completed.
     """
     sols = sorted({entry.sol for entry in workspace.catalogue.images(name)})
     overall = overall_sols(name, workspace)
@@ -230,7 +230,7 @@ def _withdraw_leftovers(
     mission: str, maps: Sequence[str], workspace: Workspace, report: DownlinkReport
 ) -> None:
     subject = f"{mission.lower()}-leftovers"
-    line = f"{mission}: what no sol gives any more could not be withdrawn: {{}}"
+    line = f"{mission}: layers that no sol makes any more could not be withdrawn: {{}}"
     of_mission = [sol for sol in report.sols if sol.mission in maps]
     with isolate(subject, workspace, report.failures, line):
         report.failures += withdraw_leftovers(mission, maps, of_mission, workspace)

@@ -70,7 +70,7 @@ class OrbitalOptions:
     registered: bool = True
     """Find its place, rather than trust its georeference."""
     reach_m: float = SearchParams().reach_m
-    """How far off its georeference may be."""
+    """Largest error of its georeference."""
     control: FrameParams | None = field(default_factory=FrameParams)
     """Find every stop in it on its own, as control for the adjustment; None: do not."""
     heights: bool = False
@@ -98,29 +98,29 @@ def add_orbital(
         raise ProductNotFoundError(f"no stop of {mission} is mapped; `solmap run` its downlink")
     image = take_orbital(file, store)
     pointers, registration = [image], None
-    said = [f"{file.name} lies where it claims to"]
+    lines = [f"{file.name} lies where it claims to"]
     if options.registered:
         search = SearchParams(reach_m=options.reach_m)
         params = RegistrationMethod(RegistrationParams(search), heights=options.heights)
         maps = list(stops.values())
         registration = register_orbital.fn(image, maps, params, site.landing, store)
         pointers.append(registration)
-        said = [f"{file.name}: {_registration_line(read_registration(registration, store))}"]
+        lines = [f"{file.name}: {_registration_line(read_registration(registration, store))}"]
         standing = latest_standing(mission, workspace)
         if standing is not None and options.control is not None:
             how, registered = (params, options.control), RegisteredImage(image, registration)
             control = control_by_image.fn(registered, stops, standing, how, site.landing, store)
             pointers.append(control)
-            said += _control_lines(control, stops, store)
+            lines += _control_lines(control, stops, store)
     entry = MissionEntry(mission, site.title, site.landing, None)
     if options.heights:
         publish.fn(entry, [], pointers, (), workspace).check()
-        return tuple(said)
+        return tuple(lines)
     around = union(layer.bounds for layer in layers if layer.ref.kind is ProductKind.DTM)
     base = draw_base.fn(mission, image, registration, around, site.landing, store)
     sols = tuple(sorted({sol for layer in layers for sol in layer.sols}))
     publish.fn(entry, [(base, sols)], pointers, (), workspace).check()
-    return tuple(said)
+    return tuple(lines)
 
 
 @beside_runs
@@ -209,7 +209,7 @@ def _site_on_mars(name: str) -> LandingSite:
 
 
 def latest_standing(mission: str, workspace: Workspace) -> Standing | None:
-    """The latest network of a mission with what its stops are mapped with, if there is one."""
+    """The latest network of a mission with the orientations of its maps, if there is one."""
     networks = published_networks(mission, workspace.catalogue)
     return standing_of(networks[-1], workspace) if networks else None
 
@@ -232,11 +232,11 @@ def _stops(layers: list[Layer], mission: str) -> dict[StopId, StopMap]:
         kind: {layer.ref.scope: layer.ref for layer in layers if layer.ref.kind is kind}
         for kind in (ProductKind.DTM, ProductKind.ORTHOPHOTO)
     }
-    dtms, pictures = by_stop.values()
+    dtms, orthophotos = by_stop.values()
     return {
-        stop_of(scope, mission): StopMap(dtm, pictures[scope])
+        stop_of(scope, mission): StopMap(dtm, orthophotos[scope])
         for scope, dtm in sorted(dtms.items())
-        if scope in pictures and scope.level is ScopeLevel.STOP
+        if scope in orthophotos and scope.level is ScopeLevel.STOP
     }
 
 
@@ -298,7 +298,7 @@ def add_poses(files: Sequence[Path], mission: str, root: Path) -> list[str]:
 
 
 def control_rows(mission: str, root: Path) -> list[dict[str, Any]]:
-    """Every place of a stop that counts as control."""
+    """Every control point of a stop."""
     workspace = open_workspace(root)
     rows = []
     for ref in control_of(mission, workspace):
@@ -325,11 +325,11 @@ class TakenTies:
     name: str
     counts: dict[EditAction, int]
     strangers: tuple[str, ...]
-    """Images and stops that it names and the store does not have yet."""
+    """Images and stops named in it that the store does not have yet."""
 
     def __str__(self) -> str:
-        said = ", ".join(f"{count} to {action}" for action, count in self.counts.items())
-        return f"{self.name}: {said}; the next run carries them out"
+        counts = ", ".join(f"{count} to {action}" for action, count in self.counts.items())
+        return f"{self.name}: {counts}; the next run carries them out"
 
 
 @beside_runs

@@ -97,7 +97,7 @@ def fetch_archive(  # noqa: PLR0913 - options of the command
     of_mission, days = archive.mission(mission), sols_of(sols)
     if raw and not of_mission.raw_images:
         raise ConfigError(f"{of_mission.title} has no list of public raw images; leave out --raw")
-    wanted = [
+    selections = [
         (None if raw else _volume(of_mission, name), IndexSelection(mission.upper(), name, days))
         for name in dict.fromkeys(instruments)
     ]
@@ -105,7 +105,7 @@ def fetch_archive(  # noqa: PLR0913 - options of the command
     client = open_client(params.timeout_s, params.connections)
     with _exclusive(out_dir), client:
         transfer = Transfer(client, archive.hosts, params)
-        for volume, selection in wanted:
+        for volume, selection in selections:
             if volume is None:
                 _fetch_raw(of_mission.raw_images, selection, out_dir, transfer, report)
             else:
@@ -122,23 +122,23 @@ def _fetch_raw(
 ) -> None:
     """Fetch the public raw images of one instrument: search their list, then fetch the pairs."""
     found = find_raw_images(url, selection, out_dir / STATE / "raw", transfer)
-    report.pairs += len(found.wanted) // 2
+    report.pairs += len(found.images) // 2
     report.unpaired += found.unpaired
     if found.left_out:
         report.warnings.append(
             f"{found.left_out} raw images cannot be placed; the first: {found.first_fault}"
         )
-    if not found.wanted:
+    if not found.images:
         report.failures.append(
             f"the list of raw images has no stereo pair of {selection.instrument} on sols "
             f"{min(selection.sols)} to {max(selection.sols)}"
         )
     if report.is_dry:
-        here = [is_raw_image_here(image, out_dir) for image in found.wanted]
-        _list([image.path(out_dir) for image in found.wanted], here, out_dir, report)
+        here = [is_raw_image_here(image, out_dir) for image in found.images]
+        _list([image.path(out_dir) for image in found.images], here, out_dir, report)
         return
     arrivals = fetch_raw_images(
-        found.wanted,
+        found.images,
         out_dir,
         transfer,
         lambda done, total: report_progress(f"{selection.instrument} images", done, total),

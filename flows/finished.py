@@ -1,4 +1,4 @@
-"""Which sols of a run need no processing, and which earlier layers no sol gives any more.
+"""Sols of a run that need no processing, and earlier layers that no sol makes any more.
 
 A sol depends on the images up to it, on the vector files, manual ties and control of the mission,
 on the settings, and on the adjustment before it. A late image changes the key of its sol and, by
@@ -44,7 +44,7 @@ from solmap.tasks.scopes import is_of_mission, pair_scope
 PARTS = "standing", "layers", "pointers"
 """Lists in the record of a finished sol: input of the next sol, layers, other products."""
 BY_COMMAND = {ProductKind.DIPS}
-"""Layers of stops that people have made too, by commands of their own."""
+"""Kinds of layers that commands of people make, too."""
 Latest = Set[tuple[ProductKind, Scope]]
 
 
@@ -80,8 +80,8 @@ class ReusableSols:
             tuple(map(ProductRef.of_text, found[part])) for part in PARTS
         )
         store = self.workspace.store
-        asked = (*standing, *((*published, *pointed) if store.object_storage is None else ()))
-        if not all(map(store.has, asked)):  # of an object store each would be a request
+        needed = (*standing, *((*published, *pointed) if store.object_storage is None else ()))
+        if not all(map(store.has, needed)):  # of an object store each would be a request
             return None
         left = Standing(*standing) if standing else None
         notes, failures = list(found["notes"]), list(found["failures"])
@@ -91,25 +91,25 @@ class ReusableSols:
     def forget(self, first: Scope) -> None:
         """Delete the records of this sol and later ones, which are processed now.
 
-        Each publishes again the stops that it has in common with the one before it, so none may be
-        passed over where this run is killed in between.
+        Each publishes the stops that it shares with the one before it again, so none may be skipped
+        if this run is killed in between.
         """
         self.book.forget(first.name, f"{self.mission.lower()}-sol")
 
     def note(self, scope: Scope, key: str, report: SolReport) -> None:
-        """Note that the sol is finished, unless anything of it failed that may not fail again."""
+        """Record that the sol is finished, unless a failure of it may not occur again."""
         if not is_finished(report):
             return
         left = report.standing
         standing = (left.network, left.orientations, left.rig) if left else ()
         made = dict(zip(PARTS, (standing, report.published, report.pointed), strict=True))
         document = {part: [ref.text for ref in refs if ref] for part, refs in made.items()}
-        told = {"notes": report.notes, "failures": report.failures}
-        self.book.note(scope.name, key, document | told)
+        messages = {"notes": report.notes, "failures": report.failures}
+        self.book.note(scope.name, key, document | messages)
 
 
 def is_finished(report: SolReport) -> bool:
-    """Whether another run over the same would end in the same way."""
+    """Whether a repeated run would have the same outcome."""
     return all(map(_will_fail_again, report.failures))
 
 
@@ -159,7 +159,7 @@ def withdraw_leftovers(
     decides.
 
     Returns:
-        A line for each stop whose maps stay although no sol gives them any more.
+        A line for each stop whose maps stay although no sol makes them any more.
     """
     if not sols or not all(map(is_finished, sols)):
         return []
@@ -195,7 +195,7 @@ def withdraw_leftovers(
 def _pointers(
     name: str, images: Sequence[ImageEntry], given: Latest, workspace: Workspace
 ) -> list[ProductRef]:
-    """Of a map's pairs, stops and sols, what the catalogue points at and no sol gave."""
+    """Products of a map's pairs, stops and sols in the catalogue that no sol made."""
     pairs = {pair_scope(image.id) for image in images}
     stops = {image.stop for image in images}
     levels = {ScopeLevel.PAIR, ScopeLevel.STOP, ScopeLevel.SOL}

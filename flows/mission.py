@@ -39,7 +39,7 @@ def draw_mission(
 ) -> str | None:
     """Draw and publish them; returns notes on the mission's frame.
 
-    `failed` gains what could not be made, and why.
+    `failed` gains each failure and its cause.
     """
     read = read_map(mission, workspace)
     layers: list[tuple[ProductRef, tuple[int, ...]]] = []
@@ -54,7 +54,7 @@ def draw_mission(
     gone = [
         r for r in traverse_products(mission, workspace.catalogue) if (r.kind, r.scope) not in made
     ]
-    if traverse and gone:  # of sites that are on another map now
+    if traverse and gone:  # sites that are on another map now
         workspace.catalogue.withdraw((), gone)
     return read.entry.lsl_note
 
@@ -66,7 +66,7 @@ def draw_network(
     config: PipelineConfig,
     kinds: Collection[ProductKind],
 ) -> list[tuple[ProductRef, tuple[int, ...]]]:
-    """Vector layers of a mission as a network has it, with the sols that they show."""
+    """Vector layers of a network, with the sols that they show."""
     read, entries = read_map(mission, workspace), workspace.catalogue.images(mission)
     telemetry, slip = read.telemetry, config.adjustment.slip
     sigmas_m = {s.stop: telemetry.sigma_from_origin_m(s.stop, slip) for s in telemetry.stops}
@@ -87,9 +87,9 @@ def draw_network(
 def map_regions(
     mission: str, workspace: Workspace, pipeline: str, failed: dict[str, str]
 ) -> list[str]:
-    """Fuse, map and publish the regions of a mission; how far their stops disagree.
+    """Fuse, map and publish the regions of a mission; returns the disagreement of their stops.
 
-    What did not change is looked up. `failed` gains what could not be made, and why.
+    Unchanged regions are looked up. `failed` gains each failure and its cause.
     """
     config = load_pipeline(pipeline)
     if not config.region.enabled:
@@ -188,7 +188,7 @@ def refresh_regions(store: Path, pipeline: str, mission: str | None = None) -> l
     Args:
         store: Folder of products and catalogue.
         pipeline: Name of a shipped pipeline, or path of a TOML file.
-        mission: As its labels have it: MER2; every mission where none is given.
+        mission: Identifier as in its labels, such as MER2; all missions by default.
     """
     workspace = open_workspace(store)
     notes: list[str] = []
@@ -201,7 +201,7 @@ def refresh_regions(store: Path, pipeline: str, mission: str | None = None) -> l
             record_run("region", name, workspace) as record,
         ):
             seams = map_regions(name, workspace, pipeline, failed)
-            record.say(seams)
+            record.add_lines(seams)
             record.fail_if([f"{part}: {cause}" for part, cause in failed.items()])
             notes += [f"{name}: {line}" for line in seams]
             if not failed:
@@ -225,5 +225,5 @@ def missions_of(store: Path, mission: str | None) -> list[str]:
     known = [entry.mission for entry in open_workspace(store).catalogue.missions()]
     if mission is None:
         return known
-    wanted = mission_id(mission)
-    return [name for name in known if wanted in {name, mission_of(name)}] or [wanted]
+    mission_name = mission_id(mission)
+    return [name for name in known if mission_name in {name, mission_of(name)}] or [mission_name]

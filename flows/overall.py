@@ -27,7 +27,7 @@ from solmap.tasks.scopes import is_overall, sol_of
 def process_overall(
     mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
 ) -> SolReport:
-    """Adjust all stops up to a sol in one adjustment, from where `previous` left them."""
+    """Adjust all stops up to a sol in one adjustment, starting from `previous`."""
     report = SolReport(mission, sol)
     inputs = gather_all(mission, sol, store, pipeline, previous)
     if inputs.touched:
@@ -54,7 +54,7 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
     ):
         take_edits(workspace)
         report = _readjust(mission, workspace, pipeline)
-        record.say(report.notes)
+        record.add_lines(report.notes)
         record.fail_if(report.failures)
     write_adjustments([report], workspace)
     return report
@@ -82,7 +82,7 @@ def _readjust(mission: str, workspace: Workspace, pipeline: str) -> SolReport:
 
 
 def overall_sols(mission: str, workspace: Workspace) -> set[int]:
-    """Sols up to which the mission was adjusted overall; later ones have stepped on from there."""
+    """Sols up to which the mission was adjusted overall; later sols continued from there."""
     return {
         sol_of(ref.scope)
         for ref in published_networks(mission, workspace.catalogue)
@@ -96,10 +96,10 @@ def adjust_all(store: Path, pipeline: str, mission: str | None = None) -> list[s
     Args:
         store: Folder of products and catalogue.
         pipeline: Name of a shipped pipeline, or path of a TOML file.
-        mission: As its labels have it: MER2; every mission where none is given.
+        mission: Identifier as in its labels, such as MER2; all missions by default.
 
     Returns:
-        Notes, a line each; failures begin with the mission and `failed`.
+        Notes, one line each; failures begin with the mission and `failed`.
     """
     workspace = open_workspace(store)
     notes: list[str] = []

@@ -1,8 +1,8 @@
 """Simulated data with known truth: a downlink of rendered images, or a whole mission without.
 
 A downlink is written file by file, each whole or absent; a second call with the same arguments
-continues where the first stopped. Beside it lies an orbital image of the same ground. A mission
-goes straight into a store: traverse, stops, ties and footprints.
+continues where the first stopped. An orbital image of the same ground is written beside it. A
+mission is published to a store: traverse, stops, ties and footprints.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from solmap.photogrammetry.synthetic.downlink import (
     text_files,
 )
 from solmap.photogrammetry.synthetic.mission import MISSION, MissionPlan
-from solmap.photogrammetry.synthetic.orbital import orbital_picture
+from solmap.photogrammetry.synthetic.orbital import orbital_mosaic
 from solmap.photogrammetry.synthetic.scene import World, WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.products.catalogue.catalogue import MissionEntry, Outcome
@@ -60,7 +60,7 @@ PIPELINE = "default"
 
 
 def write_downlink(out_dir: Path, params: WorldParams, seed: int) -> int:
-    """Simulate a rover's downlink into a folder; the number of files.
+    """Simulate a rover's downlink into a folder; returns the number of files.
 
     Raises:
         PhotogrammetryError: the folder holds something else.
@@ -74,7 +74,7 @@ def write_downlink(out_dir: Path, params: WorldParams, seed: int) -> int:
     with ThreadPoolExecutor(WORKERS) as pool:
         done = pool.map(partial(_render, world, out_dir), jobs)
         for number, _ in enumerate(done, 1):
-            report("render pictures", number, len(jobs))
+            report("render images", number, len(jobs))
     _write_true_terrain(world, out_dir / "truth" / "dtm.tif")
     _write_orbital(world, out_dir)
     return len(texts) + len(jobs) + 3
@@ -114,24 +114,24 @@ def _write_true_terrain(world: World, path: Path) -> None:
 
 
 def _write_orbital(world: World, out_dir: Path) -> None:
-    """The orbital image, and how far its georeference is off, in the form of `rendered_husband`."""
+    """The orbital image, and the error of its georeference, in the form of `rendered_husband`."""
     path = out_dir / "orbital" / "orbital.tif"
     if path.exists():
         return
-    picture = orbital_picture(world)
-    error = json.dumps({"georeference_error": asdict(picture.error)}, indent=1)
+    mosaic = orbital_mosaic(world)
+    error = json.dumps({"georeference_error": asdict(mosaic.error)}, indent=1)
     _write(out_dir, DownlinkFile("truth/orbital.json", error.encode()))
     path.parent.mkdir(exist_ok=True)
     draft = path.with_name("draft.tif")
     landing = landing_site(world.stops[0].id.mission).landing
-    write_orthophoto(draft, picture.grid, picture.brightness, local_crs(landing))
+    write_orthophoto(draft, mosaic.grid, mosaic.brightness, local_crs(landing))
     draft.replace(path)
 
 
 @flow(name="simulate-mission", flow_run_name="{seed}")
 @beside_runs
 def simulate_into(store: Path, plan: MissionPlan, seed: int) -> str:
-    """Simulate a mission and publish it; one line of what it holds.
+    """Simulate a mission and publish it; returns one line on its content.
 
     Raises:
         PhotogrammetryError: the store holds another mission.
@@ -166,7 +166,7 @@ def _publish(network: ProductRef, workspace: Workspace) -> None:
 
 
 def _refuse_other_missions(workspace: Workspace, network: ProductRef) -> None:
-    """A store holds one mission of a name: what is simulated must not mix with anything else."""
+    """A store has one mission of each name: simulated data must not mix with other data."""
     images = workspace.catalogue.images(MISSION)
     others = [one for one in workspace.catalogue.pointers(ProductKind.NETWORK) if one != network]
     if others or any(NO_PIXELS not in image.notes for image in images):

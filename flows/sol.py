@@ -40,7 +40,7 @@ from solmap.tasks.network.report import report_quality
 def process_sol(
     mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
 ) -> SolReport:
-    """Take one sol from raw images to published layers."""
+    """Process one sol from raw images to published layers."""
     report = SolReport(mission, sol)
     inputs = gather(mission, sol, store, pipeline, previous)
     report.notes += inputs.unplaced
@@ -162,5 +162,5 @@ def _remapped_line(stop: MappedStop, params: ReissueParams) -> str:
 
 
 def _link_line(link: dict[str, object]) -> str:
-    verdict = "linked" if link["linked"] else "not linked"
-    return f"{link['earlier']} - {link['later']}: {verdict}, {link['reason']}"
+    state = "linked" if link["linked"] else "not linked"
+    return f"{link['earlier']} - {link['later']}: {state}, {link['reason']}"

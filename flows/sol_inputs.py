@@ -59,9 +59,9 @@ class SolInputs:
     new_stops: tuple[StopId, ...]
     """Stops first seen this sol."""
     touched: tuple[StopId, ...]
-    """Stops that images of this sol were taken at."""
+    """Stops of the images of this sol."""
     unplaced: tuple[str, ...]
-    """Why stops and images of this sol cannot be put on the map, a line each."""
+    """Reasons why stops and images of this sol cannot be mapped, one line each."""
     unread: Mapping[str, str]
     """Causes of images and files that could not be read."""
     unpaired: tuple[ImageEntry, ...]
@@ -69,7 +69,7 @@ class SolInputs:
     window: tuple[StopPrior, ...]
     """Stops whose orientation this sol may change, and those linked to them."""
     images: tuple[ImageEntry, ...]
-    """Those taken at the stops of the window, up to this sol."""
+    """Pairs taken at the stops of the window, up to this sol."""
 
     @property
     def landing(self) -> LandingPoint:
@@ -161,19 +161,19 @@ class _Known:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapLabels:
-    """The labels of all images on one map, and where telemetry has their stops."""
+    """The labels of all images on one map, and the telemetry of their stops."""
 
     entry: MissionEntry
     images: Sequence[tuple[ImageEntry, RoverImage]]
     telemetry: Telemetry
     unread: Mapping[str, str]
-    """Images and vector files of the mission that cannot be read, and why."""
+    """Unreadable images and vector files of the mission, with the reason."""
     left_out: Sequence[tuple[ImageEntry, str]]
-    """Images with labels that cannot be true, and why."""
+    """Images with impossible labels, with the reason."""
 
 
 _read: dict[tuple[Path, str], tuple[str, Mapping[str, MapLabels]]] = {}
-"""The maps of a mission as they were read last, and their version, by store and mission."""
+"""The maps of a mission as last read, and their version, by store and mission."""
 
 
 def read_map(name: str, workspace: Workspace) -> MapLabels:
@@ -207,9 +207,9 @@ def read_maps(mission: str, workspace: Workspace) -> Mapping[str, MapLabels]:
 
 
 def assign_maps(mission: str, workspace: Workspace) -> list[str]:
-    """Put every image on the map of the sites that its own is connected with; the maps' names.
+    """Assign every image to the map of the sites connected with its own; returns their names.
 
-    What people wrote on a map that is no more moves to the one that its stops are on.
+    Annotations and edits of a removed map move to the map of their stops.
     """
     maps = read_maps(mission, workspace)
     moved = [
@@ -225,7 +225,7 @@ def assign_maps(mission: str, workspace: Workspace) -> list[str]:
 
 
 def _move_edits(mission: str, maps: Mapping[str, MapLabels], workspace: Workspace) -> None:
-    """Move annotations and edits of ties of maps that are no more; see `EditLog.move`."""
+    """Move annotations and edits of ties of removed maps; see `EditLog.move`."""
     for old in set(workspace.catalogue.maps_of(mission)) - maps.keys():
         site, *drive = origin_of(old) or (0,)
         origin = rover_frame(site, *drive) if drive else site_frame(site)
@@ -268,7 +268,7 @@ def _read_maps(mission: str, names: Sequence[str], workspace: Workspace) -> dict
     left_out = {entry.id: why for entry, why in _left_out(images)}
     labels = [label for entry, label in images if entry.id not in left_out]
     name_of, why_alone = _maps_of_stops(mission, labels, files)
-    for entry, label in images:  # of a stop that has no label that can be true
+    for entry, label in images:  # of a stop without a possible label
         name_of.setdefault(label.stop, entry.mission)
     read = {entry.id for entry, _ in images}
     unseen = {entry.mission for entry in entries if entry.id not in read}
@@ -292,9 +292,9 @@ def _read_maps(mission: str, names: Sequence[str], workspace: Workspace) -> dict
 def _maps_of_stops(
     mission: str, labels: Sequence[RoverImage], files: Sequence[VectorFile]
 ) -> tuple[dict[StopId, str], dict[str, str]]:
-    """The map of every stop: of its group of sites, or its own where it cannot be where it is.
+    """The map of every stop: that of its group of sites, or its own if its position is impossible.
 
-    And of every map of a stop alone, why it is.
+    Also the reason for every map of a single stop.
     """
     origins = read_telemetry(labels, files).origins
     groups: dict[int, list[RoverImage]] = {}
@@ -339,7 +339,7 @@ def _read_labels(
 ) -> list[tuple[ImageEntry, RoverImage]]:
     try:
         return list(zip(entries, image_records(entries, workspace), strict=True))
-    except Exception:  # noqa: BLE001 - of one image: one by one shows of which
+    except Exception:  # noqa: BLE001 - reading one by one shows which image
         labels = []
         for entry in entries:
             with keep_going(unread, entry.id):
@@ -348,7 +348,7 @@ def _read_labels(
 
 
 def _left_out(images: Sequence[tuple[ImageEntry, RoverImage]]) -> Iterator[tuple[ImageEntry, str]]:
-    """Images with labels that cannot be true, and why."""
+    """Images with impossible labels, with the reason."""
     at_stops: dict[StopId, list[tuple[ImageEntry, RoverImage]]] = {}
     for entry, label in sorted(images, key=lambda both: (both[1].clock, both[0].id)):
         at_stops.setdefault(label.stop, []).append((entry, label))
@@ -371,7 +371,7 @@ def _mode(config: PipelineConfig) -> AdjustmentMode:
 def _open_gate(
     config: PipelineConfig, previous: Standing | None, workspace: Workspace
 ) -> PipelineConfig:
-    """With the gate of links as wide as the mission has shown telemetry to be off."""
+    """Parameters with the gate of links as wide as the mission's errors of telemetry."""
     if previous is None:
         return config
     components = read_network(previous.network, workspace.store).adjusted.components
@@ -409,7 +409,7 @@ def _moving(previous: Standing | None, workspace: Workspace) -> tuple[StopId, ..
 def candidates(
     stop: StopPrior, stops: Sequence[StopPrior], config: PipelineConfig
 ) -> list[StopPrior]:
-    """The earlier stops that one is tried to be linked with."""
+    """The earlier stops with which a link is tried."""
     earlier = {old.stop: old for old in stops[: stops.index(stop)]}
     poses = {name: old.lsl_from_rover for name, old in earlier.items()}
     gate = config.cross_site.gate

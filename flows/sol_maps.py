@@ -110,7 +110,7 @@ def _maps_of_stop(
 
 def model_jobs(inputs: SolInputs, orientations: ProductRef, matched: Matched) -> dict[Key, Job]:
     """Jobs for terrain models in 3D, tiles, view models, points and dips of every stop."""
-    wanted, store, landing = inputs.config.models, inputs.workspace.store, inputs.landing
+    params, store, landing = inputs.config.models, inputs.workspace.store, inputs.landing
     poses = read_orientations(orientations, store, [str(stop) for stop in matched])
     jobs: dict[Key, Job] = {}
     for stop in matched:
@@ -118,10 +118,10 @@ def model_jobs(inputs: SolInputs, orientations: ProductRef, matched: Matched) ->
         if pairs:
             jobs |= {
                 (stop, what): Job(f"sol {inputs.sol}: model the stops", submit, needs)
-                for what, submit, needs, is_wanted in _models_of_stop(
-                    stop, pairs, wanted, landing, store
+                for what, submit, needs, is_enabled in _models_of_stop(
+                    stop, pairs, params, landing, store
                 )
-                if is_wanted
+                if is_enabled
             }
     return jobs
 
@@ -129,7 +129,7 @@ def model_jobs(inputs: SolInputs, orientations: ProductRef, matched: Matched) ->
 def _models_of_stop(
     stop: StopId,
     pairs: tuple[OrientedPair, ...],
-    wanted: Models,
+    models: Models,
     landing: LandingPoint,
     store: ProductStore,
 ) -> Iterator[tuple[str, Callable[[Made], PrefectFuture[Any]], Sequence[Key], bool]]:
@@ -142,17 +142,17 @@ def _models_of_stop(
     def of_pairs(task: Task[..., Any], params: object) -> Callable[[Made], PrefectFuture[Any]]:
         return lambda _: task.submit(stop, pairs, params, landing, store)
 
-    yield "model", on_ground(model_terrain, wanted.terrain), ground, wanted.of_terrain
-    yield "3D tiles", on_ground(tile_terrain, wanted.tiles), ground, wanted.of_terrain
-    yield "model of what pairs see", of_pairs(model_views, wanted.views), (), wanted.of_views
-    yield "points", of_pairs(make_points, wanted.points), (), wanted.of_points
-    yield "dips", of_pairs(map_dips, wanted.facets), (), wanted.dips_of_facets
+    yield "model", on_ground(model_terrain, models.terrain), ground, models.of_terrain
+    yield "3D tiles", on_ground(tile_terrain, models.tiles), ground, models.of_terrain
+    yield "model of what pairs see", of_pairs(model_views, models.views), (), models.of_views
+    yield "points", of_pairs(make_points, models.points), (), models.of_points
+    yield "dips", of_pairs(map_dips, models.facets), (), models.dips_of_facets
 
 
 def panorama_jobs(inputs: SolInputs, orientations: ProductRef, matched: Matched) -> dict[Key, Job]:
     """Jobs for the panorama of every stop of the window, and for its ground points."""
-    wanted, workspace = inputs.config.panoramas, inputs.workspace
-    if not wanted.enabled:
+    options, workspace = inputs.config.panoramas, inputs.workspace
+    if not options.enabled:
         return {}
     poses = read_orientations(
         orientations, workspace.store, [str(one.stop) for one in inputs.window]
@@ -165,12 +165,12 @@ def panorama_jobs(inputs: SolInputs, orientations: ProductRef, matched: Matched)
                 [entry for entry in entries if entry.sol <= inputs.sol],
                 {pair.files.id: pair.matches for pair in matched.get(stop, ())},
                 poses[str(stop)].orientations,
-                wanted.drawing.eye,
+                options.drawing.eye,
                 workspace,
             )
             if not frames:
                 return None
-            dtm, params = made.get((stop, "dtm")), wanted.drawing
+            dtm, params = made.get((stop, "dtm")), options.drawing
             return draw_panorama.submit(stop, frames, dtm, params, inputs.landing, workspace.store)
 
         return Job(f"sol {inputs.sol}: draw the panoramas", submit, after=[(stop, "dtm")])
@@ -253,16 +253,16 @@ def _match_wide_pairs(
 
 
 def _one_finding_a_stop(
-    failed: Mapping[tuple[StopId, str], str], asked: Iterable[tuple[StopId, str]]
+    failed: Mapping[tuple[StopId, str], str], requested: Iterable[tuple[StopId, str]]
 ) -> dict[str, str]:
-    """Causes by subject; findings of one stop are summarised in one line with the first."""
+    """Causes by subject; findings of one stop are summarised in one line that quotes the first."""
     named = tuple(f"{error.__name__}: " for error in FINDINGS)
     causes = {name: why for (_, name), why in failed.items() if not why.startswith(named)}
     found: dict[StopId, list[str]] = {}
     for (stop, _), why in failed.items():
         if why.startswith(named):
             found.setdefault(stop, []).append(why)
-    tried = Counter(stop for stop, _ in asked)
+    tried = Counter(stop for stop, _ in requested)
     return causes | {
         f"in {len(whys)} of {tried[stop]} wide-baseline pairs of {stop}, the first": whys[0]
         for stop, whys in found.items()

@@ -1,4 +1,4 @@
-"""Match the stereo pairs of a sol, with their right cameras as the stereo rigs are found to be."""
+"""Match the stereo pairs of a sol, with right cameras corrected by estimates of the rigs."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def match_pairs(
 ) -> tuple[Matched, ProductRef | None]:
     """Match the pairs of all stops in the window; those of earlier sols are looked up.
 
-    Pairs are matched with the rigs that their rows and all before show. Where ties within the
-    sol's stops then show another toe-in, the pairs that it concerns are matched again.
+    Pairs are matched with the rigs estimated from their rows and all earlier ones. If ties within
+    the sol's stops then show another toe-in, the affected pairs are matched again.
 
     Returns:
-        The matched pairs, and what is known of the stereo rigs; None where nothing is.
+        The matched pairs, and the estimates of the stereo rigs; None without any.
     """
     pairs = pairs_of(inputs.images)
     rows, refs, unmeasured = _measure_rows(pairs, inputs)
@@ -58,7 +58,7 @@ def match_pairs(
 def _measure_rows(
     pairs: Sequence[PairFiles], inputs: SolInputs
 ) -> tuple[dict[str, PairRows], dict[str, ProductRef], dict[str, str]]:
-    """How the rows of pairs correspond with the rigs of the labels, the products, and failures."""
+    """Row offsets of pairs with the rigs of the labels, the products, and failures."""
     store = inputs.workspace.store
     futures = {pair.id: measure_rows.submit(pair, store) for pair in pairs}
     refs, failed = wait_for(f"sol {inputs.sol}: measure the rows of pairs", futures)
@@ -72,7 +72,7 @@ def _measure_rows(
 def _pool_rig(
     refs: Mapping[str, ProductRef], rig: ProductRef | None, inputs: SolInputs, report: SolReport
 ) -> ProductRef | None:
-    """Take in the rows of the sol's stops; what was known before, if that fails."""
+    """Add the rows of the sol's stops to the estimates; the earlier ones if that fails."""
     touched = {str(stop) for stop in inputs.touched}
     own = [image.id for image in inputs.images if image.stop in touched and image.id in refs]
     rows = tuple(refs[pair] for pair in sorted(own))
@@ -88,7 +88,7 @@ def _pool_rig(
 def _refine_rig(
     matched: Matched, rig: ProductRef, inputs: SolInputs, report: SolReport
 ) -> ProductRef:
-    """Take in the ties within the sol's stops; what was known before, if that fails."""
+    """Add the ties within the sol's stops to the estimates; the earlier ones if that fails."""
     config, store = inputs.config, inputs.workspace.store
     telemetry = {stop.stop: stop for stop in inputs.window}
     stops = {
@@ -138,7 +138,7 @@ def _match(
 
 
 def _notes(rows: Mapping[str, PairRows], rig: ProductRef | None, inputs: SolInputs) -> list[str]:
-    """By how much right cameras of the sol's stops are turned, and which pairs contradict that."""
+    """Rotations of right cameras of the sol's stops, and pairs that contradict them."""
     known = _read(rig, inputs)
     notes = [
         f"{stop} {camera}: the right camera is turned by {np.degrees(np.linalg.norm(turn)):.3f} "

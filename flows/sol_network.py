@@ -46,7 +46,7 @@ def adjust_stops(
     report: SolReport,
     rig: ProductRef | None = None,
 ) -> ProductRef | None:
-    """Find tie points of the stops of the window and adjust them; None if that failed."""
+    """Find tie points of the stops of the window and adjust the network; None if that failed."""
     config, store, sol = inputs.config, inputs.workspace.store, inputs.sol
     telemetry = {stop.stop: stop for stop in inputs.window}
     rigs = read_rig(store.path(rig)) if rig else RigProduct()

@@ -132,7 +132,7 @@ class Waves:
 
 
 def outcome_of(inputs: SolInputs, report: SolReport) -> Outcome:
-    """How a sol ended, for `solmap status`."""
+    """Outcome of a sol, for `solmap status`."""
     return Outcome.now(
         network_scope(report.mission, inputs.sol, inputs.mode).name,
         (*report.failures, *report.notes),

@@ -71,7 +71,7 @@ class Comparison:
 
     @property
     def as_a_whole(self) -> str:
-        """One line on what a turn and a scale of the whole traverse explain."""
+        """One line on a rotation and scale fitted to the whole traverse."""
         fit = georeference(self.telemetry.places_m[:, :2], self.localised.places_m[:, :2])
         return (
             f"{len(self.telemetry)} stops; telemetry drove {self.telemetry.length_m:.1f} m, the "
@@ -104,7 +104,7 @@ def compare_files(
 
 @beside_runs
 def import_files(files: Sequence[Path], mission: str, root: Path) -> str:
-    """Publish the traverses that files give as layers of a mission; one line on what they are."""
+    """Publish the traverses in files as layers of a mission; returns one line on them."""
     workspace = open_workspace(root)
     site = landing_site(mission, Settings().landing_sites)
     traverses = read_traverses(files, mission, site.landing)
@@ -112,8 +112,8 @@ def import_files(files: Sequence[Path], mission: str, root: Path) -> str:
     sols = tuple(sorted({int(sol) for one in traverses.found for sol in one.sols}))
     entry = MissionEntry(mission, site.title, site.landing, None)
     publish.fn(entry, [(ref, sols) for ref in layers], (), (), workspace).check()
-    said = ", ".join(f"{len(one)} {one.solution} stops" for one in traverses.found)
-    return f"{mission}: {said} are on the map"
+    counts = ", ".join(f"{len(one)} {one.solution} stops" for one in traverses.found)
+    return f"{mission}: {counts} are on the map"
 
 
 def export_files(folder: Path, mission: str, root: Path) -> list[Path]:
@@ -131,7 +131,7 @@ def export_files(folder: Path, mission: str, root: Path) -> list[Path]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GeoreferencedMosaic:
-    """A mosaic on the map, and how its track differs from the map's."""
+    """A mosaic on the map, and the differences of its track from the map's."""
 
     points: MosaicPoints
     fit: Georeference
@@ -152,7 +152,7 @@ class GeoreferencedMosaic:
 
     @property
     def summary(self) -> str:
-        """What the paper reports, in one line."""
+        """The result in one line, as in the paper."""
         fit, tracks = self.fit, self.tracks
         return (
             f"turned by {fit.rotation_deg:.3f} degrees ({fit.sigma_rotation_deg:.3f}), scaled by "
@@ -193,7 +193,7 @@ def georeference_mosaic(file: Path, *, affine: bool = False) -> GeoreferencedMos
 
 
 def write_simulated(file: Path, seed: int, rotation_deg: float) -> Path:
-    """Write simulated points, and beside them the answer; the path of the answer."""
+    """Write simulated points, and the true answer beside them; returns the path of the answer."""
     made = simulate_mosaic(np.random.default_rng(seed), rotation_deg=rotation_deg)
     file.write_text(made.points.table(), encoding="utf-8")
     truth = file.with_suffix(".truth.json")

@@ -1,4 +1,4 @@
-"""The server: the catalogue on the web. It reads the store and changes no product."""
+"""The server application. It reads the store and changes no product."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ from solmap.products.store.process import (
 )
 
 _THREADS = 8
-"""Of light requests: more of them would make each other, and the loop of events, wait."""
+"""Threads for light requests: with more, they and the event loop would wait for each other."""
 _SWITCH_S = 0.0005
 """After this time a thread gives Python's lock to those that wait; with Python's 5 ms the loop of
 events, which gives the lock away at every reading and writing, waited 0.2 s for eight threads."""

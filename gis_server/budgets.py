@@ -1,9 +1,9 @@
-"""Limits of heavy requests: how many are worked on, how many may wait, and how long.
+"""Limits of heavy requests: number in progress, number waiting, and longest wait.
 
 Heavy requests are recognised by their addresses (`KINDS`). Those of a lane are processed one after
 the other, each lane by a worker process (`workers`) if there is one; light requests never wait for
 them. A client with too many of them in progress gets 429, and so does one served recently while
-others wait long; when all slots are taken, requests get 503. All get the time of a retry
+others wait long; when all slots are taken, requests get 503. Both give the time of a retry
 (`Retry-After`). A slot is held until the response is sent, so that slow readers use up their own
 slots; the lane is free as soon as the response is computed.
 """
@@ -31,12 +31,12 @@ from solmap.gis_server.errors import problem
 from solmap.gis_server.workers import LARGEST, Answer, UnkeptError, Worker, WorkerLostError, collect
 
 ROUTE = "solmap.route"
-"""In the scope of a request that another process answered: the template of the route."""
+"""Key in the scope of a request that another process answered: the template of its route."""
 _METHODS = {"GET", "POST"}
 WAIT_S, WORK_S = 90.0, 120.0
-"""Longest time that a request waits for its turn, and that it is worked on."""
+"""Longest time that a request waits for its turn, and longest time of work."""
 SHARE_S = 120.0
-"""A busy lane has clients come again that were answered within so many seconds."""
+"""A busy lane refuses clients that were answered within this many seconds."""
 _LONGEST_RETRY_S = 60
 _START_S = 30.0
 """Longest time that the server waits for its workers before it answers the first request."""
@@ -44,7 +44,7 @@ MOST_SPOOLED = 2 * LARGEST
 """Bytes of the files of answers that are being sent, of all clients; one may have half of it.
 With the answer that each of two workers writes, temporary files take twice as much at most."""
 _CLIENTS = 10_000
-"""Whose share is remembered."""
+"""Most clients whose recent answers are recorded."""
 _LATEST = 10
 """Number of requests for estimating their usual time."""
 
@@ -66,9 +66,9 @@ QUESTIONS = Lane("questions", per_client=8, places=64, busy_s=15.0)
 """Requests of a person on the map."""
 FILES = Lane("files", per_client=4, places=64, busy_s=15.0)
 """What is written for a download."""
-PICTURES = Lane("pictures", per_client=64, places=512, busy_s=WAIT_S)
-"""Many small ones at a time, drawn in the server's own process from what it keeps in memory."""
-LANES = (QUESTIONS, FILES, PICTURES)
+IMAGES = Lane("images", per_client=64, places=512, busy_s=WAIT_S)
+"""Many small ones at a time, drawn in the server's own process from its caches."""
+LANES = (QUESTIONS, FILES, IMAGES)
 KINDS: tuple[tuple[str, str, Lane], ...] = (
     ("solid", r"^/models/.*\.stl$", FILES),
     ("part", r"^/download/.*/clip$", FILES),
@@ -82,10 +82,10 @@ KINDS: tuple[tuple[str, str, Lane], ...] = (
     ("adjustment", r"^/api/.*/(refine|preview-adjustment)$", QUESTIONS),
     ("network", r"^/api/.*/(solutions|traverse|network|pairs|images/[^/]+/ties)$", QUESTIONS),
     ("scene", r"^/api/.*/(scene/\w+|tileset\.json)$", QUESTIONS),
-    ("picture", r"^/(images|panoramas)/.*\.png$|^/api/.*/legend\.png$", PICTURES),
-    ("map", r"^/ogc/.*(/map/tiles/[^/]+/[^/]+/|/wmts$|/WMTSCapabilities\.xml$)", PICTURES),
+    ("image", r"^/(images|panoramas)/.*\.png$|^/api/.*/legend\.png$", IMAGES),
+    ("map", r"^/ogc/.*(/map/tiles/[^/]+/[^/]+/|/wmts$|/WMTSCapabilities\.xml$)", IMAGES),
 )
-"""Kind, what its addresses look like, and its lane. A tile of WMTS by its path
+"""Kind, pattern of its URLs, and its lane. A tile of WMTS by its path
 (`/ogc/{mission}/wmts/1.0.0/.../{column}.png`) is light: it costs as much as one of `/tiles`."""
 _PATTERNS = [(re.compile(pattern), kind, lane) for kind, pattern, lane in KINDS]
 
@@ -133,12 +133,12 @@ class LaneState:
 
     @property
     def ahead_s(self) -> float:
-        """What those that wait will probably take."""
+        """Expected time of the waiting requests."""
         return self.turn.statistics().tasks_waiting * self._usual_s
 
     @property
     def retry_s(self) -> int:
-        """When to come again."""
+        """Time of a retry."""
         return max(1, min(_LONGEST_RETRY_S, math.ceil(self.ahead_s)))
 
     @contextmanager
@@ -150,13 +150,13 @@ class LaneState:
         """
         lane = self.lane
         if self.places[client] >= lane.per_client:
-            what = f"{lane.per_client} {lane.name} of yours are under way, as many as may be"
+            what = f"{lane.per_client} {lane.name} of yours are in progress, which is the limit"
             raise RefusedError(HTTPStatus.TOO_MANY_REQUESTS, what)
         if client in self._answered and self.ahead_s > lane.busy_s:
-            what = f"others wait for their {lane.name}, and you were answered a moment ago"
+            what = f"others wait for their {lane.name}, and you were answered recently"
             raise RefusedError(HTTPStatus.TOO_MANY_REQUESTS, what)
         if self.places.total() >= lane.places:
-            what = f"{lane.places} {lane.name} are under way, as many as may be"
+            what = f"{lane.places} {lane.name} are in progress, which is the limit"
             raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, what)
         self.places[client] += 1
         try:
@@ -167,10 +167,10 @@ class LaneState:
 
     @asynccontextmanager
     async def turn_of(self, receive: Receive) -> AsyncIterator[bool]:
-        """The turn of a request; False where its client leaves before it comes.
+        """Wait for the turn of a request; False if its client disconnects before.
 
         Raises:
-            RefusedError: it does not come in time.
+            RefusedError: the turn does not come in time.
         """
         request = object()
         try:
@@ -193,7 +193,7 @@ class LaneState:
             self._usual_s += (time.monotonic() - started - self._usual_s) / _LATEST
 
     async def _wait(self, request: object, receive: Receive) -> bool:
-        """Wait for the turn, not longer than may be; whether the client left meanwhile."""
+        """Wait for the turn up to the limit; returns whether the client disconnected."""
         has_left = False
         async with anyio.create_task_group() as waiting:
 
@@ -211,7 +211,7 @@ class LaneState:
         return has_left
 
     async def answer(self, app: ASGIApp, scope: Scope, body: bytes) -> Answer:
-        """What the lane's worker, or this process, answers.
+        """The answer of the lane's worker, or of this process.
 
         Raises:
             RefusedError: the worker gave up, or the answer is too large.
@@ -219,7 +219,7 @@ class LaneState:
         if self.worker is None:
             return await collect(app, scope, body, None)
         try:
-            return await self.worker.ask(scope, body, WORK_S)
+            return await self.worker.answer(scope, body, WORK_S)
         except TimeoutError:
             what = f"this took longer than {WORK_S:.0f} s; request less at once"
             raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, what) from None
@@ -231,7 +231,7 @@ class LaneState:
 
 
 class Budgets:
-    """The limits of one server, and how far they are used."""
+    """The limits of one server, and their current use."""
 
     def __init__(self, workers: Mapping[Lane, Worker]) -> None:
         """Lanes without a worker are answered in this process."""
@@ -245,10 +245,10 @@ class Budgets:
 
     @contextmanager
     def file_of(self, client: str, answer: Answer) -> Iterator[None]:
-        """Room for the file of an answer, if it has one, while it is sent.
+        """Reserve space for the file of an answer, if it has one, while it is sent.
 
         Raises:
-            RefusedError: there is none; the file is removed.
+            RefusedError: there is no space; the file is removed.
         """
         size = answer.file_bytes
         has_share = self.spooled[client] + size <= MOST_SPOOLED // 2
@@ -256,7 +256,7 @@ class Budgets:
             answer.remove()
             status = HTTPStatus.SERVICE_UNAVAILABLE if has_share else HTTPStatus.TOO_MANY_REQUESTS
             what = "large answers are being sent" if has_share else "yours are still being sent"
-            raise RefusedError(status, f"{what}, as many bytes as may be", _LONGEST_RETRY_S)
+            raise RefusedError(status, f"{what}, up to the limit of bytes", _LONGEST_RETRY_S)
         self.spooled[client] += size
         try:
             yield
@@ -265,7 +265,7 @@ class Budgets:
 
     @contextmanager
     def running_workers(self) -> Iterator[None]:
-        """Have the workers run while the block does."""
+        """Run the workers during the block."""
         workers = [state.worker for state in self.lanes.values() if state.worker is not None]
         with TemporaryDirectory(prefix="solmap-answers-") as folder:
             try:
@@ -281,13 +281,13 @@ class Budgets:
 
 
 class HeavyRequests:
-    """Has heavy requests answered when it is their turn, and light ones at once."""
+    """Answers heavy requests in their turn, and light ones at once."""
 
     def __init__(self, app: ASGIApp, budgets: Budgets) -> None:
         self.app, self.budgets = app, budgets
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a light request on; see that a heavy one keeps to the limits."""
+        """Pass a light request on; apply the limits to a heavy one."""
         found = None
         if scope["type"] == "http" and scope["method"] in _METHODS:
             found = kind_of(scope["path"].removeprefix(scope.get("root_path", "")))
@@ -303,7 +303,7 @@ class HeavyRequests:
             self.budgets.refused[kind, error.status] += 1
             again = {"Retry-After": str(max(state.retry_s, error.retry_s))}
             if error.status == HTTPStatus.UNPROCESSABLE_ENTITY:
-                again = {}  # the same would be refused for ever
+                again = {}  # the same request would always be refused
             await problem(error.status, str(error), scope["path"], again)(scope, receive, send)
 
     async def _answer(self, state: LaneState, scope: Scope, receive: Receive, send: Send) -> None:
@@ -321,7 +321,7 @@ class HeavyRequests:
 
 
 async def _whole_body(receive: Receive) -> bytes | None:
-    """The body of a request, before it waits for others; None where the client leaves."""
+    """The body of a request, read before it waits; None if the client disconnects."""
     body = bytearray()
     while True:
         message = await receive()

@@ -1,8 +1,8 @@
-"""Which error becomes which status, and the body that goes with it.
+"""Status and body of the response for each error.
 
 Every refusal is a problem document of RFC 9457 (`application/problem+json`): `type`, `title`,
-`status`, `detail` and `instance`, with what to try as `hint`. `code` and `description` repeat title
-and detail under the names of OGC API; `errors` names the parts of a question that are wrong.
+`status`, `detail` and `instance`, and a remedy as `hint`. `code` and `description` repeat title and
+detail under the names of OGC API; `errors` lists the wrong parts of a request.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from solmap.products.errors import (
 
 log = logging.getLogger(__name__)
 LACKED_MEMORY = "solmap.lacked_memory"
-"""In the scope of a request that took more memory than there was."""
+"""Key in the scope of a request that lacked memory."""
 STATUS: dict[type[Exception], HTTPStatus] = {
     ProductNotFoundError: HTTPStatus.NOT_FOUND,
     OutsideCoverageError: HTTPStatus.NOT_FOUND,
@@ -64,11 +64,11 @@ HINT = {
 
 PROBLEM = "application/problem+json"
 _NAMED = 5
-"""Faults of a question that its sentence names; `errors` has them all."""
+"""Most faults of a request in the detail; `errors` has all of them."""
 
 
 def install_error_table(app: FastAPI) -> None:
-    """Have every error of the table answered as a problem document."""
+    """Answer every error of the table with a problem document."""
     for kind in (*STATUS, HTTPException):
         app.add_exception_handler(kind, _answer)
     app.add_exception_handler(RequestValidationError, _answer_invalid)
@@ -116,10 +116,10 @@ async def _answer(request: Request, error: Exception) -> JSONResponse:
 
 
 async def _name_methods(request: Request, _error: Exception) -> JSONResponse:
-    """Which methods an address has, of all its routes: a file server would answer with its own."""
+    """Refuse a method, naming those of all routes of the URL: a file server names only its own."""
     described = request.app.openapi()["paths"].items()
-    asked = request.url.path.removeprefix(request.scope.get("root_path", ""))
-    fitting = [ways for path, ways in described if compile_path(path)[0].match(asked)]
+    requested = request.url.path.removeprefix(request.scope.get("root_path", ""))
+    fitting = [ways for path, ways in described if compile_path(path)[0].match(requested)]
     methods = sorted({way.upper() for ways in fitting for way in ways}) or ["GET", "HEAD"]
     status = HTTPStatus.METHOD_NOT_ALLOWED
     what = f"{request.method} is not among the methods of this address: {', '.join(methods)}"

@@ -1,9 +1,8 @@
 """The process that workers fork from.
 
-A child of the server's own would be ended with the thread that started it (PR_SET_PDEATHSIG), and
-its start stops all threads of the server until the system runs another program in it: Python's lock
-is held meanwhile, a tenth of a second and more where processors are few. A worker that forks has at
-once what the launcher has imported, in memory that all of them share.
+A child of the server itself would end with the thread that started it (PR_SET_PDEATHSIG), and its
+start holds Python's lock, which stops all threads of the server for a tenth of a second or more on
+few processors. A forked worker has the modules of the launcher at once, in shared memory.
 """
 
 from __future__ import annotations
@@ -41,19 +40,19 @@ class Launcher:
     """Of workers, as reported by the process."""
 
     def start(self) -> tuple[int, Connection]:
-        """Number of a new worker, which comes up meanwhile, and the connection with it."""
+        """Number of a new worker, which is still starting, and the connection with it."""
         mine, other = Pipe()
         with other, self._lock:
             self._number += 1
             try:
-                self._hand_over(other)
+                self._pass_connection(other)
             except OSError:  # the process was killed, and its workers with it
                 self._close()
-                self._hand_over(other)
+                self._pass_connection(other)
             return self._number, mine
 
     def end(self, number: int) -> None:
-        """End a worker, whatever it does; the kernel may take 0.4 s to free its memory."""
+        """End a worker in any state; the kernel may take 0.4 s to free its memory."""
         with self._lock, contextlib.suppress(OSError, EOFError):  # all ended with the process
             if self._control is not None:
                 self._control.send((number, False))
@@ -75,11 +74,11 @@ class Launcher:
             time.sleep(_LOOK_S)
 
     def close(self) -> None:
-        """End the process; it ends the workers that are left."""
+        """End the process, which ends the remaining workers."""
         with self._lock:
             self._close()
 
-    def _hand_over(self, connection: Connection) -> None:
+    def _pass_connection(self, connection: Connection) -> None:
         if self._process is None or self._control is None:
             self._control, other = Pipe()
             with other:

@@ -2,8 +2,8 @@
 
 Any process may publish. Each server polls the database four times a second, which SQLite answers
 from memory (`PRAGMA data_version`), reads new events once, and puts them into the queues of its
-listeners; without listeners it does not poll. A listener whose queue is full is sent a mark to read
-everything again, so that memory stays bounded.
+listeners; without listeners it does not poll. A listener whose queue is full gets a request to
+reload everything, so that memory stays bounded.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from solmap.products.catalogue.events import Event, events_since, is_gone, last_
 log = logging.getLogger(__name__)
 POLL_INTERVAL_S = 0.25
 MOST_LISTENERS, MOST_OF_ONE = 500, 100
-"""Each holds a connection and a queue; and those of one client."""
+"""Most listeners, each with a connection and a queue; and most of one client."""
 _QUEUE = 256
-"""Events that a listener may be behind."""
+"""Most events by which a listener may lag."""
 
 
 class TooManyListenersError(Exception):
-    """Every place for listeners is taken, or every one that a client may have."""
+    """All places for listeners, or all of one client, are taken."""
 
     def __init__(self, most: int, *, are_of_client: bool) -> None:
         whose = "of yours listen" if are_of_client else "listen"
@@ -45,10 +45,10 @@ class EventTail:
     most: int = MOST_LISTENERS
     most_of_one: int = MOST_OF_ONE
     before: Callable[[Collection[Event]], None] | None = None
-    """What is done, in a thread, before the listeners hear of new events."""
+    """Called in a thread before listeners get new events."""
     _listeners: dict[asyncio.Queue[Event | None], str] = field(default_factory=dict)
-    """Queues, and whose they are."""
-    _wanted: asyncio.Event = field(default_factory=asyncio.Event)
+    """Queues and their clients."""
+    _has_listeners: asyncio.Event = field(default_factory=asyncio.Event)
     """Set while anybody listens."""
     _task: asyncio.Task[None] | None = None
     _last: int = 0
@@ -70,21 +70,21 @@ class EventTail:
         if self._task is None:
             self._task = asyncio.create_task(self._watch())
         self._listeners[queue] = client
-        self._wanted.set()
+        self._has_listeners.set()
         try:
             yield queue
         finally:
             self._listeners.pop(queue, None)
             if not self._listeners:
-                self._wanted.clear()
+                self._has_listeners.clear()
 
     @property
     def listeners(self) -> int:
-        """How many listen now."""
+        """Number of listeners."""
         return len(self._listeners)
 
     async def events_after(self, event_id: int) -> list[Event] | None:
-        """Events after `event_id`, or None where some of them have been forgotten."""
+        """Events after `event_id`, or None if some of them were removed."""
         return await run_sync(self._read_events_after, event_id)
 
     async def newest(self) -> int:
@@ -92,19 +92,19 @@ class EventTail:
         return await run_sync(self._newest)
 
     def close(self) -> None:
-        """Watch no more: the server ends."""
+        """Stop watching at the end of the server."""
         if self._task is not None:
             self._task.cancel()
 
     async def _watch(self) -> None:
-        """Follow the table whenever anybody listens, whatever goes wrong meanwhile."""
+        """Follow the table while there are listeners, also after errors."""
         while True:
-            await self._wanted.wait()
+            await self._has_listeners.wait()
             try:
                 with self.engine.connect() as connection:
                     await self._follow(connection)
             except SQLAlchemyError as error:
-                log.warning("events could not be read, tried again: %s", error)
+                log.warning("events could not be read; retrying: %s", error)
                 await asyncio.sleep(POLL_INTERVAL_S)
 
     async def _follow(self, connection: sa.Connection) -> None:
@@ -129,7 +129,7 @@ class EventTail:
                 queue.put_nowait(event)
 
     def _poll(self, connection: sa.Connection, seen: int) -> tuple[int, list[Event]]:
-        """The version of the database, and events where it is not the one `seen`."""
+        """The version of the database, and new events if it differs from `seen`."""
         version = seen + 1
         if self.engine.dialect.name == "sqlite":
             version = connection.exec_driver_sql("PRAGMA data_version").scalar_one()

@@ -32,7 +32,7 @@ SLOW_S, FAILED = 1.0, 500
 """Requests that took longer, that failed or that wrote are logged one by one; tiles are not."""
 log = logging.getLogger(__name__)
 NO_ROUTE = "other"
-"""The viewer's files, and addresses that there are not."""
+"""The viewer's files, and unknown URLs."""
 _METHODS = {"GET", "HEAD", "POST", "OPTIONS", "PUT", "PATCH", "DELETE"}
 
 
@@ -86,7 +86,7 @@ class MeasureRequests:
         self.app, self.metrics = app, metrics
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request on, and note how it ended; without an answer as 500."""
+        """Pass the request on, and record its status; without an answer as 500."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
@@ -113,7 +113,7 @@ class MeasureRequests:
 
 
 def route_of(scope: Scope) -> str:
-    """The template that a request was answered by."""
+    """Template of the route of a request."""
     path: str | None = scope.get(ROUTE) or getattr(scope.get("route"), "path", None)
     return path or NO_ROUTE
 
@@ -153,7 +153,7 @@ class StoreCollector:
         yield _one("solmap_open_rasters", "Rasters that wait to be read again", pool.waiting)
         yield _one("solmap_event_listeners", "Browsers that listen", tail.listeners)
         lookups = CounterMetricFamily(
-            "solmap_cache_lookups", "What was found ready, or not", labels=("cache", "found")
+            "solmap_cache_lookups", "Cache lookups, hits and misses", labels=("cache", "found")
         )
         info = getattr(self._services.layer, "cache_info", None)
         layers = (info().hits, info().misses) if info else (0, 0)
@@ -164,7 +164,7 @@ class StoreCollector:
 
 
 class BudgetCollector:
-    """Limits of heavy requests, and how far they are used."""
+    """Limits of heavy requests, and their current use."""
 
     def __init__(self, budgets: Budgets) -> None:
         self._budgets = budgets
@@ -198,7 +198,7 @@ class BudgetCollector:
         spooled.add_metric(("limit",), MOST_SPOOLED)
         yield from (limits, held, memory, spooled)
         answered = CounterMetricFamily(
-            "solmap_heavy_answered", "Heavy requests that were worked on", labels=("kind",)
+            "solmap_heavy_answered", "Heavy requests answered", labels=("kind",)
         )
         for kind, _, _ in KINDS:
             answered.add_metric((kind,), self._budgets.answered[kind])
@@ -211,7 +211,7 @@ class BudgetCollector:
 
 
 def run_metrics(runs: list[Run]) -> Iterator[Metric]:
-    """States of the runs that are on record, and of every kind how the last one went."""
+    """States of the recorded runs, and the outcome of the last one of every kind."""
     states = GaugeMetricFamily("solmap_runs", "Runs on record", labels=("kind", "state"))
     counts = Tally((run.kind, run.state) for run in runs)
     for kind in sorted({run.kind for run in runs}):

@@ -1,4 +1,4 @@
-"""What is done with every request and answer: address, security headers, compression, a limit."""
+"""Processing of every request and answer: public URL, security headers, compression, limits."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _WITHOUT_BODY = {"GET", "HEAD", "OPTIONS"}
 _BEYOND = HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE
 _RANGE = re.compile(rb"(\d*)-(\d*)")
 _ENDLESS, _LARGEST = re.compile(rb"\d{19,}"), b"9" * 18
-"""Numbers of bytes that no file has."""
+"""Byte positions beyond any file."""
 _HEAD = "solmap.head"
-"""In the scope of a request that came as HEAD."""
+"""Key in the scope of a HEAD request."""
 _HEADERS = {
     "Content-Security-Policy": (
         "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; connect-src 'self' blob:; "
@@ -81,7 +81,7 @@ class PublicAddress:
 
 
 class AnswerHead:
-    """Answers HEAD wherever GET is answered: routes are looked for by GET."""
+    """Answers HEAD wherever GET is answered: routes are matched as GET."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -96,14 +96,14 @@ class AnswerHead:
             if message["type"] == "http.response.start":
                 await send(message)
 
-        asked = {**scope, "method": "GET", _HEAD: True}
-        await self.app(asked, receive, send_head)
+        requested = {**scope, "method": "GET", _HEAD: True}
+        await self.app(requested, receive, send_head)
         await send({"type": "http.response.body", "body": b""})
-        scope.update({name: asked[name] for name in (ROUTE, "route") if name in asked})
+        scope.update({name: requested[name] for name in (ROUTE, "route") if name in requested})
 
 
 async def restore_head(request: Request) -> None:
-    """Mark a request as HEAD for its endpoint, which need not read files."""
+    """Whether a request is HEAD, so that its endpoint need not read files."""
     if _HEAD in request.scope:
         request.scope["method"] = "HEAD"
 
@@ -145,9 +145,9 @@ class ReadableRanges:
 
 
 def readable_ranges(header: bytes) -> bytes | None:
-    """The ranges of a header with numbers that fit into 64 bits; None where they are to be ignored.
+    """The ranges of a header with numbers that fit into 64 bits; None if they must be ignored.
 
-    That is where the unit is another than bytes, or a range is malformed or ends before it begins.
+    That is so for units other than bytes, and for malformed or reversed ranges.
     """
     unit, _, given = _ENDLESS.sub(_LARGEST, header).partition(b"=")
     ranges = [part.strip() for part in given.split(b",")]
@@ -199,7 +199,7 @@ class LimitBodies:
 
         async def send_unless_refused(message: Message) -> None:
             nonlocal has_started
-            if refusal is None or has_started:  # else the app has its own word for the error
+            if refusal is None or has_started:  # else the app answers with an error of its own
                 has_started = True
                 await send(message)
 
@@ -232,7 +232,7 @@ class SecurityHeaders:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request on and put the headers on the answer."""
+        """Pass the request on and add the headers to the answer."""
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":

@@ -84,7 +84,7 @@ _PROBLEM_SCHEMA = {
 
 
 def complete(app: FastAPI) -> None:
-    """Have the app describe itself in full, in the way that FastAPI leaves open for that."""
+    """Replace the app's description by a complete one, by FastAPI's documented hook."""
     write = app.openapi
 
     def describe() -> dict[str, Any]:
@@ -107,22 +107,22 @@ def _complete_document(document: dict[str, Any]) -> dict[str, Any]:
             _put_forms(path, operation)
             for status in _error_statuses(path, operation):
                 operation["responses"][str(int(status))] = _error_response(status)
-            if path.endswith("/wmts"):  # which has a report of exceptions of its own
+            if path.endswith("/wmts"):  # which has its own exception reports
                 operation["responses"]["400"]["content"]["application/xml"] = {}
     return document
 
 
 def _first_sentence(description: str) -> str:
-    """What an operation does in one line: FastAPI would take the name of its function."""
+    """Summary of an operation in one line: FastAPI would use the name of its function."""
     paragraph = " ".join(description.split("\n\n", maxsplit=1)[0].split())
     return re.split(r"(?<=[.;]) ", paragraph)[0].rstrip(".;")
 
 
 def _undeclared_parameters(path: str, operation: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Parameters in the path that no dependency declares."""
-    said = {one["name"] for one in operation.get("parameters", ()) if one["in"] == "path"}
+    described = {one["name"] for one in operation.get("parameters", ()) if one["in"] == "path"}
     for name in re.findall(r"\{(\w+)\}", path):
-        if name not in said:
+        if name not in described:
             text = {"type": "string", "maxLength": 128}
             yield {"name": name, "in": "path", "required": True, "schema": text}
 

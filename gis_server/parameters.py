@@ -39,7 +39,7 @@ def _layer(scope: ScopeName, kind: ProductKind, digest: Digest, services: Servic
 
 
 LayerPath = Annotated[Layer, Depends(_layer)]
-"""The published layer that scope, kind and digest name."""
+"""The published layer of a scope, kind and digest."""
 
 
 async def _bounds(
@@ -76,7 +76,7 @@ BaseOf = Annotated[str, Depends(_base)]
 """The address of the mission's landing page, without a slash at its end."""
 
 
-def ground_of(mission: str, asked: str, services: Services) -> Ground:
-    """The terrain models of a mission that a question names."""
+def ground_of(mission: str, requested: str, services: Services) -> Ground:
+    """The requested terrain models of a mission."""
     services.catalogue.mission(mission)
-    return Ground.of(map_layers(mission, services), asked, services.store, services.pool)
+    return Ground.of(map_layers(mission, services), requested, services.store, services.pool)

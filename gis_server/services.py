@@ -1,4 +1,4 @@
-"""What the endpoints work with: catalogue, products, open rasters, and the features read ahead.
+"""Resources of the endpoints: catalogue, products, open rasters, and cached features.
 
 Layers that grow with the mission are read before a page requests them: reading ten thousand
 footprints takes a third of a second. The server reads them when it starts, and when a new version
@@ -37,14 +37,17 @@ log = logging.getLogger(__name__)
 GROWING = (ProductKind.FOOTPRINTS, ProductKind.POINTING, ProductKind.TIE_POINTS)
 _LAYERS = 1024
 _HEALTH_S = 1.0
-"""Age at which what is known of the catalogue's health is old."""
+"""Age at which the known state of the catalogue is outdated."""
 _SMALL_TILES = 32 << 20
 """Bytes; a first view has 0.5 MB of them."""
 _ENTRY = 512
 """Bytes that an entry of a cache takes beside its value."""
 _DRAWING = 1
-"""Threads that draw tiles at a time: of two, one waits for the other most of the time, and answers
-at the 95th percentile take twice as long. Many users are served by several processes."""
+"""Threads that draw tiles at a time.
+
+With two, one waits for the other most of the time, and answers at the 95th percentile take twice as
+long. Many users are served by several processes.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +63,11 @@ class ReadAhead:
             self.read()
 
     def read(self) -> None:
-        """Read the latest version of every layer that grows; those that are known take no time."""
+        """Read the latest version of every growing layer; cached ones take no time."""
         try:
             for layer in self.catalogue.layers(kinds=GROWING):
                 feature_texts(self.store.path(layer.ref))
-        except Exception as error:  # noqa: BLE001 - pages must hear of what was published all the same
+        except Exception as error:  # noqa: BLE001 - pages must get the event nevertheless
             log.warning("layers were not read ahead: %r", error)
 
 
@@ -146,7 +149,7 @@ ServicesOf = Annotated[Services, Depends(_services)]
 
 
 ON_THE_MAP = ("raster", "vector")
-"""Types of layers; models and panoramas are looked at elsewhere."""
+"""Types of map layers; models and panoramas have other viewers."""
 
 
 def map_layers(mission: str, services: Services) -> list[Layer]:

@@ -1,4 +1,4 @@
-"""What a worker process does, and the launcher that it forks from.
+"""The worker process, and the launcher that it forks from.
 
 A worker answers the requests that the server sends it, one by one.
 """
@@ -38,7 +38,7 @@ _DIE_WITH_PARENT = 1
 
 
 def _limit_memory(memory_mb: int) -> None:
-    """Let allocations fail that would take more than so much beyond what is taken now."""
+    """Limit memory: allocations fail beyond this amount above the current use."""
     with contextlib.suppress(OSError, ValueError):
         words = Path("/proc/self/status").read_text().split()
         taken = int(words[words.index("VmData:") + 1]) << 10
@@ -98,12 +98,12 @@ def launch() -> None:
 
 
 def _end(pid: int) -> None:
-    os.kill(pid, signal.SIGKILL)  # its number is not reused before it is waited for
+    os.kill(pid, signal.SIGKILL)  # its process id is not reused before the wait
     os.waitpid(pid, 0)
 
 
 def _work(connection: Connection) -> NoReturn:
-    """Be a worker of the server at the other end."""
+    """Run as a worker of the server at the other end."""
     try:
         _die_with_parent()
         asyncio.run(_answer_all(connection))

@@ -1,9 +1,9 @@
 """Processes that answer heavy requests, one at a time each.
 
-Heavy requests hold Python's lock for tenths of a second and memory for good, so they are answered
-by another process that has the same application. It is given a request as ASGI has it and gives the
-whole answer back; a large one lies in a file. A worker that has taken too long or too much memory
-is ended, and a new one started.
+Heavy requests hold Python's lock for tenths of a second and do not release memory, so another
+process with the same application answers them. It gets a request in the form of ASGI and returns
+the whole answer, a large one in a file. A worker that has taken too long or too much memory is
+ended, and a new one started.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _SENT_AS = (
 STALL_S = 60.0
 """Longest time that a client may take for the next megabyte of an answer."""
 LEAST_BYTES_S = 100_000
-"""A client that reads less a second on average is given up, so that it keeps no place for hours."""
+"""Least rate of a client, bytes per second; slower ones are disconnected and free their place."""
 LARGEST = 256 << 20
 """Bytes of an answer that lies in a file: the largest part of a raster, 50 million cells of 4
 bytes, has 200 MB. RLIMIT_FSIZE would also stop copies of larger products from an object store."""
@@ -55,26 +55,24 @@ class Answer:
     status: int
     headers: list[tuple[bytes, bytes]]
     body: bytes | Path
-    """Or the file with it, which its sender removes."""
+    """Body, or its file, which the sender removes."""
     route: str | None
     """The template of the route that answered."""
 
     @property
     def file_bytes(self) -> int:
-        """Size of its file, if it lies in one."""
+        """Size of its file, if it has one."""
         return self.body.stat().st_size if isinstance(self.body, Path) else 0
 
     def remove(self) -> None:
-        """Remove its file, if it lies in one."""
+        """Remove its file, if it has one."""
         if isinstance(self.body, Path):
             self.body.unlink()
 
     async def send(self, send: Send) -> None:
         """Send it as long as the client reads fast enough, and remove its file."""
         with anyio.move_on_after(STALL_S + self.file_bytes / LEAST_BYTES_S):
-            await self._send(
-                send
-            )  # the server closes the connection of an answer that is not whole
+            await self._send(send)  # the server closes the connection of an incomplete answer
 
     async def _send(self, send: Send) -> None:
         start = {"type": "http.response.start", "status": self.status, "headers": self.headers}
@@ -94,10 +92,10 @@ class Answer:
 
 
 class UnkeptError(Exception):
-    """The body of an answer could not be laid into a file: status of the refusal, and why."""
+    """The body of an answer could not be written to a file; has the status and the reason."""
 
     def __init__(self, status: HTTPStatus, what: str) -> None:
-        super().__init__(status, what)  # both are needed to hand it to another process
+        super().__init__(status, what)  # both are needed to pass it to another process
         self.status, self.what = status, what
 
 
@@ -131,10 +129,10 @@ class _Body:
         self.file.flush()
 
     def close(self) -> bytes | Path:
-        """What was kept.
+        """The collected body.
 
         Raises:
-            UnkeptError: some of it could not be; nothing is left.
+            UnkeptError: a part could not be written; no file is left.
         """
         file = None
         if self.file is not None:
@@ -146,7 +144,7 @@ class _Body:
         if file is not None:
             file.unlink()
         status = HTTPStatus.SERVICE_UNAVAILABLE
-        what = f"the answer could not be kept in a temporary file: {self.error.strerror}"
+        what = f"the answer could not be written to a temporary file: {self.error.strerror}"
         if self.error.errno == errno.EFBIG:
             status = HTTPStatus.UNPROCESSABLE_ENTITY
             what = f"the answer has more than {LARGEST >> 20} MiB; request less at once"
@@ -164,7 +162,7 @@ async def collect(app: ASGIApp, scope: Scope, body: bytes, folder: Path | None) 
     async def receive() -> Message:
         nonlocal has_come
         if has_come:
-            await anyio.sleep_forever()  # nobody hears of clients that leave
+            await anyio.sleep_forever()  # disconnected clients are not reported
         has_come = True
         return {"type": "http.request", "body": body, "more_body": False}
 
@@ -185,16 +183,16 @@ async def collect(app: ASGIApp, scope: Scope, body: bytes, folder: Path | None) 
 
 @dataclass(slots=True, eq=False)
 class Worker:
-    """One such process, seen from the server."""
+    """The server's side of one worker process."""
 
     arguments: tuple[Any, ...]
     """Of `create_app`."""
     memory_mb: int
-    """What a request may take beyond what the application itself does."""
+    """Memory limit of a request, beyond that of the application."""
     launcher: Launcher = field(default_factory=Launcher)
     """Several workers may share it."""
     _number: int | None = None
-    """Of its process, with the launcher."""
+    """Number of its process at the launcher."""
     _connection: Connection | None = None
     _is_used: bool = False
     """Whether it has answered a request."""
@@ -203,7 +201,7 @@ class Worker:
     _folder: Path | None = None
 
     def start(self, folder: Path | None) -> None:
-        """Start the process, which lays large answers into `folder`, its own; go on meanwhile."""
+        """Start the process without waiting; it writes large answers to its own `folder`."""
         self.stop()
         self._folder = folder
         self._threads = CapacityLimiter(1)  # the thread of a request that was given up may be left
@@ -211,12 +209,12 @@ class Worker:
         self._connection.send((self.arguments, self.memory_mb, folder))
 
     def wait(self, most_s: float) -> None:
-        """Wait until the process is there: its start takes a processor for seconds."""
+        """Wait until the process has started, which takes seconds of processor time."""
         if self._number is not None:
             self.launcher.wait_for(self._number, most_s)
 
     def stop(self) -> None:
-        """End the process, whatever it does."""
+        """End the process in any state."""
         if self._number is not None:
             self.launcher.end(self._number)
         if self._connection is not None:
@@ -224,7 +222,7 @@ class Worker:
         self._number = self._connection = None
         self._is_used = False
 
-    async def ask(self, scope: Scope, body: bytes, most_s: float) -> Answer:
+    async def answer(self, scope: Scope, body: bytes, most_s: float) -> Answer:
         """The response to a request; by a new process if memory is too low for it.
 
         Raises:
@@ -247,7 +245,7 @@ class Worker:
                 raise WorkerLostError from error
             raise
         if is_full:
-            with anyio.CancelScope(shield=True):  # else nobody removed the answer
+            with anyio.CancelScope(shield=True):  # else the file of the answer would stay
                 await to_thread.run_sync(self.start, self._folder)
         if isinstance(answer, UnkeptError):
             raise answer
@@ -275,7 +273,7 @@ class Worker:
         self.stop()
         with contextlib.suppress(OSError):  # the server ends, and its folder with it
             for half in self._folder.iterdir() if self._folder else ():
-                half.unlink()  # what was answered before is open and has no name any more
+                half.unlink()  # earlier answers are open files without a name
 
     @property
     def memory_bytes(self) -> int:
@@ -290,18 +288,18 @@ class Worker:
     ) -> tuple[Answer | UnkeptError, bool, bool]:
         """Reply of the process: the response, whether it has grown, whether memory was lacking."""
         connection = self._connection
-        assert connection is not None  # noqa: S101 - `ask` has started it
+        assert connection is not None  # noqa: S101 - `answer` has started it
 
         def exchange() -> tuple[Answer | UnkeptError, bool, bool]:
             connection.send((request, body))
-            told: tuple[Answer | UnkeptError, bool, bool] = connection.recv()
-            return told
+            result: tuple[Answer | UnkeptError, bool, bool] = connection.recv()
+            return result
 
         return await to_thread.run_sync(exchange, abandon_on_cancel=True, limiter=self._threads)
 
 
 def limit_arenas() -> None:
-    """Have this process's threads share memory that was freed: glibc keeps a heap a thread."""
+    """Share freed memory among the threads of this process: glibc keeps one heap per thread."""
     with contextlib.suppress(AttributeError):
         ctypes.CDLL(None).mallopt(-8, 2)  # M_ARENA_MAX
 

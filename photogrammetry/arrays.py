@@ -48,7 +48,7 @@ Mask: TypeAlias = Bool[np.ndarray, "lines samples"]
 ParallaxMap: TypeAlias = Float32[np.ndarray, "lines samples"]
 """Left sample minus right sample on the epipolar line, in pixels; NaN where not matched."""
 
-Picture: TypeAlias = UInt8[np.ndarray, "lines samples *bands"]
+EightBits: TypeAlias = UInt8[np.ndarray, "lines samples *bands"]
 """An eight-bit image for display."""
 
 Raster: TypeAlias = Float32[np.ndarray, "rows cols"]
@@ -63,6 +63,7 @@ __all__ = [
     "Covariance3",
     "Covariances3",
     "Directions",
+    "EightBits",
     "Flags",
     "Float",
     "Float32",
@@ -74,7 +75,6 @@ __all__ = [
     "ObjectPoints",
     "ParallaxMap",
     "PerPoint",
-    "Picture",
     "Quaternion",
     "Raster",
     "Rotation",

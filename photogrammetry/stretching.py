@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solmap.photogrammetry.arrays import Float, GreyImage, Mask, Picture
+from solmap.photogrammetry.arrays import EightBits, Float, GreyImage, Mask
 
 BLACK_AND_WHITE_PERCENT = (0.5, 99.5)
 """Percentiles of the brightness of maps, panoramas and models that are shown as black and white."""
@@ -12,7 +12,7 @@ BLACK_AND_WHITE_PERCENT = (0.5, 99.5)
 
 def stretch(
     image: GreyImage, mask: Mask, low_percent: float = 1.0, high_percent: float = 99.0
-) -> Picture:
+) -> EightBits:
     """The image between two percentiles of its usable pixels; of all where none is usable.
 
     Outliers (specular pixels, dust) beyond the percentiles do not darken the rest.

@@ -39,14 +39,14 @@ def cause_of(error: BaseException, *, is_named: bool = False) -> str:
         is_named: Name our own errors too.
     """
     try:
-        said = str(error)
+        text = str(error)
     except Exception:  # noqa: BLE001 - an error of another library that cannot be printed
-        said = ""
+        text = ""
     name = type(error).__name__
     is_ours = type(error).__module__.startswith("solmap.")
-    if said and is_ours and not is_named:
-        return one_line(said)
-    return one_line(f"{name}: {said}" if said else name)
+    if text and is_ours and not is_named:
+        return one_line(text)
+    return one_line(f"{name}: {text}" if text else name)
 
 
 def one_line(text: str) -> str:

@@ -23,5 +23,8 @@ class RecipeNames:
     """Values, as plain JSON, of fields that have become constants."""
 
 
-RECIPE_NAMES: dict[str, RecipeNames] = {}
+RECIPE_NAMES: dict[str, RecipeNames] = {
+    "CrossSiteParams": RecipeNames(fields={"link_test": "verdict"}),
+    "LinkTestParams": RecipeNames("VerdictParams"),
+}
 """By class name in the code."""

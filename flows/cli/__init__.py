@@ -4,9 +4,8 @@ Anything may be imported but `gis_server`, and nothing else imports this package
 compute are imported where they are used, because Prefect reads its settings at import and because
 `solmap --help` should answer at once.
 
-Commands catch no errors: whatever ends one becomes one line here. Exit codes are 0 where all went
-well, 1 where something failed, 2 for wrong arguments, 70 for an error that nobody expected and 130
-after Ctrl-C.
+Commands catch no errors: an error that ends one is printed as one line here. Exit codes: 0
+for success, 1 for a failure, 2 for wrong arguments, 70 for an unexpected error, 130 after Ctrl-C.
 """
 
 from __future__ import annotations
@@ -68,7 +67,7 @@ class Commands(TyperGroup):
     """All commands; an error that ends one is printed as one line."""
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - as Typer has it
-        """Run the command that is named."""
+        """Run the named command."""
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")
         if "--help" not in sys.argv:
@@ -83,7 +82,7 @@ class Commands(TyperGroup):
         except KeyboardInterrupt:
             note("error", "interrupted; what was made stays")
             raise typer.Exit(_INTERRUPTED) from None
-        except Exception as error:  # noqa: BLE001 - nothing else would say it in one line
+        except Exception as error:  # noqa: BLE001 - nothing else reduces it to one line
             _end_command(error)
 
 
@@ -136,8 +135,8 @@ for _panel, _commands in _PANELS.items():
 app.command("judge", hidden=True)(simulation.evaluate)  # its name until 0.1
 
 
-def _print_version(wanted: bool) -> None:  # noqa: FBT001 - as Typer calls it
-    if wanted:
+def _print_version(is_requested: bool) -> None:  # noqa: FBT001 - as Typer calls it
+    if is_requested:
         from solmap import __version__  # noqa: PLC0415
 
         typer.echo(__version__)

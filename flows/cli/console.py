@@ -1,11 +1,11 @@
 """What commands share: output, progress bars, tables, errors, and the options of a store.
 
-Everything that reaches the terminal goes through `say`, `note`, `fail`, `show_rows` or a bar. None
-of them reads markup in a text, and `printable` shows what would steer a terminal as an escape, so
-that file names, labels and messages may be passed as they are. A table fits the terminal; to a pipe
-or file it goes as lines of cells with tabs between, its header first.
+Everything for the terminal goes through `print_line`, `note`, `fail`, `show_rows` or a bar. None of
+them interprets markup, and `printable` escapes control characters, so file names, labels and
+messages may be passed unchanged. A table fits the terminal; to a pipe or file it is written as
+tab-separated lines with a header.
 
-Options that several commands have stand here, so that they mean the same everywhere.
+Options of several commands are defined here, so that they have one meaning.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ KindFilter = Annotated[
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
-def say(text: object) -> None:
+def print_line(text: object) -> None:
     """Print one line."""
     _out.print(Text(printable(text)))
 
@@ -107,7 +107,7 @@ def note(kind: Literal["error", "failed", "warning", "note"], text: object) -> N
 
 @contextmanager
 def progress_shown() -> Iterator[None]:
-    """Show steps as bars on a terminal, as a line a finished stage elsewhere."""
+    """Show steps as bars on a terminal, elsewhere as one line per finished stage."""
     if sys.stderr.isatty():
         with _bars() as bars, listen(_BarListener(bars)):
             yield
@@ -135,7 +135,7 @@ def _bars() -> Progress:
 
 
 class _BarListener:
-    """One bar a stage."""
+    """One bar per stage."""
 
     def __init__(self, bars: Progress) -> None:
         self._bars = bars
@@ -154,20 +154,20 @@ def _print_finished(step: Step) -> None:
 
 
 def fail(message: str) -> NoReturn:
-    """Print an error, and end the command with 1."""
+    """Print an error, and end the command with exit code 1."""
     note("error", message)
     raise typer.Exit(1)
 
 
 def workspace_of(given: Path | None) -> Workspace:
-    """The store that is named, or else the one of the settings; there has to be one."""
+    """The named store, or that of the settings; it must exist."""
     from solmap.config.workspace import open_workspace  # noqa: PLC0415 - `solmap --help` answers at once
 
     return open_workspace(existing_store(given))
 
 
 def existing_store(given: Path | None) -> Path:
-    """The folder of a store that is there: what reads makes none."""
+    """The folder of an existing store: commands that read create none."""
     root = store_of(given)
     if not any((root / name).exists() for name in ("drafts", "products", "catalogue.sqlite")):
         fail(f"{root} is not a store; name one by --store or SOLMAP_STORE, `solmap run` makes one")
@@ -175,7 +175,7 @@ def existing_store(given: Path | None) -> Path:
 
 
 def input_file(text: str) -> Path:
-    """A file that is read, as an argument names it: no folder, FIFO or device is waited for."""
+    """An argument that names a file to read; folders, FIFOs and devices are refused."""
     path = Path(text)
     if not path.is_file():
         fail(
@@ -185,7 +185,7 @@ def input_file(text: str) -> Path:
 
 
 def mission_of(given: str | None, store: Path | None) -> str:
-    """The map of a store that is named, by its mission where it has one; or the only one."""
+    """The named map of a store (by its mission if that has one map), or the only one."""
     from solmap.config.workspace import open_catalogue  # noqa: PLC0415 - `solmap --help` answers at once
     from solmap.products.model import mission_of as mission_of_map  # noqa: PLC0415 - slow to import
 
@@ -193,9 +193,9 @@ def mission_of(given: str | None, store: Path | None) -> str:
     held = [entry.mission for entry in open_catalogue(root).missions()]
     if given is None and len(held) == 1:
         return held[0]
-    wanted = mission_name(given) if given is not None else None
-    of_mission = [name for name in held if mission_of_map(name) == wanted]
-    for name in (name for name in held if name == wanted or [name] == of_mission):
+    selected = mission_name(given) if given is not None else None
+    of_mission = [name for name in held if mission_of_map(name) == selected]
+    for name in (name for name in held if name == selected or [name] == of_mission):
         return name
     wrong = "name one by --mission" if given is None else f"{given} is not one of them"
     fail(f"{root} holds {', '.join(held) or 'no mission yet'}; {wrong}")
@@ -207,7 +207,7 @@ def select_rows(
     sols: frozenset[int] | None = None,
     kinds: list[str] | None = None,
 ) -> list[dict[str, Any]]:
-    """The rows of a mission or one of its maps, of some sols and of some kinds; None: of all.
+    """The rows of a mission or one of its maps, of some sols and kinds; None selects all.
 
     Rows have `mission`, `sols` and, to be selected by it, `kind`.
     """
@@ -215,10 +215,10 @@ def select_rows(
 
     maps = {row["mission"] for row in rows} - {None}
     if mission is not None:
-        wanted = {name for name in maps if mission in {name, mission_name(mission_of_map(name))}}
-        if maps and not wanted:
+        selected = {name for name in maps if mission in {name, mission_name(mission_of_map(name))}}
+        if maps and not selected:
             fail(f"nothing is of {mission}; there are {', '.join(sorted(maps))}")
-        rows = [row for row in rows if row["mission"] in wanted]
+        rows = [row for row in rows if row["mission"] in selected]
     known = {row["kind"] for row in rows} if kinds else set()
     for kind in kinds or []:
         if known and kind not in known:
@@ -259,7 +259,7 @@ def _cell(value: Any) -> str:  # noqa: ANN401 - anything JSON holds
 
 
 def store_of(given: Path | None) -> Path:
-    """The store that is named, or else the one of the settings."""
+    """The named store, or that of the settings."""
     from solmap.config.settings import Settings  # noqa: PLC0415 - `solmap --help` answers at once
 
     return given or Settings().store

@@ -54,8 +54,9 @@ def true_stops(truth_dir: Path) -> list[TrueStop]:
 def evaluate_positions(rows: list[dict[str, Any]], stops: list[TrueStop]) -> list[dict[str, Any]]:
     """Errors of telemetry and adjustment, one row per stop.
 
-    Percent is of the way driven until there. `nees` is the squared error of attitude and position
-    in units of the stated covariance over its six freedoms: 1 in the mean where that is true.
+    Percent is of the distance driven so far. `nees` is the squared error of attitude and position
+    in units of the stated covariance, divided by its six degrees of freedom: 1 on average if the
+    covariance is true.
 
     Args:
         rows: as `position_rows` lists them.
@@ -92,7 +93,7 @@ def evaluate_positions(rows: list[dict[str, Any]], stops: list[TrueStop]) -> lis
 
 
 def evaluate_terrain(workspace: Workspace, truth_dir: Path) -> list[dict[str, Any]]:
-    """Vertical errors of every stop's terrain model by range from the rover, a row a band."""
+    """Vertical errors of every stop's terrain model by range from the rover, one row per band."""
     errors = []
     for row in position_rows(workspace):
         try:

@@ -15,7 +15,7 @@ from solmap.flows.cli.console import (
     MissionFilter,
     SolFilter,
     StoreOption,
-    say,
+    print_line,
     workspace_of,
 )
 
@@ -47,7 +47,7 @@ def export(  # noqa: PLR0913 - the words of the command
 ) -> None:
     """Maps, tables and reports under readable names, with a QGIS project and a STAC catalogue.
 
-    Again into the same folder or archive, only what has changed is written. For other programs:
+    A repeated export into the same folder or archive writes only changes. For other programs:
     `--kind colmap` and `--kind asp` write cameras and tie points, `--kind isis` a control network,
     `--kind pds` rasters of every stereo pair.
     """
@@ -58,11 +58,11 @@ def export(  # noqa: PLR0913 - the words of the command
     with workspace.run_turn():
         done, names = write_export(target, selection, workspace)
     if as_json:
-        said = {"target": str(target), **asdict(done), "files": names}
-        typer.echo(json.dumps(said, indent=2))
+        document = {"target": str(target), **asdict(done), "files": names}
+        typer.echo(json.dumps(document, indent=2))
         return
     changes = f"{done.written} written, {done.unchanged} unchanged, {done.removed} removed"
-    say(f"{target}: {len(names)} files: {changes}")
+    print_line(f"{target}: {len(names)} files: {changes}")
 
 
 def _selection(

@@ -1,14 +1,13 @@
 """Data of an image: time, pose, pointing, camera, and its partner.
 
-Of a derived raster of the archive (XYZ, range, slope ...) it is what its bands hold, in which unit
-and frame, for how many pixels and between which values, and how it differs from what a store
-measured in the same image.
+For a derived raster of the archive (XYZ, range, slope ...): content of its bands, unit, frame,
+number of pixels, range of values, and difference from a store's measurement of the same image.
 
-Directions are computed from quaternions and camera models, never taken from INSTRUMENT_AZIMUTH and
-INSTRUMENT_ELEVATION, whose sign is wrong in whole product families. There are two, and they differ
-by degrees: the mast's x axis, along the camera bar (what labels call the pointing), and the ray
-through the middle of the image. With d a direction in the rover frame (x forward, y right, z down)
-or, turned by the rover's attitude, in the site frame (north, east, down),
+Directions are computed from quaternions and camera models, not from INSTRUMENT_AZIMUTH and
+INSTRUMENT_ELEVATION, whose sign is wrong in whole product families. Two directions are given, which
+differ by degrees: the mast's x axis, along the camera bar (what labels call the pointing), and the
+ray through the middle of the image. With d a direction in the rover frame (x forward, y right, z
+down) or, turned by the rover's attitude, in the site frame (north, east, down),
 
     azimuth = atan2(d_y, d_x), clockwise from forward or north      elevation = asin(-d_z)
 """
@@ -60,13 +59,13 @@ from solmap.photogrammetry.stretching import stretch
 from solmap.products.errors import cause_of
 from solmap.products.store.user_files import read_user_file, reason_of
 from solmap.tasks.images.files import image_bytes
-from solmap.tasks.images.folders import IMAGE_SUFFIXES, PICTURE_SUFFIXES
+from solmap.tasks.images.folders import IMAGE_FILE_SUFFIXES, IMAGE_SUFFIXES
 
 LABEL_SUFFIXES = frozenset({".lbl", ".xml", ".json"})
-NEIGHBOURS = IMAGE_SUFFIXES | PICTURE_SUFFIXES | {".lbl"}
+NEIGHBOURS = IMAGE_SUFFIXES | IMAGE_FILE_SUFFIXES | {".lbl"}
 """Files that may hold the partner of an image."""
 FIELDS = {"PANCAM": Field.LARGEST}
-"""Field of view that JPL's linearised products of an instrument take over, if not the smallest."""
+"""Field of view of JPL's linearised products of an instrument, if not the smallest."""
 
 
 class InspectionError(Exception):
@@ -92,7 +91,7 @@ def inspect_file(file: Path, store: Path | None = None) -> dict[str, Any]:
 
     Args:
         file: an image, a label or a derived raster.
-        store: what a derived raster is compared with, if anything.
+        store: Compared with a derived raster, if given.
 
     Raises:
         InspectionError: it cannot be read.
@@ -178,21 +177,21 @@ def write_linearised(file: Path, png: Path) -> None:
 
 
 def _write_stretched(pixels: GreyImage, mask: Mask, file: Path, png: Path) -> None:
-    import cv2  # noqa: PLC0415 - only pictures need it
+    import cv2  # noqa: PLC0415 - only images need it
 
     draft = png.with_name(png.name + ".part")
     try:
-        encoded, picture = cv2.imencode(".png", stretch(pixels, mask))
+        encoded, content = cv2.imencode(".png", stretch(pixels, mask))
         if not encoded:
             raise InspectionError(f"{file.name} could not be encoded as PNG")
-        draft.write_bytes(picture.tobytes())
+        draft.write_bytes(content.tobytes())
         draft.replace(png)
     except OSError as error:
         raise InspectionError(f"{png} cannot be written: {error.strerror}") from error
 
 
 def _bytes(file: Path) -> bytes:
-    """A label as it is, an image with the label that lies beside it."""
+    """A label unchanged; an image joined to its detached label."""
     try:
         return read_user_file(file) if _is_label(file) else image_bytes(file)
     except LabelError as error:
@@ -222,7 +221,7 @@ def _read(file: Path, data: bytes, mission: str) -> ReadImage:
 
 
 def _derived_raster(file: Path, data: bytes) -> DerivedRaster | None:
-    """The raster that a file holds; None for an image, or what has no label of its own."""
+    """The raster in a file; None for an image, or a file without an attached label."""
     try:
         kind = None if _is_label(file) else raster_kind(read_label(data, file.name), file.name)
     except LabelError:
@@ -250,7 +249,7 @@ def _raster(file: Path, raster: DerivedRaster) -> dict[str, Any]:
 
 
 def _beside_store(file: Path, data: bytes, raster: DerivedRaster, store: Path) -> dict[str, Any]:
-    """How a raster differs from what a store measured in the same image."""
+    """Difference of a raster from a store's measurement of the same image."""
     from solmap.products.catalogue.workspace import Workspace  # noqa: PLC0415 - needs databases
     from solmap.products.export.comparison import compare_raster  # noqa: PLC0415
 
@@ -406,7 +405,7 @@ def _sun(image: RoverImage) -> dict[str, Any] | None:
 
 
 def _partner(file: Path, image: RoverImage) -> dict[str, Any]:
-    """The stereo partner that lies beside a file, or why there is none."""
+    """The stereo partner in the folder of a file, or the reason for none."""
     found, why_none = _find_partner(file, image)
     if found is None:
         return {"product": None, "file": None, "why_none": why_none}
@@ -425,7 +424,7 @@ def _partner_record(file: Path, image: RoverImage) -> RoverImage:
 def _find_partner(
     file: Path, image: RoverImage
 ) -> tuple[tuple[Path, RoverImage] | None, str | None]:
-    """File and record of the stereo partner that lies beside a file, or why there is none."""
+    """File and record of the stereo partner in the folder of a file, or the reason for none."""
     beside = _beside(file, image)
     pairing = find_stereo_pairs([image, *(record for _, record in beside)])
     for pair in pairing.pairs:
@@ -445,7 +444,7 @@ def _beside(file: Path, image: RoverImage) -> list[tuple[Path, RoverImage]]:
         if abs(name.clock - math.floor(image.clock)) <= math.ceil(MAX_CLOCK_DIFFERENCE):
             try:
                 found.append((path, _describe(path, _bytes(path)).image))
-            except Exception:  # noqa: BLE001, S112 - whatever is wrong with it
+            except Exception:  # noqa: BLE001, S112 - any fault of it
                 continue  # a broken neighbour is not a partner; inspecting it reports the fault
     return found
 

@@ -1,4 +1,4 @@
-"""Commands that operate a store: backups, checks, what nothing refers to, tokens, configuration."""
+"""Commands that operate a store: backups, checks, unreferenced products, tokens, configuration."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from solmap.flows.cli.console import (
     existing_store,
     fail,
     note,
+    print_line,
     progress_shown,
-    say,
     show_rows,
     workspace_of,
 )
@@ -46,7 +46,7 @@ def backup(
         int | None, typer.Option(help="Remove all but so many of the newest backups", min=1)
     ] = None,
 ) -> None:
-    """Back the store up while it is worked on; products that DESTINATION has are not copied."""
+    """Back up the store, also during runs; products already in DESTINATION are not copied."""
     from solmap.products.catalogue.maintenance.backups import back_up  # noqa: PLC0415 - `solmap --help` answers at once
 
     with progress_shown():
@@ -63,10 +63,10 @@ def restore(
     ],
     *,
     replace: Annotated[
-        bool, typer.Option("--replace", help="Put it in place of what the store holds.")
+        bool, typer.Option("--replace", help="Replace the content of the store.")
     ] = False,
 ) -> None:
-    """Restore a backup, or the newest of several; every file is held against its checksum."""
+    """Restore a backup, or the newest of several; the checksum of every file is checked."""
     from solmap.config.settings import Settings  # noqa: PLC0415 - as above
     from solmap.products.catalogue.maintenance import backups  # noqa: PLC0415
 
@@ -91,7 +91,7 @@ def check(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Look through the store: checksums, catalogue, left-overs, databases; a line a finding."""
+    """Check the store: checksums, catalogue, left-overs, databases; one line per finding."""
     from solmap.products.catalogue.maintenance.checking import check as look_through  # noqa: PLC0415 - as above
 
     findings = []
@@ -100,13 +100,15 @@ def check(
         for finding in look_through(workspace_of(store), repair=repair, on_progress=progress):
             findings.append(finding)
             if not as_json:
-                say(finding)
-    left = sum(not finding.is_mended for finding in findings)
+                print_line(finding)
+    left = sum(not finding.is_repaired for finding in findings)
     if as_json:
-        rows = [{"finding": str(one), "is_mended": one.is_mended} for one in findings]
+        rows = [{"finding": str(one), "is_mended": one.is_repaired} for one in findings]
         typer.echo(json.dumps(rows, indent=2))
     else:
-        say(f"{len(findings) - left} mended, {left} left" if findings else "nothing is wrong")
+        print_line(
+            f"{len(findings) - left} repaired, {left} left" if findings else "nothing is wrong"
+        )
     if left:
         raise typer.Exit(1)
 
@@ -114,7 +116,7 @@ def check(
 def _print_report(done: BackupReport, verb: str, remedy: str) -> None:
     for name in done.broken:
         note("warning", f"{name} is broken and was left out; {remedy}")
-    say(f"{done.folder}: {done.files} files {verb}, {done.copied} of them copied")
+    print_line(f"{done.folder}: {done.files} files {verb}, {done.copied} of them copied")
     if done.broken:
         raise typer.Exit(1)
 
@@ -123,7 +125,7 @@ def prune(
     store: StoreOption = None,
     older_than: Annotated[
         float,
-        typer.Option(help="Days; what is younger stays", min=0.0, max=36_500),
+        typer.Option(help="Days; younger products stay", min=0.0, max=36_500),
     ] = 7.0,
     versions: Annotated[
         int, typer.Option(help="Kept of each product, the published one counted", min=1)
@@ -147,7 +149,7 @@ def prune(
         show_rows(rows, ["kind", "products", "megabytes"], False)  # noqa: FBT003
     megabytes = sum(one.size for one in found) / _MB
     verb = "removed" if yes else "would go; --yes removes them"
-    say(f"{len(found)} products, {megabytes:.1f} MB, {verb}")
+    print_line(f"{len(found)} products, {megabytes:.1f} MB, {verb}")
 
 
 def _rows(found: Sequence[UnreferencedProduct]) -> list[dict[str, Any]]:
@@ -168,12 +170,12 @@ def _book(store: Path | None) -> Tokens:
 
 @tokens.command()
 def add(
-    name: Annotated[str, typer.Argument(help="Whose it is; edits are signed with it")],
+    name: Annotated[str, typer.Argument(help="Name of its owner; edits are signed with it")],
     role: Annotated[
         str, typer.Option(help="viewer; analyst: edits and annotations; operator: runs too")
     ] = "analyst",
     days: Annotated[
-        int | None, typer.Option(help="It ends by itself after so many", min=1, max=36_500)
+        int | None, typer.Option(help="Days until it expires", min=1, max=36_500)
     ] = None,
     store: StoreOption = None,
 ) -> None:
@@ -185,7 +187,7 @@ def add(
     if not name.strip():
         fail("a token has a name: edits are signed with it")
     _, text = _book(store).add(name.strip(), Role.of_name(role), days)
-    say(text)
+    print_line(text)
 
 
 @tokens.command("list")
@@ -214,9 +216,9 @@ def revoke(
     number: Annotated[str, typer.Argument(help="The id that `solmap token list` shows")],
     store: StoreOption = None,
 ) -> None:
-    """Revoke a token: it opens nothing any more."""
+    """Revoke a token: it is refused from now on."""
     token = _book(store).revoke(number)
-    say(f"the token of {token.name} ({token.id}) is revoked")
+    print_line(f"the token of {token.name} ({token.id}) is revoked")
 
 
 @config.command()
@@ -244,7 +246,7 @@ def check_pipeline(
         note("error", fault)
     if faults:
         raise typer.Exit(1)
-    say(f"{file} is a valid pipeline")
+    print_line(f"{file} is a valid pipeline")
 
 
 @config.command()

@@ -16,7 +16,7 @@ from solmap.flows.cli.console import (
     StoreOption,
     input_file,
     mission_of,
-    say,
+    print_line,
     show_rows,
     store_of,
 )
@@ -61,7 +61,7 @@ def add_image(  # noqa: PLR0913 - options
     store: StoreOption = None,
     reach: Annotated[
         float,
-        typer.Option(help="How far off it may be, metres", min=1.0, max=500.0),
+        typer.Option(help="Largest error of its georeference, metres", min=1.0, max=500.0),
     ] = 300.0,
     *,
     shift_sigma: ShiftSigma = 300.0,
@@ -88,8 +88,8 @@ def add_image(  # noqa: PLR0913 - options
 ) -> None:
     """Find where an orbital image lies on the rover's map, and show it there as base layer.
 
-    A map that is not tied to the lander is found in the image instead, moves to Mars, and is made
-    again there with the pipeline.
+    A map that is not tied to the lander is located in the image instead, and its layers are remade
+    in Mars coordinates with the pipeline.
     """
     from solmap.flows.external_data import (  # noqa: PLC0415 - slow to import
         OrbitalOptions,
@@ -108,10 +108,10 @@ def add_image(  # noqa: PLR0913 - options
     name = mission_of(mission, root)
     if not origin_of(name):
         for line in add_orbital(file, name, root, options):
-            say(line)
+            print_line(line)
         return
     line, vectors = tie_by_image(file, name, root, options)
-    say(line)
+    print_line(line)
     with TemporaryDirectory() as folder:
         svf = Path(folder) / vectors.source
         svf.write_text(vector_text(vectors))
@@ -142,7 +142,7 @@ def add_stated(
 
     root = store_of(store)
     for line in add_poses(files, mission_of(mission, root), root):
-        say(line)
+        print_line(line)
 
 
 @control.command("add")
@@ -156,17 +156,17 @@ def add_measured(
     rotation_sigma: RotationSigma = 3.0,
     scale_sigma: ScaleSigma = 0.01,
 ) -> None:
-    """Take measured places of stops as control; a file of the same name before counts no more.
+    """Take measured places of stops as control; it replaces an earlier file of the same name.
 
-    The places may lie on an orbital image that is off as a whole: its place is found with the
-    network. With all three standard deviations zero they are places on the map itself.
+    The places may be on an orbital image with a common georeference error, which the network
+    estimates. With all three standard deviations zero they are places on the map itself.
     """
     from solmap.flows.external_data import add_control  # noqa: PLC0415 - slow to import
     from solmap.tasks.mission.control import FrameParams  # noqa: PLC0415
 
     params = FrameParams(shift_sigma, rotation_sigma, scale_sigma)
     root = store_of(store)
-    say(add_control(file, mission_of(mission, root), root, params))
+    print_line(add_control(file, mission_of(mission, root), root, params))
 
 
 @control.command("list")
@@ -176,7 +176,7 @@ def show(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """Every place that counts as control, by registration or by hand."""
+    """Every control point, by registration or manual."""
     from solmap.flows.external_data import control_rows  # noqa: PLC0415 - slow to import
 
     root = store_of(store)

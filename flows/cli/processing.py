@@ -1,6 +1,6 @@
 """Commands that process downlinks, whole missions, archives' images and manual ties; servers.
 
-What a command is called with is checked before the engine starts, which takes seconds.
+Arguments are checked before the engine starts, which takes seconds.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from solmap.flows.cli.console import (
     mission_name,
     mission_of,
     note,
+    print_line,
     progress_shown,
-    say,
     sols_named,
     store_of,
 )
@@ -61,7 +61,7 @@ def run(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """Take a downlink from raw images to published layers; a second run does nothing twice.
+    """Process a downlink from raw images to published layers; finished work is skipped.
 
     With only --places, the images in the store get these poses.
     """
@@ -92,7 +92,7 @@ def run(
 
 
 def _holds_anything_of_use(folder: Path) -> bool:
-    """Whether a folder has more than files that cannot be described."""
+    """Whether a folder has at least one readable image file."""
     from solmap.photogrammetry.archive.rig import RIG_FILE  # noqa: PLC0415 - slow to import
     from solmap.tasks.images.files import may_be_of_use  # noqa: PLC0415
     from solmap.tasks.images.folders import files_of  # noqa: PLC0415
@@ -102,7 +102,7 @@ def _holds_anything_of_use(folder: Path) -> bool:
 
 
 def _note_faults(folder: Path, root: Path, *, as_json: bool) -> NoReturn:
-    """Note in the store what is wrong with each file of a folder, which needs no engine."""
+    """Record the fault of each file of a folder in the store, without the engine."""
     from solmap.config.radiometry import load_radiometry  # noqa: PLC0415 - slow to import
     from solmap.config.settings import Settings  # noqa: PLC0415
     from solmap.config.workspace import open_workspace  # noqa: PLC0415
@@ -145,7 +145,7 @@ def fetch(  # noqa: PLR0913 - options
         str, typer.Option(help=MISSION_HELP, parser=mission_name, metavar="MISSION")
     ],
     sols: Annotated[str, typer.Option(help="155, 155-157, or several with commas between")],
-    out_dir: Annotated[Path, typer.Option("--out", help="Folder to bring the images to")],
+    out_dir: Annotated[Path, typer.Option("--out", help="Folder for the images")],
     instrument: Annotated[
         list[str] | None, typer.Option(help="navcam, pancam, mastcam, hazcam; may be given again")
     ] = None,
@@ -159,7 +159,7 @@ def fetch(  # noqa: PLR0913 - options
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only list the images.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Bring the stereo pairs of some sols here from the archive; a second call goes on."""
+    """Download the stereo pairs of some sols from the archive; a second call resumes."""
     from solmap.config.archive import load_archive  # noqa: PLC0415 - `solmap --help` answers at once
     from solmap.config.settings import Settings  # noqa: PLC0415
 
@@ -199,7 +199,7 @@ def ties(
     taken = take_ties_file(file, root)
     for name in taken.strangers:
         note("warning", f"{name} is not in the store (yet)")
-    say(taken)
+    print_line(taken)
 
 
 def serve(
@@ -218,7 +218,7 @@ def serve(
     settings = Settings()
     address, listening_port = host or settings.host, port or settings.port
     os.environ["SOLMAP_STORE"] = str(root)
-    say(f"map at http://{address}:{listening_port}/  (Ctrl-C stops)")
+    print_line(f"map at http://{address}:{listening_port}/  (Ctrl-C stops)")
     uvicorn.run(
         "solmap.gis_server.app:create_app_from_settings",
         factory=True,
@@ -240,7 +240,7 @@ def up(
     ] = None,
     port: PortOption = None,
 ) -> None:
-    """Run everything: the map, the schedules, and whatever arrives in the inbox. Ctrl-C stops."""
+    """Run everything: the map, the schedules, and the processing of the inbox. Ctrl-C stops."""
     from solmap.config.settings import Settings  # noqa: PLC0415 - `solmap --help` answers at once
     from solmap.flows.runtime.engine import password_file  # noqa: PLC0415
     from solmap.flows.runtime.stopping import end_on_signals  # noqa: PLC0415
@@ -262,22 +262,22 @@ def up(
     with end_on_signals(stopping.set), try_lock(root / "up.lock") as is_alone:
         if not is_alone:
             fail(f"another `solmap up` runs on {root}; stop it first")
-        machine = Machine(settings, say)
+        machine = Machine(settings, print_line)
         try:
             machine.start()
-            say(f"map at http://{settings.host}:{settings.port}/")
-            say(f"runs at {machine.engine_url}/, password in {password_file(root)}")
-            say("Ctrl-C stops both")
+            print_line(f"map at http://{settings.host}:{settings.port}/")
+            print_line(f"runs at {machine.engine_url}/, password in {password_file(root)}")
+            print_line("Ctrl-C stops both")
             while not stopping.wait(LOOK_EVERY_S):
                 machine.tend()
         finally:
             machine.stop()
-    say("stopped; what was made is kept")
+    print_line("stopped; what was made is kept")
 
 
 @contextmanager
 def _engine_of(store: Path) -> Iterator[None]:
-    """An engine for the block, and its progress shown."""
+    """Run an engine for the block, and show its progress."""
     from solmap.flows.runtime.engine import start_engine  # noqa: PLC0415 - slow to import
     from solmap.flows.runtime.stopping import end_on_signals  # noqa: PLC0415
 
@@ -288,7 +288,7 @@ def _engine_of(store: Path) -> Iterator[None]:
 
 
 def _pipeline_of(given: str | None) -> str:
-    """The name of a shipped pipeline, or the whole path of a file; there is nothing wrong in it."""
+    """The name of a shipped pipeline, or the absolute path of a file, validated."""
     from solmap.config.pipeline import SHIPPED, load_pipeline  # noqa: PLC0415 - slow to import
     from solmap.config.settings import Settings  # noqa: PLC0415
 
@@ -306,14 +306,14 @@ def _print_report(
 ) -> None:
     """Print how a flow ended, and exit with 1 where something failed."""
     if as_json:
-        said = {"warnings": [*warnings], "failures": [*failures], "lines": [*lines]}
-        typer.echo(json.dumps(said, indent=2))
+        document = {"warnings": [*warnings], "failures": [*failures], "lines": [*lines]}
+        typer.echo(json.dumps(document, indent=2))
     else:
         for line in warnings:
             note("warning", line)
         for line in failures:
             note("failed", line)
         for line in lines:
-            say(line)
+            print_line(line)
     if failures:
         raise typer.Exit(1)

@@ -1,4 +1,4 @@
-"""Commands that show: what a store holds, how its sols and adjustments went, what an image is."""
+"""Commands that show the content of a store, outcomes of sols and adjustments, and images."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from solmap.flows.cli.console import (
     mission_name,
     mission_of,
     note,
-    say,
+    print_line,
     select_rows,
     show_rows,
     workspace_of,
@@ -34,7 +34,7 @@ def positions(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """Where the rover stood: telemetry and adjusted position of every stop, in the LSL."""
+    """Telemetry and adjusted position of every stop, in the landing-site frame (LSL)."""
     from solmap.flows.cli.tables import position_rows  # noqa: PLC0415 - slow to import
 
     rows = select_rows(position_rows(workspace_of(store)), mission, sol)
@@ -64,7 +64,7 @@ def status(
     sol: SolFilter = None,
     *,
     timings: Annotated[
-        bool, typer.Option("--timings", help="What the latest products took, by kind.")
+        bool, typer.Option("--timings", help="Time and memory of the latest products, by kind.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -95,7 +95,7 @@ def report(  # noqa: PLR0913 - the words of the command
     as_json: JsonOption = False,
     show: Annotated[bool, typer.Option("--open", help="Open the last one in the browser.")] = False,
 ) -> None:
-    """A sol as one page (`report MER2 156`), or how good every adjustment is, in rows."""
+    """A sol as one page (`report MER2 156`), or the quality of every adjustment, in rows."""
     from solmap.flows.cli.tables import report_rows, write_sol_report  # noqa: PLC0415 - as above
 
     if mission_of_sol is not None:
@@ -104,7 +104,7 @@ def report(  # noqa: PLR0913 - the words of the command
         name = mission_of(mission_of_sol, store)
         target = out or Path(f"{name.lower()}-sol{sol:04d}.html")
         write_sol_report(name, sol, workspace_of(store), target)
-        say(target)
+        print_line(target)
         if show:
             typer.launch(str(target.resolve()))
         return
@@ -125,9 +125,9 @@ def rig(
     """Differences of stereo rigs from their labels: applied and remaining corrections.
 
     Of every camera set: the rotation of the right camera about three axes of the pair (x right, y
-    down, z forward; about y is toe-in) that matching applies, and what the latest network finds
-    beyond it and of the baseline, with standard deviations. What exceeds three of them stands out.
-    Nothing is changed.
+    down, z forward; about y is toe-in) that matching applies, and the remaining rotation and
+    baseline error that the latest network finds, with standard deviations. Values above three of
+    them are marked. Nothing is changed.
     """
     from solmap.flows.cli.tables import rig_correction_rows  # noqa: PLC0415
 
@@ -145,7 +145,7 @@ def rig(
     columns = ["mission", "camera", "pairs", "component", "applied", "value", "sigma", "unit"]
     show_rows(shown, [*columns, "stands_out", "parallax_px"], as_json)
     for row in {row["mission"]: row for row in rows}.values():
-        say(
+        print_line(
             f"{row['mission']}: sigma0 {row['sigma0_labelled']:.3f} with rigs as matched, "
             f"{row['sigma0_corrected']:.3f} with what the network finds; nothing was changed"
         )
@@ -174,10 +174,10 @@ def inspect(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """What an image is: when and where it was taken, where it looks, its camera and partner.
+    """Describe an image: time, place, viewing direction, camera and partner.
 
-    Of a derived raster (XYZ, range, slope ...): what its bands hold, in which unit and frame, and
-    how they differ from those of a store.
+    For a derived raster (XYZ, range, slope ...): content, unit and frame of its bands, and their
+    difference from those of a store.
     """
     from solmap.flows.cli.inspection import (  # noqa: PLC0415
         InspectionError,
@@ -188,8 +188,8 @@ def inspect(
     )
     from solmap.flows.cli.inspection_text import report_of  # noqa: PLC0415
 
-    asked = {"png": png, "linearised": linearised, "points": points}
-    out = {option: path for option, path in asked.items() if path is not None}
+    options = {"png": png, "linearised": linearised, "points": points}
+    out = {option: path for option, path in options.items() if path is not None}
     for option in out:
         if len(files) != 1:
             fail(f"--{option} writes one image, but {len(files)} are named")
@@ -199,7 +199,7 @@ def inspect(
     else:
         lines = [line for finding in findings for line in ("", *report_of(finding))]
         for line in lines[1:]:
-            say(line)
+            print_line(line)
     writers = {"png": write_png, "linearised": write_linearised, "points": write_points}
     try:
         for option, path in () if faults else out.items():

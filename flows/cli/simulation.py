@@ -10,8 +10,8 @@ import typer
 from solmap.flows.cli.console import (
     JsonOption,
     StoreOption,
+    print_line,
     progress_shown,
-    say,
     show_rows,
     store_of,
     workspace_of,
@@ -29,7 +29,7 @@ def simulate(
         typer.Option(
             "--realistic",
             help=(
-                "Images and telemetry as bad as real ones: bent stereo rig, mast errors, "
+                "Realistic errors of images and telemetry: bent stereo rig, mast errors, "
                 "vignetting, dust, lossy coding, the rover in view, opposite suns, slip to 100 %"
             ),
         ),
@@ -42,20 +42,20 @@ def simulate(
     params = WorldParams(terrain, TraverseParams(stops=stops))
     if realistic:
         params = realistic_params(params, seed)
-    from solmap.flows.simulation import write_downlink  # noqa: PLC0415 - after a look at the words
+    from solmap.flows.simulation import write_downlink  # noqa: PLC0415 - after the arguments are checked
 
     with progress_shown():
         files = write_downlink(out_dir, params, seed)
-    say(f"{files} files in {out_dir}; {out_dir / 'truth'} is for evaluation only")
+    print_line(f"{files} files in {out_dir}; {out_dir / 'truth'} is for evaluation only")
 
 
 def simulate_mission(
     store: StoreOption = None,
     stops: Annotated[int, typer.Option(help="Number of stops", min=2, max=500)] = 500,
     distance: Annotated[float, typer.Option(help="Metres driven", min=1.0, max=1e6)] = 7000.0,
-    gaps: Annotated[int, typer.Option(help="Places where images tie nothing", min=0, max=500)] = 10,
+    gaps: Annotated[int, typer.Option(help="Gaps without ties", min=0, max=500)] = 10,
     control: Annotated[
-        int, typer.Option(help="Stops to an orbital tie; 0: none", min=0, max=500)
+        int, typer.Option(help="Stops per orbital tie; 0: none", min=0, max=500)
     ] = 10,
     seed: Annotated[int, typer.Option(help="Repeats a mission bit for bit", min=0)] = 1,
 ) -> None:
@@ -71,7 +71,7 @@ def simulate_mission(
         from solmap.flows.simulation import simulate_into  # noqa: PLC0415 - Prefect is ready now
 
         summary = simulate_into(root, plan, seed)
-    say(summary)
+    print_line(summary)
 
 
 def evaluate(

@@ -24,7 +24,7 @@ _Stops = dict[tuple[int, int], tuple[dict[str, Any], dict[str, Any]]]
 def position_rows(workspace: Workspace) -> list[dict[str, Any]]:
     """One row per stop, of every map of every mission, in the order of the traverse.
 
-    The LSL is that of the row's map: another one has the sites that nothing ties to the lander.
+    The LSL is that of the row's map: sites that nothing ties to the lander have another.
     Positions are (north, east, down) metres in the LSL; the quaternion turns the rover into the
     LSL, scalar first; the covariance is of rotation vector (radians) and position in the LSL.
     """
@@ -98,7 +98,7 @@ def latest_networks(workspace: Workspace) -> list[ProductRef]:
 
 
 def product_rows(workspace: Workspace) -> list[dict[str, Any]]:
-    """One row a published product: layers, then the browse images."""
+    """One row per published product: layers, then the browse images."""
     proj4 = {entry.mission: crs_text(entry.landing) for entry in workspace.catalogue.missions()}
     layers = [_layer_row(layer, proj4, workspace) for layer in workspace.catalogue.layers()]
     return layers + [_browse_row(entry, workspace) for entry in workspace.catalogue.images()]
@@ -158,7 +158,7 @@ def outcome_rows(workspace: Workspace) -> list[dict[str, Any]]:
 
 
 def report_rows(workspace: Workspace) -> list[dict[str, Any]]:
-    """One row an adjustment, in the order of the sols: its page, its figures, and when."""
+    """One row per adjustment, in the order of the sols: page, figures and time."""
     figures = {ref.scope: ref for ref in workspace.catalogue.pointers(ProductKind.QUALITY)}
     return [
         {
@@ -173,7 +173,7 @@ def report_rows(workspace: Workspace) -> list[dict[str, Any]]:
 
 
 def write_sol_report(mission: str, sol: int, workspace: Workspace, path: Path) -> None:
-    """Write all that is known of a sol as one page; links lead to the map's server.
+    """Write the report of a sol as one page; links lead to the map's server.
 
     A file that ends in `.pdf` becomes a PDF with figures of the maps.
 
@@ -228,7 +228,7 @@ def rig_correction_rows(workspace: Workspace, mission: str | None = None) -> lis
 def _mission_and_sols(
     subject: str, images: Mapping[str, ImageEntry] = MappingProxyType({})
 ) -> dict[str, Any]:
-    """Of a file of an image, or of a scope as `mer2-sol0156`; None and none for anything else."""
+    """Mission and sols of an image file or a scope such as `mer2-sol0156`; else None and empty."""
     image = images.get(subject.partition(".")[0].upper())
     if image is not None:
         return {"mission": image.mission, "sols": [image.sol]}

@@ -12,7 +12,7 @@ from solmap.flows.cli.console import (
     PipelineOption,
     StoreOption,
     fail,
-    say,
+    print_line,
     show_rows,
     workspace_of,
 )
@@ -79,7 +79,7 @@ def stl(
         typer.Option(min=0, max=1000, help="How far the base lies below; 0: no base"),
     ] = 0.5,
     tolerance_m: Annotated[
-        float, typer.Option(min=0.005, max=100, help="Of the surface, metres")
+        float, typer.Option(min=0.005, max=100, help="Largest error of the surface, metres")
     ] = 0.05,
     store: StoreOption = None,
 ) -> None:
@@ -98,4 +98,6 @@ def stl(
     solid = build_solid(read_dtm(workspace.store.path(ref)), SolidParams(tolerance_m, base_m))
     file.write_bytes(stl_bytes(solid))
     kind = "watertight" if solid.is_watertight else "open"
-    say(f"{file}: {len(solid.triangles)} triangles, {kind}, {abs(solid.volume_m3):.1f} m3 inside")
+    print_line(
+        f"{file}: {len(solid.triangles)} triangles, {kind}, {abs(solid.volume_m3):.1f} m3 inside"
+    )

@@ -1,4 +1,4 @@
-"""`solmap traverse`: compare, import and hand out traverses (`flows.traverse` does the work)."""
+"""`solmap traverse`: compare, import and export traverses (`flows.traverse` does the work)."""
 
 from __future__ import annotations
 
@@ -18,12 +18,14 @@ from solmap.flows.cli.console import (
     mission_name,
     mission_of,
     note,
-    say,
+    print_line,
     show_rows,
     store_of,
 )
 
-app = typer.Typer(name="traverse", help="Where the rover really was.", no_args_is_help=True)
+app = typer.Typer(
+    name="traverse", help="Compare, import and export traverses.", no_args_is_help=True
+)
 
 Files = Annotated[
     list[Path],
@@ -47,7 +49,7 @@ def compare(  # noqa: PLR0913 - options
     every_sol: Annotated[bool, typer.Option("--sols", help="A row for every sol.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """How far telemetry strays from the localised traverse, as the paper reports it."""
+    """Differences of telemetry from the localised traverse, as the paper reports them."""
     from solmap.flows.traverse import compare_files  # noqa: PLC0415 - slow to import
 
     found = compare_files(files, mission, (first_sol, last_sol), figure)
@@ -55,7 +57,7 @@ def compare(  # noqa: PLR0913 - options
         note("note", line)
     show_rows(found.rows(every_sol=every_sol), COLUMNS, as_json)
     if not as_json:
-        say(found.as_a_whole)
+        print_line(found.as_a_whole)
 
 
 @app.command("import")
@@ -64,7 +66,7 @@ def take(files: Files, mission: Mission = "MER2", store: StoreOption = None) -> 
     root = existing_store(store)
     from solmap.flows.traverse import import_files  # noqa: PLC0415 - slow to import
 
-    say(import_files(files, mission, root))
+    print_line(import_files(files, mission, root))
 
 
 @app.command()
@@ -75,7 +77,7 @@ def export(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """Hand out the adjusted traverse: PLACES table, vector files, differences, figure."""
+    """Export the adjusted traverse: PLACES table, vector files, differences, figure."""
     from solmap.flows.traverse import export_files  # noqa: PLC0415 - slow to import
 
     root = store_of(store)
@@ -87,7 +89,7 @@ def export(
         show_rows([{"file": str(file)} for file in made], [], as_json)
         return
     for file in made:
-        say(file)
+        print_line(file)
 
 
 @app.command("georeference")
@@ -110,7 +112,7 @@ def georeference_track(
         show_rows([found.document()], [], as_json)
         return
     show_rows(found.rows(), list(found.rows()[0]), as_json)
-    say(found.summary)
+    print_line(found.summary)
 
 
 @app.command("simulate-mosaic")
@@ -126,4 +128,4 @@ def simulate_points(
     from solmap.flows.traverse import write_simulated  # noqa: PLC0415 - slow to import
 
     truth = write_simulated(file, seed, rotation)
-    say(f"{file}; the answer is in {truth}")
+    print_line(f"{file}; the answer is in {truth}")

@@ -1,10 +1,10 @@
-"""Processes that belong to another: they are watched, restarted, and never outlive it.
+"""Child processes: they are watched, restarted, and end with their parent.
 
 The kernel kills a child when its parent dies (`PR_SET_PDEATHSIG`), so that even `kill -9` of the
 parent leaves no orphan behind. On systems without it children end when they are stopped in order.
 
 No child reads code or settings from the folder that a user is in: Python starts with `-P`, in the
-folder of the logs, and with those variables of the environment only that are meant for it.
+folder of the logs, and with a list of permitted environment variables only.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from pathlib import Path
 _NICENESS = 10
 _PR_SET_PDEATHSIG = 1
 _RESTED_S = 60.0
-"""A child that ran so long has started well; how often it died before is forgotten."""
+"""A child that ran this long has started well; its earlier failures no longer count."""
 _LONGEST_PAUSE_S = 30.0
 _LARGEST_LOG_BYTES = 16_000_000
 _PASSED_ON = re.compile(
@@ -33,8 +33,11 @@ _PASSED_ON = re.compile(
     r"|(SOLMAP|PREFECT|AWS|DASK|GDAL|CPL|VSI|PROJ|MALLOC)_\w+|PG[A-Z]+|DO_NOT_TRACK"
     r"|\w+_NUM_THREADS|OMP_\w+|SSL_CERT_(FILE|DIR)|\w+_CA_BUNDLE|(?i:(https?|all|no)_proxy)"
 )
-"""Variables of the environment that children get. Not among them: what makes an interpreter or
-the loader run other code (`PYTHONPATH`, `PYTHONSTARTUP`, `LD_PRELOAD`), and others' secrets."""
+"""Environment variables that children get.
+
+Left out are those that make an interpreter or the loader run other code (`PYTHONPATH`,
+`PYTHONSTARTUP`, `LD_PRELOAD`), and secrets of other programs.
+"""
 
 
 def module_command(module: str, *arguments: str) -> tuple[str, ...]:
@@ -59,14 +62,14 @@ def die_with_parent() -> None:
     try:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     except (AttributeError, OSError):
-        return  # no Linux: the parent's orderly stop is all there is
+        return  # not Linux: children end only when the parent stops in order
 
 
 def lower_priority() -> None:
-    """Leave the processors to the map's server first: for processes that nobody waits for.
+    """Lower the priority below that of the map's server, for work that no user waits for.
 
-    Where the kernel shares processors out by session (autogroups, sched(7)), to the session too, so
-    its first process sets it.
+    If the kernel shares processors by session (autogroups, sched(7)), the session's priority is
+    lowered too, by its first process.
     """
     os.nice(_NICENESS)
     with contextlib.suppress(OSError):
@@ -75,13 +78,13 @@ def lower_priority() -> None:
 
 @dataclass(slots=True, eq=False)
 class Child:
-    """A process that should always run, and what is known of its running."""
+    """A process that should always run, and its state."""
 
     name: str
     command: Sequence[str]
     environment: Mapping[str, str]
     log: Path
-    """What it prints is added here."""
+    """File to which its output is appended."""
     process: subprocess.Popen[bytes] | None = None
     deaths: int = 0
     _started_at: float = 0.0
@@ -99,7 +102,7 @@ class Child:
         return self._stopping
 
     def start(self) -> None:
-        """Start it; it hears no signal of the terminal, only those that it is sent."""
+        """Start it in a session of its own, so that signals of the terminal do not reach it."""
         self.log.parent.mkdir(parents=True, exist_ok=True)
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(  # noqa: S603 - our own command line
@@ -110,7 +113,7 @@ class Child:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                preexec_fn=die_with_parent,  # noqa: PLW1509 - asks the kernel one thing
+                preexec_fn=die_with_parent,  # noqa: PLW1509 - one system call
             )
         self._started_at = time.monotonic()
         if self not in _started:
@@ -133,20 +136,20 @@ class Child:
             self.start()
         return None
 
-    def ask_to_end(self) -> None:
-        """Send it SIGTERM and start it no more."""
+    def request_end(self) -> None:
+        """Send it SIGTERM and do not restart it."""
         self._stopping = True
         if self.process is not None:
             self._signal(signal.SIGTERM)
 
     def stop(self, patience_s: float = 4.0) -> None:
-        """End it and all that it started: by a signal, then by killing it."""
-        self.ask_to_end()
+        """End it and its children: by a signal, then by killing them."""
+        self.request_end()
         if self.process is None:
             return
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(patience_s)
-        self._signal(signal.SIGKILL)  # and whatever of its own it left behind
+        self._signal(signal.SIGKILL)  # and its remaining children
         self.process.wait()
 
     def kill(self) -> None:
@@ -156,7 +159,7 @@ class Child:
             self._signal(signal.SIGKILL)
 
     def _shorten_log(self) -> None:
-        """Move what a long log holds to a second file; the child goes on adding to the first."""
+        """Move a long log to a second file; the child continues to append to the first."""
         with contextlib.suppress(OSError):
             if self.log.stat().st_size > _LARGEST_LOG_BYTES:
                 shutil.copyfile(self.log, self.log.with_suffix(".log.1"))

@@ -38,9 +38,9 @@ from solmap.products.store.process import use_one_heap
 
 log = logging.getLogger(__name__)
 _START_S = 300.0
-"""Its database is made at the first start, and a loaded machine takes its time."""
+"""Includes making its database at the first start on a loaded machine."""
 _LOOK_S = 0.5
-"""Between looks at whether it lives."""
+"""Between checks that it runs."""
 _DAY_S = 86_400
 _EVENT_DAYS = 7
 """Events record every step of every task; old ones are not needed."""
@@ -91,7 +91,7 @@ def leave_folder(store: Path) -> None:
 
 
 def import_prefect() -> None:
-    """Import Prefect where nothing has been delivered, for commands that stay in their folder."""
+    """Import Prefect in an empty folder, for commands that stay in their folder."""
     with contextlib.chdir(sys.prefix):
         importlib.import_module("prefect.main")
 
@@ -104,14 +104,14 @@ def password_file(store: Path) -> Path:
     """
     path = store / "prefect" / "password"
     path.parent.mkdir(parents=True, exist_ok=True)
-    if path.exists() and not path.stat().st_size:  # the power failed; no password lets all in
+    if path.exists() and not path.stat().st_size:  # left by a power failure
         path.unlink()
     if not path.exists():
         secret = f"solmap:{secrets.token_urlsafe(32)}"
         number, draft = tempfile.mkstemp(dir=path.parent)  # for its owner only
         try:
             _write_flushed(number, secret)
-            with contextlib.suppress(FileExistsError):  # another process was first: that one counts
+            with contextlib.suppress(FileExistsError):  # another process was first
                 _name_once(draft, path, secret)
         finally:
             Path(draft).unlink()
@@ -120,7 +120,7 @@ def password_file(store: Path) -> Path:
 
 
 def _name_once(draft: str, path: Path, secret: str) -> None:
-    """Have a written file under a name that is free; FileExistsError where it is taken."""
+    """Give a written file a free name; raises FileExistsError if it is taken."""
     try:
         path.hardlink_to(draft)
     except OSError as error:
@@ -130,7 +130,7 @@ def _name_once(draft: str, path: Path, secret: str) -> None:
 
 
 def _write_flushed(number: int, text: str) -> None:
-    """Write to an open file, have it on the disk, and close it."""
+    """Write to an open file, flush it to the disk, and close it."""
     with os.fdopen(number, "w") as file:
         file.write(text)
         file.flush()
@@ -177,7 +177,7 @@ def await_engine(child: Child, port: int) -> None:
 
 
 def start_engine(store: Path) -> None:
-    """Have a server until this process ends; call before the first import of a flow.
+    """Run a server until this process ends; call before the first import of a flow.
 
     The server in `PREFECT_API_URL` is used if set. The server is stopped after Prefect has sent its
     last messages: exit handlers run in reverse order.
@@ -203,11 +203,11 @@ def start_engine(store: Path) -> None:
 
 
 def _keep_alive(child: Child) -> None:
-    """Start the server again whenever it dies, until it is stopped."""
+    """Restart the server whenever it ends, until it is stopped."""
     while not child.is_stopping:
-        said = child.revive()
-        if said:
-            log.warning("%s", said)
+        message = child.revive()
+        if message:
+            log.warning("%s", message)
         time.sleep(_LOOK_S)
 
 

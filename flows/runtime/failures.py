@@ -25,18 +25,18 @@ T = TypeVar("T")
 def isolate(
     subject: str, workspace: Workspace, failures: list[str], line: str = "{}"
 ) -> Iterator[dict[str, str]]:
-    """Go on after the block whatever fails in it, and keep the cause; but a full disk stops all.
+    """Continue after the block on any error in it, and record the cause; a full disk is raised.
 
-    The block may add parts of it that failed, by their name, to the dictionary it is given.
+    The block may add failed parts, by their name, to the dictionary that it gets.
 
     Args:
-        subject: What is worked on, by its name in the catalogue's outcomes.
+        subject: Name of the block's subject among the catalogue's outcomes.
         workspace: Where outcomes are kept.
         failures: Gains a line for the block, or for each part.
-        line: What is added, with `{}` for the cause.
+        line: The added line, with `{}` for the cause.
 
     Raises:
-        StoreFullError: the disk is full; whatever else is tried would find it full too.
+        StoreFullError: the disk is full, so all further work would fail too.
     """
     parts: dict[str, str] = {}
     causes: list[str] = []
@@ -60,10 +60,10 @@ def isolate(
 
 @contextmanager
 def keep_going(failed: MutableMapping[K, str], part: K) -> Iterator[None]:
-    """Go on after the block whatever fails in it, with the cause under `part`.
+    """Continue after the block on any error in it, with the cause under `part`.
 
     Raises:
-        StoreFullError: the disk is full; whatever else is tried would find it full too.
+        StoreFullError: the disk is full, so all further work would fail too.
     """
     try:
         yield
@@ -75,11 +75,11 @@ def keep_going(failed: MutableMapping[K, str], part: K) -> Iterator[None]:
 
 
 def keep_outcome(outcome: Outcome, workspace: Workspace) -> None:
-    """Keep how something ended; that it cannot be kept stops nothing."""
+    """Store an outcome; an error in storing it stops nothing."""
     try:
         workspace.catalogue.publish(outcomes=[outcome])
     except Exception as error:  # noqa: BLE001 - the database is away, or its disk is full
-        log.warning("how %s ended could not be noted: %s", outcome.subject, cause_of(error))
+        log.warning("the outcome of %s could not be stored: %s", outcome.subject, cause_of(error))
 
 
 def clear_failure(subject: str, workspace: Workspace) -> None:
@@ -87,7 +87,7 @@ def clear_failure(subject: str, workspace: Workspace) -> None:
     try:
         failed = {one.subject for one in workspace.catalogue.outcomes() if one.is_failure}
     except Exception as error:  # noqa: BLE001 - the database is away
-        log.warning("whether %s failed before is not known: %s", subject, cause_of(error))
+        log.warning("the earlier outcome of %s could not be read: %s", subject, cause_of(error))
         return
     if subject in failed:
         keep_outcome(Outcome.now(subject, ()), workspace)
@@ -104,13 +104,13 @@ def group_by_first(results: Mapping[tuple[K, Any], T]) -> dict[K, list[T]]:
 def wait_for(
     stage: str, futures: Mapping[K, PrefectFuture[Any]]
 ) -> tuple[dict[K, Any], dict[K, str]]:
-    """Wait for tasks; results by key, and what went wrong by key.
+    """Wait for tasks; returns results by key, and failures by key.
 
-    A task that waited for a failed one is among the failures too, without its own line, since the
-    cause is listed.
+    A task that waited for a failed one is among the failures without its own line, since the cause
+    is listed.
 
     Raises:
-        StoreFullError: a task found the disk full; whatever else is tried would find it full too.
+        StoreFullError: a task found the disk full, so all further work would fail too.
     """
     results, failures = {}, {}
     for done, (key, future) in enumerate(futures.items(), 1):

@@ -1,8 +1,7 @@
-"""Jobs: tasks of a flow that are submitted when what they need is made, the first listed first.
+"""Jobs: tasks of a flow that are submitted when their inputs exist, in their order.
 
-A task that is submitted with the future of another occupies a worker while it waits for it, and one
-that is submitted early is carried out early. So only as many are submitted as there are workers,
-and one to follow.
+A task that is submitted with the future of another occupies a worker while it waits, and tasks run
+in the order of submission. So only one more than the number of workers is submitted at a time.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ class Job:
     stage: str
     """Name of the stage in progress reports."""
     submit: Callable[[Mapping[Any, Any]], PrefectFuture[Any] | None]
-    """Function that submits the task, given all results so far; None: nothing is to be made."""
+    """Function that submits the task, given all results so far; None if nothing is to be made."""
     needs: Sequence[Any] = ()
     """Keys of earlier jobs whose results it requires."""
     after: Sequence[Any] = ()
@@ -40,16 +39,16 @@ class Job:
 def run_jobs(
     jobs: Mapping[K, Job], settled: Callable[[K, Mapping[K, Any]], None] | None = None
 ) -> tuple[dict[K, Any], dict[K, str]]:
-    """Carry out jobs, each as soon as it can be; results by key, and what went wrong by key.
+    """Run jobs, each as soon as possible; returns results by key, and failures by key.
 
-    A job that needed a failed one is among the failures too, without a line of its own.
+    A job that needed a failed one is among the failures without its own line.
 
     Args:
         jobs: By key; of those that are ready the first listed is submitted first.
-        settled: Called with the key of each job that has come to an end, and all results by then.
+        settled: Called with the key of each job that has ended, and all results by then.
 
     Raises:
-        StoreFullError: a task found the disk full; whatever else is tried would find it full too.
+        StoreFullError: a task found the disk full, so all further work would fail too.
     """
     waiting, running = dict(jobs), dict[K, PrefectFuture[Any]]()
     results, failures = dict[K, Any](), dict[K, str]()
@@ -90,7 +89,7 @@ def run_jobs(
 def _submitted(
     key: K, job: Job, results: Mapping[K, Any], failures: MutableMapping[K, str]
 ) -> PrefectFuture[Any] | None:
-    """The task of a job; None where there is none, which is a failure if something is lacking."""
+    """The task of a job; None if there is none, which is a failure if an input is missing."""
     if not results.keys() >= set(job.needs):
         failures[key] = ""
         return None

@@ -34,7 +34,7 @@ _LAST = 60
 """Sols in a table: a mission of years has more than a page can hold."""
 log = logging.getLogger(__name__)
 _SPANS = 3
-"""Spans of sols that are named one by one."""
+"""Most spans of sols that are listed."""
 
 
 def write_report(report: DownlinkReport, workspace: Workspace) -> None:
@@ -43,14 +43,14 @@ def write_report(report: DownlinkReport, workspace: Workspace) -> None:
         rows = [_row(sol) for sol in report.sols[-_LAST:]]
         create_table_artifact(rows, key="sols", description="Every sol that was processed")
     write_adjustments(report.sols, workspace)
-    create_markdown_artifact(_text(report), key="downlink", description="How the downlink went")
+    create_markdown_artifact(_text(report), key="downlink", description="Outcome of the downlink")
 
 
 def write_adjustments(sols: Sequence[SolReport], workspace: Workspace) -> None:
     """Write the quality of the adjustments, the figure of each traverse, and links to the pages."""
     rows = [row for sol in sols[-_LAST:] if (row := _adjustment(sol, workspace))]
     if rows:
-        create_table_artifact(rows, key="adjustments", description="How good every adjustment is")
+        create_table_artifact(rows, key="adjustments", description="Quality of the adjustments")
     address = Settings().map_url
     for mission in dict.fromkeys(sol.mission for sol in sols):
         name = mission.lower()
@@ -83,13 +83,13 @@ def _adjustment(sol: SolReport, workspace: Workspace) -> dict[str, Any] | None:
     page = _latest(scope, ProductKind.REPORT, workspace)
     if quality is None or page is None:
         return None
-    told = json.loads(workspace.store.path(quality).read_text())["adjustment"]
+    adjustment = json.loads(workspace.store.path(quality).read_text())["adjustment"]
     figures = ("name", "converged", "sigma0", "redundancy", "stops", "pairs", "blunders")
-    ties = ", ".join(f"{count} {kind}" for kind, count in told["ties"].items())
+    ties = ", ".join(f"{count} {kind}" for kind, count in adjustment["ties"].items())
     return {
         "mission": sol.mission,
         "sol": sol.sol,
-        **{name: told[name] for name in figures},
+        **{name: adjustment[name] for name in figures},
         "ties": ties,
         "report": f"{Settings().map_url}/reports/{page.scope.name}/{page.digest}.html",
     }
@@ -140,7 +140,7 @@ def mission_name() -> str:
 
 
 def downlink_name(images: Iterable[RoverImage]) -> str:
-    """As `downlink MER2 sol 156-160`, for what came."""
+    """Such as `downlink MER2 sol 156-160`, by its images."""
     sols: dict[str, set[int]] = {}
     for image in images:
         sols.setdefault(image.stop.mission, set()).add(image.sol)
@@ -158,20 +158,20 @@ def format_sols(sols: Iterable[int]) -> str:
 
 
 def deployed_run() -> tuple[str | None, dict[str, Any]]:
-    """The run of a deployment that this is a part of, with its parameters; None: of none."""
+    """The run of a deployment that contains this one, with its parameters; None outside one."""
     if FlowRunContext.get() is None:
         return None, {}
     try:
         with get_client(sync_client=True) as client:
             run = client.read_flow_run(UUID(runtime.flow_run.root_flow_run_id))
     except HTTPError as error:
-        log.warning("which run of the engine this is is not known: %s", error)
+        log.warning("the engine's name for this run could not be read: %s", error)
         return None, {}
     return (str(run.id), run.parameters) if run.deployment_id else (None, {})
 
 
 def rename_run(name: str) -> None:
-    """Call the run that this is so; nothing depends on it."""
+    """Rename the current run; nothing depends on it."""
     context = FlowRunContext.get()
     if context is None or context.flow_run is None:
         return
@@ -179,7 +179,7 @@ def rename_run(name: str) -> None:
         with get_client(sync_client=True) as client:
             client.update_flow_run(context.flow_run.id, name=name)
     except HTTPError as error:
-        log.warning("the run could not be called %r: %s", name, error)
+        log.warning("the run could not be renamed to %r: %s", name, error)
 
 
 def _span(first: int, last: int) -> str:

@@ -2,7 +2,7 @@
 
 with recorded("downlink", downlink.name, workspace) as record:
     ...                       # what `runtime.progress` reports is written down
-    record.say(report.warnings)
+    record.add_lines(report.warnings)
     record.fail_if(report.failures)
 """
 
@@ -37,7 +37,7 @@ _AT_MOST_EVERY_S = 0.5
 
 
 class RunRecord:
-    """The record of a run; that it cannot be written never stops the run."""
+    """The record of a run; an error in writing it never stops the run."""
 
     def __init__(self, run: Run, book: RunRecords) -> None:
         self._run, self._book = run, book
@@ -51,27 +51,27 @@ class RunRecord:
         return self._run.id
 
     def step(self, step: Step) -> None:
-        """Note how far a stage is."""
+        """Record the progress of a stage."""
         is_new = step.stage != self._run.stage or step.done == step.total
         self._run = self._run.with_progress(step.stage, step.done, step.total)
         if is_new or time.monotonic() - self._written_at > _AT_MOST_EVERY_S:
             self._write()
 
-    def say(self, lines: Sequence[str]) -> None:
+    def add_lines(self, lines: Sequence[str]) -> None:
         """Add lines for people."""
         if lines:
             self._run = self._run.with_lines(lines)
             self._write()
 
     def fail_if(self, failures: Sequence[str]) -> None:
-        """Add what went wrong; where anything did, the run ends as failed."""
+        """Add failures; if there are any, the run ends as failed."""
         self._has_failed = self._has_failed or bool(failures)
-        self.say([f"failed: {line}" for line in failures])
+        self.add_lines([f"failed: {line}" for line in failures])
 
     def stop(self) -> None:
         """People stop the run before its end."""
         self._is_stopped = True
-        self.say([STOPPED])
+        self.add_lines([STOPPED])
 
     def end(self) -> None:
         """The run is over."""
@@ -85,13 +85,13 @@ class RunRecord:
         try:
             self._book.write(self._run)
         except (SQLAlchemyError, StoreFullError) as error:
-            log.warning("how far %s is could not be noted: %s", self._run.id, error)
+            log.warning("the progress of %s could not be recorded: %s", self._run.id, error)
 
 
 def beside_runs(work: Callable[P, T]) -> Callable[P, T]:
     """Decorator of functions that make products outside a run: they hold the lock of runs.
 
-    It works on its argument `workspace`, or on the store in the folder `root` or `store`.
+    The store is that of the argument `workspace`, or in the folder `root` or `store`.
     """
     names = signature(work)
 

@@ -39,7 +39,7 @@ def on_workers(flow: Flow[P, R]) -> Flow[P, R]:
 
 
 def places() -> int:
-    """How many tasks are worth submitting at a time: one for each worker, and one to follow."""
+    """Number of tasks to submit at a time: one more than there are workers."""
     settings = Settings()
     return sys.maxsize if settings.dask_address else settings.task_workers + 1
 
@@ -62,10 +62,10 @@ def _runner(settings: Settings) -> Runner:
 
 @lru_cache(maxsize=1)
 def local_cluster(workers: int) -> LocalCluster:
-    """Worker processes of this one, until it ends; they notice when it is killed.
+    """Run a cluster of worker processes until this process ends, also by a kill.
 
-    One for all sols: a worker takes seconds to start. Sending it work permits running anything, so
-    its ports require a certificate that only these processes have.
+    It serves all sols, because a worker takes seconds to start. Its ports permit running anything,
+    so they require a certificate that only these processes have.
     """
     import dask  # noqa: PLC0415 - an extra
     from distributed import LocalCluster  # noqa: PLC0415 - an extra

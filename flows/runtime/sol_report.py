@@ -36,8 +36,8 @@ class SolReport:
 
         Args:
             what: The stage, for failures.
-            failed: Causes, as `settled` gives them.
-            lacking: How a note begins.
+            failed: Causes, as `settled` returns them.
+            lacking: Beginning of a note.
             findings: Errors caused by the images and not by a fault: different light, ground too
                 far.
         """

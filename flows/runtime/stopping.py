@@ -1,10 +1,10 @@
-"""Ctrl-C and SIGTERM: they interrupt a command, and end its process soon whatever it is doing.
+"""Ctrl-C and SIGTERM interrupt a command and end its process soon, in any state.
 
-An interrupted block is left in order where that is quick: records are closed, child processes
-stopped. A thread that computes in a library or a read that hangs is not waited for longer than
-`GRACE_S`; finished products are complete, others are drafts, as after a kill. A guard, a small
-process, is notified of the signal by the kernel and kills a process that cannot run because a
-library keeps the interpreter's lock.
+An interrupted block is left in order if that is quick: records are closed, child processes stopped.
+A thread that computes in a library or a read that hangs is not waited for longer than `GRACE_S`;
+finished products are complete, others are drafts, as after a kill. A guard, a small process, is
+notified of the signal by the kernel and kills a process that cannot run because a library keeps the
+interpreter's lock.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ STOPPED = "stopped; what was made is kept; run again to continue"
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _GUARD = """
 import os, select, sys, time
-pid, grace_s, wanted = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3:]
-while (number := os.read(0, 1)) and str(number[0]) not in wanted:
+pid, grace_s, signals = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3:]
+while (number := os.read(0, 1)) and str(number[0]) not in signals:
     pass
 if number:
     os.write(1, number)
@@ -39,7 +39,7 @@ if number:
             sys.exit()  # the process has ended
     os.kill(pid, 9)
 """
-"""Passes the number of the first signal on, and kills the process that is there too long after."""
+"""Script of the guard: it passes on the first signal and kills a process that does not end."""
 
 
 @contextmanager
@@ -63,12 +63,12 @@ def end_on_signals(on_signal: Callable[[], None] | None = None) -> Iterator[None
 
     # The interpreter writes the number of a signal here at once, also where Prefect has a handler
     # of its own, and while the main thread is in a library.
-    told, tells = socket.socketpair()
-    tells.settimeout(0.0)
-    descriptor = signal.set_wakeup_fd(tells.fileno(), warn_on_full_buffer=False)
+    reader, writer = socket.socketpair()
+    writer.settimeout(0.0)
+    descriptor = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
     handlers = {number: signal.signal(number, interrupt) for number in _SIGNALS}
-    with told:
-        guard = _start_guard(told)
+    with reader:
+        guard = _start_guard(reader)
     is_over = threading.Event()
     watch = threading.Thread(target=_watch, args=(guard, is_over), name="signals", daemon=True)
     watch.start()
@@ -83,22 +83,22 @@ def end_on_signals(on_signal: Callable[[], None] | None = None) -> Iterator[None
         for number, handler in handlers.items():
             signal.signal(number, handler)
         signal.set_wakeup_fd(descriptor)
-        tells.close()
+        writer.close()
 
 
 def end_process(number: int) -> NoReturn:
-    """End the process as one that a signal stopped, and its children, with one line."""
+    """End the process and its children as after a signal, with one line."""
     kill_children()
     sys.stderr.write(f"{STOPPED}\n")
     sys.stderr.flush()
     os._exit(128 + number)
 
 
-def _start_guard(told: socket.socket) -> subprocess.Popen[bytes]:
+def _start_guard(reader: socket.socket) -> subprocess.Popen[bytes]:
     limit = (str(os.getpid()), str(GRACE_S + 1.0), *(str(int(number)) for number in _SIGNALS))
     return subprocess.Popen(  # noqa: S603 - our own command line
         (sys.executable, "-I", "-S", "-c", _GUARD, *limit),
-        stdin=told.fileno(),
+        stdin=reader.fileno(),
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         start_new_session=True,

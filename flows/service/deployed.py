@@ -1,7 +1,7 @@
 """The flows of deployments, whose parameters are plain values.
 
-Folders, the store, the pipeline and addresses come from the settings of the service, never from the
-parameters of a run: who may start runs cannot name files or programs by them.
+Folders, the store, the pipeline and addresses come from the settings of the service, not from the
+parameters of a run: users who may start runs cannot name files or programs.
 """
 
 import multiprocessing
@@ -25,7 +25,7 @@ from solmap.flows.runtime.sol_report import DownlinkReport
 
 @flow(name="downlink", flow_run_name="downlink of the inbox")
 def process_inbox(settle_s: Settling = 20.0) -> DownlinkReport:
-    """Take the inbox to published layers; what was made before is looked up.
+    """Process the inbox to published layers; existing products are looked up.
 
     Args:
         settle_s: Files that changed more recently, in seconds, may still be arriving: they are
@@ -40,10 +40,10 @@ def adjust_missions(mission: MissionName | None = None) -> list[str]:
     """Adjust all stops of every mission, or of one, together; map again what moved.
 
     Args:
-        mission: As its labels have it: MER2; every mission where none is given.
+        mission: Identifier as in its labels, such as MER2; all missions by default.
 
     Returns:
-        Notes, a line each; failures begin with the mission and `failed`.
+        Notes, one line each; failures begin with the mission and `failed`.
     """
     settings = _settings()
     return adjust_all(settings.store, settings.pipeline, mission)
@@ -54,7 +54,7 @@ def refresh_missions(mission: MissionName | None = None) -> list[str]:
     """Join the stops of every mission, or of one, into regions again where any changed.
 
     Args:
-        mission: As its labels have it: MER2; every mission where none is given.
+        mission: Identifier as in its labels, such as MER2; all missions by default.
     """
     settings = _settings()
     return refresh_regions(settings.store, settings.pipeline, mission)
@@ -68,11 +68,11 @@ def fetch_to_inbox(
     *,
     dry_run: bool = False,
 ) -> FetchReport:
-    """Bring the stereo pairs of some sols from the archive to the inbox.
+    """Download the stereo pairs of some sols from the archive to the inbox.
 
     Args:
         mission: MER1 or MER2.
-        sols: 155, 155-157, or several of these with commas between.
+        sols: 155, 155-157, or several of these separated by commas.
         instruments: Any of navcam, pancam, hazcam, front_hazcam, rear_hazcam.
         dry_run: Only list the images.
     """
@@ -80,13 +80,13 @@ def fetch_to_inbox(
     inbox, workspace = _inbox(settings), open_workspace(settings.store)
     with record_run("fetch", f"{mission} sol {sols}", workspace) as record:
         report = fetch_archive.fn(mission, sols, list(instruments), inbox, dry_run=dry_run)
-        record.say([*report.warnings, *report.files])
+        record.add_lines([*report.warnings, *report.files])
         record.fail_if(report.failures)
     return report
 
 
 def _settings() -> Settings:
-    """The settings of the service; the process of a run ends with that of the scheduler."""
+    """The settings of the service; also makes the process of a run end with the scheduler."""
     if multiprocessing.parent_process() is not None:
         die_with_parent()
     settings = Settings()

@@ -32,7 +32,7 @@ def served(settings: Settings) -> Iterator[tuple[Flow[..., Any], dict[str, Any]]
         deployed.process_inbox,
         _options(
             DOWNLINK,
-            "Take everything in the inbox to published layers; what is made is kept.",
+            "Process all files of the inbox to published layers; existing products are kept.",
             "downlink",
             settings.downlink_cron if settings.inbox else None,
         ),
@@ -50,7 +50,7 @@ def served(settings: Settings) -> Iterator[tuple[Flow[..., Any], dict[str, Any]]
     yield (
         deployed.fetch_to_inbox,
         _options(
-            FETCH, "Bring the stereo pairs of some sols from the archive to the inbox.", "fetch"
+            FETCH, "Download the stereo pairs of some sols from the archive to the inbox.", "fetch"
         ),
     )
 
@@ -68,7 +68,7 @@ def _options(name: str, description: str, tag: str, cron: str | None = None) -> 
 
 
 def _is_paused(name: str) -> bool:
-    """Whether people have paused a deployment; one that is deployed again would go on."""
+    """Whether people have paused a deployment; deploying it again would resume it."""
     from prefect.client.orchestration import get_client  # noqa: PLC0415 - after its settings
     from prefect.exceptions import ObjectNotFound  # noqa: PLC0415
 

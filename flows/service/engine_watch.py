@@ -42,8 +42,8 @@ def write_state(root: Path, *, has_inbox: bool, is_scheduler_alive: bool) -> Non
         HTTPError: Prefect's server does not answer.
     """
     with get_client(sync_client=True) as client:
-        wanted = DeploymentFilter(tags=DeploymentFilterTags(all_=["solmap"]))
-        found = client.read_deployments(deployment_filter=wanted)
+        selection = DeploymentFilter(tags=DeploymentFilterTags(all_=["solmap"]))
+        found = client.read_deployments(deployment_filter=selection)
         names = {one.id: f"{client.read_flow(one.flow_id).name}/{one.name}" for one in found}
         states = [_deployment(one, names[one.id], client, is_scheduler_alive) for one in found]
         queued = [
@@ -117,9 +117,9 @@ def _end_cancelled(root: Path, client: SyncPrefectClient) -> None:
             left.setdefault(UUID(run.flow_run), []).append(run)
     if not left:
         return
-    wanted = _of_types([StateType.CANCELLED])
-    wanted.id = FlowRunFilterId(any_=list(left))
-    for cancelled in client.read_flow_runs(flow_run_filter=wanted):
+    selection = _of_types([StateType.CANCELLED])
+    selection.id = FlowRunFilterId(any_=list(left))
+    for cancelled in client.read_flow_runs(flow_run_filter=selection):
         why = cancelled.state.message if cancelled.state else None
         for run in left[cancelled.id]:
             book.write(run.with_lines([why or "cancelled"]).with_end(RunState.CANCELLED))
@@ -131,9 +131,9 @@ def _scheduled(
     of: DeploymentFilter | None = None,
     limit: int = _MOST_QUEUED,
 ) -> list[FlowRun]:
-    wanted = _of_types([StateType.SCHEDULED])
+    selection = _of_types([StateType.SCHEDULED])
     return client.read_flow_runs(
-        flow_run_filter=wanted, deployment_filter=of, sort=sort, limit=limit
+        flow_run_filter=selection, deployment_filter=of, sort=sort, limit=limit
     )
 
 

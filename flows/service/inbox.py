@@ -1,7 +1,7 @@
-"""The folder that downlinks arrive in: what lies there whole, and what has not been processed yet.
+"""The folder in which downlinks arrive: its complete and unprocessed files.
 
-A file is whole when its size and date have not changed for a while. Names that transfer programs
-use for what is still on its way (`.x`, `x.part`, `x.tmp`) are passed over.
+A file is complete when its size and date have not changed for a while. Names that transfer programs
+use for incomplete files (`.x`, `x.part`, `x.tmp`) are skipped.
 """
 
 from __future__ import annotations
@@ -33,30 +33,30 @@ class InboxParams:
     """How an inbox is watched."""
 
     settle_s: float = 20.0
-    """A file that has not changed for so long is whole."""
+    """A file that has not changed for this long is complete."""
     patience_s: float = 600.0
-    """Whole files wait so long for those that still arrive, then they are processed without."""
+    """Complete files wait this long for arriving ones, then they are processed without them."""
 
 
 @dataclass(slots=True)
 class Inbox:
     """A watched folder.
 
-    What was processed is kept in a file, so that a restart processes nothing twice, and what was
-    being processed when everything died once more.
+    Processed files are recorded in a file: a restart processes nothing twice, and repeats a
+    delivery whose processing was interrupted.
     """
 
     folder: Path
     memory: Path
     params: InboxParams
     _seen: dict[str, tuple[FileState, float]] = field(default_factory=dict)
-    """Every file as last seen, and since when it has been so."""
+    """Every file as last seen, and since when it is unchanged."""
     _waiting_since: float | None = None
     _not_before: float = 0.0
-    """When a delivery that failed may be tried again."""
+    """Time at which a failed delivery may be retried."""
 
     def poll(self, now: float | None = None) -> str | None:
-        """Look once; the name of a delivery that should be processed now, or None.
+        """Look once; returns the name of a delivery to process now, or None.
 
         Args:
             now: Seconds of a clock that only goes forward.
@@ -91,7 +91,7 @@ class Inbox:
     def mark_failed(self, delivery: str, now: float | None = None) -> float | None:
         """Remember that the run of a delivery failed; seconds until it is tried again.
 
-        None where it was tried often enough: it waits until files come or change.
+        None if it was tried often enough: it then waits until files arrive or change.
         """
         memory = self._read_memory()
         attempts = _attempts(memory, delivery) + 1
@@ -125,7 +125,7 @@ class Inbox:
             try:
                 facts = path.stat()
             except OSError:
-                continue  # taken away while we looked, or in a folder that may not be entered
+                continue  # removed meanwhile, or in a folder without permission
             if not stat.S_ISREG(facts.st_mode):
                 continue
             state = FileState(facts.st_size, facts.st_mtime_ns)

@@ -1,7 +1,7 @@
 """Everything on one machine: Prefect's server, the scheduled flows, the map, and the watched inbox.
 
-`solmap up` starts them as children that never outlive it, starts those that die again, hands the
-inbox over when files have come whole, and stops all of it in order.
+`solmap up` starts them as children that never outlive it, restarts those that end, submits the
+inbox when its files are complete, and stops all in order.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LOOK_EVERY_S = 2.0
 _STOP_S = 2.5
 """Seconds after which a stopping process is killed."""
 _STUCK_S = 300.0
-"""A run that is so late while none runs: the scheduler takes no run any more."""
+"""A run this late while none runs shows that the scheduler does not work."""
 
 
 @dataclass(slots=True)
@@ -41,7 +41,7 @@ class Machine:
     """The processes and messages of `solmap up`; its settings have absolute paths."""
 
     settings: Settings
-    say: Callable[[str], None]
+    report: Callable[[str], None]
     _children: dict[str, Child] = field(default_factory=dict)
     _inbox: Inbox | None = None
     _running: SubmittedRun | None = None
@@ -75,7 +75,7 @@ class Machine:
         from solmap.flows.service import submission  # noqa: PLC0415 - after the engine's settings
 
         if dead := submission.mark_crashed_runs():
-            self.say(f"{dead} runs had died with the last `solmap up`; what they made is kept")
+            self.report(f"{dead} runs ended with the last `solmap up`; their products are kept")
         self._child("scheduler", *module_command("solmap.flows.service.deployments"))
         self._child("map", *module_command("solmap.flows.cli", "serve", *self._address()))
         if self.settings.inbox is not None:
@@ -84,10 +84,10 @@ class Machine:
             self._inbox = Inbox(self.settings.inbox.resolve(), memory, params)
 
     def tend(self) -> None:
-        """Look after everything once: the children, the inbox, runs that nobody takes."""
+        """Check everything once: the children, the inbox, late runs."""
         for child in self._children.values():
-            if said := child.revive():
-                self.say(said)
+            if message := child.revive():
+                self.report(message)
                 self._scheduler_died = self._scheduler_died or child.name == "scheduler"
         try:
             self._end_dead_runs()
@@ -95,7 +95,7 @@ class Machine:
             self._tend_requests()
             self._tend_scheduler()
         except Exception as error:  # noqa: BLE001 - the engine starts again, the inbox is away, ...
-            self._complain(f"{type(error).__name__}: {error}; tried again until it works")
+            self._report_once(f"{type(error).__name__}: {error}; retried until it works")
         else:
             self._trouble = ""
         self._write_engine_state()
@@ -104,7 +104,7 @@ class Machine:
         """Stop the map and the scheduler with its runs, then the engine; a few seconds in all."""
         first = [child for name, child in self._children.items() if name != "engine"]
         for child in first:
-            child.ask_to_end()
+            child.request_end()
         for child in first:
             child.stop(_STOP_S)
         for child in self._children.values():
@@ -124,15 +124,15 @@ class Machine:
             with contextlib.suppress(Exception):  # the disk is full, the catalogue away
                 engine_watch.write_trouble(self.store, f"the engine does not answer: {error}")
 
-    def _complain(self, trouble: str) -> None:
+    def _report_once(self, trouble: str) -> None:
         """Print an error, once while it stays the same."""
         if trouble != self._trouble:
-            self.say(trouble)
+            self.report(trouble)
         self._trouble = trouble
 
     def _child(self, name: str, *command: str) -> None:
         environment = {"PYTHONUNBUFFERED": "1"}
-        if name == "map":  # gives the engine no orders; requests of people go through the store
+        if name == "map":  # does not control the engine; requests of people go through the store
             environment["PREFECT_API_AUTH_STRING"] = ""
         self._keep(Child(name, command, environment, self.store / "logs" / f"{name}.log"))
 
@@ -158,17 +158,19 @@ class Machine:
         if delivery is not None:
             self._running = submission.submit_inbox(delivery, self.settings.inbox_settle_s)
         if self._running is not None:
-            self.say(f"files came: run {self._running.name}, see {self.engine_url}/runs")
+            self.report(f"files came: run {self._running.name}, see {self.engine_url}/runs")
 
     def _note_end(self, ended: str, delivery: str, inbox: Inbox) -> None:
-        """Remember how the run of a delivery ended; one that people cancelled counts as done."""
+        """Record the outcome of a delivery's run; a cancelled one counts as processed."""
         if ended in {"COMPLETED", "CANCELLED"}:
             inbox.mark_processed(delivery)
-            self.say(f"the inbox was processed: {ended.lower()}")
+            self.report(f"the inbox was processed: {ended.lower()}")
             return
         pause = inbox.mark_failed(delivery)
         when = "when files come or change" if pause is None else f"in {pause / 60:.0f} min"
-        self.say(f"the run of the inbox {ended.lower()}, see `solmap status`; tried again {when}")
+        self.report(
+            f"the run of the inbox {ended.lower()}, see `solmap status`; tried again {when}"
+        )
 
     def _end_dead_runs(self) -> None:
         """Mark the runs of a dead scheduler as ended in the engine."""
@@ -184,7 +186,7 @@ class Machine:
         from solmap.flows.service.submission import submit_requests  # noqa: PLC0415 - after the engine's settings
 
         for line in submit_requests(self.store, has_inbox=self._inbox is not None):
-            self.say(line)
+            self.report(line)
 
     def _tend_scheduler(self) -> None:
         now = time.monotonic()
@@ -195,7 +197,7 @@ class Machine:
 
         scheduler = self._children["scheduler"]
         if scheduler.is_alive and submission.is_stuck(_STUCK_S):
-            self.say("runs are late and none is taken: the scheduler is started again")
+            self.report("runs are late and none is started: the scheduler is restarted")
             scheduler.stop()
             self._children.pop("scheduler")
             self._child("scheduler", *scheduler.command)

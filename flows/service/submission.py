@@ -38,37 +38,37 @@ _TAKEN = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
 
 
 def submit_requests(store: Path, *, has_inbox: bool) -> list[str]:
-    """Submit what waits; a line for each request that was taken or refused.
+    """Submit waiting requests; returns a line for each one taken or refused.
 
     A scheduler that has just started has no deployments yet: requests continue to wait.
 
     Raises:
-        HTTPError: Prefect's server does not answer; the request goes on waiting.
+        HTTPError: Prefect's server does not answer; the request continues to wait.
     """
     book, lines = RunRequests.of(store), []
-    for asked in book.waiting():
+    for request in book.waiting():
         with contextlib.suppress(ObjectNotFound):
-            state, answer = _submit(asked, has_inbox=has_inbox)
-            book.answer(asked.id, state, answer)
-            document = {"request": asked.id, "state": str(state), "answer": answer}
+            state, answer = _submit(request, has_inbox=has_inbox)
+            book.answer(request.id, state, answer)
+            document = {"request": request.id, "state": str(state), "answer": answer}
             open_catalogue(store).append_event(REQUESTS_CHANGED, document)
-            lines.append(f"{asked.author} asked for {asked.kind}: {state}, {answer}")
+            lines.append(f"{request.author} requested {request.kind}: {state}, {answer}")
     return lines
 
 
-def _submit(asked: RunRequest, *, has_inbox: bool) -> tuple[RequestState, str]:
+def _submit(request: RunRequest, *, has_inbox: bool) -> tuple[RequestState, str]:
     try:
-        match asked.kind:
+        match request.kind:
             case RequestKind.CANCEL:
-                return cancel_run(UUID(asked.parameters["run"]), asked.author)
+                return cancel_run(UUID(request.parameters["run"]), request.author)
             case RequestKind.PAUSE | RequestKind.RESUME:
-                is_paused = asked.kind is RequestKind.PAUSE
-                return pause(asked.parameters["deployment"], is_paused=is_paused)
-        if asked.kind in _NEED_INBOX and not has_inbox:
+                is_paused = request.kind is RequestKind.PAUSE
+                return pause(request.parameters["deployment"], is_paused=is_paused)
+        if request.kind in _NEED_INBOX and not has_inbox:
             return RequestState.REFUSED, "no inbox is watched; start `solmap up --inbox`"
-        mission = {"mission": asked.mission} if asked.mission else {}
-        deployment = RUN_KINDS[asked.kind].deployment
-        return RequestState.TAKEN, submit(deployment, {**asked.parameters, **mission})
+        mission = {"mission": request.mission} if request.mission else {}
+        deployment = RUN_KINDS[request.kind].deployment
+        return RequestState.TAKEN, submit(deployment, {**request.parameters, **mission})
     except (PrefectHTTPStatusError, ValueError) as error:
         status = error.response.status_code if isinstance(error, PrefectHTTPStatusError) else 422
         if status >= _SERVER_FAILED or isinstance(error, ObjectNotFound):
@@ -77,7 +77,7 @@ def _submit(asked: RunRequest, *, has_inbox: bool) -> tuple[RequestState, str]:
 
 
 def cancel_run(run: UUID, author: str) -> tuple[RequestState, str]:
-    """Have the engine end a run, with its processes; one that has not begun never does."""
+    """Have the engine end a run with its processes; one that has not begun will not begin."""
     with _client() as client:
         try:
             found = client.read_flow_run(run)
@@ -95,7 +95,7 @@ def cancel_run(run: UUID, author: str) -> tuple[RequestState, str]:
 
 
 def pause(deployment: str, *, is_paused: bool) -> tuple[RequestState, str]:
-    """Have a deployment start no scheduled runs, or start them again."""
+    """Pause or resume the scheduled runs of a deployment."""
     with _client() as client:
         found = client.read_deployment_by_name(deployment)
         if is_paused:
@@ -115,9 +115,9 @@ class SubmittedRun:
 
 
 def submit_inbox(delivery: str, settle_s: float) -> SubmittedRun | None:
-    """Have the inbox processed; files that changed less than `settle_s` ago are left for later.
+    """Submit a run for the inbox; files that changed less than `settle_s` ago are left for later.
 
-    None where the scheduler has just begun and its deployments are not known yet.
+    None if the scheduler has just started and its deployments are not known yet.
     """
     try:
         answer = run_deployment(
@@ -136,7 +136,7 @@ def submit(deployment: str, parameters: Mapping[str, object]) -> str:
 
 
 def final_state(submitted: SubmittedRun) -> str | None:
-    """How a run ended, like COMPLETED or CRASHED; None while it has not."""
+    """Final state of a run, like COMPLETED or CRASHED; None before its end."""
     with _client() as client:
         state = client.read_flow_run(submitted.run).state
     return state.type.value if state is not None and state.is_final() else None
@@ -145,7 +145,7 @@ def final_state(submitted: SubmittedRun) -> str | None:
 def mark_crashed_runs() -> int:
     """Mark all runs in the state "running" as crashed; returns their number.
 
-    For the moment at which no scheduler runs: then none of them does.
+    Called while no scheduler runs, so that none of them can be running.
     """
     number, sort = 0, FlowRunSort.START_TIME_ASC
     with _client() as client:
@@ -158,7 +158,7 @@ def mark_crashed_runs() -> int:
 
 
 def is_stuck(late_s: float) -> bool:
-    """Whether a run is late by so much while none is running: the scheduler takes none."""
+    """Whether a run is this late while none is running, so that the scheduler does not work."""
     before = cast("DateTime", datetime.now(UTC) - timedelta(seconds=late_s))
     late = FlowRunFilter(
         state=FlowRunFilterState(name=FlowRunFilterStateName(any_=["Late"])),

@@ -37,7 +37,7 @@ Corner = tuple[MetresHere, MetresHere]
 """(east, north)."""
 Line = Annotated[list[Corner], Field(min_length=2, max_length=MOST_CORNERS)]
 Polygon = Annotated[list[Corner], Field(min_length=3, max_length=MOST_CORNERS)]
-LayerAsked = Annotated[
+LayerChoice = Annotated[
     str,
     Field(
         max_length=200,

@@ -1,4 +1,4 @@
-"""Driving: how far the ground around a place is to a rover, and a way free of hazards to another.
+"""Driving distances to the ground around a place, and routes free of hazards.
 
 Hazards are those of the maps: at every point the worst of all stops and regions.
 """
@@ -33,16 +33,16 @@ from solmap.products.model import Layer, ProductKind
 
 HAZARD_KINDS = (ProductKind.HAZARD, ProductKind.REGION_HAZARD)
 MOST_CELLS = 1 << 20
-"""Cells between which ways are looked for, a second of work; of larger areas cells are doubled."""
+"""Most cells of a search, one second of work; larger areas get cells of twice the size."""
 MOST_BANDS = 50
 USUAL_SPEED_M_H = 36.0
-"""A centimetre a second: MER's mean where it looks for hazards on the way."""
+"""A centimetre per second: mean speed of MER with hazard detection."""
 _OPACITY = 0xA0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drives:
-    """The ways from a place, and what they were found on."""
+    """The routes from a place, and the hazard map they were found on."""
 
     place: tuple[float, float]
     found: Reachability
@@ -51,23 +51,23 @@ class Drives:
     layers: list[Layer]
 
     def bands(self, interval_m: float) -> Classes:
-        """Number of the interval of driving that a cell lies in, from 1; 0 where no way leads."""
+        """Number of the driving interval of a cell, from 1; 0 if it cannot be reached."""
         nearer = np.nan_to_num(self.found.drive_m / interval_m, nan=-1.0)
         return np.where(nearer < 0, 0, np.minimum(nearer, MOST_BANDS - 1) + 1).astype(np.uint8)
 
 
 class ReachAnswer(BaseModel):
-    """How far the ground around a place is to drive, as polygons, image and GeoTIFF."""
+    """Driving distances to the ground around a place, as polygons, image and GeoTIFF."""
 
     units: str = UNITS
     east: float
     north: float
     farthest_m: float
-    """Longest way that was looked for."""
+    """Longest route of the search."""
     interval_m: float
     cell_m: float
     reached_m2: float
-    """Ground to which a way free of hazards and unknown ground leads."""
+    """Ground that can be reached without hazards and unknown ground."""
     longest_drive_m: float
     speed_m_h: float
     longest_drive_h: float
@@ -81,7 +81,7 @@ class ReachAnswer(BaseModel):
 
 
 class RouteAnswer(BaseModel):
-    """A shortest way free of hazards."""
+    """A shortest route free of hazards."""
 
     units: str = UNITS
     drive_m: float
@@ -94,7 +94,7 @@ class RouteAnswer(BaseModel):
     drive_h: float
     cell_m: float
     places: list[tuple[float, float]]
-    """(east, north) of every cell on the way."""
+    """(east, north) of every cell on the route."""
     distance_m: list[float | None]
     ground_m: list[float | None]
     layers: list[LayerUsed]
@@ -112,7 +112,7 @@ def find_drives(
     maps = [layer for layer in hazards if layer.ref.kind in HAZARD_KINDS and layer.cell_m]
     if not maps:
         raise UnanswerableError(
-            "this mission has no hazard maps yet, without which no way is safe: process its sols "
+            "this mission has no hazard maps yet, which a safe route needs: process its sols "
             "with a pipeline that makes them"
         )
     grid = grid_around(place, params.farthest_m, min(layer.cell_m or 0.0 for layer in maps))
@@ -134,7 +134,7 @@ def _halve(codes: Classes, grid: MapGrid) -> tuple[Classes, MapGrid]:
 def reach_answer(
     drives: Drives, interval_m: float, speed_m_h: float, query: str, address: str
 ) -> ReachAnswer:
-    """The ground around a point as sent; images are available with the same query."""
+    """Response on the ground around a point; images are available with the same query."""
     found, grid = drives.found, drives.found.grid
     reached = np.isfinite(found.drive_m)
     longest = float(np.nanmax(found.drive_m))
@@ -157,7 +157,7 @@ def reach_answer(
 
 
 def _isochrones(drives: Drives, interval_m: float, speed_m_h: float) -> dict[str, Any]:
-    """A polygon for every patch of ground in the same interval of driving."""
+    """A polygon for every patch of ground in one driving interval."""
     features: list[dict[str, Any]] = []
     for rings, band in polygons_of(drives.bands(interval_m), drives.found.grid):
         until = band * interval_m
@@ -180,10 +180,10 @@ def reach_png(drives: Drives, interval_m: float) -> bytes:
 
 
 def route_answer(drives: Drives, to: tuple[float, float], speed_m_h: float) -> RouteAnswer:
-    """The way to one place.
+    """The route to one place.
 
     Raises:
-        TerrainError: none leads there.
+        TerrainError: there is none.
     """
     places = drives.found.path_to(to)
     grid = drives.found.grid

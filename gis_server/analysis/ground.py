@@ -52,7 +52,7 @@ class Ground:
 
     @classmethod
     def of(
-        cls, layers: Iterable[Layer], asked: str, store: ProductStore, pool: RasterPool
+        cls, layers: Iterable[Layer], requested: str, store: ProductStore, pool: RasterPool
     ) -> Ground:
         """The requested models: one by the layer's id, or all as `best`.
 
@@ -60,11 +60,11 @@ class Ground:
             UnanswerableError: no layer of that id is a terrain model.
         """
         models = [layer for layer in layers if layer.ref.kind in MODELS]
-        chosen = [layer for layer in models if asked in (BEST, layer.id)]
+        chosen = [layer for layer in models if requested in (BEST, layer.id)]
         if not chosen:
             names = ", ".join(layer.id for layer in models[:5]) or "none"
             raise UnanswerableError(
-                f"{asked} is not a terrain model of this mission; available: {names}; '{BEST}' "
+                f"{requested} is not a terrain model of this mission; available: {names}; '{BEST}' "
                 "uses the finest one at every point"
             )
         return cls(tuple(chosen), store, pool)
@@ -198,9 +198,9 @@ def _read_part(
     """Elevation and its standard deviation on a part of the grid."""
     window, shape = _window(grid_of(dataset), grid, part)
     names = band_names(dataset)
-    wanted = [names.index(n) + 1 for n in ("elevation", "standard_deviation") if n in names]
+    bands = [names.index(n) + 1 for n in ("elevation", "standard_deviation") if n in names]
     how = Resampling.average if window.width > shape[1] else Resampling.nearest
-    read = dataset.read(wanted, window=window, out_shape=(len(wanted), *shape), resampling=how)
+    read = dataset.read(bands, window=window, out_shape=(len(bands), *shape), resampling=how)
     sigma = read[1] if len(read) > 1 else np.zeros(shape, np.float32)
     unsure: Raster = np.where(np.isfinite(sigma), sigma, np.float32(1e6))
     return read[0], unsure

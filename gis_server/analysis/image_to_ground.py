@@ -1,7 +1,7 @@
 """From an image onto the ground: what a pixel shows, and which stops and images are near a place.
 
-The ground at a pixel is found by the parallax it was matched with, else where its ray meets a
-terrain model.
+The ground at a pixel follows from its matched parallax, else from the intersection of its ray with
+a terrain model.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.model import Layer, ScopeLevel
 
 NORMAL_M = 0.25
-"""Half of the square that the normal of the ground is found in: the baseline of slopes."""
+"""Half the side of the square for the normal of the ground: the baseline of slopes."""
 MOST_IMAGES = 400
-"""Images that one question looks at: those of some twenty panoramas."""
+"""Most images of one query: those of some twenty panoramas."""
 _USUAL = ViewshedParams()
 _NEAREST_M, _FURTHEST_M, _CURVE_POINTS = 1.0, 200.0, 96
 """Ranges between which a ray is followed into other images, and its points there."""
@@ -56,7 +56,7 @@ def point_on_map(
     if number == NOWHERE:
         raise UnanswerableError(
             f"the ground at east {place[0]:.2f}, north {place[1]:.2f} has no elevation; give one "
-            "as `elevation`, or take a place on mapped ground"
+            "as `elevation`, or choose a place on mapped ground"
         )
     layer = ground.models[number]
     up = np.array([*place, float(at.elevation[0])])
@@ -67,7 +67,7 @@ def point_on_map(
 
 
 def frame_of(layer: Layer, mission: OrientedMission, place: tuple[float, float]) -> StopPose:
-    """The stop that a terrain model stands on; of a region's, the nearest one to a place."""
+    """The stop of a terrain model; for a region, the stop nearest to a place."""
     if layer.ref.scope.level is ScopeLevel.STOP:
         for pose in mission.stops.values():
             if str(pose.stop) == layer.ref.scope.name:
@@ -112,12 +112,12 @@ def stop_named(mission: OrientedMission, name: str) -> StopId:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PixelGround:
-    """The ground at a pixel, and what it was found by."""
+    """The ground at a pixel, and the source of its range."""
 
     ground: GroundPoint
     told_by: str
     layer: Layer | None
-    """The terrain model that was met."""
+    """The intersected terrain model."""
 
 
 def ground_at(
@@ -127,7 +127,7 @@ def ground_at(
     mission: OrientedMission,
     ground: Ground,
 ) -> PixelGround | None:
-    """The ground at a pixel: by its parallax where it was matched, else where its ray meets."""
+    """The ground at a pixel: by its matched parallax, else by the intersection of its ray."""
     image = mission.oriented_image(entry)
     if not image.shows(np.array(point)):
         raise UnanswerableError(
@@ -195,7 +195,7 @@ def _intersect_ray(
 
 
 def pixel_angle(image: OrientedImage, point: tuple[float, float]) -> float:
-    """Angle that a pixel takes up, radians."""
+    """Angular size of a pixel, radians."""
     around = np.array(point) + np.array([[-0.5, 0.0], [0.5, 0.0]])
     rays = image.camera.rays(around)
     return float(np.linalg.norm(rays[1] - rays[0]))

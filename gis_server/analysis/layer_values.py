@@ -32,12 +32,12 @@ _SHAPES = {"Point": shapely.Point, "LineString": shapely.LineString}
 log = logging.getLogger(__name__)
 _WIDEST_FIRST = {ScopeLevel.REGION: 0, ScopeLevel.SOL: 1, ScopeLevel.STOP: 2}
 _NEAR_M = 2.0
-"""How far from the place a stop or tie point may be: about the length of a rover."""
+"""Largest distance of a stop or tie point from the place: about the length of a rover."""
 _MOST = 50
 _AREAS = (ProductKind.FOOTPRINTS, ProductKind.HAVENS, ProductKind.REGION_HAVENS)
 _NEARBY = (ProductKind.STOPS, ProductKind.TIE_POINTS, ProductKind.POINTING)
 _CELLS = 4_000_000
-"""Cells that are looked at; of larger windows an overview is read."""
+"""Most cells read; larger windows are read from an overview."""
 _KEPT = 100_000
 """Features that are kept in memory, some kilobytes each."""
 _PERCENT = (5.0, 25.0, 50.0, 75.0, 95.0)
@@ -73,7 +73,7 @@ class FeatureHere(BaseModel):
 
 
 class Place(BaseModel):
-    """All that is known of a place: metres of the local map, degrees of Mars, layers, features."""
+    """Coordinates, layers and features at a place: metres of the local map, degrees of Mars."""
 
     east: float
     north: float
@@ -127,10 +127,9 @@ def identify(
 
 
 def _elevation(values: Sequence[ValueHere]) -> ValueHere | None:
-    """The elevation from the most comprehensive terrain model that has one here.
+    """The elevation at a place, from the most comprehensive terrain model that has one.
 
-    That of the region is used where no stop has one, and models of far ground last: close to the
-    stops others are more accurate.
+    Models of far ground are used last: close to the stops others are more accurate.
     """
     kinds = (ProductKind.DTM, ProductKind.REGION_DTM, ProductKind.FAR_DTM)
     return next((value for kind in kinds for value in values if value.kind == kind), None)
@@ -202,7 +201,7 @@ class FeatureIndex:
     tree: shapely.STRtree
 
     def holding(self, east: float, north: float) -> list[Feature]:
-        """The polygons that hold a place, smallest first."""
+        """The polygons that contain a place, smallest first."""
         found = self.tree.query(shapely.Point(east, north), predicate="intersects")
         polygons = [int(i) for i in found if self.collection.features[i].geometry == "Polygon"]
         polygons.sort(key=lambda i: self.shapes[i].area)
@@ -245,7 +244,7 @@ class ZonalQuestion(Question):
 
 
 class ClassShare(BaseModel):
-    """How much of the polygon a class takes up."""
+    """Area of a class inside the polygon."""
 
     value: int
     name: str

@@ -78,7 +78,7 @@ PixelHere = Annotated[float, Field(ge=-1, le=1e5)]
 ImageHere = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,127}$")]
 _MOST_TIES = 500
 _MOST_SOLUTIONS = 4
-"""Pairs of stops that are remembered as they stand, a few megabytes each."""
+"""Cached pairs of adjusted stops, a few megabytes each."""
 _SOLUTIONS: OrderedDict[
     tuple[Path, ProductRef, frozenset[StopId]],
     tuple[Network, tuple[AdjustedNetwork, AdjustmentReport]],
@@ -100,7 +100,7 @@ class RefineQuestion(Question):
     first: Picked
     second: Picked
     reach_px: Annotated[float, Field(gt=0, le=LARGEST_REACH_PX)] = REACH_PX
-    """Within which the second point is looked for."""
+    """Radius of the search for the second point."""
 
 
 class RefineAnswer(BaseModel):
@@ -128,12 +128,12 @@ def refine_pick(question: RefineQuestion, mission: OrientedMission) -> RefineAns
     try:
         found = measure_pick(first, second, at, start, question.reach_px)
         place = stored_point(eyes.left, eyes.geometry, np.array([found.place]))[0]
-        said, sigma, correlation = None, found.sigma_px, found.correlation
+        reason, sigma, correlation = None, found.sigma_px, found.correlation
     except MatchingError as error:
-        place, said, sigma, correlation = picked, str(error), None, None
+        place, reason, sigma, correlation = picked, str(error), None, None
     return RefineAnswer(
-        found=said is None,
-        said=said,
+        found=reason is None,
+        said=reason,
         image=eyes.pair_id,
         sample=round(float(place[0]), 3),
         line=round(float(place[1]), 3),
@@ -172,7 +172,7 @@ def _picked_view(
 ) -> tuple[PickedView, Float64[np.ndarray, " 2"], StereoPartners]:
     entry, eyes = left_entry(point.image, mission)
     pair = mission.pair_of(entry)
-    assert pair is not None  # noqa: S101 - asked of by `left_entry`
+    assert pair is not None  # noqa: S101 - checked by `left_entry`
     grey = linearised_image(entry, mission.workspace)
     mask = np.isfinite(grey)
     view = View.of(np.where(mask, grey, np.float32(0)), mask)
@@ -195,7 +195,7 @@ class TiePoint(Question):
     right_line: PixelHere | None = None
 
 
-class TieWish(Question):
+class TieRequest(Question):
     """A row of a file of manual tie points."""
 
     action: Literal["add", "veto", "move"] = "add"
@@ -208,7 +208,7 @@ class TieWish(Question):
 class TrialQuestion(Question):
     """Manual tie points between images of two stops."""
 
-    ties: Annotated[list[TieWish], Field(min_length=1, max_length=_MOST_TIES)]
+    ties: Annotated[list[TieRequest], Field(min_length=1, max_length=_MOST_TIES)]
 
 
 class TieResidual(BaseModel):
@@ -219,7 +219,7 @@ class TieResidual(BaseModel):
     status: str
     """used; blunder: it contradicts the others and was set aside."""
     residual_px: float | None
-    """Length of both images' residuals together, root mean square of a coordinate."""
+    """Root mean square of both images' residuals per coordinate."""
     first: list[float | None]
     """(sample, line, parallax)."""
     second: list[float | None]
@@ -228,7 +228,7 @@ class TieResidual(BaseModel):
 
 
 class StopChange(BaseModel):
-    """By how much the second stop moves, and how sure it is."""
+    """Movement of the second stop, and its standard deviation."""
 
     east_m: float
     north_m: float
@@ -265,7 +265,7 @@ class TrialAnswer(BaseModel):
     after: TrialReport
     ties: list[TieResidual]
     notes: list[str]
-    """Ties that could not be carried out, and why."""
+    """Ties that could not be applied, and the reasons."""
     vetoed: int
     """Automatic observations dropped."""
     network: NetworkUsed
@@ -279,7 +279,7 @@ def preview_adjustment(question: TrialQuestion, mission: OrientedMission) -> Tri
     manual, placed, notes = _make_ties(requests, images)
     vetoes = [veto for request in requests if (veto := _veto(request, images))]
     if not (len(manual) or vetoes):
-        raise UnanswerableError(f"no tie could be carried out: {'; '.join(notes)}")
+        raise UnanswerableError(f"no tie could be applied: {'; '.join(notes)}")
     network, solution = _current_solution(mission, frozenset(stops))
     found = preview_manual_ties(network, solution, manual, vetoes, AdjustmentParams())
     return _answer(found, network.stop_ids, placed, notes, mission)
@@ -288,7 +288,7 @@ def preview_adjustment(question: TrialQuestion, mission: OrientedMission) -> Tri
 def _current_solution(
     mission: OrientedMission, stops: frozenset[StopId]
 ) -> tuple[Network, tuple[AdjustedNetwork, AdjustmentReport]]:
-    """Two stops adjusted without manual tie points, remembered while a person edits."""
+    """Two stops adjusted without manual tie points, cached while a person edits."""
     key = (mission.workspace.store.root, mission.ref, stops)
     with _LOCK:
         if key not in _SOLUTIONS:
@@ -316,7 +316,7 @@ def _stops(question: TrialQuestion, mission: OrientedMission) -> set[StopId]:
     if len(stops) != 2:  # noqa: PLR2004
         named = ", ".join(sorted(str(stop) for stop in stops))
         raise UnanswerableError(
-            f"a trial is of ties between two stops; these images are at {named}"
+            f"a preview needs ties between two stops; these images are at {named}"
         )
     return stops
 
@@ -327,7 +327,7 @@ def _manual_image(name: str, mission: OrientedMission) -> ManualImage:
     return ManualImage(eyes.pair_id, eyes.geometry, eyes.left, eyes.right, parallax)
 
 
-def _tie_request(row: int, tie: TieWish) -> EditRequest:
+def _tie_request(row: int, tie: TieRequest) -> EditRequest:
     first, second = (_point(point) for point in (tie.first, tie.second))
     action = EditAction(tie.action)
     return EditRequest(action, first, second, tie.sigma_px, tie.tolerance_px, f"tie {row}")
@@ -338,7 +338,7 @@ def _point(point: TiePoint) -> EditPoint:
     places = []
     for sample, line in pairs:
         if (sample is None) != (line is None):
-            raise UnanswerableError(f"sample and line go together; one is missing in {point.image}")
+            raise UnanswerableError(f"sample and line go together: {point.image} lacks one")
         places.append(None if sample is None or line is None else (sample, line))
     return EditPoint(point.image.upper(), places[0], places[1])
 
@@ -346,7 +346,7 @@ def _point(point: TiePoint) -> EditPoint:
 def _make_ties(
     requests: list[EditRequest], images: dict[str, ManualImage]
 ) -> tuple[Ties, list[int], list[str]]:
-    """The ties that are added, the numbers of their requests, and what could not be carried out."""
+    """The added ties, the numbers of their requests, and ties that could not be applied."""
     made: list[Ties] = []
     numbers: list[int] = []
     notes: list[str] = []

@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 
 from solmap.gis_server.analysis.bodies import (
     UNITS,
-    LayerAsked,
+    LayerChoice,
     LayerUsed,
     Line,
     Polygon,
@@ -54,7 +54,7 @@ class LineQuestion(Question):
     """A line on the map."""
 
     line: Line
-    layer: LayerAsked = BEST
+    layer: LayerChoice = BEST
     step_m: Annotated[float, Field(gt=0, le=1000)] = 0.5
     """Of the length along the ground: with shorter steps noise makes lines longer."""
 
@@ -94,7 +94,7 @@ class AreaQuestion(Question):
     """A polygon on the map."""
 
     polygon: Polygon
-    layer: LayerAsked = BEST
+    layer: LayerChoice = BEST
 
 
 class AreaAnswer(BaseModel):
@@ -122,7 +122,7 @@ class AreaAnswer(BaseModel):
 
 
 class VolumeQuestion(AreaQuestion):
-    """A polygon on the map, and what its volume is taken against."""
+    """A polygon on the map, and the base of its volume."""
 
     base: Literal["rim", "level", "lowest"] = "rim"
     """rim: the plane that fits the ground along the outline; level: `elevation_m`; lowest: a level
@@ -294,10 +294,10 @@ def layers_used(read: GroundSamples, ground: Ground) -> list[LayerUsed]:
 
 
 class ProfileQuestion(Question):
-    """A line on the map, and how it is to be read."""
+    """A line on the map, and parameters of its profile."""
 
     line: Line
-    layer: LayerAsked = BEST
+    layer: LayerChoice = BEST
     step_m: Annotated[float, Field(gt=0)] | None = None
     """Largest distance of stations; by default a cell, or a thousandth of the line."""
     slope_baseline_m: Annotated[float, Field(gt=0, le=100)] = 0.5
@@ -321,7 +321,7 @@ class ProfileAnswer(BaseModel):
     sigma_m: list[float | None]
     """Of the elevation, the part of the rover's poses included: the uncertainty band."""
     pose_sigma_m: list[float | None]
-    """That part: it lifts or lowers neighbouring stations together."""
+    """The part of the poses: an error common to neighbouring stations."""
     slope_deg: list[float | None]
     """Along the line, positive uphill."""
     slope_sigma_deg: list[float | None]
@@ -340,7 +340,7 @@ def profile_of(question: ProfileQuestion, ground: Ground) -> Profile:
 
 
 def profile_answer(question: ProfileQuestion, found: Profile, ground: Ground) -> ProfileAnswer:
-    """The profile as it is sent."""
+    """Response with the profile."""
     used = sorted({int(k) for k in found.ground.source.tolist() if k != NOWHERE})
     along = found.stations
     step = float(np.diff(along.distance_m).max())
@@ -363,7 +363,7 @@ def profile_answer(question: ProfileQuestion, found: Profile, ground: Ground) ->
 
 
 def profile_csv(answer: ProfileAnswer) -> str:
-    """The stations as a table; the layer's id and digest stand in every row."""
+    """The stations as a table; the layer's id and digest are in every row."""
     ground = ("distance_m", "east", "north", "elevation_m", "sigma_m", "pose_sigma_m")
     columns = (*ground, "slope_deg", "slope_sigma_deg")
     names = [(layer.id, layer.digest) for layer in answer.layers]

@@ -43,7 +43,7 @@ from solmap.products.model import ProductRef
 MOST_PAIRS = 2000
 """Pairs and single images that one answer draws."""
 _FAR_M = 1e4
-"""How far away a point that has no place is taken to lie."""
+"""Assumed range of a point without a position."""
 
 
 class StopNode(BaseModel):
@@ -58,7 +58,7 @@ class StopNode(BaseModel):
     held_by: str
     is_tied: bool
     weak: list[str]
-    """Why it deserves a look; empty: it is well held."""
+    """Why it is weak; empty if it is well determined."""
 
 
 class LinkEdge(BaseModel):
@@ -73,7 +73,7 @@ class LinkEdge(BaseModel):
 
 
 class Weak(BaseModel):
-    """A part of the network that deserves a look."""
+    """A weak part of the network."""
 
     what: str
     why: str
@@ -128,7 +128,7 @@ class PairGraph(BaseModel):
 
 @lru_cache(maxsize=4)
 def _assess(network: NetworkProduct) -> tuple[Links, tuple[Weak, ...]]:
-    """Links and weaknesses of a network, remembered: it never changes."""
+    """Links and weaknesses of a network, cached because it never changes."""
     links = shared_ties(network.adjusted)
     found = weaknesses(network.adjusted, links, (), QualityParams())
     return links, tuple(Weak(what=one.what, why=one.why) for one in found)
@@ -189,7 +189,7 @@ def _links(
 def pair_graph(
     ref: ProductRef, network: NetworkProduct, stop: str, entries: Mapping[str, ImageEntry]
 ) -> PairGraph:
-    """The pairs of a stop with all they are tied to; `entries` by image identifier."""
+    """The pairs of a stop and the pairs tied to them; `entries` by image identifier."""
     adjusted = network.adjusted
     own = {pair.pair_id for pair in adjusted.pairs if str(pair.stop) == stop}
     edges = [
@@ -209,7 +209,7 @@ def pair_graph(
 
 
 def shared_by_pairs(network: AdjustedNetwork) -> dict[tuple[str, str], int]:
-    """How many tie points each two pairs share, by used observations."""
+    """Number of tie points shared by each two pairs, from used observations."""
     ties, seen = network.ties, network.ties.observations
     rows = np.flatnonzero(ties.status == USED)
     met = np.unique(np.column_stack([seen.point[rows], seen.pair[rows]]), axis=0)
@@ -268,7 +268,7 @@ class ImageTie(BaseModel):
     status: str
     """used; blunder: set aside; unused: not placed."""
     pairs: list[str]
-    """Other pairs, by their left images, whose observations of the point stand."""
+    """Other pairs, by their left images, with used observations of the point."""
     place: tuple[float, float, float] | None
     """(east, north, up) as adjusted."""
     sigma_m: float | None
@@ -330,8 +330,8 @@ def to_stored_image(
 ) -> ImagePoints:
     """Points of the left epipolar image in an image of the pair as stored.
 
-    Where there is no parallax the point lies far away on its ray; in the left image its distance
-    does not matter.
+    A point without parallax is placed far away on its ray; in the left image its distance does not
+    matter.
     """
     far = geometry.focal_px * geometry.base_m / _FAR_M
     known = np.where(np.isfinite(parallax_px) & (parallax_px > 0), parallax_px, far)
@@ -361,9 +361,9 @@ def _ties(
 def _others(rows: np.ndarray, ties: AdjustedTies) -> dict[int, list[tuple[int, str]]]:
     """By point: the used observations and the pairs they are in."""
     seen = ties.observations
-    wanted = np.flatnonzero(np.isin(seen.point, seen.point[rows]) & (ties.status == USED))
+    rows_of_points = np.flatnonzero(np.isin(seen.point, seen.point[rows]) & (ties.status == USED))
     found: dict[int, list[tuple[int, str]]] = {}
-    for row in wanted.tolist():
+    for row in rows_of_points.tolist():
         found.setdefault(int(seen.point[row]), []).append((row, seen.pair_ids[seen.pair[row]]))
     return found
 

@@ -22,14 +22,14 @@ from solmap.products.model import Layer, ProductKind, ProductRef
 from solmap.products.store.product_store import ProductStore
 
 FAR_M = 10_000.0
-"""Where a direction is projected from that meets no known ground: without parallax."""
+"""Distance assumed for directions without known ground: far enough to have no parallax."""
 HIDDEN_SHARE, HIDDEN_M = 0.03, 0.1
-"""How much nearer than a place the ground in its direction may be before that hides it."""
+"""Tolerance of the range before nearer ground counts as hiding a place."""
 _FACTS = 1024
 
 
 class GroundSeen(BaseModel):
-    """The ground in a direction, metres of the local map, and how far it is from the panorama."""
+    """The ground in a direction, metres of the local map, and its distance from the panorama."""
 
     east: float
     north: float
@@ -57,7 +57,7 @@ class DirectionSeen(BaseModel):
 
 
 class PlaceSeen(BaseModel):
-    """In which direction a place of the map is seen."""
+    """Direction of a place of the map."""
 
     azimuth_deg: float
     elevation_deg: float
@@ -79,7 +79,7 @@ class PanoramaView:
 
     @classmethod
     def of(cls, layer: Layer, store: ProductStore, pool: RasterPool) -> PanoramaView:
-        """The panorama that a layer is."""
+        """The panorama of a layer."""
         if layer.ref.kind is not ProductKind.PANORAMA:
             raise ProductNotFoundError(f"{layer.id} is not a panorama")
         return cls(layer, facts_of(layer, store, pool), store, pool)
@@ -87,7 +87,7 @@ class PanoramaView:
     def direction(
         self, azimuth_deg: float, elevation_deg: float, mission: OrientedMission
     ) -> DirectionSeen:
-        """What is seen in a direction.
+        """Ground and image in a direction.
 
         Raises:
             OutsideCoverageError: the panorama does not reach there.
@@ -160,7 +160,7 @@ class PanoramaView:
 
 
 def facts_of(layer: Layer, store: ProductStore, pool: RasterPool) -> PanoramaFacts:
-    """The facts in a panorama; read once, because products never change."""
+    """The metadata of a panorama; read once, because products never change."""
     return _facts(layer.ref, store, pool)
 
 

@@ -12,7 +12,7 @@ from solmap.gis_server.analysis.bodies import (
     MOST_CORNERS,
     UNITS,
     Corner,
-    LayerAsked,
+    LayerChoice,
     LayerUsed,
     MetresHere,
     Polygon,
@@ -34,24 +34,24 @@ from solmap.photogrammetry.terrain.relief.slope import CORRELATION_M
 
 _MOST_POINTS = 2500
 _LEAST_SIGMA_M = 0.002
-"""Standard deviation of an elevation that a model calls surer: a fraction of its steps."""
+"""Least standard deviation of an elevation: a fraction of the steps of the model."""
 
 Picked = Corner | tuple[MetresHere, MetresHere, Annotated[float, Field(ge=-1e5, le=1e5)]]
 """(east, north), on the ground, or (east, north, elevation)."""
 
 
 class PlaneQuestion(Question):
-    """Places that a plane is to go through: picked points, or a polygon of ground."""
+    """Places for fitting a plane: picked points, or a polygon of ground."""
 
     points: Annotated[list[Picked], Field(min_length=3, max_length=MOST_CORNERS)] | None = None
     polygon: Polygon | None = None
-    layer: LayerAsked = BEST
+    layer: LayerChoice = BEST
     sigma_m: Annotated[float, Field(gt=0, le=10)] = 0.02
     """Standard deviation, each way, of points that come with their elevation."""
 
 
 class PlaneAnswer(BaseModel):
-    """A plane and how sure it is."""
+    """A plane and its uncertainty."""
 
     units: str = UNITS
     dip_deg: float
@@ -75,10 +75,10 @@ class PlaneAnswer(BaseModel):
 
 
 def plane_answer(question: PlaneQuestion, ground: Ground) -> PlaneAnswer:
-    """The likeliest plane through the places of a question.
+    """The most probable plane through the places of a request.
 
     Raises:
-        TerrainError: they hold no plane.
+        TerrainError: they do not determine a plane.
     """
     if (question.points is None) == (question.polygon is None):
         raise UnanswerableError("a plane goes through `points` or a `polygon`: give one of them")
@@ -98,8 +98,8 @@ def _places(question: PlaneQuestion, ground: Ground) -> tuple[MapPoints, np.ndar
     """Places and their elevations, NaN where these are the ground's."""
     if question.points is not None:
         places = np.array([point[:2] for point in question.points])
-        told = [point[2] if len(point) > 2 else math.nan for point in question.points]  # noqa: PLR2004
-        return places, np.array(told)
+        elevations = [point[2] if len(point) > 2 else math.nan for point in question.points]  # noqa: PLR2004
+        return places, np.array(elevations)
     spacing = max(CORRELATION_M, ground.finest_cell_m)  # nearer points repeat each other's error
     inside, _ = places_inside(polygon_of(np.array(question.polygon)), spacing, _MOST_POINTS)
     return inside, np.full(len(inside), np.nan)

@@ -1,4 +1,4 @@
-"""From the ground into images: where a place falls in them, how surely, and whether they see it.
+"""From the ground into images: projection of a place, its uncertainty and its visibility.
 
 Image points are (sample, line) of the image as stored: (0, 0) is the centre of its first pixel.
 """
@@ -44,8 +44,10 @@ from solmap.products.catalogue.oriented_images import OrientedMission
 
 _USUAL = ViewshedParams()
 LIFT_M = 0.05
-"""By which the ground at a place may be lower than it is: some two standard deviations of a terrain
-model, so that its noise hides nothing from grazing views."""
+"""Tolerance of the height of the ground: some two standard deviations of a terrain model.
+
+Noise of the model then hides nothing from grazing views.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +72,7 @@ class ProjectedPoint:
 def project_into(
     entry: ImageEntry, target: GroundPoint, mission: OrientedMission
 ) -> ProjectedPoint | None:
-    """A place of the ground in an image; None where it does not fall on it. Not yet if in sight."""
+    """A place of the ground in an image, without visibility; None if it is outside the image."""
     image = mission.oriented_image(entry)
     point = image.camera.project(target.point[None])[0]
     if not image.shows(point):
@@ -98,14 +100,16 @@ def project_into(
 def add_visibility(
     seen: Sequence[ProjectedPoint], target: GroundPoint, mission: OrientedMission, ground: Ground
 ) -> list[ProjectedPoint]:
-    """The same with whether each image sees it.
+    """The same with the visibility in each image.
 
-    What hides it, by the parallax its pair was matched with or by the terrain between, hides it.
-    The terrain is read once for all images.
+    Visibility follows from the matched parallax of the pair, or from the terrain between. The
+    terrain is read once for all images.
     """
     by_pair = [_by_pair(one, target, mission) for one in seen]
-    asked = [k for k, (sight, _) in enumerate(by_pair) if sight is not Sight.HIDDEN]
-    between = dict(zip(asked, _by_terrain([seen[k] for k in asked], target, ground), strict=True))
+    not_hidden = [k for k, (sight, _) in enumerate(by_pair) if sight is not Sight.HIDDEN]
+    between = dict(
+        zip(not_hidden, _by_terrain([seen[k] for k in not_hidden], target, ground), strict=True)
+    )
     return [
         _with_sight(one, sight, between.get(k), linearised)
         for k, (one, (sight, linearised)) in enumerate(zip(seen, by_pair, strict=True))
@@ -169,7 +173,7 @@ class EllipseBody(BaseModel):
 
 
 class GroundBody(BaseModel):
-    """A place on the ground and how sure it is, against the stop that is held fixed."""
+    """A place on the ground and its uncertainty relative to the held stop."""
 
     east: float
     north: float
@@ -209,10 +213,10 @@ class SeenBody(BaseModel):
     sight: str
     """visible, hidden or unknown."""
     told_by: str
-    """parallax: what the pair was matched with there; terrain: the ground between; nothing."""
+    """parallax: the matched parallax of the pair; terrain: the ground between; nothing."""
     linearised_sample: float | None
     linearised_line: float | None
-    """The place in the image as matching sees it, resampled with its partner."""
+    """The place in the linearised image used for matching."""
     browse: ServerPath
     original: ServerPath
 
@@ -232,7 +236,7 @@ class PredictedBody(SeenBody):
 
 
 class GroundToImage(BaseModel):
-    """The images that show a place, those that see it first, then the nearest."""
+    """The images that show a place, visible ones first, then by distance."""
 
     units: str = UNITS
     ground: GroundBody
@@ -267,7 +271,7 @@ class ImageToImage(ImageToGround):
 
 
 def ground_body(target: GroundPoint) -> GroundBody:
-    """A place as it is sent."""
+    """Response with a place."""
     east, north, up = target.on_map.tolist()
     total = target.total_covariance
     sigmas = np.sqrt(np.maximum(np.diagonal(total), 0.0)).tolist()
@@ -291,7 +295,7 @@ def ground_body(target: GroundPoint) -> GroundBody:
 
 
 def seen_body(seen: ProjectedPoint) -> SeenBody:
-    """A place in an image as it is sent."""
+    """Response with a place in an image."""
     return SeenBody(**_seen_fields(seen))
 
 
@@ -303,7 +307,7 @@ def predicted_body(
 
 
 def curve_body(curve: tuple[ImagePoints, Float64[np.ndarray, " k"]]) -> list[CurvePoint]:
-    """An epipolar curve as it is sent."""
+    """Response with an epipolar curve."""
     return [
         CurvePoint(sample=round(x, 2), line=round(y, 2), range_m=round(r, 3))
         for (x, y), r in zip(curve[0].tolist(), curve[1].tolist(), strict=True)
@@ -311,7 +315,7 @@ def curve_body(curve: tuple[ImagePoints, Float64[np.ndarray, " k"]]) -> list[Cur
 
 
 def _layers_used(found: PixelGround | None) -> list[LayerUsed]:
-    """The terrain model that a pixel's ground was found on, if one was."""
+    """The terrain model used for a pixel's ground, if any."""
     return [LayerUsed.of(found.layer)] if found and found.layer else []
 
 

@@ -44,14 +44,14 @@ class Ellipsoid(BaseModel):
 
 
 class SceneStop(BaseModel):
-    """A stop: where the adjustment and where telemetry has it, and how the rover stood."""
+    """A stop: adjusted and telemetry positions, and the attitude of the rover."""
 
     stop: str
     site: int
     drive: int
     sols: tuple[int, ...]
     held: bool
-    """It defines the datum: its place is not in question."""
+    """It defines the datum: its position is fixed."""
     place: Place
     telemetry: Place
     map_from_rover: tuple[Place, Place, Place]
@@ -85,7 +85,7 @@ class SceneStops(BaseModel):
     network: str | None
     """Digest of the adjusted network; null while none has been adjusted."""
     body: Body | None
-    """Null for a rover whose measures are not known."""
+    """Null for a rover of unknown dimensions."""
     stops: list[SceneStop]
     sites: list[SceneSite] = []
     """The sites of the stops whose frames are known."""

@@ -1,9 +1,8 @@
-"""The adjustments of a mission, and how far one traverse lies from another.
+"""The adjustments of a mission, and differences between traverses.
 
-Every network that was ever made stays in the store: after each sol, after manual ties, after
-overall adjustments. Two of them, or one and telemetry, are compared stop by stop, as the paper does
-in its section 3.3: both traverses start at the same place, and differences accumulate along the
-way.
+All networks stay in the store: after each sol, after manual ties, after overall adjustments. Two of
+them, or one and telemetry, are compared stop by stop, as the paper does in its section 3.3: both
+traverses start at the same place, and differences accumulate along the way.
 """
 
 from __future__ import annotations
@@ -134,23 +133,23 @@ def _made_at(ref: ProductRef, store: ProductStore) -> str:
 
 
 def network_named(
-    mission: str, asked: str, catalogue: Catalogue, store: ProductStore
+    mission: str, requested: str, catalogue: Catalogue, store: ProductStore
 ) -> tuple[ProductRef, NetworkProduct]:
-    """The network that a question names: `latest`, or scope and digest.
+    """The requested network: `latest`, or scope and digest.
 
     Raises:
         ProductNotFoundError: there is none of that name.
     """
-    if asked == LATEST:
+    if requested == LATEST:
         ref = latest_network(mission, catalogue)
         return ref, cached_whole_network(ref, store)
-    scope, _, digest = asked.partition("/")
+    scope, _, digest = requested.partition("/")
     for ref in published_networks(mission, catalogue):
         same = ProductRef(ref.kind, ref.scope, digest)
         if ref.scope.name == scope and same in store.versions(ref.kind, ref.scope):
             return same, cached_whole_network(same, store)
     raise ProductNotFoundError(
-        f"no adjustment {asked!r} of {mission} is in the store; /solutions lists them, "
+        f"no adjustment {requested!r} of {mission} is in the store; /solutions lists them, "
         f"{LATEST!r} is the one on the map"
     )
 
@@ -199,9 +198,9 @@ def _stops(network: NetworkProduct) -> dict[str, AdjustedStop]:
 
 
 def _sigma_along(offset_m: np.ndarray, stops: Iterable[AdjustedStop | None]) -> float:
-    """Of the places of stops together, in the direction of an offset (east, north, up).
+    """Standard deviation of the difference of two stops in the direction of an offset.
 
-    Of no offset: in the worst direction.
+    The offset is (east, north, up); if it is zero, the worst direction is used.
     """
     known = [stop.covariance[3:5, 3:5] for stop in stops if stop]
     covariance: np.ndarray = np.sum(known, axis=0)

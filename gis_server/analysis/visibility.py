@@ -1,4 +1,4 @@
-"""Lines of sight between two places, and viewsheds: all ground that can be seen from a place."""
+"""Lines of sight between two places, and viewsheds: all ground visible from a place."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FARTHEST_M = 2000.0
 """Longest line of sight, and largest radius of a viewshed."""
 _MOST_STATIONS = 2000
 MOST_CELLS = 1_500_000
-"""Cells of a viewshed, a second of work; of larger areas the cells are doubled."""
+"""Most cells of a viewshed, one second of work; larger areas get cells of twice the size."""
 MOST_POLYGONS = 500
 
 
@@ -47,7 +47,7 @@ class SightAnswer(BaseModel):
     sight: str
     """visible, hidden or unknown."""
     clearance_m: float | None
-    """Least height of the line over known ground; below zero, how far it runs under it."""
+    """Least height of the line over known ground; negative below it."""
     obstruction: tuple[float, float, float] | None
     """(east, north, elevation) of the ground that is most in the way."""
     obstruction_distance_m: float | None
@@ -117,7 +117,7 @@ def line_of_sight(
 def point_above_ground(
     place: tuple[float, float], elevation: float | None, height_m: float, ground: Ground
 ) -> Vector3:
-    """(east, north, up) of what is so high above the ground, the map's where none is given.
+    """(east, north, up) at a height above the ground, by default that of the map.
 
     Raises:
         UnanswerableError: the map has no elevation there.
@@ -154,7 +154,7 @@ class ViewshedAnswer(BaseModel):
     eye_elevation_m: float
     mast_m: float
     target_m: float
-    """Height of what is looked at above the ground."""
+    """Height of the target above the ground."""
     radius_m: float
     cell_m: float
     max_unseen_m: float
@@ -189,7 +189,7 @@ def compute_viewshed(
 
 
 def viewshed_answer(seen: Viewshed, query: str, address: str) -> ViewshedAnswer:
-    """The viewshed as sent; images are available with the same query."""
+    """Response with the viewshed; images are available with the same query."""
     cell, grid = seen.grid.cell_m**2, seen.grid
     east, north = grid.centres()
     away = np.hypot(east[None, :] - seen.eye[0], north[:, None] - seen.eye[1])
@@ -218,7 +218,7 @@ def viewshed_answer(seen: Viewshed, query: str, address: str) -> ViewshedAnswer:
 
 
 def _polygons(seen: Viewshed) -> Iterator[dict[str, Any]]:
-    """What is visible, patch by patch."""
+    """Visible ground, patch by patch."""
     visible = (seen.sight == Sight.VISIBLE).astype(np.uint8)
     for rings, _ in polygons_of(visible, seen.grid):
         area = _area(rings[0]) - sum(_area(hole) for hole in rings[1:])

@@ -1,8 +1,8 @@
-"""Tokens on requests: whose they are, and what their role permits.
+"""Tokens of requests: their owner, and the permissions of their role.
 
-Reading is open to all. Writing takes a token with a role, in the header `Authorization: Bearer
-solmap_...`; no cookie is ever set, so no other site makes a browser write. Without any token
-nothing can be written at all.
+Reading is open to all. Writing needs a token with a role, in the header `Authorization: Bearer
+solmap_...`; no cookie is set, so another site cannot make a browser write. A store without tokens
+accepts no writes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MOST_WRONG, WITHIN_S = 20, 60.0
 
 
 class WrongTokens:
-    """Counts wrong tokens by the address they came from, and has guessers wait.
+    """Counts wrong tokens by client address, and refuses guessers for a while.
 
     Right tokens are always accepted, also from an address that sends wrong ones.
     """
@@ -35,7 +35,7 @@ class WrongTokens:
         self._came: dict[str, deque[float]] = {}
 
     def wait_s(self, host: str) -> float:
-        """Note a wrong token; for how long none of this address is looked at again, or zero."""
+        """Count a wrong token; returns the time for which this address is refused, or zero."""
         now = time.monotonic()
         for other in [key for key, times in self._came.items() if now - times[-1] > WITHIN_S]:
             del self._came[other]
@@ -55,7 +55,7 @@ def _token_of(
     services: ServicesOf,
     shown: Annotated[HTTPAuthorizationCredentials | None, Depends(_BEARER)],
 ) -> Token:
-    """Whose token a request shows.
+    """The owner of the token of a request.
 
     Raises:
         HTTPException: 403 where no tokens exist, 401 without or with a wrong one, 429 after many
@@ -83,7 +83,7 @@ def _token_of(
                 {"Retry-After": str(int(wait_s) + 1)},
             )
         raise HTTPException(
-            401, "this token is unknown, revoked or has ended; request another", _CHALLENGE
+            401, "this token is unknown, revoked or expired; request another", _CHALLENGE
         )
     return token
 
@@ -93,16 +93,16 @@ Holder = Annotated[Token, Depends(_token_of)]
 
 
 class Requires:
-    """A dependency that lets holders of a role pass, and of those above it."""
+    """A dependency that admits holders of a role or a higher one."""
 
     def __init__(self, role: Role) -> None:
         self._role = role
 
     def __call__(self, token: Holder) -> Token:
-        """The token that is shown.
+        """The token of the request.
 
         Raises:
-            HTTPException: 403, its role does not reach.
+            HTTPException: 403, its role is insufficient.
         """
         if token.role < self._role:
             raise HTTPException(

@@ -86,14 +86,14 @@ class Annotation(BaseModel):
         Field(description="drafts are on the map, not in OGC services and downloads"),
     ] = "published"
     replaces: Annotated[
-        int | None, Field(ge=1, le=LARGEST_ID, description="annotation that this is a new form of")
+        int | None, Field(ge=1, le=LARGEST_ID, description="annotation that this one replaces")
     ] = None
     colour: Annotated[str, Field(pattern=r"^#[0-9a-f]{6}$")] | None = None
     note: Note = ""
 
 
 class Undo(BaseModel):
-    """Why an edit is taken back."""
+    """Reason for revoking an edit."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -120,9 +120,9 @@ def edits(
     services: ServicesOf,
     response: Response,
     kind: EditKind | None = None,
-    counting: Annotated[bool, Query(description="leave out what was taken back")] = False,  # noqa: FBT002
+    counting: Annotated[bool, Query(description="leave out revoked ones")] = False,  # noqa: FBT002
 ) -> list[EditBody]:
-    """Everything that was ever edited, oldest first."""
+    """All edits, oldest first."""
     response.headers.update(AGAIN)
     services.catalogue.mission(mission)
     return [
@@ -141,7 +141,7 @@ def edit_tie(mission: MissionName, edit: TieEdit, services: ServicesOf, who: Ana
     (tie,) = parse_edit_requests(json.dumps(document), "edit")  # MatchingError answers 422
     for point in (tie.first, tie.second):
         if point.image:
-            _must_know(point.image, mission, services, is_stop=point.is_stop)
+            _check_known(point.image, mission, services, is_stop=point.is_stop)
     return _announce(
         services.edits.append(mission, EditKind.TIE, request, who.name, edit.note), services
     )
@@ -151,7 +151,7 @@ def edit_tie(mission: MissionName, edit: TieEdit, services: ServicesOf, who: Ana
 def annotate(
     mission: MissionName, annotation: Annotation, services: ServicesOf, who: Analyst
 ) -> EditBody:
-    """Write a text at a place, or a new form of one that was written before."""
+    """Write an annotation, or replace an earlier one."""
     services.catalogue.mission(mission)
     document = annotation.model_dump(exclude={"note"}, exclude_none=True)
     if annotation.replaces is None:
@@ -170,7 +170,7 @@ def annotate(
 def undo(
     mission: MissionName, number: Number, reason: Undo, services: ServicesOf, who: Analyst
 ) -> EditBody:
-    """Take an edit back; it stays in the log. Taking that back makes it count again."""
+    """Revoke an edit; it stays in the log. Revoking the revocation makes it count again."""
     services.catalogue.mission(mission)
     with _conflicts_answered():
         edit = services.edits.undo(mission, number, who.name, reason.note)
@@ -208,8 +208,8 @@ def _feature(edit: Edit) -> dict[str, Any]:
     }
 
 
-def _must_know(name: str, mission: str, services: Services, *, is_stop: bool) -> None:
-    """Refuse images and stops that the mission does not have: a slip would wait for ever."""
+def _check_known(name: str, mission: str, services: Services, *, is_stop: bool) -> None:
+    """Refuse unknown images and stops: an edit with a typing error would wait forever."""
     known = (
         bool(services.catalogue.images(mission, stop=name))
         if is_stop

@@ -1,6 +1,6 @@
-"""The engine: whether it lives, its deployments and runs that wait; pausing and resuming.
+"""State of the engine: deployments and waiting runs; pausing and resuming.
 
-The server gives the engine no orders: `solmap up` writes its state down and takes requests.
+The server does not control the engine: `solmap up` records its state and processes requests.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ def resume(flow: Name, name: Name, services: ServicesOf, who: Operator) -> RunRe
 
 
 def require_engine(services: Services) -> EngineState:
-    """The state of the engine that is up.
+    """The state of the running engine.
 
     Raises:
-        HTTPException: 503, it is not.
+        HTTPException: 503, it does not run.
     """
     state = read_engine_state(services.store.root)
     if not state.is_up:
@@ -71,12 +71,12 @@ def add_request(
     author: str,
     parameters: Mapping[str, Any],
 ) -> RunRequest:
-    """Keep a request for `solmap up`, with an event; one that waits already is not kept twice."""
-    asked = services.requests.add(kind, mission, author, parameters)
+    """Store a request for `solmap up`, with an event; an identical waiting one is not repeated."""
+    request = services.requests.add(kind, mission, author, parameters)
     services.catalogue.append_event(
-        REQUESTS_CHANGED, {"request": asked.id, "state": str(asked.state)}
+        REQUESTS_CHANGED, {"request": request.id, "state": str(request.state)}
     )
-    return asked
+    return request
 
 
 def _deployment(name: str, services: Services) -> DeploymentState:

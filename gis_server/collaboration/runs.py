@@ -8,7 +8,7 @@ from fastapi import APIRouter, HTTPException, Path, Query, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from solmap.config.run_parameters import RUN_KINDS, DownlinkRun, RunKind, RunWish
+from solmap.config.run_parameters import RUN_KINDS, DownlinkRun, RunKind, RunSpecification
 from solmap.gis_server.addresses import ServerPath
 from solmap.gis_server.collaboration.accounts import Operator
 from solmap.gis_server.collaboration.engine import add_request, require_engine
@@ -25,7 +25,7 @@ RunName = Annotated[str, Path(pattern=r"^[A-Za-z0-9-]{1,64}$")]
 
 
 class RunBody(BaseModel):
-    """A run: its stage, with finished and all parts."""
+    """A run: its stage, with the numbers of finished and all parts."""
 
     id: str
     kind: str
@@ -42,7 +42,7 @@ class RunBody(BaseModel):
     parameters: dict[str, Any]
     """Its parameters."""
     actions: tuple[Literal["cancel", "restart"], ...]
-    """What an operator may have done with it."""
+    """Actions that an operator may request."""
 
 
 class ReportBody(BaseModel):
@@ -68,14 +68,14 @@ class RunKindBody(BaseModel):
     kind: str
     title: str
     effect: str
-    """What will happen, in sentences."""
+    """Description of its effects."""
     deployment: str
     parameters: dict[str, Any]
     """JSON schema of an object."""
 
 
-Wish = Annotated[RunWish, Field(discriminator="kind")]
-_WISH: TypeAdapter[RunWish] = TypeAdapter(Wish)
+Specification = Annotated[RunSpecification, Field(discriminator="kind")]
+_SPECIFICATION: TypeAdapter[RunSpecification] = TypeAdapter(Specification)
 
 
 @router.get("/runs")
@@ -123,20 +123,24 @@ def run_kinds(response: Response) -> list[RunKindBody]:
 
 
 @router.post("/runs", status_code=202)
-def request_run(wish: Wish, services: ServicesOf, who: Operator) -> RunRequest:
+def request_run(specification: Specification, services: ServicesOf, who: Operator) -> RunRequest:
     """Request a run. It waits until `solmap up` takes it; equal requests are stored once."""
-    if wish.mission is not None and wish.kind != "fetch":
-        services.catalogue.mission(wish.mission)
+    if specification.mission is not None and specification.kind != "fetch":
+        services.catalogue.mission(specification.mission)
     engine = read_engine_state(services.store.root)
-    if engine.is_up and not engine.has_inbox and wish.kind in {"downlink", "fetch"}:
+    if engine.is_up and not engine.has_inbox and specification.kind in {"downlink", "fetch"}:
         raise HTTPException(409, "no inbox is watched: start `solmap up` with `--inbox FOLDER`")
-    parameters = {name: value for name, value in wish.parameters.items() if name != "mission"}
-    return add_request(services, RequestKind(wish.kind), wish.mission, who.name, parameters)
+    parameters = {
+        name: value for name, value in specification.parameters.items() if name != "mission"
+    }
+    return add_request(
+        services, RequestKind(specification.kind), specification.mission, who.name, parameters
+    )
 
 
 @router.post("/runs/{run}/cancel", status_code=202)
 def cancel(run: RunName, services: ServicesOf, who: Operator) -> RunRequest:
-    """Cancel a run that is going on, or that waits in the engine.
+    """Cancel a run that is in progress or waits in the engine.
 
     Its processes are ended; products that exist are kept, and another run continues from them.
     """
@@ -155,23 +159,23 @@ def cancel(run: RunName, services: ServicesOf, who: Operator) -> RunRequest:
 
 @router.post("/runs/{run}/restart", status_code=202)
 def restart(run: RunName, services: ServicesOf, who: Operator) -> RunRequest:
-    """Run again, with the same parameters, what failed, was cancelled or lost.
+    """Repeat a failed, cancelled or lost run with the same parameters.
 
-    What was made is looked up: only what failed or had not been reached is worked on.
+    Existing products are looked up: only failed and remaining work is done.
     """
     require_engine(services)
     found = services.runs.run(run)
     if found.state not in RESTARTABLE:
-        raise HTTPException(409, f"run {run} is {found.state}: there is nothing to run again")
+        raise HTTPException(409, f"run {run} is {found.state}: it cannot be repeated")
     if found.flow_run is None:
         raise HTTPException(409, f"run {run} was started by a command: repeat that command")
     try:
-        wish = _WISH.validate_python({"kind": found.kind, **found.parameters})
+        specification = _SPECIFICATION.validate_python({"kind": found.kind, **found.parameters})
     except ValidationError as error:
         raise HTTPException(
-            409, f"the parameters of run {run} do not hold any more; start a new run"
+            409, f"the parameters of run {run} are no longer valid; start a new run"
         ) from error
-    return request_run(wish, services, who)
+    return request_run(specification, services, who)
 
 
 @router.get("/reports/{scope}/{digest}.html", response_class=FileResponse)

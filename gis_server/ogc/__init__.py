@@ -1,5 +1,6 @@
 """OGC API Features and Tiles, and WMTS 1.0.0: a mission's features and rasters by open standards.
 
-Requests enter, documents, features and tiles of the latest layers leave. `landing` joins the
-parts; tiles are drawn by `rendering`. It does not import `routes`, `analysis` or `collaboration`.
+Inputs are requests, outputs are documents, features and tiles of the latest layers. `landing` joins
+the parts; tiles are drawn by `rendering`. It does not import `routes`, `analysis` or
+`collaboration`.
 """

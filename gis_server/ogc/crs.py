@@ -65,15 +65,15 @@ def spatial_extent(bounds: Bounds, landing: LandingPoint, base: str) -> dict[str
     return {"bbox": [list(degrees(bounds, landing))], "crs": uri_of(Crs.LON_LAT, base)}
 
 
-def crs_on(landing: LandingPoint, asked: Crs) -> Crs:
+def crs_on(landing: LandingPoint, requested: Crs) -> Crs:
     """The coordinate system to answer in, where the default is longitude and latitude.
 
     Raises:
         HTTPException: 400, degrees of a map that is not tied to the lander.
     """
-    if landing.origin and asked is Crs.MARS:
+    if landing.origin and requested is Crs.MARS:
         raise HTTPException(400, f"this map has no degrees; {landing.name}: use crs/local")
-    return Crs.LOCAL if landing.origin else asked
+    return Crs.LOCAL if landing.origin else requested
 
 
 def transform_shapes(shapes: np.ndarray, crs: Crs, landing: LandingPoint) -> np.ndarray:

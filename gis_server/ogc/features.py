@@ -179,7 +179,7 @@ class FeaturesQuery:
 def _equal(request: Request, known: Callable[[], Mapping[str, str]]) -> dict[str, str]:
     others = {name: value for name, value in request.query_params.items() if name not in _KNOWN}
     fields = known() if others else {}
-    wanted = {}
+    conditions = {}
     for name, value in others.items():
         if name not in fields:
             raise HTTPException(
@@ -190,8 +190,8 @@ def _equal(request: Request, known: Callable[[], Mapping[str, str]]) -> dict[str
         if len(value) > _LONGEST:
             raise HTTPException(400, f"{name} is longer than {_LONGEST} characters")
         as_number = {"true": "1", "false": "0"} if fields[name] == "boolean" else {}
-        wanted[name] = as_number.get(value, value)
-    return wanted
+        conditions[name] = as_number.get(value, value)
+    return conditions
 
 
 def _whole(name: str, text: str | None, least: int, otherwise: int) -> int:
@@ -314,20 +314,20 @@ def items(
 ) -> Response:
     """The features of a collection: a page of them, or as a file all that meet the conditions."""
     entry = services.catalogue.mission(mission)
-    wanted = query.read(base, lambda: _fields(known, mission, services)).on(entry.landing)
-    found, matched = _select(known, entry, services, wanted)
-    page = _page(found, known, entry, wanted.crs, query.request)
-    headers = {**AGAIN, "Content-Crs": f"<{uri_of(wanted.crs, base)}>"}
-    media_type = MEDIA_TYPES[wanted.form]
-    if wanted.form in FILES:
-        name = f"{mission}_{known.id}.{wanted.form}"
+    features_request = query.read(base, lambda: _fields(known, mission, services)).on(entry.landing)
+    found, matched = _select(known, entry, services, features_request)
+    page = _page(found, known, entry, features_request.crs, query.request)
+    headers = {**AGAIN, "Content-Crs": f"<{uri_of(features_request.crs, base)}>"}
+    media_type = MEDIA_TYPES[features_request.form]
+    if features_request.form in FILES:
+        name = f"{mission}_{known.id}.{features_request.form}"
         headers["content-disposition"] = f'attachment; filename="{name}"'
-        is_csv = wanted.form is Format.CSV
-        body = as_csv(page) if is_csv else as_file(page, wanted.form, known.id)
+        is_csv = features_request.form is Format.CSV
+        body = as_csv(page) if is_csv else as_file(page, features_request.form, known.id)
         return Response(body, headers=headers, media_type=media_type)
-    links = _page_links(query.request, base, known, wanted, (len(found), matched))
+    links = _page_links(query.request, base, known, features_request, (len(found), matched))
     counts = {"numberMatched": matched, "numberReturned": len(found)}
-    if wanted.form is Format.HTML:
+    if features_request.form is Format.HTML:
         return Response(items_page(known, page, links, counts), headers=headers, media_type=HTML)
     now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     text = geojson(page, {"timeStamp": now, **counts, "links": links})
@@ -346,19 +346,19 @@ def item(
 ) -> Response:
     """One feature."""
     entry = services.catalogue.mission(mission)
-    wanted = query.read(base, dict).on(entry.landing)
+    features_request = query.read(base, dict).on(entry.landing)
     keys = services.features.keys(known, mission)
     one = services.features.index.find(keys, feature)
     if one is None:
         raise ProductNotFoundError(f"no feature {feature!r} is in {known.id}")
-    page = _page([one], known, entry, wanted.crs, query.request)
+    page = _page([one], known, entry, features_request.crs, query.request)
     here = f"{base}/collections/{known.id}"
     links = [
         link("self", f"{here}/items/{feature}", GEOJSON),
         link("alternate", f"{here}/items/{feature}?f=html", HTML, "As a page"),
         link("collection", here, JSON, known.title),
     ]
-    headers = {**AGAIN, "Content-Crs": f"<{uri_of(wanted.crs, base)}>"}
+    headers = {**AGAIN, "Content-Crs": f"<{uri_of(features_request.crs, base)}>"}
     if form_of(query.request, query.request.query_params.get("f")) is Format.HTML:
         return Response(feature_page(known, page, links), headers=headers, media_type=HTML)
     linked = json.dumps({"links": links})
@@ -371,15 +371,22 @@ def _fields(known: CollectionDefinition, mission: str, services: Services) -> Ma
 
 
 def _select(
-    known: CollectionDefinition, entry: MissionEntry, services: Services, wanted: FeatureRequest
+    known: CollectionDefinition,
+    entry: MissionEntry,
+    services: Services,
+    features_request: FeatureRequest,
 ) -> tuple[list[IndexedFeature], int]:
     """The features of the page, and how many there are on all pages."""
     index, keys = services.features.index, services.features.keys(known, entry.mission)
     extent = index.extent(keys)
-    selection = wanted.selection(keys, entry.landing, extent, all_placed=not known.all_images)
+    selection = features_request.selection(
+        keys, entry.landing, extent, all_placed=not known.all_images
+    )
     if selection is None:
         return [], 0
-    return index.page(selection, wanted.limit, wanted.offset), index.count(selection)
+    return index.page(selection, features_request.limit, features_request.offset), index.count(
+        selection
+    )
 
 
 def _page(
@@ -397,7 +404,7 @@ def _page_links(
     request: Request,
     base: str,
     known: CollectionDefinition,
-    wanted: FeatureRequest,
+    features_request: FeatureRequest,
     counts: tuple[int, int],
 ) -> list[Link]:
     """This page, the next and the one before, and the same features in other formats."""
@@ -405,18 +412,21 @@ def _page_links(
     here = request.url_for("items", mission=base.rsplit("/", 1)[1], collection=known.id)
     url = here.replace_query_params(**dict(request.query_params))
     links = [
-        link("self", str(url), MEDIA_TYPES[wanted.form]),
+        link("self", str(url), MEDIA_TYPES[features_request.form]),
         link("collection", f"{base}/collections/{known.id}", JSON, known.title),
     ]
-    if wanted.offset + returned < matched:
-        after = url.include_query_params(offset=wanted.offset + returned, limit=wanted.limit)
-        links.append(link("next", str(after), MEDIA_TYPES[wanted.form], "Next page"))
-    if wanted.offset:
-        before = url.include_query_params(
-            offset=max(0, wanted.offset - wanted.limit), limit=wanted.limit
+    if features_request.offset + returned < matched:
+        after = url.include_query_params(
+            offset=features_request.offset + returned, limit=features_request.limit
         )
-        links.append(link("prev", str(before), MEDIA_TYPES[wanted.form], "Page before"))
-    others = [form for form in Format if MEDIA_TYPES[form] != MEDIA_TYPES[wanted.form]]
+        links.append(link("next", str(after), MEDIA_TYPES[features_request.form], "Next page"))
+    if features_request.offset:
+        before = url.include_query_params(
+            offset=max(0, features_request.offset - features_request.limit),
+            limit=features_request.limit,
+        )
+        links.append(link("prev", str(before), MEDIA_TYPES[features_request.form], "Page before"))
+    others = [form for form in Format if MEDIA_TYPES[form] != MEDIA_TYPES[features_request.form]]
     whole = url.remove_query_params(["offset", "limit"])
     for form in others:
         target = (whole if form in FILES else url).include_query_params(f=str(form))

@@ -268,10 +268,10 @@ def crs(
         raise ProductNotFoundError(
             f"{name} is {MARS} with longitude before latitude, as GeoJSON has them"
         )
-    wanted = local_crs(entry.landing)
+    crs = local_crs(entry.landing)
     if f == Format.JSON:
-        return _json(wanted.to_json_dict())
-    return Response(wanted.to_wkt(), headers=AGAIN, media_type="text/plain; charset=utf-8")
+        return _json(crs.to_json_dict())
+    return Response(crs.to_wkt(), headers=AGAIN, media_type="text/plain; charset=utf-8")
 
 
 def _json(body: dict[str, Any]) -> JSONResponse:

@@ -3,11 +3,11 @@
     /ogc/{mission}/wmts/1.0.0/WMTSCapabilities.xml
     /ogc/{mission}/wmts?service=WMTS&request=GetCapabilities    and GetTile
 
-Names of parameters may be written in any case. What is wrong is answered with an exception report.
+Names of parameters may be written in any case. Faults are answered with an exception report.
 
-The CRS is given as a PROJ string: GDAL takes that, WKT or a URN of an authority, but no address on
-the web, and the map of a landing site is in no authority's list. Scale denominators count pixels
-of 0.28 mm, as the standard has them.
+The CRS is given as a PROJ string: GDAL accepts that, WKT or a URN of an authority, but no web
+address, and no authority lists the map of a landing site. Scale denominators count pixels of 0.28
+mm, as in the standard.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ _WMTS, _OWS = "http://www.opengis.net/wmts/1.0", "http://www.opengis.net/ows/1.1
 _XLINK = "http://www.w3.org/1999/xlink"
 _PIXEL_M = 0.00028
 _ZOOMS_OUT = 3
-"""Zooms below that at which a layer fills one tile that it is offered at."""
+"""Zooms offered below the one at which a layer fills one tile."""
 router = APIRouter(prefix="/ogc/{mission}/wmts", tags=["ogc tiles"])
 CONFORMANCE: tuple[str, ...] = ()
 _XML = "application/xml"

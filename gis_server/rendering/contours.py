@@ -50,7 +50,7 @@ _MOST_LEVELS = 500
 
 
 def smoothing_m(cell_m: float) -> float:
-    """Standard deviation of the Gaussian: that of contours, or one pixel where that is more."""
+    """Standard deviation of the Gaussian: that of contours, but at least one pixel."""
     return max(_PARAMS.smoothing_m, cell_m)
 
 
@@ -59,23 +59,23 @@ def contour_margin(cell_m: float) -> int:
     return math.ceil(4.0 * smoothing_m(cell_m) / cell_m) + 1
 
 
-def interval_of(layer: Layer, asked_m: float | None) -> float:
+def interval_of(layer: Layer, requested_m: float | None) -> float:
     """The requested interval, or one that suits the layer's relief."""
-    if asked_m is not None:
-        return asked_m
+    if requested_m is not None:
+        return requested_m
     low, high = layer.range or (0.0, 1.0)
     return interval_by_relief(np.array([low, high]), _PARAMS.contours_wanted)
 
 
 def contour_cover(patch: Patch, interval_m: float) -> np.ndarray:
-    """How much of every pixel lines cover, 0 to 255."""
+    """Share of every pixel covered by lines, 0 to 255."""
     sigma_m = smoothing_m(patch.cell_m)
     smooth = smooth_elevation(patch.values, patch.cell_m, sigma_m, _PARAMS.min_share)
     return _cover(patch.interpolate(smooth) / np.float32(interval_m))
 
 
 def _cover(height: Raster) -> np.ndarray:
-    """Cover by lines of whole heights, of all pixels but the outer ones, which are dropped."""
+    """Share covered by lines of round heights, for all pixels except the outer ones."""
     east = (height[1:-1, 2:] - height[1:-1, :-2]) / 2
     south = (height[2:, 1:-1] - height[:-2, 1:-1]) / 2
     own = height[1:-1, 1:-1]

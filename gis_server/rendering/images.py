@@ -20,7 +20,7 @@ from enum import StrEnum
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import GreyImage, Picture
+from solmap.photogrammetry.arrays import EightBits, GreyImage
 from solmap.photogrammetry.imagery import Eye
 from solmap.photogrammetry.matching.resampling import resample
 from solmap.products.catalogue.catalogue import ImageEntry
@@ -68,11 +68,11 @@ class Style(StrEnum):
     """How an image is shown."""
 
     RAW = "raw"
-    """Values as they were sent, the whole range of their bits."""
+    """Raw values, with the full range of their bits."""
     STRETCHED = "stretched"
     """Radiometrically corrected values between two percentiles, or between two values."""
     LINEARISED = "linearised"
-    """Resampled with its partner so that rows correspond: what matching sees."""
+    """Resampled with its partner so that rows correspond, as used for matching."""
     ANAGLYPH = "anaglyph"
     """Both linearised images of a pair, for red and cyan glasses."""
 
@@ -88,7 +88,7 @@ class Stretch:
     white: float | None = None
     gamma: float = 1.0
     shift_px: float = 0.0
-    """Of an anaglyph: the parallax that falls together."""
+    """Of an anaglyph: the parallax that coincides."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,12 +131,12 @@ class ImageView:
         """Zoom at which a pixel of a tile is one of the image."""
         return max(0, math.ceil(math.log2(max(self.size) / TILE)))
 
-    def picture(self, stretch: Stretch) -> Picture:
+    def image(self, stretch: Stretch) -> EightBits:
         """The whole image."""
         samples, lines = self.size
         return self._draw((0, 0, samples, lines), 0, stretch)
 
-    def tile(self, zoom: int, column: int, row: int, stretch: Stretch) -> Picture:
+    def tile(self, zoom: int, column: int, row: int, stretch: Stretch) -> EightBits:
         """A tile of the image; smaller at its right and lower edge.
 
         Raises:
@@ -153,9 +153,9 @@ class ImageView:
         box = (left, top, min(left + TILE, samples), min(top + TILE, lines))
         return self._draw(box, halvings, stretch)
 
-    def _draw(self, box: tuple[int, int, int, int], halvings: int, stretch: Stretch) -> Picture:
+    def _draw(self, box: tuple[int, int, int, int], halvings: int, stretch: Stretch) -> EightBits:
         left, top, right, bottom = box
-        pictures = []
+        channels = []
         for number in range(len(self.planes)):
             level = self._level(number, halvings)
             shift = round(number * stretch.shift_px / 2**halvings)
@@ -163,10 +163,10 @@ class ImageView:
             inside = (columns >= 0) & (columns < level.shape[1])
             part = level[top:bottom][:, np.clip(columns, 0, level.shape[1] - 1)]
             bright = _brightness(part, *self._ends(number, stretch), stretch.gamma)
-            pictures.append(np.where(inside, bright, np.uint8(0)))
-        if len(pictures) == 1:
-            return pictures[0]
-        return np.stack([pictures[0], pictures[1], pictures[1]], axis=-1)
+            channels.append(np.where(inside, bright, np.uint8(0)))
+        if len(channels) == 1:
+            return channels[0]
+        return np.stack([channels[0], channels[1], channels[1]], axis=-1)
 
     def _key(self, number: int) -> tuple[str, str, str]:
         """Of grey values: both styles of linearised images share theirs."""
@@ -233,14 +233,14 @@ def _grey(entry: ImageEntry, style: Style, workspace: Workspace) -> GreyImage:
     if style is Style.STRETCHED:
         return np.where(read.mask, read.pixels, np.float32(np.nan))
     matches = matches_of(entry, workspace)
-    assert matches is not None  # noqa: S101 - asked of before
+    assert matches is not None  # noqa: S101 - checked before
     camera = matched_record(entry, workspace).camera
     geometry = geometry_of(matches, workspace)
     image, mask = resample(read.pixels, read.mask, camera, geometry, Eye(entry.eye))
     return np.where(mask, image, np.float32(np.nan))
 
 
-def _brightness(values: np.ndarray, low: float, high: float, gamma: float) -> Picture:
+def _brightness(values: np.ndarray, low: float, high: float, gamma: float) -> EightBits:
     """Bytes between black and white; black where nothing was measured."""
     scaled = (values - np.float32(low)) / np.float32(max(high - low, 1e-6))
     scaled = np.clip(np.nan_to_num(scaled, nan=0.0), 0.0, 1.0)
@@ -249,7 +249,7 @@ def _brightness(values: np.ndarray, low: float, high: float, gamma: float) -> Pi
     return np.rint(scaled * np.float32(255.0)).astype(np.uint8)
 
 
-def png_of(picture: Picture) -> bytes:
+def png_of(pixels: EightBits) -> bytes:
     """An image of grey, or of red, green and blue, as PNG."""
-    colours = picture if picture.ndim == 2 else picture[:, :, ::-1]  # noqa: PLR2004 - OpenCV's order
+    colours = pixels if pixels.ndim == 2 else pixels[:, :, ::-1]  # noqa: PLR2004 - OpenCV's order
     return cv2.imencode(".png", colours, [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()

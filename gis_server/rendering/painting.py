@@ -3,7 +3,7 @@
 Shades, slopes and directions of a terrain model follow from the gradient of the plane fitted to
 the elevations around a cell, as in the layers that are made once (`photogrammetry.terrain`). A
 cell is a pixel of the tile: at a low zoom the gradient is taken over a longer baseline, so that a
-hillshade is as crisp, and as right, at every zoom.
+hillshade is equally sharp and correct at every zoom.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from solmap.gis_server.rendering.png import colour_png, indexed_png
 from solmap.gis_server.rendering.reading import Patch, read_patch, read_tile
 from solmap.gis_server.rendering.styles import (
     ELEVATIONS,
-    PICTURES,
+    IMAGERY,
     StyleQuery,
     UnknownStyleError,
     indices_of,
@@ -53,7 +53,7 @@ _NOT_AVERAGED = {ProductKind.ASPECT, ProductKind.REGION_ASPECT} | {
     kind for kind, style in STYLES.items() if style.is_classes
 }
 _SHADOW = 0.3
-"""Fraction of a colour that remains in shade."""
+"""Fraction of a colour that remains in the shade."""
 _AS_IT_IS = 128
 """Shade that leaves a colour as it is; the brightest is twice that."""
 _COVER = bytes(range(256))
@@ -77,7 +77,7 @@ def margin_of(query: StyleQuery, cell_m: float) -> int:
 
 
 def gradient_of(elevation: Raster, cell_m: float, half: int) -> Gradients:
-    """Rise per metre towards east and north; the outer `half` cells are without meaning."""
+    """Rise per metre towards east and north; the outer `half` cells are invalid."""
     if half == 1:
         return nine_cell_gradients(elevation, cell_m)
     return window_gradients(elevation, cell_m, (2 * half + 1) * cell_m)
@@ -126,12 +126,12 @@ OF_TERRAIN: dict[str, Callable[[Gradients, StyleQuery], Raster]] = {
     "northerly-tilt": northerly_tilt,
     "north-facing": lambda gradient, query: north_facing(northerly_tilt(gradient, query), query),
 }
-"""What follows from the gradient, by the name of the style."""
+"""Quantities that follow from the gradient, by the name of the style."""
 
 
 @dataclass(frozen=True, slots=True)
-class PictureFormat:
-    """How a painted tile becomes bytes; index 0 and black, 0 0 0, are transparent."""
+class ImageFormat:
+    """Encoder of painted tiles; index 0 and black, 0 0 0, are transparent."""
 
     media_type: str
     indexed: Callable[..., bytes]
@@ -140,20 +140,20 @@ class PictureFormat:
     """Of red, green and blue."""
 
 
-PNG = PictureFormat("image/png", indexed_png, colour_png)
-WEBP = PictureFormat("image/webp", indexed_webp, colour_webp)
+PNG = ImageFormat("image/png", indexed_png, colour_png)
+WEBP = ImageFormat("image/webp", indexed_webp, colour_webp)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Canvas:
-    """A tile to paint: of which layer, where, how, and from what."""
+    """A tile to paint: its layer, address, style and raster."""
 
     layer: Layer
     address: TileAddress
     query: StyleQuery
     style: TileStyle
     dataset: rasterio.DatasetReader
-    form: PictureFormat = PNG
+    form: ImageFormat = PNG
 
     @property
     def cell_m(self) -> float:
@@ -174,7 +174,7 @@ class Canvas:
 
 
 def averaging(kind: ProductKind) -> Resampling:
-    """How cells become larger pixels: directions run in a circle and classes have no mean."""
+    """Resampling of cells to larger pixels: directions are cyclic and classes have no mean."""
     return Resampling.nearest if kind in _NOT_AVERAGED else Resampling.average
 
 
@@ -195,12 +195,12 @@ def band_index(layer: Layer, dataset: rasterio.DatasetReader, name: str) -> int:
 def painter_of(
     layer: Layer, query: StyleQuery, style: TileStyle
 ) -> Callable[[Canvas], bytes | None]:
-    """How a layer is painted in a style; a painter returns None where nothing was measured."""
+    """The painter of a layer in a style; a painter returns None where nothing was measured."""
     kind = layer.ref.kind
     if style.is_colour:
         return _paint_colour
-    if kind in PICTURES:
-        return _paint_classes if style.is_classes else _paint_picture
+    if kind in IMAGERY:
+        return _paint_classes if style.is_classes else _paint_imagery
     if kind in ELEVATIONS:
         if style.is_classes:
             return _paint_classes_of_band
@@ -209,7 +209,7 @@ def painter_of(
 
 
 def _paint_colour(canvas: Canvas) -> bytes | None:
-    """Red, green and blue as they are; transparent where all are 0."""
+    """Red, green and blue unchanged; transparent where all are 0."""
     bands = [read_tile(canvas.dataset, canvas.address, band) for band in (1, 2, 3)]
     known = [band for band in bands if band is not None]
     if len(known) < len(bands) or not any(band.any() for band in known):
@@ -257,8 +257,8 @@ def _paint_classes_of_band(canvas: Canvas) -> bytes | None:
     return canvas.form.indexed(codes, palette) if codes.any() else None
 
 
-def _paint_picture(canvas: Canvas) -> bytes | None:
-    """Eight bits are indices already: colours and stretch are matters of the palette alone."""
+def _paint_imagery(canvas: Canvas) -> bytes | None:
+    """Eight-bit values are palette indices: colours and stretch only change the palette."""
     grey = read_tile(canvas.dataset, canvas.address)
     if grey is None or not grey.any():
         return None
@@ -282,7 +282,7 @@ def _paint_values(canvas: Canvas) -> bytes | None:
 
 
 def _paint_terrain(canvas: Canvas) -> bytes | None:
-    """What follows from the gradient."""
+    """Paint a quantity that follows from the gradient."""
     half = margin_of(canvas.query, canvas.cell_m)
     patch = canvas.patch(half)
     if patch is None:

@@ -1,12 +1,12 @@
 """Rasters for tiles: a pool of open files, and the cells that a tile is drawn from.
 
-Opening a raster costs more than reading a tile of it, and its decoded blocks are forgotten when it
-is closed. Datasets are not safe to share between threads, so a thread borrows one for itself.
-Products never change, so an open one never goes stale.
+Opening a raster costs more than reading a tile of it, and its decoded blocks are lost when it is
+closed. Datasets must not be shared between threads, so a thread borrows one exclusively. Products
+never change, so an open one stays valid.
 
 Rasters are snapped to the tile matrix set, so a tile at the raster's own zoom is one block, a tile
 below it one block of an overview, and a tile above it a part of a block whose cells are repeated:
-cells stay what was measured, whatever the zoom. Slope, shading and contours depend on neighbouring
+cells keep their measured values at every zoom. Slope, shading and contours depend on neighbouring
 cells; a patch with a margin has those of the tiles around it, so that tiles meet without a seam.
 Above the raster's own zoom they are computed on its own cells, and repeated afterwards.
 
@@ -36,7 +36,7 @@ from solmap.photogrammetry.terrain.dtm.grid import BLOCK
 from solmap.products.formats.raster.raster import grid_of, open_raster, read_error
 from solmap.products.formats.raster.tiling import TileAddress
 
-# Of a machine's memory GDAL would take a twentieth for blocks. The variable counts megabytes and is
+# By default GDAL uses a twentieth of the memory for blocks. The variable counts megabytes and is
 # read once; set as an option from Python the same number would count bytes.
 os.environ.setdefault("GDAL_CACHEMAX", "256")
 
@@ -61,7 +61,7 @@ class RasterPool:
 
     @property
     def lookups(self) -> tuple[int, int]:
-        """How often a dataset was open already, and how often not."""
+        """Numbers of cache hits and misses."""
         return self._found[0], self._found[1]
 
     @contextlib.contextmanager
@@ -85,7 +85,7 @@ class RasterPool:
         self._give(address, dataset)
 
     def close(self) -> None:
-        """Close what is idle."""
+        """Close idle datasets."""
         with self._lock:
             for _, dataset in self._idle.values():
                 dataset.close()
@@ -118,7 +118,7 @@ class Patch:
     cell_m: float
     """Size of these cells: the tile's pixel, or the raster's cell where that is larger."""
     row_at: np.ndarray
-    """Where in `values` the middle of every row of the tile lies, counted from the corner."""
+    """Position in `values` of the middle of every row of the tile, counted from the corner."""
     column_at: np.ndarray
 
     @property
@@ -127,14 +127,14 @@ class Patch:
         return bool(self.row_at[-1] - self.row_at[0] < len(self.row_at) - 1.5)
 
     def tile(self, computed: np.ndarray) -> np.ndarray:
-        """What was computed of every cell (last two axes), as the tile shows it."""
+        """Values computed per cell (last two axes), resampled to the tile."""
         rows, columns = self.row_at.astype(int), self.column_at.astype(int)
         if self.is_repeated:
             return computed[..., rows[:, None], columns[None, :]]
         return computed[..., rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
 
     def interpolate(self, computed: np.ndarray) -> np.ndarray:
-        """What was computed of every cell, bilinear between the middles of cells."""
+        """Values computed per cell, interpolated bilinearly between the middles of cells."""
         if not self.is_repeated:
             return self.tile(computed)
         at = np.meshgrid(self.column_at - 0.5, self.row_at - 0.5)

@@ -1,7 +1,7 @@
 """Colours of tiles: palettes, the available styles, and their legends.
 
-The styles of every kind of raster are those of `products.formats.raster.styles`. What is drawn of a
-terrain model beside its elevation is computed for every tile (`rendering.painting`).
+The styles of every kind of raster are those of `products.formats.raster.styles`. Quantities derived
+from a terrain model are computed for every tile (`rendering.painting`).
 
 Index 0 of a palette is transparent (not measured), 1 to 255 run from the low to the high end of
 a range.
@@ -72,7 +72,7 @@ DEFAULT = "default"
 
 
 ELEVATIONS = (ProductKind.DTM, ProductKind.FAR_DTM, ProductKind.REGION_DTM)
-PICTURES = {
+IMAGERY = {
     ProductKind.ORTHOPHOTO,
     ProductKind.REGION_ORTHOPHOTO,
     ProductKind.ORBITAL,
@@ -156,9 +156,10 @@ _Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class StyleQuery(BaseModel):
-    """Style of a tile, its colours and its light, named as in the tile's address.
+    """Style of a tile, its colours and its light, named as in the tile's URL.
 
-    The defaults are those of the layers that are made once. A style ignores what it has no use for.
+    The defaults are those of the precomputed layers. A style ignores parameters that it does not
+    use.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -246,7 +247,7 @@ class Legend(BaseModel):
 
 
 def legend_of(layer: Layer, style: TileStyle | None = None) -> Legend | None:
-    """Value and colour along the range, for what needs explaining; by default the kind's style."""
+    """Values and colours along the range, or classes; by default of the kind's style."""
     style = style or STYLES.get(layer.ref.kind)
     if style is None or not style.has_legend:
         return None
@@ -269,26 +270,26 @@ def draw_legend(layer: Layer, style: TileStyle) -> bytes:
     classes = [(one.name, one.colour) for one in legend.classes]
     stops = [(f"{value:.5g}", colour) for value, colour in reversed(legend.stops)]
     rows = stops or classes
-    picture = np.full((_TOP + _ROW * max(1, len(rows)) + 8, _WIDTH, 3), _PAPER, np.uint8)
+    canvas = np.full((_TOP + _ROW * max(1, len(rows)) + 8, _WIDTH, 3), _PAPER, np.uint8)
     unit = f" ({legend.unit})" if legend.unit else ""
-    _write(picture, f"{style.title or layer.ref.kind}{unit}", 8, 18)
+    _write(canvas, f"{style.title or layer.ref.kind}{unit}", 8, 18)
     for number, (text, colour) in enumerate(rows):
         top = _TOP + _ROW * number
         red, green, blue = palette_of((colour,) * 2)[1].tolist()
-        picture[top : top + _ROW - (2 if classes else 0), 8 : 8 + _BAR] = blue, green, red
-        _write(picture, text, 16 + _BAR, top + 15)
+        canvas[top : top + _ROW - (2 if classes else 0), 8 : 8 + _BAR] = blue, green, red
+        _write(canvas, text, 16 + _BAR, top + 15)
     if stops:
-        _blend(picture, style, len(stops))
-    return bytes(cv2.imencode(".png", picture)[1])
+        _blend(canvas, style, len(stops))
+    return bytes(cv2.imencode(".png", canvas)[1])
 
 
-def _blend(picture: np.ndarray, style: TileStyle, count: int) -> None:
+def _blend(canvas: np.ndarray, style: TileStyle, count: int) -> None:
     """A bar without steps, the low end below; every value stands at the middle of its row."""
     rows = _ROW * count
     share = np.clip((rows - _ROW / 2 - np.arange(rows)) / (rows - _ROW), 0.0, 1.0)
     colours = palette_of(style.colours)[np.rint(1 + 254 * share).astype(int)]
-    picture[_TOP : _TOP + rows, 8 : 8 + _BAR] = colours[:, None, ::-1]
+    canvas[_TOP : _TOP + rows, 8 : 8 + _BAR] = colours[:, None, ::-1]
 
 
-def _write(picture: np.ndarray, text: str, left: int, base: int) -> None:
-    cv2.putText(picture, text, (left, base), _FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+def _write(canvas: np.ndarray, text: str, left: int, base: int) -> None:
+    cv2.putText(canvas, text, (left, base), _FONT, _SIZE, _INK, 1, cv2.LINE_AA)

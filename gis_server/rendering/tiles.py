@@ -35,7 +35,7 @@ import numpy as np
 from solmap.gis_server.rendering.painting import (
     PNG,
     Canvas,
-    PictureFormat,
+    ImageFormat,
     averaging,
     band_index,
     painter_of,
@@ -44,7 +44,7 @@ from solmap.gis_server.rendering.png import gzip_stream, indexed_png
 from solmap.gis_server.rendering.reading import RasterPool, read_patch
 from solmap.gis_server.rendering.styles import (
     ELEVATIONS,
-    PICTURES,
+    IMAGERY,
     StyleQuery,
     resolve_style,
 )
@@ -69,7 +69,7 @@ PLAIN = StyleQuery()
 _SHADES = 256
 """Resolution of a gradient: one shade of grey."""
 _COLOURS = 4096
-"""Steps that a stretch of a layer's range is good for."""
+"""Steps that a stretched range of a layer needs."""
 
 
 def encode_values(values: np.ndarray, finest: float) -> bytes:
@@ -98,9 +98,9 @@ def _planes(steps: np.ndarray) -> bytes:
 
 def _step(extent: float, finest: float) -> float:
     """The finest power of two that is not finer than `finest` and has `extent` in its range."""
-    asked = math.floor(math.log2(finest)) if finest > 0 else _FINEST_EXPONENT
+    requested = math.floor(math.log2(finest)) if finest > 0 else _FINEST_EXPONENT
     needed = math.ceil(math.log2(extent / (_STEPS - 2))) if extent > 0 else _FINEST_EXPONENT
-    exponent = max(asked, needed, _FINEST_EXPONENT)
+    exponent = max(requested, needed, _FINEST_EXPONENT)
     return math.ldexp(1.0, min(exponent, _COARSEST_EXPONENT))
 
 
@@ -121,7 +121,7 @@ def draw_tile(
     store: ProductStore,
     pool: RasterPool,
     query: StyleQuery,
-    form: PictureFormat,
+    form: ImageFormat,
 ) -> bytes | None:
     """The image of a tile; None where nothing was measured.
 
@@ -166,7 +166,7 @@ def render_values(
         ProductNotFoundError: the layer has no such values.
     """
     style = resolve_style(layer, PLAIN)
-    if layer.ref.kind in PICTURES:
+    if layer.ref.kind in IMAGERY:
         raise ProductNotFoundError(f"{layer.id} has images only: request its tiles as .png")
     if not overlap(layer.bounds, address.bounds):
         return None
@@ -183,7 +183,7 @@ def render_values(
 
 
 def _finest(layer: Layer, style: TileStyle, cell_m: float) -> float:
-    """The step that values need: elevations for their gradient, others for their colour."""
+    """The required step: of elevations for their gradient, of others for their colour."""
     if layer.ref.kind in ELEVATIONS:
         return cell_m / _SHADES
     low, high = range_of(style, layer)

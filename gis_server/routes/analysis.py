@@ -1,6 +1,6 @@
 """Measuring on the map: profiles, areas, volumes, planes, statistics, lines of sight, drives.
 
-Questions come as a body or a query; nothing is written.
+Requests have a body or a query; nothing is written.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ Elevation = Annotated[
 ]
 LayerId = Annotated[str, Query(max_length=200, description="a terrain model, or `best`")]
 Unseen = Annotated[
-    float, Query(ge=0, le=FARTHEST_M, description="longest unmapped stretch that is looked over")
+    float, Query(ge=0, le=FARTHEST_M, description="longest unmapped stretch in a line of sight")
 ]
 _DRIVING = DrivingParams()
 LONGEST_DRIVE_M = 500.0
@@ -88,7 +88,7 @@ Speed = Annotated[float, Query(gt=0, le=1000, description="metres an hour")]
 
 
 def geotiff(name: str, write: Callable[[Path], None]) -> Response:
-    """A GeoTIFF to be kept as `name`, as `write` writes it to a path."""
+    """A GeoTIFF named `name` as a download; `write` writes it to a path."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / name
         write(path)
@@ -184,7 +184,7 @@ def viewshed(seen: ViewshedHere, request: Request, response: Response) -> Viewsh
 
 
 @router.get("/viewshed.png", response_class=Response)
-def viewshed_picture(seen: ViewshedHere) -> Response:
+def viewshed_image(seen: ViewshedHere) -> Response:
     """The same as an image on the bounds from /viewshed: visible blue, hidden brown."""
     return Response(viewshed_png(seen), media_type="image/png", headers=AGAIN)
 
@@ -217,7 +217,7 @@ def sight(  # noqa: PLR0913 - the query
     max_unseen_m: Unseen = _VIEWSHED.max_unseen_m,
     layer: LayerId = BEST,
 ) -> SightAnswer:
-    """Whether a target can be seen from an eye, with the ground between and what is in the way."""
+    """Whether a target can be seen from an eye, with the ground between and the obstruction."""
     ground = ground_of(mission, layer, services)
     eye = LineEnd((east, north), elevation, eye_m)
     target = LineEnd((to_east, to_north), to_elevation, target_m)
@@ -251,9 +251,9 @@ def reachable(
     interval_m: Interval = 5.0,
     speed_m_h: Speed = USUAL_SPEED_M_H,
 ) -> ReachAnswer:
-    """How far a rover drives to the ground around it, past all hazards: isochrones as GeoJSON.
+    """Driving distances of a rover to the ground around it, past all hazards, as GeoJSON.
 
-    Isochrones are at most 50; ground beyond the last counts to it.
+    There are at most 50 isochrones; ground beyond the last belongs to it.
     """
     response.headers.update(AGAIN)
     interval_m = max(interval_m, drives.params.farthest_m / MOST_BANDS)
@@ -261,7 +261,7 @@ def reachable(
 
 
 @router.get("/reach.png", response_class=Response)
-def reach_picture(drives: DrivesHere, interval_m: Interval = 5.0) -> Response:
+def reach_image(drives: DrivesHere, interval_m: Interval = 5.0) -> Response:
     """The same as an image on the bounds from /reach: near is yellow, far is blue."""
     interval_m = max(interval_m, drives.params.farthest_m / MOST_BANDS)
     return Response(reach_png(drives, interval_m), media_type="image/png", headers=AGAIN)
@@ -269,7 +269,7 @@ def reach_picture(drives: DrivesHere, interval_m: Interval = 5.0) -> Response:
 
 @router.get("/reach.tif", response_class=Response)
 def reach_geotiff(mission: MissionName, drives: DrivesHere, services: ServicesOf) -> Response:
-    """The metres driven to every cell, as a GeoTIFF in the local CRS; NaN where no way leads."""
+    """The metres driven to every cell, as a GeoTIFF in the local CRS; NaN where no route leads."""
     crs = local_crs(services.catalogue.mission(mission).landing)
     found = drives.found
     return geotiff(

@@ -1,8 +1,8 @@
-"""Files of products: downloads whole, by ranges or cut out, the STAC catalogue, addresses to copy.
+"""Files of products: whole, by ranges or cropped; the STAC catalogue; URLs to copy.
 
-Products in an object store are streamed through: who may read the map needs no key of the object
-store, and need not even reach it. The links of the STAC catalogue are relative; served from here
-they lead from the catalogue to its items, and from an item to its file, as they do on disk.
+Products in an object store are streamed through, so readers of the map need neither keys of the
+object store nor access to it. The links of the STAC catalogue are relative; served from here they
+lead from the catalogue to its items, and from an item to its file, as they do on disk.
 """
 
 from __future__ import annotations
@@ -81,10 +81,10 @@ def product_response(
     headers = {**FOREVER, "accept-ranges": "bytes", "etag": f'"{ref.digest}"'}
     if filename is not None:
         headers["content-disposition"] = f'attachment; filename="{filename}"'
-    asked = _requested_range(request, size, headers["etag"])
-    start, end = asked or (0, size)
-    status = 206 if asked else 200
-    if asked:
+    requested = _requested_range(request, size, headers["etag"])
+    start, end = requested or (0, size)
+    status = 206 if requested else 200
+    if requested:
         headers["content-range"] = f"bytes {start}-{end - 1}/{size}"
     headers["content-length"] = str(end - start)
     if request.method == "HEAD":
@@ -119,7 +119,7 @@ class Address(BaseModel):
 
     title: str
     service: str
-    """What it is: `OGC API Features`, `WMTS`, `Cloud Optimised GeoTIFF` ..."""
+    """Type of the service: `OGC API Features`, `WMTS`, `Cloud Optimised GeoTIFF` ..."""
     url: str
     """What to paste."""
     program: Program
@@ -136,7 +136,7 @@ def clip(
 ) -> Response:
     """The part of a layer in a box: `bbox=west,south,east,north` in metres of the local map.
 
-    Cells are handed out as they are stored, in the layer's own grid and CRS.
+    Cells are unchanged, in the layer's own grid and CRS.
     """
     if bounds is None:
         raise HTTPException(400, "bbox=west,south,east,north in metres of the local map is missing")
@@ -162,7 +162,7 @@ def clip(
 
 
 def _clip_layer(layer: Layer, store: ProductStore, bounds: BBox, where: tuple[Path, str]) -> Path:
-    assert bounds is not None  # noqa: S101 - the caller has looked
+    assert bounds is not None  # noqa: S101 - checked by the caller
     folder, form = where
     name = f"{layer.readable_name}_part"
     if layer.type == "raster":
@@ -186,7 +186,7 @@ def _clip_layer(layer: Layer, store: ProductStore, bounds: BBox, where: tuple[Pa
 def addresses(
     mission: MissionName, services: ServicesOf, request: Request, response: Response
 ) -> list[Address]:
-    """Everything of a mission by addresses that QGIS, GDAL and others open."""
+    """URLs of a mission's data that QGIS, GDAL and other programs open."""
     response.headers.update(AGAIN)
     entry = services.catalogue.mission(mission)
     root = str(request.base_url).rstrip("/")
@@ -244,7 +244,7 @@ def _files(root: str, layers: list[Layer]) -> Iterator[Address]:
 def geopackage(layer: LayerPath, services: ServicesOf) -> Response:
     """The features of a layer as a GeoPackage in metres of the local map."""
     if layer.type != "vector":
-        raise ProductNotFoundError(f"{layer.id} is a raster: it is a GeoTIFF and no GeoPackage")
+        raise ProductNotFoundError(f"{layer.id} is a raster: download it as GeoTIFF")
     collection = read_features(services.store.path(layer.ref))
     if not collection.features:
         raise ProductNotFoundError(f"{layer.id} has no feature that a GeoPackage could hold")
@@ -304,7 +304,7 @@ def item(mission: MissionName, item: ItemName, services: ServicesOf) -> JSONResp
 
 @router.get("/products/{kind}/{scope}/{digest}.provenance.json", tags=["stac"])
 def provenance(layer: LayerPath, services: ServicesOf) -> dict[str, Any]:
-    """How the file of a STAC item was made."""
+    """Provenance of the file of a STAC item."""
     return services.store.provenance(layer.ref)
 
 
@@ -315,10 +315,10 @@ def file(
     layer: LayerPath, digest: Digest, suffix: Suffix, services: ServicesOf, request: Request
 ) -> Response:
     """The file of a STAC item, whole or by ranges."""
-    wanted = layer.ref.kind.suffix
-    if suffix != wanted.removeprefix("."):
-        raise ProductNotFoundError(f"{layer.id} is a {wanted}: {digest}{wanted}")
-    media_type = MEDIA_TYPES.get(wanted, "application/octet-stream")
+    suffix_of_kind = layer.ref.kind.suffix
+    if suffix != suffix_of_kind.removeprefix("."):
+        raise ProductNotFoundError(f"{layer.id} is a {suffix_of_kind}: {digest}{suffix_of_kind}")
+    media_type = MEDIA_TYPES.get(suffix_of_kind, "application/octet-stream")
     return product_response(layer.ref, services.store, request, media_type)
 
 

@@ -51,7 +51,7 @@ async def events(
     since: Number = None,
     last_event_id: SeenHeader = None,
 ) -> AsyncIterable[ServerSentEvent]:
-    """What happens in the store, as it happens: `layers.published`, `run.changed` and others.
+    """Events of the store as they happen: `layers.published`, `run.changed` and others.
 
     Every event has a number; a client that reconnects with its last one (`Last-Event-ID`, which
     browsers send by themselves, or `since`) gets the missed ones. `reload` means that these are no
@@ -81,7 +81,7 @@ async def events(
 
 
 def _last_seen(since: int | None, header: str | None) -> int | None:
-    """The header is newer than the address that a browser connects to again."""
+    """Number of the last event; the header is newer than the URL on a reconnection."""
     if not (header and header.isascii() and header.isdigit()):
         return since
     return min(int(header), LARGEST_ID)

@@ -27,7 +27,7 @@ Value = Annotated[float | None, Query(ge=-1e6, le=1e6, description="of the image
 Pixel = Annotated[float, Query(ge=-1e5, le=1e5, allow_inf_nan=False)]
 
 
-class Picture(BaseModel):
+class StyledImage(BaseModel):
     """A style in which an image can be shown, and its addresses."""
 
     samples: int
@@ -40,7 +40,7 @@ class Picture(BaseModel):
 
 
 class ImageInfo(BaseModel):
-    """The styles of an image that there are."""
+    """The available styles of an image."""
 
     id: str
     stop: str
@@ -50,7 +50,7 @@ class ImageInfo(BaseModel):
     partner: str | None
     notes: tuple[str, ...]
     """Notes on its pixels."""
-    styles: dict[str, Picture]
+    styles: dict[str, StyledImage]
     original: ServerPath
 
 
@@ -100,14 +100,14 @@ def info(image: ImageName, services: ServicesOf, response: Response) -> ImageInf
     known = {name: getattr(entry, name) for name in ImageInfo.model_fields if hasattr(entry, name)}
     return ImageInfo(
         **known,
-        styles={str(style): _picture(entry.id, style, size) for style, size in sizes.items()},
+        styles={str(style): _styled_image(entry.id, style, size) for style, size in sizes.items()},
         original=f"/images/{entry.id}/original",
     )
 
 
-def _picture(image: str, style: Style, size: tuple[int, int]) -> Picture:
+def _styled_image(image: str, style: Style, size: tuple[int, int]) -> StyledImage:
     place = f"/images/{image}/{style}"
-    return Picture(
+    return StyledImage(
         samples=size[0],
         lines=size[1],
         max_zoom=max(0, int(np.ceil(np.log2(max(size) / TILE)))),
@@ -151,7 +151,7 @@ def browse(image: ImageName, services: ServicesOf) -> FileResponse:
 
 
 @router.get("/{image}/{style}.png", response_class=Response)
-def picture(
+def image_png(
     image: ImageName, style: Style, stretch: StretchOf, services: ServicesOf, request: Request
 ) -> Response:
     """The whole image in a style."""
@@ -159,7 +159,7 @@ def picture(
     tag = _tag(shown, request)
     if request.headers.get("if-none-match") == tag:
         return Response(status_code=304)
-    return _png(png_of(shown.picture(stretch)), tag)
+    return _png(png_of(shown.image(stretch)), tag)
 
 
 @router.get("/{image}/{style}/{z}/{x}/{y}.png", response_class=Response)
@@ -183,7 +183,7 @@ def tile(  # noqa: PLR0913, PLR0917 - the address
 
 @router.get("/{image}/original", response_class=FileResponse)
 def original(image: ImageName, services: ServicesOf) -> FileResponse:
-    """The file as the rover sent it, label and all."""
+    """The file as the rover sent it, with its label."""
     entry = services.catalogue.image(image)
     path = services.store.path(entry.ref)
     return FileResponse(

@@ -17,7 +17,7 @@ from solmap.gis_server.rendering.contours import contours_in, interval_of
 from solmap.gis_server.rendering.painting import classes_in
 from solmap.gis_server.rendering.styles import (
     ELEVATIONS,
-    PICTURES,
+    IMAGERY,
     Legend,
     StyleQuery,
     draw_legend,
@@ -47,7 +47,7 @@ from solmap.products.model import Layer, ProductKind
 router = APIRouter(prefix="/api/layers", tags=["layers"])
 _MOST_AT_ONCE = 20_000
 """Features: some 30 MB."""
-AskedNames = Annotated[tuple[str, ...], Query(max_length=200)]
+RequestedNames = Annotated[tuple[str, ...], Query(max_length=200)]
 _ZOOMS_OUT = 3
 """Zooms below that at which a layer fills one tile: there it is 32 pixels, then a dot."""
 _RUNS = 500
@@ -60,7 +60,7 @@ Interval = Annotated[
 
 @router.get("/{scope}/{kind}/{digest}/features.geojson", response_class=JSONResponse)
 def features(
-    layer: LayerPath, services: ServicesOf, bounds: BBox, ids: AskedNames = ()
+    layer: LayerPath, services: ServicesOf, bounds: BBox, ids: RequestedNames = ()
 ) -> Response:
     """The features of a layer as GeoJSON in metres of the local map: east, north and up if known.
 
@@ -82,7 +82,7 @@ def features(
 
 
 def _count_of(layer: Layer, texts: FeatureTexts) -> int:
-    """How many features there are.
+    """Check the number of features and return it.
 
     Raises:
         HTTPException: more than are sent at once.
@@ -167,8 +167,8 @@ def layer_body(layer: Layer) -> MapLayer:
 
 
 def _values_of(layer: Layer, place: str) -> str | None:
-    is_picture = layer.ref.kind in PICTURES
-    return None if is_picture else f"/tiles/{place}/{{z}}/{{x}}/{{y}}.values"
+    is_imagery = layer.ref.kind in IMAGERY
+    return None if is_imagery else f"/tiles/{place}/{{z}}/{{x}}/{{y}}.values"
 
 
 class SolutionBehind(BaseModel):
@@ -216,7 +216,7 @@ def versions(
     limit: Annotated[int, Query(ge=1, le=100)] = 20,
     offset: Annotated[int, Query(ge=0)] = 0,
 ) -> LayerVersions:
-    """Every version of a layer that was ever published, with the solutions it holds for."""
+    """All published versions of a layer, with their solutions."""
     response.headers.update(AGAIN)
     found = versions_of(scope, kind, services.catalogue)
     if not found or found[0].type == "model":
@@ -230,7 +230,7 @@ def version(layer: LayerPath, services: ServicesOf, response: Response) -> Layer
     """One version of a layer."""
     response.headers.update(AGAIN)
     if layer.type == "model":
-        raise ProductNotFoundError(f"{layer.id} is a model and no layer of the map")
+        raise ProductNotFoundError(f"{layer.id} is a model, which is not a layer of the map")
     return _bodies([layer], services)[0]
 
 
@@ -306,7 +306,7 @@ def legend(layer: LayerPath, query: Drawn, services: ServicesOf, response: Respo
 
 
 @router.get("/{scope}/{kind}/{digest}/legend.png", response_class=Response)
-def legend_picture(layer: LayerPath, query: Drawn, services: ServicesOf) -> Response:
+def legend_image(layer: LayerPath, query: Drawn, services: ServicesOf) -> Response:
     """The legend as an image."""
     body = draw_legend(layer, _style_with_classes(layer, query, services))
     return Response(body, media_type="image/png", headers=FOREVER)

@@ -46,11 +46,11 @@ _CACHED_STARTS = 2
 
 
 class Landing(BaseModel):
-    """Where the map is tied to Mars; about where, of one that has another origin."""
+    """Whether the map is tied to Mars, and else its approximate place."""
 
     name: str
     origin: str
-    """What the origin of a map is that is not tied to the lander; else empty."""
+    """Origin of a map that is not tied to the lander; else empty."""
     longitude: float
     latitude: float
     radius_m: float
@@ -68,7 +68,7 @@ class LocalCrs(BaseModel):
 
 
 class TileMatrixSet(BaseModel):
-    """How the map is cut into tiles."""
+    """The tile matrix set of the map."""
 
     extent: Bounds
     cell_sizes: tuple[float, ...]
@@ -131,7 +131,7 @@ def image_body(entry: ImageEntry) -> Image:
 
 @dataclass(frozen=True, slots=True)
 class CachedResponse:
-    """JSON, plain and compressed, and a tag that is another when its content is."""
+    """JSON, plain and compressed, with an ETag of its content."""
 
     plain: bytes
     compressed: bytes
@@ -146,13 +146,13 @@ class CachedResponse:
 
 @dataclass(frozen=True, slots=True)
 class CacheState:
-    """What a browser has already, and what it can read."""
+    """ETag in the browser's cache, and its accepted encodings."""
 
     known: str
     has_gzip: bool
 
     def respond(self, cached: CachedResponse) -> Response:
-        """The answer, or that it is the one the browser has."""
+        """The answer, or status 304 if the browser has it."""
         headers = {**AGAIN, "ETag": cached.tag, "Vary": "Accept-Encoding"}
         if cached.tag in self.known:
             return Response(status_code=HTTPStatus.NOT_MODIFIED, headers=headers)
@@ -170,13 +170,13 @@ async def _cache_state(
 
 
 CacheStateOf = Annotated[CacheState, Depends(_cache_state)]
-"""What the client has in its cache, and reads."""
+"""ETag in the client's cache, and its accepted encodings."""
 _IMAGES, _LAYERS = TypeAdapter(list[Image]), TypeAdapter(list[MapLayer])
 
 
 @router.get("/missions")
 def missions(services: ServicesOf, response: Response) -> list[Mission]:
-    """All missions, where their maps lie on Mars and how these are cut into tiles."""
+    """All missions, with the place of their maps on Mars and their tile matrix sets."""
     response.headers.update(AGAIN)
     return missions_of(services)
 
@@ -243,7 +243,7 @@ def _images(
 def sol_page(
     mission: MissionName, sol: Annotated[int, Path(ge=0, le=LAST_SOL)], services: ServicesOf
 ) -> HTMLResponse:
-    """All that is known of a sol, on one page: images, matches, adjustment, layers, times."""
+    """Report of a sol on one page: images, matches, adjustment, layers, times."""
     workspace = Workspace(services.store, services.catalogue)
     return HTMLResponse(sol_report(mission, sol, workspace), headers=AGAIN)
 

@@ -54,7 +54,7 @@ class Model(BaseModel):
     sols: tuple[int, ...]
     made_at: str
     open: ServerPath
-    """What a viewer is given: a glTF binary or a `tileset.json`."""
+    """URL of a glTF binary or a `tileset.json`."""
     download: ServerPath
     provenance: ServerPath
 

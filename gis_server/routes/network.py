@@ -82,7 +82,7 @@ def network(
     response: Response,
     solution: SolutionName = LATEST,
 ) -> NetworkGraph:
-    """Stops and the tie points they share, with what is weak."""
+    """Stops and the tie points they share, with weaknesses."""
     response.headers.update(AGAIN)
     services.catalogue.mission(mission)
     return network_graph(*network_named(mission, solution, services.catalogue, services.store))

@@ -1,4 +1,4 @@
-"""Panoramas of the stops: which there are, their tiles, and the way between them and the map."""
+"""Panoramas of the stops: list, tiles, and conversion between panorama and map."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def tile(
 
 
 @router.get("/api/missions/{mission}/panoramas/{scope}/{digest}/direction")
-def ask_direction(
+def identify_direction(
     mission: MissionName,
     scope: ScopeName,
     digest: Digest,
@@ -106,13 +106,13 @@ def ask_direction(
     elevation: Annotated[float, Query(ge=-90, le=90, allow_inf_nan=False)],
 ) -> DirectionSeen:
     """The ground in a direction, degrees, and the pixel of the image that shows it."""
-    asked = _panorama(scope, digest, services)
+    panorama = _panorama(scope, digest, services)
     oriented = OrientedMission.latest(mission, Workspace(services.store, services.catalogue))
-    return asked.direction(azimuth, elevation, oriented)
+    return panorama.direction(azimuth, elevation, oriented)
 
 
 @router.get("/api/missions/{mission}/panoramas/{scope}/{digest}/place")
-def ask_place(  # noqa: PLR0913, PLR0917 - the address
+def project_place(  # noqa: PLR0913, PLR0917 - the address
     mission: MissionName,
     scope: ScopeName,
     digest: Digest,
@@ -121,13 +121,13 @@ def ask_place(  # noqa: PLR0913, PLR0917 - the address
     north: Metres,
     elevation: Metres | None = None,
 ) -> PlaceSeen:
-    """In which direction a place of the map is seen, and whether nearer ground hides it."""
-    asked = _panorama(scope, digest, services)
+    """Direction of a place of the map, and whether nearer ground hides it."""
+    panorama = _panorama(scope, digest, services)
     if elevation is None:
         oriented = OrientedMission.latest(mission, Workspace(services.store, services.catalogue))
         point, _ = point_on_map((east, north), oriented, ground_of(mission, BEST, services))
         elevation = float(point.on_map[2])
-    return asked.place(np.array([east, north, elevation]))
+    return panorama.place(np.array([east, north, elevation]))
 
 
 def _panorama(scope: str, digest: str, services: Services) -> PanoramaView:

@@ -1,4 +1,4 @@
-"""Between map and images: where a place is seen, what a pixel shows, where others see it."""
+"""Projection between map and images, and from image to image."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ def ground_to_image(  # noqa: PLR0913 - the parameters of the question
     layer: LayerId = BEST,
     within_m: Reach = 60.0,
 ) -> GroundToImage:
-    """Every image that shows a place of the map: where in it, how sure, and whether in sight."""
+    """Every image that shows a place of the map, with image point, uncertainty and visibility."""
     known, ground = _network_and_ground(mission, layer, services)
     target, layers = _target((east, north), elevation, known, ground)
     entries = images_within(known, mission, (east, north), within_m)
     seen = [found for entry in entries if (found := project_into(entry, target, known))]
-    told = add_visibility(seen, target, known, ground)
+    visible = add_visibility(seen, target, known, ground)
     order = {"visible": 0, "unknown": 1, "hidden": 2}
-    bodies = [seen_body(found) for found in told]
+    bodies = [seen_body(found) for found in visible]
     bodies.sort(key=lambda body: (order[body.sight], body.range_m))
     return GroundToImage(
         ground=ground_body(target),
@@ -92,7 +92,7 @@ def image_to_ground(  # noqa: PLR0913 - the parameters of the question
     layer: LayerId = BEST,
     sigma_px: Sigma = 0.5,
 ) -> ImageToGround:
-    """The ground that a pixel shows, by the parallax it was matched with or by the terrain."""
+    """The ground at a pixel, by its matched parallax or by the terrain."""
     known, ground = _network_and_ground(mission, layer, services)
     entry = _entry(mission, image, services)
     found = ground_at(entry, (sample, line), sigma_px, known, ground)
@@ -126,8 +126,8 @@ def image_to_image(  # noqa: PLR0913 - the parameters of the question
         for other in others
     }
     seen = [s for other in others if found and (s := project_into(other, found.ground, known))]
-    told = add_visibility(seen, found.ground, known, ground) if found else []
-    images = [predicted_body(place, curves[place.entry.id]) for place in told]
+    visible = add_visibility(seen, found.ground, known, ground) if found else []
+    images = [predicted_body(place, curves[place.entry.id]) for place in visible]
     alone = {} if found else {name: curve_body(c) for name, c in curves.items() if len(c[0])}
     images.sort(key=lambda body: (body.sight == "hidden", body.range_m))
     return ImageToImage(**_pixel(entry, (sample, line), found, known), images=images, curves=alone)
@@ -169,12 +169,12 @@ def _others(
     known: OrientedMission,
 ) -> list[ImageEntry]:
     if stop is not None:
-        asked = known.workspace.catalogue.images(mission, str(stop_named(known, stop)))
+        candidates = known.workspace.catalogue.images(mission, str(stop_named(known, stop)))
     else:
         centre = MAP_FROM_LSL @ known.oriented_image(entry).camera.centre
         place = found.ground.on_map if found else centre
-        asked = images_within(known, mission, (float(place[0]), float(place[1])), within_m)
-    return [other for other in asked if other.id != entry.id]
+        candidates = images_within(known, mission, (float(place[0]), float(place[1])), within_m)
+    return [other for other in candidates if other.id != entry.id]
 
 
 def _pixel(

@@ -19,7 +19,7 @@ from starlette.types import Scope
 from solmap.gis_server.services import ServicesOf
 
 _ENCODINGS = {"br": ".br", "gzip": ".gz"}
-"""Best first, and what the build adds to the name of a file."""
+"""Encodings, best first, with the suffix of the compressed file."""
 _FOREVER = "public, max-age=31536000, immutable"
 _PINNED = "assets"
 """Folder of files whose names carry a digest of their content."""
@@ -50,7 +50,7 @@ _DOCS_START = (
 
 
 class ViewerFiles(StaticFiles):
-    """Static files beside which the build laid compressed ones."""
+    """Static files with compressed copies made by the build."""
 
     def file_response(
         self,
@@ -65,7 +65,7 @@ class ViewerFiles(StaticFiles):
         for encoding, suffix in _ENCODINGS.items():
             if encoding in accepted and os.path.isfile(plain + suffix):  # noqa: PTH113 - cheapest
                 full_path, used = plain + suffix, encoding
-                stat_result = os.stat(full_path)  # noqa: PTH116 - what the parent hands on
+                stat_result = os.stat(full_path)  # noqa: PTH116 - as the parent class passes it
                 break
         # Its type follows from its name: that of a file `name.js.br` is that of `name.js`.
         answer = super().file_response(full_path, stat_result, scope, status_code)
@@ -85,7 +85,7 @@ def _accepted_encodings(header: str) -> set[str]:
 
 @router.get("/metrics", tags=["server"], response_class=Response)
 def metrics(request: Request) -> Response:
-    """Requests, times, caches, what is published, and how the runs went."""
+    """Metrics of requests, times, caches, publications and runs."""
     body = request.app.state.metrics.text()
     return Response(body, media_type=CONTENT_TYPE_LATEST, headers={"Cache-Control": "no-store"})
 

@@ -23,7 +23,7 @@ from pydantic import BaseModel, ValidationError
 
 from solmap.gis_server.metrics import Metrics
 from solmap.gis_server.parameters import FOREVER, Digest, ScopeName, TileNumber, Zoom
-from solmap.gis_server.rendering.painting import PNG, WEBP, PictureFormat
+from solmap.gis_server.rendering.painting import PNG, WEBP, ImageFormat
 from solmap.gis_server.rendering.png import gunzip
 from solmap.gis_server.rendering.styles import StyleQuery
 from solmap.gis_server.rendering.tiles import MEDIA_TYPE, draw_tile, empty_tile, render_values
@@ -114,17 +114,17 @@ async def small_tile(request: Request) -> Response:
     Shades of grey and photographs are lossy; colours of a palette, and what is transparent, exact.
     """
     kept: LRUCache[tuple[str, bytes], bytes] = request.app.state.services.small_tiles
-    asked = request.scope["path"], request.scope["query_string"]
-    body = kept.get(asked)
+    key = request.scope["path"], request.scope["query_string"]
+    body = kept.get(key)
     if body is None:
         body = await _drawn(request, WEBP) or b""
-        kept[asked] = body
+        kept[key] = body
     if not body:
         return Response(status_code=HTTPStatus.NO_CONTENT, headers=FOREVER)
     return Response(body, media_type=WEBP.media_type, headers=FOREVER)
 
 
-async def _drawn(request: Request, form: PictureFormat) -> bytes | None:
+async def _drawn(request: Request, form: ImageFormat) -> bytes | None:
     path = _validate(TilePath, request.path_params, "path")
     query = _checked_query(StyleQuery, request.scope["query_string"])
     services: Services = request.app.state.services

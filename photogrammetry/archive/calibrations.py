@@ -239,8 +239,8 @@ def _numbers(values: Any, count: int | None, what: str) -> list[float]:  # noqa:
     except (TypeError, ValueError):
         numbers = []
     if len(numbers) != (len(given) if count is None else count) or not np.isfinite(numbers).all():
-        wanted = "numbers" if count is None else f"{count} number{'s' * (count > 1)}"
-        raise LabelError(f"{what} should be {wanted}, but is {values!a:.60}")
+        expected = "numbers" if count is None else f"{count} number{'s' * (count > 1)}"
+        raise LabelError(f"{what} should be {expected}, but is {values!a:.60}")
     return numbers
 
 

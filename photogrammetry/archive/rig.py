@@ -47,7 +47,7 @@ from solmap.photogrammetry.archive.calibrations import (
     camera_of,
     read_calibration,
 )
-from solmap.photogrammetry.archive.images.pixels import picture_size
+from solmap.photogrammetry.archive.images.pixels import image_file_size
 from solmap.photogrammetry.archive.missions import mission_id, mission_of_host
 from solmap.photogrammetry.archive.tables.pose_table import PoseRow
 from solmap.photogrammetry.errors import CameraError, FrameError, LabelError
@@ -116,7 +116,7 @@ class RigShot:
             PixelError: it is not an image.
             LabelError: it has another size than its camera was calibrated for.
         """
-        samples, lines = picture_size(data, name)
+        samples, lines = image_file_size(data, name)
         _check_size(self.rig.cameras[self.eye], samples, lines, name, self.rig.source)
         return RoverImage(
             id=self.image_id,
@@ -210,8 +210,8 @@ def rig_shots(
             ((eye, name),) = found
             pairs.setdefault(name, {})[eye] = file
         else:
-            wanted = " nor ".join(rig.images.values())
-            faults[file] = f"its name is neither {wanted} of {rig.source}; it is left out"
+            expected = " nor ".join(rig.images.values())
+            faults[file] = f"its name is neither {expected} of {rig.source}; it is left out"
     numbers = _numbers(pairs)
     whole = [name for name, pair in pairs.items() if len(pair) == len(Eye) - 1]
     in_order = sorted(whole, key=lambda name: (numbers[name], name))
@@ -413,6 +413,6 @@ def _list(table: Mapping[str, Any], key: str, count: int | None, where: str) -> 
     numbers = [float(one) for one in given if type(one) in (int, float)]
     wrong = len(numbers) != (len(given) if count is None else count) or given is not value
     if wrong or not np.isfinite(numbers).all():
-        wanted = "a list of numbers" if count is None else f"{count} number{'s' * (count > 1)}"
-        raise LabelError(f"{where}: {key} should be {wanted}, but is {value!a:.60}")
+        expected = "a list of numbers" if count is None else f"{count} number{'s' * (count > 1)}"
+        raise LabelError(f"{where}: {key} should be {expected}, but is {value!a:.60}")
     return numbers

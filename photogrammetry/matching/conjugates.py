@@ -363,14 +363,14 @@ def _least_squares(
     templates: Float32[np.ndarray, "n a a"],
     searches: Float32[np.ndarray, "n b b"],
     start: Float64[np.ndarray, "n 2"],
-    wanted: Flags,
+    chosen: Flags,
     params: ConjugateParams,
 ) -> tuple[Float64[np.ndarray, "n 2"], PerPoint, PerPoint, Flags]:
     """Least-squares matching of requested templates: (offset, sigma, correlation, converged)."""
     n = len(templates)
     offset, sigma, correlation = start.copy(), np.full(n, np.nan), np.zeros(n)
     settled = np.zeros(n, dtype=bool)
-    k = np.flatnonzero(wanted)
+    k = np.flatnonzero(chosen)
     if not len(k):
         return offset, sigma, correlation, settled
     fits = fit_patches(templates[k], searches[k], start[k], ITERATIONS)

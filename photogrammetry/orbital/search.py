@@ -341,7 +341,7 @@ def _unexplained_share(layers: np.ndarray, value: np.ndarray) -> float:
 class _View:
     """The image with its slopes per metre east and north, interpolated at points of the map."""
 
-    pictures: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    rasters: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     image: MapGrid
     ground: MapGrid
 
@@ -358,7 +358,7 @@ class _View:
         """Image values at the map's points, derivatives by `place`, and where they are known."""
         at = map_to_image(self.ground, place, east, north)
         value, d_e, d_n, shown = (
-            _looked_up(picture, *samples_of(self.image, *at)) for picture in self.pictures
+            _looked_up(raster, *samples_of(self.image, *at)) for raster in self.rasters
         )
         west, south, right, top = self.ground.bounds
         arm_e, arm_n = at[0] - place[0] - (west + right) / 2, at[1] - place[1] - (south + top) / 2
@@ -366,13 +366,13 @@ class _View:
         return value, (d_e, d_n, d_e * arm_n - d_n * arm_e, by_scale), shown
 
 
-def _looked_up(picture: np.ndarray, sample: np.ndarray, line: np.ndarray) -> np.ndarray:
+def _looked_up(raster: np.ndarray, sample: np.ndarray, line: np.ndarray) -> np.ndarray:
     """An image at some points, in rows of fewer than 32768, which OpenCV requires."""
     rows = -(-len(sample) // ROW)
     columns, lines = (
         np.pad(k, (0, rows * ROW - len(k))).reshape(rows, ROW) for k in (sample, line)
     )
-    found = np.asarray(cv2.remap(picture, columns, lines, cv2.INTER_CUBIC))
+    found = np.asarray(cv2.remap(raster, columns, lines, cv2.INTER_CUBIC))
     return found.ravel()[: len(sample)].astype(np.float64)
 
 

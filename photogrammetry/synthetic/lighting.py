@@ -230,10 +230,10 @@ def _grains(seed: int, sun: Sun) -> tuple[np.ndarray, ...]:
     relief, albedo = _grain_relief(seed)
     margin = 64
     ringed = cv2.copyMakeBorder(relief, *(margin,) * 4, cv2.BORDER_WRAP)
-    picture = ground_radiance(ringed, GRAIN_M, sun)[margin:-margin, margin:-margin] * albedo
-    picture = np.ascontiguousarray(picture / picture.mean())
-    pictures = []
+    shade = ground_radiance(ringed, GRAIN_M, sun)[margin:-margin, margin:-margin] * albedo
+    shade = np.ascontiguousarray(shade / shade.mean())
+    levels = []
     for _ in range(3):
-        pictures.append(cv2.copyMakeBorder(picture, 0, 1, 0, 1, cv2.BORDER_WRAP))
-        picture = cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    return tuple(pictures)
+        levels.append(cv2.copyMakeBorder(shade, 0, 1, 0, 1, cv2.BORDER_WRAP))
+        shade = cv2.resize(shade, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    return tuple(levels)

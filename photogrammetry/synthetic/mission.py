@@ -270,8 +270,8 @@ def mission_names(plan: MissionPlan) -> Names:
 def exposures(mission: SimulatedMission, plan: MissionPlan) -> Iterator[tuple[Exposure, Exposure]]:
     """Left and right exposure of every pair, with the attitude and position by telemetry."""
     for stop, prior in enumerate(mission.network.stops):
-        told = prior.lsl_from_rover
-        pose = Pose(site_frame(SITE), told.source, told.rotation, told.translation_m)
+        telemetry = prior.lsl_from_rover
+        pose = Pose(site_frame(SITE), telemetry.source, telemetry.rotation, telemetry.translation_m)
         for pair in range(plan.pairs_per_stop):
             yield (
                 _exposure(stop, pair, plan, Eye.LEFT, pose),

@@ -149,14 +149,14 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
         mast = own.normal(0, np.radians(errors.mast_deg) * noise, 3)
         pointings += mast_partials(pairs) @ mast
     views = [_true_view(truth, pairs, pointings, k, pairs_per_stop) for k in range(len(pairs))]
-    wanted = _tie_plan(
+    plan = _tie_plan(
         rng,
         truth,
         (cross_ties, far_cross_ties, inter_ties, intra_ties),
         laps if loop else 0,
         untied,
     )
-    points, seen = _observe(views, wanted, pairs_per_stop)
+    points, seen = _observe(views, plan, pairs_per_stop)
     left, parallax = _measure(pairs, views, points, seen)
     size = rng.normal(0, sigma_px * tie_noise * noise, (len(seen), 3))
     wrong = _blunders(rng, seen, pairs_per_stop, blunders)
@@ -279,7 +279,7 @@ def _true_view(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Wanted:
+class _PlannedTies:
     """Candidate points, and the required numbers of stops and pairs that see them."""
 
     candidates: ObjectPoints
@@ -294,10 +294,10 @@ def _tie_plan(
     counts: tuple[int, int, int, int],
     laps: int,
     untied: AbstractSet[int],
-) -> list[_Wanted]:
+) -> list[_PlannedTies]:
     cross, far, inter, intra = counts
     centres = np.array([pose.translation_m for pose in truth])
-    wanted = []
+    plan = []
     n = len(truth)
     for k in range(n):
         revisit = ((n // laps, cross),) if laps > 1 and k + n // laps < n else ()
@@ -309,15 +309,15 @@ def _tie_plan(
                 middle = (centres[k] + centres[other]) / 2
                 spread = 0.35 * float(np.linalg.norm(centres[k] - centres[other])) + 2.0
                 candidates = _ground(rng, middle[:2], spread, 12 * count)
-                wanted.append(_Wanted(candidates, (k, other), count, 1))
+                plan.append(_PlannedTies(candidates, (k, other), count, 1))
         radius = rng.uniform(3.0, 15.0, 60 * (inter + intra) + 1)
         angle = rng.uniform(0, 2 * np.pi, len(radius))
         near = centres[k, :2] + radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
         ground = np.column_stack([near, _lift(rng, near)])
         half = 50 * inter
-        wanted.append(_Wanted(ground[:half], (k,), inter, 2))
-        wanted.append(_Wanted(ground[half:], (k,), intra, 1))
-    return wanted
+        plan.append(_PlannedTies(ground[:half], (k,), inter, 2))
+        plan.append(_PlannedTies(ground[half:], (k,), intra, 1))
+    return plan
 
 
 def _ground(
@@ -333,24 +333,24 @@ def _lift(rng: np.random.Generator, xy: np.ndarray) -> PerPoint:
 
 
 def _observe(
-    views: list[Pose], wanted: list[_Wanted], per_stop: int
+    views: list[Pose], plan: list[_PlannedTies], per_stop: int
 ) -> tuple[ObjectPoints, np.ndarray]:
     """The chosen points, and rows (point, pair) of their observations."""
     chosen: list[ObjectPoints] = []
     seen: list[tuple[int, int]] = []
     number = 0
-    for want in wanted:
-        numbers = [s * per_stop + i for s in want.stops for i in range(per_stop)]
-        visible = np.array([_visible(views[k], want.candidates) for k in numbers])
-        each = visible.reshape(len(want.stops), per_stop, -1).sum(axis=1)
-        good = np.flatnonzero((each >= want.pairs).all(axis=0))[: want.count]
+    for planned in plan:
+        numbers = [s * per_stop + i for s in planned.stops for i in range(per_stop)]
+        visible = np.array([_visible(views[k], planned.candidates) for k in numbers])
+        each = visible.reshape(len(planned.stops), per_stop, -1).sum(axis=1)
+        good = np.flatnonzero((each >= planned.pairs).all(axis=0))[: planned.count]
         for c in good.tolist():
             for row, k in enumerate(numbers):
-                if visible[row, c] and (want.pairs > 1 or len(want.stops) > 1 or
+                if visible[row, c] and (planned.pairs > 1 or len(planned.stops) > 1 or
                                         row == int(visible[:, c].argmax())):  # fmt: skip
                     seen.append((number, k))
             number += 1
-        chosen.append(want.candidates[good])
+        chosen.append(planned.candidates[good])
     points = np.vstack(chosen) if chosen else np.zeros((0, 3))
     return points, np.array(seen, dtype=np.int64).reshape(-1, 2)
 

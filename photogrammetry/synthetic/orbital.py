@@ -39,7 +39,7 @@ class GeoreferenceError:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OrbitalPicture:
+class OrbitalMosaic:
     """An image, where it claims to lie, and how that is wrong."""
 
     grid: MapGrid
@@ -47,7 +47,7 @@ class OrbitalPicture:
     error: GeoreferenceError
 
 
-def orbital_picture(world: World) -> OrbitalPicture:
+def orbital_mosaic(world: World) -> OrbitalMosaic:
     """A world as imaged from orbit; its position has an error of 3 to 6 m and up to 0.5 degrees."""
     rng = stream_of(world.seed, 106)
     bearing, far_m = rng.uniform(0, 2 * np.pi), rng.uniform(3.0, 6.0)
@@ -59,7 +59,7 @@ def orbital_picture(world: World) -> OrbitalPicture:
     radiance = ground_radiance(patch.elevation, window.cell_m, AFTERNOON) * patch.albedo
     seen = resampled(radiance, window, grid, turn(error.rotation_deg), (east_m, north_m))
     noise = np.float32(NOISE) * rng.standard_normal(grid.shape, np.float32)
-    return OrbitalPicture(grid, seen + noise, error)
+    return OrbitalMosaic(grid, seen + noise, error)
 
 
 def turn(rotation_deg: float) -> np.ndarray:

@@ -295,10 +295,10 @@ def _draw_craters(seed: int, kind: TerrainType, half_m: float = 200.0) -> tuple[
     number = rng.poisson(kind.craters_per_ha * (2 * half_m / 100) ** 2)
     places = rng.uniform(-half_m, half_m, (number, 2))
     radii = np.minimum(rng.uniform(size=number) ** -0.5, 12.0)
-    wear = rng.uniform(0.2, 0.8, number)
+    roundness = rng.uniform(0.2, 0.8, number)
     craters = [
         Crater(float(n), float(e), float(r), float(0.4 * r * w), float(0.08 * r * w))
-        for (n, e), r, w in zip(places, radii, wear, strict=True)
+        for (n, e), r, w in zip(places, radii, roundness, strict=True)
     ]
     if kind.large_crater_m:
         r = kind.large_crater_m / 2

@@ -139,19 +139,19 @@ def drive_traverse(
 ) -> tuple[Stop, ...]:
     """The stops of a traverse with true poses, with telemetry."""
     stops: list[Stop] = []
-    believed, drift, slip = truths[0], 0.0, 0.0
+    estimated, drift, slip = truths[0], 0.0, 0.0
     for k, (truth, stop_id) in enumerate(zip(truths, ids, strict=True)):
         if k:
             slip = rng.uniform(*params.slip)
             drift += rng.normal(0.0, params.drift)
             way = truth.translation_m - truths[k - 1].translation_m
             turn = rotation_of_roll_pitch_yaw(0.0, 0.0, drift)
-            position = believed.translation_m + (1 + slip) * turn @ way
+            position = estimated.translation_m + (1 + slip) * turn @ way
             position = position + rng.normal(0.0, params.position_m, 3)
             error = _attitude_error(params, drift, rng)
-            believed = Pose(LSL, stop_id.frame, error @ truth.rotation, position)
+            estimated = Pose(LSL, stop_id.frame, error @ truth.rotation, position)
         declared = stop_id.drive == 0
-        origin = believed.translation_m if declared else stops[-1].lsl_from_site.translation_m
+        origin = estimated.translation_m if declared else stops[-1].lsl_from_site.translation_m
         sol = params.first_sol + k
         hour = rng.uniform(*params.local_solar_hours)
         sun = sun_at(sol, hour)
@@ -166,7 +166,7 @@ def drive_traverse(
                 sun=sun,
                 slip=slip,
                 lsl_from_rover=truth,
-                telemetry_lsl_from_rover=believed,
+                telemetry_lsl_from_rover=estimated,
                 lsl_from_site=Pose(LSL, site_frame(stop_id.site), np.eye(3), origin),
             )
         )

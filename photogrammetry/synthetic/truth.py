@@ -100,15 +100,15 @@ def truth_document(world: World) -> dict[str, object]:
 
 
 def _stop_truth(stop: Stop) -> dict[str, object]:
-    true, told = stop.lsl_from_rover, stop.telemetry_lsl_from_rover
+    true, telemetry = stop.lsl_from_rover, stop.telemetry_lsl_from_rover
     return {
         "sol": stop.sol,
         "site": stop.id.site,
         "drive": stop.id.drive,
         "position": true.translation_m.tolist(),
         "rover_to_lsl_quaternion_wxyz": true.quaternion.tolist(),
-        "telemetry_position": told.translation_m.tolist(),
-        "telemetry_quaternion_wxyz": told.quaternion.tolist(),
+        "telemetry_position": telemetry.translation_m.tolist(),
+        "telemetry_quaternion_wxyz": telemetry.quaternion.tolist(),
         "slip": stop.slip,
         "sun_azimuth_deg": float(np.rad2deg(stop.sun.azimuth)),
         "sun_elevation_deg": float(np.rad2deg(stop.sun.elevation)),

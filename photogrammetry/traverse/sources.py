@@ -276,9 +276,9 @@ def traverse_of_vectors(files: Sequence[VectorFile], solution: str = "") -> Trav
     tree = lsl_tree(given).tree
     frames = sorted((pose.source for pose in given), key=lambda frame: frame.index)
     rovers = {frame.index[0] for frame in frames if frame.kind is FrameKind.ROVER}
-    wanted = [f for f in frames if f.kind is FrameKind.ROVER or f.index[0] not in rovers]
+    used = [f for f in frames if f.kind is FrameKind.ROVER or f.index[0] not in rovers]
     placed: dict[str, np.ndarray] = {}
-    for frame in wanted:
+    for frame in used:
         try:
             placed.setdefault(_name(frame), tree.pose(LSL, frame).translation_m)
         except FrameError:

@@ -177,8 +177,8 @@ WHOLE = Part()
 def _image_terms(
     mission: str | None, stop: str | None, sol: int | None
 ) -> list[sa.ColumnElement[bool]]:
-    asked = ((IMAGES.c.mission, mission), (IMAGES.c.stop, stop), (IMAGES.c.sol, sol))
-    return [column == value for column, value in asked if value is not None]
+    conditions = ((IMAGES.c.mission, mission), (IMAGES.c.stop, stop), (IMAGES.c.sol, sol))
+    return [column == value for column, value in conditions if value is not None]
 
 
 def _latest(

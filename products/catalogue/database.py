@@ -97,9 +97,9 @@ def _engine(url: str) -> sa.Engine:
             return engine
         if dialect != "postgresql":
             raise ProductError(f"the catalogue cannot lie in {dialect}; {_URLS}")
-        asked = {"connect_timeout": _CONNECT_S}
+        options = {"connect_timeout": _CONNECT_S}
         return sa.create_engine(
-            url, pool_pre_ping=True, max_overflow=_SPARE, connect_args=asked, hide_parameters=True
+            url, pool_pre_ping=True, max_overflow=_SPARE, connect_args=options, hide_parameters=True
         )
     except (ArgumentError, NoSuchModuleError, ModuleNotFoundError) as error:
         raise ProductError(f"the catalogue's URL cannot be used: {error}; {_URLS}") from error

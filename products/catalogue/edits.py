@@ -331,8 +331,8 @@ class RunRequests:
 
     def waiting(self) -> list[RunRequest]:
         """Requests that have not been processed, oldest first."""
-        asked = self.requests(limit=1000)
-        return [one for one in reversed(asked) if one.state is RequestState.WAITING]
+        pending = self.requests(limit=1000)
+        return [one for one in reversed(pending) if one.state is RequestState.WAITING]
 
     def trim(self, before: str) -> None:
         """Delete the answered requests made before a time."""

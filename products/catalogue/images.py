@@ -114,12 +114,12 @@ def image_record(entry: ImageEntry, workspace: Workspace) -> RoverImage:
 
 def image_records(entries: Iterable[ImageEntry], workspace: Workspace) -> list[RoverImage]:
     """The labels of several ingested images; they are cached in the catalogue."""
-    asked = {_name(entry, workspace): entry for entry in entries}
+    requested = {_name(entry, workspace): entry for entry in entries}
     book = LabelCache(workspace.catalogue.engine)
-    kept = book.find(digest for root, digest in asked if (root, digest) not in _remembered)
+    kept = book.find(digest for root, digest in requested if (root, digest) not in _remembered)
     _remember({(workspace.store.root, digest): label for digest, label in kept.items()})
-    fresh = [name for name in asked if name not in _remembered]
-    records = {name: image_record(entry, workspace) for name, entry in asked.items()}
+    fresh = [name for name in requested if name not in _remembered]
+    records = {name: image_record(entry, workspace) for name, entry in requested.items()}
     if fresh:
         book.keep({name[1]: records[name] for name in fresh})
     return list(records.values())

@@ -76,18 +76,18 @@ def _database_lock(
     with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
         for setting, value in (("idle", _LOST_AFTER_S // 2), ("interval", 10), ("count", 3)):
             connection.exec_driver_sql(f"SET tcp_keepalives_{setting} = {value}")
-        is_held = _asked(connection, f"pg_try_advisory_lock{suffix}", key)
+        is_held = _query(connection, f"pg_try_advisory_lock{suffix}", key)
         if not is_held and on_wait is not None:
             on_wait()
-            _asked(connection, f"pg_advisory_lock{suffix}", key)
+            _query(connection, f"pg_advisory_lock{suffix}", key)
             is_held = True
         try:
             yield is_held
         finally:
             with contextlib.suppress(SQLAlchemyError):  # the connection was lost, and the lock
                 if is_held:
-                    _asked(connection, f"pg_advisory_unlock{suffix}", key)
+                    _query(connection, f"pg_advisory_unlock{suffix}", key)
 
 
-def _asked(connection: sa.Connection, function: str, key: int) -> bool:
+def _query(connection: sa.Connection, function: str, key: int) -> bool:
     return bool(connection.execute(sa.select(getattr(sa.func, function)(key))).scalar_one())

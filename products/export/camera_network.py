@@ -176,7 +176,7 @@ def _with_ties(
     )
 
 
-def view_picture(view: CameraView, mission: OrientedMission) -> bytes:
+def view_image(view: CameraView, mission: OrientedMission) -> bytes:
     """The epipolar image of a camera as 8-bit PNG, 0 where it has no data."""
     read = read_product_image(image_file(view.entry), mission.workspace.store)
     eye = Eye.RIGHT if view.entry.eye == Eye.RIGHT else Eye.LEFT

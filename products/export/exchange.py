@@ -8,11 +8,11 @@ from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.export.asp import csm_state, tsai_text
-from solmap.products.export.camera_network import CameraNetwork, camera_network, view_picture
+from solmap.products.export.camera_network import CameraNetwork, camera_network, view_image
 from solmap.products.export.colmap import colmap_texts
 from solmap.products.export.isis import control_network_text
 from solmap.products.export.pair_rasters import pair_rasters
-from solmap.products.export.selection import EXCHANGE, PICTURES, Selection
+from solmap.products.export.selection import EPIPOLAR, EXCHANGE, Selection
 
 
 def exchange_files(
@@ -33,7 +33,7 @@ def exchange_files(
     if any(selection.has(word) for word in ("colmap", "asp", "isis")):
         network = camera_network(mission, {image.id for image in images})
         for view in network.views:
-            yield f"{PICTURES}/{name}/{view.name}.png", view_picture(view, mission)
+            yield f"{EPIPOLAR}/{name}/{view.name}.png", view_image(view, mission)
         if selection.has("asp"):
             yield from _asp(network, entry)
         if selection.has("colmap"):

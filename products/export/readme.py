@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import local_crs
-from solmap.products.export.selection import EXCHANGE, PICTURES
+from solmap.products.export.selection import EPIPOLAR, EXCHANGE
 from solmap.products.model import Layer
 from solmap.products.store.provenance import SOFTWARE
 
@@ -32,7 +32,7 @@ _FOLDERS = {
     ),
     "reports": "quality of every adjustment, and the report of each sol",
     **EXCHANGE,
-    PICTURES: "images of the stereo pairs resampled to epipolar geometry, without distortion",
+    EPIPOLAR: "images of the stereo pairs resampled to epipolar geometry, without distortion",
 }
 
 

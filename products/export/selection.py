@@ -26,7 +26,7 @@ EXCHANGE: Mapping[str, str] = {
     "pds": "XYZ, range, normals and slope of every stereo pair (VICAR, with PDS4 labels)",
 }
 """Files for other programs that are only exported on request, and their descriptions."""
-PICTURES = "epipolar"
+EPIPOLAR = "epipolar"
 """Folder of the epipolar images of the exported cameras and tie points."""
 _STOP = re.compile(r"(?:.*site)?0*(\d{1,6})(?:/|-drive|-)0*(\d{1,6})", re.ASCII)
 

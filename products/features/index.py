@@ -320,7 +320,7 @@ class FeatureIndex:
         try:
             with connection:
                 if keys is not None:
-                    _ask(connection, keys)
+                    _request_layers(connection, keys)
                 if area:
                     connection.create_function("meets", 1, Meets(area.shape), deterministic=True)
                 yield connection
@@ -328,7 +328,7 @@ class FeatureIndex:
             connection.close()
 
 
-def _ask(connection: sqlite3.Connection, keys: Sequence[str]) -> None:
+def _request_layers(connection: sqlite3.Connection, keys: Sequence[str]) -> None:
     connection.execute("CREATE TEMP TABLE wanted(key TEXT PRIMARY KEY)")
     connection.executemany("INSERT OR IGNORE INTO wanted VALUES(?)", ((key,) for key in keys))
     connection.execute(

@@ -64,14 +64,14 @@ class FeatureTimes:
 
     def _of_stop(self, sols: Sols, stop: str | None) -> Times | None:
         """The images of some sols, and of a stop where one is named."""
-        asked = sols, stop
-        if asked not in self._known:
-            self._known[asked] = times_of(
+        key = sols, stop
+        if key not in self._known:
+            self._known[key] = times_of(
                 image
                 for image in self._images.values()
                 if sols[0] <= image.sol <= sols[1] and stop in (None, image.stop)
             )
-        return self._known[asked]
+        return self._known[key]
 
 
 def times_of(images: Iterable[ImageEntry]) -> Times | None:
@@ -147,15 +147,15 @@ class MissionFeatures:
 
     def keys(self, collection: CollectionDefinition, mission: str) -> list[str]:
         """The layers of a collection in the index, which contains all of them on return."""
-        asked, version = (collection.id, mission), self.catalogue.version()
-        if asked not in self._known or self._known[asked][0] != version:
+        key, version = (collection.id, mission), self.catalogue.version()
+        if key not in self._known or self._known[key][0] != version:
             parts = list(self._parts(collection, mission))
             if collection.is_written:
                 parts = [self._annotation_part(collection, mission)]
             if self.index.missing(part.key for part in parts):
                 self._fill(collection, mission, parts)
-            self._known[asked] = version, [part.key for part in parts]
-        return self._known[asked][1]
+            self._known[key] = version, [part.key for part in parts]
+        return self._known[key][1]
 
     def fill(self, mission: str, kinds: Collection[ProductKind]) -> None:
         """Add published layers of some kinds to the index.

@@ -3,7 +3,7 @@
 - of a pair: accepted candidates, the parallax curve, dense parallax and residuals from it;
 - of ties: two images side by side with a line for every point that both show, coloured by the
   length of the tie's residual in standard deviations (Mahalanobis), from green (0) over yellow to
-  red (the limit of the verdict);
+  red (the limit of acceptance);
 - of hypotheses: two stops from above, overlaid.
 """
 
@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from solmap.photogrammetry.arrays import (
+    EightBits,
     Flags,
     Float64,
     GreyImage,
@@ -23,7 +24,6 @@ from solmap.photogrammetry.arrays import (
     Mask,
     ParallaxMap,
     PerPoint,
-    Picture,
     UInt8,
 )
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
@@ -57,35 +57,35 @@ AGREES_PX = 0.3
 """Residual of a good match: what published stereo reaches on board (NPO-42487: 0.32 px)."""
 
 
-def in_three_bands(image: GreyImage, mask: Mask) -> Picture:
+def in_three_bands(image: GreyImage, mask: Mask) -> EightBits:
     """The stretched image, to be drawn upon in colours; black where not usable."""
     grey = np.where(mask, stretch(image, mask), 0).astype(np.uint8)
     return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
 
 
-def draw_candidates(images: EpipolarImages, candidates: Candidates) -> Picture:
+def draw_candidates(images: EpipolarImages, candidates: Candidates) -> EightBits:
     """Both images side by side: accepted candidates white, those off the parallax curve black."""
-    pictures = []
+    figures = []
     for image, mask, points in (
         (images.left, images.left_mask, candidates.left),
         (images.right, images.right_mask, candidates.right),
     ):
-        picture = in_three_bands(image, mask)
-        _dots(picture, points[candidates.accepted].astype(np.float64), WHITE, BLACK)
-        _dots(picture, points[~candidates.accepted].astype(np.float64), BLACK, WHITE)
-        pictures.append(picture)
-    return np.hstack(pictures)
+        figure = in_three_bands(image, mask)
+        _dots(figure, points[candidates.accepted].astype(np.float64), WHITE, BLACK)
+        _dots(figure, points[~candidates.accepted].astype(np.float64), BLACK, WHITE)
+        figures.append(figure)
+    return np.hstack(figures)
 
 
 def draw_residuals(
     images: EpipolarImages, matches: StereoMatches, parallax: ParallaxMap
-) -> Picture:
+) -> EightBits:
     """The left image with the matches, coloured by their difference from dense matching.
 
     Least squares and semi-global matching are independent: green agrees to 0.3 px, orange to one,
     red does not; white has no dense parallax.
     """
-    picture = in_three_bands(images.left, images.left_mask)
+    figure = in_three_bands(images.left, images.left_mask)
     sample, line = np.rint(matches.left).astype(int).T
     apart = np.abs(matches.parallax_px - parallax[line, sample])
     for colour, chosen in (
@@ -94,11 +94,11 @@ def draw_residuals(
         (ORANGE, (apart > AGREES_PX) & (apart <= 1)),
         (RED, apart > 1),
     ):
-        _dots(picture, matches.left[chosen], colour, BLACK)
-    return picture
+        _dots(figure, matches.left[chosen], colour, BLACK)
+    return figure
 
 
-def draw_parallax(parallax: ParallaxMap) -> Picture:
+def draw_parallax(parallax: ParallaxMap) -> EightBits:
     """Parallax in colours over its own range, on a logarithmic scale; black where unmatched."""
     return _colours(parallax)
 
@@ -109,7 +109,7 @@ def draw_pair(
     matches: StereoMatches,
     dense: DenseMatches,
     params: VerificationParams,
-) -> Picture:
+) -> EightBits:
     """All matches of a pair, on one sheet.
 
     Top: candidates in both images. Middle: matches coloured by residual, and the dense parallax.
@@ -125,11 +125,11 @@ def draw_pair(
 
 def draw_parallax_curve(
     candidates: Candidates, params: VerificationParams, width: int = 1200, height: int = 500
-) -> Picture:
+) -> EightBits:
     """Parallaxes in row-first order with the parallax curve (orange), blunders in black."""
-    picture = np.full((height, width, 3), 255, np.uint8)
+    figure = np.full((height, width, 3), 255, np.uint8)
     if not len(candidates):
-        return picture
+        return figure
     points = candidates.left.astype(np.float64)
     parallax = points[:, 0] - candidates.right[:, 0]
     curve = parallax_curve(points, parallax, params)
@@ -141,26 +141,26 @@ def draw_parallax_curve(
         return np.column_stack([x, height - 10 - values[order] / highest * (height - 20)])
 
     accepted = candidates.accepted[order]
-    _dots(picture, place(parallax)[accepted], GREEN, None)
-    _dots(picture, place(curve), ORANGE, None)
-    _dots(picture, place(parallax)[~accepted], BLACK, None)
-    return picture
+    _dots(figure, place(parallax)[accepted], GREEN, None)
+    _dots(figure, place(curve), ORANGE, None)
+    _dots(figure, place(parallax)[~accepted], BLACK, None)
+    return figure
 
 
-def _colours(values: ParallaxMap) -> Picture:
+def _colours(values: ParallaxMap) -> EightBits:
     known = np.isfinite(values) & (values > 0)
     if not known.any():
         return np.zeros((*values.shape, 3), np.uint8)
     logarithm = np.log(np.where(known, values, 1.0))
     low, high = np.percentile(logarithm[known], [0.5, 99.5])
     scaled = np.clip((logarithm - low) / max(high - low, 1e-6), 0, 1) * 255
-    picture = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO)
-    picture[~known] = 0
-    return picture
+    figure = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO)
+    figure[~known] = 0
+    return figure
 
 
 def _dots(
-    picture: Picture,
+    figure: EightBits,
     points: ImagePoints,
     colour: tuple[int, int, int],
     rim: tuple[int, int, int] | None,
@@ -168,8 +168,8 @@ def _dots(
     """Small discs, drawn into the image."""
     for x, y in np.rint(points).astype(int).tolist():
         if rim is not None:
-            cv2.circle(picture, (x, y), 3, rim, -1)
-        cv2.circle(picture, (x, y), 2, colour, -1)
+            cv2.circle(figure, (x, y), 3, rim, -1)
+        cv2.circle(figure, (x, y), 2, colour, -1)
 
 
 GAP_PX = 8
@@ -219,7 +219,7 @@ def draw_ties(
     ties: Ties,
     misfit: PerPoint,
     scale: float = 1.0,
-) -> Picture:
+) -> EightBits:
     """Two images, and a coloured line from each point to its conjugate."""
     for shown in (first, second):
         if shown.name not in ties.pair_ids:
@@ -227,21 +227,21 @@ def draw_ties(
     grey = [_small(in_three_bands(s.image, s.mask), scale) for s in (first, second)]
     height = max(g.shape[0] for g in grey)
     offset = grey[0].shape[1] + GAP_PX
-    picture = np.zeros((height, offset + grey[1].shape[1], 3), np.uint8)
+    figure = np.zeros((height, offset + grey[1].shape[1], 3), np.uint8)
     for image, left in zip(grey, (0, offset), strict=True):
-        picture[: image.shape[0], left : left + image.shape[1]] = image // GREY_STEP * GREY_STEP
+        figure[: image.shape[0], left : left + image.shape[1]] = image // GREY_STEP * GREY_STEP
     for start, end, share in _lines(first.name, second.name, ties, misfit):
         a, b = ((int(x * scale), int(y * scale)) for x, y in (start, end))
         b, colour = (b[0] + offset, b[1]), _misfit_colour(share)
-        cv2.line(picture, a, b, colour, 1, cv2.LINE_AA)
+        cv2.line(figure, a, b, colour, 1, cv2.LINE_AA)
         for place in (a, b):
-            cv2.circle(picture, place, 3, colour, 1, cv2.LINE_AA)
-    return picture
+            cv2.circle(figure, place, 3, colour, 1, cv2.LINE_AA)
+    return figure
 
 
 def draw_sheet(
     images: Iterable[FigureImage], ties: Ties, misfit: PerPoint, *, first_left: bool = False
-) -> Picture:
+) -> EightBits:
     """All couples of images joined by ties, two per row, those with most ties first.
 
     With `first_left` the image where ties start, the earlier stop's, is always left; otherwise the
@@ -268,7 +268,7 @@ def draw_sheet(
     return np.vstack(rows)
 
 
-def caption(text: str, width: int) -> Picture:
+def caption(text: str, width: int) -> EightBits:
     """A line of white text on black."""
     line = np.zeros((TITLE_PX, width, 3), np.uint8)
     place, white = (2, 15), (255, 255, 255)
@@ -291,7 +291,7 @@ def _side_by_side(
 
 def _cell(
     first: FigureImage, second: FigureImage, rows: Flags, ties: Ties, misfit: PerPoint
-) -> Picture:
+) -> EightBits:
     """One couple of a sheet, with its names and number of ties above."""
     wide = first.image.shape[1] + second.image.shape[1]
     scale = (SHEET_PX // COLUMNS - 2 * GAP_PX) / wide
@@ -301,7 +301,7 @@ def _cell(
     return np.vstack([caption(text, drawn.shape[1]), drawn])
 
 
-def _small(image: Picture, scale: float) -> UInt8[np.ndarray, "height width 3"]:
+def _small(image: EightBits, scale: float) -> UInt8[np.ndarray, "height width 3"]:
     size = tuple(max(1, round(side * scale)) for side in image.shape[1::-1])
     return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
 
@@ -332,12 +332,12 @@ def _misfit_colour(share: float) -> tuple[int, int, int]:
     return int(blue), int(green), int(red)
 
 
-def draw_overlay(earlier: BirdsEyeView, later: BirdsEyeView, fit: PlaneFit) -> Picture:
+def draw_overlay(earlier: BirdsEyeView, later: BirdsEyeView, fit: PlaneFit) -> EightBits:
     """Relief, then grey of both views, the earlier in red, the later in green and blue.
 
     Where they agree the figure is grey; ground seen by only one has that one's colour.
     """
-    pictures = []
+    figures = []
     for red, cyan in ((earlier.elevation, later.elevation), (earlier.grey, later.grey)):
         over = place_on(cyan, later.cell_m, fit.azimuth, fit.north_m, fit.east_m)
         one, other = (band_pass(raster, *RELIEF) for raster in (red, over))
@@ -345,5 +345,5 @@ def draw_overlay(earlier: BirdsEyeView, later: BirdsEyeView, fit: PlaneFit) -> P
             np.where(c.weight > 0, 40 + 215 * (c.value + CLIP) / (2 * CLIP), 0).astype(np.uint8)
             for c in (one, other, other)
         ]
-        pictures.append(np.dstack(stretched))
-    return np.hstack(pictures)
+        figures.append(np.dstack(stretched))
+    return np.hstack(figures)

@@ -82,7 +82,7 @@ PAGE = """<!doctype html>
 <div class="scroll"><table>
 <tr><th>stop</th><th>lies in</th><th class="n">1 sigma, m</th>
   <th class="n">residual east, m</th><th class="n">north, m</th>
-  <th class="n">in its own sigmas</th><th class="n">redundancy</th><th>verdict</th></tr>
+  <th class="n">in its own sigmas</th><th class="n">redundancy</th><th>status</th></tr>
 {% for one in quality.control %}
 <tr><td class="id">{{ one.stop }}</td><td>{{ one.frame }}</td>
   <td class="n">{{ n(one.sigma_m[0], 2) }}, {{ n(one.sigma_m[1], 2) }}</td>
@@ -128,9 +128,9 @@ pairs, each by its own parallax. In the image: between the measured image point 
 projection of the point. Before: earlier stops as adjusted, new ones by telemetry.</p>
 
 <h2>Traverse</h2>
-<figure><img alt="Map of the traverse with error ellipses" src="{{ pictures.traverse }}"></figure>
+<figure><img alt="Map of the traverse with error ellipses" src="{{ figures.traverse }}"></figure>
 {% if quality.stops|length > 1 %}
-<figure><img alt="Standard deviations along the traverse" src="{{ pictures.growth }}"></figure>
+<figure><img alt="Standard deviations along the traverse" src="{{ figures.growth }}"></figure>
 {% endif %}
 
 <h2>Stops</h2>
@@ -181,13 +181,13 @@ covariance matrix; they include that of the stops held before.</p>
 {% endfor %}{% endfor %}
 </table>
 {% for camera in quality.cameras %}
-<figure><img alt="Residuals of {{ camera.instrument }}" src="{{ pictures[camera.instrument] }}">
+<figure><img alt="Residuals of {{ camera.instrument }}" src="{{ figures[camera.instrument] }}">
 <figcaption class="note">{{ camera.instrument }}, in the epipolar left image. A pattern on the
 right that repeats from network to network is the camera's, not chance.</figcaption></figure>
 {% endfor %}
 
 <h2>Checks</h2>
-<figure><img alt="Standardised residuals and redundancy" src="{{ pictures.statistics }}"></figure>
+<figure><img alt="Standardised residuals and redundancy" src="{{ figures.statistics }}"></figure>
 <table>
 <tr><th>ties</th><th class="n">observations</th><th class="n">mean redundancy number</th>
   <th class="n">coordinates hardly checked</th></tr>
@@ -247,7 +247,7 @@ MOST_ROWS = 200
 """Weak parts or blunders shown; all of them are in the JSON."""
 
 
-def report_page(title: str, document: Mapping[str, Any], pictures: Mapping[str, bytes]) -> str:
+def report_page(title: str, document: Mapping[str, Any], figures: Mapping[str, bytes]) -> str:
     """The page of a quality document with its figures (SVG), by name."""
     page = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True).from_string(
         PAGE
@@ -256,7 +256,7 @@ def report_page(title: str, document: Mapping[str, Any], pictures: Mapping[str, 
         title=title,
         adjustment=document["adjustment"],
         quality=document["quality"],
-        pictures={name: _data_url(picture) for name, picture in pictures.items()},
+        figures={name: _data_url(svg) for name, svg in figures.items()},
         findings=[
             finding | {"name": str(StopId(**finding["stop"]))}
             for finding in document["adjustment"].get("findings", ())
@@ -271,5 +271,5 @@ def _left_out(rows: list[Any]) -> str:
     return f"and {more} more, in the JSON beside this page" if more > 0 else ""
 
 
-def _data_url(picture: bytes) -> str:
-    return "data:image/svg+xml;base64," + base64.b64encode(picture).decode()
+def _data_url(svg: bytes) -> str:
+    return "data:image/svg+xml;base64," + base64.b64encode(svg).decode()

@@ -114,12 +114,12 @@ def _map_pages(facts: SolFacts, workspace: Workspace) -> Iterator[Figure]:
         for number, layer in enumerate(some, start=1):
             axes = figure.add_subplot(rows, cols, number)
             try:
-                picture, ramp = _picture(layer, workspace)
+                image, ramp = _image_of(layer, workspace)
             except ProductError as error:
                 axes.text(0.5, 0.5, textwrap.fill(str(error), 40), ha="center", fontsize=7)
                 continue
             west, south, east, north = layer.bounds
-            axes.imshow(picture, extent=(west, east, south, north), interpolation="nearest")
+            axes.imshow(image, extent=(west, east, south, north), interpolation="nearest")
             axes.set_title(layer.full_title, fontsize=7)
             axes.tick_params(labelsize=6)
             if ramp is not None:
@@ -129,7 +129,7 @@ def _map_pages(facts: SolFacts, workspace: Workspace) -> Iterator[Figure]:
         yield figure
 
 
-def _picture(layer: Layer, workspace: Workspace) -> tuple[np.ndarray, ScalarMappable | None]:
+def _image_of(layer: Layer, workspace: Workspace) -> tuple[np.ndarray, ScalarMappable | None]:
     """A layer in its colours, shrunk, white where nothing is known; and its ramp, if it has one."""
     style = STYLES[layer.ref.kind]
     with open_raster(workspace.store.path(layer.ref)) as dataset:

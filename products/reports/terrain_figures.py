@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import Picture, Raster
+from solmap.photogrammetry.arrays import EightBits, Raster
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 from solmap.photogrammetry.terrain.relief.slope import HillshadeParams, hillshade
 
@@ -20,7 +20,7 @@ DARKEST = 0.35
 """Fraction of its colour that ground in shade keeps."""
 
 
-def relief_figure(dtm: Dtm, shading: HillshadeParams, max_side: int = 1024) -> Picture:
+def relief_figure(dtm: Dtm, shading: HillshadeParams, max_side: int = 1024) -> EightBits:
     """Elevation in colour, lit by a sun; transparent where unknown."""
     small = slice(None, None, step_for(dtm.elevation.shape, max_side))
     elevation, light = (
@@ -36,7 +36,7 @@ def relief_figure(dtm: Dtm, shading: HillshadeParams, max_side: int = 1024) -> P
     return np.dstack([rgb, _opacity(known)])
 
 
-def class_figure(dtm: Dtm, max_side: int = 1024) -> Picture:
+def class_figure(dtm: Dtm, max_side: int = 1024) -> EightBits:
     """The classes of cells (origin of their elevation), in colours."""
     small = slice(None, None, step_for(dtm.ground.shape, max_side))
     table = np.zeros((256, 4), dtype=np.uint8)
@@ -50,11 +50,11 @@ def step_for(shape: tuple[int, ...], max_side: int) -> int:
     return max(1, -(-max(shape) // max_side))
 
 
-def _stretch(values: Raster, low: float, high: float) -> Picture:
+def _stretch(values: Raster, low: float, high: float) -> EightBits:
     """Values between black and white as eight bits; 0 where unknown."""
     share = (values - low) / max(high - low, 1e-9)
     return np.clip(np.nan_to_num(share) * 255, 0, 255).astype(np.uint8)
 
 
-def _opacity(known: np.ndarray) -> Picture:
+def _opacity(known: np.ndarray) -> EightBits:
     return np.where(known, 255, 0).astype(np.uint8)

@@ -125,7 +125,7 @@ class FolderBackend:
         (self.root / name).unlink(missing_ok=True)
 
 
-def object_storage_of(root: Path, wanted: ObjectStorage | None) -> ObjectStorage | None:
+def object_storage_of(root: Path, requested: ObjectStorage | None) -> ObjectStorage | None:
     """The object store of a store's products: at the given URL, or at the recorded one.
 
     Raises:
@@ -133,21 +133,22 @@ def object_storage_of(root: Path, wanted: ObjectStorage | None) -> ObjectStorage
     """
     file = root / _URL
     before = file.read_text().strip() if file.is_file() else None
-    if wanted is None:
+    if requested is None:
         return None if before is None else ObjectStorage(before)
-    if wanted.url == before:
-        return wanted
+    if requested.url == before:
+        return requested
     if before is not None:
         raise ProductError(
-            f"the products of {root} are at {before}, not at {wanted.url}; set "
+            f"the products of {root} are at {before}, not at {requested.url}; set "
             f"SOLMAP_STORE_URL={before}, or copy them there and remove {file}"
         )
     if any(FolderBackend(root).names("products")):
         raise ProductError(
-            f"{root} contains products; copy its folders products/ and stac/ to {wanted.url} with "
-            "a tool of the object store and remove them here, or name another folder"
+            f"{root} contains products; copy its folders products/ and stac/ to "
+            f"{requested.url} with a tool of the object store and remove them here, "
+            "or name another folder"
         )
-    return wanted
+    return requested
 
 
 def remember_object_storage(object_storage: ObjectStorage, root: Path) -> None:

@@ -252,11 +252,11 @@ def _check_keys(bucket: str, prefix: str) -> None:
         ProductError: it does not.
     """
     given = {name for name, value in os.environ.items() if value}
-    may_ask = os.environ.get("AWS_EC2_METADATA_DISABLED", "").lower() in {"false", "no", "0"}
+    may_use_role = os.environ.get("AWS_EC2_METADATA_DISABLED", "").lower() in {"false", "no", "0"}
     is_open = os.environ.get("AWS_SKIP_SIGNATURE", "").lower() in {"true", "yes", "1"}
     if is_open:
         os.environ.setdefault("AWS_NO_SIGN_REQUEST", "YES")  # the same option of GDAL
-    if not (may_ask or is_open or given >= _KEYS or given & _ROLES):
+    if not (may_use_role or is_open or given >= _KEYS or given & _ROLES):
         raise ProductError(
             f"there are no keys to s3://{bucket}/{prefix}: set AWS_ACCESS_KEY_ID and "
             "AWS_SECRET_ACCESS_KEY, or AWS_EC2_METADATA_DISABLED=false where the machine has a role"

@@ -40,14 +40,17 @@ class Store:
         if kind is not None and kind not in {str(one) for one in ProductKind}:
             raise ProductError(f"there is no kind {kind!r}; `solmap products` lists what there is")
         place = "" if stop is None else "-site{:04d}-drive{:04d}".format(*map(int, stop.split("/")))
-        wanted = None if mission is None else mission_id(mission)
+        requested = None if mission is None else mission_id(mission)
         return [
             layer
             for layer in self.workspace.catalogue.layers()
             if (kind is None or layer.ref.kind == kind)
             and (sol is None or sol in layer.sols)
             and layer.ref.scope.name.endswith(place)
-            and (wanted is None or wanted in {layer.mission, mission_id(mission_of(layer.mission))})
+            and (
+                requested is None
+                or requested in {layer.mission, mission_id(mission_of(layer.mission))}
+            )
         ]
 
     def path(

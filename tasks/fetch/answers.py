@@ -126,11 +126,11 @@ def _check(response: httpx.Response) -> None:
                 f"{host} sends the file {coding}-coded, although no coding was requested"
             )
         return
-    said = f"{host} answers {status} {response.reason_phrase} for {response.url.path}"
+    message = f"{host} answers {status} {response.reason_phrase} for {response.url.path}"
     if status in TRANSIENT:
         seconds = response.headers.get("retry-after", "")
-        raise TryAgainError(said, float(seconds) if seconds.isdecimal() else 0.0)
-    raise NextMirrorError(said)
+        raise TryAgainError(message, float(seconds) if seconds.isdecimal() else 0.0)
+    raise NextMirrorError(message)
 
 
 def _redirect_target(response: httpx.Response, hosts: frozenset[str]) -> str:

@@ -201,11 +201,11 @@ def _chunks(path: Path) -> Iterator[bytes]:
 def _in_mebibytes(progress: Callable[[int, int], None]) -> Callable[[int, int | None], None]:
     last = -1
 
-    def tell(here: int, length: int | None) -> None:
+    def report(here: int, length: int | None) -> None:
         nonlocal last
         done = math.ceil(here / MIB)
         if length is not None and done != last:
             progress(done, math.ceil(length / MIB))
             last = done
 
-    return tell
+    return report

@@ -21,7 +21,7 @@ from typing import Any
 from urllib.parse import quote, unquote, urlencode, urlsplit
 
 from solmap.photogrammetry.archive.images.json_metadata import rover_image_of_metadata
-from solmap.photogrammetry.archive.images.pixels import is_picture, picture_size
+from solmap.photogrammetry.archive.images.pixels import image_file_size, is_image_file
 from solmap.photogrammetry.archive.missions import mission_of_host
 from solmap.photogrammetry.archive.partners import find_stereo_pairs
 from solmap.photogrammetry.archive.tables.volume_index import IndexSelection
@@ -60,7 +60,7 @@ class RawImage:
 class RawFindings:
     """Images of a selection in a list."""
 
-    wanted: tuple[RawImage, ...]
+    images: tuple[RawImage, ...]
     """The images of all pairs, left before right."""
     unpaired: int
     left_out: int
@@ -95,8 +95,8 @@ def find_raw_images(
         if image is not None:
             images[image.record.id] = image
     pairing = find_stereo_pairs([image.record for image in images.values()])
-    wanted = [images[one.id] for pair in pairing.pairs for one in (pair.left, pair.right)]
-    return RawFindings(tuple(wanted), len(images) - len(wanted), left_out, first_fault)
+    paired = [images[one.id] for pair in pairing.pairs for one in (pair.left, pair.right)]
+    return RawFindings(tuple(paired), len(images) - len(paired), left_out, first_fault)
 
 
 @stage(task_run_name="raw-images")
@@ -126,7 +126,7 @@ def is_raw_image_here(image: RawImage, out_dir: Path) -> bool:
     """Whether image and metadata exist and are complete."""
     path = image.path(out_dir)
     try:
-        _check_picture(path, image.record)
+        _check_image_file(path, image.record)
         return path.with_suffix(".json").is_file()
     except (WrongContentError, FileNotFoundError):
         return False
@@ -231,7 +231,9 @@ def _fetch(image: RawImage, out_dir: Path, transfer: Transfer) -> Arrival:
     if is_raw_image_here(image, out_dir):
         return Arrival(path, was_here=True)
     try:
-        fetched = transfer.fetch([image.url], path, lambda file: _check_picture(file, image.record))
+        fetched = transfer.fetch(
+            [image.url], path, lambda file: _check_image_file(file, image.record)
+        )
         PartialFile(path).forget()
         path.with_suffix(".json").write_text(json.dumps(image.item, indent=1))
     except DiskError:
@@ -243,12 +245,12 @@ def _fetch(image: RawImage, out_dir: Path, transfer: Transfer) -> Arrival:
     return Arrival(path, fetched.received_bytes)
 
 
-def _check_picture(path: Path, record: RoverImage) -> None:
+def _check_image_file(path: Path, record: RoverImage) -> None:
     """Reject what is not an image, or has another size than its metadata."""
     data = path.read_bytes()
     name = path.name.removesuffix(".part")
     try:
-        size = picture_size(data, name) if is_picture(data) else None
+        size = image_file_size(data, name) if is_image_file(data) else None
     except PixelError as error:
         raise WrongContentError(str(error)) from error
     if size != (record.samples, record.lines):

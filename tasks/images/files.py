@@ -12,7 +12,7 @@ from pathlib import Path
 
 from solmap.photogrammetry.archive.file_names import parse_file_name
 from solmap.photogrammetry.archive.images.derived_rasters import KINDS
-from solmap.photogrammetry.archive.images.pixels import is_picture
+from solmap.photogrammetry.archive.images.pixels import is_image_file
 from solmap.photogrammetry.archive.images.reading import (
     describe_image,
     has_attached_label,
@@ -22,7 +22,7 @@ from solmap.photogrammetry.errors import LabelError
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.products.store.user_files import plain_name, read_user_file
-from solmap.tasks.images.folders import IMAGE_SUFFIXES, PICTURE_SUFFIXES
+from solmap.tasks.images.folders import IMAGE_FILE_SUFFIXES, IMAGE_SUFFIXES
 from solmap.tasks.scopes import file_scope
 
 LABEL_ENDINGS = (".lbl", ".LBL", ".xml", ".XML", "-metadata.json", ".json")
@@ -47,7 +47,9 @@ def remedy(name: str) -> str:
         return f"`solmap inspect {name}` prints its content"
     if found.sol is None or found.instrument not in FETCHED or found.sol < 0:
         return ""
-    is_raw = Path(name).suffix.lower() in PICTURE_SUFFIXES and not found.mission.startswith("MER")
+    is_raw = Path(name).suffix.lower() in IMAGE_FILE_SUFFIXES and not found.mission.startswith(
+        "MER"
+    )
     return (
         f"`solmap fetch --mission {found.mission} --sols {found.sol} --instrument "
         f"{found.instrument.lower()}{' --raw' * is_raw} --out FOLDER` fetches the images of that "
@@ -82,7 +84,7 @@ def image_bytes(path: Path, folder: Path | None = None) -> bytes:
         return data
     for label in _labels_beside(path):
         return join_label(read_user_file(label, folder), data, plain_name(label.name))
-    if is_picture(data):
+    if is_image_file(data):
         name, stem = plain_name(path.name), plain_name(path.stem)
         raise LabelError(
             f"{name}: an image without a label; {stem}-metadata.json, .xml or .lbl beside it "
@@ -93,7 +95,7 @@ def image_bytes(path: Path, folder: Path | None = None) -> bytes:
 
 def may_be_of_use(path: Path, downlink: Path) -> bool:
     """Whether a file of a downlink is anything but an image that cannot be described."""
-    if path.suffix.lower() not in IMAGE_SUFFIXES | PICTURE_SUFFIXES:
+    if path.suffix.lower() not in IMAGE_SUFFIXES | IMAGE_FILE_SUFFIXES:
         return True
     try:
         describe_image(image_bytes(path, downlink), plain_name(path.name))

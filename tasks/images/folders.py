@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 IMAGE_SUFFIXES = frozenset({".img"})
-PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg"})
+IMAGE_FILE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg"})
 VECTOR_SUFFIXES = frozenset({".svf", ".rvf"})
 MANUAL_TIE_SUFFIXES = (".ties.csv", ".ties.geojson")
 NO_FILES = "it holds no image (.img, .png, .jpg) and no vector file (.svf, .rvf)"
@@ -23,7 +23,7 @@ def files_of(downlink: Path) -> list[Path]:
     A PNG or JPEG named after an image beside it (X.png or X.img.jpg beside X.img) is an eight-bit
     copy, and is left out.
     """
-    known = IMAGE_SUFFIXES | PICTURE_SUFFIXES | VECTOR_SUFFIXES
+    known = IMAGE_SUFFIXES | IMAGE_FILE_SUFFIXES | VECTOR_SUFFIXES
     files = sorted(
         path
         for path, is_closed in _below(downlink)
@@ -34,7 +34,7 @@ def files_of(downlink: Path) -> list[Path]:
     return [
         path
         for path in files
-        if path.suffix.lower() not in PICTURE_SUFFIXES
+        if path.suffix.lower() not in IMAGE_FILE_SUFFIXES
         or (path.parent, path.stem.lower()) not in shown
     ]
 

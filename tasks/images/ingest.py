@@ -61,7 +61,7 @@ from solmap.tasks.images.files import (
 from solmap.tasks.images.folders import VECTOR_SUFFIXES, files_of, is_manual_tie_file
 from solmap.tasks.images.manual_ties import take_manual_ties
 from solmap.tasks.images.poses import PoseSources
-from solmap.tasks.images.rigs import RigPictures, rig_image_bytes, rig_pictures
+from solmap.tasks.images.rigs import RigImages, rig_image_bytes, rig_images
 from solmap.tasks.images.telemetry import read_vector_file
 from solmap.tasks.scopes import image_scope, region_scope
 from solmap.tasks.stage import stage
@@ -107,7 +107,7 @@ class Intake:
     """Tables of the cameras of each spacecraft."""
     known: Mapping[str, ImageEntry]
     """The images ingested before, by identifier."""
-    rigs: RigPictures = field(default_factory=RigPictures)
+    rigs: RigImages = field(default_factory=RigImages)
     """Images of own stereo rigs among the files."""
     poses: PoseSources = field(default_factory=PoseSources)
     """Poses of rovers for images whose labels lack the attitude."""
@@ -147,7 +147,7 @@ class Intake:
             entry = replace(entry, mission=before.mission)  # stays on the map of its stop
         return TakenImage(name, record, entry)
 
-    def take_picture(self, path: Path, name: str, picture: bytes) -> TakenImage | Outcome:
+    def take_rig_image(self, path: Path, name: str, data: bytes) -> TakenImage | Outcome:
         """Ingest an image of an own stereo rig.
 
         Raises:
@@ -157,7 +157,7 @@ class Intake:
         shot, created = self.rigs.shots[path]
         before = self.known.get(shot.image_id)
         kept = self.store.path(before.ref).read_bytes() if before else None
-        return self.take(name, rig_image_bytes(shot, created, picture, name, kept))
+        return self.take(name, rig_image_bytes(shot, created, data, name, kept))
 
     def tables_for(self, mission: str, state: PixelState) -> ProductRef | None:
         """The product of the tables for pixels in a state; None if none are needed."""
@@ -213,8 +213,8 @@ def _rank(entry: ImageEntry) -> tuple[str, str]:
 
 def _write_browse(draft: Path, image: ReadImage) -> None:
     params = BrowseParams()
-    picture = stretch(image.pixels, image.mask, params.low_percent, params.high_percent)
-    encoded, png = cv2.imencode(".png", picture)
+    stretched = stretch(image.pixels, image.mask, params.low_percent, params.high_percent)
+    encoded, png = cv2.imencode(".png", stretched)
     if not encoded:
         raise OSError(f"{draft.name} could not be encoded as PNG")
     draft.write_bytes(png.tobytes())
@@ -284,7 +284,7 @@ def ingest_downlink(
     files.
     """
     files = [file for file in files_of(downlink) if is_settled(file, settle_s)]
-    rigs = rig_pictures(files, downlink)
+    rigs = rig_images(files, downlink)
     files = [file for file in files if file not in rigs.unusable]
     known = {entry.id: entry for entry in workspace.catalogue.images()}
     poses = poses or PoseSources()
@@ -366,7 +366,7 @@ def _take_file(path: Path, name: str, downlink: Path, intake: Intake) -> Taken:
         return take_manual_ties(name, data, intake.store)
     with _in_turn(path.stat().st_size > LARGE_BYTES):
         if path in intake.rigs.shots:
-            return intake.take_picture(path, name, read_user_file(path, downlink))
+            return intake.take_rig_image(path, name, read_user_file(path, downlink))
         return intake.take(name, image_bytes(path, downlink))
 
 

@@ -102,12 +102,12 @@ class PoseSources:
             LabelError: its metadata are broken.
             VectorFileError: required SPICE kernels are missing.
         """
-        label, picture = split_label(data, name)
+        label, pixels = split_label(data, name)
         text = "" if label is None else decode_label(label)
         if not text or text.startswith(RECORD) or kind_of_label(text) is not LabelKind.METADATA:
             return data
         stated = with_attitude(text, name, self._attitude_of)
-        return data if stated is text else join_label(stated.encode(), picture, name)
+        return data if stated is text else join_label(stated.encode(), pixels, name)
 
     def _attitude_of(self, image: RoverImage) -> Quaternion | None:
         """Attitude of the rover at an image: rover into north, east, down."""

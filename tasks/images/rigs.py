@@ -17,11 +17,11 @@ from solmap.photogrammetry.archive.rig import POSES_FILE, RIG_FILE, RigShot, rea
 from solmap.photogrammetry.archive.tables.pose_table import parse_poses
 from solmap.photogrammetry.errors import LabelError, PhotogrammetryError
 from solmap.products.store.user_files import MAX_ROWS_BYTES, plain_name, read_user_file, reason_of
-from solmap.tasks.images.folders import PICTURE_SUFFIXES
+from solmap.tasks.images.folders import IMAGE_FILE_SUFFIXES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RigPictures:
+class RigImages:
     """The images of all rigs in a delivery."""
 
     shots: dict[Path, tuple[RigShot, str]] = field(default_factory=dict)
@@ -32,44 +32,44 @@ class RigPictures:
     """Images of rigs whose own file has an error, which is reported only once."""
 
 
-def rig_pictures(files: Sequence[Path], downlink: Path) -> RigPictures:
+def rig_images(files: Sequence[Path], downlink: Path) -> RigImages:
     """The images among the files of a delivery in or below a folder with a `rig.toml`."""
-    found = RigPictures()
+    found = RigImages()
     by_folder: dict[Path, list[Path]] = {}
     for file in files:
         folder = _rig_folder(file, downlink)
         if folder is not None:
             by_folder.setdefault(folder, []).append(file)
-    for folder, pictures in by_folder.items():
-        _add_folder(folder, pictures, downlink, found)
+    for folder, images in by_folder.items():
+        _add_folder(folder, images, downlink, found)
     return found
 
 
 def rig_image_bytes(
-    shot: RigShot, created: str, picture: bytes, name: str, kept: bytes | None
+    shot: RigShot, created: str, data: bytes, name: str, kept: bytes | None
 ) -> bytes:
     """An image joined to its record, which is its label.
 
     Args:
         shot: Its data.
         created: Last change of its calibration or poses.
-        picture: The file.
+        data: The file.
         name: Its name, for messages.
         kept: The image in the store, if any; it is kept if only the date differs.
     """
-    record = shot.record(picture, name, created)
+    record = shot.record(data, name, created)
     if kept is not None:
         label, pixels = split_label(kept, name)
         before = None if label is None else label_of_text(label.decode(), name)
-        if before is not None and pixels == picture:
+        if before is not None and pixels == data:
             same = replace(record, created=before.created)
             record = same if text_of_label(same) == text_of_label(before) else record
-    return join_label(text_of_label(record).encode(), picture, name)
+    return join_label(text_of_label(record).encode(), data, name)
 
 
 def _rig_folder(file: Path, downlink: Path) -> Path | None:
     """The nearest folder of an image that has a `rig.toml`, not above the delivery's."""
-    if file.suffix.lower() not in PICTURE_SUFFIXES:
+    if file.suffix.lower() not in IMAGE_FILE_SUFFIXES:
         return None
     for folder in file.parents:
         if not folder.is_relative_to(downlink):
@@ -79,7 +79,7 @@ def _rig_folder(file: Path, downlink: Path) -> Path | None:
     return None
 
 
-def _add_folder(folder: Path, pictures: Sequence[Path], downlink: Path, found: RigPictures) -> None:
+def _add_folder(folder: Path, images: Sequence[Path], downlink: Path, found: RigImages) -> None:
     """Add the images of one rig to those found."""
     rig_file = folder / RIG_FILE
     read: list[Path] = []
@@ -89,7 +89,7 @@ def _add_folder(folder: Path, pictures: Sequence[Path], downlink: Path, found: R
         read.append(path)
         return _text_of(path, name, downlink)
 
-    names = {picture.relative_to(folder).as_posix(): picture for picture in pictures}
+    names = {image.relative_to(folder).as_posix(): image for image in images}
     try:
         rig = read_rig(text_of(RIG_FILE), RIG_FILE, text_of)
         poses_file = rig.poses or (POSES_FILE if (folder / POSES_FILE).is_file() else None)
@@ -97,7 +97,7 @@ def _add_folder(folder: Path, pictures: Sequence[Path], downlink: Path, found: R
         shots, faults = rig_shots(rig, list(names), poses)
     except PhotogrammetryError as error:
         found.faults[rig_file] = str(error)
-        found.unusable.update(pictures)
+        found.unusable.update(images)
         return
     latest = max(path.stat().st_mtime for path in read)
     created = datetime.fromtimestamp(latest, UTC).isoformat(timespec="seconds")

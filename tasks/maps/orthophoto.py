@@ -62,7 +62,7 @@ def render_orthophoto(
 ) -> tuple[ProductRef, ProductRef]:
     """Render the orthophoto of a terrain model from its images, and the source of each cell."""
     orientations = tuple(pair.orientation for pair in pairs)
-    picture, sources = (
+    orthophoto, sources = (
         Recipe(kind, dtm.scope, (dtm, *inputs_of(pairs)), (params, landing, orientations))
         for kind in (ProductKind.ORTHOPHOTO, ProductKind.SOURCES)
     )
@@ -72,8 +72,8 @@ def render_orthophoto(
         made = prepare_orthophoto(read_dtm(store.path(dtm)), read_views(pairs, store), params)
         return made, np.zeros(made.source_grid.shape, np.uint8)
 
-    def write_picture(path: Path) -> None:
-        write_rendering(path, *prepare(), landing, raster_tags(picture, store))
+    def write_orthophoto(path: Path) -> None:
+        write_rendering(path, *prepare(), landing, raster_tags(orthophoto, store))
 
     def write_codes(path: Path) -> None:
         made, codes = prepare()
@@ -82,7 +82,7 @@ def render_orthophoto(
         tags = raster_tags(sources, store)
         write_sources(path, made.source_grid, codes, made.pair_ids, local_crs(landing), tags=tags)
 
-    return store.make(picture, write_picture), store.make(sources, write_codes)
+    return store.make(orthophoto, write_orthophoto), store.make(sources, write_codes)
 
 
 def write_rendering(

@@ -113,7 +113,7 @@ def draw_panorama(
     inputs = (*((dtm,) if dtm else ()), *(ref for frame in frames for ref in frame.inputs))
     known = (params, landing, tuple(frame.orientation for frame in frames))
     origin = {"ORIGIN": landing.name} if landing.origin else {}
-    picture, ground = (
+    panorama, ground = (
         Recipe(kind, stop_scope(stop), inputs, known)
         for kind in (ProductKind.PANORAMA, ProductKind.PANORAMA_GROUND)
     )
@@ -123,11 +123,11 @@ def draw_panorama(
         made = _panorama(stop, frames, dtm, params, store)
         return made, blank_ground(made.grid)
 
-    def write_picture(path: Path) -> None:
+    def write_image(path: Path) -> None:
         made, distances = prepare()
         pieces, tags = (
             brightness_blocks(made.blocks(), distances),
-            raster_tags(picture, store) | origin,
+            raster_tags(panorama, store) | origin,
         )
         write_panorama(path, made, pieces, registration(made), ground.ref.digest, tags)
 
@@ -137,7 +137,7 @@ def draw_panorama(
             deque(brightness_blocks(made.blocks(), distances), maxlen=0)
         write_panorama_ground(path, made, distances, raster_tags(ground, store) | origin)
 
-    return store.make(picture, write_picture), store.make(ground, write_ground)
+    return store.make(panorama, write_image), store.make(ground, write_ground)
 
 
 def _panorama(

@@ -192,7 +192,7 @@ def _index(mission: str, kinds: Collection[ProductKind], workspace: Workspace) -
     """Index the new features now, so that no request has to wait for it."""
     try:
         MissionFeatures.open(workspace.store, workspace.catalogue).fill(mission, kinds)
-    except Exception as error:  # noqa: BLE001 - the server fills it when it is asked
+    except Exception as error:  # noqa: BLE001 - the server fills it on request
         log.warning("the index of features of %s is not up to date: %s", mission, cause_of(error))
 
 

@@ -58,16 +58,16 @@ def keep_labels(
     mission: SimulatedMission,
     plan: MissionPlan,
     workspace: Workspace,
-    told: Callable[[int, int], None],
+    progress: Callable[[int, int], None],
 ) -> None:
-    """Store the labels of all images, and enter them in the catalogue; `told` reports progress."""
-    browse = _no_picture(workspace)
+    """Store the labels of all images, and catalogue them; `progress` receives counts."""
+    browse = _placeholder_image(workspace)
     entries: list[ImageEntry] = []
     count = len(mission.network.pairs)
     for number, (left, right) in enumerate(exposures(mission, plan), 1):
         entries.append(_entry(left, right.product_id, browse, workspace))
         entries.append(_entry(right, left.product_id, browse, workspace))
-        told(number, count)
+        progress(number, count)
     workspace.catalogue.publish(images=entries)
 
 
@@ -99,15 +99,15 @@ def _entry(
     )
 
 
-def _no_picture(workspace: Workspace) -> ProductRef:
+def _placeholder_image(workspace: Workspace) -> ProductRef:
     """The common browse image of all images, which states that there are no pixels."""
 
     def write(path: Path) -> None:
-        picture = np.full((256, 256), 96, dtype=np.uint8)
+        image = np.full((256, 256), 96, dtype=np.uint8)
         font = cv2.FONT_HERSHEY_SIMPLEX
         for line, word in enumerate(("simulated", "no pixels")):
-            cv2.putText(picture, word, (48, 120 + 36 * line), font, 1.0, 220, 2, cv2.LINE_AA)
-        encoded, png = cv2.imencode(".png", picture)
+            cv2.putText(image, word, (48, 120 + 36 * line), font, 1.0, 220, 2, cv2.LINE_AA)
+        encoded, png = cv2.imencode(".png", image)
         if not encoded:
             raise OSError(f"{path.name} could not be encoded as PNG")
         path.write_bytes(png.tobytes())
@@ -128,12 +128,12 @@ def adjust_simulated(
             frames, shown = (mission.control.frame,), mission.control.control
             network = with_control(network, frames, shown, params.adjustment)
         adjusted, report = adjust_overall(network, params.adjustment)
-        told = {prior.stop: prior for prior in mission.network.stops}
+        priors = {prior.stop: prior for prior in mission.network.stops}
         product = NetworkProduct(
             mission=MISSION,
             sol=params.plan.stops,
-            telemetry={stop: prior.lsl_from_rover for stop, prior in told.items()},
-            sols={stop: prior.sols for stop, prior in told.items()},
+            telemetry={stop: prior.lsl_from_rover for stop, prior in priors.items()},
+            sols={stop: prior.sols for stop, prior in priors.items()},
             adjusted=adjusted,
             links=(),
             report=report_document(report),

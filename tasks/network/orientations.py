@@ -126,9 +126,9 @@ def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
 
 @lru_cache(maxsize=PAIRS_KEPT)  # maps, models and points of a stop read the same
 def _read_in_place(products: PairProducts, store: ProductStore) -> tuple[TerrainView, ParallaxMap]:
-    """The view of a pair that stands at the origin, and the sigmas of its parallax; not to change.
+    """The view of a pair at the origin, and the sigmas of its parallax; read-only.
 
-    Only the left image is resampled: the right one has given its parallax.
+    Only the left image is resampled: the right one is represented by the parallax.
     """
     files = products.files
     geometry, _ = read_matches(store.path(products.matches))
@@ -240,9 +240,9 @@ def height_bias_of(stop: str, links: Iterable[Mapping[str, Any]]) -> HeightBias:
     """Height bias of the ground of a stop, from all of its links."""
     figures = [link["figures"] for link in links if stop in (link["earlier"], link["later"])]
     return HeightBias.pooled(
-        HeightBias(told["height_bias_lines"], told["height_bias_sigma"])
-        for told in figures
-        if told.get("height_bias_sigma")
+        HeightBias(figures_of_link["height_bias_lines"], figures_of_link["height_bias_sigma"])
+        for figures_of_link in figures
+        if figures_of_link.get("height_bias_sigma")
     )
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import PerPoint, Picture
+from solmap.photogrammetry.arrays import EightBits, PerPoint
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.alignment import AlignmentParams
@@ -44,7 +44,7 @@ from solmap.tasks.stage import stage
 MAX_WIDTH = 1024
 """Width of a preview, pixels: two images side by side at half their width."""
 LEVEL = 1
-"""Of compression: 3 takes a third longer for seven percent of the size."""
+"""PNG compression: level 3 takes a third longer and saves seven percent."""
 FROM_ABOVE = (
     "relief, then grey values, from above, north up: earlier stop in red, later in cyan, grey "
     "where they agree"
@@ -74,8 +74,8 @@ def preview_terrain(dtm: ProductRef, store: ProductStore) -> ProductRef:
 
     def write(path: Path) -> None:
         terrain = read_dtm(store.path(dtm))
-        pictures = (relief_figure(terrain, HillshadeParams()), class_figure(terrain))
-        write_preview(path, cv2.cvtColor(np.hstack(pictures), cv2.COLOR_RGBA2BGRA))
+        figures = (relief_figure(terrain, HillshadeParams()), class_figure(terrain))
+        write_preview(path, cv2.cvtColor(np.hstack(figures), cv2.COLOR_RGBA2BGRA))
 
     return store.make(Recipe(ProductKind.QUICKLOOK, dtm.scope, (dtm,)), write)
 
@@ -95,7 +95,7 @@ def write_sheet(path: Path, images: Iterable[FigureImage], ties: Ties, misfit: P
 def write_link_preview(
     path: Path, earlier: StopViews, later: StopViews, link: SiteLink, params: CrossSiteParams
 ) -> None:
-    """The result, both stops from above in their relative pose by the link, and all its ties.
+    """The result, both stops from above in the relative pose of the link, and all its ties.
 
     The earlier stop is left, and red in the overlay.
     """
@@ -117,7 +117,7 @@ ENLARGED = 3
 """Pixels per cell of the bird's-eye view, along either axis."""
 
 
-def _from_above(earlier: StopViews, later: StopViews, fit: PlaneFit) -> Picture:
+def _from_above(earlier: StopViews, later: StopViews, fit: PlaneFit) -> EightBits:
     """Two stops from above, overlaid."""
     over = draw_overlay(earlier.birds_eye, later.birds_eye, fit)
     return over.repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)[:, :, ::-1]
@@ -127,17 +127,17 @@ def _geometries(pairs: Iterable[MatchedPair]) -> dict[str, EpipolarPair]:
     return {pair.pair_id: pair.images.geometry for pair in pairs}
 
 
-def _stack(above: Picture, below: Picture) -> Picture:
+def _stack(above: EightBits, below: EightBits) -> EightBits:
     """Two images of the width of the second, stacked."""
     scale = below.shape[1] / above.shape[1]
     size = (below.shape[1], max(1, round(above.shape[0] * scale)))
     return np.vstack([cv2.resize(above, size, interpolation=cv2.INTER_AREA), below])
 
 
-def write_preview(path: Path, picture: Picture) -> None:
+def write_preview(path: Path, image: EightBits) -> None:
     """Write an image (BGR or BGRA) as PNG, no wider than `MAX_WIDTH`."""
-    shrink = min(1.0, MAX_WIDTH / picture.shape[1])
-    small = cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+    shrink = min(1.0, MAX_WIDTH / image.shape[1])
+    small = cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
     encoded, png = cv2.imencode(".png", small, [cv2.IMWRITE_PNG_COMPRESSION, LEVEL])
     if not encoded:
         raise ProductError(f"{path.name} could not be encoded as PNG")

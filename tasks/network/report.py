@@ -55,8 +55,8 @@ def report_quality(
     def write_page(path: Path) -> None:
         product, found, cameras = evaluate()
         title = f"{product.mission}, adjustment up to sol {product.sol}"
-        pictures = _figures(product, found, cameras)
-        path.write_text(report_page(title, _document(product, found), pictures))
+        figures = _figures(product, found, cameras)
+        path.write_text(report_page(title, _document(product, found), figures))
 
     return [
         store.make(Recipe(kind, network.scope, inputs, params), write)

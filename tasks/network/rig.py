@@ -139,8 +139,8 @@ def _rows_of_stop(pairs: list[PairRows]) -> dict[str, CameraRows]:
         if agree:
             finest = max(agree, key=lambda one: one.focal_px)
             cells = RowCells.together([one.cells for one in agree])
-            told = [one.celsius for one in agree if one.celsius is not None]
-            celsius = float(np.mean(told)) if told else None
+            known = [one.celsius for one in agree if one.celsius is not None]
+            celsius = float(np.mean(known)) if known else None
             found[camera] = CameraRows(cells, len(agree), finest.focal_px, finest.samples, celsius)
     return found
 

@@ -6,7 +6,7 @@ Open traverses of 26 m drives over rolling ground, simulated with wheel slip of 
 per drive), gyroscopes that drift by 2 degrees a drive, a sun sighting (1 degree) at every tenth
 stop, tilt to 0.3 degrees, mast pointing to 0.1 degrees and image coordinates to 0.3 px. Adjusted
 with 7 ties a link, as in the paper's example, or with 20 and 6 more to the stop after the next;
-with what telemetry knows of the attitude, or without (standard deviations of 30 degrees).
+with telemetry of the attitude, or without (standard deviations of 30 degrees).
 """
 
 # ruff: noqa: T201 - a script that reports what it does
@@ -41,10 +41,12 @@ RECENT = 10
 
 def params_of(slip, *, attitude):
     """The weights that the adjustment works with."""
-    told = AdjustmentParams(slip=slip)
+    reported = AdjustmentParams(slip=slip)
     if attitude:
-        return told
-    return replace(told, tilt_deg=LOOSE_DEG, azimuth_fine_deg=LOOSE_DEG, azimuth_step_deg=LOOSE_DEG)
+        return reported
+    return replace(
+        reported, tilt_deg=LOOSE_DEG, azimuth_fine_deg=LOOSE_DEG, azimuth_step_deg=LOOSE_DEG
+    )
 
 
 def stepwise(network, params):
@@ -73,12 +75,12 @@ def centres(stops):
 
 def one(slip, ties, attitude, seed, stops):
     """Errors of one network in each mode: at the end in percent, and from stop to stop."""
-    told = AdjustmentParams(slip=slip)
+    reported = AdjustmentParams(slip=slip)
     cross, far = TIES[ties]
     network, truth = simulate_network(
         np.random.default_rng([seed, round(1000 * slip), ties]), stops=stops, pairs_per_stop=8,
         cross_ties=cross, far_cross_ties=far, inter_ties=20, intra_ties=0, spacing_m=26.0,
-        errors=TelemetryErrors.assumed_by(told), fine_every=10,
+        errors=TelemetryErrors.assumed_by(reported), fine_every=10,
     )  # fmt: skip
     params = params_of(slip, attitude=attitude)
     true = np.array([pose.translation_m for pose in truth.lsl_from_rover])
@@ -154,20 +156,20 @@ def main():
     parser.add_argument("figure", type=Path)
     parser.add_argument("--stops", type=int, default=100)
     parser.add_argument("--seeds", type=int, default=3)
-    asked = parser.parse_args()
-    rows = json.loads(asked.table.read_text()) if asked.table.exists() else []
+    requested = parser.parse_args()
+    rows = json.loads(requested.table.read_text()) if requested.table.exists() else []
     done = {(r["slip"], r["ties"], r["attitude"], r["seed"]) for r in rows}
-    for seed, attitude, ties, slip in product(range(asked.seeds), (True, False), TIES, SLIPS):
+    for seed, attitude, ties, slip in product(range(requested.seeds), (True, False), TIES, SLIPS):
         if (slip, ties, attitude, seed) in done:
             continue
         begun = time.process_time()
-        rows.append(one(slip, ties, attitude, seed, asked.stops))
-        asked.table.write_text(json.dumps(rows))
+        rows.append(one(slip, ties, attitude, seed, requested.stops))
+        requested.table.write_text(json.dumps(rows))
         ends = {mode: round(e["end_percent"], 3) for mode, e in rows[-1]["errors"].items()}
         print(f"{slip:.0%} {ties} {attitude} {seed}: {ends} {time.process_time() - begun:.0f} s",
               flush=True)  # fmt: skip
     print(table(rows))
-    figure(rows, asked.figure)
+    figure(rows, requested.figure)
 
 
 if __name__ == "__main__":

@@ -4,11 +4,11 @@
 
 Missions are those of `photogrammetry.synthetic.mission`: slip of 1 to 20 % by terrain, a sun
 sighting (1 degree) at every tenth stop, 20 ties with the next stop and 6 with the one after, with
-and without ten gaps of two drives. The adjustment knows none of the slips: it weights telemetry
-with 10 % as ever. With control, every tenth stop and those at gaps are found to 0.25 m in an
-orbital image; this is either the map itself, or it lies 10 m, 0.5 degrees and 0.1 % off (one
+and without ten gaps of two drives. The adjustment has no information on the slips: it weights
+telemetry with 10 % as ever. With control, every tenth stop and those at gaps are found to 0.25 m in
+an orbital image; this is either the map itself, or it lies 10 m, 0.5 degrees and 0.1 % off (one
 standard deviation each) and is placed by the adjustment; errors are then those in the image, where
-users see the stops. Without control at gaps a stop inside hangs on what wheels counted.
+users see the stops. Without control at gaps a stop inside depends on wheel counts.
 """
 
 # ruff: noqa: T201 - a script that reports what it does
@@ -55,7 +55,7 @@ def in_image(places, frame, place):
 
 
 def with_image(mission, frame, every=1):
-    """Errors of stops in an orbital image, metres, and what became of its control."""
+    """Errors of stops in an orbital image, metres, and the outcome of its control."""
     control, number = mission.control, {stop: k for k, stop in enumerate(mission.network.stop_ids)}
     shown = [some for some in control.control if number[some.stop] % every == 0]
     network = with_control(mission.network, (frame,), shown, PARAMS)
@@ -155,21 +155,23 @@ def main():
     parser.add_argument("figure", type=Path)
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--stops", type=int, default=PLAN.stops)
-    asked = parser.parse_args()
-    plan = replace(PLAN, stops=asked.stops, distance_m=PLAN.distance_m * asked.stops / PLAN.stops)
-    rows = json.loads(asked.table.read_text()) if asked.table.exists() else []
+    requested = parser.parse_args()
+    plan = replace(
+        PLAN, stops=requested.stops, distance_m=PLAN.distance_m * requested.stops / PLAN.stops
+    )
+    rows = json.loads(requested.table.read_text()) if requested.table.exists() else []
     done = {(row["seed"], row["gaps"]) for row in rows}
-    for seed, gaps in product(range(asked.seeds), (0, plan.gaps)):
+    for seed, gaps in product(range(requested.seeds), (0, plan.gaps)):
         if (seed, gaps) in done:
             continue
         begun = time.process_time()
         rows.append(one(seed, replace(plan, gaps=gaps)))
-        asked.table.write_text(json.dumps(rows))
+        requested.table.write_text(json.dumps(rows))
         worst = {mode: round(max(e), 2) for mode, e in rows[-1]["errors_m"].items()}
         print(f"{seed} {gaps}: worst {worst} m, {rows[-1]['control']}, "
               f"{time.process_time() - begun:.0f} s", flush=True)  # fmt: skip
     print(table(rows))
-    figure(rows, asked.figure)
+    figure(rows, requested.figure)
 
 
 if __name__ == "__main__":

@@ -174,9 +174,11 @@ def general_solver(problem, start):
     def residuals(x):
         state = state_of(x)
         image = misclosures(state, observations, problem.rows) * observations.weight[problem.rows]
-        told = telemetry_misclosures(state, telemetry) * problem.link_weight
+        reported = telemetry_misclosures(state, telemetry) * problem.link_weight
         pointing = state.pointings * telemetry.pointing_weight
-        return np.concatenate([np.nan_to_num(v, nan=1e6).ravel() for v in (image, told, pointing)])
+        return np.concatenate(
+            [np.nan_to_num(v, nan=1e6).ravel() for v in (image, reported, pointing)]
+        )
 
     size = 6 * len(free) + 3 * pairs + 3 * len(numbers)
     found = least_squares(
@@ -187,7 +189,7 @@ def general_solver(problem, start):
 
 
 def pattern_of(problem, free, numbers):
-    """Which residual feels which unknown."""
+    """Which residual depends on which unknown."""
 
     observations = problem.observations
     stops, pairs = len(problem.held), len(observations.pair_stop)
@@ -216,7 +218,7 @@ def pattern_of(problem, free, numbers):
 
 
 @pytest.mark.parametrize("stops", [2, 5])
-def test_against_the_general_solver_from_the_same_start(benchmark, stops):
+def test_adjustment_and_general_solver_from_the_same_start(benchmark, stops):
     """Same residuals, same start (the alignment), same minimum; the ratio is of wall time."""
     network = simulate_network(
         np.random.default_rng(stops), stops=stops, inter_ties=20, intra_ties=0
@@ -238,7 +240,7 @@ def test_against_the_general_solver_from_the_same_start(benchmark, stops):
 def started(network):
     """The problem without a search for blunders, at the alignment."""
     observations, telemetry = Observations.of(network), Telemetry.of(network, PARAMS)
-    telemetry = replace(telemetry, mast=np.zeros((0, 3, 0)))  # peers know no systematic errors
+    telemetry = replace(telemetry, mast=np.zeros((0, 3, 0)))  # peers have no systematic errors
     held = np.arange(len(network.stops)) == 0
     known, is_known = _known_state(network, telemetry, observations, None)
     state, *_ = initialise(observations, telemetry, held, PARAMS, known, is_known)

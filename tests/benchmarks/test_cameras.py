@@ -57,7 +57,7 @@ def test_projecting_a_million_cahvor_points(benchmark, navcam_points):
     np.testing.assert_allclose(found, plain_cahvor(NAVCAM, navcam_points), atol=1e-9)
 
 
-def test_projecting_a_million_cahvor_points_plainly(benchmark, navcam_points):
+def test_projecting_a_million_cahvor_points_by_the_formulas(benchmark, navcam_points):
     benchmark(plain_cahvor, NAVCAM, navcam_points)
     benchmark.extra_info["points_per_second"] = POINTS / benchmark.stats["mean"]
 

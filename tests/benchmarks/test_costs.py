@@ -34,7 +34,7 @@ def processor_s(work: Callable[[], object], who: int = resource.RUSAGE_SELF) -> 
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def test_the_archive_of_a_parallax_map_against_numpy(benchmark, tmp_path, rng):
+def test_storing_a_parallax_map_against_numpy(benchmark, tmp_path, rng):
     slope = np.add.outer(np.arange(1024), np.arange(1024)) / 16
     parallax = np.rint(128 * (slope + rng.normal(0, 0.1, slope.shape))).astype(np.uint16)
     ours, peer = tmp_path / "ours.npz", tmp_path / "peer.npz"
@@ -47,9 +47,7 @@ def test_the_archive_of_a_parallax_map_against_numpy(benchmark, tmp_path, rng):
     benchmark.extra_info["size over numpy's"] = round(ours.stat().st_size / peer.stat().st_size, 2)
 
 
-def test_the_hillshade_of_a_region_that_is_nearly_empty_against_a_gradient_of_all_cells(
-    benchmark, rng
-):
+def test_hillshade_of_a_nearly_empty_region_against_a_gradient_of_all_cells(benchmark, rng):
     elevation = np.full((4096, 4096), np.nan, np.float32)
     elevation[1000:1800, 2000:3000] = rng.normal(0, 0.01, (800, 1000))
     benchmark.pedantic(hillshade, args=(elevation, 0.04, HillshadeParams()), rounds=3)
@@ -62,7 +60,7 @@ def test_the_hillshade_of_a_region_that_is_nearly_empty_against_a_gradient_of_al
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_command_against_the_libraries_that_it_imports(benchmark, tmp_path: Path, name: str):
+def test_starting_a_command_against_importing_its_libraries(benchmark, tmp_path: Path, name: str):
     arguments, libraries = COMMANDS[name]
     fill(Workspace.open(tmp_path / "store"))
     (tmp_path / "folder").mkdir()

@@ -101,14 +101,14 @@ def test_opencv_semi_global_matching_for_comparison(benchmark, images):
 
 
 def test_sift_with_ratio_test_for_comparison(benchmark, images):
-    pictures = [
+    bitmaps = [
         stretch(image, mask)
         for image, mask in ((images.left, images.left_mask), (images.right, images.right_mask))
     ]
 
     def match():
         sift = cv2.SIFT.create(5000)
-        found = [sift.detectAndCompute(picture, None)[1] for picture in pictures]
+        found = [sift.detectAndCompute(png, None)[1] for png in bitmaps]
         pairs = cv2.BFMatcher().knnMatch(*found, k=2)
         return [a for a, b in pairs if a.distance < 0.8 * b.distance]
 
@@ -146,5 +146,5 @@ def test_matching_a_panorama_of_ten_pairs(benchmark):
 
 
 def _source(world, shot, one):
-    picture = photograph(world, shot, one).astype(np.float32)
-    return picture, np.ones(picture.shape, dtype=bool), world.exposure(shot, one).camera
+    png = photograph(world, shot, one).astype(np.float32)
+    return png, np.ones(png.shape, dtype=bool), world.exposure(shot, one).camera

@@ -85,8 +85,8 @@ def test_fusing_a_region_of_690_by_640_metres(benchmark, stops, tmp_path, monkey
     monkeypatch.syspath_prepend(Path(__file__).parents[2])  # for the other process
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=context) as pool:
-        told = benchmark.pedantic(
+        reported = benchmark.pedantic(
             lambda: pool.submit(fused, tmp_path, stops).result(), rounds=1, iterations=1
         )
-    benchmark.extra_info.update(told, stops=len(stops))
-    assert told["peak MB"] < 2000  # a region in memory would take 2.5 GB for its bands alone
+    benchmark.extra_info.update(reported, stops=len(stops))
+    assert reported["peak MB"] < 2000  # a region in memory would take 2.5 GB for its bands alone

@@ -88,7 +88,7 @@ def counted(act, spent):
 
 
 @pytest.mark.parametrize("stops", EARLY_AND_LATE)
-def test_solution_and_leaving_alone(benchmark, steps, stops, monkeypatch):
+def test_adding_and_marginalising_without_the_report(benchmark, steps, stops, monkeypatch):
     begun, whole = [], adjust.estimate
     monkeypatch.setattr(
         adjust, "estimate", lambda start, params: whole(begun.append(start) or start, params)

@@ -1,4 +1,4 @@
-"""How fast the meaning of the ground is told: 60 x 60 m of a hilly world in cells of 0.04 m.
+"""How fast maps are derived from the ground: 60 x 60 m of a hilly world in cells of 0.04 m.
 
 Every cell has an elevation, which is the most that a stop can have. The viewshed runs next to
 GDAL's on the same cells, where `gdal_viewshed` is installed; horizons next to looking at every cell
@@ -89,7 +89,7 @@ def every_cell_from_every_cell(elevation, cell_m):
     return found
 
 
-def test_one_horizon_by_hulls(benchmark, coarse):
+def test_one_horizon_by_convex_hulls(benchmark, coarse):
     elevation, grid = coarse
     window = np.ascontiguousarray(elevation[np.isfinite(elevation).any(axis=1)][:, :512])
     benchmark.pedantic(horizons, args=(np.nan_to_num(window), grid.cell_m, 36), rounds=3)
@@ -98,7 +98,7 @@ def test_one_horizon_by_hulls(benchmark, coarse):
     )
 
 
-def test_one_horizon_looking_at_every_cell_for_comparison(benchmark, coarse):
+def test_one_horizon_by_visiting_every_cell_for_comparison(benchmark, coarse):
     elevation, grid = coarse
     window = np.nan_to_num(elevation[np.isfinite(elevation).any(axis=1)][:, :512])
     found = benchmark.pedantic(every_cell_from_every_cell, args=(window, grid.cell_m), rounds=3)

@@ -26,19 +26,19 @@ def test_lighting_the_ground_of_a_stop(benchmark, world):
     assert len(benchmark.pedantic(lit, rounds=3).layers) == 4
 
 
-def test_taking_a_picture_of_a_million_pixels(benchmark, world):
+def test_rendering_an_image_of_a_million_pixels(benchmark, world):
     world.ground(0)
     pixels = benchmark.pedantic(photograph, args=(world, world.shots[0], Eye.LEFT), rounds=5)
     assert pixels.shape == (1024, 1024)
 
 
-def test_taking_and_writing_a_picture(benchmark, world):
+def test_rendering_and_writing_an_image(benchmark, world):
     world.ground(0)
     file = benchmark.pedantic(render_jobs(world)[0].run, args=(world,), rounds=3)
     assert len(file.data) > 2 * 1024**2
 
 
-def test_the_true_place_of_a_million_pixels(benchmark, world):
+def test_the_true_ground_of_a_million_pixels(benchmark, world):
     view, _ = view_of(world, world.shots[0], Eye.LEFT)
     points = benchmark.pedantic(first_hits, args=(world.ground(0), view), rounds=3)
     assert points.shape == (1024**2, 3)

@@ -120,8 +120,8 @@ def test_gridding_a_twentieth_of_the_points_by_gdal_for_comparison(
     if gridder is None:
         pytest.skip("gdal_grid is not installed (Debian: gdal-bin)")
     places = geopandas.points_from_xy(*some_points.astype(float))
-    told = geopandas.GeoDataFrame(geometry=places, crs="ESRI:104905")  # any
-    told.to_file(tmp_path / "points.fgb", driver="FlatGeobuf")
+    reported = geopandas.GeoDataFrame(geometry=places, crs="ESRI:104905")  # any
+    reported.to_file(tmp_path / "points.fgb", driver="FlatGeobuf")
     west, south, east, north = dtm.grid.bounds
     box = ["-txe", str(west), str(east), "-tye", str(north), str(south)]
     size = ["-outsize", str(dtm.grid.cols // 4), str(dtm.grid.rows // 4)]

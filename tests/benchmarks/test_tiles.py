@@ -117,7 +117,7 @@ def _layer(store: ProductStore, kind: ProductKind, field: np.ndarray) -> Layer:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_our_tiles(benchmark, served, kind):
+def test_tiles_of_this_server(benchmark, served, kind):
     benchmark.group = f"{TILES} tiles of {kind}"
     pool = RasterPool()
     layer = served.layers[kind]
@@ -162,9 +162,9 @@ def _note(benchmark, size: int) -> None:
     benchmark.extra_info["kB/tile"] = round(size / TILES / 1e3, 1)
 
 
-ASKED = 80
+REQUESTED = 80
 """Tiles of a round over HTTP."""
-PICTURES = {
+IMAGES = {
     "orthophoto": (ProductKind.ORTHOPHOTO, StyleQuery(), {}),
     "colour relief": (ProductKind.DTM, StyleQuery(), {"colormap_name": "viridis"}),
     "hillshade made once": (ProductKind.HILLSHADE, StyleQuery(), {}),
@@ -174,7 +174,7 @@ PICTURES = {
         {"algorithm": "hillshade", "buffer": "3"},
     ),
 }
-"""Kind, our look, and what TiTiler is asked for."""
+"""Kind, our style, and the request to TiTiler."""
 SERVERS = ("ours", "titiler", "files")
 HAS_TITILER = importlib.util.find_spec("titiler") is not None
 NEEDS_TITILER = pytest.mark.skipif(not HAS_TITILER, reason="`make peers` installs TiTiler")
@@ -184,16 +184,16 @@ NEEDS_TITILER = pytest.mark.skipif(not HAS_TITILER, reason="`make peers` install
 def addresses() -> list[TileAddress]:
     rng = np.random.default_rng(8)
     own = zoom_of(CELL_M)
-    zooms = itertools.islice(itertools.cycle(range(own - 3, own + 1)), ASKED)
+    zooms = itertools.islice(itertools.cycle(range(own - 3, own + 1)), REQUESTED)
     return [tile_at(*rng.uniform(-24.0, 24.0, 2), zoom) for zoom in zooms]
 
 
 @pytest.fixture(scope="module")
 def servers(served: Served, addresses: list[TileAddress]) -> Iterator[dict[str, Server]]:
     pool = RasterPool()
-    for picture, (kind, look, _) in PICTURES.items():
+    for png, (kind, look, _) in IMAGES.items():
         for address in addresses:
-            path = served.root / "drawn" / _file_of(picture, address)
+            path = served.root / "drawn" / _file_of(png, address)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(render_tile(served.layers[kind], address, served.store, pool, look))
     with running("ours", served.root) as ours, running("files", served.root) as files:
@@ -204,13 +204,13 @@ def servers(served: Served, addresses: list[TileAddress]) -> Iterator[dict[str, 
             yield {"ours": ours, "files": files, "titiler": titiler}
 
 
-def _file_of(picture: str, address: TileAddress) -> str:
+def _file_of(png: str, address: TileAddress) -> str:
     place = f"{address.zoom}/{address.column}/{address.row}.png"
-    return f"{picture.replace(' ', '-')}/{place}"
+    return f"{png.replace(' ', '-')}/{place}"
 
 
-def _path(server: str, picture: str, served: Served, address: TileAddress) -> str:
-    kind, look, asked = PICTURES[picture]
+def _path(server: str, png: str, served: Served, address: TileAddress) -> str:
+    kind, look, requested = IMAGES[png]
     layer = served.layers[kind]
     place = f"{address.zoom}/{address.column}/{address.row}.png"
     match server:
@@ -218,21 +218,21 @@ def _path(server: str, picture: str, served: Served, address: TileAddress) -> st
             style = "" if look == StyleQuery() else f"?style={look.style}"
             return f"/tiles/{layer.ref.scope.name}/{kind}/{layer.ref.digest}/{place}{style}"
         case "files":
-            return f"/{_file_of(picture, address)}"
+            return f"/{_file_of(png, address)}"
         case _:
-            query = {"url": str(served.store.path(layer.ref)), **asked}
+            query = {"url": str(served.store.path(layer.ref)), **requested}
             low, high = layer.range or (0.0, 1.0)
-            if kind != ProductKind.ORTHOPHOTO and "algorithm" not in asked:
+            if kind != ProductKind.ORTHOPHOTO and "algorithm" not in requested:
                 query["rescale"] = f"{low},{high}"
             return f"/tiles/local/{place}?{urlencode(query)}"
 
 
 @pytest.mark.parametrize("server", [pytest.param("titiler", marks=NEEDS_TITILER), "ours", "files"])
-@pytest.mark.parametrize("picture", PICTURES)
-def test_tiles_over_http(benchmark, served, servers, addresses, server, picture):
-    benchmark.group = f"{ASKED} tiles over HTTP: {picture}"
+@pytest.mark.parametrize("png", IMAGES)
+def test_tiles_over_http(benchmark, served, servers, addresses, server, png):
+    benchmark.group = f"{REQUESTED} tiles over HTTP: {png}"
     at = servers[server]
-    paths = [_path(server, picture, served, address) for address in addresses]
+    paths = [_path(server, png, served, address) for address in addresses]
     loads: list[Load] = []
     benchmark.pedantic(
         lambda: loads.append(load(at.port, at.pid, paths)), rounds=2, warmup_rounds=1
@@ -244,28 +244,28 @@ def test_tiles_over_http(benchmark, served, servers, addresses, server, picture)
 
 
 @pytest.mark.slow
-def test_an_orthophoto_takes_no_more_than_one_and_a_half_files(served, servers, addresses):
+def test_an_orthophoto_tile_costs_at_most_one_and_a_half_files(served, servers, addresses):
     cost = {name: _cost(name, "orthophoto", served, servers, addresses) for name in SERVERS[::2]}
-    assert cost["ours"] <= 1.5 * cost["files"], f"{cost} s of processor for {ASKED} tiles"
+    assert cost["ours"] <= 1.5 * cost["files"], f"{cost} s of processor for {REQUESTED} tiles"
 
 
 @pytest.mark.slow
 @NEEDS_TITILER
-@pytest.mark.parametrize("picture", list(PICTURES)[1:])
-def test_what_is_computed_takes_a_fifth_of_titiler(served, servers, addresses, picture):
-    cost = {name: _cost(name, picture, served, servers, addresses) for name in SERVERS[:2]}
-    assert 5.0 * cost["ours"] <= cost["titiler"], f"{cost} s of processor for {ASKED} tiles"
+@pytest.mark.parametrize("png", list(IMAGES)[1:])
+def test_a_computed_tile_costs_at_most_a_fifth_of_titiler(served, servers, addresses, png):
+    cost = {name: _cost(name, png, served, servers, addresses) for name in SERVERS[:2]}
+    assert 5.0 * cost["ours"] <= cost["titiler"], f"{cost} s of processor for {REQUESTED} tiles"
 
 
 def _cost(
     server: str,
-    picture: str,
+    png: str,
     served: Served,
     servers: dict[str, Server],
     addresses: list[TileAddress],
 ) -> float:
     """Processor time of a round, the least of three: other work shares the machine."""
-    paths = [_path(server, picture, served, address) for address in addresses]
+    paths = [_path(server, png, served, address) for address in addresses]
     at = servers[server]
     rounds = 1 if server == "titiler" else 5  # time is counted in hundredths of a second
     load(at.port, at.pid, paths)
@@ -306,11 +306,7 @@ def test_routing_takes_less_than_a_third_of_drawing(served, addresses):
     unrouted.add_middleware(Unrouted, services=unrouted.state.services)
     unrouted.add_middleware(SecurityHeaders)
     unrouted.add_middleware(MeasureRequests, metrics=unrouted.state.metrics)
-    paths = [
-        _path("ours", picture, served, address)
-        for picture in PICTURES
-        for address in addresses[::4]
-    ]
+    paths = [_path("ours", png, served, address) for png in IMAGES for address in addresses[::4]]
     seconds = asyncio.run(_by_turns({"routed": routed, "unrouted": unrouted}, paths))
     assert seconds["routed"] <= 1.3 * seconds["unrouted"], f"{seconds} s for {len(paths)} tiles"
 

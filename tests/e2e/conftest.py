@@ -36,7 +36,7 @@ class Mapped:
 
 @pytest.fixture(scope="session")
 def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A synthetic downlink of two stops with full panoramas, of pictures of half the size."""
+    """A synthetic downlink of two stops with full panoramas, of images of half the size."""
     from solmap.flows.simulation import write_downlink  # noqa: PLC0415 - slow to import
 
     folder = tmp_path_factory.mktemp("world")
@@ -65,7 +65,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.fixture(scope="session")
 def driver() -> Iterator[Any]:
-    """Playwright, which is started once a process."""
+    """Playwright, started once per process."""
     with open_driver() as opened:
         yield opened
 

@@ -43,7 +43,7 @@ def controlled(mapped, tmp_path_factory) -> Workspace:
     return Workspace.open(store)
 
 
-def test_the_place_of_the_measured_map_is_found(controlled):
+def test_the_georeference_of_the_measured_map_is_found(controlled):
     (network,) = latest_networks(controlled)
     adjusted = read_network(network, controlled.store).adjusted
     (frame,) = (one for one in adjusted.frames if one.frame.name == "measured-csv")
@@ -52,9 +52,9 @@ def test_the_place_of_the_measured_map_is_found(controlled):
     assert all(one.used for one in adjusted.control)
 
 
-def test_every_later_stop_says_that_control_holds_it(mapped, controlled):
+def test_every_later_stop_is_listed_as_held_by_control(mapped, controlled):
     rows = position_rows(controlled)
-    assert rows[0]["held_by"] == "held as the datum"  # nobody said that the file knows north
+    assert rows[0]["held_by"] == "held as the datum"  # the file does not state its north
     assert all("control: its position in measured-csv" in row["held_by"] for row in rows[1:])
     for row, true in zip(rows, true_stops(mapped.downlink / "truth"), strict=True):
         off = np.subtract(row["adjusted_ned_m"], true.position)
@@ -70,7 +70,7 @@ def test_the_quality_report_has_a_chapter_on_control(controlled):
     assert len(found["control"]) == len(position_rows(controlled))
 
 
-def test_a_file_that_names_an_unknown_stop_ends_with_one_line(mapped, tmp_path):
+def test_a_file_with_an_unknown_stop_ends_with_one_line(mapped, tmp_path):
     file = tmp_path / "measured.csv"
     file.write_text("stop,east_m,north_m,sigma_m\n99/0,1,2,3\n")
     ran = CliRunner().invoke(app, ["control", "add", str(file), "--store", str(mapped.store)])

@@ -29,14 +29,14 @@ OF_HALF_SIZE = FacetParams(
     max_sigma_deg=20.0,
     shared_px=12.5,
 )
-"""As many degrees of the view as the defaults have of pictures of full size."""
+"""As many degrees of the view as the defaults have of images of full size."""
 
 
 def error_m(row: dict, truth: dict, solution: str) -> float:
     return float(np.linalg.norm(np.subtract(row[solution], truth["position"])))
 
 
-def test_every_sol_is_processed_and_every_product_appears(mapped):
+def test_every_sol_is_processed_and_every_product_is_made(mapped):
     assert mapped.report.succeeded, mapped.report.failures
     rows = product_rows(mapped.workspace)
     for stop in ("mer2-site0010-drive0000",):
@@ -53,7 +53,7 @@ def finest_tiles(path: Path) -> list[dict]:
     return tiles
 
 
-def test_a_stop_is_modelled_and_its_rocks_have_strike_and_dip(mapped):
+def test_a_stop_has_a_model_and_its_rocks_have_strike_and_dip(mapped):
     stop = "mer2-site0010-drive0000"
     paths = {
         r["kind"]: Path(r["path"]) for r in product_rows(mapped.workspace) if r["scope"] == stop
@@ -105,7 +105,7 @@ def test_the_terrain_of_the_first_stop_agrees_with_the_truth(mapped):
     assert np.percentile(errors, 90) < 0.08
 
 
-def test_unseen_ground_holds_no_elevation(mapped):
+def test_unseen_ground_has_no_elevation(mapped):
     layer = mapped.workspace.catalogue.layer("mer2-site0010-drive0000", ProductKind.DTM)
     dtm = read_dtm(mapped.workspace.store.path(layer.ref))
     known = np.isin(dtm.ground, (GroundClass.MEASURED, GroundClass.INTERPOLATED))
@@ -114,7 +114,7 @@ def test_unseen_ground_holds_no_elevation(mapped):
     assert (dtm.ground == GroundClass.OCCLUDED).mean() > 0.01, "shadows of rocks"
 
 
-def test_a_second_run_makes_nothing_twice(mapped):
+def test_a_second_run_skips_finished_work(mapped):
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
     made = {path: path.stat().st_mtime_ns for path in (mapped.store / "products").rglob("*.*")}
@@ -125,7 +125,7 @@ def test_a_second_run_makes_nothing_twice(mapped):
     } == made
 
 
-def test_the_server_shows_what_was_mapped(mapped):
+def test_the_server_shows_the_mapped_layers(mapped):
     from solmap.gis_server.app import create_app  # noqa: PLC0415 - after the flow
 
     with TestClient(create_app(mapped.store)) as client:
@@ -149,7 +149,7 @@ def test_the_server_shows_what_was_mapped(mapped):
 
 
 @pytest.mark.parametrize("command", ["positions", "products", "status"])
-def test_scripts_get_json(mapped, command):
+def test_scripts_get_json_from_commands(mapped, command):
     result = CliRunner().invoke(app, [command, "--store", str(mapped.store), "--json"])
     assert result.exit_code == 0, result.output
     rows = json.loads(result.stdout)
@@ -157,7 +157,7 @@ def test_scripts_get_json(mapped, command):
     assert rows
 
 
-def test_positions_keep_the_contract(mapped):
+def test_positions_have_the_documented_fields(mapped):
     row = position_rows(mapped.workspace)[0]
     assert {
         "mission", "site", "drive", "sols", "telemetry_ned_m", "adjusted_ned_m",
@@ -165,6 +165,6 @@ def test_positions_keep_the_contract(mapped):
     } <= set(row)  # fmt: skip
 
 
-def test_products_keep_the_contract(mapped):
+def test_products_have_the_documented_fields(mapped):
     row = product_rows(mapped.workspace)[0]
     assert {"kind", "scope", "path", "crs", "cell_m", "made_at"} <= set(row)

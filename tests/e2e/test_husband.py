@@ -1,8 +1,8 @@
-"""The path-traced three-stop traverse goes the whole way and is held against the goals.
+"""The path-traced three-stop traverse is processed and compared with the goals.
 
 They are those of `make accuracy`: 0.1 % of the way and 0.05 degrees in the median, 0.3 % at worst,
 stated covariances that are true, and ground of the held stop to half a centimetre in the median.
-All of it is slow: whether a goal is held is told by `make test-all`, not by `make test`.
+All of it is slow: goals are checked by `make test-all`, not by `make test`.
 """
 
 import shutil
@@ -32,7 +32,7 @@ def store(engine: None, husband: Path, tmp_path_factory: pytest.TempPathFactory)
 
 
 @pytest.fixture(scope="module")
-def judged(store: Path, husband: Path) -> list[dict[str, Any]]:
+def evaluated(store: Path, husband: Path) -> list[dict[str, Any]]:
     rows = position_rows(Workspace.open(store))
     return evaluate_positions(rows, true_stops(husband / "truth"))
 
@@ -50,40 +50,42 @@ def test_every_stop_has_every_product(store):
         }  # fmt: skip
 
 
-def test_stops_are_tied_to_a_tenth_of_a_percent_of_the_way(judged):
-    assert [row["stop"] for row in judged] == [
+def test_stops_are_within_a_tenth_of_a_percent_of_the_distance(evaluated):
+    assert [row["stop"] for row in evaluated] == [
         "mer2-site0010-drive0000",
         "mer2-site0010-drive0064",
         "mer2-site0011-drive0000",
     ]
-    for row in judged[1:]:
+    for row in evaluated[1:]:
         assert "cross-site ties" in row["held_by"]
         assert row["percent"] <= 0.3, row
-    assert np.median([row["percent"] for row in judged[1:]]) <= 0.1
+    assert np.median([row["percent"] for row in evaluated[1:]]) <= 0.1
 
 
-def test_attitudes_are_known_to_a_twentieth_of_a_degree(judged):
+def test_attitudes_are_within_a_twentieth_of_a_degree(evaluated):
     for name in ("azimuth_error_deg", "tilt_error_deg"):
-        assert np.median([abs(row[name]) for row in judged[1:]]) <= 0.05, judged
+        assert np.median([abs(row[name]) for row in evaluated[1:]]) <= 0.05, evaluated
 
 
-def test_stops_err_by_what_they_state(judged):
+def test_errors_of_stops_agree_with_their_covariances(evaluated):
     # the mean of NEES/6 over worlds is to lie between 0.6 and 1.5; two stops of one scatter more:
     # twelve freedoms, of which 99.9 % are below 2.8
-    nees = np.mean([row["nees"] for row in judged[1:]])
-    assert 0.1 < nees < 2.8, judged
+    nees = np.mean([row["nees"] for row in evaluated[1:]])
+    assert 0.1 < nees < 2.8, evaluated
 
 
 @pytest.mark.parametrize(
     ("range_m", "limit_m"), [((0, 10), 0.005), ((10, 20), 0.005), ((20, 30), 0.01)]
 )
-def test_ground_of_the_held_stop_is_neither_too_high_nor_too_low(store, husband, range_m, limit_m):
+def test_ground_of_the_held_stop_has_no_height_bias(store, husband, range_m, limit_m):
     rows = evaluate_terrain(Workspace.open(store), husband / "truth")
     held = {tuple(row["range_m"]): row for row in rows if "site0010-drive0000" in row["stop"]}
     assert abs(held[range_m]["bias_m"]) <= limit_m, held[range_m]
 
 
-def test_a_mosaic_with_a_turned_georeference_makes_no_stop_worse(store, husband, judged, tmp_path):
+def test_a_mosaic_with_a_rotated_georeference_makes_no_stop_worse(
+    store, husband, evaluated, tmp_path
+):
     """By 1.3 degrees and some metres; it turned every stop by a degree, the first one too."""
     from solmap.flows.external_data import add_orbital  # noqa: PLC0415 - needs the engine's settings
     from solmap.flows.overall import readjust  # noqa: PLC0415
@@ -97,14 +99,14 @@ def test_a_mosaic_with_a_turned_georeference_makes_no_stop_worse(store, husband,
     ) as image:
         image.write(values)
     shutil.copytree(store, controlled, ignore=shutil.ignore_patterns("prefect"))
-    said = add_orbital(turned, "MER2", controlled)
-    assert any("found on their own: 3 of 3 stops" in line for line in said), said
+    message = add_orbital(turned, "MER2", controlled)
+    assert any("found on their own: 3 of 3 stops" in line for line in message), message
     assert not readjust("MER2", controlled).failures
     rows = evaluate_positions(
         position_rows(Workspace.open(controlled)), true_stops(husband / "truth")
     )
     assert rows[0]["held_by"] == "held as the datum"
-    for row, without in zip(rows[1:], judged[1:], strict=True):
+    for row, without in zip(rows[1:], evaluated[1:], strict=True):
         assert "control: its position in turned-tif" in row["held_by"]
         assert row["percent"] < without["percent"] + 0.03
         assert abs(row["azimuth_error_deg"]) < max(abs(without["azimuth_error_deg"]), 0.08)

@@ -1,4 +1,4 @@
-"""What a run tells of the traverse: files that other tools read back to the same places."""
+"""Files of the traverse that other tools read back to the same places."""
 
 import json
 
@@ -31,7 +31,7 @@ def adjusted(mapped) -> dict[str, list[float]]:
     return {row["stop"]: row["adjusted_ned_m"] for row in position_rows(mapped.workspace)}
 
 
-def test_places_are_the_adjusted_ones(mapped, handed_out):
+def test_exported_positions_are_the_adjusted_ones(mapped, handed_out):
     text = (handed_out / "MER2_places.csv").read_text()
     table = parse_places(text, "places", mission="MER2", solution_id="adjusted")
     found = [one.offset_m for one in table.solutions]
@@ -51,7 +51,7 @@ def test_vector_files_compose_to_the_adjusted_stops(mapped, handed_out):
         )
 
 
-def test_the_table_says_how_far_telemetry_was_off(mapped, handed_out):
+def test_the_table_gives_the_error_of_telemetry(mapped, handed_out):
     table = json.loads((handed_out / "MER2_differences.json").read_text())
     first, last = (position_rows(mapped.workspace)[k] for k in (0, -1))
     off = np.subtract(last["telemetry_ned_m"], last["adjusted_ned_m"])
@@ -82,7 +82,7 @@ def test_the_geopackage_has_lines_stops_and_ellipses_on_the_local_map(mapped, ha
     assert ellipses[-1].area <= 9 * np.pi * (sigma[0] ** 2 + sigma[1] ** 2)
 
 
-def test_a_store_without_the_mission_says_so(mapped, tmp_path):
+def test_a_store_without_the_mission_is_refused(mapped, tmp_path):
     command = ["traverse", "export", str(tmp_path), "--mission", "MER1", "--store"]
     ran = CliRunner().invoke(app, [*command, str(mapped.store)])
     assert ran.exit_code == 1

@@ -1,4 +1,4 @@
-"""What the server tells of the adjusted network of a synthetic downlink."""
+"""Answers of the server about the adjusted network of a synthetic downlink."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def client(mapped):
         yield opened
 
 
-def ask(client, path, **query):
+def request(client, path, **query):
     answer = client.get(MISSION + path, params=query)
     assert answer.status_code == 200, answer.text
     return answer.json()
@@ -28,20 +28,20 @@ def oriented(mapped):
     return OrientedMission.latest("MER2", mapped.workspace)
 
 
-def test_every_adjustment_is_listed_and_one_is_on_the_map(client, oriented):
-    listed = ask(client, "/solutions")
+def test_every_adjustment_is_listed_and_one_is_published(client, oriented):
+    listed = request(client, "/solutions")
     assert [one["digest"] for one in listed if one["is_latest"]] == [oriented.ref.digest]
     assert [one["sol"] for one in listed] == sorted((one["sol"] for one in listed), reverse=True)
 
 
-def test_differences_from_telemetry_accumulate_as_both_traverses_say(client, oriented):
-    found = ask(client, "/traverse")
+def test_differences_from_telemetry_accumulate_along_both_traverses(client, oriented):
+    found = request(client, "/traverse")
     adjusted = oriented.network.adjusted.stops
     places = np.array([MAP_FROM_LSL @ stop.lsl_from_rover.translation_m for stop in adjusted])
-    told = np.array(
+    reported = np.array(
         [MAP_FROM_LSL @ oriented.network.telemetry[s.stop].translation_m for s in adjusted]
     )
-    off = (told - told[0]) - (places - places[0])
+    off = (reported - reported[0]) - (places - places[0])
     driven = np.hypot(*np.diff(places[:, :2], axis=0).T).cumsum()
     last = found["rows"][found["end"]]
     assert last["distance_m"] == pytest.approx(driven[-1], abs=1e-4)
@@ -51,9 +51,9 @@ def test_differences_from_telemetry_accumulate_as_both_traverses_say(client, ori
     assert last["horizontal_m"] > 0.01  # the world's wheels slip
 
 
-def test_a_solution_does_not_differ_from_itself(client):
-    (latest,) = (one for one in ask(client, "/solutions") if one["is_latest"])
-    found = ask(client, "/traverse", solution="latest", reference=latest["id"])
+def test_a_solution_has_no_difference_from_itself(client):
+    (latest,) = (one for one in request(client, "/solutions") if one["is_latest"])
+    found = request(client, "/traverse", solution="latest", reference=latest["id"])
     assert found["solution"] == found["reference"] == latest["id"]
     assert {row["horizontal_m"] for row in found["rows"]} == {0.0}
     assert found["rows"][-1]["reference_sigma_up_m"] == found["rows"][-1]["sigma_up_m"]
@@ -67,15 +67,15 @@ def test_a_solution_does_not_differ_from_itself(client):
         ({"reference": "msl-sol0001/0123456789abcdef"}, 404),
     ],
 )
-def test_a_solution_that_there_is_not_is_refused(client, query, status):
+def test_an_unknown_solution_is_refused(client, query, status):
     answer = client.get(f"{MISSION}/traverse", params=query)
     assert answer.status_code == status
     if status == 404:
         assert "/solutions lists them" in answer.text
 
 
-def test_the_graph_counts_what_the_stops_share(client, oriented):
-    graph = ask(client, "/network")
+def test_the_graph_counts_the_shared_points_of_stops(client, oriented):
+    graph = request(client, "/network")
     ties = oriented.network.adjusted.ties
     stop_of = {pair.pair_id: str(pair.stop) for pair in oriented.network.adjusted.pairs}
     seen: dict[int, set[str]] = {}
@@ -90,9 +90,9 @@ def test_the_graph_counts_what_the_stops_share(client, oriented):
     assert {stop["stop"] for stop in graph["stops"]} == both
 
 
-def test_pairs_are_tied_to_pairs_as_often_as_they_share_points(client):
-    stop = ask(client, "/network")["stops"][0]["stop"]
-    graph = ask(client, "/network/pairs", stop=stop)
+def test_couples_of_pairs_have_as_many_ties_as_shared_points(client):
+    stop = request(client, "/network")["stops"][0]["stop"]
+    graph = request(client, "/network/pairs", stop=stop)
     names = {pair["id"] for pair in graph["pairs"]}
     assert all({edge["one"], edge["other"]} <= names for edge in graph["edges"])
     own = next(pair for pair in graph["pairs"] if pair["stop"] == stop)
@@ -102,10 +102,10 @@ def test_pairs_are_tied_to_pairs_as_often_as_they_share_points(client):
 
 
 @pytest.mark.parametrize("eye", ["left", "right"])
-def test_a_tie_less_its_residual_is_where_the_image_shows_its_place(client, oriented, eye):
+def test_a_tie_minus_its_residual_is_the_projection_of_its_point(client, oriented, eye):
     entries = oriented.workspace.catalogue.images("MER2")
     entry = next(one for one in entries if one.eye == eye and one.partner)
-    ties = ask(client, f"/images/{entry.id}/ties")["ties"]
+    ties = request(client, f"/images/{entry.id}/ties")["ties"]
     used = [tie for tie in ties if tie["status"] == "used" and tie["place"]]
     assert len(used) > 10
     camera = oriented.oriented_image(entry).camera

@@ -32,7 +32,7 @@ def made(workspace: Workspace) -> set[Path]:
     return set((workspace.store.root / "products").rglob("*.*"))
 
 
-def test_the_overall_network_is_the_latest_and_its_sol_keeps_its_own(readjusted):
+def test_the_overall_network_is_the_latest_and_the_sol_keeps_its_own(readjusted):
     (latest,) = latest_networks(readjusted)
     assert latest.scope.name.endswith("-overall")
     stepwise = latest.scope.name.removesuffix("-overall")
@@ -41,7 +41,7 @@ def test_the_overall_network_is_the_latest_and_its_sol_keeps_its_own(readjusted)
     assert [row["held"] for row in rows] == [True] + [False] * (len(rows) - 1)
 
 
-def test_maps_of_stops_that_hardly_moved_are_not_made_anew(mapped, readjusted):
+def test_maps_of_stops_that_hardly_moved_are_kept(mapped, readjusted):
     before = {path.name for path in (mapped.store / "products" / "dtm").rglob("*.tif")}
     overall = next(
         ref
@@ -56,7 +56,7 @@ def test_maps_of_stops_that_hardly_moved_are_not_made_anew(mapped, readjusted):
     assert all(stop.moved_m > 0.02 for stop in moved)
 
 
-def test_a_later_run_goes_on_from_the_overall_adjustment_and_makes_nothing(mapped, readjusted):
+def test_a_later_run_continues_from_the_overall_adjustment_and_makes_nothing(mapped, readjusted):
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415
     from solmap.flows.overall import readjust  # noqa: PLC0415
 
@@ -81,7 +81,7 @@ def test_every_adjustment_has_a_page_and_figures(readjusted):
         assert {camera["instrument"] for camera in figures["quality"]["cameras"]} == {"NAVCAM"}
 
 
-def test_a_mission_that_was_never_processed_is_refused_with_advice(readjusted):
+def test_a_mission_without_products_is_refused_with_advice(readjusted):
     from solmap.flows.overall import readjust  # noqa: PLC0415
     from solmap.products.errors import ProductNotFoundError  # noqa: PLC0415
 

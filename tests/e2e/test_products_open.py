@@ -28,7 +28,8 @@ def is_map(path):
 def is_one_tile_wide(path, error):
     """Whether an overview is called untiled only because it is as wide as its square tiles.
 
-    rasterio tells tiles from strips by their width; such an overview has tiles by its blocks.
+    rasterio distinguishes tiles from strips by their width; such an overview has tiles by its
+    blocks.
     """
     found = re.fullmatch(r"Overview of index (\d+) is not tiled", error)
     if found is None:
@@ -37,7 +38,7 @@ def is_one_tile_wide(path, error):
         return set(overview.block_shapes) == {(overview.width, overview.width)}
 
 
-def test_every_raster_is_a_valid_cog_that_says_what_it_is(mapped):
+def test_every_raster_is_a_valid_cog_with_its_description(mapped):
     assert len(rasters(mapped)) > 8
     for path in rasters(mapped):
         _, errors, warnings = cog_validate(path, strict=True)
@@ -55,7 +56,7 @@ def test_every_raster_is_a_valid_cog_that_says_what_it_is(mapped):
             assert all(tags[name] for name in ("SOL", "SITE", "DRIVE", "LOCAL_TIME")), path
 
 
-def test_terrain_and_picture_of_a_stop_name_the_same_adjustment(mapped):
+def test_terrain_and_orthophoto_of_a_stop_name_the_same_adjustment(mapped):
     named = {}
     for layer in mapped.workspace.catalogue.layers():
         if layer.ref.kind in {ProductKind.DTM, ProductKind.ORTHOPHOTO, ProductKind.SOURCES}:
@@ -85,15 +86,15 @@ def test_gdal_reads_every_raster(mapped):
     if gdalinfo is None:
         pytest.skip("gdalinfo is not installed: the package gdal-bin has it")
     for path in rasters(mapped):
-        told = subprocess.run([gdalinfo, "-json", str(path)], capture_output=True, check=True)
-        seen = json.loads(told.stdout)
+        reported = subprocess.run([gdalinfo, "-json", str(path)], capture_output=True, check=True)
+        seen = json.loads(reported.stdout)
         assert seen["metadata"]["IMAGE_STRUCTURE"]["LAYOUT"] == "COG"
         expected = "Orthographic" if is_map(path) else "Azimuth and elevation"
         assert expected in seen["coordinateSystem"]["wkt"]
         assert all(band["description"] for band in seen["bands"])
 
 
-def test_stac_leads_to_every_layer_of_the_catalogue(mapped):
+def test_stac_links_to_every_layer_of_the_catalogue(mapped):
     catalogue = pystac.Catalog.from_file(str(mapped.store / "stac" / "catalog.json"))
     items = {item.id: item for item in catalogue.get_items(recursive=True)}
     layers = mapped.workspace.catalogue.layers()

@@ -1,4 +1,4 @@
-"""What a run leaves on its page, asked of the engine: names by sol, tables, picture and links."""
+"""The page of a run, read from the engine: names by sol, tables, figure and links."""
 
 import json
 
@@ -8,7 +8,7 @@ from prefect.client.schemas.filters import FlowFilter, FlowFilterName
 from prefect.client.schemas.sorting import FlowRunSort
 
 PAGE = 200
-"""The server tells no more runs at once."""
+"""The server lists no more runs at once."""
 
 
 @pytest.fixture(scope="module")
@@ -19,14 +19,14 @@ def runs(mapped):
 
 
 def runs_of(flow, store, client):
-    asked = {
+    requested = {
         "flow_filter": FlowFilter(name=FlowFilterName(any_=[flow])),
         "sort": FlowRunSort.START_TIME_ASC,
         "limit": PAGE,
     }
-    found = page = client.read_flow_runs(**asked)
+    found = page = client.read_flow_runs(**requested)
     while len(page) == PAGE:
-        page = client.read_flow_runs(**asked, offset=len(found))
+        page = client.read_flow_runs(**requested, offset=len(found))
         found = found + page
     return [run for run in found if str(run.parameters.get("store")).endswith(str(store))]
 
@@ -58,10 +58,10 @@ def test_sols_and_adjustments_are_tables(artifacts, mapped):
         assert (mapped.store / "products" / "report" / scope / f"{digest}.html").is_file()
 
 
-def test_the_traverse_is_a_picture_and_map_and_report_are_links(artifacts, mapped):
+def test_the_traverse_is_a_figure_and_map_and_report_are_links(artifacts, mapped):
     assert artifacts["map"]["data"].endswith("(http://127.0.0.1:8765/)")
     assert "/reports/mer2-sol0156/" in artifacts["report-mer2"]["data"]
-    picture = artifacts["traverse-mer2"]
-    assert picture["type"] == "image"
-    file = picture["data"].partition("/products/")[2]
+    image = artifacts["traverse-mer2"]
+    assert image["type"] == "image"
+    file = image["data"].partition("/products/")[2]
     assert (mapped.store / "products" / file).read_bytes().startswith(b"\x89PNG")

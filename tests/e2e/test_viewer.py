@@ -49,38 +49,38 @@ def test_relief_image_contours_stops_and_traverse_are_shown_at_first(page, url):
 
 
 @pytest.mark.both_browsers
-def test_squares_of_the_orthophoto_lie_where_they_are_on_the_ground(page, url):
+def test_squares_of_the_orthophoto_are_at_their_true_coordinates(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/orthophoto"))
-    picture = screenshot(page, "orthophoto")
+    image = screenshot(page, "orthophoto")
     for east, north, grey in ((2.0, 2.0, 90), (6.0, 2.0, 170), (-2.0, 2.0, 170), (-6.0, -6.0, 90)):
-        shown = colour_at(picture, pixel_of(page, east, north, resolution))
+        shown = colour_at(image, pixel_of(page, east, north, resolution))
         assert np.abs(shown - (grey + 1)).max() <= 3  # half a grey step in store, tile and screen
     # The edge between squares at 4 m east: half a cell of 8 cm is less than a pixel here.
     y = pixel_of(page, 0.0, 2.0, resolution)[1]
-    row = picture[round(y), :, 0].astype(int)
+    row = image[round(y), :, 0].astype(int)
     start = round(pixel_of(page, 2.0, 0.0, resolution)[0])
     edge = start + int(np.argmax(row[start : start + 40] > 130))
     assert abs(edge - pixel_of(page, 4.0, 0.0, resolution)[0]) <= 1.5
 
 
-def test_a_contour_falls_on_the_elevation_it_names(page, url):
+def test_a_contour_is_at_the_elevation_of_its_label(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/contours"))
-    picture = screenshot(page, "contours").astype(int)
+    image = screenshot(page, "contours").astype(int)
     # Between the labels, to the north-east of the bowl's middle.
     radius = CONTOUR_RADIUS_M
     turns = np.radians(np.arange(0, 360, 3.0))
     on_line = 0
     for turn in turns:
         x, y = pixel_of(page, radius * math.sin(turn), radius * math.cos(turn), resolution)
-        patch = picture[round(y) - 1 : round(y) + 2, round(x) - 1 : round(x) + 2]
+        patch = image[round(y) - 1 : round(y) + 2, round(x) - 1 : round(x) + 2]
         brown = (patch[..., 0] - patch[..., 2]) > 40
         on_line += bool(brown.any())
     assert on_line >= 0.8 * len(turns)  # its label interrupts it
 
 
-def test_the_scale_bar_is_as_long_as_the_ground_it_stands_for(page, url):
+def test_the_scale_bar_has_the_length_of_its_label_on_the_ground(page, url):
     for resolution in (0.02, 0.1, 0.37):
         look(page, url + at(resolution))
         page.reload()
@@ -103,7 +103,7 @@ def test_the_wheel_zooms_about_the_pointer_before_any_click(page, url):
 
 
 @pytest.mark.both_browsers
-def test_the_pointer_reads_metres_degrees_and_the_measured_elevation(page, url):
+def test_the_pointer_shows_metres_degrees_and_elevation(page, url):
     resolution = 0.05
     look(page, url + at(resolution, "mer2/slope"))
     east, north = 9.0, -6.0
@@ -123,7 +123,7 @@ def test_the_pointer_reads_metres_degrees_and_the_measured_elevation(page, url):
 
 
 @pytest.mark.both_browsers
-def test_a_click_tells_every_layer_and_the_images_that_see_the_place(page, url):
+def test_a_click_lists_every_layer_and_the_images_that_see_the_place(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/orthophoto"))
     name, _, _, (east, north), _ = STOPS[1]
@@ -161,7 +161,7 @@ def test_a_click_on_a_pointing_line_opens_its_image(page, url):
     assert original.body() == b"label"
 
 
-def test_the_partner_of_an_image_is_one_click_away(page, url):
+def test_one_click_opens_the_partner_of_an_image(page, url):
     look(page, url)
     page.locator('[data-tab="images"]').click()
     assert page.locator(".count").inner_text() == "15 images, 3 without partner"
@@ -184,7 +184,7 @@ def test_the_sol_slider_keeps_the_images_of_one_sol(page, url):
     screenshot(page, "sol")
 
 
-def test_a_measured_distance_is_the_distance_on_the_ground(page, url):
+def test_a_measured_distance_equals_the_distance_on_the_ground(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/orthophoto"))
     page.locator(".measure").click()
@@ -201,7 +201,7 @@ def test_a_measured_distance_is_the_distance_on_the_ground(page, url):
     assert page.locator(".ruler").is_hidden()
 
 
-def test_a_link_brings_back_view_and_layers(page, url):
+def test_a_link_restores_view_and_layers(page, url):
     look(page, url + at(0.25, "mer2/slope*0.35,mer2/stops", 5.0, -7.5))
     boxes = page.locator("li.layer:has(input:checked)").all()
     assert {box.get_attribute("data-layer") for box in boxes} == {"mer2/slope", "mer2/stops"}
@@ -215,7 +215,7 @@ def test_a_link_brings_back_view_and_layers(page, url):
     }
 
 
-def test_a_layer_shows_its_legend_and_hands_out_its_file_and_history(page, url):
+def test_a_layer_offers_legend_download_and_history(page, url):
     look(page, url)
     row = page.locator('li[data-layer="mer2/slope"]')
     row.locator("input").first.check()
@@ -230,7 +230,7 @@ def test_a_layer_shows_its_legend_and_hands_out_its_file_and_history(page, url):
     assert '"kind": "slope"' in page.locator("dialog pre").inner_text()
 
 
-def test_the_table_of_stops_says_how_far_telemetry_was_off(page, url):
+def test_the_table_of_stops_gives_the_error_of_telemetry(page, url):
     look(page, url)
     page.locator('[data-tab="stops"]').click()
     screenshot(page, "stops")
@@ -241,7 +241,7 @@ def test_the_table_of_stops_says_how_far_telemetry_was_off(page, url):
     assert moved == pytest.approx(expected, abs=5e-3)  # to the digits that sigma leaves
 
 
-def test_another_mission_is_one_choice_away(page, url):
+def test_another_mission_is_opened_by_one_choice(page, url):
     look(page, url)
     page.get_by_label("mission", exact=True).select_option("MSL")
     until(page, lambda: "Bradbury Landing" in page.locator(".mission").inner_text())
@@ -254,23 +254,23 @@ def test_another_mission_is_one_choice_away(page, url):
     assert float(field(page, "lon").split("°")[0]) == pytest.approx(GALE.longitude, abs=1e-5)
 
 
-def test_north_stays_north_when_the_map_is_turned(page, url):
+def test_the_north_arrow_follows_the_rotation_of_the_map(page, url):
     look(page, f"{url}/#m=MER2&at=0,0,0.1,90&on=mer2/orthophoto")
     assert turn_of_arrow(page) == "rotate(90deg)"
     page.locator(".north button").click()
     until(page, lambda: turn_of_arrow(page) == "rotate(0deg)")
 
 
-def test_the_dark_page_is_dark(page, url):
+def test_the_dark_theme_has_a_dark_background(page, url):
     page.emulate_media(color_scheme="dark")
     look(page, url)
-    picture = screenshot(page, "dark")
-    assert picture[788, 1200].mean() < 60
+    image = screenshot(page, "dark")
+    assert image[788, 1200].mean() < 60
     page.get_by_role("button", name="light or dark").click()
     assert screenshot(page, "light")[788, 1200].mean() > 200
 
 
-def test_a_server_that_went_away_is_said_so(browser, tmp_path):
+def test_an_unreachable_server_is_reported(browser, tmp_path):
     fill_nothing = Workspace.open(tmp_path / "store")
     mission = MissionEntry("MER2", "Spirit", LANDING, None)
     fill_nothing.catalogue.publish(missions=[mission])
@@ -287,9 +287,9 @@ def test_a_server_that_went_away_is_said_so(browser, tmp_path):
 @pytest.mark.parametrize("resolution", [0.05])
 def test_adjusted_and_telemetry_have_the_colours_of_the_paper(page, url, resolution):
     look(page, url + at(resolution, "mer2/traverse"))
-    picture = screenshot(page, "traverse").astype(int)
+    image = screenshot(page, "traverse").astype(int)
     (_, _, _, from_east_north, _), (_, _, _, to_east_north, _) = STOPS[0], STOPS[1]
     middle = tuple((a + b) / 2 for a, b in zip(from_east_north, to_east_north, strict=True))
-    red, green, blue = colour_at(picture, pixel_of(page, *middle, resolution))
+    red, green, blue = colour_at(image, pixel_of(page, *middle, resolution))
     assert red > 200
     assert max(green, blue) < 90

@@ -87,8 +87,8 @@ def only_ground(page) -> None:
     switch(page, "rover", "cameras", "traverse", "ellipsoids")
 
 
-def settled_picture(page, name: str) -> np.ndarray:
-    """A picture after the last frame: levels of detail come one after the other."""
+def settled_image(page, name: str) -> np.ndarray:
+    """A screenshot after the last frame: levels of detail come one after the other."""
     page.mouse.move(5, 5)
     page.wait_for_timeout(400)
     page.wait_for_selector('.scene[data-settled="true"]', timeout=30_000)
@@ -101,10 +101,10 @@ def spots(page, columns: int = 6, rows: int = 5) -> list[tuple[float, float]]:
     return [(x + u * width, y + v * height) for v in down for u in across]
 
 
-def test_the_ground_is_where_it_is_and_wears_its_photograph(scene):
+def test_the_ground_has_its_true_position_and_its_photograph(scene):
     only_ground(scene)
     assert 100 < int(scene.locator(".scene").get_attribute("data-triangles")) < MOST_TRIANGLES
-    picture = settled_picture(scene, "ground")
+    image = settled_image(scene, "ground")
     right = compared = 0
     for x, y in spots(scene):
         place = seen_at(scene, x, y)
@@ -116,7 +116,7 @@ def test_the_ground_is_where_it_is_and_wears_its_photograph(scene):
         if all(inside):  # half a metre from any edge of a square
             expected = 170 if (math.floor(east / 4) + math.floor(north / 4)) % 2 else 90
             compared += 1
-            right += abs(picture[round(y), round(x)].mean() - expected) < 12
+            right += abs(image[round(y), round(x)].mean() - expected) < 12
     assert compared >= 10
     assert right == compared
 
@@ -142,13 +142,13 @@ def test_a_link_restores_the_camera(page, scene_url):
     look(page, scene_url + at(0.1, "mer2/orthophoto") + "&view3d=0,-20,15,1,2,0")
     page.wait_for_selector('.scene[data-settled="true"]', timeout=60_000)
     page.wait_for_timeout(800)
-    told = page.evaluate("location.hash").split("view3d=")[1].split("&")[0].split(",")
-    assert [float(number) for number in told] == pytest.approx([0, -20, 15, 1, 2, 0], abs=0.02)
+    reported = page.evaluate("location.hash").split("view3d=")[1].split("&")[0].split(",")
+    assert [float(number) for number in reported] == pytest.approx([0, -20, 15, 1, 2, 0], abs=0.02)
 
 
 def test_the_map_and_the_view_share_one_cursor(scene):
     only_ground(scene)
-    before = settled_picture(scene, "no-cursor")
+    before = settled_image(scene, "no-cursor")
     east, north = 6.0, -9.0
     resolution = 0.1
     scene.mouse.move(*pixel_of(scene, east, north, resolution))
@@ -176,12 +176,12 @@ def test_the_map_and_the_view_share_one_cursor(scene):
     scene.mouse.move(5, 5)
 
 
-def test_heights_may_be_exaggerated_and_are_read_as_they_are(scene):
+def test_heights_may_be_exaggerated_and_are_reported_true(scene):
     only_ground(scene)
     spot = (middle(scene)[0] + 40, middle(scene)[1] - 40)
     before = seen_at(scene, *spot)
     adjust(scene, "exaggeration", 3)
-    settled_picture(scene, "exaggerated")
+    settled_image(scene, "exaggerated")
     after = seen_at(scene, *spot)
     assert not np.allclose(before[:2], after[:2], atol=0.5)
     assert after[2] == pytest.approx(elevation_at(*after[:2]), abs=TOLERANCE_M)
@@ -191,8 +191,8 @@ def test_a_click_on_a_camera_opens_its_image(scene):
     switch(scene, "traverse", "ellipsoids")
     scene.locator('.scene select[name="stop"]').select_option(STOPS[2][0])
     x = canvas(scene)[0]
-    picture = settled_picture(scene, "cameras")
-    teal = np.abs(picture - [11, 143, 134]).max(axis=2) < 25
+    image = settled_image(scene, "cameras")
+    teal = np.abs(image - [11, 143, 134]).max(axis=2) < 25
     teal[:, : round(x)] = False
     assert teal.sum() > 30
     dense = cv2.boxFilter(teal.astype(np.float32), -1, (9, 9))
@@ -200,7 +200,7 @@ def test_a_click_on_a_camera_opens_its_image(scene):
     scene.mouse.click(float(column), float(row))
     card = scene.locator(".scene-card .link")
     assert card.inner_text() in {"2N140200000EDN1100P1600L0M1", "2N140200000EDN1100P1600R0M1"}
-    chosen = settled_picture(scene, "camera-chosen")
+    chosen = settled_image(scene, "camera-chosen")
     assert (np.abs(chosen - [255, 212, 0]).max(axis=2) < 40).sum() > 30
     name = card.inner_text()
     card.click()
@@ -208,11 +208,11 @@ def test_a_click_on_a_camera_opens_its_image(scene):
     assert scene.locator("section.image").get_attribute("data-image") == name
 
 
-def test_standing_at_the_stop_one_looks_where_the_rover_headed(scene):
+def test_the_view_at_a_stop_faces_the_heading_of_the_rover(scene):
     only_ground(scene)
     scene.locator('.scene select[name="stop"]').select_option(STOPS[2][0])
     scene.locator('.scene button[name="stand"]').click()
-    settled_picture(scene, "standing")
+    settled_image(scene, "standing")
     index = 2
     east, north, _ = place_of(index)
     place = seen_at(scene, *middle(scene))
@@ -226,7 +226,7 @@ def test_standing_at_the_stop_one_looks_where_the_rover_headed(scene):
     assert not np.allclose(far[:2], place[:2], atol=1.0)
 
 
-def test_outlines_are_off_where_one_stands_at_a_stop_and_on_again_in_flight(scene):
+def test_outlines_are_hidden_at_a_stop_and_shown_again_in_flight(scene):
     outlines = [
         scene.locator(f'.scene input[name="{name}"]')
         for name in ("cameras", "traverse", "ellipsoids")
@@ -238,18 +238,18 @@ def test_outlines_are_off_where_one_stands_at_a_stop_and_on_again_in_flight(scen
     until(scene, lambda: all(one.is_checked() for one in outlines))
 
 
-def test_one_who_stands_at_a_stop_sees_a_sky_above_the_ground(scene):
+def test_the_view_at_a_stop_has_sky_above_the_ground(scene):
     only_ground(scene)
     scene.locator('.scene button[name="stand"]').click()
-    picture = settled_picture(scene, "sky")
+    image = settled_image(scene, "sky")
     x, y, width, _ = canvas(scene)
-    above = picture[int(y) + 4, int(x + width / 2)]
+    above = image[int(y) + 4, int(x + width / 2)]
     dark, bright = np.array([0xA9, 0x8F, 0x78]), np.array([0xDC, 0xC9, 0xAF])  # zenith, horizon
     assert (dark - 3 <= above).all()
     assert (above <= bright + 3).all()
 
 
-def test_arrow_keys_turn_the_view_about_what_is_looked_at(scene):
+def test_arrow_keys_turn_the_view_about_its_target(scene):
     only_ground(scene)
     x, y = middle(scene)
     first, right = seen_at(scene, x, y), seen_at(scene, x + 60, y)
@@ -266,54 +266,54 @@ def test_arrow_keys_turn_the_view_about_what_is_looked_at(scene):
 def test_the_sun_lights_the_slope_that_faces_it(scene):
     only_ground(scene)
     with options(scene):
-        scene.locator('.scene select[name="look"]').select_option("relief")
+        scene.locator('.scene select[name="shading"]').select_option("relief")
         scene.locator('.scene input[name="elevation"]').fill("20")
     shades = {}
     x, y, width, height = canvas(scene)
     for azimuth in (90, 270):
         adjust(scene, "azimuth", azimuth)
-        picture = settled_picture(scene, f"sun-{azimuth}")
+        image = settled_image(scene, f"sun-{azimuth}")
         row = round(y + height / 2)
-        strip = picture[row - 3 : row + 4, :, :].mean(axis=(0, 2))
+        strip = image[row - 3 : row + 4, :, :].mean(axis=(0, 2))
         shades[azimuth] = strip[round(x + 0.3 * width)], strip[round(x + 0.7 * width)]
     west, east = 0, 1  # sides of the bowl: each faces the sun that stands across
     assert shades[90][west] > shades[90][east] + 15
     assert shades[270][east] > shades[270][west] + 15
 
 
-def test_red_and_cyan_eyes_see_different_pictures(scene):
+def test_red_and_cyan_views_differ(scene):
     only_ground(scene)
     x, y, width, height = (round(value) for value in canvas(scene))
     part = np.s_[y + height // 3 : y + 2 * height // 3, x + width // 4 : x + 3 * width // 4]
-    plain = settled_picture(scene, "one-eye")[part]
+    plain = settled_image(scene, "one-eye")[part]
     switch(scene, "anaglyph", on=True)
-    double = settled_picture(scene, "anaglyph")[part]
+    double = settled_image(scene, "anaglyph")[part]
     apart = [np.abs(eyes[..., 0] - eyes[..., 2]).mean() for eyes in (plain, double)]
     assert apart[0] < 3
     assert apart[1] > 5
 
 
-def test_tie_points_and_telemetry_are_in_it(scene):
+def test_tie_points_and_telemetry_are_shown_in_3d(scene):
     x = round(canvas(scene)[0])
-    picture = settled_picture(scene, "all")[:, x:]
-    red = (np.abs(picture - [224, 45, 37]).max(axis=2) < 40).sum()
-    blue = (np.abs(picture - [23, 105, 224]).max(axis=2) < 40).sum()
+    image = settled_image(scene, "all")[:, x:]
+    red = (np.abs(image - [224, 45, 37]).max(axis=2) < 40).sum()
+    blue = (np.abs(image - [23, 105, 224]).max(axis=2) < 40).sum()
     assert red > 100
     assert blue > 50
     switch(scene, "ties", on=True)
     scene.wait_for_timeout(600)
-    picture = settled_picture(scene, "ties")[:, x:]
-    assert (np.abs(picture - [122, 77, 216]).max(axis=2) < 40).sum() > 40
+    image = settled_image(scene, "ties")[:, x:]
+    assert (np.abs(image - [122, 77, 216]).max(axis=2) < 40).sum() > 40
 
 
-def test_the_rover_is_outlined_on_the_map_as_large_as_it_is(page, scene_url):
+def test_the_rover_outline_on_the_map_has_its_true_size(page, scene_url):
     resolution = 0.01
     east, north, _ = place_of(0)  # it heads north there
     look(page, scene_url + at(resolution, "", east, north))
     ready(page)
     page.wait_for_timeout(400)
-    picture = screenshot(page, "3d-outline").astype(int)
-    ink = np.abs(picture - [28, 47, 87]).max(axis=2) < 40
+    image = screenshot(page, "3d-outline").astype(int)
+    ink = np.abs(image - [28, 47, 87]).max(axis=2) < 40
     box = page.locator("div.map").bounding_box()
     ink[:, : round(box["x"] + 80)] = False  # tools
     ink[:, round(box["x"] + box["width"] - 60) :] = False
@@ -326,17 +326,17 @@ def test_the_rover_is_outlined_on_the_map_as_large_as_it_is(page, scene_url):
     assert (columns.max() + columns.min()) / 2 == pytest.approx(centre, abs=2)
 
 
-def test_the_dense_points_are_shown_as_bright_as_they_are_and_as_large_as_asked(scene):
+def test_dense_points_have_their_brightness_and_the_chosen_size(scene):
     only_ground(scene)
     switch(scene, "ground")
-    bare = settled_picture(scene, "no-ground")
+    bare = settled_image(scene, "no-ground")
     switch(scene, "points", on=True)
     told = lambda: int(scene.locator(".scene").get_attribute("data-points") or 0)  # noqa: E731
     until(scene, lambda: told() > 2000)
-    small = settled_picture(scene, "points")
+    small = settled_image(scene, "points")
     assert told() <= POINTS
     adjust(scene, "pointSize", 6)
-    large = settled_picture(scene, "points-large")
+    large = settled_image(scene, "points-large")
     x, y, width, height = (round(value) for value in canvas(scene))
     middle_x = x + width // 2
     inner = slice(y + height // 3, y + 2 * height // 3)
@@ -346,10 +346,10 @@ def test_the_dense_points_are_shown_as_bright_as_they_are_and_as_large_as_asked(
         assert shown.sum() > 300
         assert np.median(large[inner, side][shown]) == pytest.approx(grey, abs=12)
     drawn = [
-        (np.abs(picture - bare).max(axis=2) > 20)[y : y + height, x : x + width].sum()
-        for picture in (small, large)
+        (np.abs(image - bare).max(axis=2) > 20)[y : y + height, x : x + width].sum()
+        for image in (small, large)
     ]
     assert drawn[1] > 1.5 * drawn[0] > 0
     switch(scene, "points")
-    gone = settled_picture(scene, "points-gone")
+    gone = settled_image(scene, "points-gone")
     assert (np.abs(gone - bare).max(axis=2) > 20)[y + 60 : y + height, x : x + width].sum() < 50

@@ -21,7 +21,7 @@ from tests.e2e.test_viewer_3d import (
     middle,
     only_ground,
     seen_at,
-    settled_picture,
+    settled_image,
     spots,
     switch,
 )
@@ -81,7 +81,7 @@ def nearer_to_first(east: float, north: float) -> float:
 
 
 def test_at_every_place_the_nearer_stop_is_shown_alone_and_as_bright_as_the_other(scene):
-    picture = settled_picture(scene, "merged")
+    picture = settled_image(scene, "merged")
     shades: dict[tuple[bool, bool], list[float]] = defaultdict(list)
     for x, y in spots(scene, 24, 12):
         place = seen_at(scene, x, y)
@@ -97,7 +97,7 @@ def test_at_every_place_the_nearer_stop_is_shown_alone_and_as_bright_as_the_othe
         assert np.median(first) == pytest.approx(np.median(last), abs=8)
     assert np.median(shades[True, True]) > np.median(shades[True, False]) + 80
     scene.locator('.scene select[name="stop"]').select_option(LAST)
-    settled_picture(scene, "one-stop")
+    settled_image(scene, "one-stop")
     places = [place for x, y in spots(scene) if (place := seen_at(scene, x, y)) is not None]
     assert len(places) > 10
     for place in places:
@@ -119,13 +119,13 @@ def test_the_surfaces_of_stops_are_raised_to_the_merged_model_without_a_step(sce
 
 def shares_of_measured(page, name: str) -> float:
     """Share of the ground in the middle of the view that has the colour of measured ground."""
-    picture = settled_picture(page, name)
+    image = settled_image(page, name)
     x, y, width, height = (round(value) for value in canvas(page))
-    inner = picture[y + height * 2 // 5 : y + height * 3 // 5, x + width // 3 : x + width * 2 // 3]
+    inner = image[y + height * 2 // 5 : y + height * 3 // 5, x + width // 3 : x + width * 2 // 3]
     return float((np.abs(inner - MEASURED).max(axis=2) < 6).mean())
 
 
-def test_a_layer_lies_over_the_ground_in_its_colours_and_in_the_link(scene):
+def test_a_draped_layer_has_its_colours_and_is_in_the_link(scene):
     assert shares_of_measured(scene, "bare") < 0.01
     scene.locator('.scene select[name="drape"]').select_option("dtm-class")
     assert shares_of_measured(scene, "draped") > 0.95
@@ -165,19 +165,19 @@ def test_two_clicks_measure_with_standard_deviations(scene):
     assert scene.locator(".scene-card.measured").is_hidden()
 
 
-def test_a_click_identifies_the_ground_and_so_does_enter_in_the_middle(scene):
+def test_a_click_and_enter_identify_the_ground(scene):
     x, y = middle(scene)
     place = seen_at(scene, x + 50, y + 20)
     scene.mouse.click(x + 50, y + 20)
 
-    def told() -> list[float]:
+    def reported() -> list[float]:
         found = re.search(r"pt=([-\d.]+),([-\d.]+)", scene.evaluate("location.hash"))
         return [float(number) for number in found.groups()] if found else [math.inf] * 2
 
-    until(scene, lambda: math.dist(told(), place[:2]) < PIXEL_M)
+    until(scene, lambda: math.dist(reported(), place[:2]) < PIXEL_M)
     centre = seen_at(scene, x, y)
     scene.locator(".scene-view canvas").press("Enter")
-    until(scene, lambda: math.dist(told(), centre[:2]) < PIXEL_M)
+    until(scene, lambda: math.dist(reported(), centre[:2]) < PIXEL_M)
 
 
 def test_a_drag_identifies_nothing(scene):
@@ -186,11 +186,11 @@ def test_a_drag_identifies_nothing(scene):
     scene.mouse.down()
     scene.mouse.move(x + 40, y + 10, steps=4)
     scene.mouse.up()
-    settled_picture(scene, "dragged")
+    settled_image(scene, "dragged")
     assert "pt=" not in scene.evaluate("location.hash")
 
 
-def test_the_eye_walks_along_the_traverse_to_the_last_stop(scene):
+def test_the_walk_goes_along_the_traverse_to_the_last_stop(scene):
     switch(scene, "cameras", on=True)
     adjust(scene, "walkSpeed", 10)
     button = scene.locator('.scene button[name="walk"]')
@@ -204,7 +204,7 @@ def test_the_eye_walks_along_the_traverse_to_the_last_stop(scene):
     assert scene.locator('.scene input[name="cameras"]').is_checked()
 
 
-def test_a_walk_is_stopped_where_it_is(scene):
+def test_a_walk_can_be_stopped_midway(scene):
     adjust(scene, "walkSpeed", 0.5)
     button = scene.locator('.scene button[name="walk"]')
     button.click()
@@ -216,7 +216,7 @@ def test_a_walk_is_stopped_where_it_is(scene):
     assert math.dist((east, north), STOPS[0][3]) < 5.0
 
 
-def test_a_link_to_who_stands_at_a_stop_brings_one_there(page, url):
+def test_a_link_restores_the_view_at_a_stop(page, url):
     look(page, f"{url}{at(0.1)}&view3d=0,-20,15,1,2,0&show3d=/{LAST}/stand")
     settled(page)
     until(page, lambda: not page.locator('.scene input[name="cameras"]').is_checked())

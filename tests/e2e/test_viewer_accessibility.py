@@ -47,7 +47,7 @@ def issues_of(page, name: str) -> list[str]:
     ]
 
 
-def test_no_tab_has_an_issue(themed):
+def test_no_tab_has_an_accessibility_issue(themed):
     issues = issues_of(themed, "first")
     for tab in themed.locator("[data-tab]").all():
         tab.click()
@@ -56,7 +56,7 @@ def test_no_tab_has_an_issue(themed):
     assert issues == []
 
 
-def test_no_tool_opens_something_with_an_issue(themed):
+def test_no_tool_opens_an_element_with_an_accessibility_issue(themed):
     issues = []
     for tool in themed.locator(".toolbar button").all():
         name = tool.get_attribute("aria-label")
@@ -73,7 +73,7 @@ def test_no_tool_opens_something_with_an_issue(themed):
     assert issues == []
 
 
-def test_the_tour_has_no_issue(themed):
+def test_the_tour_has_no_accessibility_issue(themed):
     themed.get_by_role("button", name="Help").click()
     themed.get_by_role("button", name="Take the tour").click()
     themed.wait_for_selector(".driver-popover")
@@ -81,7 +81,7 @@ def test_the_tour_has_no_issue(themed):
     assert issues_of(themed, "tour") == []
 
 
-def test_an_image_and_a_place_have_no_issue(themed):
+def test_an_open_image_and_an_identified_place_have_no_accessibility_issue(themed):
     themed.locator('[data-tab="images"]').click()
     themed.locator(".images button").first.click()
     ready(themed)
@@ -96,7 +96,7 @@ def test_an_image_and_a_place_have_no_issue(themed):
     assert issues == []
 
 
-def test_every_control_can_be_reached_and_named_by_keyboard(themed):
+def test_every_control_is_reachable_and_named_by_keyboard(themed):
     """Tab goes through the page: what is focused has a name, and is seen to be focused."""
     themed.locator("body").press("Tab")
     seen = set()
@@ -118,7 +118,7 @@ def test_every_control_can_be_reached_and_named_by_keyboard(themed):
     assert len(seen) > 20
 
 
-def test_what_is_looked_for_would_be_found(themed):
+def test_the_checker_finds_seeded_issues(themed):
     themed.evaluate(
         """() => document.querySelector('.readout').insertAdjacentHTML('beforeend',
           '<button></button><b style="color:#888;background:#999">faint</b>')"""

@@ -1,4 +1,4 @@
-"""What the viewer hands out, in a real browser: the map as a picture, parts, addresses."""
+"""Downloads of the viewer in a real browser: the map as an image, parts, URLs."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ STRIP = 92
 INCH_M = 0.0254
 
 
-def picture_of(page, name: str) -> tuple[bytes, np.ndarray]:
+def image_of(page, name: str) -> tuple[bytes, np.ndarray]:
     with page.expect_download() as waiting:
         page.get_by_role("button", name="PNG of the map").click()
     path = waiting.value.path()
     body = path.read_bytes()
     assert waiting.value.suggested_filename == "MER2_map.png"
-    picture = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
     keep(name, body)
-    return body, picture
+    return body, image
 
 
 def keep(name: str, body: bytes) -> None:
@@ -36,10 +36,10 @@ def keep(name: str, body: bytes) -> None:
         (Path(folder) / f"{name}.png").write_bytes(body)
 
 
-def bar_length(picture: np.ndarray, factor: float) -> int:
+def bar_length(image: np.ndarray, factor: float) -> int:
     """Dots of the scale bar, the only dark thing in its row at the left."""
-    top = picture.shape[0] - round(STRIP * factor)
-    row = picture[top + round(32.5 * factor), : round(200 * factor)]
+    top = image.shape[0] - round(STRIP * factor)
+    row = image[top + round(32.5 * factor), : round(200 * factor)]
     dark = np.flatnonzero(row.max(axis=1) < 90)
     assert dark[-1] - dark[0] + 1 == len(dark)
     return len(dark)
@@ -49,44 +49,44 @@ def bar_text(metres: float, dots: int, resolution: float) -> None:
     assert dots * resolution == pytest.approx(metres, abs=1.5 * resolution)
 
 
-def test_the_picture_of_the_map_is_the_map_with_a_true_scale_bar(page, url):
+def test_the_exported_image_equals_the_map_and_has_a_true_scale_bar(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/orthophoto,mer2/slope*0"))
     page.locator('[data-tab="downloads"]').click()
     box = page.locator("div.map").bounding_box()
-    body, picture = picture_of(page, "sheet-screen")
-    assert picture.shape[:2] == (round(box["height"]) + STRIP, round(box["width"]))
+    body, image = image_of(page, "sheet-screen")
+    assert image.shape[:2] == (round(box["height"]) + STRIP, round(box["width"]))
     for east, north, grey in ((2.0, 2.0, 90), (6.0, 2.0, 170), (-6.0, -6.0, 90)):
         x, y = pixel_of(page, east, north, resolution)
-        shown = picture[round(y - box["y"]), round(x - box["x"])].astype(int)
+        shown = image[round(y - box["y"]), round(x - box["x"])].astype(int)
         assert np.abs(shown - (grey + 1)).max() <= 3
-    bar_text(10.0, bar_length(picture, 1.0), resolution)
+    bar_text(10.0, bar_length(image, 1.0), resolution)
     assert body[37:41] == b"pHYs"
     assert struct.unpack(">I", body[41:45])[0] == round(96 / INCH_M)
 
 
-def test_on_paper_a_metre_is_as_long_as_the_scale_says(page, url):
+def test_a_metre_on_paper_has_the_length_that_the_scale_gives(page, url):
     look(page, url + at(0.1, "mer2/orthophoto"))
     page.locator('[data-tab="downloads"]').click()
     page.get_by_label("paper").select_option("a4")
     page.get_by_label("dots an inch").fill("100")
     page.get_by_label("scale, 1 to").fill("400")
-    body, picture = picture_of(page, "sheet-a4")
+    body, image = image_of(page, "sheet-a4")
     resolution = 400 * INCH_M / 100
-    assert picture.shape[1] == round(277 / 25.4 * 100)
+    assert image.shape[1] == round(277 / 25.4 * 100)
     assert struct.unpack(">I", body[41:45])[0] == round(100 / INCH_M)
     factor = 100 / 96
-    bar_text(10.0, bar_length(picture, factor), resolution)
+    bar_text(10.0, bar_length(image, factor), resolution)
     # Squares of 4 m: the change from dark to bright between 2 m and 6 m east lies at 4 m.
-    middle = (picture.shape[0] - round(STRIP * factor)) // 2
-    row = picture[middle - round(2.0 / resolution), :, 0].astype(int)
-    start = picture.shape[1] // 2 + round(2.0 / resolution)
+    middle = (image.shape[0] - round(STRIP * factor)) // 2
+    row = image[middle - round(2.0 / resolution), :, 0].astype(int)
+    start = image.shape[1] // 2 + round(2.0 / resolution)
     edge = start + int(np.argmax(row[start : start + 60] > 130))
-    assert (edge - picture.shape[1] / 2) * resolution == pytest.approx(4.0, abs=2 * resolution)
+    assert (edge - image.shape[1] / 2) * resolution == pytest.approx(4.0, abs=2 * resolution)
     until(page, lambda: "at=0,0,0.1" in page.url)  # the map is as it was
 
 
-def test_a_part_of_a_layer_is_cut_out_by_a_box(page, url):
+def test_a_box_cuts_a_part_out_of_a_layer(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/dtm,mer2/stops"))
     page.locator('[data-tab="downloads"]').click()
@@ -107,7 +107,7 @@ def test_a_part_of_a_layer_is_cut_out_by_a_box(page, url):
         assert heights[row, column] == pytest.approx(elevation_at(3.0, 5.0), abs=GRID.cell_m)
 
 
-def test_features_of_the_mission_and_addresses_are_offered_and_answer(page, url):
+def test_feature_files_and_service_urls_are_offered_and_answer(page, url):
     look(page, url + at(0.1))
     page.locator('[data-tab="downloads"]').click()
     page.get_by_text("Features of the mission").click()

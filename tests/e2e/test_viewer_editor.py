@@ -96,13 +96,13 @@ def plan_a_tie(page, url: str, mission: str) -> None:
     page.wait_for_selector('[data-pane="second"][data-predicted]')
     ready(page)
     page.set_viewport_size({"width": 1280, "height": 760})  # 40 lower: the middle stays one
-    page.wait_for_timeout(200)  # the picture is drawn in the next frame
+    page.wait_for_timeout(200)  # the image is drawn in the next frame
     box = pane(page, "second").locator("canvas").bounding_box()
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     until(page, lambda: "sample" in page.locator('[data-pick="second"]').inner_text())
 
 
-def test_a_pick_is_predicted_measured_tried_saved_and_taken_back(page, own):
+def test_a_pick_is_predicted_measured_previewed_saved_and_undone(page, own):
     workspace, url = own
     (mission,) = (entry.mission for entry in workspace.catalogue.missions())
     open_editor(page, url)
@@ -113,10 +113,10 @@ def test_a_pick_is_predicted_measured_tried_saved_and_taken_back(page, own):
     assert np.hypot(*np.subtract(predicted, picked)) < 2.0  # the prediction is in the middle
 
     page.locator('[data-act="refine"]').click()
-    until(page, lambda: "easured" in page.locator(".editor-said").inner_text())
+    until(page, lambda: "easured" in page.locator(".editor-status").inner_text())
     page.locator('[data-act="plan"]').click()
     page.locator('[data-act="trial"]').click()
-    until(page, lambda: "would move by" in page.locator(".editor-said").inner_text())
+    until(page, lambda: "would move by" in page.locator(".editor-status").inner_text())
     assert page.locator("[data-planned]").get_attribute("data-status") == "used"
     screenshot(page, "editor-tried")
     for width in (390, 768, 1280, 1920):
@@ -148,7 +148,7 @@ def test_a_pick_is_predicted_measured_tried_saved_and_taken_back(page, own):
     assert EditLog.of(workspace.store.root).effective(EditKind.TIE, mission) == []
 
 
-def test_the_anaglyph_is_picked_in_like_the_left_image(page, own):
+def test_picks_in_the_anaglyph_equal_picks_in_the_left_image(page, own):
     _, url = own
     open_editor(page, url)
     pane(page, "first").locator('input[type="checkbox"]').check()
@@ -161,19 +161,19 @@ def test_the_anaglyph_is_picked_in_like_the_left_image(page, own):
     assert sample == pytest.approx(size[0] / 2, abs=1.0)
 
 
-def is_coloured(picture: np.ndarray, page) -> bool:
+def is_coloured(png: np.ndarray, page) -> bool:
     box = pane(page, "first").locator("canvas").bounding_box()
     x, y = (round(box[a] + box[b] / 2) for a, b in (("x", "width"), ("y", "height")))
-    patch = picture[y - 60 : y + 60, x - 60 : x + 60].astype(int)
+    patch = png[y - 60 : y + 60, x - 60 : x + 60].astype(int)
     return np.abs(patch[..., 0] - patch[..., 2]).mean() > 3.0
 
 
 @pytest.mark.slow
-def test_two_orthophotos_laid_over_each_other_pick_in_both(page, mapped):
+def test_overlaid_orthophotos_give_picks_in_both(page, mapped):
     with Server(mapped.store) as server:
         open_editor(page, server.url)
         page.locator('[data-tool="overlay"]').click()
-        page.wait_for_selector(".overlay-pane[data-laid]")
+        page.wait_for_selector(".overlay-pane[data-placement]")
         ready(page)
         canvas = page.locator(".overlay-pane canvas")
         box = canvas.bounding_box()
@@ -183,7 +183,7 @@ def test_two_orthophotos_laid_over_each_other_pick_in_both(page, mapped):
         page.mouse.move(x + 30, y - 12, steps=4)
         page.mouse.up()
         east, north, turn = map(
-            float, page.locator(".overlay-pane").get_attribute("data-laid").split(",")
+            float, page.locator(".overlay-pane").get_attribute("data-placement").split(",")
         )
         assert east > 0
         assert north == pytest.approx(0.4 * east, rel=0.02)
@@ -196,7 +196,7 @@ def test_two_orthophotos_laid_over_each_other_pick_in_both(page, mapped):
 
 
 @pytest.mark.slow
-def test_a_saved_tie_changes_the_next_adjustment_and_the_page_follows(page, mapped, tmp_path):
+def test_a_saved_tie_changes_the_next_adjustment_and_the_page_updates(page, mapped, tmp_path):
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
     root = tmp_path / "store"

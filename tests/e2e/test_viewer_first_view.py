@@ -1,4 +1,4 @@
-"""The first view of the map asks for what it shows; the rest of the page comes when it is drawn."""
+"""The first view requests what it shows; the rest of the page loads after it is drawn."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def view(chromium, url):
     return first_view(chromium, url)
 
 
-def test_what_the_map_shows_is_all_that_is_asked_for_before_it_is_drawn(view):
-    page = [path for path in view.first_asked if path.startswith("/assets/")]
-    data = [path for path in view.first_asked if path.startswith("/api/")]
-    tiles = [path for path in view.first_asked if path.startswith("/tiles/")]
+def test_the_first_drawing_requests_only_what_the_map_shows(view):
+    page = [path for path in view.first_requested if path.startswith("/assets/")]
+    data = [path for path in view.first_requested if path.startswith("/api/")]
+    tiles = [path for path in view.first_requested if path.startswith("/tiles/")]
     assert {PurePosixPath(path).suffix for path in page} == {".css", ".js"}
     assert not [path for path in page if "later-parts" in path or "editor" in path]
     assert data[0] == "/api/start"
@@ -31,23 +31,23 @@ def test_what_the_map_shows_is_all_that_is_asked_for_before_it_is_drawn(view):
     assert {path.split("/")[4] for path in data[1:]} == shown
     assert len(data) == 1 + len(shown)
     assert {path.split("/")[3] for path in tiles} == {"hillshade", "orthophoto"}
-    assert len(view.first_asked) == len(page) + len(data) + len(tiles)
+    assert len(view.first_requested) == len(page) + len(data) + len(tiles)
 
 
-def test_tiles_are_of_the_view_and_each_is_asked_for_once(view):
-    tiles = [one["path"] for one in view.asked if one["path"].startswith("/tiles/")]
+def test_tiles_are_of_the_view_and_requested_once(view):
+    tiles = [one["path"] for one in view.requested if one["path"].startswith("/tiles/")]
     assert len(tiles) == len(set(tiles))
     assert len(tiles) <= 2 * 4 * 4  # two layers, a map of 664 x 732 pixels, tiles of 256
 
 
-def test_the_rest_of_the_page_comes_after_the_map(view):
-    later = [one["path"] for one in view.asked if one["start"] >= view.painted_ms]
+def test_the_rest_of_the_page_loads_after_the_map(view):
+    later = [one["path"] for one in view.requested if one["start"] >= view.painted_ms]
     assert any("later-parts" in path for path in later)
     assert any(path.endswith("/images") for path in later)
 
 
 @pytest.mark.parametrize("kind", ["footprints", "stops"])
-def test_what_comes_after_the_rest_of_the_page_is_ready_when_it_is_drawn(page, url, kind):
+def test_later_parts_load_after_the_page_is_drawn(page, url, kind):
     def late(route) -> None:
         page.wait_for_timeout(LATEST_MS + 500)
         route.continue_()
@@ -64,12 +64,12 @@ def test_what_comes_after_the_rest_of_the_page_is_ready_when_it_is_drawn(page, u
     assert parts < spans["map painted"]
 
 
-def test_the_browser_has_nothing_to_complain_of(page, url):
-    said: list[str] = []
-    page.on("console", lambda message: said.append(f"{message.text} {message.location['url']}"))
+def test_the_browser_logs_no_error(page, url):
+    message_: list[str] = []
+    page.on("console", lambda message: message_.append(f"{message.text} {message.location['url']}"))
     look(page, url)
     no_network = ("/solutions", "/network")  # the bowl was mapped without one
-    assert [text for text in said if not text.endswith(no_network)] == []
+    assert [text for text in message_ if not text.endswith(no_network)] == []
 
 
 def test_the_first_view_takes_less_than_a_second_of_processor(view):
@@ -77,8 +77,8 @@ def test_the_first_view_takes_less_than_a_second_of_processor(view):
     assert view.main_thread_ms < 1000
 
 
-def test_script_and_style_come_compressed_by_the_build_and_are_kept_forever(view, url):
-    for path in (path for path in view.first_asked if path.startswith("/assets/")):
+def test_script_and_style_are_precompressed_and_cached_forever(view, url):
+    for path in (path for path in view.first_requested if path.startswith("/assets/")):
         for encoding, suffix in (("br, gzip", ".br"), ("gzip", ".gz")):
             request = urllib.request.Request(url + path, headers={"Accept-Encoding": encoding})
             with urllib.request.urlopen(request) as answer:
@@ -92,10 +92,10 @@ def test_script_and_style_come_compressed_by_the_build_and_are_kept_forever(view
 
 
 def test_scripts_until_the_map_is_drawn_are_at_most_160_kb(view):
-    scripts = {one["path"]: one["bytes"] for one in view.asked if one["path"].endswith(".js")}
-    assert 0 < sum(scripts[path] for path in scripts if path in view.first_asked) <= 160_000
+    scripts = {one["path"]: one["bytes"] for one in view.requested if one["path"].endswith(".js")}
+    assert 0 < sum(scripts[path] for path in scripts if path in view.first_requested) <= 160_000
 
 
-def test_the_page_itself_is_asked_for_again(url):
+def test_the_page_itself_is_revalidated(url):
     with urllib.request.urlopen(url) as answer:
         assert answer.headers["cache-control"] == "no-cache"

@@ -58,7 +58,7 @@ def test_undo_and_redo_by_keys(bowl):
     until(bowl, lambda: box(bowl, "slope").is_checked())
 
 
-def test_undo_does_not_leave_the_page(bowl):
+def test_undo_stays_on_the_page(bowl):
     bowl.locator("div.map").focus()
     for _ in range(3):
         bowl.keyboard.press("Control+z")
@@ -68,8 +68,8 @@ def test_undo_does_not_leave_the_page(bowl):
 
 @pytest.mark.both_browsers
 def test_a_link_restores_place_tab_and_measurements(page, url):
-    asked = "&pt=2,1&measure=distance:0,0;3,4&tab=measure"
-    look(page, url + at(0.05, "mer2/orthophoto") + asked)
+    requested = "&pt=2,1&measure=distance:0,0;3,4&tab=measure"
+    look(page, url + at(0.05, "mer2/orthophoto") + requested)
     page.locator(".panels").get_by_text("5.00").first.wait_for()
     assert page.locator("#tab-measure").get_attribute("aria-selected") == "true"
     page.locator("#tab-point").click()
@@ -81,7 +81,7 @@ def test_a_link_restores_place_tab_and_measurements(page, url):
     assert "tab=" not in now  # the first tab needs no name
 
 
-def test_an_identified_place_and_its_tab_are_undone(bowl):
+def test_an_identified_place_and_its_tab_can_be_undone(bowl):
     moved(bowl)
     bowl.locator("#tab-sun").click()
     until(bowl, lambda: "tab=sun" in fragment(bowl))
@@ -97,7 +97,7 @@ def test_an_identified_place_and_its_tab_are_undone(bowl):
 
 
 @pytest.mark.parametrize(
-    ("part", "told"),
+    ("part", "reported"),
     [
         ("&on=mer2/craters", "layer mer2/craters"),
         ("&zoom=3", "zoom"),
@@ -105,12 +105,12 @@ def test_an_identified_place_and_its_tab_are_undone(bowl):
         ("&tab=weather", "weather"),
     ],
 )
-def test_parts_of_a_link_that_are_unknown_are_named(page, url, part, told):
+def test_unknown_parts_of_a_link_are_named(page, url, part, reported):
     link = "/#m=MER2&at=0,0,0.05" + part
     look(page, url + link)
     banner = page.locator(".banner")
     banner.wait_for()
-    assert told in banner.inner_text()
+    assert reported in banner.inner_text()
 
 
 def test_a_link_restores_the_image_beside_the_map(page, images_url):

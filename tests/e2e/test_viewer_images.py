@@ -58,7 +58,7 @@ def view_of(page):
 
 def on_screen(page, pixel, size):
     """Where on the page a pixel of the image is, while it is shown whole."""
-    box = page.locator("canvas.picture").bounding_box()
+    box = page.locator("canvas.image-canvas").bounding_box()
     scale = min(box["width"] / size[0], box["height"] / size[1])
     left = box["x"] + (box["width"] - scale * size[0]) / 2
     top = box["y"] + (box["height"] - scale * size[1]) / 2
@@ -85,9 +85,7 @@ def test_a_pointing_line_opens_its_image_beside_the_map(page, images_url, orient
     screenshot(page, "image_opened")
 
 
-def test_the_place_under_the_pointer_is_marked_where_the_image_shows_it(
-    viewer, oriented, entry, ground
-):
+def test_the_place_under_the_pointer_is_marked_in_the_image(viewer, oriented, entry, ground):
     _, place = ground
     viewer.mouse.move(*pixel_of(viewer, place[0], place[1], RESOLUTION))
     until(viewer, lambda: cross_of(viewer)[2] == "visible")
@@ -143,7 +141,7 @@ def test_ties_are_drawn_with_their_residuals(viewer, images_url, oriented, entry
     assert np.abs(drawn[patch].astype(int) - plain[patch]).max() > 50
 
 
-def test_a_tie_under_the_pointer_tells_what_it_joins(viewer, images_url, oriented, entry):
+def test_a_tie_under_the_pointer_names_its_images(viewer, images_url, oriented, entry):
     ties = viewer.request.get(f"{images_url}/api/missions/MER2/images/{entry.id}/ties").json()
     tie = ties["ties"][0]
     size = oriented.oriented_image(entry).size
@@ -154,9 +152,9 @@ def test_a_tie_under_the_pointer_tells_what_it_joins(viewer, images_url, oriente
     assert any(pair in status.inner_text() for pair in tie["pairs"])
 
 
-def test_the_wheel_zooms_and_contrast_changes_the_picture(viewer):
+def test_the_wheel_zooms_and_contrast_changes_the_image(viewer):
     scale = float(view_of(viewer).get_attribute("data-scale"))
-    box = viewer.locator("canvas.picture").bounding_box()
+    box = viewer.locator("canvas.image-canvas").bounding_box()
     viewer.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     viewer.mouse.wheel(0, -500)
     until(viewer, lambda: float(view_of(viewer).get_attribute("data-scale")) > 1.8 * scale)
@@ -172,11 +170,11 @@ def test_the_wheel_zooms_and_contrast_changes_the_picture(viewer):
         round(box["x"]) + 20 : round(box["x"] + box["width"]) - 20,
     ]
     assert bright[inside].mean() > plain[inside].mean() + 20
-    viewer.locator("canvas.picture").press("0")
+    viewer.locator("canvas.image-canvas").press("0")
     until(viewer, lambda: float(view_of(viewer).get_attribute("data-scale")) == scale)
 
 
-def test_the_graph_shows_what_stops_and_pairs_share(page, images_url, entry):
+def test_the_graph_shows_the_ties_of_stops_and_pairs(page, images_url, entry):
     look(page, f"{images_url}/#m=MER2&at=0,0,{RESOLUTION}&on=")
     page.locator('[data-tab="network"]').click()
     graph = page.request.get(f"{images_url}/api/missions/MER2/network").json()

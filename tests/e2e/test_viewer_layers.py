@@ -75,7 +75,7 @@ def shown_order(page) -> list[str]:
 
 
 @pytest.mark.both_browsers
-def test_a_layer_moves_over_the_next_one_and_the_link_keeps_that(page, url):
+def test_a_layer_moves_above_the_next_one_and_the_link_restores_it(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto"))
     assert shown_order(page) == ["mer2/orthophoto", "mer2/hillshade"]
@@ -92,7 +92,7 @@ def test_a_layer_moves_over_the_next_one_and_the_link_keeps_that(page, url):
     assert shown_order(page) == ["mer2/hillshade", "mer2/orthophoto"]
 
 
-def test_a_dragged_layer_lies_where_it_was_dropped(page, url):
+def test_a_dragged_layer_stays_at_its_new_position(page, url):
     look(page, url + at(0.1, "mer2/hillshade,mer2/orthophoto,mer2/slope"))
     assert shown_order(page) == ["mer2/slope", "mer2/orthophoto", "mer2/hillshade"]
     rows = page.locator("ul.shown li")
@@ -101,7 +101,7 @@ def test_a_dragged_layer_lies_where_it_was_dropped(page, url):
     assert shown_order(page) == ["mer2/hillshade", "mer2/slope", "mer2/orthophoto"]
 
 
-def test_one_layer_is_shown_alone_and_another_click_brings_back_all(page, url):
+def test_one_layer_is_shown_alone_and_a_second_click_restores_all(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto"))
     place = pixel_of(page, 2.0, 2.0, resolution)
@@ -115,7 +115,7 @@ def test_one_layer_is_shown_alone_and_another_click_brings_back_all(page, url):
     assert colour_at(screenshot(page, "all"), place).mean() == pytest.approx(91, abs=3)
 
 
-def test_a_flickering_layer_comes_and_goes(page, url):
+def test_a_flickering_layer_is_shown_and_hidden(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto"))
     place = pixel_of(page, 2.0, 2.0, resolution)
@@ -128,7 +128,7 @@ def test_a_flickering_layer_comes_and_goes(page, url):
 
 
 @pytest.mark.both_browsers
-def test_slope_drawn_here_is_slope_drawn_by_the_server(page, url):
+def test_slope_drawn_by_the_viewer_equals_slope_drawn_by_the_server(page, url):
     resolution = 0.16
     look(page, url + at(resolution, "mer2/slope"))
     there = screenshot(page, "slope-there").astype(int)
@@ -142,22 +142,22 @@ def test_slope_drawn_here_is_slope_drawn_by_the_server(page, url):
     assert np.percentile(apart, 95) <= 12  # 254 steps over 40 degrees; the centre is steep there
 
 
-def test_relief_drawn_here_has_no_seams(page, url):
+def test_relief_drawn_by_the_viewer_has_no_seams(page, url):
     resolution = 0.08
     look(page, url + at(resolution, "mer2/dtm~relief"))
-    picture = screenshot(page, "relief").astype(int)
+    image = screenshot(page, "relief").astype(int)
     # Tiles meet at multiples of 20.48 m: across these lines the light changes slowly.
     for east in (-20.48, 0.0, 20.48):
         x, _ = pixel_of(page, east, 0.0, resolution)
         for north in np.arange(-15.0, 15.1, 1.5):
             y = round(pixel_of(page, 0.0, north, resolution)[1])
-            row = picture[y, round(x) - 4 : round(x) + 5, 0]
+            row = image[y, round(x) - 4 : round(x) + 5, 0]
             assert np.abs(np.diff(row)).max() <= 2
-    level = colour_at(picture, pixel_of(page, 0.3, 0.3, resolution))
+    level = colour_at(image, pixel_of(page, 0.3, 0.3, resolution))
     assert np.abs(level - 255 * math.sin(math.radians(45))).max() <= 3
 
 
-def test_colours_stretch_to_what_is_asked_and_the_legend_says_so(page, url):
+def test_colours_follow_the_chosen_limits_and_so_does_the_legend(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/dtm"))
     row = page.locator('li[data-layer="mer2/dtm"].layer')
@@ -168,9 +168,9 @@ def test_colours_stretch_to_what_is_asked_and_the_legend_says_so(page, url):
     ready(page)
     assert row.locator(".ticks span").all_inner_texts() == ["1.00", "1.75", "2.50", "3.25", "4.00"]
     page.wait_for_timeout(300)
-    picture = screenshot(page, "stretch")
+    image = screenshot(page, "stretch")
     for radius, colour in ((5.0, VIRIDIS[0]), (30.0, VIRIDIS[1])):
-        shown = colour_at(picture, pixel_of(page, radius, 0.0, resolution))
+        shown = colour_at(image, pixel_of(page, radius, 0.0, resolution))
         assert np.abs(shown - colour).max() <= 4
     assert "mer2/dtm~::1:4" in page.url
     page.reload()
@@ -186,10 +186,10 @@ NOTHING = np.array([0xCF, 0xCB, 0xC4])
 def test_values_below_a_floor_are_not_drawn(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/dtm*1~tilt::::10"))
-    picture = screenshot(page, "floor")
+    image = screenshot(page, "floor")
     # To the south of the middle the ground falls to the north, by 10 degrees at 8.8 m.
-    hidden = colour_at(picture, pixel_of(page, 0.0, -7.0, resolution))
-    drawn = colour_at(picture, pixel_of(page, 0.0, -12.0, resolution))
+    hidden = colour_at(image, pixel_of(page, 0.0, -7.0, resolution))
+    drawn = colour_at(image, pixel_of(page, 0.0, -12.0, resolution))
     assert np.abs(hidden - NOTHING).max() <= 2
     assert np.abs(drawn - NOTHING).max() > 20
 
@@ -235,7 +235,7 @@ def test_a_model_fades_by_its_standard_deviation(page, url):
     assert np.abs(colour_at(screenshot(page, "again"), place) - half).max() <= 2
 
 
-def test_colours_spread_over_what_is_on_the_screen(page, url):
+def test_colours_stretch_to_the_values_on_the_screen(page, url):
     look(page, url + at(0.02, "mer2/dtm", 20.0, 0.0))
     row = page.locator('li[data-layer="mer2/dtm"].layer')
     row.locator(".more").click()
@@ -247,7 +247,7 @@ def test_colours_spread_over_what_is_on_the_screen(page, url):
     assert 5.5 < high < 7.7
 
 
-def test_the_sol_slider_of_layers_hides_what_was_not_seen_then(page, url):
+def test_the_sol_slider_hides_layers_of_other_sols(page, url):
     look(page, url + at(0.1, f"mer2/orthophoto,{STOP}/dtm"))
     assert page.locator(f'details[data-scope="{STOP}"]').is_visible()
     page.get_by_label("last sol").press("ArrowLeft")
@@ -261,14 +261,14 @@ def test_the_sol_slider_of_layers_hides_what_was_not_seen_then(page, url):
     assert "sol=" not in page.url
 
 
-def test_sols_are_played_one_after_the_other_and_all_at_the_end(page, url):
+def test_playback_shows_the_sols_in_order_and_ends_with_all(page, url):
     look(page, url + at(0.1, f"mer2/orthophoto,{STOP}/dtm"))
-    told = page.locator(".sol-filter output")
+    reported = page.locator(".sol-filter output")
     page.get_by_role("button", name="Play").click()
-    until(page, lambda: told.inner_text() == "sol 155")
+    until(page, lambda: reported.inner_text() == "sol 155")
     assert page.get_by_role("button", name="Stop", exact=True).is_visible()
-    until(page, lambda: told.inner_text() == "sol 156")
-    until(page, lambda: told.inner_text() == "all sols")
+    until(page, lambda: reported.inner_text() == "sol 156")
+    until(page, lambda: reported.inner_text() == "all sols")
     assert page.get_by_role("button", name="Play").is_visible()
 
 
@@ -307,17 +307,17 @@ def test_layers_are_listed_by_kind_and_by_instrument(page, url):
     until(page, lambda: listed.count() > 3)
 
 
-def test_a_layer_that_multiplies_darkens_what_lies_below_and_the_link_keeps_that(page, url):
+def test_a_multiplying_layer_darkens_those_below_and_the_link_restores_it(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto"))
     place = pixel_of(page, 2.0, 2.0, resolution)
     row = page.locator('li[data-layer="mer2/orthophoto"].layer')
     row.locator(".more").click()
     row.get_by_label("blend").select_option("multiply")
-    wanted = 91 * math.sqrt(0.5)  # of the shades of both; the bottom of the bowl is nearly level
+    requested = 91 * math.sqrt(0.5)  # of the shades of both; the bottom of the bowl is nearly level
 
     def is_multiplied() -> bool:
-        return bool(np.abs(colour_at(screenshot(page, "multiply"), place) - wanted).max() <= 4)
+        return bool(np.abs(colour_at(screenshot(page, "multiply"), place) - requested).max() <= 4)
 
     until(page, is_multiplied)
     assert "mer2/orthophoto**multiply" in page.url
@@ -326,7 +326,7 @@ def test_a_layer_that_multiplies_darkens_what_lies_below_and_the_link_keeps_that
     until(page, is_multiplied)
 
 
-def test_an_active_layer_is_one_line_and_its_opacity_is_there_on_demand(page, url):
+def test_an_active_layer_takes_one_line_and_shows_its_opacity_on_request(page, url):
     look(page, url + at(0.1, "mer2/hillshade,mer2/orthophoto"))
     row = page.locator("ul.shown li").first
     assert row.bounding_box()["height"] <= 32
@@ -338,7 +338,7 @@ def test_an_active_layer_is_one_line_and_its_opacity_is_there_on_demand(page, ur
     until(page, lambda: "mer2/orthophoto*0.5" in page.url)
 
 
-def test_the_edges_of_the_map_tell_round_metres(page, url):
+def test_the_map_frame_is_labelled_with_round_metres(page, url):
     look(page, url + at(0.1))
     frame = page.locator("div.map").bounding_box()
     for label in page.locator(".frame-east span").all():
@@ -355,7 +355,7 @@ def centre(page) -> tuple[float, float]:
     return float(east), float(north)
 
 
-def test_search_goes_to_a_stop_and_to_an_image(page, url):
+def test_search_opens_a_stop_and_an_image(page, url):
     look(page, url + at(0.1))
     page.locator("div.map").click(position={"x": 300, "y": 600})
     page.keyboard.press("/")
@@ -379,13 +379,13 @@ def test_search_goes_to_a_stop_and_to_an_image(page, url):
     assert [page.get_by_label(f"{end} sol").input_value() for end in ("first", "last")] == ["1"] * 2
 
 
-def test_the_divider_has_one_layer_on_either_side(page, url):
+def test_the_divider_shows_one_layer_on_each_side(page, url):
     resolution = 0.1
     look(page, url + at(resolution, "mer2/hillshade,mer2/orthophoto") + compare("swipe"))
     left, right = (pixel_of(page, east, 2.0, resolution) for east in (-6.0, 2.0))
-    picture = screenshot(page, "swipe")
-    assert np.abs(colour_at(picture, left) - 91).max() <= 3  # the orthophoto, A
-    assert colour_at(picture, right).mean() > 160  # the hillshade, B
+    image = screenshot(page, "swipe")
+    assert np.abs(colour_at(image, left) - 91).max() <= 3  # the orthophoto, A
+    assert colour_at(image, right).mean() > 160  # the hillshade, B
     line = page.locator(".divider")
     box = line.bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, 500)
@@ -405,12 +405,12 @@ def compare(mode: str, a: str = "mer2/orthophoto", b: str = "mer2/hillshade") ->
     return f"&compare={mode},{a},{b}"
 
 
-def test_the_difference_of_two_models_is_what_was_put_between_them(page, url):
+def test_the_difference_of_two_models_is_the_difference_put_in(page, url):
     resolution = 0.1
     pair = compare("difference", f"{STOP}/dtm", "mer2/dtm")
     look(page, url + at(resolution) + pair + ",0.4")
     page.locator('[data-tab="compare"]').click()
-    picture = screenshot(page, "difference")
+    image = screenshot(page, "difference")
     assert page.locator(".difference .ticks span").all_inner_texts() == [
         "−0.4",
         "−0.2",
@@ -418,9 +418,9 @@ def test_the_difference_of_two_models_is_what_was_put_between_them(page, url):
         "0.2",
         "0.4",
     ]
-    same = colour_at(picture, pixel_of(page, -10.0, 5.0, resolution))
-    higher = colour_at(picture, pixel_of(page, 25.0, 5.0, resolution))
-    lower = colour_at(picture, pixel_of(page, -31.0, 5.0, resolution))
+    same = colour_at(image, pixel_of(page, -10.0, 5.0, resolution))
+    higher = colour_at(image, pixel_of(page, 25.0, 5.0, resolution))
+    lower = colour_at(image, pixel_of(page, -31.0, 5.0, resolution))
     assert np.abs(same - 0xF7).max() <= 4
     assert higher[0] > higher[2] + 60
     assert lower[2] > lower[0] + 30

@@ -72,7 +72,7 @@ def sized(request, browser, url):
         yield page
 
 
-def test_no_panel_cuts_anything_off(sized):
+def test_no_panel_clips_its_content(sized):
     faults = sized.evaluate(CUT_OFF)
     box = sized.locator(".map").bounding_box()
     sized.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
@@ -91,7 +91,7 @@ def test_no_panel_cuts_anything_off(sized):
     assert faults == []
 
 
-def test_at_200_percent_no_panel_cuts_anything_off(browser, url):
+def test_at_200_percent_no_panel_clips_its_content(browser, url):
     """The browser's zoom of 200 % on a window of 1440 x 900 halves its width in CSS pixels."""
     with open_page(browser, 720, 450, scale=2.0) as page:
         look(page, url + at(0.1, "mer2/stops,mer2/traverse"))
@@ -138,7 +138,7 @@ def test_a_pane_leaves_room_for_the_map_and_the_tab(sized, url):
     screenshot(sized, f"layout-{sized.width}-pane")
 
 
-def test_docks_leave_room_for_the_map_and_cut_nothing_off(sized):
+def test_docks_leave_space_for_the_map_and_clip_nothing(sized):
     faults = []
     for key, dock in (("p", ".below"), ("a", ".below")):
         sized.locator("div.map").focus()
@@ -153,7 +153,7 @@ def test_docks_leave_room_for_the_map_and_cut_nothing_off(sized):
     assert faults == []
 
 
-def test_what_is_clicked_is_24_pixels_wide_and_high(sized):
+def test_click_targets_are_24_pixels_wide_and_high(sized):
     small = sized.evaluate(SMALL)
     for tab in sized.locator("[data-tab]").all():
         tab.click()
@@ -171,7 +171,7 @@ def test_the_map_has_most_of_the_window(sized):
     assert box["height"] > sized.viewport_size["height"] / 2
 
 
-def test_panels_fold_away_and_come_back_where_a_tab_is_asked_for(sized):
+def test_panels_collapse_and_reopen_when_a_tab_is_selected(sized):
     layers = sized.get_by_role("button", name="layers panel")
     panel = sized.get_by_role("button", name="side panel")
     for fold, place in ((layers, ".left"), (panel, ".panels")):
@@ -187,7 +187,7 @@ def test_panels_fold_away_and_come_back_where_a_tab_is_asked_for(sized):
     until(sized, lambda: sized.locator("#panel-images").is_visible())
 
 
-def test_two_panels_are_open_where_there_is_room_for_both(sized):
+def test_two_panels_are_open_on_a_wide_screen(sized):
     is_wide = sized.width >= NARROW
     if not is_wide:
         sized.get_by_role("button", name="layers panel").click()
@@ -196,7 +196,7 @@ def test_two_panels_are_open_where_there_is_room_for_both(sized):
     assert sized.locator(".left").is_visible() == is_wide
 
 
-def test_the_keyboard_reaches_the_map_within_five_stops(sized):
+def test_the_keyboard_reaches_the_map_within_five_tab_stops(sized):
     for _ in range(5):
         sized.keyboard.press("Tab")
         if sized.evaluate("document.activeElement.matches('.skip')"):

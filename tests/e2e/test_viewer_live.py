@@ -23,7 +23,7 @@ from tests.support.browsing import (
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """What tells one product from the next."""
+    """What distinguishes one product from the next."""
 
     value: float
 
@@ -62,7 +62,7 @@ def test_a_new_layer_is_listed_without_a_reload(page, workspace, live):
     assert page.evaluate("window.stillTheSame")
 
 
-def test_a_lost_connection_is_told_until_it_is_there_again(page, live):
+def test_a_lost_connection_is_reported_until_it_returns(page, live):
     page.route("**/api/events*", lambda route: route.abort())
     look(page, live)
     lost = page.locator(".connection")
@@ -71,7 +71,7 @@ def test_a_lost_connection_is_told_until_it_is_there_again(page, live):
     until(page, lost.is_hidden)
 
 
-def test_a_layer_made_anew_is_drawn_anew_and_stays_as_it_was_shown(page, workspace, live):
+def test_a_new_version_of_a_layer_is_redrawn_with_its_settings(page, workspace, live):
     resolution = 0.1
     look(page, live + at(resolution, "mer2/slope"))
     place = pixel_of(page, 12.0, 12.0, resolution)
@@ -87,7 +87,7 @@ def test_a_layer_made_anew_is_drawn_anew_and_stays_as_it_was_shown(page, workspa
     assert "on=mer2%2Fslope" in page.url or "on=mer2/slope" in page.url
 
 
-def test_what_is_published_before_the_page_listens_is_not_missed(page, workspace, live):
+def test_layers_published_before_the_page_listens_are_listed(page, workspace, live):
     held = []
     page.route("**/api/events*", lambda route: held.append(route))  # noqa: PLW0108 - needs no self
     look(page, live)
@@ -97,7 +97,7 @@ def test_what_is_published_before_the_page_listens_is_not_missed(page, workspace
     until(page, lambda: page.locator('li.layer[data-kind="roughness"]').count() == 1)
 
 
-def test_who_was_away_is_told_what_was_missed(page, workspace, live):
+def test_missed_events_are_delivered_after_a_reconnection(page, workspace, live):
     look(page, live)
     page.context.set_offline(offline=True)
     publish(workspace, ProductKind.ROUGHNESS, 3.0)
@@ -107,7 +107,7 @@ def test_who_was_away_is_told_what_was_missed(page, workspace, live):
     until(page, lambda: page.locator('li.layer[data-kind="roughness"]').count() == 1)
 
 
-def test_a_list_that_is_asked_for_in_vain_is_asked_for_again(page, workspace, live):
+def test_a_failed_request_for_the_list_is_repeated(page, workspace, live):
     look(page, live)
     page.route("**/layers", lambda route: route.abort("internetdisconnected"))
     publish(workspace, ProductKind.ROUGHNESS, 3.0)

@@ -89,7 +89,7 @@ def write_shapefile(frame, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("write", [write_geojson, write_geopackage, write_shapefile])
-def test_features_lie_where_they_are(page, url, features, tmp_path, write):
+def test_features_of_a_local_file_are_at_their_coordinates(page, url, features, tmp_path, write):
     look(page, url + at(RESOLUTION, "mer2/orthophoto"))
     empty = screenshot(page, "no-file")
     drop(page, write(features, tmp_path))
@@ -98,41 +98,39 @@ def test_features_lie_where_they_are(page, url, features, tmp_path, write):
     edges = [pixel_of(page, (east + 10) / 2, north, RESOLUTION) for east, north in CORNERS]
 
     def is_drawn() -> bool:
-        picture = screenshot(page, f"file-{write.__name__}")
-        return all(colour_at(picture, at)[2] > colour_at(empty, at)[2] + 40 for at in edges)
+        image = screenshot(page, f"file-{write.__name__}")
+        return all(colour_at(image, at)[2] > colour_at(empty, at)[2] + 40 for at in edges)
 
     until(page, is_drawn)
     outside = pixel_of(page, 18.0, 8.0, RESOLUTION)
-    picture = screenshot(page, f"file-{write.__name__}")
-    assert np.abs(colour_at(picture, outside) - colour_at(empty, outside)).max() <= 2
+    image = screenshot(page, f"file-{write.__name__}")
+    assert np.abs(colour_at(image, outside) - colour_at(empty, outside)).max() <= 2
     page.get_by_role("button", name="remove plan").click()
 
     def is_gone() -> bool:
-        picture = screenshot(page, "removed")
-        return all((colour_at(picture, at) == colour_at(empty, at)).all() for at in edges)
+        image = screenshot(page, "removed")
+        return all((colour_at(image, at) == colour_at(empty, at)).all() for at in edges)
 
     until(page, is_gone)
     assert rows(page) == []
 
 
-def test_attributes_of_a_dropped_feature_are_told_where_it_is_clicked(
-    page, url, features, tmp_path
-):
+def test_attributes_of_a_local_feature_are_shown_on_click(page, url, features, tmp_path):
     look(page, url + at(RESOLUTION, "mer2/orthophoto"))
     drop(page, write_geojson(features.assign(depth_cm=[20, 0, None]), tmp_path))
     page.locator(".local-file").wait_for()
     centre(page)
     until(page, lambda: f"at=0,0,{RESOLUTION}" in page.url)
     page.mouse.click(*pixel_of(page, 10.0, 8.0, RESOLUTION))
-    told = page.locator(".file-attributes")
-    told.wait_for()
-    assert told.locator("h2").inner_text() == "plan.geojson"
-    rows = [row.inner_text().split("\t") for row in told.locator("tr").all()]
+    reported = page.locator(".file-attributes")
+    reported.wait_for()
+    assert reported.locator("h2").inner_text() == "plan.geojson"
+    rows = [row.inner_text().split("\t") for row in reported.locator("tr").all()]
     assert rows == [["name", "keep out"], ["depth_cm", "20"]]
     page.locator(".point").wait_for()
     screenshot(page, "file-attributes")
     page.mouse.click(*pixel_of(page, 10.0, -8.0, RESOLUTION))
-    until(page, lambda: told.count() == 0)
+    until(page, lambda: reported.count() == 0)
 
 
 def write_quarters(folder: Path, crs: str | None) -> Path:
@@ -166,7 +164,7 @@ def write_quarters(folder: Path, crs: str | None) -> Path:
 
 
 @pytest.mark.parametrize("crs", [None, EQUIRECTANGULAR, MARS])
-def test_a_raster_lies_where_it_is(page, url, tmp_path, crs):
+def test_a_local_raster_is_at_its_coordinates(page, url, tmp_path, crs):
     look(page, url + at(RESOLUTION))
     empty = screenshot(page, "no-raster")
     drop(page, write_quarters(tmp_path, crs))
@@ -185,7 +183,7 @@ def test_a_raster_lies_where_it_is(page, url, tmp_path, crs):
         assert shade(*place) == colour_at(empty, pixel_of(page, *place, RESOLUTION))[0]
 
 
-def test_what_cannot_be_placed_is_refused_with_a_reason(page, url, tmp_path):
+def test_a_file_without_usable_coordinates_is_refused_with_a_reason(page, url, tmp_path):
     look(page, url + at(RESOLUTION))
     earth = geopandas.GeoDataFrame({"geometry": [Point(13.4, 52.5)]}, crs="EPSG:4326")
     earth.to_file(tmp_path / "berlin.gpkg")
@@ -202,7 +200,9 @@ def test_what_cannot_be_placed_is_refused_with_a_reason(page, url, tmp_path):
     assert rows(page) == []
 
 
-def test_features_are_published_as_drafts(page, workspace, live, features, tmp_path):
+def test_features_of_a_local_file_are_published_as_drafts(
+    page, workspace, live, features, tmp_path
+):
     look(page, live)
     _, text = Tokens.of(workspace.store.root).add("Ann", Role.ANALYST)
     page.get_by_role("button", name="Sign in").click()

@@ -53,7 +53,7 @@ def saved(page, name):
     return download.value.path().read_text()
 
 
-def test_rise_and_slope_are_those_of_the_ground_with_their_errors(measuring):
+def test_rise_and_slope_equal_those_of_the_ground_with_their_errors(measuring):
     item = draw(measuring, "slope", [(10.0, 0.0), (20.0, 0.0)])
     screenshot(measuring, "measure_slope")
     length, _ = value(item, "length on the map")
@@ -67,7 +67,7 @@ def test_rise_and_slope_are_those_of_the_ground_with_their_errors(measuring):
         assert value(item, azimuth)[0] == pytest.approx(90.0, abs=0.9)
 
 
-def test_a_square_has_its_area_and_the_bowl_in_it_its_volume(measuring):
+def test_a_square_has_its_area_and_the_bowl_its_volume(measuring):
     square = [(-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)]
     item = draw(measuring, "area", square)
     assert value(item, "area on the map")[0] == pytest.approx(400.0, abs=40 * 2 * RESOLUTION)
@@ -79,7 +79,7 @@ def test_a_square_has_its_area_and_the_bowl_in_it_its_volume(measuring):
     screenshot(measuring, "measure_volume")
 
 
-def test_strike_and_dip_are_those_of_the_plane_through_the_points(measuring):
+def test_strike_and_dip_equal_those_of_the_plane_through_the_points(measuring):
     places = [(10.0, 0.0), (20.0, 0.0), (15.0, 12.0)]
     item = draw(measuring, "plane", places)
     heights = [elevation_at(*place) for place in places]
@@ -94,7 +94,7 @@ def test_strike_and_dip_are_those_of_the_plane_through_the_points(measuring):
     assert value(item, "strike")[0] == pytest.approx((downhill - 90) % 360, abs=1.5)
 
 
-def test_the_statistics_of_a_layer_are_those_of_its_values_in_the_outline(measuring):
+def test_statistics_are_those_of_the_values_inside_the_outline(measuring):
     measuring.locator('[data-mode="zone"]').click()
     measuring.get_by_label("layer", exact=True).select_option("mer2/dtm")
     measuring.keyboard.press("Escape")
@@ -141,10 +141,10 @@ def test_a_profile_and_the_map_share_one_cursor(measuring):
     left, right = field["x"] + 56, field["x"] + field["width"] - 14
     measuring.mouse.move(left + 0.25 * (right - left), field["y"] + 50)
     until(measuring, lambda: readout.inner_text() != "")
-    distance, _, told = readout.inner_text().partition(" m: elevation ")
+    distance, _, reported = readout.inner_text().partition(" m: elevation ")
     assert float(distance) == pytest.approx(10.0, abs=0.1)
-    assert float(told.split(" ± ")[0]) == pytest.approx(1.0, abs=0.03)
-    assert float(told.split(" ± ")[1].split()[0]) == pytest.approx(0.02, abs=2e-3)
+    assert float(reported.split(" ± ")[0]) == pytest.approx(1.0, abs=0.03)
+    assert float(reported.split(" ± ")[1].split()[0]) == pytest.approx(0.02, abs=2e-3)
     measuring.wait_for_timeout(200)
     after = screenshot(measuring, "measure_profile")
     x, y = (round(pixel) for pixel in pixel_of(measuring, -10.0, 0.0, RESOLUTION))
@@ -157,7 +157,7 @@ def test_a_profile_and_the_map_share_one_cursor(measuring):
     until(measuring, lambda: readout.inner_text() == "")
 
 
-def test_arrow_keys_read_the_profile(measuring):
+def test_arrow_keys_move_along_the_profile(measuring):
     draw(measuring, "profile", [(-20.0, 0.0), (20.0, 0.0)])
     chart = measuring.get_by_role("slider", name="Profile of the ground")
     chart.focus()
@@ -168,7 +168,7 @@ def test_arrow_keys_read_the_profile(measuring):
     assert float(chart.get_attribute("aria-valuenow")) == pytest.approx(39.8, abs=0.2)
 
 
-def test_measurements_are_handed_out_as_table_and_geojson(measuring):
+def test_measurements_are_exported_as_table_and_geojson(measuring):
     draw(measuring, "slope", [(10.0, 0.0), (20.0, 0.0)])
     table = saved(measuring, "CSV")
     assert "1,slope,rise," in table
@@ -181,14 +181,14 @@ def test_measurements_are_handed_out_as_table_and_geojson(measuring):
     assert feature["properties"]["layers"][0].startswith("mer2/dtm/")
 
 
-def test_beyond_mapped_ground_lengths_hold_on_the_map(page, url):
+def test_lengths_beyond_mapped_ground_are_measured_on_the_map(page, url):
     look(page, url + at(RESOLUTION, "mer2/orthophoto", 200.0, 0.0))  # 200 m east of the bowl
     page.locator('[data-tab="measure"]').click()
     item = draw(page, "distance", [(-5.0, 0.0), (5.0, 0.0)])
     assert value(item, "length on the map")[0] == pytest.approx(10.0, abs=2 * RESOLUTION)
 
 
-def test_a_measurement_that_is_removed_leaves_list_and_map(measuring):
+def test_a_removed_measurement_disappears_from_list_and_map(measuring):
     empty = screenshot(measuring, "measure_none")
     draw(measuring, "slope", [(10.0, 3.0), (20.0, 3.0)])
     measuring.keyboard.press("Escape")

@@ -31,11 +31,14 @@ def server(mapped):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_every_tab_and_every_tool_shows_something_and_nothing_goes_wrong(browser, server, theme):
+def test_every_tab_and_tool_opens_without_an_error(browser, server, theme):
     with open_page(browser) as page:
         page.emulate_media(color_scheme=theme)
         errors = []
-        page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
+        page.on(
+            "console",
+            lambda message: errors.append(message.text) if message.type == "error" else None,
+        )
         page.on(
             "response",
             lambda answer: (
@@ -59,14 +62,14 @@ def walk_tabs(page, theme: str) -> None:
         page.locator(f'[data-tab="{name}"]').click()
         ready(page)
         panel = page.locator(f"#panel-{name}")
-        wanted = TABS.get(name, r"\w")
-        until(page, lambda p=panel, w=wanted: re.search(w, p.inner_text()) is not None)
+        requested = TABS.get(name, r"\w")
+        until(page, lambda p=panel, w=requested: re.search(w, p.inner_text()) is not None)
         assert not panel.locator('[role="alert"]').count()
         screenshot(page, f"panel-{theme}-{name}")
 
 
 def walk_tools(page, theme: str) -> None:
-    """Every tool opens what it stands for, or leaves the map as it is; Escape closes."""
+    """Every tool opens its content, or leaves the map unchanged; Escape closes."""
     names = [tool.get_attribute("aria-label") for tool in page.locator(".toolbar button").all()]
     assert len(names) >= 6
     for number, name in enumerate(names):

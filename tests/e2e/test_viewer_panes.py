@@ -35,7 +35,7 @@ def box(page, selector: str, at: int = 0) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (1920, 1080), (2560, 1440)], ids=lambda s: str(s[0]))
-def test_image_and_stereo_stand_beside_the_map_together(browser, images_url, size):
+def test_image_and_stereo_panes_are_open_beside_the_map_together(browser, images_url, size):
     with open_page(browser, *size) as page:
         open_both(page, images_url)
         assert page.locator(".pane").count() == 2
@@ -54,7 +54,7 @@ def test_image_and_stereo_stand_beside_the_map_together(browser, images_url, siz
         assert "image=" not in page.evaluate("location.hash")
 
 
-def test_below_a_laptop_one_pane_takes_the_place_of_the_other(browser, images_url):
+def test_on_small_screens_one_pane_replaces_the_other(browser, images_url):
     with open_page(browser, 1024, 768) as page:
         open_both(page, images_url)
         assert page.locator(".pane").count() == 1
@@ -75,7 +75,7 @@ def test_a_link_restores_all_panes(browser, images_url):
         assert page.locator(".image-view").is_visible()
 
 
-def test_dividers_give_room_by_mouse_and_arrow_keys_and_are_remembered(browser, images_url):
+def test_dividers_resize_panes_by_mouse_and_arrow_keys_and_are_remembered(browser, images_url):
     with open_page(browser, 1920, 1080) as page:
         open_both(page, images_url)
         divider = page.locator(".pane-divider").first

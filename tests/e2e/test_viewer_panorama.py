@@ -18,7 +18,7 @@ RESOLUTION = 0.03
 
 @pytest.fixture(scope="module")
 def known(images_url, chromium):
-    """The first stop's panorama as the server tells of it."""
+    """The first stop's panorama as the server describes it."""
     page = chromium.new_page()
     answer = page.request.get(f"{images_url}/api/missions/MER2/panoramas").json()
     page.close()
@@ -58,7 +58,7 @@ def on_screen(page, known, place):
     return x, box["y"] + box["height"] / 2 + (row + 0.5 - known["rows"] / 2) / resolution
 
 
-def test_a_panorama_says_where_it_looks_and_what_is_there(strip, known, place):
+def test_a_panorama_shows_direction_and_ground_under_the_pointer(strip, known, place):
     (east, north, _), _, pixel = place
     x, y = on_screen(strip, known, pixel)
     plain = screenshot(strip, "panorama").astype(int)
@@ -68,8 +68,8 @@ def test_a_panorama_says_where_it_looks_and_what_is_there(strip, known, place):
     until(strip, lambda: panorama.get_attribute("data-ground"))
     found = [float(text) for text in panorama.get_attribute("data-ground").split(",")]
     assert math.dist(found, (east, north)) < 0.3
-    said = strip.locator(".panorama-said").inner_text().replace("\u2212", "-")
-    azimuth = float(said.split("azimuth ")[1].split("°")[0])
+    message = strip.locator(".panorama-readout").inner_text().replace("\u2212", "-")
+    azimuth = float(message.split("azimuth ")[1].split("°")[0])
     expected = known["west_deg"] + (pixel[1] + 0.5) * known["cell_deg"]
     assert abs((azimuth - expected + 180) % 360 - 180) < 0.5  # two pixels of the screen
     marked = screenshot(strip, "panorama-cursor").astype(int)
@@ -86,7 +86,7 @@ def test_a_panorama_says_where_it_looks_and_what_is_there(strip, known, place):
     assert yellow.sum() > 5  # the ray of its azimuth
 
 
-def test_a_place_of_the_map_is_marked_where_the_panorama_sees_it(strip, known, place):
+def test_a_place_on_the_map_is_marked_in_the_panorama(strip, known, place):
     (east, north, _), _, pixel = place
     e, n, _ = known["centre"]
     strip.mouse.move(*pixel_of(strip, east - e, north - n, RESOLUTION))
@@ -100,20 +100,20 @@ def test_a_place_of_the_map_is_marked_where_the_panorama_sees_it(strip, known, p
     assert abs((azimuth - expected[0] + 180) % 360 - 180) < 1.0  # a pixel of the map is 3 cm
     assert above == pytest.approx(expected[1], abs=0.7)
     strip.wait_for_timeout(300)
-    picture = screenshot(strip, "panorama-marked").astype(int)
+    png = screenshot(strip, "panorama-marked").astype(int)
     x, y = (round(value) for value in on_screen(strip, known, pixel))
-    near = picture[y - 14 : y + 15, x - 14 : x + 15]
+    near = png[y - 14 : y + 15, x - 14 : x + 15]
     assert (np.abs(near - [255, 212, 0]).max(axis=2) < 60).sum() > 15
 
 
-def test_a_click_opens_the_image_that_is_shown_there(strip, known, place):
+def test_a_click_in_the_panorama_opens_its_image(strip, known, place):
     _, image, pixel = place
     strip.mouse.click(*on_screen(strip, known, pixel))
     strip.wait_for_selector("section.image")
     assert strip.locator("section.image").get_attribute("data-image") == image
 
 
-def test_the_strip_is_moved_by_keys_and_closed_by_its_own(strip, known, place):
+def test_keys_move_and_close_the_panorama(strip, known, place):
     *_, pixel = place
     before = on_screen(strip, known, pixel)
     box = strip.locator(".panorama-view").bounding_box()

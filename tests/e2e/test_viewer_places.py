@@ -73,7 +73,7 @@ def pasted(page) -> str:
 
 
 @pytest.mark.both_browsers
-def test_latitude_and_longitude_lead_to_their_place(page, url):
+def test_latitude_and_longitude_go_to_their_place(page, url):
     look(page, url + at(RESOLUTION))
     for form, place in (("{:.7f} {:.7f}", (10.0, -8.0)), ("S{s:.7f} W{w:.7f}", (-9.0, 5.0))):
         latitude, longitude = degrees(*place)
@@ -81,7 +81,7 @@ def test_latitude_and_longitude_lead_to_their_place(page, url):
         until(page, lambda p=place: math.dist(centre(page), p) < 0.5)  # bars make it off centre
 
 
-def test_coordinates_in_the_frame_of_a_rover_lead_to_their_place(page, scene_url):
+def test_rover_frame_coordinates_go_to_their_place(page, scene_url):
     look(page, scene_url + at(RESOLUTION))
     _, site, drive, (east, north), _ = STOPS[1]
     go_to(page, f"{site}/{drive}: 4 1")  # heading 30 degrees
@@ -90,14 +90,14 @@ def test_coordinates_in_the_frame_of_a_rover_lead_to_their_place(page, scene_url
     until(page, lambda: math.dist(centre(page), place) < 0.5)
 
 
-def test_the_3d_view_looks_at_the_place(page, scene_url):
+def test_the_3d_view_turns_to_the_chosen_place(page, scene_url):
     look(page, scene_url + at(RESOLUTION))
     open_menu(page, 6.0, 4.0).get_by_role("menuitem", name="3D here").click()
     page.wait_for_selector('.scene[data-visited="true"]')
     screenshot(page, "places_3d")
 
 
-def test_the_format_of_coordinates_is_chosen_and_kept(page, url):
+def test_the_coordinate_format_is_chosen_and_remembered(page, url):
     look(page, url + at(RESOLUTION))
     page.get_by_label("coordinate format").select_option("dms")
     page.mouse.move(*pixel_of(page, 0.0, 0.0, RESOLUTION))
@@ -110,7 +110,7 @@ def test_the_format_of_coordinates_is_chosen_and_kept(page, url):
     assert page.get_by_label("coordinate format").input_value() == "dms"
 
 
-def test_the_menu_of_a_place_identifies_it_and_copies_what_can_be_read_back(page, url):
+def test_the_place_menu_identifies_and_copies_coordinates_that_search_accepts(page, url):
     page.add_init_script(PLAIN_HTTP)
     look(page, url + at(RESOLUTION))
     menu = open_menu(page, 6.0, 4.0)
@@ -146,7 +146,7 @@ def test_the_menu_of_a_place_identifies_it_and_copies_what_can_be_read_back(page
     screenshot(page, "places_identified")
 
 
-def test_the_menu_works_by_the_keyboard(page, url):
+def test_the_place_menu_works_by_keyboard(page, url):
     look(page, url + at(RESOLUTION))
     page.locator("div.map").focus()
     page.keyboard.press("Shift+F10")
@@ -159,7 +159,7 @@ def test_the_menu_works_by_the_keyboard(page, url):
     assert page.evaluate("document.activeElement.className").startswith("map")
 
 
-def test_images_measurements_and_viewsheds_begin_at_the_place(page, url):
+def test_images_measurements_and_viewsheds_start_from_the_place_menu(page, url):
     look(page, url + at(RESOLUTION))
     open_menu(page, 6.0, 4.0).get_by_role("menuitem", name="Images here").click()
     page.wait_for_selector(".at-place")
@@ -197,10 +197,10 @@ def test_enter_ends_a_line_and_a_double_click_does_not_zoom(page, url):
     assert resolution_of(page) == pytest.approx(RESOLUTION)
 
 
-def test_stops_of_other_sols_are_not_drawn_when_one_sol_is_looked_at(page, url):
+def test_stops_of_other_sols_are_hidden_by_the_sol_filter(page, url):
     place = STOPS[1][3]
     for sol, is_drawn in ((155, True), (156, False)):  # all stops are of sol 155
         look(page, url + at(RESOLUTION, "mer2/stops") + f"&sol={sol}")
-        picture = screenshot(page, f"places_sol_{sol}")
-        red, green, blue = colour_at(picture, pixel_of(page, *place, RESOLUTION))
+        image = screenshot(page, f"places_sol_{sol}")
+        red, green, blue = colour_at(image, pixel_of(page, *place, RESOLUTION))
         assert (red > 200 and green < 90 and blue < 90) == is_drawn

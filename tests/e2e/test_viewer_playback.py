@@ -15,7 +15,7 @@ from tests.support.browsing import at, look, screenshot, until
 
 
 def shown(page) -> str:
-    return page.locator(".sol-told output").inner_text()
+    return page.locator(".sol-summary output").inner_text()
 
 
 def open_dialog(page) -> None:
@@ -40,7 +40,7 @@ def footprints(page, url):
     return page
 
 
-def test_a_gif_has_a_frame_for_every_sol(footprints, tmp_path):
+def test_a_gif_has_one_frame_per_sol(footprints, tmp_path):
     open_dialog(footprints)
     screenshot(footprints, "playback-dialog")
     path = save(footprints, "gif", tmp_path)
@@ -53,19 +53,19 @@ def test_a_gif_has_a_frame_for_every_sol(footprints, tmp_path):
     assert 500 < changed.sum() < 0.2 * changed.size  # other footprints on the same ground
 
 
-def test_a_video_shows_every_sol_as_long_as_is_asked(footprints, tmp_path):
+def test_a_video_shows_every_sol_for_the_chosen_duration(footprints, tmp_path):
     ffprobe = shutil.which("ffprobe")
     if ffprobe is None:
         pytest.skip("ffprobe is not installed")
     footprints.get_by_label("keep earlier sols").check()
     open_dialog(footprints)
     path = save(footprints, "webm", tmp_path)
-    told = subprocess.run(
+    reported = subprocess.run(
         [ffprobe, "-v", "error", "-show_packets", "-show_streams", "-of", "json", path],
         capture_output=True,
         check=True,
     )
-    found = json.loads(told.stdout)
+    found = json.loads(reported.stdout)
     (stream,) = found["streams"]
     assert stream["codec_type"] == "video"
     assert stream["width"] % 2 == stream["height"] % 2 == 0
@@ -77,7 +77,7 @@ def test_a_video_shows_every_sol_as_long_as_is_asked(footprints, tmp_path):
     assert (np.abs(frames[0] - frames[-1]).max(axis=2) > 60).sum() > 500
 
 
-def test_a_closed_dialog_saves_nothing_and_brings_the_sols_back(footprints):
+def test_closing_the_dialog_saves_nothing_and_restores_the_sols(footprints):
     footprints.get_by_label("last sol").press("ArrowLeft")
     open_dialog(footprints)
     footprints.get_by_label("seconds a frame").fill("5")

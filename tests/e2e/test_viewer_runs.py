@@ -1,4 +1,4 @@
-"""Runs, notes and signing in: what people write on the map, what the pipeline says of itself."""
+"""Runs, notes and signing in: annotations by people, and progress of the pipeline."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def sign_in(page, workspace, role: Role) -> None:
     until(page, lambda: f"Ann ({role})" in page.locator(".account").inner_text())
 
 
-def test_a_run_is_followed_while_it_goes_on(page, workspace, live):
+def test_the_progress_of_a_run_is_shown(page, workspace, live):
     look(page, live)
     page.locator('[data-tab="runs"]').click()
     book = RunRecords(workspace.catalogue.engine)
@@ -76,14 +76,14 @@ def write_engine(workspace, **more):
     workspace.catalogue.append_event(ENGINE_CHANGED, {"is_up": known["is_up"]})
 
 
-def test_only_an_operator_asks_for_runs_confirms_and_once(page, workspace, live):
+def test_only_an_operator_starts_a_run_after_one_confirmation(page, workspace, live):
     look(page, live)
     page.locator('[data-tab="runs"]').click()
-    assert page.locator("[data-wish]").count() == 0
+    assert page.locator("[data-start]").count() == 0
     write_engine(workspace, is_up=False, trouble="it was stopped")
     sign_in(page, workspace, Role.OPERATOR)
     for _ in range(2):
-        page.locator('[data-wish="region"]').click()
+        page.locator('[data-start="region"]').click()
         assert page.locator('dialog [name="mission"]').input_value() == "MER2"
         page.locator('dialog button[type="submit"]').click()
         assert "merged to regions again" in page.locator("dialog").inner_text()
@@ -102,20 +102,20 @@ def test_a_server_without_an_engine_says_so_and_raises_no_alarm(page, workspace,
     hint = page.locator(".runs [role=status]")
     until(page, lambda: hint.count() == 1)
     assert hint.inner_text().startswith("Processing is not available from this server")
-    assert page.locator("[data-wish]").count() == 0
+    assert page.locator("[data-start]").count() == 0
     assert page.get_by_role("heading", name="Deployments").count() == 0
     assert page.locator(".status").inner_text().strip() == "Server up"
     write_engine(workspace)
     until(page, lambda: "Engine up" in page.locator(".status").inner_text())
-    assert page.locator("[data-wish]").count() > 0
+    assert page.locator("[data-start]").count() > 0
 
 
-def test_wrong_parameters_are_not_taken_to_the_confirmation(page, workspace, live):
+def test_invalid_parameters_do_not_reach_the_confirmation(page, workspace, live):
     write_engine(workspace)
     look(page, live)
     page.locator('[data-tab="runs"]').click()
     sign_in(page, workspace, Role.OPERATOR)
-    page.locator('[data-wish="fetch"]').click()
+    page.locator('[data-start="fetch"]').click()
     page.locator('dialog [name="sols"]').fill("yesterday")
     page.locator('dialog button[type="submit"]').click()
     assert page.locator("[data-confirm]").count() == 0
@@ -124,9 +124,9 @@ def test_wrong_parameters_are_not_taken_to_the_confirmation(page, workspace, liv
     page.locator('dialog button[type="submit"]').click()
     page.locator("[data-confirm]").click()
     until(page, lambda: page.locator(".request").count() == 1)
-    (asked,) = RunRequests.of(workspace.store.root).requests()
-    assert asked.mission == "MER2"
-    assert asked.parameters == {"sols": "155-157", "instruments": ["navcam"], "dry_run": False}
+    (requested,) = RunRequests.of(workspace.store.root).requests()
+    assert requested.mission == "MER2"
+    assert requested.parameters == {"sols": "155-157", "instruments": ["navcam"], "dry_run": False}
 
 
 def test_runs_are_cancelled_and_retried_and_deployments_paused(page, workspace, live):
@@ -162,7 +162,7 @@ def test_runs_are_cancelled_and_retried_and_deployments_paused(page, workspace, 
     ]
 
 
-def test_a_refusal_is_said_in_the_dialog_and_the_engine_is_shown(page, workspace, live):
+def test_a_refusal_is_shown_in_the_dialog_and_the_engine_is_listed(page, workspace, live):
     write_engine(workspace)
     run = Run.start("downlink", "inbox", "f-1")
     RunRecords(workspace.catalogue.engine).write(run)
@@ -175,11 +175,11 @@ def test_a_refusal_is_said_in_the_dialog_and_the_engine_is_shown(page, workspace
     write_engine(workspace, is_up=False, trouble="it was stopped")
     until(page, lambda: engine.inner_text() == "Engine down")
     page.locator("[data-confirm]").click()
-    trouble = page.locator("dialog .trouble")
+    trouble = page.locator("dialog .error")
     until(page, lambda: "the engine is down: it was stopped" in trouble.inner_text())
 
 
-def test_what_failed_to_load_comes_without_a_reload(page, live):
+def test_failed_requests_are_repeated_without_a_reload(page, live):
     page.route("**/api/runs?*", lambda route: route.abort())
     page.route("**/api/runs", lambda route: route.abort())
     look(page, live)
@@ -195,13 +195,13 @@ def test_what_failed_to_load_comes_without_a_reload(page, live):
     assert page.evaluate("window.stillTheSame")
 
 
-def test_a_wrong_token_is_said_to_be_so_and_not_kept(page, workspace, live):
+def test_a_wrong_token_is_reported_and_not_kept(page, workspace, live):
     Tokens.of(workspace.store.root).add("Ann", Role.ANALYST)
     look(page, live)
     page.get_by_role("button", name="Sign in").click()
     page.locator('dialog input[type="password"]').fill("solmap_a_b")
     page.locator('dialog button[type="submit"]').click()
-    until(page, lambda: "unknown, revoked" in page.locator("dialog .trouble").inner_text())
+    until(page, lambda: "unknown, revoked" in page.locator("dialog .error").inner_text())
     page.reload()
     ready(page)
     assert page.locator(".account").inner_text().count("Sign in") == 1
@@ -305,7 +305,7 @@ def test_an_annotation_is_kept_while_the_server_is_away(page, workspace, live):
     assert edit.document["text"] == "layered rock"
 
 
-def test_the_keys_are_listed_on_a_key(page, live):
+def test_a_key_opens_the_list_of_keys(page, live):
     look(page, live)
     page.keyboard.press("?")
     listed = page.locator("dialog kbd").all_inner_texts()

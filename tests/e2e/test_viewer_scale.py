@@ -1,8 +1,8 @@
-"""A mission with many stops in a real browser: what is asked for, and how fluent the map is.
+"""A mission with many stops in a real browser: what is requested, and how smoothly the map moves.
 
-No test asserts a time, for it depends on who else uses the machine. What is printed (`pytest -s`)
-is the rate of frames while the map is dragged and zoomed, and the processor time of the page's main
-thread a frame, which holds whoever else is busy. SOLMAP_LARGE=folder takes a store of 500 stops,
+No test asserts a time, because it depends on other users of the machine. What is printed (`pytest
+-s`) is the rate of frames while the map is dragged and zoomed, and the processor time of the page's
+main thread a frame, which does not depend on them. SOLMAP_LARGE=folder takes a store of 500 stops,
 10,000 images and 150,000 tie points, made there if it is not; otherwise it is a tenth of that.
 """
 
@@ -48,12 +48,12 @@ def large_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 def opened(page, address: str) -> list[str]:
-    """Opens the map; the addresses that the page asked for."""
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url))
+    """Opens the map; the URLs that the page requested."""
+    requested: list[str] = []
+    page.on("request", lambda request: requested.append(request.url))
     page.goto(address)
     page.wait_for_selector('html[data-ready="true"]', state="attached", timeout=READY_MS)
-    return asked
+    return requested
 
 
 def view(resolution: float, on: str) -> str:
@@ -113,7 +113,7 @@ def fluency(page, act: Callable[..., None]) -> str:
     )
 
 
-def tell(text: str) -> None:
+def report(text: str) -> None:
     sys.stdout.write(f"{text}\n")
 
 
@@ -122,25 +122,25 @@ def contours(stops: int) -> str:
     return ",".join(names)
 
 
-def test_from_afar_little_is_asked_for(page, large_url):
-    asked = opened(page, large_url + view(8.0, f"mer2/stops,mer2/traverse,{contours(STOPS)}"))
-    features = [address for address in asked if "features.geojson" in address]
-    tell(f"\n{STOPS} stops: {len(asked)} requests, {len(features)} of them features")
+def test_a_zoomed_out_view_requests_few_features(page, large_url):
+    requested = opened(page, large_url + view(8.0, f"mer2/stops,mer2/traverse,{contours(STOPS)}"))
+    features = [address for address in requested if "features.geojson" in address]
+    report(f"\n{STOPS} stops: {len(requested)} requests, {len(features)} of them features")
     # Every stop has contours; from afar none of them has a shape.
     assert not [address for address in features if "contours" in address]
-    assert len(asked) < 40
+    assert len(requested) < 40
 
 
-def test_contours_come_where_one_looks(page, large_url):
-    asked = opened(page, large_url + f"/#m=MER2&at=90,90,0.1&on={contours(min(STOPS, 60))}")
-    near = [address for address in asked if "contours" in address]
+def test_contours_load_for_the_current_view(page, large_url):
+    requested = opened(page, large_url + f"/#m=MER2&at=90,90,0.1&on={contours(min(STOPS, 60))}")
+    near = [address for address in requested if "contours" in address]
     assert 3 <= len(near) <= 20  # a view of 60 m of a traverse with a stop every 13 m
 
 
-def test_tie_points_come_in_squares(page, large_url):
-    asked = opened(page, large_url + view(0.2, "mer2/tie-points"))
+def test_tie_points_load_by_squares(page, large_url):
+    requested = opened(page, large_url + view(0.2, "mer2/tie-points"))
     page.wait_for_timeout(1500)
-    squares = [address for address in asked if "tie-points" in address]
+    squares = [address for address in requested if "tie-points" in address]
     assert squares
     assert all("bbox=" in address for address in squares)
     assert len(squares) <= 16
@@ -151,14 +151,14 @@ def test_tie_points_come_in_squares(page, large_url):
     [
         ("everything from afar", STOPS / 64, "traverse,stops,footprints,pointing,tie-points"),
         ("all of it, 0.45 m a pixel", 0.45, "traverse,stops,footprints,pointing,tie-points"),
-        ("footprints and lines near by", 0.2, "stops,footprints,pointing"),
-        ("tie points near by", 0.2, "stops,tie-points"),
+        ("footprints and lines nearby", 0.2, "stops,footprints,pointing"),
+        ("tie points nearby", 0.2, "stops,tie-points"),
     ],
 )
-def test_fluency_is_measured(page, large_url, name, resolution, on):
+def test_frame_times_of_panning_are_measured(page, large_url, name, resolution, on):
     opened(page, large_url + view(resolution, ",".join(f"mer2/{kind}" for kind in on.split(","))))
     page.wait_for_timeout(500)
-    tell(f"\n{name}, {resolution:.2g} m a pixel")
+    report(f"\n{name}, {resolution:.2g} m a pixel")
     for act in (drag, zoom, zoom_far_out, hover):
-        tell(f"  {act.__name__}: {fluency(page, act)}")
+        report(f"  {act.__name__}: {fluency(page, act)}")
     assert page.locator("html").get_attribute("data-ready") is not None

@@ -69,7 +69,7 @@ def value(item, name):
     return float(text(item, name).rstrip(" m²h"))
 
 
-def test_the_top_of_the_dome_blocks_a_line_over_it_and_is_marked(seeing):
+def test_the_top_of_the_dome_blocks_a_line_and_is_marked(seeing):
     item = draw(seeing, "sight", [(-15.0, 0.0), (15.0, 0.0)], eye_m=1.0, target_m=1.0)
     assert text(item, "line of sight") == "blocked"
     # Both ends are 2.25 m below the top, and the line 1 m above them.
@@ -82,20 +82,20 @@ def test_the_top_of_the_dome_blocks_a_line_over_it_and_is_marked(seeing):
     seeing.keyboard.press("Escape")
     seeing.evaluate("document.activeElement.blur()")  # its cross in the middle covers the mark
     seeing.wait_for_timeout(300)
-    picture = screenshot(seeing, "sight_blocked")
+    image = screenshot(seeing, "sight_blocked")
     at_east, at_north = value(item, "blocked at east"), value(item, "blocked at north")
-    red, green, blue = colour_at(picture, pixel_of(seeing, at_east, at_north, RESOLUTION))
+    red, green, blue = colour_at(image, pixel_of(seeing, at_east, at_north, RESOLUTION))
     assert (red - green > 120, red - blue > 120) == (True, True)
 
 
-def test_from_high_enough_the_line_over_the_top_is_free(seeing):
+def test_a_high_enough_eye_sees_over_the_top(seeing):
     item = draw(seeing, "sight", [(-15.0, 0.0), (15.0, 0.0)], eye_m=3.0, target_m=3.0)
     assert text(item, "line of sight") == "free"
     assert value(item, "least height over the ground") == pytest.approx(0.75, abs=0.05)
     assert item.locator('[data-quantity="blocked after"]').count() == 0
 
 
-def test_over_ground_that_was_never_seen_it_is_not_known(seeing):
+def test_visibility_over_unseen_ground_is_unknown(seeing):
     item = draw(seeing, "sight", [(17.0, 0.0), (31.0, 0.0)], eye_m=10.0, target_m=10.0)
     assert text(item, "line of sight") == "not known"
     assert value(item, "longest unmapped stretch") == pytest.approx(STRIP[1] - STRIP[0], abs=0.2)
@@ -110,7 +110,7 @@ def test_an_end_on_unmapped_ground_is_refused_with_the_reason(seeing):
     assert seeing.locator(".measurement").count() == 0
 
 
-def test_a_viewshed_ends_at_the_horizon_and_goes_with_its_measurement(seeing):
+def test_a_viewshed_ends_at_the_horizon_and_is_removed_with_its_measurement(seeing):
     seen_at, hidden_at = (pixel_of(seeing, 0.0, -d, RESOLUTION) for d in (10.0, 18.0))
     bare = screenshot(seeing, "viewshed_none")
     item = draw(seeing, "viewshed", [(0.0, 0.0)], mast_m=1.0, target_m=0.25, radius_m=20)
@@ -142,7 +142,7 @@ def test_a_viewshed_ends_at_the_horizon_and_goes_with_its_measurement(seeing):
         np.testing.assert_array_equal(colour_at(gone, spot), colour_at(bare, spot))
 
 
-def test_a_height_out_of_range_is_brought_back(seeing):
+def test_a_height_out_of_range_is_clamped(seeing):
     seeing.locator('[data-mode="viewshed"]').click()
     mast = seeing.get_by_label("mast above the ground")
     assert mast.input_value() == "1.5"
@@ -151,7 +151,7 @@ def test_a_height_out_of_range_is_brought_back(seeing):
     assert mast.input_value() == "100"
 
 
-def test_a_reach_ends_behind_the_wall_and_is_laid_over_the_map(seeing):
+def test_the_reachable_area_ends_behind_the_wall_and_is_drawn_on_the_map(seeing):
     near, behind = (pixel_of(seeing, 0.0, north, RESOLUTION) for north in (-12.0, -8.0))
     bare = screenshot(seeing, "reach_none")
     item = draw(seeing, "reach", [(0.0, -15.0)], farthest_m=10, interval_m=2)
@@ -171,7 +171,7 @@ def test_a_reach_ends_behind_the_wall_and_is_laid_over_the_map(seeing):
     assert seeing.request.get(link).ok
 
 
-def test_a_route_leads_round_the_end_of_the_wall(seeing):
+def test_a_route_goes_round_the_end_of_the_wall(seeing):
     start, end = (0.0, WALL_NORTH_M - 5.0), (0.0, WALL_NORTH_M + 5.0)
     item = draw(seeing, "route", [start, end])
     half_length, half_width = WALL_HALF_M
@@ -190,7 +190,7 @@ def test_a_route_leads_round_the_end_of_the_wall(seeing):
     assert max(greens) > 60
 
 
-def test_where_no_safe_way_leads_the_page_says_so(seeing):
+def test_a_missing_safe_route_is_reported(seeing):
     seeing.locator('[data-mode="route"]').click()
     for place in ((0.0, -15.0), (0.0, WALL_NORTH_M)):
         seeing.mouse.click(*pixel_of(seeing, *place, RESOLUTION))
@@ -202,31 +202,33 @@ def rgb(colour):
     return list(bytes.fromhex(colour))
 
 
-def test_tie_points_have_the_colours_of_their_residuals_as_the_legend_says(page, dome_url):
+def test_tie_points_have_the_residual_colours_of_the_legend(page, dome_url):
     look(page, dome_url + at(RESOLUTION, "mer2/orthophoto,mer2/tie-points"))
     page.get_by_role("button", name="details of Tie points, mer2").click()
     page.wait_for_timeout(300)
     swatches = page.locator('[data-layer="mer2/tie-points"] .swatch')
     assert swatches.count() == len(CLASSES)
-    picture = screenshot(page, "ties")
+    image = screenshot(page, "ties")
     for number, colour in enumerate(CLASSES):
-        told = (
+        reported = (
             swatches.nth(number).locator("i").evaluate("i => getComputedStyle(i).backgroundColor")
         )
-        assert told == "rgb({}, {}, {})".format(*rgb(colour))
+        assert reported == "rgb({}, {}, {})".format(*rgb(colour))
         spot = pixel_of(page, *tie_place(number), RESOLUTION)
-        np.testing.assert_allclose(colour_at(picture, spot), rgb(colour), atol=12)
+        np.testing.assert_allclose(colour_at(image, spot), rgb(colour), atol=12)
     assert swatches.nth(3).inner_text() == "0.3 to 1 px"
 
 
 @pytest.mark.parametrize(
-    ("number", "told"), [(3, "residual 0.50 px"), (5, "residual 26.00 px"), (6, "not known")]
+    ("number", "reported"), [(3, "residual 0.50 px"), (5, "residual 26.00 px"), (6, "not known")]
 )
-def test_a_tie_point_under_the_pointer_tells_residual_kind_and_images(page, dome_url, number, told):
+def test_a_tie_point_under_the_pointer_shows_residual_kind_and_images(
+    page, dome_url, number, reported
+):
     look(page, dome_url + at(RESOLUTION, "mer2/orthophoto,mer2/tie-points"))
     page.mouse.move(*pixel_of(page, *tie_place(number), RESOLUTION))
     tip = page.locator(".tip")
-    until(page, lambda: told in tip.inner_text())
+    until(page, lambda: reported in tip.inner_text())
     for part in ("cross-site", "0.03 m", "2N1400L0M1", "2N1401L0M1"):
         assert part in tip.inner_text()
     screenshot(page, f"ties_tip_{number}")
@@ -234,7 +236,7 @@ def test_a_tie_point_under_the_pointer_tells_residual_kind_and_images(page, dome
     until(page, lambda: not tip.is_visible())
 
 
-def test_a_click_on_a_tie_point_goes_to_the_pointing_line_below(page, dome_url):
+def test_a_click_on_a_tie_point_selects_the_pointing_line_below(page, dome_url):
     look(page, dome_url + at(RESOLUTION, "mer2/orthophoto,mer2/pointing,mer2/tie-points"))
     spot = pixel_of(page, *tie_place(LOOKED_FROM), RESOLUTION)
     page.mouse.move(*spot)

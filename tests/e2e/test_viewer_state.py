@@ -82,7 +82,7 @@ def change_everything(page) -> None:
     page.locator('#panel-images [aria-label="stop"]').select_option(index=1)
     page.locator(".images button").first.click()
     settled(page)
-    picture = page.locator(".image-view canvas.picture")
+    picture = page.locator(".image-view canvas.image-canvas")
     for key in ("+", "+", "ArrowRight", "ArrowDown"):
         picture.press(key)
     page.locator("div.map").focus()

@@ -1,4 +1,4 @@
-"""Stereo pairs in a real browser: bars that stand 8 pixels apart in the two pictures."""
+"""Stereo pairs in a real browser: bars that are 8 pixels apart in the two images."""
 
 from __future__ import annotations
 
@@ -37,22 +37,22 @@ def part(page, name: str) -> np.ndarray:
     box = page.locator(".stereo-view canvas").bounding_box()
     x, y = round(box["x"]), round(box["y"] + 0.4 * box["height"])
     height = round(0.2 * box["height"])
-    picture = screenshot(page, f"stereo-{name}").astype(int)
-    return picture[y : y + height, x : x + round(box["width"])]
+    image = screenshot(page, f"stereo-{name}").astype(int)
+    return image[y : y + height, x : x + round(box["width"])]
 
 
 def put(page, nudge: int) -> None:
     page.locator('.stereo input[name="nudge"]').fill(str(nudge))
 
 
-def coloured(picture: np.ndarray) -> float:
+def coloured(image: np.ndarray) -> float:
     """Share of pixels that only one eye sees so."""
-    return float((np.abs(picture[..., 0] - picture[..., 1]) > 40).mean())
+    return float((np.abs(image[..., 0] - image[..., 1]) > 40).mean())
 
 
-def test_eyes_fuse_what_has_the_parallax_on_the_screen(stereo):
+def test_points_with_the_screen_parallax_coincide_in_the_anaglyph(stereo):
     assert int(stereo.locator('.stereo input[name="nudge"]').input_value()) == PARALLAX_PX
-    inside = np.s_[:, 40:-40]  # beside it one eye sees the picture's edge
+    inside = np.s_[:, 40:-40]  # beside it one eye sees the image's edge
     fused = part(stereo, "fused")[inside]
     put(stereo, 0)
     apart = part(stereo, "apart")[inside]
@@ -61,7 +61,7 @@ def test_eyes_fuse_what_has_the_parallax_on_the_screen(stereo):
     assert coloured(apart) == pytest.approx(8 / 17.5, abs=0.08)
 
 
-def test_arrow_keys_move_one_picture_against_the_other(stereo):
+def test_arrow_keys_shift_one_image_against_the_other(stereo):
     canvas = stereo.locator(".stereo-view canvas")
     canvas.press("ArrowLeft")
     canvas.press("Shift+ArrowRight")
@@ -70,20 +70,20 @@ def test_arrow_keys_move_one_picture_against_the_other(stereo):
     assert stereo.locator(".stereo-controls output.number").inner_text() == f"{value} px"
 
 
-def test_side_by_side_either_eye_has_its_half(stereo):
+def test_side_by_side_each_image_has_its_half(stereo):
     stereo.locator('.stereo select[name="way"]').select_option("parallel")
-    picture = part(stereo, "parallel").mean(axis=2)
-    half = picture.shape[1] // 2
+    image = part(stereo, "parallel").mean(axis=2)
+    half = image.shape[1] // 2
     inside = np.s_[:, 24 : half - 24]
-    left, right = picture[:, :half][inside], picture[:, half : 2 * half][inside]
+    left, right = image[:, :half][inside], image[:, half : 2 * half][inside]
     assert np.corrcoef(left.ravel(), right.ravel())[0, 1] > 0.9  # bars meet at this parallax
     put(stereo, 0)
-    picture = part(stereo, "parallel-0").mean(axis=2)
-    left, right = picture[:, :half][inside], picture[:, half : 2 * half][inside]
+    image = part(stereo, "parallel-0").mean(axis=2)
+    left, right = image[:, :half][inside], image[:, half : 2 * half][inside]
     assert np.corrcoef(left.ravel(), right.ravel())[0, 1] < 0.5
 
 
-def test_one_after_the_other_moves_what_is_off_the_screen_only(stereo):
+def test_alternating_images_move_only_points_off_the_screen_plane(stereo):
     stereo.locator('.stereo select[name="way"]').select_option("wiggle")
     put(stereo, 0)
     first = part(stereo, "wiggle-0")
@@ -92,16 +92,16 @@ def test_one_after_the_other_moves_what_is_off_the_screen_only(stereo):
         if np.abs(part(stereo, f"wiggle-{k}") - first).mean() > 20:
             break
     else:
-        pytest.fail("the pictures never took turns")
+        pytest.fail("the images never alternated")
     put(stereo, PARALLAX_PX)
     inside = np.s_[:, 40:-40]
     seen = [part(stereo, f"still-{k}")[inside] for k in range(6)]
     assert max(np.abs(a - seen[0]).mean() for a in seen) < 3
 
 
-def test_the_wheel_comes_nearer(stereo):
-    def bars(picture: np.ndarray) -> int:
-        bright = picture.mean(axis=(0, 2)) > 128
+def test_the_wheel_zooms_the_stereo_view(stereo):
+    def bars(image: np.ndarray) -> int:
+        bright = image.mean(axis=(0, 2)) > 128
         return int(np.abs(np.diff(bright.astype(int))).sum())
 
     before = bars(part(stereo, "far"))
@@ -111,7 +111,7 @@ def test_the_wheel_comes_nearer(stereo):
     assert bars(part(stereo, "near")) == pytest.approx(before / 2, abs=2)
 
 
-def test_the_pair_is_that_of_the_image_that_was_opened(page, pair_url):
+def test_the_stereo_view_shows_the_pair_of_the_open_image(page, pair_url):
     look(page, pair_url)
     page.locator('[data-tab="images"]').click()
     page.locator(".images button").nth(1).click()

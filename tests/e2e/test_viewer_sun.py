@@ -15,33 +15,33 @@ NOTHING = np.array([0xCF, 0xCB, 0xC4])
 """Colour of the page where no layer is, `--ground` of the light page."""
 
 
-def test_relief_is_as_bright_as_the_sun_stands(page, url):
+def test_relief_brightness_follows_the_sun(page, url):
     resolution = 0.1
     look(page, url + at(resolution) + "&sun=270,30&live=relief")
-    picture = screenshot(page, "sun-west")
+    image = screenshot(page, "sun-west")
     for east, north in ((10.0, 0.2), (-10.0, 0.2), (0.3, 14.0)):
         rise_east, rise_north = east / 50.0, north / 50.0
         light = (0.5 + math.cos(math.radians(30.0)) * rise_east) / math.sqrt(
             1.0 + rise_east**2 + rise_north**2
         )
-        shown = colour_at(picture, pixel_of(page, east, north, resolution))
+        shown = colour_at(image, pixel_of(page, east, north, resolution))
         assert np.abs(shown - 255.0 * light).max() <= 3
 
 
-def test_a_low_sun_leaves_the_bowl_dark_as_far_as_its_rim_shades_it(page, url):
+def test_a_low_sun_leaves_the_shaded_part_of_the_bowl_dark(page, url):
     resolution = 0.12
     look(page, url + at(resolution, "mer2/orthophoto") + "&sun=90,5&live=shadow")
     page.wait_for_timeout(500)
-    picture = screenshot(page, "shadow")
+    image = screenshot(page, "shadow")
     # The rim at 38 m east shades all from which it rises by more than 5 degrees:
     # (38 + east) / 100 > tan 5.
     edge = 100.0 * math.tan(math.radians(5.0)) - 38.0
-    dark = colour_at(picture, pixel_of(page, edge + 1.0, 0.2, resolution))
-    lit = colour_at(picture, pixel_of(page, edge - 1.0, 0.2, resolution))
+    dark = colour_at(image, pixel_of(page, edge + 1.0, 0.2, resolution))
+    lit = colour_at(image, pixel_of(page, edge - 1.0, 0.2, resolution))
     assert lit.mean() - dark.mean() > 40
 
 
-def test_ground_that_tilts_north_is_shown_from_the_threshold_on(page, url):
+def test_north_facing_ground_is_shown_from_the_threshold_on(page, url):
     resolution = 0.1
     look(page, url + at(resolution))
     page.locator('[data-tab="sun"]').click()
@@ -50,16 +50,16 @@ def test_ground_that_tilts_north_is_shown_from_the_threshold_on(page, url):
     page.get_by_label("ground that tilts north from", exact=True).check()
     page.wait_for_timeout(500)
     until(page, lambda: "live=tilt:10" in page.url)
-    picture = screenshot(page, "tilt")
+    image = screenshot(page, "tilt")
     begins = 50.0 * math.tan(math.radians(10.0))  # metres south of the middle
-    hidden = colour_at(picture, pixel_of(page, 0.0, -(begins - 0.5), resolution))
-    drawn = colour_at(picture, pixel_of(page, 0.0, -(begins + 0.5), resolution))
+    hidden = colour_at(image, pixel_of(page, 0.0, -(begins - 0.5), resolution))
+    drawn = colour_at(image, pixel_of(page, 0.0, -(begins + 0.5), resolution))
     assert np.abs(hidden - NOTHING).max() <= 2
     assert np.abs(drawn - NOTHING).max() > 20
     assert page.locator(".sun .ticks span").all_inner_texts()[0] == "−20"
 
 
-def test_the_sun_stands_where_the_science_says_at_a_solar_time(page, url):
+def test_the_sun_position_at_a_solar_time_equals_the_library(page, url):
     look(page, url + at(0.1) + "&sun=sol:155,15.5&live=relief")
     page.locator('[data-tab="sun"]').click()
     until(page, lambda: "Ls" in page.locator(".sun dl").inner_text())

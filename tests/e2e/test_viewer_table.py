@@ -52,7 +52,7 @@ def centre(page) -> list[float]:
 
 
 @pytest.mark.both_browsers
-def test_stops_have_their_uncertainty_and_are_sorted_by_how_far_telemetry_was_off(page, url):
+def test_stops_have_their_uncertainty_and_sort_by_the_error_of_telemetry(page, url):
     look(page, url + at(0.1, "mer2/stops"))
     open_table(page, "stops")
     page.get_by_role("button", name="telemetry error", exact=False).click()
@@ -102,7 +102,7 @@ def test_a_row_shows_its_place_and_a_click_on_the_map_its_row(page, url):
     until(page, lambda: chosen(page) == [STOPS[0][0]])
 
 
-def test_an_image_that_is_opened_is_the_chosen_row(page, url):
+def test_an_opened_image_selects_its_row(page, url):
     look(page, url + at(0.1, "mer2/footprints"))
     open_table(page, "images")
     page.get_by_role("grid").focus()
@@ -122,7 +122,7 @@ def large_url(tmp_path_factory) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("subject", ["images", "ties"])
-def test_only_rows_in_view_are_in_the_page(page, large_url, subject):
+def test_only_visible_rows_are_in_the_page(page, large_url, subject):
     look(page, large_url + at(0.5))
     open_table(page, subject)
     total = {"images": 1_500, "ties": MANY_TIES}[subject]

@@ -257,12 +257,12 @@ def test_add_a_tie_and_preview_the_adjustment(hand, true_images, tmp_path):
         page.wait_for_selector('[data-pane="second"][data-predicted]')
         ready(page)
         page.set_viewport_size({"width": 1280, "height": 760})
-        page.wait_for_timeout(200)  # the picture is drawn in the next frame
+        page.wait_for_timeout(200)  # the image is drawn in the next frame
         hand.pick_middle("second")
         until(page, lambda: "sample" in page.locator('[data-pick="second"]').inner_text())
         hand.click(page.locator('[data-act="plan"]'))
         hand.click(page.locator('[data-act="trial"]'))
-        until(page, lambda: "would move by" in page.locator(".editor-said").inner_text())
+        until(page, lambda: "would move by" in page.locator(".editor-status").inner_text())
         screenshot(page, f"task-tie-{hand.name}")
     done("add a tie and preview", hand, 5)
 

@@ -18,19 +18,19 @@ def test_help_leads_through_the_page_by_keyboard_and_back_to_help(page, url):
     page.get_by_role("button", name="Help").click()
     page.get_by_role("button", name="Take the tour").click()
     page.wait_for_selector(".driver-popover")
-    told = [title(page)]
+    reported = [title(page)]
 
     def goes_on() -> bool:
         """Presses again: no key is taken while the tour moves."""
         page.keyboard.press("ArrowRight")
         if page.locator(".driver-popover").count() == 0:
             return True
-        if title(page) != told[-1]:
-            told.append(title(page))
+        if title(page) != reported[-1]:
+            reported.append(title(page))
         return False
 
     until(page, goes_on)
-    assert len(told) == len(set(told)) == STEPS
+    assert len(reported) == len(set(reported)) == STEPS
     assert page.locator(".help").evaluate("element => element === document.activeElement")
 
 

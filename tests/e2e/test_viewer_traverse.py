@@ -25,8 +25,8 @@ def places(true_images):
     network = OrientedMission.latest("MER2", true_images.workspace).network
     stops = network.adjusted.stops
     adjusted = [MAP_FROM_LSL @ stop.lsl_from_rover.translation_m for stop in stops]
-    told = [MAP_FROM_LSL @ network.telemetry[stop.stop].translation_m for stop in stops]
-    return np.array(adjusted), np.array(told)
+    reported = [MAP_FROM_LSL @ network.telemetry[stop.stop].translation_m for stop in stops]
+    return np.array(adjusted), np.array(reported)
 
 
 @pytest.fixture
@@ -50,11 +50,11 @@ def number(text):
     return float(text.replace("−", "-").rstrip(" %"))
 
 
-def test_accumulated_differences_are_told_in_metres_and_percent(traverse, places):
-    adjusted, told = places
+def test_accumulated_differences_are_in_metres_and_percent(traverse, places):
+    adjusted, reported = places
     _, sol, distance, off, percent, height = cells(traverse, last_label(traverse))
     way = math.hypot(*(adjusted[1] - adjusted[0])[:2])
-    away = (told[1] - told[0]) - (adjusted[1] - adjusted[0])
+    away = (reported[1] - reported[0]) - (adjusted[1] - adjusted[0])
     assert sol == "156"
     assert number(distance) == pytest.approx(way, abs=0.06)
     assert number(off) == pytest.approx(math.hypot(*away[:2]), abs=6e-4)
@@ -75,14 +75,14 @@ def test_an_older_solution_is_compared_with_the_latest(traverse):
     assert height == pytest.approx(-OLDER_STEP_NED_M[2], abs=6e-4)  # down is down
 
 
-def test_difference_vectors_point_to_where_telemetry_has_the_stop(traverse, places):
-    adjusted, told = places
+def test_difference_vectors_point_to_the_telemetry_of_the_stop(traverse, places):
+    adjusted, reported = places
     before = screenshot(traverse, "vectors_off")
     traverse.locator("input.vectors").check()
     traverse.get_by_label("length of difference vectors").select_option("1")
     traverse.wait_for_timeout(300)
     after = screenshot(traverse, "vectors_on")
-    away = (told[1] - told[0]) - (adjusted[1] - adjusted[0])
+    away = (reported[1] - reported[0]) - (adjusted[1] - adjusted[0])
     for share in (0.3, 0.6):
         x, y = pixel_of(traverse, *(adjusted[1] + share * away)[:2], RESOLUTION)
         patch = np.s_[round(y) - 2 : round(y) + 3, round(x) - 2 : round(x) + 3]
@@ -104,9 +104,9 @@ def test_the_vertical_profile_and_the_map_share_one_cursor(traverse, places):
     # The ground below the traverse arrives while the pointer rests: the chart keeps its cursor.
     traverse.wait_for_selector('.below path[data-series="ground below"]')
     until(traverse, lambda: ", adjusted " in readout.inner_text())
-    distance, told = re.split(" m: .*, adjusted ", readout.inner_text())
+    distance, reported = re.split(" m: .*, adjusted ", readout.inner_text())
     assert number(distance) == pytest.approx(way / 2, abs=0.1)
-    assert number(told.split(" ± ")[0]) == pytest.approx(middle[2], abs=0.02)
+    assert number(reported.split(" ± ")[0]) == pytest.approx(middle[2], abs=0.02)
     # From the profile to the map: the cross is where the rover was.
     before = screenshot(traverse, "profile_before")
     chart = traverse.get_by_role("slider", name="Vertical profile of the traverse")
@@ -120,29 +120,29 @@ def test_the_vertical_profile_and_the_map_share_one_cursor(traverse, places):
     assert np.abs(after[arm].astype(int) - before[arm]).max() > 60
 
 
-def test_a_stop_that_is_clicked_tells_how_far_telemetry_was_off(page, images_url, places):
+def test_a_clicked_stop_shows_the_error_of_telemetry(page, images_url, places):
     look(page, f"{images_url}/#m=MER2&at=0,0,{RESOLUTION}&on=mer2/stops")
     ready(page)
-    adjusted, told = places
+    adjusted, reported = places
     page.mouse.click(*pixel_of(page, adjusted[1][0], adjusted[1][1], RESOLUTION))
     card = page.locator(".stop-card")
     card.wait_for()
-    away = (told[1] - told[0]) - (adjusted[1] - adjusted[0])
+    away = (reported[1] - reported[0]) - (adjusted[1] - adjusted[0])
     text = card.inner_text()
     for name, length in (("horizontal", math.hypot(*away[:2])), ("3D", np.linalg.norm(away))):
-        told_m, sign = text.split(f"{name} ")[1].split()[:2]
-        assert (float(told_m), sign) == (pytest.approx(length, abs=6e-4), "±")
+        reported_m, sign = text.split(f"{name} ")[1].split()[:2]
+        assert (float(reported_m), sign) == (pytest.approx(length, abs=6e-4), "±")
     screenshot(page, "stop_card")
     card.get_by_role("button", name="Images").click()
     until(page, lambda: page.locator("#panel-images").is_visible())
     stop = page.locator("#panel-images select").first.input_value()
     assert stop == card.get_attribute("data-stop")
-    # Another place is no stop.
+    # Another place is not a stop.
     page.mouse.click(*pixel_of(page, adjusted[1][0] - 2.0, adjusted[1][1], RESOLUTION))
     until(page, lambda: card.count() == 0)
 
 
-def test_the_differences_are_handed_out_as_a_table(traverse, places):
+def test_the_differences_are_exported_as_a_table(traverse, places):
     with traverse.expect_download() as download:
         traverse.locator(".comparison .csv").click()
     rows = list(csv.DictReader(io.StringIO(download.value.path().read_text())))
@@ -155,9 +155,9 @@ def test_the_differences_are_handed_out_as_a_table(traverse, places):
 def test_solutions_have_the_colours_of_the_paper(page, images_url, places):
     look(page, f"{images_url}/#m=MER2&at=0,0,{RESOLUTION}&on=mer2/traverse")
     adjusted, _ = places
-    picture = screenshot(page, "traverse_colours")
+    image = screenshot(page, "traverse_colours")
     middle = (adjusted[0] + adjusted[1]) / 2
-    red, green, blue = colour_at(picture, pixel_of(page, middle[0], middle[1], RESOLUTION))
+    red, green, blue = colour_at(image, pixel_of(page, middle[0], middle[1], RESOLUTION))
     assert red > 200
     assert max(green, blue) < 100
 
@@ -169,7 +169,7 @@ def test_legs_and_stops_of_later_sols_are_not_drawn(page, images_url, places):
     for sols, is_drawn in (("155", False), ("150-155", False), ("155-156", True), ("156", True)):
         link = f"/#m=MER2&at={middle[0]},{middle[1]},{RESOLUTION}&on=mer2/traverse,mer2/stops"
         look(page, f"{images_url}{link}&sol={sols}")
-        picture = screenshot(page, f"legs-{sols}")
+        image = screenshot(page, f"legs-{sols}")
         for place in (leg, adjusted[1, :2]):
-            at_place = colour_at(picture, pixel_of(page, *(place - middle), RESOLUTION))
+            at_place = colour_at(image, pixel_of(page, *(place - middle), RESOLUTION))
             assert (at_place[0] > at_place[2] + 60) == is_drawn, (sols, at_place)

@@ -41,7 +41,7 @@ def earlier(page, stop: str, kind: str):
     return row.locator("[data-version]").filter(has=page.locator("input"))
 
 
-def test_the_difference_of_two_solutions_is_what_lies_between_them(page, twice):
+def test_the_difference_of_two_solutions_is_the_difference_put_in(page, twice):
     versions, url = twice
     open_versions(page, url + at(RESOLUTION), versions.moved, "dtm")
     assert "sol 156 ·" in earlier(page, versions.moved, "dtm").inner_text()
@@ -57,10 +57,10 @@ def test_the_difference_of_two_solutions_is_what_lies_between_them(page, twice):
     for east in (-20.0, 0.0, 20.0):
         page.mouse.move(*pixel_of(page, east, 5.0, RESOLUTION))
         expected = -(OFF_M + TILT * east)
-        until(page, lambda e=expected: abs(said(here) - e) < 0.003)
+        until(page, lambda e=expected: abs(message(here) - e) < 0.003)
 
 
-def test_a_comparison_that_is_asked_for_before_its_part_is_there_comes_with_it(page, twice):
+def test_a_comparison_requested_before_its_part_has_loaded_is_shown(page, twice):
     versions, url = twice
     held = []
     page.route("**/later-parts*", lambda route: held.append(route))  # noqa: PLW0108 - needs no self
@@ -75,12 +75,12 @@ def test_a_comparison_that_is_asked_for_before_its_part_is_there_comes_with_it(p
     ready(page)
 
 
-def said(here) -> float:
+def message(here) -> float:
     words = here.inner_text().replace("\u2212", "-").split()
     return float(words[1]) if len(words) > 1 and words[0] == "here" else np.nan
 
 
-def test_two_solutions_lie_on_either_side_of_the_divider_and_the_link_brings_them_back(page, twice):
+def test_two_solutions_are_on_both_sides_of_the_divider_and_the_link_restores_them(page, twice):
     versions, url = twice
     on = f"{versions.moved}/orthophoto"
     open_versions(page, url + at(RESOLUTION, on), versions.moved, "orthophoto")
@@ -99,14 +99,14 @@ def test_two_solutions_lie_on_either_side_of_the_divider_and_the_link_brings_the
 
 
 def sides(page, name: str) -> tuple[float, float]:
-    page.wait_for_timeout(400)  # pictures fade in
+    page.wait_for_timeout(400)  # images fade in
     shown = screenshot(page, name)
     places = [pixel_of(page, east, 20.0, RESOLUTION) for east in (-10.0, 10.0)]
     left, right = (float(colour_at(shown, place).mean()) for place in places)
     return left, right
 
 
-def test_the_older_picture_flickers_over_the_newer(page, twice):
+def test_the_older_image_flickers_over_the_newer(page, twice):
     versions, url = twice
     on = f"{versions.moved}/orthophoto"
     open_versions(page, url + at(RESOLUTION, on), versions.moved, "orthophoto")
@@ -123,7 +123,7 @@ def test_the_older_picture_flickers_over_the_newer(page, twice):
     assert "@" not in page.url
 
 
-def test_a_map_that_stayed_has_one_version_that_holds_for_both(page, twice):
+def test_an_unchanged_map_has_one_version_for_both_solutions(page, twice):
     versions, url = twice
     look(page, url + at(RESOLUTION))
     page.locator(f'details[data-scope="{versions.stayed}"] > summary').click()
@@ -135,7 +135,7 @@ def test_a_map_that_stayed_has_one_version_that_holds_for_both(page, twice):
     assert "No other version" in row.locator(".version-list").inner_text()
 
 
-def test_the_traverses_of_both_solutions_stand_side_by_side(page, twice):
+def test_the_traverses_of_both_solutions_are_listed_side_by_side(page, twice):
     versions, url = twice
     look(page, url + at(RESOLUTION))
     page.locator('[data-tab="stops"]').click()

@@ -35,7 +35,7 @@ def bowl(page, url):
     return page
 
 
-def test_a_saved_view_brings_back_the_whole_link_also_when_the_page_is_loaded_anew(bowl, url):
+def test_a_saved_view_restores_the_whole_link_after_a_reload(bowl, url):
     look(bowl, url + at(0.02, "mer2/slope*0.5", 2, 1) + "&measure=distance:0,0;3,4&tab=measure")
     link = bowl.evaluate("location.hash")
     assert "*0.5" in link
@@ -55,7 +55,7 @@ def test_a_saved_view_brings_back_the_whole_link_also_when_the_page_is_loaded_an
     until(bowl, lambda: bowl.evaluate("location.hash") == other)
 
 
-def test_views_are_saved_renamed_replaced_and_deleted_by_keyboard_alone(bowl):
+def test_views_are_saved_renamed_replaced_and_deleted_by_keyboard(bowl):
     open_views(bowl)
     save(bowl, "one")
     save(bowl, "one (2)")
@@ -86,7 +86,7 @@ def test_views_are_saved_renamed_replaced_and_deleted_by_keyboard_alone(bowl):
     assert [("0.025" in view["link"]) for view in kept] == [True, False]
 
 
-def test_views_go_from_browser_to_browser_in_a_file(bowl, browser, url, tmp_path):
+def test_views_are_moved_between_browsers_in_a_file(bowl, browser, url, tmp_path):
     open_views(bowl)
     save(bowl, "bowl")
     with bowl.expect_download() as download:

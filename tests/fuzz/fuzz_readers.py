@@ -2,11 +2,11 @@
 
     python tests/fuzz/fuzz_readers.py TARGET [libFuzzer options] [CORPUS]
 
-With atheris installed (it is no dependency of the project: `pip install atheris` into any venv) the
-inputs are guided by the code they reach; -max_total_time, -timeout, -rss_limit_mb and the like are
-libFuzzer's. Without atheris the same targets get mutated seeds for `-max_total_time` seconds. An
-input that raises anything but a `PhotogrammetryError`, or whose complaint is not one line, ends the
-run and is written to a file.
+With atheris installed (it is not a dependency of the project: `pip install atheris` into any venv)
+the inputs are guided by the code they reach; -max_total_time, -timeout, -rss_limit_mb and the like
+are libFuzzer's. Without atheris the same targets get mutated seeds for `-max_total_time` seconds.
+An input that raises anything but a `PhotogrammetryError`, or whose message is not one line, ends
+the run and is written to a file.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ with (
         camera_of_metadata,
         rover_image_of_metadata,
     )
-    from solmap.photogrammetry.archive.images.pixels import read_picture
+    from solmap.photogrammetry.archive.images.pixels import read_image_file
     from solmap.photogrammetry.archive.images.reading import read_image
     from solmap.photogrammetry.archive.labels.detached import join_label
     from solmap.photogrammetry.archive.labels.label import parse_label
@@ -105,11 +105,11 @@ def small_joined() -> list[bytes]:
         "camera_model_type": "CAHVOR",
         "camera_model_component_list": vectors,
     }
-    picture = cv2.imencode(".png", np.full((2, 3), 7, np.uint8))[1].tobytes()
+    png = cv2.imencode(".png", np.full((2, 3), 7, np.uint8))[1].tobytes()
     return [
         join_label(small_image()[:4096].rstrip(), small_image(), NAME),
         join_label(xml, bytes(range(1, 35)), NAME),
-        join_label(json.dumps(metadata).encode(), picture, NAME),
+        join_label(json.dumps(metadata).encode(), png, NAME),
     ]
 
 
@@ -187,7 +187,7 @@ TARGETS: dict[str, tuple[Callable[[bytes], object], tuple[str, ...]]] = {
     "camera": (text_of(camera_of_metadata), ("m2020*/*.json",)),
     "vectors": (lambda data: chain(data.decode("utf-8", "replace")), ("traverse/*/*.?vf",)),
     "localisations": (text_of(parse_localisations), ("traverse/msl/*.xml",)),
-    "picture": (lambda data: read_picture(data, "x.png"), ("terrain_reference/*.png",)),
+    "picture": (lambda data: read_image_file(data, "x.png"), ("terrain_reference/*.png",)),
     "names": (lambda data: parse_file_name(data.decode("latin-1")), ()),
     "times": (lambda data: time_text(data.decode("latin-1")), ()),
     "ties": (text_of(parse_edit_requests), ()),
@@ -211,7 +211,7 @@ def guarded(read: Callable[[bytes], object]) -> Callable[[bytes], None]:
             read(data)
         except PhotogrammetryError as error:
             if "\n" in str(error) or not str(error):
-                raise AssertionError(f"a complaint is one line: {error!r}") from error
+                raise AssertionError(f"a message is one line: {error!r}") from error
 
     return once
 

@@ -95,7 +95,7 @@ def test_images_are_on_the_same_maps_after_any_order(tmp_path, folders):
 @pytest.mark.slow
 @processed
 @pytest.mark.parametrize("is_tied", [True, False])
-def test_fifty_orders_of_deliveries_end_in_two_published_sets(tmp_path, folders, is_tied):
+def test_fifty_orders_of_deliveries_publish_two_sets(tmp_path, folders, is_tied):
     """Half of them without what joins site 11 to site 10: then that stays on a map of its own."""
     chosen = folders if is_tied else folders[:-1]
     pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml", FEW_LAYERS))
@@ -130,7 +130,7 @@ REAL = {
 
 @pytest.mark.slow
 @processed
-def test_real_frames_in_any_order_end_in_one_published_set(tmp_path, shared_data):
+def test_real_frames_in_any_order_publish_one_set(tmp_path, shared_data):
     folders = []
     for name, pattern in REAL.items():
         folder = tmp_path / "folders" / name

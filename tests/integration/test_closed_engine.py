@@ -1,4 +1,4 @@
-"""Prefect's server as solmap starts it gives nothing to whoever has not its password."""
+"""Prefect's server as solmap starts it gives nothing to clients without its password."""
 
 import json
 import os
@@ -55,10 +55,10 @@ class Engine:
     def url(self) -> str:
         return address(self.port)
 
-    def ask(self, path: str, body: dict) -> dict:
+    def request(self, path: str, body: dict) -> dict:
         for _ in range(20):
             answer = self.friend.post(f"/api{path}", json=body)
-            if answer.status_code != 503:  # a busy database: Prefect's own client asks again too
+            if answer.status_code != 503:  # a busy database: Prefect's own client retries too
                 break
             time.sleep(0.5)
         return answer.raise_for_status().json()
@@ -84,12 +84,12 @@ def engine(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def deployment(engine):
-    flow = engine.ask("/flows/", {"name": "harmless"})
+    flow = engine.request("/flows/", {"name": "harmless"})
     body = {"name": "served", "flow_id": flow["id"], "entrypoint": "harmless.flow"}
-    return engine.ask("/deployments/", body)
+    return engine.request("/deployments/", body)
 
 
-def test_the_password_is_for_its_owner_only_and_nowhere_else(engine):
+def test_the_password_file_is_readable_by_its_owner_only(engine):
     file = password_file(engine.store)
     assert file.stat().st_mode & 0o777 == 0o600
     secret = file.read_text().partition(":")[2]
@@ -100,13 +100,15 @@ def test_the_password_is_for_its_owner_only_and_nowhere_else(engine):
     assert not [path for path in others if secret.encode() in path.read_bytes()]
 
 
-def test_it_listens_on_this_machine_only(engine):
+def test_the_engine_listens_on_this_machine_only(engine):
     found = psutil.Process(engine.child.process.pid).net_connections()
     listening = {one.laddr.ip for one in found if one.status == psutil.CONN_LISTEN}
     assert listening == {"127.0.0.1"}
 
 
-def test_a_stranger_can_neither_change_a_deployment_nor_start_it(engine, deployment, tmp_path):
+def test_an_unauthenticated_client_neither_changes_nor_starts_a_deployment(
+    engine, deployment, tmp_path
+):
     script = json.loads(json.dumps(SCRIPT).replace("MARK", str(tmp_path / "mark")))
     one, stranger = f"/api/deployments/{deployment['id']}", engine.stranger
     answers = [
@@ -120,7 +122,7 @@ def test_a_stranger_can_neither_change_a_deployment_nor_start_it(engine, deploym
     assert kept["pull_steps"] == deployment["pull_steps"]
 
 
-def test_no_route_gives_a_stranger_anything(engine, deployment):
+def test_no_route_answers_an_unauthenticated_client(engine, deployment):
     routes = engine.stranger.get("/openapi.json").json()["paths"]
     before = engine.rows()
     for path, methods in routes.items():
@@ -142,7 +144,7 @@ def test_no_route_gives_a_stranger_anything(engine, deployment):
 @pytest.mark.parametrize(
     "path", ["events/in", "events/out", "logs/out", "task_runs/subscriptions/scheduled"]
 )
-def test_no_socket_gives_a_stranger_anything(engine, path):
+def test_no_socket_answers_an_unauthenticated_client(engine, path):
     url = f"ws://127.0.0.1:{engine.port}/api/{path}"
     for protocols, first in ((None, None), (["prefect"], '{"type": "auth", "token": "guess"}')):
         with pytest.raises((ConnectionClosed, InvalidStatus)):
@@ -157,21 +159,21 @@ def _listen(url, protocols, first):
 
 
 def test_pages_of_other_sites_are_not_answered(engine):
-    asked = {"Origin": "https://evil.example", "Access-Control-Request-Method": "POST"}
-    answer = engine.stranger.options("/api/flows/filter", headers=asked)
+    requested = {"Origin": "https://evil.example", "Access-Control-Request-Method": "POST"}
+    answer = engine.stranger.options("/api/flows/filter", headers=requested)
     assert "access-control-allow-origin" not in answer.headers
-    own = engine.stranger.options("/api/flows/filter", headers={**asked, "Origin": engine.url})
+    own = engine.stranger.options("/api/flows/filter", headers={**requested, "Origin": engine.url})
     assert own.headers["access-control-allow-origin"] == engine.url
 
 
-def test_old_runs_are_removed_and_young_ones_stay(engine, deployment):
+def test_old_runs_are_removed_and_recent_ones_kept(engine, deployment):
     """Their end is dated back; the server's own service does the rest."""
     start = f"/deployments/{deployment['id']}/create_flow_run"
-    old, young = (engine.ask(start, {})["id"] for _ in range(2))
+    old, young = (engine.request(start, {})["id"] for _ in range(2))
     for run in (old, young):
         for state in ("RUNNING", "COMPLETED"):
             body = {"state": {"type": state}, "force": True}
-            engine.ask(f"/flow_runs/{run}/set_state", body)
+            engine.request(f"/flow_runs/{run}/set_state", body)
     with closing(sqlite3.connect(engine.store / "prefect" / "prefect.db", timeout=30)) as file:
         date_back = "UPDATE flow_run SET end_time = '2020' || substr(end_time, 5) WHERE id = ?"
         file.execute(date_back, (old,))

@@ -78,7 +78,7 @@ def workspace(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def pair(workspace):
-    """The pair, matched, and placed as its label says."""
+    """The pair, matched, with the pose of its label."""
     (files,) = pairs_of(workspace.catalogue.images())
     products = match_stereo_pair.fn(files, MatchParams(), workspace.store)
     geometry, _ = read_matches(workspace.store.path(products.matches))
@@ -98,7 +98,7 @@ def test_the_frames_of_one_pointing_are_found_by_their_filters(workspace, pair):
     assert colour_frames([pair], without_green, workspace) == ()
 
 
-def test_frames_that_repeat_the_view_of_a_pair_are_not_tied_as_images_of_their_own(workspace):
+def test_frames_that_repeat_a_pair_are_not_tied_separately(workspace):
     entries = workspace.catalogue.images()
     assert len(entries) == 5
     left = [entry for entry in drop_repeats(entries, workspace) if entry.partner is None]
@@ -108,7 +108,7 @@ def test_frames_that_repeat_the_view_of_a_pair_are_not_tied_as_images_of_their_o
     assert one in alone
 
 
-def test_a_frame_that_looked_elsewhere_is_no_part_of_it(workspace, pair, monkeypatch):
+def test_a_frame_of_another_direction_is_left_out(workspace, pair, monkeypatch):
     def turned(entry, known):
         image = original(entry, known)
         if image.filter_number != 5:
@@ -134,9 +134,9 @@ def bayer_mosaic(data: bytes) -> bytes:
     side = round(pixels.size**0.5)
     line, sample = np.indices((side, side)) % 2
     mosaic = np.rint(pixels.reshape(side, side) * np.array(DETECTOR)[line + sample])
-    said = b"  COLOR_FILTER_ARRAY_STATE        = ENCODED "
+    message = b"  COLOR_FILTER_ARRAY_STATE        = ENCODED "
     plain = re.search(rb"  SAMPLE_BIT_MASK +=[^\r\n]*", head)[0]
-    return head.replace(plain, said.ljust(len(plain))) + mosaic.astype(">u2").tobytes()
+    return head.replace(plain, message.ljust(len(plain))) + mosaic.astype(">u2").tobytes()
 
 
 DETECTOR = (1.2, 1.0, 0.8)
@@ -148,7 +148,7 @@ DETECTOR = (1.2, 1.0, 0.8)
     # of a Bayer frame a quarter of all pixels saw red: the others are interpolated
     [(three_bands, 0.02, 0.99), (bayer_mosaic, 0.04, 0.98)],
 )
-def test_an_image_in_colour_makes_a_map_in_colour_by_itself(
+def test_colour_frames_make_a_colour_map_automatically(
     workspace, pair, monkeypatch, change, cell_m, alike
 ):
     monkeypatch.setattr(colour, "MER", M2020)  # its detectors have no colours
@@ -165,7 +165,7 @@ def test_an_image_in_colour_makes_a_map_in_colour_by_itself(
     check_colours(workspace.store, pair, (frame,), DETECTOR, cell_m, alike)
 
 
-def test_the_map_in_colour_lies_on_the_map_in_grey(workspace, pair):
+def test_the_colour_map_is_registered_to_the_grey_map(workspace, pair):
     frames = colour_frames([pair], workspace.catalogue.images(), workspace)
     sources = check_colours(workspace.store, pair, frames, GAINS.values())
     _, source, names = read_sources(workspace.store.path(sources))
@@ -182,7 +182,7 @@ def check_colours(store, pair, frames, gains, cell_m=ORTHOPHOTO.cell_m, alike=0.
     with rasterio.open(store.path(grey)) as one, rasterio.open(store.path(made)) as other:
         assert one.bounds == other.bounds
         assert other.tags()["FILTERS"] == ("RGB" if frames[0].filters is None else "L4, L5, L6")
-        picture = one.read(1).astype(float) * one.scales[0] + one.offsets[0]
+        png = one.read(1).astype(float) * one.scales[0] + one.offsets[0]
         seen = one.read(1) > 0
         for index, gain in enumerate(gains, start=1):
             stored = other.read(index)
@@ -190,6 +190,6 @@ def check_colours(store, pair, frames, gains, cell_m=ORTHOPHOTO.cell_m, alike=0.
             both = seen & (stored > 1) & (stored < 255)
             assert both.sum() > 0.9 * seen.sum()
             # a step of grey is 1/254 of each band's range; brightness runs over thousands
-            np.testing.assert_allclose(np.median(band[both] / picture[both]), gain, rtol=0.02)
-            assert np.corrcoef(band[both], picture[both])[0, 1] > alike
+            np.testing.assert_allclose(np.median(band[both] / png[both]), gain, rtol=0.02)
+            assert np.corrcoef(band[both], png[both])[0, 1] > alike
     return sources

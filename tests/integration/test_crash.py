@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 KEEPER = [sys.executable, "-m", "tests.support.product_keeper"]
 
 
-def test_a_process_that_keeps_products_is_killed_again_and_again(tmp_path: Path) -> None:
+def test_products_are_whole_after_their_writer_is_killed_repeatedly(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     root = tmp_path / "store"
     Workspace.open(root)
@@ -44,7 +44,7 @@ def test_a_process_that_keeps_products_is_killed_again_and_again(tmp_path: Path)
 
 @pytest.fixture(scope="module")
 def crash_test(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """A downlink and one engine for all flows: processes that are forked know no later one."""
+    """A downlink and one engine for all flows: forked processes cannot use a later one."""
     from tests.support.crashes import prepared  # noqa: PLC0415 - starts an engine
 
     with prepared(tmp_path_factory.mktemp("crashes"), seed=1, pairs=2) as test:
@@ -52,7 +52,7 @@ def crash_test(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 
 @pytest.mark.slow
-def test_flows_and_servers_are_killed_again_and_again(crash_test: Any) -> None:
+def test_products_are_whole_after_flows_and_servers_are_killed_repeatedly(crash_test: Any) -> None:
     expected, tally = crash_test.undisturbed(), crash_test.tally
     number = 0
     while tally.kills < 12:  # a run may get to its end before its moment comes
@@ -63,7 +63,7 @@ def test_flows_and_servers_are_killed_again_and_again(crash_test: Any) -> None:
 
 
 @pytest.mark.slow
-def test_two_downlinks_at_once_end_as_one_after_the_other(crash_test: Any, tmp_path: Path) -> None:
+def test_two_concurrent_downlinks_end_as_two_in_sequence(crash_test: Any, tmp_path: Path) -> None:
     from tests.support.crashes import LONGEST_RUN_S  # noqa: PLC0415 - starts an engine
 
     expected, whole = crash_test.undisturbed(), crash_test.downlink

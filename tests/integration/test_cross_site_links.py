@@ -10,13 +10,13 @@ import pytest
 
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, tie_cross_site
-from solmap.photogrammetry.matching.cross_site.links import VerdictParams
+from solmap.photogrammetry.matching.cross_site.links import LinkTestParams
 from solmap.photogrammetry.matching.cross_site.surface_matching import SurfaceTieParams
 from tests.support.site_pairs import (
     WORLDS,
     SitePair,
     Views,
-    judged,
+    evaluated,
     matched_stops,
     negative_pairs,
     positive_pairs,
@@ -32,7 +32,7 @@ def outcomes(pairs, params):
     for pair in pairs:
         stops = stops_of(pair)
         first, second = (views.of(stop) for stop in matched_stops(pair, *stops))
-        every.append(judged(pair, *stops, tie_cross_site(first, second, params), 0.0))
+        every.append(evaluated(pair, *stops, tie_cross_site(first, second, params), 0.0))
     return every
 
 
@@ -57,7 +57,7 @@ def test_links_place_the_rover_to_some_tenths_of_a_per_cent(shared):
     assert np.median(share) < 0.003
 
 
-def test_links_are_as_wrong_as_they_say(shared):
+def test_errors_of_links_agree_with_their_covariances(shared):
     nees = [outcome.nees for outcome in shared if outcome.linked]
     # the mean of n chi-squares of 6 freedoms over 6 scatters by sqrt(1 / 3n): 0.15 at 15 links
     assert 0.3 < np.mean(nees) < 2.0
@@ -71,26 +71,26 @@ def test_links_are_as_wrong_as_they_say(shared):
         (WORLDS[2], 1, 2, (-14.0, 9.0)),
     ],
 )
-def test_a_stop_is_linked_although_its_wheels_spun(world, earlier, later, off_m):
+def test_a_stop_is_linked_after_total_wheel_slip(world, earlier, later, off_m):
     pair = SitePair((world, earlier), (world, later))
     one, other = stops_of(pair)
-    told, here = other.matched.lsl_from_rover, one.matched.lsl_from_rover
+    reported, here = other.matched.lsl_from_rover, one.matched.lsl_from_rover
     true = here.translation_m + here.rotation @ (one.true.inverse @ other.true).translation_m
     place = true + np.array([*off_m, 0.0])
-    spun = other.told_at(Pose(told.target, told.source, told.rotation, place))
+    spun = other.reported_at(Pose(reported.target, reported.source, reported.rotation, place))
     link = tie_cross_site(one.matched, spun, CrossSiteParams())
-    outcome = judged(pair, one, other, link, 0.0)
+    outcome = evaluated(pair, one, other, link, 0.0)
     assert outcome.linked, outcome
     assert not outcome.is_false, outcome
 
 
 @pytest.mark.parametrize(
-    ("least_z", "by_shape"), [(VerdictParams().least_z, True), (0.0, True), (0.0, False)]
+    ("least_z", "by_shape"), [(LinkTestParams().least_z, True), (0.0, True), (0.0, False)]
 )
 def test_stops_without_common_ground_are_not_linked(least_z, by_shape):
-    # with a least z of 0 every pair is tried in the images: the last verdict stands alone
+    # with a least z of 0 every pair is tried in the images: the last test decides
     params = CrossSiteParams(
-        verdict=VerdictParams(least_z=least_z), by_shape=SurfaceTieParams(enabled=by_shape)
+        link_test=LinkTestParams(least_z=least_z), by_shape=SurfaceTieParams(enabled=by_shape)
     )
     foreign = outcomes(negative_pairs(NEAR_WORLDS), params)
     assert len(foreign) >= 12

@@ -23,7 +23,7 @@ def _one_cluster():
 
 
 def outcome(engine: str, store: ProductStore):
-    """What comes of good tasks, of one that fails, of one that needs it, and one after both."""
+    """Outcomes of good tasks, of one that fails, of one that needs it, and of one after both."""
     from solmap.flows.runtime.jobs import Job, run_jobs  # noqa: PLC0415 - imports Prefect
     from solmap.flows.runtime.progress import listen  # noqa: PLC0415
 
@@ -50,13 +50,13 @@ def outcome(engine: str, store: ProductStore):
     return done, failed, steps
 
 
-def test_workers_give_the_same_results_and_say_the_same_of_failures(tmp_path):
+def test_workers_give_the_same_results_and_report_the_same_failures(tmp_path):
     store = ProductStore.open(tmp_path / "store")
-    here, failed_here, told_here = outcome("threads", store)
-    there, failed_there, told_there = outcome("dask", store)
+    here, failed_here, read_here = outcome("threads", store)
+    there, failed_there, read_there = outcome("dask", store)
     assert failed_here == failed_there
     assert failed_there["bad"].startswith("ProductNotFoundError: dtm of stop7")
-    assert failed_there["later"] == ""  # its cause has been said
+    assert failed_there["later"] == ""  # its cause has been reported
     assert {key: value[0] for key, value in there.items()} == {
         key: value[0] for key, value in here.items()
     }
@@ -64,8 +64,8 @@ def test_workers_give_the_same_results_and_say_the_same_of_failures(tmp_path):
     assert {"none", "later"}.isdisjoint(here)
     assert {value[1] for value in here.values()} == {os.getpid()}
     assert os.getpid() not in {value[1] for value in there.values()}
-    assert told_there == told_here  # progress arrives as it does from threads
-    assert [(step.done, step.total) for step in told_there] == [(n, 10) for n in range(1, 11)]
+    assert read_there == read_here  # progress arrives as it does from threads
+    assert [(step.done, step.total) for step in read_there] == [(n, 10) for n in range(1, 11)]
 
 
 def test_a_full_disk_stops_the_flow_on_workers_too():
@@ -78,7 +78,7 @@ def test_a_full_disk_stops_the_flow_on_workers_too():
 
 
 @pytest.mark.slow
-def test_a_worker_that_is_killed_again_and_again_is_one_failure(tmp_path):
+def test_a_worker_that_is_killed_repeatedly_is_one_failure(tmp_path):
     from solmap.flows.runtime.failures import wait_for  # noqa: PLC0415 - imports Prefect
 
     store, task = ProductStore.open(tmp_path / "store"), stages()

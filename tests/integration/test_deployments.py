@@ -49,29 +49,29 @@ def test_deployments_have_descriptions_tags_and_the_schedules_of_the_settings(de
     assert crons["refresh-region"] == crons["fetch-archive"] == []
 
 
-def test_the_file_of_deployments_says_the_same_as_what_is_served(deployed):
+def test_the_deployments_file_agrees_with_the_served_deployments(deployed):
     from prefect.flows import load_flow_from_entrypoint  # noqa: PLC0415 - after the engine is set
 
     written = yaml.safe_load((ROOT / "prefect.yaml").read_text())["deployments"]
     assert len(written) == len(deployed)
-    for told in written:
-        flow = load_flow_from_entrypoint(told["entrypoint"])
+    for reported in written:
+        flow = load_flow_from_entrypoint(reported["entrypoint"])
         served = deployed[flow.name]
-        assert told["name"] == served.name
-        assert told["tags"] == served.tags
-        assert told["description"] == served.description
-        crons = [schedule["cron"] for schedule in told.get("schedules", [])]
+        assert reported["name"] == served.name
+        assert reported["tags"] == served.tags
+        assert reported["description"] == served.description
+        crons = [schedule["cron"] for schedule in reported.get("schedules", [])]
         assert crons == [schedule.schedule.cron for schedule in served.schedules]
-        assert "parameters" not in told
-        flow.validate_parameters(_asked(flow))
+        assert "parameters" not in reported
+        flow.validate_parameters(_requested(flow))
 
 
-def _asked(flow):
-    """What a fetch asks of whoever starts it."""
+def _requested(flow):
+    """Parameters of a fetch."""
     return {"mission": "MER2", "sols": "155"} if flow.name == "fetch-archive" else {}
 
 
-def test_a_run_is_named_by_what_it_does():
+def test_the_name_of_a_run_states_its_task():
     from solmap.flows.runtime.run_page import format_sols  # noqa: PLC0415 - imports Prefect
 
     assert format_sols([158, 156, 157]) == "156-158"
@@ -79,7 +79,7 @@ def test_a_run_is_named_by_what_it_does():
     assert format_sols(range(1, 500, 2)) == "1-499 (250 sols)"
 
 
-def test_a_worker_that_names_its_store_by_half_a_path_is_refused(monkeypatch):
+def test_a_worker_with_a_relative_store_path_is_refused(monkeypatch):
     from solmap.config.records import ConfigError  # noqa: PLC0415 - as above
     from solmap.flows.service.deployed import adjust_missions  # noqa: PLC0415 - as above
 
@@ -90,7 +90,7 @@ def test_a_worker_that_names_its_store_by_half_a_path_is_refused(monkeypatch):
 
 @pytest.fixture(scope="module")
 def installation(tmp_path_factory):
-    """Environment and folder of commands, client of a Prefect server that asks for a password."""
+    """Environment and folder of commands, client of a Prefect server with a password."""
     folder = tmp_path_factory.mktemp("deployed")
     inbox = folder / "inbox"
     inbox.mkdir()
@@ -174,14 +174,14 @@ def test_the_file_of_deployments_deploys_and_every_deployment_runs(installation)
     prefect("work-pool", "create", "solmap", "--type", "process")
     prefect("deploy", "--all")
     listed = prefect("deployment", "ls")
-    asked = {
+    requested = {
         "downlink/inbox": {"settle_s": 0.0},
         "overall-adjustment/weekly": {},
         "refresh-region/on-demand": {},
         "fetch-archive/on-demand": {"mission": "MER2", "sols": "155"},
     }
     runs = {}
-    for name, parameters in asked.items():
+    for name, parameters in requested.items():
         assert name in listed
         known = client.get(f"deployments/name/{name}").json()
         made = client.post(
@@ -191,5 +191,5 @@ def test_the_file_of_deployments_deploys_and_every_deployment_runs(installation)
     prefect("worker", "start", "--pool", "solmap", "--run-once", "--limit", "4")
     states = {name: client.get(f"flow_runs/{run}").json()["state"] for name, run in runs.items()}
     ended = {name: state["type"] for name, state in states.items()}
-    assert ended == {**dict.fromkeys(asked, "COMPLETED"), "fetch-archive/on-demand": "FAILED"}
+    assert ended == {**dict.fromkeys(requested, "COMPLETED"), "fetch-archive/on-demand": "FAILED"}
     assert "127.0.0.1 cannot be reached" in states["fetch-archive/on-demand"]["message"]

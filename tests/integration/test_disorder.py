@@ -41,7 +41,7 @@ def test_four_sols_in_disorder_end_as_in_order(tmp_path: Path, seed: int) -> Non
     assert compared(tmp_path, sols=4, turns=3, seed=seed) == []
 
 
-def test_a_late_image_remakes_what_depends_on_it_and_nothing_else(tmp_path: Path) -> None:
+def test_a_late_image_remakes_only_what_depends_on_it(tmp_path: Path) -> None:
     """The right image of a pair of the second of three sols comes last."""
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
 
@@ -65,7 +65,7 @@ def test_a_late_image_remakes_what_depends_on_it_and_nothing_else(tmp_path: Path
     assert {sol.sol for sol in report.sols if sol.notes} == {155, 156, 157}
     networks = {one.scope.name for one in fresh if one.kind is ProductKind.NETWORK}
     assert networks == {"mer2-sol0156", "mer2-sol0157"}
-    mapped_anew = {
+    remapped = {
         stop
         for ref in fresh
         if ref.kind is ProductKind.ORIENTATIONS
@@ -73,8 +73,8 @@ def test_a_late_image_remakes_what_depends_on_it_and_nothing_else(tmp_path: Path
         if mapped.is_new
     }
     independent = fresh - dependents(entry.ref, workspace)
-    assert {one.scope.name for one in independent} <= mapped_anew  # by poses, plain numbers
-    assert mapped_anew == {entry.stop, "mer2-site0011-drive0000"}
+    assert {one.scope.name for one in independent} <= remapped  # by poses, plain numbers
+    assert remapped == {entry.stop, "mer2-site0011-drive0000"}
     assert not {one for one in fresh if one.scope.name == "mer2-site0010-drive0000"}
 
 

@@ -33,7 +33,7 @@ print("made", many(), flush=True)
 
 
 @pytest.mark.slow
-def test_a_run_whose_server_dies_gets_another_and_goes_on(tmp_path):
+def test_a_run_continues_on_a_new_engine_after_the_first_one_ends(tmp_path):
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT_")}
     run = subprocess.Popen(
         [sys.executable, "-c", RUN, str(tmp_path)],
@@ -52,9 +52,9 @@ def test_a_run_whose_server_dies_gets_another_and_goes_on(tmp_path):
         if "server" in child.cmdline() and "prefect" in child.cmdline()
     ]
     server.send_signal(signal.SIGKILL)
-    said, _ = run.communicate(timeout=300)
-    assert run.returncode == 0, said
-    assert "made 3" in said
+    message, _ = run.communicate(timeout=300)
+    assert run.returncode == 0, message
+    assert "made 3" in message
     kept = (tmp_path / "logs" / "flows.jsonl").read_text()
     assert "engine ended with -9; started again in 1 s" in kept
     assert not psutil.pid_exists(server.pid)

@@ -59,13 +59,13 @@ def test_qgis_opens_the_project_on_mars_with_all_layers(project, exported):
     assert shown == {path.name for path in (exported / "maps").iterdir()}
 
 
-def test_layers_are_called_so_that_people_know_them(project):
+def test_layers_of_the_project_have_readable_names(project):
     names = [one["name"] for one in project["layers"]]
     assert all("sol 156" in name for name in names)
     assert layer_of(project, DTM)["group"] == "sol 156, site 10 drive 64"
 
 
-def test_styles_are_those_of_the_server(project):
+def test_styles_of_the_project_are_those_of_the_server(project):
     dtm = layer_of(project, DTM)
     assert dtm["renderer"] == "singlebandpseudocolor"
     assert dtm["colours"][0][1] == "#440154"
@@ -76,7 +76,7 @@ def test_styles_are_those_of_the_server(project):
     assert "+R=3396190" in havens["crs_proj"]
 
 
-def test_qgis_draws_what_is_switched_on_where_it_lies(project):
+def test_qgis_draws_visible_layers_at_their_coordinates(project):
     assert project["drawn"]["errors"] == []
     drawn = cv2.imread(project["picture"]).astype(int)
     west, south, east, north = project["drawn"]["extent"]
@@ -91,10 +91,10 @@ def test_qgis_draws_what_is_switched_on_where_it_lies(project):
 def test_gdal_reads_a_raster_with_its_values(exported):
     if not GDALINFO.is_file():
         pytest.skip(f"there is no {GDALINFO}: install gdal-bin")
-    said = subprocess.run(
+    message = subprocess.run(
         [GDALINFO, "-valonly", "-b", "1", "-geoloc", str(exported / "maps" / DTM), "10.04", "4.04"],
         check=True,
         capture_output=True,
         text=True,
     )
-    assert float(said.stdout) == pytest.approx(elevation_at(10.04, 4.04), abs=1e-4)
+    assert float(message.stdout) == pytest.approx(elevation_at(10.04, 4.04), abs=1e-4)

@@ -28,7 +28,7 @@ def world() -> World:
 
 @pytest.fixture(scope="module")
 def mapped(engine, tmp_path_factory) -> tuple[Workspace, Path, Path]:  # noqa: ARG001
-    """The downlink taken all the way with far ground wanted: store, downlink and settings."""
+    """The downlink processed with far ground enabled: store, downlink and settings."""
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
     folder = tmp_path_factory.mktemp("far")
@@ -62,13 +62,13 @@ def test_far_ground_is_published_beside_the_map_of_the_later_stop(mapped):
         assert max(east - west, north - south) > 200
 
 
-def test_far_ground_lies_where_it_truly_does(mapped, world):
+def test_far_ground_has_its_true_coordinates(mapped, world):
     dtm = read_dtm(mapped[0].store.path(far_layers(mapped[0])[ProductKind.FAR_DTM].ref))
     for (low, high), most_m, cells in (((100, 200), 0.5, 10_000), ((200, 300), 0.5, 10_000)):
         error_m, sigma_m = errors(dtm, world, low, high)
         assert len(error_m) > cells
         assert np.median(np.abs(error_m)) < most_m
-        # the tilt of the left camera is no part of sigma: 0.04 degrees are 0.14 m at 200 m
+        # the tilt of the left camera is not part of sigma: 0.04 degrees are 0.14 m at 200 m
         assert (np.abs(error_m) < 3 * sigma_m).mean() > 0.8
 
 
@@ -81,7 +81,7 @@ def errors(dtm: Dtm, world: World, low: float, high: float) -> tuple[np.ndarray,
     return dtm.elevation[row, col] - true_m, dtm.sigma_m[row, col]
 
 
-def test_a_second_run_makes_nothing_that_could_be_made(mapped):
+def test_a_second_run_skips_existing_products(mapped):
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415
 
     workspace, downlink, settings = mapped

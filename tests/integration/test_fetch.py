@@ -1,7 +1,7 @@
-"""Stereo pairs come from an archive over HTTP, whatever network and server do on the way.
+"""Stereo pairs come from an archive over HTTP, despite faults of network and server.
 
 The archive is a real server with the real layout: folders, index tables, ranges, validators. Faults
-are put into it one by one, and what it was asked for is looked at.
+are put into it one by one, and its log of requests is compared.
 """
 
 import json
@@ -119,7 +119,7 @@ class ArchiveServer:
     def put(self, path: str, data: bytes, tag: str | None = '"1"') -> None:
         self.files[path] = Served(len(data), lambda start: iter([data[start:]]), tag)
 
-    def asked(self, path: str) -> list[Request]:
+    def requested(self, path: str) -> list[Request]:
         return [request for request in self.requests if request.path == path]
 
     def answer(self, handler: BaseHTTPRequestHandler) -> None:
@@ -183,7 +183,7 @@ class ArchiveServer:
             left -= len(data[:left])
             if left <= 0:
                 break
-        handler.close_connection = isinstance(fault, dict)  # else whoever asks next would be cut
+        handler.close_connection = isinstance(fault, dict)  # else the next request would be cut
 
 
 @pytest.fixture
@@ -207,7 +207,7 @@ def servers(monkeypatch) -> Iterator[Callable[[], ArchiveServer]]:
 
         server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
         server.daemon_threads = True
-        server.handle_error = lambda *_args: None  # whoever hangs up early does no harm
+        server.handle_error = lambda *_args: None  # a client that disconnects early does no harm
         thread = threading.Thread(target=server.serve_forever, args=(0.02,))
         thread.start()
         running.append((server, thread))
@@ -291,7 +291,7 @@ def here(folder: Path) -> dict[str, bytes]:
     }
 
 
-def wanted(images: dict[str, bytes]) -> dict[str, bytes]:
+def queried(images: dict[str, bytes]) -> dict[str, bytes]:
     return {f"sol0155/{Path(path).name}": data for path, data in images.items()}
 
 
@@ -301,12 +301,12 @@ def test_the_pairs_of_a_sol_arrive_byte_for_byte(archive, images, fetch):
         report = fetch(archive)
     assert report.succeeded
     assert (report.pairs, report.fetched, report.already_here) == (3, 6, 0)
-    assert here(fetch.folder / "out") == wanted(images)
+    assert here(fetch.folder / "out") == queried(images)
     assert steps[0] == Step("index of mer2no_0xxx, MiB", 1, 1)
     assert steps[-1] == Step("navcam images", 6, 6)
 
 
-def test_a_second_run_asks_for_no_image_and_gets_no_index(archive, images, fetch):
+def test_a_second_run_requests_no_image_and_revalidates_the_index(archive, images, fetch):
     fetch(archive)
     archive.requests.clear()
     report = fetch(archive)
@@ -314,7 +314,7 @@ def test_a_second_run_asks_for_no_image_and_gets_no_index(archive, images, fetch
     assert (report.fetched, report.already_here, report.received_bytes) == (0, 6, 0)
     assert [request.path for request in archive.requests] == [LABEL, TABLE]
     assert sum(request.sent for request in archive.requests) == 0
-    assert here(fetch.folder / "out") == wanted(images)
+    assert here(fetch.folder / "out") == queried(images)
 
 
 def test_an_index_that_has_changed_is_fetched_again(archive, images, fetch):
@@ -327,25 +327,23 @@ def test_an_index_that_has_changed_is_fetched_again(archive, images, fetch):
     assert report.warnings == ["the index has 2 rows, but 6 by its label"]
 
 
-def test_a_transfer_that_is_cut_goes_on_where_it_broke_off(archive, images, fetch):
+def test_an_interrupted_transfer_resumes_at_its_last_byte(archive, images, fetch):
     path = next(iter(images))
     archive.faults[path] = [{"cut": 70_000}, {"cut": 50_000}]
     report = fetch(archive)
     assert report.succeeded
-    assert here(fetch.folder / "out") == wanted(images)
-    asked = archive.asked(path)
+    assert here(fetch.folder / "out") == queried(images)
+    requested = archive.requested(path)
     size = len(images[path])
-    assert asked[0].range is None
-    starts = [int(re.search(r"\d+", request.range)[0]) for request in asked[1:]]
+    assert requested[0].range is None
+    starts = [int(re.search(r"\d+", request.range)[0]) for request in requested[1:]]
     assert len(starts) == 2
     assert starts[0] <= 70_000 < starts[1] <= 120_000
-    assert asked[-1].sent == size - starts[1]
-    assert all(request.if_range == archive.files[path].tag for request in asked[1:])
+    assert requested[-1].sent == size - starts[1]
+    assert all(request.if_range == archive.files[path].tag for request in requested[1:])
 
 
-def test_a_file_that_changed_between_two_attempts_is_fetched_from_its_beginning(
-    archive, images, fetch
-):
+def test_a_file_that_changed_between_attempts_is_fetched_from_its_beginning(archive, images, fetch):
     path = next(iter(images))
     data = images[path]
     archive.put(path, b"x" * 40_000 + data[40_000:], '"old"')
@@ -353,17 +351,17 @@ def test_a_file_that_changed_between_two_attempts_is_fetched_from_its_beginning(
     assert not fetch(archive).succeeded
     archive.put(path, data, '"new"')
     assert fetch(archive).succeeded
-    assert archive.asked(path)[-1].range is not None
-    assert here(fetch.folder / "out") == wanted(images)
+    assert archive.requested(path)[-1].range is not None
+    assert here(fetch.folder / "out") == queried(images)
 
 
-def test_a_server_without_ranges_is_asked_for_all_of_it_again(archive, images, fetch):
+def test_a_server_without_ranges_is_requested_for_the_whole_file(archive, images, fetch):
     path = next(iter(images))
     archive.with_ranges = False
     archive.faults[path] = [{"cut": 70_000}]
     assert fetch(archive).succeeded
-    assert [request.sent for request in archive.asked(path)] == [70_000, len(images[path])]
-    assert here(fetch.folder / "out") == wanted(images)
+    assert [request.sent for request in archive.requested(path)] == [70_000, len(images[path])]
+    assert here(fetch.folder / "out") == queried(images)
 
 
 def test_a_server_without_validators_is_trusted_if_lengths_agree(archive, images, fetch):
@@ -371,11 +369,11 @@ def test_a_server_without_validators_is_trusted_if_lengths_agree(archive, images
     archive.put(path, images[path], tag=None)
     archive.faults[path] = [{"cut": 70_000}]
     assert fetch(archive).succeeded
-    assert archive.asked(path)[-1].range is not None
-    assert here(fetch.folder / "out") == wanted(images)
+    assert archive.requested(path)[-1].range is not None
+    assert here(fetch.folder / "out") == queried(images)
 
 
-def test_a_file_that_only_lacks_its_name_is_not_sent_again(archive, images, fetch):
+def test_a_complete_draft_is_renamed_without_a_transfer(archive, images, fetch):
     """A process may be killed between the last byte and the new name."""
     path = next(iter(images))
     archive.faults[path] = [{"cut": len(images[path]) - 1}, 500, 500]
@@ -384,40 +382,40 @@ def test_a_file_that_only_lacks_its_name_is_not_sent_again(archive, images, fetc
     part.write_bytes(images[path])
     archive.requests.clear()
     assert fetch(archive).succeeded
-    assert [request.sent for request in archive.asked(path)] == [0]
-    assert here(fetch.folder / "out") == wanted(images)
+    assert [request.sent for request in archive.requested(path)] == [0]
+    assert here(fetch.folder / "out") == queried(images)
 
 
-def test_notes_that_cannot_be_read_mean_a_new_beginning(archive, images, fetch):
+def test_unreadable_resume_notes_restart_the_transfer(archive, images, fetch):
     path = next(iter(images))
     archive.faults[path] = [{"cut": 70_000}, 500, 500]
     fetch(archive)
     (notes,) = (fetch.folder / "out" / "sol0155").glob("*.source")
     notes.write_text('{"url": 1, "colour": "red"}')
     assert fetch(archive).succeeded
-    assert archive.asked(path)[-1].range is None
-    assert here(fetch.folder / "out") == wanted(images)
+    assert archive.requested(path)[-1].range is None
+    assert here(fetch.folder / "out") == queried(images)
 
 
-def test_a_date_serves_as_validator_where_there_is_no_tag(archive, images, fetch):
+def test_a_date_is_the_validator_if_there_is_no_tag(archive, images, fetch):
     path, date = next(iter(images)), "Sat, 05 Jun 2004 06:54:46 GMT"
     archive.put(path, images[path], date)
     archive.put(TABLE, b"".join(archive.files[TABLE].bytes_from(0)), date)
     archive.faults[path] = [{"cut": 70_000}]
     assert fetch(archive).succeeded
-    assert archive.asked(path)[-1].if_range == date
+    assert archive.requested(path)[-1].if_range == date
     archive.requests.clear()
     assert fetch(archive).already_here == 6
     assert sum(request.sent for request in archive.requests) == 0
 
 
-def test_a_weak_tag_is_no_reason_to_join_two_parts(archive, images, fetch):
+def test_parts_with_a_weak_tag_are_not_joined(archive, images, fetch):
     path = next(iter(images))
     archive.put(path, images[path], 'W/"1"')
     archive.faults[path] = [{"cut": 70_000}]
     assert fetch(archive).succeeded
-    assert archive.asked(path)[-1].if_range is None  # the lengths agree, and that must do
-    assert here(fetch.folder / "out") == wanted(images)
+    assert archive.requested(path)[-1].if_range is None  # the lengths agree, and that must do
+    assert here(fetch.folder / "out") == queried(images)
 
 
 def test_parts_of_files_of_two_lengths_are_not_joined(archive, images, fetch):
@@ -427,18 +425,18 @@ def test_parts_of_files_of_two_lengths_are_not_joined(archive, images, fetch):
     assert not fetch(archive).succeeded
     archive.put(path, images[path], tag=None)
     assert fetch(archive).succeeded
-    assert [request.range for request in archive.asked(path)][-2:] == ["bytes=70000-", None]
-    assert here(fetch.folder / "out") == wanted(images)
+    assert [request.range for request in archive.requested(path)][-2:] == ["bytes=70000-", None]
+    assert here(fetch.folder / "out") == queried(images)
 
 
-def test_a_file_that_is_compressed_on_the_way_is_refused(archive, images, fetch):
+def test_a_file_with_content_encoding_is_refused(archive, images, fetch):
     path = next(iter(images))
     archive.faults[path] = [{"coding": "gzip"}]
     (line,) = fetch(archive).failures
     assert line.endswith("127.0.0.1 sends the file gzip-coded, although no coding was requested")
 
 
-def test_as_many_files_come_at_a_time_as_there_are_connections(archive, images, fetch):
+def test_concurrent_transfers_equal_the_number_of_connections(archive, images, fetch):
     """The first two wait for each other, so one at a time would never end."""
     both, busy, most = threading.Barrier(2, timeout=20), set(), []
 
@@ -461,7 +459,7 @@ def test_as_many_files_come_at_a_time_as_there_are_connections(archive, images, 
     assert max(most) == 2
 
 
-def test_nothing_leads_from_https_to_http():
+def test_no_redirect_leads_from_https_to_http():
     from solmap.tasks.fetch.answers import NextMirrorError, _redirect_target  # noqa: PLC0415
 
     def redirected(location):
@@ -475,15 +473,15 @@ def test_nothing_leads_from_https_to_http():
         redirected("http://b.example/y.img")
 
 
-def test_a_cut_that_nobody_could_notice_is_noticed_by_the_label(archive, images, fetch):
+def test_a_truncation_without_length_is_detected_by_the_label(archive, images, fetch):
     path = next(iter(images))
 
     archive.faults[path] = [{"cut": 80_000, "with_length": False}]
     assert fetch(archive).succeeded
-    assert here(fetch.folder / "out") == wanted(images)
+    assert here(fetch.folder / "out") == queried(images)
 
 
-def test_a_file_that_is_not_there_is_named_and_the_others_arrive(archive, images, fetch):
+def test_a_missing_file_is_named_and_the_others_arrive(archive, images, fetch):
     path = list(images)[3]
     del archive.files[path]
     report = fetch(archive)
@@ -492,51 +490,49 @@ def test_a_file_that_is_not_there_is_named_and_the_others_arrive(archive, images
     (line,) = report.failures
     name = Path(path).name
     assert line == f"{name}: 127.0.0.1 answers 404 Not Found for {path}"
-    assert len(archive.asked(path)) == 1
-    assert set(wanted(images)) - set(here(fetch.folder / "out")) == {f"sol0155/{name}"}
+    assert len(archive.requested(path)) == 1
+    assert set(queried(images)) - set(here(fetch.folder / "out")) == {f"sol0155/{name}"}
 
 
-def test_a_server_that_stumbles_is_asked_again_after_longer_and_longer_waits(
-    archive, images, fetch
-):
+def test_a_failing_server_is_retried_with_growing_waits(archive, images, fetch):
     path = next(iter(images))
     archive.faults[path] = [503, 500]
     assert fetch(archive).succeeded
-    assert fetch.waits == [7.0, 7.0]  # as Retry-After says, which is longer than 0.01 and 0.02 s
+    assert fetch.waits == [7.0, 7.0]  # as in Retry-After, which is longer than 0.01 and 0.02 s
 
 
-def test_a_server_that_goes_on_stumbling_is_given_up(archive, images, fetch):
+def test_a_server_that_keeps_failing_is_given_up(archive, images, fetch):
     path = next(iter(images))
     archive.faults[path] = [500] * 10
     report = fetch(archive)
     assert report.failures == [
         f"{Path(path).name}: 127.0.0.1 answers 500 Internal Server Error for {path}"
     ]
-    assert len(archive.asked(path)) == 3
+    assert len(archive.requested(path)) == 3
 
 
-def test_what_one_mirror_lacks_comes_from_the_next(servers, images, fetch):
+def test_a_file_missing_on_one_mirror_is_fetched_from_the_next(servers, images, fetch):
     first, second = stocked(servers(), images), stocked(servers(), images)
     path = list(images)[2]
     del first.files[path]
     assert fetch(first, second).succeeded
     assert [request.path for request in second.requests] == [path]
-    assert here(fetch.folder / "out") == wanted(images)
+    assert here(fetch.folder / "out") == queried(images)
 
 
-def test_a_mirror_that_cannot_be_reached_is_not_asked_for_every_file(servers, images, fetch):
+def test_an_unreachable_mirror_is_not_tried_for_every_file(servers, images, fetch):
     gone, alive = ArchiveServer(url="http://127.0.0.1:9"), stocked(servers(), images)
     assert fetch(gone, alive).succeeded
     assert len(fetch.waits) == 2  # of the index's label alone
-    assert here(fetch.folder / "out") == wanted(images)
+    assert here(fetch.folder / "out") == queried(images)
 
 
-def test_without_any_mirror_the_index_from_an_earlier_time_serves(archive, images, fetch):
+def test_without_any_mirror_the_kept_index_is_used(archive, images, fetch):
     fetch(archive)
     lost = fetch.folder / "out" / "sol0155" / Path(next(iter(images))).name
     lost.unlink()
     report = fetch(ArchiveServer(url="http://127.0.0.1:9"))
-    assert len(fetch.waits) == 2  # a mirror that is not there is not asked again for the image
+    assert len(fetch.waits) == 2  # a missing mirror gets no request for the image
     (warning,) = report.warnings
     assert warning.startswith("an earlier copy of the index is used: edrindex.lbl: 127.0.0.1 ")
     (failure,) = report.failures
@@ -550,7 +546,7 @@ def test_a_redirect_to_a_listed_host_is_followed(archive, servers, images, fetch
     archive.faults[path] = [moved.url + path]
     assert fetch(archive).succeeded
     assert [request.path for request in moved.requests] == [path]
-    assert here(fetch.folder / "out") == wanted(images)
+    assert here(fetch.folder / "out") == queried(images)
 
 
 @pytest.mark.parametrize(
@@ -580,7 +576,7 @@ def test_redirects_in_a_circle_end(archive, images, fetch):
     assert line.endswith("127.0.0.1 redirects more than 5 times")
 
 
-def test_a_file_of_another_size_than_its_label_says_is_refused(archive, images, fetch):
+def test_a_file_whose_size_contradicts_its_label_is_refused(archive, images, fetch):
     path = next(iter(images))
     archive.put(path, images[path] + b"more")
     (line,) = fetch(archive).failures
@@ -591,14 +587,14 @@ def test_a_file_of_another_size_than_its_label_says_is_refused(archive, images, 
     assert len(here(fetch.folder / "out")) == 5
 
 
-def test_a_page_in_place_of_an_image_is_refused(archive, images, fetch):
+def test_an_html_page_instead_of_an_image_is_refused(archive, images, fetch):
     path = next(iter(images))
     archive.put(path, b"<html>This archive has moved</html>")
     (line,) = fetch(archive).failures
     assert "not a PDS3 image: it starts with '<html>This" in line
 
 
-def test_a_page_in_place_of_the_index_is_refused(archive, fetch):
+def test_an_html_page_instead_of_the_index_is_refused(archive, fetch):
     from solmap.tasks.fetch.answers import FetchError  # noqa: PLC0415 - slow to import
 
     archive.put(TABLE, b"<html>\n<body>This archive has moved</body>\n</html>\n")
@@ -606,15 +602,15 @@ def test_a_page_in_place_of_the_index_is_refused(archive, fetch):
         fetch(archive)
 
 
-def test_an_image_that_was_spoilt_here_is_fetched_again(archive, images, fetch):
+def test_an_image_damaged_on_disk_is_fetched_again(archive, images, fetch):
     fetch(archive)
-    address, path = next(iter(images)), fetch.folder / "out" / next(iter(wanted(images)))
+    address, path = next(iter(images)), fetch.folder / "out" / next(iter(queried(images)))
     path.write_bytes(path.read_bytes()[:1000])
     source = {"url": archive.url + address, "validator": archive.files[address].tag}
     path.with_name(path.name + ".source").write_text(json.dumps(source))  # unchanged over there
     archive.requests.clear()
     assert fetch(archive).fetched == 1
-    assert here(fetch.folder / "out") == wanted(images)
+    assert here(fetch.folder / "out") == queried(images)
 
 
 def test_names_from_the_index_cannot_leave_the_folder(archive, images, fetch):
@@ -632,26 +628,26 @@ def test_names_from_the_index_cannot_leave_the_folder(archive, images, fetch):
     assert not any(".." in request.path for request in archive.requests)
 
 
-def test_an_index_in_upper_case_leads_to_files_in_lower_case(archive, images, fetch):
+def test_an_upper_case_index_finds_lower_case_files(archive, images, fetch):
     rows = [
         index_row(Path(path).name.upper(), 155, PATH_NAME="/DATA/SOL0155/EDR") for path in images
     ]
     archive.put(TABLE, b"".join(rows))
     assert fetch(archive).succeeded
-    assert here(fetch.folder / "out") == wanted(images)
+    assert here(fetch.folder / "out") == queried(images)
 
 
 def test_a_dry_run_lists_and_fetches_no_image(archive, images, fetch):
-    name = next(iter(wanted(images)))
+    name = next(iter(queried(images)))
     there = fetch.folder / "out" / name
     there.parent.mkdir(parents=True)
-    there.write_bytes(wanted(images)[name])
+    there.write_bytes(queried(images)[name])
     report = fetch(archive, dry_run=True)
     assert [request.path for request in archive.requests] == [LABEL, TABLE]
     text = "\n".join(report.lines)
     assert f"{name}  (here)" in text
     assert text.endswith("3 stereo pairs (0 images have no partner); 1 images were here already")
-    assert all(line in text for line in wanted(images))
+    assert all(line in text for line in queried(images))
 
 
 def test_sols_without_a_pair_are_a_failure(archive, fetch):
@@ -672,23 +668,23 @@ def test_two_fetches_do_not_write_to_one_folder_at_a_time(archive, fetch):
         fetch(archive)
 
 
-def test_a_place_that_cannot_be_written_ends_the_run_with_one_line(archive, images, fetch):
+def test_an_unwritable_folder_ends_the_run_with_one_line(archive, images, fetch):
     from solmap.tasks.fetch.answers import FetchError  # noqa: PLC0415 - slow to import
 
-    name = next(iter(wanted(images)))
+    name = next(iter(queried(images)))
     (fetch.folder / "out" / f"{name}.part").mkdir(parents=True)
     with pytest.raises(FetchError, match=rf"{name} cannot be written: Is a directory"):
         fetch(archive)
 
 
 @pytest.mark.parametrize("sols", ["", "x", "157-155", "155-", "155--157", "-3", "999999"])
-def test_sols_that_are_none_are_refused(archive, fetch, sols):
+def test_invalid_sols_are_refused(archive, fetch, sols):
     with pytest.raises(ConfigError, match=r"sols should be like 155, 155-157"):
         fetch(archive, sols=sols)
 
 
 @pytest.mark.parametrize("url", ["ftp://x/", "x", "http://", "http://x:99999/", ""])
-def test_a_base_address_that_is_none_is_refused(fetch, url):
+def test_an_invalid_base_url_is_refused(fetch, url):
     with pytest.raises(ConfigError, match=r"archive.toml: missions.MER2: "):
         fetch(ArchiveServer(url=url))
 
@@ -716,7 +712,7 @@ def arguments(archive_file: Path, out: Path) -> list[str]:
 
 
 @pytest.mark.usefixtures("engine")
-def test_the_command_line_says_how_it_ended(archive, images, tmp_path):
+def test_the_command_reports_its_result(archive, images, tmp_path):
     from solmap.flows.cli import app  # noqa: PLC0415 - slow to import
 
     path = next(iter(images))
@@ -761,7 +757,7 @@ def test_a_killed_run_is_continued(archive, images, fetch):
     archive.put(path, data, '"slow"')
     archive.requests.clear()
     assert fetch(archive).succeeded
-    assert here(out) == wanted(images)
+    assert here(out) == queried(images)
     arrived = [request for request in archive.requests if request.path in images]
     assert path in {request.path for request in arrived}
     assert len(arrived) < len(images)
@@ -796,7 +792,7 @@ def test_an_index_of_sixty_thousand_rows_is_searched_from_a_stream(archive, imag
     report = fetch(archive, sols="155", out=fetch.folder / "big")
     assert (report.pairs, report.fetched) == (3, 6)
     assert not report.warnings
-    first, *others = archive.asked(TABLE)
+    first, *others = archive.requested(TABLE)
     assert first.range is None
     assert len(others) == 5
     assert 0 < int(others[-1].range.strip("bytes=-")) <= 50_000_000

@@ -53,7 +53,7 @@ def test_a_store_on_a_full_disk_is_migrated_when_there_is_space(disk, left):
     assert faults(root) == []
 
 
-def test_a_backup_to_a_full_disk_leaves_the_earlier_one_and_goes_on(disk, tmp_path):
+def test_a_backup_to_a_full_disk_keeps_the_earlier_one_and_resumes(disk, tmp_path):
     root = unpack_old_store(tmp_path)
     workspace = Workspace.open(root)
     ballast = fill(disk, 2_000_000)
@@ -72,7 +72,7 @@ def test_a_backup_to_a_full_disk_leaves_the_earlier_one_and_goes_on(disk, tmp_pa
     assert faults(tmp_path / "new") == []
 
 
-def test_restoring_to_a_full_disk_goes_on_when_there_is_space(disk, tmp_path):
+def test_restoring_to_a_full_disk_resumes_after_space_is_freed(disk, tmp_path):
     root = unpack_old_store(tmp_path)
     back_up(Workspace.open(root), tmp_path / "backups")
     ballast = fill(disk, 2_000_000)

@@ -108,9 +108,9 @@ def test_four_workers_and_postgresql_for_all_make_and_serve_the_same(
     assert listed == layers(embedded, {})
 
 
-def test_a_second_run_passes_over_what_nothing_changed_for(downlink, embedded):
+def test_a_second_run_skips_unchanged_inputs(downlink, embedded):
     before = products(embedded)
-    said = run(downlink, embedded, {})
-    assert "match stereo pairs" not in said
-    assert "converged" in said  # how the sols went is told all the same
+    message = run(downlink, embedded, {})
+    assert "match stereo pairs" not in message
+    assert "converged" in message  # the outcome of the sols is reported nevertheless
     assert products(embedded) == before

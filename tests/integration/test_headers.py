@@ -1,4 +1,4 @@
-"""What is said in the head of every answer, and to pages of other sites."""
+"""Headers of every answer, and answers to pages of other sites."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def root(tmp_path_factory):
 @pytest.mark.parametrize(
     "path", ["/", "/api/missions", "/api/missions/none/layers", "/metrics", "/docs", "/nothing"]
 )
-def test_every_answer_says_what_browsers_may_do_with_it(root, path):
+def test_every_answer_has_the_security_headers(root, path):
     with TestClient(create_app(root)) as client:
         head = client.get(path).headers
     assert "frame-ancestors 'none'" in head["content-security-policy"]
@@ -35,26 +35,27 @@ def test_every_answer_says_what_browsers_may_do_with_it(root, path):
     assert "set-cookie" not in head
 
 
-def test_no_other_site_is_let_in_unless_it_is_named(root):
-    asked = {"Origin": ELSEWHERE}
+def test_no_other_site_is_allowed_unless_it_is_named(root):
+    requested = {"Origin": ELSEWHERE}
     with TestClient(create_app(root)) as client:
         assert (
-            "access-control-allow-origin" not in client.get("/api/missions", headers=asked).headers
+            "access-control-allow-origin"
+            not in client.get("/api/missions", headers=requested).headers
         )
     with TestClient(create_app(root, origins=[ELSEWHERE])) as client:
-        head = client.get("/api/missions", headers=asked).headers
+        head = client.get("/api/missions", headers=requested).headers
         assert head["access-control-allow-origin"] == ELSEWHERE
         assert "access-control-allow-credentials" not in head
         other = client.get("/api/missions", headers={"Origin": "https://evil.example"}).headers
         assert "access-control-allow-origin" not in other
-        before = {**asked, "Access-Control-Request-Method": "POST"}
+        before = {**requested, "Access-Control-Request-Method": "POST"}
         before["Access-Control-Request-Headers"] = "authorization"
-        asked_before = client.options("/api/runs", headers=before)
-        assert asked_before.status_code == 200
-        assert "POST" in asked_before.headers["access-control-allow-methods"]
+        requested_before = client.options("/api/runs", headers=before)
+        assert requested_before.status_code == 200
+        assert "POST" in requested_before.headers["access-control-allow-methods"]
 
 
-def test_nothing_can_be_written_where_nobody_has_a_token(root):
+def test_a_store_without_tokens_accepts_no_writes(root):
     with TestClient(create_app(root)) as client:
         described = client.get("/openapi.json").json()["paths"]
         writing = [
@@ -68,7 +69,7 @@ def test_nothing_can_be_written_where_nobody_has_a_token(root):
         assert "is read-only" in answer.json()["description"]
 
 
-def test_a_failure_inside_tells_nothing_of_the_inside(root, monkeypatch):
+def test_an_internal_error_reveals_nothing_internal(root, monkeypatch):
     app = create_app(root)
 
     def broken() -> None:

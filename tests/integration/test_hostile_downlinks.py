@@ -69,7 +69,7 @@ def bad_names() -> set[str]:
 
 
 @pytest.mark.usefixtures("engine")
-def test_what_was_made_survives_a_bad_delivery(downlink, tmp_path):
+def test_earlier_products_survive_a_bad_delivery(downlink, tmp_path):
     store = tmp_path / "store"
     process(downlink, store)
     before = [layer.ref for layer in Workspace.open(store).catalogue.layers()]
@@ -82,7 +82,7 @@ def test_what_was_made_survives_a_bad_delivery(downlink, tmp_path):
 
 
 @pytest.mark.usefixtures("engine")
-def test_an_empty_folder_says_so(tmp_path):
+def test_an_empty_folder_is_reported(tmp_path):
     (tmp_path / "nothing").mkdir()
     report = process(tmp_path / "nothing", tmp_path / "store")
     assert not report.succeeded
@@ -146,7 +146,7 @@ def test_every_legal_time_gives_all_maps(tmp_path):
     assert {None, "2004-06-10T08:00:36.816", "2005-01-01T00:00:00.000"} <= starts
 
 
-def test_a_folder_of_files_that_are_no_images_is_refused_without_an_engine(tmp_path, monkeypatch):
+def test_a_folder_without_image_files_is_refused_without_an_engine(tmp_path, monkeypatch):
     from solmap.flows.cli import app, processing  # noqa: PLC0415 - slow to import
 
     monkeypatch.setattr(processing, "_engine_of", None)

@@ -53,7 +53,7 @@ def solmap(*words, cwd, **options):
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("command", [(COMMAND,), (sys.executable, "-m", "solmap.flows.cli")])
-def test_nothing_of_it_is_executed_or_believed(downlink, tmp_path, command):
+def test_no_file_of_a_downlink_is_executed_or_trusted(downlink, tmp_path, command):
     found = {path.name for path in downlink.iterdir()}
     run = solmap(*command, "run", ".", "--store", "../store", cwd=downlink)
     assert "none of its" in run.stderr, run.stderr
@@ -70,7 +70,7 @@ def test_nothing_of_it_is_executed_or_believed(downlink, tmp_path, command):
     ("number", "reached"),
     [("SIGINT", "logs"), ("SIGTERM", "catalogue.sqlite"), ("SIGTERM", "products/matches")],
 )
-def test_a_run_that_is_told_to_stop_says_so_in_one_line(tmp_path, number, reached):
+def test_a_stopped_run_ends_with_one_line(tmp_path, number, reached):
     from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink  # noqa: PLC0415
 
     write_small_downlink(tmp_path / "downlink", stops=2, pairs=2)
@@ -87,7 +87,7 @@ def test_a_run_that_is_told_to_stop_says_so_in_one_line(tmp_path, number, reache
         while not (tmp_path / "store" / reached).exists():
             time.sleep(0.1)
         process.send_signal(signal.Signals[number])
-        _, said = process.communicate(timeout=60)
+        _, message = process.communicate(timeout=60)
     assert process.returncode == 128 + signal.Signals[number]
-    assert said.splitlines()[-1] == "stopped; what was made is kept; run again to continue"
-    assert "Traceback" not in said
+    assert message.splitlines()[-1] == "stopped; what was made is kept; run again to continue"
+    assert "Traceback" not in message

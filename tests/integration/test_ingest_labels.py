@@ -47,7 +47,7 @@ def workspace(tmp_path) -> Workspace:
     return Workspace.open(tmp_path / "store")
 
 
-def test_an_image_whose_label_lies_beside_it_is_ingested(shared_data, downlink, workspace):
+def test_an_image_with_a_detached_label_is_ingested(shared_data, downlink, workspace):
     path = next(shared_data.rglob(f"{MSL}.IMG"))
     label = path.with_suffix(".LBL").read_text("latin-1")
     record = label.index(",23)")
@@ -68,7 +68,7 @@ def test_an_image_whose_label_lies_beside_it_is_ingested(shared_data, downlink, 
     assert image_record(entry, workspace).stop == delivery.images[0].stop
 
 
-def test_an_image_with_a_label_of_its_own_is_kept_as_it_came(shared_data, downlink, workspace):
+def test_an_image_with_an_attached_label_is_kept_unchanged(shared_data, downlink, workspace):
     path = next(shared_data.rglob(f"{MSL}.IMG"))
     (downlink / path.name).write_bytes(path.read_bytes())
     (downlink / f"{MSL}.LBL").write_text("no label at all")
@@ -78,8 +78,8 @@ def test_an_image_with_a_label_of_its_own_is_kept_as_it_came(shared_data, downli
     assert workspace.store.path(entry.ref).read_bytes() == path.read_bytes()
 
 
-def test_curiosity_s_files_are_ingested_as_the_archive_has_them(shared_data, downlink, workspace):
-    """EDR and RDR, each an .IMG with a label of its own and a .LBL that says the same."""
+def test_curiosity_s_files_are_ingested_as_archived(shared_data, downlink, workspace):
+    """EDR and RDR, each an .IMG with a label of its own and an equal .LBL."""
     folder = shared_data / "msl_navcam_sol1431_pair"
     for path in [*folder.glob("*.IMG"), *folder.glob("*.LBL")]:
         (downlink / path.name).write_bytes(path.read_bytes())
@@ -109,21 +109,21 @@ def metadata(shared_data: Path, **changes: object) -> bytes:
 
 
 def test_a_raw_image_of_mars_2020_is_kept_with_its_metadata(shared_data, downlink, workspace):
-    picture = next(shared_data.rglob(f"{M2020}.png")).read_bytes()
-    said = metadata(shared_data, attitude="(0.8,0.0,0.0,0.6)")
-    (downlink / f"{M2020}.png").write_bytes(picture)
-    (downlink / f"{M2020}-metadata.json").write_bytes(said)
+    png = next(shared_data.rglob(f"{M2020}.png")).read_bytes()
+    message = metadata(shared_data, attitude="(0.8,0.0,0.0,0.6)")
+    (downlink / f"{M2020}.png").write_bytes(png)
+    (downlink / f"{M2020}-metadata.json").write_bytes(message)
     assert not ingested(downlink, workspace).faults
     (entry,) = workspace.catalogue.images("M20")
     assert (entry.sol, entry.site, entry.drive, entry.instrument) == (670, 32, 604, "NAVCAM")
-    assert split_label(workspace.store.path(entry.ref).read_bytes(), entry.id) == (said, picture)
+    assert split_label(workspace.store.path(entry.ref).read_bytes(), entry.id) == (message, png)
     read = read_product_image(image_file(entry), workspace.store)
-    colour = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
+    colour = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     np.testing.assert_allclose(read.pixels[read.mask], colour.mean(axis=2)[read.mask], atol=1e-4)
     assert read.mask.mean() > 0.99
 
 
-def test_a_jpeg_may_have_a_label_beside_it(shared_data, downlink, workspace):
+def test_a_jpeg_may_have_a_detached_label(shared_data, downlink, workspace):
     path = next(shared_data.rglob(f"{MSL}.IMG"))
     grey = (read_image(path.read_bytes(), path.name).pixels / 16).clip(1, 255).astype(np.uint8)
     (downlink / f"{MSL}.JPG").write_bytes(cv2.imencode(".jpg", grey)[1].tobytes())
@@ -134,8 +134,10 @@ def test_a_jpeg_may_have_a_label_beside_it(shared_data, downlink, workspace):
     assert np.abs(read.pixels - grey).mean() < 2  # of JPEG at OpenCV's quality of 95
 
 
-def test_what_cannot_be_placed_is_one_line_and_stops_nothing(shared_data, downlink, workspace):
-    picture = next(shared_data.rglob(f"{M2020}.png")).read_bytes()
+def test_a_file_that_cannot_be_placed_is_one_line_and_the_rest_continues(
+    shared_data, downlink, workspace
+):
+    png = next(shared_data.rglob(f"{M2020}.png")).read_bytes()
     cases = {
         "without_attitude": metadata(shared_data),
         "without_model": metadata(shared_data, camera_model_type="UNK"),
@@ -143,19 +145,19 @@ def test_what_cannot_be_placed_is_one_line_and_stops_nothing(shared_data, downli
         "thumbnail": metadata(shared_data, attitude="(1,0,0,0)", sample_type="Thumbnail"),
         "without_metadata": None,
     }
-    for name, said in cases.items():
-        (downlink / f"{name}.png").write_bytes(picture)
-        if said is not None:
-            (downlink / f"{name}-metadata.json").write_bytes(said)
+    for name, message in cases.items():
+        (downlink / f"{name}.png").write_bytes(png)
+        if message is not None:
+            (downlink / f"{name}-metadata.json").write_bytes(message)
     good = next(shared_data.rglob(f"{MSL}.IMG"))
     (downlink / good.name).write_bytes(good.read_bytes())
-    (downlink / f"{MSL}.PNG").write_bytes(picture)  # its browse pictures, by name
-    (downlink / f"{MSL}.IMG.JPG").write_bytes(picture)
+    (downlink / f"{MSL}.PNG").write_bytes(png)  # its browse images, by name
+    (downlink / f"{MSL}.IMG.JPG").write_bytes(png)
     delivery = ingested(downlink, workspace)
     assert [image.id for image in delivery.images] == [MSL]
     lines = {fault.subject: fault.notes for fault in delivery.faults}
     assert set(lines) == {f"{name}.png" for name in cases}
-    for name, complaint in {
+    for name, message_ in {
         "without_attitude": "no attitude of the rover; give its pose",
         "without_model": "camera_model_type should be CAHV, CAHVOR or CAHVORE",
         "of_another_size": "image is 1288 x 968 pixels, its label has 1280 x 960",
@@ -164,11 +166,11 @@ def test_what_cannot_be_placed_is_one_line_and_stops_nothing(shared_data, downli
     }.items():
         (line,) = lines[f"{name}.png"]
         assert line.startswith(f"{name}.png: ")
-        assert complaint in line
+        assert message_ in line
         assert "\n" not in line
 
 
-def test_a_file_that_is_delivered_again_and_whole_is_no_fault_any_more(downlink, workspace, rng):
+def test_a_file_delivered_again_intact_is_no_longer_a_fault(downlink, workspace, rng):
     data = bytes(16) + rng.integers(1, 255, (3, 2, 3), dtype=np.uint8).tobytes()
     (downlink / f"{TILE}.xml").write_bytes(PDS4.read_bytes())
     (downlink / f"{TILE}.IMG").write_bytes(data[:20])
@@ -189,7 +191,7 @@ def raw_of_mars_2020(read: ReadImage, folder: Path) -> None:
         return "(" + ",".join(f"{value:.9g}" for value in values) + ")"
 
     name = f"N{image.eye[0].upper()}F_0005_{int(image.clock):010d}_000ECM_N0010000NCAM00001_01_095J"
-    said = {
+    message = {
         "imageid": name,
         "sol": image.sol,
         "instrument": f"NAVCAM_{image.eye.upper()}",
@@ -202,14 +204,14 @@ def raw_of_mars_2020(read: ReadImage, folder: Path) -> None:
         "camera_model_type": "CAHVOR",
         "camera_model_component_list": ";".join(text(vector) for vector in letters),
     }
-    (folder / f"{name}01-metadata.json").write_text(json.dumps(said))
+    (folder / f"{name}01-metadata.json").write_text(json.dumps(message))
     eight_bits = (read.pixels / 16).clip(1, 255).round().astype(np.uint8)
     cv2.imwrite(str(folder / f"{name}01.png"), eight_bits)
 
 
 @pytest.mark.usefixtures("engine")
 def test_raw_images_with_metadata_are_mapped(shared_data, downlink, tmp_path):
-    """Through the whole pipeline, among pictures that cannot be placed."""
+    """Through the whole pipeline, among images that cannot be placed."""
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
     world = make_world(WorldParams("plains", TraverseParams(stops=1), pairs=1, averaging=4), 21)
@@ -233,7 +235,7 @@ def test_raw_images_with_metadata_are_mapped(shared_data, downlink, tmp_path):
 
 
 def test_labels_that_place_their_site_join_the_stops_of_two_sites(shared_data):
-    """Without a vector file: site 54 lies in site 53 as its label says."""
+    """Without a vector file: site 54 is placed in site 53 by its label."""
     path = next(shared_data.rglob(f"{MSL}.IMG"))
     of_54 = read_image_record(path.read_bytes(), path.name)
     earlier = StopId("MSL", 53, 7)
@@ -251,11 +253,13 @@ def test_labels_that_place_their_site_join_the_stops_of_two_sites(shared_data):
     assert lsl_from_rover.target == LSL
     declared_m = np.array([-45.1451, -279.261, -0.94907])
     np.testing.assert_allclose(lsl_from_rover.translation_m, in_54_m + declared_m)
-    alone = read_telemetry([of_54], [])  # site 53 is not in the traverse: nothing hangs on it
+    alone = read_telemetry(
+        [of_54], []
+    )  # site 53 is not in the traverse: nothing is connected to it
     np.testing.assert_array_equal(alone.stop(of_54.stop).lsl_from_rover.translation_m, in_54_m)
 
 
-def test_of_two_files_of_an_image_the_one_made_later_counts_however_they_come(tmp_path):
+def test_of_two_files_of_an_image_the_later_edition_counts_in_any_order(tmp_path):
     world = WorldParams("hills", TraverseParams(stops=1), pairs=1, averaging=4)
     file = next(f for f in simulate_downlink(world, 3) if f.path.endswith("l0m1.img"))
     made = re.search(rb"PRODUCT_CREATION_TIME\s*= (\d{4})", file.data)

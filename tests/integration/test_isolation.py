@@ -35,13 +35,13 @@ def clean(tmp_path_factory: pytest.TempPathFactory, engine: None) -> CleanRun:  
 
 
 @pytest.mark.parametrize(("stage", "error"), [("trace_contours", "surrogate"), ("publish", "long")])
-def test_an_error_in_a_stage_costs_what_depends_on_it(clean, stage, error):
+def test_an_error_in_a_stage_loses_only_what_depends_on_it(clean, stage, error):
     rng = np.random.default_rng(sum(map(ord, stage)))
     assert violations(clean, chosen(clean, stage, rng, error)) == []
 
 
 @pytest.mark.slow
-def test_no_error_in_any_stage_costs_more_than_what_depends_on_it(tmp_path):
+def test_no_error_in_any_stage_loses_more_than_what_depends_on_it(tmp_path):
     """Three errors a stage; all of them: `python -m tests.support.injection --errors 32`."""
     whole = CleanRun.of(tmp_path)
     called = {call.stage for call in whole.calls}
@@ -70,7 +70,7 @@ def misplace(label: Path, north_m: float, year: bytes = b"2004") -> bytes:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("metres", "sol"), [(5000.0, 155), (-5000.0, 156), (90_000.0, 157)])
-def test_a_misplaced_stop_has_its_own_map_and_comes_back_when_it_is_mended(tmp_path, metres, sol):
+def test_a_misplaced_stop_has_its_own_map_and_returns_after_a_correction(tmp_path, metres, sol):
     downlink = write_small_downlink(tmp_path / "downlink", stops=3, pairs=1)
     pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml", FEW_LAYERS))
     assert process(downlink, tmp_path / "true", pipeline).succeeded

@@ -13,7 +13,7 @@ import pytest
 from solmap.products.catalogue.catalogue import Catalogue
 from tests.support.live_server import listening, serving
 
-_TELL = """
+_REPORT = """
 import sys, time
 from pathlib import Path
 from solmap.products.catalogue.catalogue import Catalogue
@@ -30,22 +30,22 @@ def root(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def tell(root: Path, count: int) -> None:
-    subprocess.run([sys.executable, "-c", _TELL, str(root), str(count)], check=True)
+def report(root: Path, count: int) -> None:
+    subprocess.run([sys.executable, "-c", _REPORT, str(root), str(count)], check=True)
 
 
 def numbers(heard: queue.Queue, count: int) -> list[int]:
     return [heard.get(timeout=10)[2]["number"] for _ in range(count)]
 
 
-def test_two_listeners_hear_every_event_of_another_process_in_order_and_soon(root):
+def test_two_listeners_receive_every_event_of_another_process_in_order(root):
     with (
         serving(root) as server,
         listening(f"{server}/api/events") as first,
         listening(f"{server}/api/events") as second,
     ):
         assert first.get(timeout=10)[0] == second.get(timeout=10)[0] == "hello"
-        tell(root, 20)
+        report(root, 20)
         delays = []
         for heard in (first, second):
             events = [heard.get(timeout=10) for _ in range(20)]
@@ -57,13 +57,13 @@ def test_two_listeners_hear_every_event_of_another_process_in_order_and_soon(roo
     print(f"delay median {np.median(delays):.3f} s, worst {max(delays):.3f} s")  # noqa: T201
 
 
-def test_who_comes_back_is_told_what_it_missed(root):
+def test_a_client_that_reconnects_gets_the_missed_events(root):
     with serving(root) as server:
-        tell(root, 6)
+        report(root, 6)
         with listening(f"{server}/api/events", **{"Last-Event-ID": "2"}) as heard:
             assert heard.get(timeout=10)[:2] == ("hello", 2)
             assert numbers(heard, 4) == [2, 3, 4, 5]
-            tell(root, 1)
+            report(root, 1)
             assert numbers(heard, 1) == [0]
         with listening(f"{server}/api/events?since=6") as heard:
             assert numbers_after_hello(heard) == [0]
@@ -74,19 +74,19 @@ def numbers_after_hello(heard: queue.Queue) -> list[int]:
     return numbers(heard, 1)
 
 
-def test_events_of_other_missions_are_left_out_when_one_is_named(root):
+def test_events_of_other_missions_are_left_out_if_one_is_named(root):
     catalogue = Catalogue.open(root)
     with serving(root) as server, listening(f"{server}/api/events?mission=MER2") as heard:
         heard.get(timeout=10)
         for mission in ("MER1", "MER2"):
             catalogue.append_event("layers.published", {"mission": mission, "layers": []})
         catalogue.append_event("run.changed", {"id": "a"})  # of no mission
-        told = [heard.get(timeout=10) for _ in range(2)]
-    assert [event[0] for event in told] == ["layers.published", "run.changed"]
-    assert told[0][2]["mission"] == "MER2"
+        reported = [heard.get(timeout=10) for _ in range(2)]
+    assert [event[0] for event in reported] == ["layers.published", "run.changed"]
+    assert reported[0][2]["mission"] == "MER2"
 
 
-def test_who_missed_what_is_forgotten_is_told_to_ask_everything_anew(root):
+def test_a_client_that_missed_removed_events_is_advised_to_reload(root):
     catalogue = Catalogue.open(root)
     from solmap.products.catalogue.events import EVENTS  # noqa: PLC0415
 

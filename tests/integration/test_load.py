@@ -40,7 +40,7 @@ uvicorn.run(app, port=int(sys.argv[2]), log_level="error")
 
 
 @dataclass
-class Told:
+class Answers:
     """What clients were answered."""
 
     tiles: list[float] = field(default_factory=list)
@@ -61,7 +61,7 @@ class Told:
         }
 
 
-def test_a_flow_that_publishes_disturbs_nobody_who_looks_at_the_bowl(tmp_path):
+def test_publishing_disturbs_no_reader(tmp_path):
     """The small sister: products are made and published one by one while clients read."""
     root = tmp_path / "store"
     script = (
@@ -70,15 +70,15 @@ def test_a_flow_that_publishes_disturbs_nobody_who_looks_at_the_bowl(tmp_path):
     )
     Workspace.open(root)
     command = [sys.executable, "-c", script, str(root)]
-    told = under_load(root, command, tmp_path, 5.0)
-    print(json.dumps(told.figures(), indent=1))  # noqa: T201 - for docs/reference/measurements/server.md
-    assert not told.wrong, told.wrong[:5]
-    assert len(told.tiles) > 10
-    assert told.digests
+    reported = under_load(root, command, tmp_path, 5.0)
+    print(json.dumps(reported.figures(), indent=1))  # noqa: T201 - for docs/reference/measurements/server.md
+    assert not reported.wrong, reported.wrong[:5]
+    assert len(reported.tiles) > 10
+    assert reported.digests
 
 
 @pytest.mark.slow
-def test_a_second_downlink_is_published_while_browsers_ask_for_tiles(tmp_path):
+def test_a_second_downlink_is_published_under_tile_requests(tmp_path):
     root, first, second = tmp_path / "store", tmp_path / "first", tmp_path / "second"
     run = [sys.executable, "-m", "solmap.flows.cli"]
     subprocess.run([*run, "simulate", str(first), "--stops", "2", "--seed", "5"], check=True)
@@ -86,12 +86,12 @@ def test_a_second_downlink_is_published_while_browsers_ask_for_tiles(tmp_path):
     subprocess.run([*run, "run", str(first), "--store", str(root)], check=True)
     before = len(list(ProductStore.open(root).refs()))
     command = [*run, "run", str(second), "--store", str(root)]
-    told = under_load(root, command, tmp_path, AT_LEAST_S)
-    print(json.dumps(told.figures(), indent=1))  # noqa: T201 - for docs/reference/measurements/server.md
-    assert not told.wrong, told.wrong[:5]
+    reported = under_load(root, command, tmp_path, AT_LEAST_S)
+    print(json.dumps(reported.figures(), indent=1))  # noqa: T201 - for docs/reference/measurements/server.md
+    assert not reported.wrong, reported.wrong[:5]
     store = ProductStore.open(root)
     assert len(list(store.refs())) > before
-    assert len(told.tiles) > 100
+    assert len(reported.tiles) > 100
 
 
 def split(first: Path, second: Path) -> None:
@@ -102,28 +102,28 @@ def split(first: Path, second: Path) -> None:
         path.rename(second / path.name)
 
 
-def under_load(root: Path, command: list[str], folder: Path, at_least_s: float) -> Told:
-    """Ask for tiles, features and static files until `command` has ended."""
+def under_load(root: Path, command: list[str], folder: Path, at_least_s: float) -> Answers:
+    """Request tiles, features and static files until `command` has ended."""
     drawn = folder / "drawn"
     drawn.mkdir()
     (drawn / "tile.png").write_bytes(np.random.default_rng(1).bytes(30_000))
-    told = Told()
+    reported = Answers()
     with (
         serve(root) as ours,
         running([sys.executable, "-c", _FILES, str(drawn)]) as files,
-        (folder / "flow.txt").open("w") as said,
+        (folder / "flow.txt").open("w") as message,
     ):
-        flow = subprocess.Popen(command, stdout=said, stderr=said)
+        flow = subprocess.Popen(command, stdout=message, stderr=message)
         try:
-            asyncio.run(_ask(ours, files.address, flow, told, at_least_s))
+            asyncio.run(_request(ours, files.address, flow, reported, at_least_s))
             assert flow.wait(MOST_S) == 0, (folder / "flow.txt").read_text()[-2000:]
         finally:
             flow.kill()
-    return told
+    return reported
 
 
-async def _ask(
-    ours: str, files: str, flow: subprocess.Popen, told: Told, at_least_s: float
+async def _request(
+    ours: str, files: str, flow: subprocess.Popen, reported: Answers, at_least_s: float
 ) -> None:
     started = time.monotonic()
 
@@ -132,64 +132,64 @@ async def _ask(
         return spent < at_least_s or (flow.poll() is None and spent < MOST_S)
 
     async with httpx.AsyncClient(timeout=60) as client:
-        clients = [_client(client, ours, goes_on, told, number) for number in range(CLIENTS)]
-        await asyncio.gather(*clients, _static(client, files, goes_on, told))
+        clients = [_client(client, ours, goes_on, reported, number) for number in range(CLIENTS)]
+        await asyncio.gather(*clients, _static(client, files, goes_on, reported))
 
 
-async def _client(client, ours, goes_on, told: Told, number: int) -> None:
+async def _client(client, ours, goes_on, reported: Answers, number: int) -> None:
     rng = np.random.default_rng(number)
     while goes_on():
-        for mission in await _get(client, f"{ours}/api/missions", told) or ():
+        for mission in await _get(client, f"{ours}/api/missions", reported) or ():
             name = mission["mission"] if "mission" in mission else mission["id"]
-            layers = await _get(client, f"{ours}/api/missions/{name}/layers", told) or []
+            layers = await _get(client, f"{ours}/api/missions/{name}/layers", reported) or []
             for layer in rng.permutation(np.array(layers, dtype=object))[:4]:
-                told.digests.add(layer["digest"])
+                reported.digests.add(layer["digest"])
                 if layer["type"] == "raster":
-                    await _tile(client, ours, layer, rng, told)
+                    await _tile(client, ours, layer, rng, reported)
                 else:
-                    await _features(client, ours, layer, told)
+                    await _features(client, ours, layer, reported)
         await asyncio.sleep(0.05)
 
 
-async def _tile(client, ours, layer, rng, told: Told) -> None:
+async def _tile(client, ours, layer, rng, reported: Answers) -> None:
     """A tile near the middle of the map: it must be a whole PNG."""
     column, row = 65535 + rng.integers(0, 2), 65535 + rng.integers(0, 2)
     path = layer["tiles"].format(z=17, x=column, y=row)
-    answer = await _answer(client, ours + path, told, told.tiles)
+    answer = await _answer(client, ours + path, reported, reported.tiles)
     if answer is None or answer.status_code != 200:
         return
-    picture = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED)
-    if picture is None or picture.shape[:2] != (256, 256):
-        told.wrong.append(f"{path} is no whole tile")
+    image = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None or image.shape[:2] != (256, 256):
+        reported.wrong.append(f"{path} is not a whole tile")
 
 
-async def _features(client, ours, layer, told: Told) -> None:
+async def _features(client, ours, layer, reported: Answers) -> None:
     scope, kind, digest = layer["scope"], layer["kind"], layer["digest"]
     path = f"/api/layers/{scope}/{kind}/{digest}/features.geojson"
-    answer = await _answer(client, ours + path, told, told.features)
+    answer = await _answer(client, ours + path, reported, reported.features)
     if answer is not None and answer.status_code == 200:
         assert answer.json()["type"] == "FeatureCollection"
 
 
-async def _static(client, files: str, goes_on, told: Told) -> None:
+async def _static(client, files: str, goes_on, reported: Answers) -> None:
     while goes_on():
-        await _answer(client, f"{files}/tile.png", told, told.files)
+        await _answer(client, f"{files}/tile.png", reported, reported.files)
         await asyncio.sleep(0.05)
 
 
-async def _get(client, url: str, told: Told):
-    answer = await _answer(client, url, told, [])
+async def _get(client, url: str, reported: Answers):
+    answer = await _answer(client, url, reported, [])
     return answer.json() if answer is not None and answer.status_code == 200 else None
 
 
-async def _answer(client, url: str, told: Told, times: list[float]):
+async def _answer(client, url: str, reported: Answers, times: list[float]):
     started = time.perf_counter()
     try:
         answer = await client.get(url)
     except httpx.HTTPError as error:
-        told.wrong.append(f"{url}: {type(error).__name__}")
+        reported.wrong.append(f"{url}: {type(error).__name__}")
         return None
     times.append(time.perf_counter() - started)
     if answer.status_code >= 500 or answer.status_code in {404, 422}:
-        told.wrong.append(f"{url}: {answer.status_code}")
+        reported.wrong.append(f"{url}: {answer.status_code}")
     return answer

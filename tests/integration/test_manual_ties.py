@@ -58,7 +58,7 @@ class Stop:
     def ids(self):
         return [pair.files.id for pair in self.pairs]
 
-    def network(self, wishes=(), links=()):
+    def network(self, edits=(), links=()):
         step = NetworkStep(
             mission=self.stop.mission,
             sol=self.telemetry.stops[0].sols[0],
@@ -70,11 +70,11 @@ class Stop:
             pairs=self.pairs,
             ties=(self.ties,),
             links=links,
-            edit_requests=requests_within(wishes, set(self.ids)),
+            edit_requests=requests_within(edits, set(self.ids)),
         )
         return adjust_network.fn(step, NetworkParams(), self.store)
 
-    def wishes(self, text):
+    def edits(self, text):
         (self.downlink / "mine.ties.csv").write_text(HEAD + text)
         assert not ingest_downlink.fn(self.downlink, self.workspace).faults
         return all_edit_requests(self.workspace)
@@ -112,18 +112,18 @@ def joining(stop, ref):
     return sum(points.count(p) > 1 for p in set(points))
 
 
-def test_a_vetoed_link_leaves_the_network(stop):
+def test_a_vetoed_link_is_removed_from_the_network(stop):
     automatic = stop.network()
     assert joining(stop, automatic) > 20
-    vetoed = stop.network(stop.wishes(f"veto,{stop.ids[0]},,,{stop.ids[1]},,\n"))
+    vetoed = stop.network(stop.edits(f"veto,{stop.ids[0]},,,{stop.ids[1]},,\n"))
     assert joining(stop, vetoed) == 0
     lines = read_network(vetoed, stop.store).manual_tie_notes
     assert "0 added, 0 moved" in lines[0]
     assert all(pair.ties == 0 for pair in read_network(vetoed, stop.store).adjusted.pairs)
 
 
-def test_a_link_without_ties_left_is_no_link(stop):
-    """The stop's own ties stand for those of a link between two stops."""
+def test_a_link_without_remaining_ties_is_not_a_link(stop):
+    """The stop's own ties represent those of a link between two stops."""
     ties, _ = read_ties(stop.store.path(stop.ties))
     scope = Scope(ScopeLevel.STOP, "one-to-other")
     figures = {"earlier": "one", "later": "other", "linked": True, "reason": "so many ties"}
@@ -132,21 +132,21 @@ def test_a_link_without_ties_left_is_no_link(stop):
     )
     before = read_network(stop.network(links=(link,)), stop.store)
     assert before.links[0]["linked"]
-    wishes = stop.wishes(f"veto,{stop.ids[0]},,,{stop.ids[1]},,\n")
-    after = read_network(stop.network(wishes, links=(link,)), stop.store)
+    edits = stop.edits(f"veto,{stop.ids[0]},,,{stop.ids[1]},,\n")
+    after = read_network(stop.network(edits, links=(link,)), stop.store)
     assert not after.links[0]["linked"]
     assert after.links[0]["reason"] == "all its ties are vetoed manually"
 
 
-def test_ties_that_were_clicked_hold_the_network_alone(stop):
+def test_a_network_of_manual_ties_alone_is_adjusted(stop):
     added = "".join(f"add,{click},0.2\n" for click in stop.clicks(9))
-    ref = stop.network(stop.wishes(f"veto,{stop.ids[0]},,,{stop.ids[1]},,\n{added}"))
+    ref = stop.network(stop.edits(f"veto,{stop.ids[0]},,,{stop.ids[1]},,\n{added}"))
     product = read_network(ref, stop.store)
     assert "9 added" in product.manual_tie_notes[0]
     assert joining(stop, ref) == 9
     assert product.report["ties"][str(TieKind.INTER_STEREO)] == 9
     alone, all_ties = (turn_between(stop, network) for network in (ref, stop.network()))
-    # nine clicks to 0.2 px (0.02 degrees) over a narrow overlap, which tells least of the roll
+    # nine clicks to 0.2 px (0.02 degrees) over a narrow overlap, which determines the roll least
     assert np.degrees(np.abs(alone - all_ties)).max() < 0.06
 
 
@@ -156,26 +156,26 @@ def turn_between(stop, ref):
     return pointing[stop.ids[1]] - pointing[stop.ids[0]]
 
 
-def test_a_veto_at_a_point_takes_out_that_tie(stop):
+def test_a_veto_at_a_point_removes_that_tie(stop):
     (click,) = stop.clicks(1)
     one, sample, line, other, _, _ = click.split(",")
-    wishes = stop.wishes(f"veto,{one},{sample},{line},{other},,\n")
-    product = read_network(stop.network(wishes), stop.store)
+    edits = stop.edits(f"veto,{one},{sample},{line},{other},,\n")
+    product = read_network(stop.network(edits), stop.store)
     assert product.manual_tie_notes == ("manual ties: 0 added, 0 moved, 1 vetoed",)
 
 
-def test_what_concerns_other_images_remakes_nothing(stop):
+def test_edits_of_other_images_remake_nothing(stop):
     before = stop.network()
-    assert stop.network(stop.wishes("veto,2N999,,,2N998,,\n")) == before
-    assert stop.network(stop.wishes("")) == before
+    assert stop.network(stop.edits("veto,2N999,,,2N998,,\n")) == before
+    assert stop.network(stop.edits("")) == before
 
 
-def test_where_a_wish_stands_in_its_file_changes_nothing(stop):
+def test_the_row_of_an_edit_in_its_file_changes_nothing(stop):
     veto = f"veto,{stop.ids[0]},,,{stop.ids[1]},,\n"
-    assert stop.network(stop.wishes(veto)) == stop.network(stop.wishes(f"\n\n{veto}"))
+    assert stop.network(stop.edits(veto)) == stop.network(stop.edits(f"\n\n{veto}"))
 
 
-def test_a_broken_file_is_one_line_and_stops_nothing_else(stop, tmp_path):
+def test_a_broken_file_is_one_line_and_the_rest_continues(stop, tmp_path):
     downlink = tmp_path / "downlink"
     downlink.mkdir()
     image = next(stop.downlink.glob("*.img"))
@@ -191,7 +191,7 @@ def test_a_broken_file_is_one_line_and_stops_nothing_else(stop, tmp_path):
     assert workspace.catalogue.pointers(ProductKind.MANUAL_TIES) == []
 
 
-def test_the_command_takes_a_file_and_says_what_it_holds(stop, tmp_path):
+def test_the_command_takes_a_file_and_reports_its_rows(stop, tmp_path):
     file = tmp_path / "from the editor.geojson"
     file.write_text(
         '{"type": "FeatureCollection", "features": [{"type": "Feature", "geometry": null, '

@@ -55,7 +55,7 @@ def test_requests_are_counted_by_route_and_not_by_address(server):
     assert "passwd" not in str(found)
 
 
-def test_tiles_are_timed_and_what_was_ready_is_counted(server):
+def test_tiles_are_timed_and_cache_hits_counted(server):
     address, root = server
     layers = Catalogue.open(root).layers("MER2")
     (dtm,) = [layer for layer in layers if str(layer.ref.kind) == "dtm"]
@@ -70,7 +70,7 @@ def test_tiles_are_timed_and_what_was_ready_is_counted(server):
     assert value(found, "solmap_open_rasters") >= 1
 
 
-def test_what_the_store_holds_and_how_runs_went_is_told(server):
+def test_metrics_give_the_content_of_the_store_and_the_outcome_of_runs(server):
     address, root = server
     found, catalogue = figures(address), Catalogue.open(root)
     images = catalogue.images("MER2")

@@ -55,7 +55,7 @@ def spirit(shared_data, tmp_path_factory):
     return workspace, ties, adjust_network.fn(step, NetworkParams(), workspace.store)
 
 
-def test_their_ties_are_kept_with_the_geometry_of_both(spirit):
+def test_mono_ties_are_kept_with_the_geometry_of_both_images(spirit):
     workspace, ref, _ = spirit
     kept = read_singles(ref, workspace.store)
     assert [body.pair_id[-23:-16] for body in kept.bodies] == ["2280938", "2280989"]
@@ -65,22 +65,22 @@ def test_their_ties_are_kept_with_the_geometry_of_both(spirit):
     assert "2 images of mer2-site0137-drive0000 without a stereo pair are tied" in note
 
 
-def test_a_picture_shows_their_ties(spirit):
+def test_a_figure_shows_mono_ties(spirit):
     workspace, ref, _ = spirit
     recipe = Recipe(ProductKind.QUICKLOOK, ref.scope, (ref,))
-    picture = cv2.imread(str(workspace.store.path(recipe.ref)))
-    green = (picture[:, :, 1] > 200) & (picture[:, :, 0] < 120)
+    png = cv2.imread(str(workspace.store.path(recipe.ref)))
+    green = (png[:, :, 1] > 200) & (png[:, :, 0] < 120)
     assert green.sum() > 1000
 
 
-def test_their_pointing_is_adjusted(spirit):
+def test_the_pointing_of_single_frames_is_adjusted(spirit):
     workspace, _, network = spirit
     one, other = read_network(network, workspace.store).adjusted.pairs
     apart = np.degrees(np.linalg.norm(other.pointing - one.pointing))
     assert apart == pytest.approx(0.18, abs=0.02)  # data README: about 0.18 degrees
 
 
-def test_their_outlines_are_drawn_where_they_really_looked(spirit):
+def test_outlines_of_single_frames_follow_the_adjusted_pointing(spirit):
     workspace, _, network = spirit
     adjusted = {p.pair_id: p for p in read_network(network, workspace.store).adjusted.pairs}
     for entry in workspace.catalogue.images():

@@ -45,12 +45,12 @@ class Site:
 
     files: dict[str, bytes] = field(default_factory=dict)
     lists: dict[str, tuple[str, list[dict]]] = field(default_factory=dict)
-    asked: list[str] = field(default_factory=list)
+    requested: list[str] = field(default_factory=list)
     url: str = ""
 
     def answer(self, address: str) -> bytes:
         """What the archive answers to a wrong address is a page, with the status of a right one."""
-        self.asked.append(address)
+        self.requested.append(address)
         parts = urlsplit(address)
         if parts.path not in self.lists:
             return self.files.get(parts.path, SORRY)
@@ -159,7 +159,7 @@ def index_of_curiosity(rows: list[tuple[str, ...]]) -> tuple[bytes, bytes]:
     return label.encode(), "".join(f"{line}\r\n" for line in lines).encode()
 
 
-def test_pairs_of_curiosity_come_from_the_volume_s_index(site, fetch, images, tmp_path):
+def test_pairs_of_curiosity_are_found_in_the_volume_s_index(site, fetch, images, tmp_path):
     sol, rows, files = images[0][1].image.sol, [], {}
     for data, read in images:
         name = name_of(read, "MSL")
@@ -187,8 +187,10 @@ def test_pairs_of_curiosity_come_from_the_volume_s_index(site, fetch, images, tm
     assert [entry.partner is not None for entry in entries] == [True] * 4
 
 
-def test_pairs_of_perseverance_come_from_the_collection_s_inventory(site, fetch, images, tmp_path):
-    """Each tile is a product; documents and thumbnails stand in the inventory, too."""
+def test_pairs_of_perseverance_are_found_in_the_collection_s_inventory(
+    site, fetch, images, tmp_path
+):
+    """Each tile is a product; documents and thumbnails are in the inventory, too."""
     sol, files = images[0][1].image.sol, {}
     lines = ["P,urn:nasa:pds:mars2020_navcam_ops_raw:document:sis::1.0"]
     collection = "urn:nasa:pds:mars2020_navcam_ops_raw:data:"
@@ -216,16 +218,16 @@ def test_pairs_of_perseverance_come_from_the_collection_s_inventory(site, fetch,
 
 
 @pytest.mark.parametrize("mission", ["MSL", "M20"])
-def test_public_raw_images_come_with_what_places_them(site, fetch, images, tmp_path, mission):
+def test_public_raw_images_are_fetched_with_their_metadata(site, fetch, images, tmp_path, mission):
     key, address = LISTS[mission]
-    sol, items, pictures = images[0][1].image.sol, [], {}
+    sol, items, bitmaps = images[0][1].image.sol, [], {}
     for number, (_, read) in enumerate(images):
-        name, picture, item = raw_image(read, mission)
+        name, image, item = raw_image(read, mission)
         url = f"{site.url}/surface/sol/{sol:05d}/{name}"
         place = {"https_url": url} if mission == "MSL" else {"image_files": {"full_res": url}}
-        site.files[f"/surface/sol/{sol:05d}/{name}"] = picture
+        site.files[f"/surface/sol/{sol:05d}/{name}"] = image
         items.append({**item, **place})
-        pictures[name] = picture
+        bitmaps[name] = image
         small = {"is_thumbnail": True} if mission == "MSL" else {"sample_type": "Thumbnail"}
         items.append({**item, **place, **small, "imageid": f"{item['imageid']}{number}"})
     bare = {**items[0], "attitude": None, "imageid": "WITHOUT_ATTITUDE"}
@@ -244,17 +246,17 @@ def test_public_raw_images_come_with_what_places_them(site, fetch, images, tmp_p
     assert "no attitude of the rover" in warning
     here = tmp_path / "out" / f"sol{sol:04d}"
     assert {path.name: path.read_bytes() for path in here.iterdir() if path.suffix != ".json"} == (
-        pictures
+        bitmaps
     )
     entries = ingested(here, tmp_path / "store").catalogue.images(mission)
     assert len(entries) == 4
     assert all(entry.partner for entry in entries)
-    site.asked.clear()
+    site.requested.clear()
     assert fetch(mission, sol, tables, raw=True).already_here == 4
-    assert {urlsplit(asked).path for asked in site.asked} == {address}
+    assert {urlsplit(requested).path for requested in site.requested} == {address}
 
 
-def test_a_rover_without_public_list_says_so(fetch, site):
+def test_a_rover_without_a_public_list_is_refused(fetch, site):
     from solmap.config.records import ConfigError  # noqa: PLC0415
 
     tables = f'base_urls = ["{site.url}"]\nvolumes = {{}}\n'
@@ -279,13 +281,13 @@ def deliver(form: str, data: bytes, read: ReadImage, folder: Path) -> None:
             (folder / f"{name}.xml").write_bytes(label)
             (folder / f"{name}.IMG").write_bytes(pixels)
         case _:
-            name, picture, item = raw_image(read, mission)
-            (folder / name).write_bytes(picture)
+            name, image, item = raw_image(read, mission)
+            (folder / name).write_bytes(image)
             (folder / Path(name).with_suffix(".json").name).write_text(json.dumps(item))
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_every_form_of_an_image_is_the_same_image(form, images, tmp_path):
+def test_every_form_of_an_image_is_read_as_the_same_image(form, images, tmp_path):
     (data, left), (_, right) = images[0], images[1]
     for data, read in images[:2]:
         deliver(form, data, read, tmp_path)
@@ -308,7 +310,7 @@ def test_every_form_of_an_image_is_the_same_image(form, images, tmp_path):
         )
 
 
-def test_images_that_an_old_store_holds_under_m2020_move_when_delivered_again(images, tmp_path):
+def test_images_stored_under_m2020_move_when_delivered_again(images, tmp_path):
     downlink = tmp_path / "downlink"
     downlink.mkdir()
     for data, read in images[:2]:
@@ -327,8 +329,8 @@ def test_images_that_an_old_store_holds_under_m2020_move_when_delivered_again(im
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("engine")
-def test_every_form_leads_to_the_same_terrain_model(images, tmp_path):
-    """Through the whole pipeline: PDS3, PDS4, and eight-bit pictures with their JSON."""
+def test_every_form_gives_the_same_terrain_model(images, tmp_path):
+    """Through the whole pipeline: PDS3, PDS4, and eight-bit images with their JSON."""
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
     models = {}

@@ -29,7 +29,7 @@ def traverse(tmp_path_factory):
     return Workspace.open(root), standings
 
 
-def test_documents_of_sols_hold_the_stops_that_they_touched(traverse):
+def test_documents_of_sols_hold_the_stops_they_changed(traverse):
     workspace, standings = traverse
     touched = [read_network(one.network, workspace.store).telemetry for one in standings]
     assert max(map(len, touched)) < STOPS
@@ -37,12 +37,12 @@ def test_documents_of_sols_hold_the_stops_that_they_touched(traverse):
         mapped = json.loads(workspace.store.path(standing.orientations).read_text())
         assert {row["stop"] for row in mapped["mapped"]} == set(map(str, stops))
         assert len(mapped["holders"]) == sol - len(stops)
-        told = workspace.store.provenance(standing.network)["recipe"]["params"]
-        named = [row for row in json.dumps(told).split('"') if row.startswith("mer2-site")]
+        reported = workspace.store.provenance(standing.network)["recipe"]["params"]
+        named = [row for row in json.dumps(reported).split('"') if row.startswith("mer2-site")]
         assert set(named) == set(map(str, stops))
 
 
-def test_the_whole_has_every_stop_with_its_pairs_and_links(traverse):
+def test_the_assembled_network_has_every_stop_with_its_pairs_and_links(traverse):
     workspace, standings = traverse
     ref = standings[-1].network
     part, whole = read_network(ref, workspace.store), whole_network(ref, workspace.store)
@@ -55,7 +55,7 @@ def test_the_whole_has_every_stop_with_its_pairs_and_links(traverse):
     assert not whole.references
 
 
-def test_a_stop_that_was_left_is_as_its_last_sol_left_it(traverse):
+def test_a_marginalised_stop_is_as_in_its_last_sol(traverse):
     workspace, standings = traverse
     whole = whole_network(standings[-1].network, workspace.store).adjusted
     gone = {stop.stop for stop in whole.stops} - set(
@@ -67,7 +67,7 @@ def test_a_stop_that_was_left_is_as_its_last_sol_left_it(traverse):
         np.testing.assert_array_equal(last.covariance, whole.stop(stop).covariance)
 
 
-def test_pruning_keeps_what_the_latest_network_is_put_together_from(traverse):
+def test_pruning_keeps_the_parts_of_the_latest_network(traverse):
     workspace, standings = traverse
     ref = standings[-1].network
     before = whole_network(ref, workspace.store)

@@ -1,4 +1,4 @@
-"""The notebooks of the documentation run, in the time that they state, and say what they should."""
+"""The notebooks of the documentation run in their stated time, and have the expected results."""
 
 import json
 from pathlib import Path
@@ -24,13 +24,13 @@ def run(name, monkeypatch):
     return namespace
 
 
-def test_one_pair_becomes_a_terrain_model(monkeypatch, capsys):
+def test_a_notebook_turns_one_pair_into_a_terrain_model(monkeypatch, capsys):
     made = run("pair_to_dtm.ipynb", monkeypatch)
     assert np.median(abs(made["left_over"])) < 0.02
     assert "interest points" in capsys.readouterr().out
 
 
-def test_stated_uncertainty_is_true(monkeypatch, capsys):
+def test_a_notebook_shows_that_stated_uncertainty_is_true(monkeypatch, capsys):
     made = run("uncertainty.ipynb", monkeypatch)
     inside, error, sigma = made["within"], made["error"], made["dtm"].sigma_m
     assert (abs(error) <= 2 * sigma)[inside].mean() > 0.9
@@ -39,7 +39,7 @@ def test_stated_uncertainty_is_true(monkeypatch, capsys):
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_a_traverse_becomes_a_map(monkeypatch):
+def test_a_notebook_turns_a_traverse_into_a_map(monkeypatch):
     made = run("traverse_to_map.ipynb", monkeypatch)
     assert np.linalg.norm(made["error"][1]) < 0.05 < np.linalg.norm(made["error_before"][1])
     assert np.nanmedian(abs(made["height_error"])) < 0.02

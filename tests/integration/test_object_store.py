@@ -28,6 +28,7 @@ from solmap.products.store.backends import ObjectStorage
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.mission.publish import update_stac
 from tests.support.bowl_store import GRID, REGION, fill
+from tests.support.decoded_answers import unpacked
 from tests.support.object_store import (
     NoObjectStoreError,
     ObjectStore,
@@ -38,7 +39,6 @@ from tests.support.object_store import (
     running_object_store,
     wire_to,
 )
-from tests.support.pictures import unpacked
 from tests.support.small_downlink import write_coarse_pipeline, write_small_downlink
 from tests.support.tile_at import tile_at
 
@@ -145,7 +145,7 @@ def files_below(folder: Path) -> list[Path]:
     return [path for path in folder.rglob("*") if path.is_file()]
 
 
-def test_the_same_products_byte_for_byte_and_none_in_the_folder(worlds):
+def test_products_in_an_object_store_are_byte_for_byte_the_same(worlds):
     here, there = worlds.here.store, worlds.there.store
     refs = list(here.refs())
     assert len(refs) > 20
@@ -179,16 +179,16 @@ def questions(layers: list[Layer]) -> Iterator[str]:
     yield "/api/missions/MER2/tileset.json"
 
 
-def test_the_server_answers_the_same_out_of_the_object_store(worlds):
+def test_the_server_gives_the_same_answers_from_the_object_store(worlds):
     here, there = worlds.clients()
     forget_copies(worlds.there.store.root)
     layers = worlds.here.catalogue.layers("MER2")
-    asked = list(questions(layers))
-    for address in asked:
+    requested = list(questions(layers))
+    for address in requested:
         one, other = here.get(address), there.get(address)
         assert one.status_code == other.status_code == 200, address
         assert unpacked(one.content) == unpacked(other.content), address
-    assert len(asked) > 30
+    assert len(requested) > 30
 
 
 def test_tiles_are_read_in_place_by_a_few_requests(worlds, objects):
@@ -207,7 +207,7 @@ def test_tiles_are_read_in_place_by_a_few_requests(worlds, objects):
 @pytest.mark.parametrize(
     "range_", ["bytes=0-99", "bytes=100-", "bytes=-50", "bytes=0-", "bytes=5-1,7-9", "lines=1-2"]
 )
-def test_parts_of_a_download_are_those_of_the_file(worlds, range_):
+def test_a_range_of_a_download_equals_that_part_of_the_file(worlds, range_):
     here, there = worlds.clients()
     dtm = next(x for x in worlds.there.catalogue.layers("MER2") if x.ref.kind is ProductKind.DTM)
     address = f"/download/{dtm.ref.scope.name}/{dtm.ref.kind}/{dtm.ref.digest}"
@@ -224,13 +224,13 @@ def test_parts_of_a_download_are_those_of_the_file(worlds, range_):
 
 
 @pytest.mark.parametrize("inside", ["..%2f..%2fcatalogue.sqlite", "../catalogue.sqlite", "%2e%2e"])
-def test_no_path_of_an_address_reaches_folder_or_bucket(worlds, inside):
+def test_no_url_reaches_outside_the_products(worlds, inside):
     _, there = worlds.clients()
     for address in ("/download/mer2/dtm/{}", "/stac/{}/collection.json", "/stac/mer2/{}.json"):
         assert there.get(address.format(inside)).status_code in (404, 422)
 
 
-def test_versions_and_removal(url, tmp_path):
+def test_versions_and_removal_in_an_object_store(url, tmp_path):
     store = ProductStore.open(tmp_path, ObjectStorage(url))
     made = [store.make(image(n), writing(b"label")) for n in range(3)]
     assert set(store.versions(ProductKind.IMAGE, IMAGE)) == set(made)
@@ -243,14 +243,14 @@ def test_versions_and_removal(url, tmp_path):
         store.provenance(made[0])
 
 
-def test_a_store_that_another_process_is_handed_works_there(url, tmp_path):
+def test_a_store_passed_to_another_process_works_there(url, tmp_path):
     store = ProductStore.open(tmp_path, ObjectStorage(url))
     ref = store.make(image(1), writing(b"label"))
     handed = pickle.loads(pickle.dumps(store))  # noqa: S301 - our own
     assert handed.path(ref).read_bytes() == b"label"
 
 
-def test_where_the_products_lie_is_remembered_and_not_mistaken(url, tmp_path):
+def test_the_location_of_products_is_remembered_and_not_mistaken(url, tmp_path):
     ref = ProductStore.open(tmp_path, ObjectStorage(url)).make(image(1), writing(b"label"))
     assert ProductStore.open(tmp_path).has(ref)
     with pytest.raises(ProductError, match=f"are at {url}, not at s3://other/maps"):
@@ -261,12 +261,12 @@ def test_where_the_products_lie_is_remembered_and_not_mistaken(url, tmp_path):
         ProductStore.open(local, ObjectStorage(url))
 
 
-def test_two_makers_of_one_product_keep_one(url, tmp_path):
+def test_two_concurrent_makers_of_one_product_keep_one(url, tmp_path):
     stores = [ProductStore.open(tmp_path / str(n), ObjectStorage(url)) for n in range(4)]
     together, made = threading.Barrier(len(stores)), []
 
     def write(path: Path) -> None:
-        together.wait(timeout=30)  # nobody has sent anything yet
+        together.wait(timeout=30)  # nothing was sent yet
         path.write_bytes(b"label" * 1000)
 
     makers = [
@@ -324,20 +324,20 @@ def kill_makers(url: str, root: Path, kills: int) -> tuple[int, int]:
     return sum(is_whole(store, number) for number in range(4 * kills)), killed
 
 
-def test_a_maker_killed_while_it_sends_leaves_nothing_half(url, tmp_path):
+def test_a_maker_killed_while_uploading_leaves_no_partial_product(url, tmp_path):
     whole, killed = kill_makers(url, tmp_path, 3)
     assert (whole, killed > 0) == (12, True)
 
 
 @pytest.mark.slow
-def test_makers_killed_often_leave_nothing_half(url, tmp_path):
+def test_makers_killed_often_leave_no_partial_product(url, tmp_path):
     whole, killed = kill_makers(url, tmp_path, 20)
     assert whole == 80
     assert killed > 10
     sys.stdout.write(f"{killed} makers killed, {whole} products whole\n")
 
 
-def test_a_way_cut_while_a_large_product_is_sent_shows_nothing_of_it(url, wire, tmp_path):
+def test_a_connection_cut_during_an_upload_leaves_no_visible_product(url, wire, tmp_path):
     store = ProductStore.open(tmp_path, ObjectStorage(url))
     wire.cut_after = LARGE // 2
     with pytest.raises(StoreAwayError, match=r"object store s3://.* does not respond"):
@@ -350,7 +350,7 @@ def test_a_way_cut_while_a_large_product_is_sent_shows_nothing_of_it(url, wire, 
     assert store.path(image(1).ref).stat().st_size == LARGE
 
 
-def test_a_slow_way_is_waited_for(url, wire, tmp_path):
+def test_a_slow_connection_is_waited_for(url, wire, tmp_path):
     store = ProductStore.open(tmp_path, ObjectStorage(url))
     wire.pause_s = 0.5
     ref = store.make(image(1), writing(b"label"))
@@ -358,46 +358,48 @@ def test_a_slow_way_is_waited_for(url, wire, tmp_path):
     assert store.path(ref).read_bytes() == b"label"
 
 
-def test_the_server_says_that_the_store_is_away_and_goes_on_when_it_is_back(worlds, wire):
+def test_the_server_reports_an_unreachable_store_and_recovers(worlds, wire):
     object_storage = worlds.there.store.object_storage
     client = TestClient(create_app(worlds.there.store.root, object_storage=replace(object_storage)))
     forget_copies(worlds.there.store.root)
     layers = worlds.here.catalogue.layers("MER2")
-    asked = [address for address in questions(layers) if address.startswith(("/tiles", "/down"))]
+    requested = [
+        address for address in questions(layers) if address.startswith(("/tiles", "/down"))
+    ]
     wire.cut()
-    for address in (*asked[:2], next(x for x in asked if x.startswith("/tiles"))):
+    for address in (*requested[:2], next(x for x in requested if x.startswith("/tiles"))):
         answer = client.get(address)
         assert answer.status_code == 503, (address, answer.text)
         assert "does not respond" in answer.json()["detail"]
     wire.mend()
-    assert {client.get(address).status_code for address in asked} == {200}
+    assert {client.get(address).status_code for address in requested} == {200}
 
 
-def test_an_object_store_that_is_away_is_named(url, wire, tmp_path):
+def test_an_unreachable_object_store_is_named(url, wire, tmp_path):
     wire.cut()
     with pytest.raises(StoreAwayError, match=r"127.0.0.1:\d+ does not respond.*AWS_ENDPOINT_URL"):
         ProductStore.open(tmp_path, ObjectStorage(url))
 
 
 @pytest.mark.usefixtures("objects")
-def test_a_bucket_that_is_missing_is_named(tmp_path):
+def test_a_missing_bucket_is_named(tmp_path):
     with pytest.raises(
         ProductError, match=r"there is no bucket nowhere at http.*; make it, or set"
     ):
         ProductStore.open(tmp_path, ObjectStorage("s3://nowhere/maps"))
 
 
-def test_keys_that_do_not_open_the_bucket_are_named(url, objects, tmp_path):
-    objects.ask("POST", "moto-api/reset-auth", b"0")
+def test_keys_refused_by_the_bucket_are_named(url, objects, tmp_path):
+    objects.request("POST", "moto-api/reset-auth", b"0")
     try:
         with pytest.raises(ProductError, match=r"does not give access to s3://.*AWS_ACCESS_KEY_ID"):
             ProductStore.open(tmp_path, ObjectStorage(url))
     finally:
-        objects.ask("POST", "moto-api/reset-auth", b"inf")
+        objects.request("POST", "moto-api/reset-auth", b"inf")
 
 
 @pytest.mark.parametrize("wrong", ["http://a/b", "s3:///prefix", "bucket/prefix", "gs://a/b"])
-def test_an_address_that_is_none_of_an_object_store_is_refused(wrong, tmp_path):
+def test_an_invalid_object_store_url_is_refused(wrong, tmp_path):
     with pytest.raises(ProductError, match="set SOLMAP_STORE_URL=s3://bucket/prefix"):
         ProductStore.open(tmp_path, ObjectStorage(wrong))
 

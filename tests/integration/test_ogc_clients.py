@@ -51,19 +51,19 @@ def test_gdal_lists_the_collections_as_layers(server):
     listed = pyogrio.list_layers(f"OAPIF:{server}/ogc/MER2")
     names = set(listed[:, 0])
     assert {"traverse-adjusted", "stops", "images", "footprints", "tie-points", "contours"} <= names
-    assert not {name for name in names if "." in name}  # rasters are no layers of features
+    assert not {name for name in names if "." in name}  # rasters are not layers of features
 
 
-def debians(tool: str, *asked: str) -> str:
-    """What a program of the machine's own GDAL says; it must meet no error."""
+def debians(tool: str, *requested: str) -> str:
+    """Output of a program of the machine's own GDAL; it must report no error."""
     program = shutil.which(tool)
     if program is None:
         pytest.skip(f"{tool} of GDAL is not installed")
-    told = subprocess.run(
-        [program, *asked], capture_output=True, text=True, timeout=180, check=True
+    reported = subprocess.run(
+        [program, *requested], capture_output=True, text=True, timeout=180, check=True
     )
-    assert "ERROR" not in told.stderr + told.stdout
-    return told.stdout
+    assert "ERROR" not in reported.stderr + reported.stdout
+    return reported.stdout
 
 
 def listed_by_debians_gdal(source: str) -> list[tuple[str, str]]:
@@ -79,7 +79,7 @@ def test_debians_gdal_lists_the_collections_of_all_missions_from_the_entry(serve
     assert found == [(f"MER2:{name}", count) for name, count in own]
 
 
-def test_debians_gdal_lists_the_collections_and_counts_their_features(server):
+def test_the_system_gdal_lists_the_collections_and_counts_their_features(server):
     found = listed_by_debians_gdal(f"OAPIF:{server}/ogc/MER2")
     collections = httpx.get(f"{server}/ogc/MER2/collections").json()["collections"]
     items = f"{server}/ogc/MER2/collections/{{}}/items?limit=1"
@@ -88,9 +88,7 @@ def test_debians_gdal_lists_the_collections_and_counts_their_features(server):
     assert [(name, int(count)) for name, count in found] == list(zip(names, counts, strict=True))
 
 
-def test_debians_gdal_places_features_on_mars_when_told_the_reference_system(
-    server, root, tmp_path
-):
+def test_the_system_gdal_places_features_on_mars_given_the_reference_system(server, root, tmp_path):
     file = tmp_path / "ties.gpkg"
     source = f"OAPIF:{server}/ogc/MER2"
     debians("ogr2ogr", "-a_srs", "IAU_2015:49900", str(file), source, "tie-points")
@@ -101,7 +99,7 @@ def test_debians_gdal_places_features_on_mars_when_told_the_reference_system(
     np.testing.assert_allclose(found, places_of(root, "tie-points"), atol=2e-4)
 
 
-def test_gdal_reads_every_page_and_every_feature_falls_on_its_place_on_mars(server, root):
+def test_gdal_reads_every_page_and_places_every_feature_on_mars(server, root):
     frame = pyogrio.read_dataframe(f"OAPIF:{server}/ogc/MER2", layer="tie-points")
     assert CRS(frame.crs).equals(CRS(MARS), ignore_axis_order=True)
     assert len(frame) == 2500
@@ -111,7 +109,7 @@ def test_gdal_reads_every_page_and_every_feature_falls_on_its_place_on_mars(serv
     np.testing.assert_allclose(found, places_of(root, "tie-points"), atol=2e-4)
 
 
-def test_gdal_asks_for_a_box_and_gets_what_lies_in_it(server, root):
+def test_gdal_requests_a_box_and_gets_its_features(server, root):
     places = places_of(root, "tie-points")
     centre = places.mean(axis=0)
     local = local_crs(LANDING)
@@ -137,7 +135,7 @@ def test_owslib_reads_collections_and_items(server):
     assert client.collection_queryables("stops")["properties"]["stop"]["type"] == "string"
 
 
-def test_pystac_walks_from_the_catalogue_to_files_that_gdal_opens(server):
+def test_pystac_follows_links_to_files_that_gdal_opens(server):
     catalogue = pystac.Catalog.from_file(f"{server}/stac/catalog.json")
     (mission,) = catalogue.get_children()
     assert mission.id == "MER2"

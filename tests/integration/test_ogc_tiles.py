@@ -1,4 +1,4 @@
-"""OGC API Tiles and WMTS as others meet them: GDAL, OWSLib and OpenLayers ask a live server."""
+"""OGC API Tiles and WMTS as clients use them: GDAL, OWSLib and OpenLayers query a live server."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def server(world: SmallWorld) -> Iterator[str]:
 
 @pytest.fixture(autouse=True)
 def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """GDAL keeps what it asked a WMTS for in the folder it runs in."""
+    """GDAL caches answers of a WMTS in the folder it runs in."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -83,8 +83,8 @@ def refusal(address: str) -> tuple[int, str]:
 
 
 def pixels(body: bytes) -> np.ndarray:
-    picture = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
-    return picture[:, :, [2, 1, 0, 3]]
+    image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
+    return image[:, :, [2, 1, 0, 3]]
 
 
 def expected_grey() -> np.ndarray:
@@ -93,7 +93,7 @@ def expected_grey() -> np.ndarray:
 
 
 @pytest.mark.parametrize("zoom_out", [0, 1])
-def test_gdal_opens_the_wmts_and_finds_the_orthophoto_in_its_place(server, zoom_out):
+def test_gdal_opens_the_wmts_and_finds_the_orthophoto_at_its_coordinates(server, zoom_out):
     capabilities = f"{server}/ogc/MER2/wmts/1.0.0/WMTSCapabilities.xml"
     name = f"WMTS:{capabilities},layer={ORTHOPHOTO}"
     with rasterio.open(name) as dataset:
@@ -115,7 +115,7 @@ def _parameters(crs: ProjCrs) -> dict[str, float]:
     return {one.name: one.value for one in crs.coordinate_operation.params}
 
 
-def test_gdal_takes_the_proj_string_for_the_local_crs(server):
+def test_gdal_accepts_the_proj_string_for_the_local_crs(server):
     capabilities = f"{server}/ogc/MER2/wmts?service=WMTS&request=GetCapabilities"
     with rasterio.open(f"WMTS:{capabilities},layer={ORTHOPHOTO}") as dataset:
         found = ProjCrs.from_wkt(dataset.crs.to_wkt())
@@ -191,7 +191,7 @@ source.on("change", () => {
 @pytest.mark.skipif(shutil.which("node") is None, reason="OpenLayers runs in Node")
 @pytest.mark.skipif(not OPENLAYERS.is_dir(), reason="the viewer's packages are not installed")
 @pytest.mark.parametrize("style", ["map/tiles", "styles/slope/map/tiles"])
-def test_openlayers_takes_the_tileset_and_asks_for_the_tile_of_a_place(ogc, style):
+def test_openlayers_reads_the_tileset_and_requests_the_tile_of_a_place(ogc, style):
     script = OPENLAYERS.parent / ".ogc-map-tile.mjs"  # where imports find the package
     script.write_text(OPENLAYERS_SCRIPT)
     address = f"{ogc}/collections/{STOP.name}.dtm/{style}/{TMS}"
@@ -206,15 +206,15 @@ def test_openlayers_takes_the_tileset_and_asks_for_the_tile_of_a_place(ogc, styl
     finally:
         script.unlink()
     assert found.returncode == 0, found.stderr
-    told = json.loads(found.stdout)
-    assert told["resolution"] == CELL_M
-    assert told["at"] == [OWN_ZOOM, INSIDE.column, INSIDE.row]
-    shown = pixels(read(told["url"]))
+    reported = json.loads(found.stdout)
+    assert reported["resolution"] == CELL_M
+    assert reported["at"] == [OWN_ZOOM, INSIDE.column, INSIDE.row]
+    shown = pixels(read(reported["url"]))
     assert shown.shape == (256, 256, 4)
     assert shown[..., 3].any()
 
 
-def test_tilesets_are_found_by_following_links_from_the_landing_page(ogc):
+def test_tilesets_are_found_by_links_from_the_landing_page(ogc):
     landing = document(ogc)
     rels = {one["rel"]: one["href"] for one in landing["links"]}
     scheme = "http://www.opengis.net/def/rel/ogc/1.0/tiling-schemes"
@@ -245,7 +245,7 @@ def test_tilesets_are_found_by_following_links_from_the_landing_page(ogc):
     assert "http://www.opengis.net/spec/ogcapi-tiles-1/1.0/conf/core" in classes
 
 
-def test_limits_hold_all_ground_and_not_a_row_or_column_more(ogc):
+def test_tile_limits_cover_all_ground_and_no_extra_row_or_column(ogc):
     described = document(f"{ogc}/collections/{ORTHOPHOTO}/map/tiles/{TMS}")
     assert [one["tileMatrix"] for one in described["tileMatrixSetLimits"]] == [
         str(zoom) for zoom in range(OWN_ZOOM + 1)
@@ -258,7 +258,7 @@ def test_limits_hold_all_ground_and_not_a_row_or_column_more(ogc):
     assert (south_east[2], south_east[1]) == (east, south)
 
 
-def test_the_latest_tile_is_asked_again_and_not_sent_again(ogc):
+def test_the_latest_tile_is_revalidated_and_not_sent_again(ogc):
     address = (
         f"{ogc}/collections/{STOP.name}.dtm/map/tiles/{TMS}/{OWN_ZOOM}/{INSIDE.row}/{INSIDE.column}"
     )
@@ -284,7 +284,7 @@ def test_unseen_ground_is_transparent_for_every_client(ogc):
 
 
 @pytest.mark.parametrize(
-    ("path", "status", "says"),
+    ("path", "status", "content"),
     [
         ("collections/{map}/map/tiles/WebMercatorQuad/3/1/1", 404, "no tile matrix set WebMerc"),
         ("collections/nowhere.dtm/map/tiles/{tms}/3/1/1", 404, "no dtm of nowhere"),
@@ -297,10 +297,10 @@ def test_unseen_ground_is_transparent_for_every_client(ogc):
         ("collections/{map}/map/tiles/{tms}/3/1/1?low=nan", 422, "low"),
     ],
 )
-def test_what_is_not_there_is_refused_with_the_reason(ogc, path, status, says):
+def test_unknown_resources_are_refused_with_the_reason(ogc, path, status, content):
     code, text = refusal(f"{ogc}/{path.format(map=ORTHOPHOTO, tms=TMS)}")
     assert code == status
-    assert says in text
+    assert content in text
 
 
 GET_TILE = {
@@ -315,7 +315,7 @@ GET_TILE = {
 
 
 @pytest.mark.parametrize(
-    ("changed", "code", "says"),
+    ("changed", "code", "content"),
     [
         ({"request": "GetMap"}, "OperationNotSupported", "request=GetMap is neither"),
         ({"layer": ""}, "MissingParameterValue", "GetTile needs layer"),
@@ -327,12 +327,12 @@ GET_TILE = {
         ({"format": "image/jpeg"}, "InvalidParameterValue", "format=image/jpeg is not"),
     ],
 )
-def test_a_wrong_request_of_wmts_is_answered_with_an_exception_report(ogc, changed, code, says):
+def test_an_invalid_wmts_request_gets_an_exception_report(ogc, changed, code, content):
     query = urllib.parse.urlencode({**GET_TILE, **changed})
     status, text = refusal(f"{ogc}/wmts?{query}")
     assert status == 400
     assert f'exceptionCode="{code}"' in text
-    assert says in text
+    assert content in text
 
 
 def test_parameters_of_wmts_may_be_written_in_any_case(ogc):

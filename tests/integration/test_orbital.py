@@ -88,7 +88,7 @@ def added(image, workspace, *options):
     return CliRunner().invoke(app, command)
 
 
-def test_an_image_in_another_crs_is_registered_and_drawn_where_it_truly_lies(hills, image, store):
+def test_an_image_in_another_crs_is_registered_and_drawn_at_its_true_place(hills, image, store):
     ran = added(image, store)
     assert ran.exit_code == 0, ran.output
     assert "moved by" in ran.output
@@ -105,7 +105,7 @@ def test_an_image_in_another_crs_is_registered_and_drawn_where_it_truly_lies(hil
     assert np.isfinite(drawn[middle]).all()
 
 
-def test_an_image_that_tells_nothing_lies_where_it_claims_to_and_says_so(
+def test_an_image_that_cannot_be_registered_keeps_its_georeference_and_states_it(
     hills, tmp_path, store, rng
 ):
     plain = tmp_path / "noise.tif"
@@ -115,14 +115,14 @@ def test_an_image_that_tells_nothing_lies_where_it_claims_to_and_says_so(
     assert "not registered" in ran.output
 
 
-def test_a_georeference_may_be_trusted(image, store):
+def test_the_georeference_may_be_trusted_without_registration(image, store):
     ran = added(image, store, "--as-claimed")
     assert ran.exit_code == 0, ran.output
     assert "where it claims to" in ran.output
     assert store.catalogue.pointers(ProductKind.ORBITAL_REGISTRATION) == []
 
 
-def test_images_of_elsewhere_and_no_images_end_with_one_line(hills, tmp_path, store):
+def test_images_of_other_ground_and_missing_images_end_with_one_line(hills, tmp_path, store):
     far = tmp_path / "far.tif"
     grid = hills.image.grid
     moved = type(grid)(grid.west + 50_000, grid.north, grid.cell_m, grid.rows, grid.cols)
@@ -161,7 +161,7 @@ def untied(store):
     return name
 
 
-def test_an_image_finds_a_map_that_is_not_tied_to_the_lander(hills, tmp_path, store):
+def test_an_image_locates_a_map_that_is_not_tied_to_the_lander(hills, tmp_path, store):
     """Where the image has the ground, 200 m off where it is looked for."""
     from solmap.flows.external_data import (  # noqa: PLC0415 - imports Prefect
         OrbitalOptions,
@@ -201,7 +201,7 @@ def test_an_image_finds_a_map_that_is_not_tied_to_the_lander(hills, tmp_path, st
         add_orbital(file, name, store.store.root)
 
 
-def test_a_store_without_maps_asks_for_them(image, tmp_path):
+def test_a_store_without_maps_is_refused(image, tmp_path):
     ran = added(image, Workspace.open(tmp_path / "empty"))
     assert ran.exit_code == 1
     assert "holds no mission yet; name one by --mission" in ran.output

@@ -50,7 +50,7 @@ def errors_of(path: Path) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_the_pair_of_k10_becomes_a_map_that_claims_no_planet(shared_data, tmp_path):
+def test_the_k10_pair_becomes_a_map_without_a_planet(shared_data, tmp_path):
     pair = shared_data / "analogue_k10_pair"
     if not pair.is_dir():
         pytest.skip("the pair of K10 is not among the shared data")
@@ -93,7 +93,7 @@ def test_the_pair_of_k10_becomes_a_map_that_claims_no_planet(shared_data, tmp_pa
 
 
 @pytest.mark.slow
-def test_twenty_pairs_of_a_field_rover_lie_on_the_true_ground(tmp_path):
+def test_twenty_pairs_of_a_field_rover_agree_with_the_true_ground(tmp_path):
     drive = drive_with_a_rig(tmp_path / "drive", 20, size=(1024, 768))
     _, workspace = run(drive.folder, tmp_path / "store")
     paths = models(workspace, "FIELD")

@@ -34,7 +34,7 @@ for number in range(25):
 """
 
 
-def test_two_processes_publish_at_once_and_nothing_is_lost(tmp_path, catalogue_url):
+def test_two_processes_publish_at_once_without_loss(tmp_path, catalogue_url):
     command = (sys.executable, "-c", WRITER, str(tmp_path), catalogue_url or "")
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     writers = [subprocess.Popen((*command, name), **pipes) for name in "ab"]
@@ -45,13 +45,13 @@ def test_two_processes_publish_at_once_and_nothing_is_lost(tmp_path, catalogue_u
         assert writer.returncode == 0
     catalogue = Catalogue.open(tmp_path, catalogue_url)
     assert len(catalogue.images()) == 51
-    told = catalogue.events_since(0)
-    moved = [event for event in told if event.kind == events.LAYERS_PUBLISHED]
+    reported = catalogue.events_since(0)
+    moved = [event for event in reported if event.kind == events.LAYERS_PUBLISHED]
     assert len(moved) == 50
-    assert [event.id for event in told] == list(range(1, len(told) + 1))
+    assert [event.id for event in reported] == list(range(1, len(reported) + 1))
 
 
-def test_who_reads_events_while_others_write_misses_none(tmp_path, catalogue_url):
+def test_a_reader_of_events_misses_none_during_writes(tmp_path, catalogue_url):
     catalogue = Catalogue.open(tmp_path, catalogue_url)
     seen, done = [], threading.Event()
 
@@ -81,7 +81,7 @@ def test_who_reads_events_while_others_write_misses_none(tmp_path, catalogue_url
     assert seen == [event.id for event in catalogue.events_since(0)]
 
 
-def test_an_event_written_first_is_committed_first(postgres, tmp_path):
+def test_events_are_committed_in_their_order(postgres, tmp_path):
     catalogue = Catalogue.open(tmp_path, postgres.database())
     late = threading.Thread(target=catalogue.append_event, args=("second", {}))
     with write_transaction(catalogue.engine) as connection:
@@ -93,7 +93,7 @@ def test_an_event_written_first_is_committed_first(postgres, tmp_path):
     assert [event.kind for event in catalogue.events_since(0)] == ["first", "second"]
 
 
-def test_readers_wait_for_no_writer_and_see_nothing_of_what_is_not_whole(tmp_path, catalogue_url):
+def test_readers_wait_for_no_writer_and_see_no_partial_state(tmp_path, catalogue_url):
     catalogue = Catalogue.open(tmp_path, catalogue_url)
     catalogue.publish(missions=[MISSION], layers=[a_layer()])
     with write_transaction(catalogue.engine) as connection:
@@ -102,25 +102,25 @@ def test_readers_wait_for_no_writer_and_see_nothing_of_what_is_not_whole(tmp_pat
     assert catalogue.layers() == []
 
 
-def test_images_ingested_anew_change_the_version_of_a_mission(tmp_path, catalogue_url):
+def test_changed_images_change_the_version_of_a_mission(tmp_path, catalogue_url):
     catalogue = Catalogue.open(tmp_path, catalogue_url)
     versions = [catalogue.images_version("MER2")]
     for images in ([an_image("1")], [an_image("1", sol=157)], [an_image("2")]):
         catalogue.publish(images=images)
         versions.append(catalogue.images_version("MER2"))
     assert len(set(versions)) == 4
-    catalogue.publish(images=[an_image("2")])  # says nothing new
+    catalogue.publish(images=[an_image("2")])  # changes nothing
     assert catalogue.images_version("MER2") == versions[-1]
 
 
-def test_names_are_sorted_by_their_bytes_in_both(tmp_path, catalogue_url):
+def test_names_sort_by_bytes_in_both_databases(tmp_path, catalogue_url):
     catalogue = Catalogue.open(tmp_path, catalogue_url)
     names = ["a_1", "B1", "a-2", "A3", "ä"]
     catalogue.publish(images=[an_image(name) for name in names])
     assert [image.id for image in catalogue.images()] == ["A3", "B1", "a-2", "a_1", "ä"]
 
 
-def test_pages_types_and_extent_of_layers_are_those_of_both(tmp_path, catalogue_url):
+def test_pages_types_and_extent_of_layers_agree_in_both_databases(tmp_path, catalogue_url):
     catalogue = Catalogue.open(tmp_path, catalogue_url)
     assert catalogue.extent("MER2") is None
     named = {
@@ -146,7 +146,7 @@ def test_pages_types_and_extent_of_layers_are_those_of_both(tmp_path, catalogue_
     assert catalogue.extent("MER2") == (-5.5, 0.0, 10.24, 10.24)
 
 
-def test_a_connection_that_the_server_dropped_is_made_anew(postgres, tmp_path):
+def test_a_connection_dropped_by_the_server_is_reopened(postgres, tmp_path):
     catalogue = Catalogue.open(tmp_path, postgres.database())
     catalogue.publish(missions=[MISSION])
     postgres.stop()
@@ -156,8 +156,8 @@ def test_a_connection_that_the_server_dropped_is_made_anew(postgres, tmp_path):
     assert catalogue.missions() == [MISSION]
 
 
-def test_no_connection_is_left_for_the_garbage_collector(postgres, tmp_path):
-    url = postgres.database()  # ours are told apart by their names
+def test_no_connection_is_left_to_the_garbage_collector(postgres, tmp_path):
+    url = postgres.database()  # ours are distinguished by their names
     for number in range(20):
         Catalogue.open(tmp_path, f"{url}&application_name=ours{number}")
     gc.collect()  # an engine that was dropped would make this test fail by its ResourceWarning
@@ -174,10 +174,10 @@ def test_no_connection_is_left_for_the_garbage_collector(postgres, tmp_path):
     while open_connections() and time.monotonic() < give_up:
         time.sleep(0.05)  # a backend of the server takes a moment to end
     assert open_connections() == 0
-    catalogue.engine.dispose()  # it was asked for once more
+    catalogue.engine.dispose()  # it was requested once more
 
 
-def test_a_database_that_is_away_is_named_without_its_password(tmp_path):
+def test_an_unreachable_database_is_named_without_its_password(tmp_path):
     url = "postgresql+psycopg://maps:secret@127.0.0.1:1/solmap"
     with pytest.raises(StoreAwayError, match="does not respond") as caught:
         Catalogue.open(tmp_path, url)
@@ -193,21 +193,21 @@ def test_a_database_that_is_away_is_named_without_its_password(tmp_path):
         ("nosuch://host/db", "cannot be used"),
     ],
 )
-def test_a_url_that_cannot_be_used_says_what_one_looks_like(tmp_path, url, message):
+def test_an_invalid_database_url_is_refused_with_an_example(tmp_path, url, message):
     with pytest.raises(ProductError, match=message) as caught:
         Catalogue.open(tmp_path, url)
     assert "SOLMAP_CATALOGUE_URL=postgresql+psycopg://" in str(caught.value)
 
 
-def test_a_command_on_a_database_that_is_away_ends_with_one_line(tmp_path):
+def test_a_command_on_an_unreachable_database_ends_with_one_line(tmp_path):
     (tmp_path / "store" / "products").mkdir(parents=True)
-    asked = subprocess.run(
+    requested = subprocess.run(
         (sys.executable, "-m", "solmap.flows.cli", "status", "--store", str(tmp_path / "store")),
         env={"PATH": "", "SOLMAP_CATALOGUE_URL": "postgresql+psycopg://x:y@127.0.0.1:1/z"},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert asked.returncode == 1
-    assert "does not respond" in asked.stderr
-    assert "Traceback" not in asked.stderr
+    assert requested.returncode == 1
+    assert "does not respond" in requested.stderr
+    assert "Traceback" not in requested.stderr

@@ -1,4 +1,4 @@
-"""The map behind a reverse proxy, at a path of its host: addresses, live events, who is believed.
+"""The map behind a reverse proxy, at a path of its host: addresses, live events, trusted proxies.
 
 nginx and Caddy run as docs/how-to/reverse-proxy.md configures them, where they are installed.
 """
@@ -74,7 +74,7 @@ def addresses_in(text: str) -> set[str]:
 
 
 @pytest.mark.parametrize("handed_on", ["", "/solmap"], ids=["path taken off", "path left on"])
-def test_every_address_in_documents_lies_below_the_public_one_and_is_answered(root, handed_on):
+def test_every_url_in_documents_is_below_the_public_path_and_answers(root, handed_on):
     seen: set[str] = set()
     with TestClient(create_app(root, public_url=f"{PUBLIC}/")) as client:
         for document in DOCUMENTS:
@@ -91,7 +91,7 @@ def test_every_address_in_documents_lies_below_the_public_one_and_is_answered(ro
         assert client.get(f"{handed_on}/openapi.json").json()["servers"] == [{"url": "/solmap"}]
 
 
-def test_what_depends_on_the_path_sees_it_without_that_of_the_proxy(root):
+def test_routes_see_the_path_without_the_proxy_prefix(root):
     with TestClient(create_app(root, public_url=PUBLIC), follow_redirects=False) as client:
         assert client.get("/solmap").headers["location"] == f"{PUBLIC}/"
         layers = client.get("/solmap/api/missions/MER2/layers").json()
@@ -107,7 +107,7 @@ def test_what_depends_on_the_path_sees_it_without_that_of_the_proxy(root):
     ("trusted", "scheme"),
     [("", "http"), ("10.0.0.0/8", "http"), ("127.0.0.1", "https"), ("127.0.0.0/8", "https")],
 )
-def test_only_trusted_proxies_name_the_scheme(root, trusted, scheme, monkeypatch):
+def test_only_trusted_proxies_set_the_scheme(root, trusted, scheme, monkeypatch):
     monkeypatch.setenv("SOLMAP_TRUSTED_PROXIES", trusted)
     monkeypatch.setenv("FORWARDED_ALLOW_IPS", "*")
     given = {}
@@ -146,7 +146,7 @@ def certificate(tmp_path_factory):
 
 @pytest.fixture(scope="module", params=["nginx", "caddy"])
 def proxy(request, served, certificate, tmp_path_factory):
-    """A client of the map over TLS, through a proxy configured as the documentation says."""
+    """A client of the map over TLS, through a proxy configured as documented."""
     program = shutil.which(request.param)
     if program is None:
         pytest.skip(f"{request.param} is not installed")
@@ -168,7 +168,7 @@ def proxy(request, served, certificate, tmp_path_factory):
     extensions = {"sni_hostname": "maps.example.org"}
     with httpx.Client(base_url=f"https://127.0.0.1:{port}", verify=trusted, timeout=30) as client:
         client.headers["Host"] = "maps.example.org"
-        client.event_hooks["request"] = [lambda asked: asked.extensions.update(extensions)]
+        client.event_hooks["request"] = [lambda requested: requested.extensions.update(extensions)]
         try:
             deadline = time.monotonic() + 30
             while not _is_ready(client):
@@ -216,7 +216,7 @@ def _is_ready(client):
     return False
 
 
-def test_documents_name_addresses_that_the_proxy_answers(proxy):
+def test_documents_contain_urls_that_the_proxy_answers(proxy):
     links = proxy.get("/solmap/ogc/MER2").json()["links"]
     assert len(links) > 5
     for link in links:
@@ -229,7 +229,7 @@ def test_documents_name_addresses_that_the_proxy_answers(proxy):
     assert (part.status_code, len(part.content)) == (206, 100)
 
 
-def test_the_page_and_all_that_it_loads_come_through_the_proxy(proxy):
+def test_the_page_and_all_its_files_load_through_the_proxy(proxy):
     moved = proxy.get("/solmap", headers={"Accept": "text/html"})
     assert moved.is_redirect
     assert urlsplit(moved.headers["location"]).path == "/solmap/"
@@ -244,7 +244,7 @@ def test_the_page_and_all_that_it_loads_come_through_the_proxy(proxy):
         assert proxy.get(urljoin("/solmap/", address)).status_code == 200, address
 
 
-def test_events_come_through_the_proxy_as_they_happen(proxy, root):
+def test_events_arrive_through_the_proxy_immediately(proxy, root):
     catalogue = Workspace.open(root).catalogue
     published = "layers.published"
 

@@ -1,4 +1,4 @@
-"""Pruning a store that flows filled: what is published stays, a rerun makes nothing anew."""
+"""Pruning a store that flows filled: published products stay, and a rerun makes nothing."""
 
 from datetime import timedelta
 from pathlib import Path
@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.usefixtures("engine"), pytest.mark.slow]
 ALL_OLD = PruningParams(versions=1, youngest=timedelta(0))
 
 
-def test_reprocessing_keeps_the_old_until_they_are_pruned(tmp_path: Path) -> None:
+def test_reprocessing_keeps_old_products_until_they_are_pruned(tmp_path: Path) -> None:
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
 
     downlink = write_small_downlink(tmp_path / "downlink", pairs=2)

@@ -1,7 +1,7 @@
 """QGIS opens what the server offers, over HTTP: what lies where, on which Mars, and what it draws.
 
 QGIS runs as the machine's own Python has it, apart from this environment's GDAL and PROJ. What
-QGIS 3.22 cannot is held too, as `docs/how-to/open-in-gis.md` says it: OGC API Features come
+QGIS 3.22 cannot do is tested too, as `docs/how-to/open-in-gis.md` states it: OGC API Features come
 as degrees of the Earth, and WMTS by its own provider without a reference system; by GDAL's driver,
 which QGIS has as well, WMTS has the right one.
 """
@@ -37,8 +37,8 @@ def qgis_answers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         pytest.skip(f"{PYTHON} has no qgis.core: install python3-qgis")
     root = build(folder / "store").root
     with serving(root) as url:
-        asked = _asked(url, folder)
-        (folder / "asked.json").write_text(json.dumps(asked))
+        requested = _requested(url, folder)
+        (folder / "asked.json").write_text(json.dumps(requested))
         ended = run_with_qgis(
             [str(SESSION), str(folder / "asked.json"), str(folder / "said.json")], folder
         )
@@ -58,14 +58,14 @@ def run_with_qgis(arguments: list[str], home: Path) -> subprocess.CompletedProce
         [str(PYTHON), *arguments],
         check=False,
         env=clean,
-        cwd=home,  # GDAL keeps what it asked a WMTS for where it was started
+        cwd=home,  # GDAL caches answers of a WMTS in its working folder
         capture_output=True,
         text=True,
         timeout=300,
     )
 
 
-def _asked(url: str, folder: Path) -> dict[str, dict[str, Any]]:
+def _requested(url: str, folder: Path) -> dict[str, dict[str, Any]]:
     with urllib.request.urlopen(f"{url}/api/start") as answer:
         layers = {layer["kind"]: layer for layer in json.load(answer)["layers"]}
     orthophoto = layers["orthophoto"]["id"].replace("/", ".")
@@ -111,7 +111,7 @@ def _asked(url: str, folder: Path) -> dict[str, dict[str, Any]]:
     }
 
 
-def picture(answers: dict[str, Any], name: str) -> np.ndarray:
+def image(answers: dict[str, Any], name: str) -> np.ndarray:
     drawn = cv2.imread(str(Path(answers["folder"]) / f"{name}.png"))
     if folder := os.environ.get("SOLMAP_SCREENSHOTS"):
         Path(folder).mkdir(parents=True, exist_ok=True)
@@ -119,26 +119,26 @@ def picture(answers: dict[str, Any], name: str) -> np.ndarray:
     return drawn
 
 
-def is_on_our_mars(told: dict[str, Any]) -> bool:
-    proj = told["crs_proj"]
+def is_on_our_mars(reported: dict[str, Any]) -> bool:
+    proj = reported["crs_proj"]
     return "+proj=ortho" in proj and "+R=3393000" in proj and "+lat_0=-14.5692" in proj
 
 
-def test_a_terrain_model_by_http_has_its_metres_values_and_mars(qgis_answers):
-    told = qgis_answers["terrain"]
-    assert told["valid"]
-    assert is_on_our_mars(told)
-    assert told["extent"] == pytest.approx([-40.96, -40.96, 40.96, 40.96])
-    assert told["value"] == pytest.approx(elevation_at(*AT), abs=1e-4)
-    assert told["errors"] == []
+def test_a_terrain_model_over_http_has_metres_values_and_the_mars_crs(qgis_answers):
+    reported = qgis_answers["terrain"]
+    assert reported["valid"]
+    assert is_on_our_mars(reported)
+    assert reported["extent"] == pytest.approx([-40.96, -40.96, 40.96, 40.96])
+    assert reported["value"] == pytest.approx(elevation_at(*AT), abs=1e-4)
+    assert reported["errors"] == []
 
 
-def test_wmts_by_gdals_driver_is_on_mars_and_drawn_where_it_belongs(qgis_answers):
-    told = qgis_answers["wmts by GDAL"]
-    assert told["valid"]
-    assert is_on_our_mars(told)
-    assert told["errors"] == []
-    drawn = picture(qgis_answers, "wmts").astype(int)
+def test_wmts_by_gdals_driver_is_on_mars_at_its_coordinates(qgis_answers):
+    reported = qgis_answers["wmts by GDAL"]
+    assert reported["valid"]
+    assert is_on_our_mars(reported)
+    assert reported["errors"] == []
+    drawn = image(qgis_answers, "wmts").astype(int)
     # Grey runs from 0 in the west to 254 in the east; a pixel is 0.2 m, of 512 cells.
     for east in (-20.0, 0.0, 20.0):
         expected = 254.0 * (east + 40.96) / 81.92
@@ -147,27 +147,27 @@ def test_wmts_by_gdals_driver_is_on_mars_and_drawn_where_it_belongs(qgis_answers
     assert (drawn[200, 10] == 255).all()  # 38 m to the west nothing was seen
 
 
-def test_wmts_by_its_own_provider_opens_without_a_reference_system(qgis_answers):
-    told = qgis_answers["wmts"]
-    assert told["valid"]
-    assert told["crs"] == ""
-    assert told["crs_proj"] == ""
+def test_wmts_by_the_qgis_provider_opens_without_a_reference_system(qgis_answers):
+    reported = qgis_answers["wmts"]
+    assert reported["valid"]
+    assert reported["crs"] == ""
+    assert reported["crs_proj"] == ""
 
 
 @pytest.mark.parametrize("name", ["geopackage", "geojson", "features"])
-def test_features_come_all_with_their_values(qgis_answers, name):
-    told = qgis_answers[name]
-    assert told["valid"]
-    assert told["count"] == 1
-    assert [value for value, _, _ in told["values"]] == [96.0]
+def test_all_features_arrive_with_their_values(qgis_answers, name):
+    reported = qgis_answers[name]
+    assert reported["valid"]
+    assert reported["count"] == 1
+    assert [value for value, _, _ in reported["values"]] == [96.0]
 
 
-def test_a_geopackage_lies_on_our_mars_in_metres(qgis_answers):
-    told = qgis_answers["geopackage"]
+def test_a_geopackage_is_in_metres_of_the_local_mars_crs(qgis_answers):
+    reported = qgis_answers["geopackage"]
     feature: Feature = haven()
-    assert is_on_our_mars(told)
-    assert told["extent"] == pytest.approx(list(feature.bounds), abs=1e-3)
-    drawn = picture(qgis_answers, "havens")
+    assert is_on_our_mars(reported)
+    assert reported["extent"] == pytest.approx(list(feature.bounds), abs=1e-3)
+    drawn = image(qgis_answers, "havens")
     # 20 m are 400 pixels: the square from -20 to -10 m in both, its hole from -16 to -14 m.
     assert (drawn[40, 40] == 255).all()
     assert (drawn[160, 140] != 255).any()
@@ -178,8 +178,8 @@ def test_geojson_is_in_degrees_of_mars(qgis_answers):
     assert "3396190" in qgis_answers["geojson"]["crs_ellipsoid"]
 
 
-def test_features_by_ogc_api_have_degrees_of_mars_taken_for_the_earths(qgis_answers):
+def test_ogc_api_features_are_read_as_degrees_of_the_earth(qgis_answers):
     """QGIS 3.22 gives them all the Earth's: set the layer's reference system by hand."""
-    told, geojson = qgis_answers["features"], qgis_answers["geojson"]
-    assert told["extent"] == pytest.approx(geojson["extent"], abs=1e-8)
-    assert told["crs"] == "EPSG:4326"
+    reported, geojson = qgis_answers["features"], qgis_answers["geojson"]
+    assert reported["extent"] == pytest.approx(geojson["extent"], abs=1e-8)
+    assert reported["crs"] == "EPSG:4326"

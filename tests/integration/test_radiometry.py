@@ -27,7 +27,7 @@ from solmap.tasks.network.match import MatchParams, match_stereo_pair
 from solmap.tasks.scopes import pair_scope
 
 COUNTS = np.round(4095 * (np.arange(256) / 255) ** 1.9).astype(int)
-"""A table that is none of those that are built in."""
+"""A table that is not among the built-in ones."""
 MODEL = RadialVignetting(k1=-0.25)
 SIDE = 256
 
@@ -94,7 +94,7 @@ def browse_of(workspace: Workspace, image_id: str) -> np.ndarray:
     return cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
 
 
-def test_coded_pixels_are_counts_wherever_they_are_read(frames, tmp_path):
+def test_coded_pixels_are_decoded_wherever_they_are_read(frames, tmp_path):
     downlink = frames.coded(COUNTS).written(tmp_path / "downlink")
     workspace = ingested(downlink, tmp_path / "store", tables(tmp_path / "settings"))
     (pair,) = pairs_of(workspace.catalogue.images())
@@ -112,7 +112,7 @@ def test_coded_pixels_are_counts_wherever_they_are_read(frames, tmp_path):
     assert workspace.catalogue.outcomes() == []
 
 
-def test_codes_without_a_table_are_codes_and_said_to_be(frames, tmp_path):
+def test_codes_without_a_table_stay_codes_and_are_reported(frames, tmp_path):
     downlink = frames.coded(COUNTS).written(tmp_path / "downlink")
     workspace = ingested(downlink, tmp_path / "store", tables(tmp_path / "settings", None))
     (pair,) = pairs_of(workspace.catalogue.images())
@@ -137,8 +137,8 @@ END_GROUP = COMPRESSION_PARMS
 """
 
 
-def test_lost_segments_are_masked_and_said_to_be(frames, tmp_path):
-    """The lower half did not come down; the label that says so is a file of its own."""
+def test_lost_segments_are_masked_and_reported(frames, tmp_path):
+    """The lower half did not come down; its label is a separate file."""
     name = min(frames.files)
     data = frames.files[name]
     label = data[: -2 * SIDE * SIDE].rstrip()
@@ -155,8 +155,8 @@ def test_lost_segments_are_masked_and_said_to_be(frames, tmp_path):
     assert workspace.catalogue.outcomes()[0].notes == entry.notes == (note,)
 
 
-def test_a_mission_without_tables_knows_of_none_in_its_recipes(frames, tmp_path):
-    """Whatever was made before there were tables stays what is asked for."""
+def test_a_mission_without_tables_has_none_in_its_recipes(frames, tmp_path):
+    """Products made before there were tables stay valid."""
     downlink = frames.written(tmp_path / "downlink")
     workspace = ingested(downlink, tmp_path / "store", tables(tmp_path / "settings"))
     (pair,) = pairs_of(workspace.catalogue.images())
@@ -170,7 +170,7 @@ def test_a_mission_without_tables_knows_of_none_in_its_recipes(frames, tmp_path)
     assert made.matches == recipe.ref
 
 
-def test_vignetting_is_taken_out_of_matched_pixels(frames, tmp_path):
+def test_vignetting_is_removed_from_matched_pixels(frames, tmp_path):
     downlink = frames.written(tmp_path / "downlink")
     models = "".join(f"[vignetting.NAVCAM_{eye}]\nk1 = {MODEL.k1}\n" for eye in ("LEFT", "RIGHT"))
     settings = tables(tmp_path / "settings", None, models)
@@ -183,7 +183,7 @@ def test_vignetting_is_taken_out_of_matched_pixels(frames, tmp_path):
     np.testing.assert_allclose(left.pixels[left.mask], expected[left.mask], rtol=1e-5)
 
 
-def test_a_changed_table_makes_anew_what_was_coded_by_it_and_nothing_else(frames, tmp_path):
+def test_a_changed_table_remakes_only_products_that_use_it(frames, tmp_path):
     left, right = sorted(frames.files)
     mixed = Frames({left: coded(frames.files[left], COUNTS), right: frames.files[right]}, {})
     downlink = mixed.written(tmp_path / "downlink")
@@ -199,10 +199,10 @@ def test_a_changed_table_makes_anew_what_was_coded_by_it_and_nothing_else(frames
     assert after[right] == before[right]
     assert after[left].ref == before[left].ref
     assert after[left].browse != before[left].browse
-    assert len(files_of(workspace) - made) == 4, "a table and a browse picture, and their recipes"
+    assert len(files_of(workspace) - made) == 4, "a table and a browse image, and their recipes"
 
 
-def test_images_of_earlier_downlinks_are_read_with_a_new_table_too(frames, tmp_path):
+def test_images_of_earlier_downlinks_are_read_with_a_new_table(frames, tmp_path):
     first = frames.coded(COUNTS).written(tmp_path / "first")
     (tmp_path / "second").mkdir()
     settings = tables(tmp_path / "settings", None)
@@ -235,7 +235,7 @@ def test_a_table_that_does_not_fit_is_a_fault_of_the_file(frames, tmp_path):
 
 
 @pytest.mark.usefixtures("engine")
-def test_a_run_maps_counts_and_says_what_is_peculiar(frames, tmp_path, monkeypatch):
+def test_a_run_maps_counts_and_reports_peculiarities(frames, tmp_path, monkeypatch):
     """Through the whole pipeline: first without a table, then with one, then with it again."""
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
@@ -268,7 +268,7 @@ def test_a_run_maps_counts_and_says_what_is_peculiar(frames, tmp_path, monkeypat
     assert files_of(workspace) == made
 
 
-def test_inspecting_reads_with_the_tables_and_says_what_is_peculiar(frames, tmp_path, monkeypatch):
+def test_inspect_uses_the_tables_and_reports_peculiarities(frames, tmp_path, monkeypatch):
     downlink = frames.coded(COUNTS).written(tmp_path / "downlink")
     file, png = downlink / min(frames.files), tmp_path / "picture.png"
     monkeypatch.setenv("SOLMAP_INSTRUMENTS", str(tables(tmp_path / "settings", None)))

@@ -1,4 +1,4 @@
-"""A store that may only be read is served and listed, and what would change it says so."""
+"""A read-only store is served and listed, and changes are refused with the reason."""
 
 import json
 import os
@@ -17,7 +17,7 @@ from tests.support.old_store import EDITS, LAYERS, unpack_old_store
 
 NOBODY = 65534
 _READ_ONLY = 'mount --bind "$0" "$0" && mount -o remount,ro,bind "$0" && exec "$@"'
-_ASK = """
+_REQUEST = """
 import json, sys, tempfile
 from pathlib import Path
 from fastapi.testclient import TestClient
@@ -69,12 +69,12 @@ def folder() -> Iterator[Path]:
     shutil.rmtree(made)
 
 
-def asked(root: Path, *before: str) -> dict[str, Any]:
-    """What commands and server say, in a process of its own that may only read the store."""
+def requested(root: Path, *before: str) -> dict[str, Any]:
+    """Answers of commands and server in a process of its own that may only read the store."""
     token = (root / "token.txt").read_text().strip()
     ties = root.with_name(f"{root.name}.ties.csv")
     ties.write_text("action,first_image,first_sample,first_line\nveto,2n1,2.0,3.0\n")
-    command = [*before, sys.executable, "-c", _ASK, str(root), token]
+    command = [*before, sys.executable, "-c", _REQUEST, str(root), token]
     environment = {**os.environ, "HOME": str(root.parent / "home"), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(
         command, capture_output=True, text=True, check=False, env=environment, cwd="/"
@@ -88,25 +88,25 @@ def files_of(root: Path) -> dict[str, int]:
     return {str(one.relative_to(root)): one.stat().st_mtime_ns for one in root.rglob("*")}
 
 
-def holds(told: dict[str, Any], *, has_token: bool) -> None:
+def holds(reported: dict[str, Any], *, has_token: bool) -> None:
     """What may be done is done, what may not is refused in one line."""
     for command in ("status", "products", "positions", "prune", "check", "report MER2"):
-        assert told[command][0] == 0, told[command]
+        assert reported[command][0] == 0, reported[command]
     changes = ["prune --yes", "check --repair", "token add", "ties"]
     for command in (*changes, *(["adjust --overall"] if has_token else ())):  # it starts processes
-        name = next(one for one in told if one.startswith(command))
-        code, output = told[name]
+        name = next(one for one in reported if one.startswith(command))
+        code, output = reported[name]
         assert code == 1, output
         assert "is read-only" in output
         assert len(output.strip().splitlines()) == 1
-    assert told["layers"] > LAYERS / 2
-    assert told["edits"] == EDITS
-    assert told["statuses"] == [200]
-    assert told["runs"] == 200
-    status, text = told["note"]
+    assert reported["layers"] > LAYERS / 2
+    assert reported["edits"] == EDITS
+    assert reported["statuses"] == [200]
+    assert reported["runs"] == 200
+    status, text = reported["note"]
     assert status == 403, text
     assert ("is read-only" if has_token else "belongs to another user") in text
-    assert told["token list"][0] == (0 if has_token else 1)
+    assert reported["token list"][0] == (0 if has_token else 1)
 
 
 @pytest.fixture(params=["as an earlier version left it", "of this version"])
@@ -118,12 +118,12 @@ def store(request, folder) -> Path:
 
 
 @pytest.mark.slow
-def test_a_store_on_a_disk_that_may_only_be_read_is_served(store):
+def test_a_store_on_a_read_only_disk_is_served(store):
     probe = ["unshare", "-m", "sh", "-c", _READ_ONLY, str(store), "true"]
     if shutil.which("unshare") is None or subprocess.run(probe, check=False).returncode:
         pytest.skip("this user may not mount")
     before = files_of(store)
-    holds(asked(store, "unshare", "-m", "sh", "-c", _READ_ONLY, str(store)), has_token=True)
+    holds(requested(store, "unshare", "-m", "sh", "-c", _READ_ONLY, str(store)), has_token=True)
     assert files_of(store) == before
 
 
@@ -133,12 +133,12 @@ def test_a_store_of_another_user_is_served(store):
         path.chmod(path.stat().st_mode & 0o555)
     before = files_of(store)
     as_other = ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups"]
-    holds(asked(store, *(as_other if os.geteuid() == 0 else ())), has_token=os.geteuid() != 0)
+    holds(requested(store, *(as_other if os.geteuid() == 0 else ())), has_token=os.geteuid() != 0)
     assert files_of(store) == before
 
 
 @pytest.mark.slow
-def test_a_store_that_another_user_works_on_is_served(store):
+def test_a_store_in_use_by_another_user_is_served(store):
     if os.geteuid() != 0:
         pytest.skip("there is no other user")
     workspace = Workspace.open(store)
@@ -146,5 +146,5 @@ def test_a_store_that_another_user_works_on_is_served(store):
         connection.exec_driver_sql("SELECT 1 FROM missions")
         workspace.catalogue.append_event("run.changed", {})
         as_other = ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups"]
-        holds(asked(store, *as_other), has_token=False)
+        holds(requested(store, *as_other), has_token=False)
     workspace.catalogue.engine.dispose()

@@ -1,4 +1,4 @@
-"""The page about real files says what becomes of them today."""
+"""The page about real files states their current outcome."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from tests.support.real_files import FILES, HEAD, page
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "real-files.md"
 
 
-def test_the_page_about_real_files_says_what_becomes_of_them(shared_data):
+def test_the_page_about_real_files_states_their_outcome(shared_data):
     assert len(FILES) >= 30
     assert PAGE.read_text() == page(shared_data)
 

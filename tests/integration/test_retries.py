@@ -40,7 +40,7 @@ def failing_disk(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return errors
 
 
-def test_a_stage_is_tried_again_until_the_disk_works(
+def test_a_stage_is_retried_until_the_disk_works(
     store: ProductStore, failing_disk: list[int]
 ) -> None:
     failing_disk.extend([errno.EIO, errno.ESTALE])
@@ -63,7 +63,7 @@ def test_a_pair_without_texture_is_matched_once(store: ProductStore) -> None:
     assert len(attempts) == 1
 
 
-def test_a_full_disk_is_not_tried_again(store: ProductStore, failing_disk: list[int]) -> None:
+def test_a_full_disk_is_not_retried(store: ProductStore, failing_disk: list[int]) -> None:
     failing_disk.append(errno.ENOSPC)
     attempts: list[int] = []
 
@@ -103,7 +103,7 @@ def run(store: ProductStore, attempts: list[int], write: Callable[[Path], object
 
 
 @pytest.mark.slow
-def test_a_broken_pair_and_a_broken_sol_stop_nothing_else_and_are_told_everywhere(
+def test_a_broken_pair_and_a_broken_sol_are_reported_and_the_rest_continues(
     tmp_path: Path,
 ) -> None:
     from solmap.flows.cli.tables import outcome_rows  # noqa: PLC0415
@@ -138,17 +138,17 @@ def test_a_broken_pair_and_a_broken_sol_stop_nothing_else_and_are_told_everywher
 
 
 def page_of_last_run() -> str:
-    """What the page of the last downlink says: the text of its artifact and of its failed tasks."""
+    """Text of the page of the last downlink: that of its artifact and of its failed tasks."""
     from prefect.client.orchestration import get_client  # noqa: PLC0415 - after its settings
 
-    asked = {"artifacts": {"key": {"any_": ["downlink"]}}, "sort": "CREATED_DESC", "limit": 1}
+    requested = {"artifacts": {"key": {"any_": ["downlink"]}}, "sort": "CREATED_DESC", "limit": 1}
     with get_client(sync_client=True) as client:
-        (artifact,) = client.request("POST", "/artifacts/filter", json=asked).json()
-        asked = {"task_runs": {"state": {"type": {"any_": ["FAILED"]}}}}  # others send nulls
-        failed = client.request("POST", "/task_runs/filter", json=asked).json()
-    told = {run["name"].split("-")[0]: str(run["state"]["message"]) for run in failed}
-    assert "FileExistsError" in told["adjust"]
-    assert "FileExistsError" in told["match"]
+        (artifact,) = client.request("POST", "/artifacts/filter", json=requested).json()
+        requested = {"task_runs": {"state": {"type": {"any_": ["FAILED"]}}}}  # others send nulls
+        failed = client.request("POST", "/task_runs/filter", json=requested).json()
+    reported = {run["name"].split("-")[0]: str(run["state"]["message"]) for run in failed}
+    assert "FileExistsError" in reported["adjust"]
+    assert "FileExistsError" in reported["match"]
     return str(artifact["data"])
 
 
@@ -165,7 +165,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.slow
-def test_a_full_disk_stops_a_run_and_what_was_made_stays(small_disk: Path, tmp_path: Path) -> None:
+def test_a_full_disk_stops_a_run_and_keeps_its_products(small_disk: Path, tmp_path: Path) -> None:
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - after the engine's settings
 
     downlink = write_small_downlink(tmp_path / "downlink", stops=1, pairs=2)

@@ -43,7 +43,7 @@ def rows_of(root, *options):
     return json.loads(ended.stdout)
 
 
-def test_a_bent_rig_is_found_and_stands_out(bent):
+def test_a_bent_rig_is_found_and_marked(bent):
     rows = rows_of(bent, "--mission", "mer2")
     assert [(row["camera"], row["unit"]) for row in rows] == [
         *3 * [("NAVCAM", "degree")],
@@ -64,12 +64,12 @@ def test_a_bent_rig_is_found_and_stands_out(bent):
 
 
 @pytest.mark.slow
-def test_a_rig_as_labelled_does_not_stand_out(tmp_path):
+def test_a_rig_that_agrees_with_its_label_is_not_marked(tmp_path):
     rows = rows_of(walked_store(tmp_path, np.zeros(3)))
     assert not any(row["stands_out"] for row in rows)
 
 
-def test_the_table_says_what_stands_out_and_nothing_is_made(bent):
+def test_the_table_marks_outliers_and_makes_no_product(bent):
     store = Workspace.open(bent).store
     before = set(store.refs())
     ended = CLI.invoke(app, ["rig", "--store", str(bent)])
@@ -79,7 +79,7 @@ def test_the_table_says_what_stands_out_and_nothing_is_made(bent):
     assert set(store.refs()) == before
 
 
-def test_missions_that_have_no_rig_to_state_are_refused_in_words(bent, tmp_path):
+def test_missions_without_a_rig_are_refused(bent, tmp_path):
     def refused(root):
         ended = CLI.invoke(app, ["rig", "--mission", "MER1", "--store", str(root)])
         assert ended.exit_code == 1

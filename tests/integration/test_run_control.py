@@ -63,7 +63,7 @@ def alone(left):
     return found if all(b"resource_tracker" in line for line in found) else None
 
 
-def test_runs_are_cancelled_with_their_processes_and_run_again(up):
+def test_runs_are_cancelled_with_their_processes_and_restarted(up):
     _, token = Tokens.of(up.root / "store").add("Ada", Role.OPERATOR)
     until(lambda: len(engine(up)["deployments"]) == 4 and engine(up)["is_up"], "a state is there")
     idle = set(up.children())
@@ -102,7 +102,7 @@ def test_runs_are_cancelled_with_their_processes_and_run_again(up):
     left = until(lambda: alone(working & set(up.children())), "its processes have ended", 60.0)
     assert len(left) == 1
     assert all(path.is_file() for path in made)
-    until(lambda: "the inbox was processed: cancelled" in up.said, "nobody runs it again by itself")
+    until(lambda: "the inbox was processed: cancelled" in up.printed, "no run follows by itself")
     assert not runs(up, "running")
 
     post(up, f"runs/{run['id']}/restart", token)
@@ -113,7 +113,7 @@ def test_runs_are_cancelled_with_their_processes_and_run_again(up):
     until(lambda: deployment(up, "downlink/inbox")["last_state"] == "completed", "the engine too")
 
     os.kill(scheduler, signal.SIGKILL)
-    until(lambda: "scheduler ended" in up.said, "its death is noticed")
+    until(lambda: "scheduler ended" in up.printed, "its death is noticed")
     until(lambda: deployment(up, weekly)["is_ready"], "it is started again")
     time.sleep(10.0)  # its deployments have been applied again by now
     assert deployment(up, weekly)["is_paused"]

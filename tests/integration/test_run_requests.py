@@ -1,4 +1,4 @@
-"""What people ask for on the map is submitted once, or refused with a reason."""
+"""A run requested on the map is submitted once, or refused with a reason."""
 
 import httpx
 import pytest
@@ -11,22 +11,22 @@ from solmap.products.catalogue.edits import RequestKind, RequestState, RunReques
 
 @pytest.fixture
 def submitted(monkeypatch):
-    asked = []
+    requested = []
 
     def submit(deployment, parameters):
-        asked.append((deployment, dict(parameters)))
+        requested.append((deployment, dict(parameters)))
         return "wise-lynx"
 
     monkeypatch.setattr(requests, "submit", submit)
-    return asked
+    return requested
 
 
-def test_requests_become_runs_of_their_deployments(tmp_path, submitted):
+def test_requests_start_runs_of_their_deployments(tmp_path, submitted):
     book, catalogue = RunRequests.of(tmp_path), Catalogue.open(tmp_path)
     book.add(RequestKind.OVERALL, "MER2", "Ada")
     book.add(RequestKind.DOWNLINK, None, "Ada")
     lines = requests.submit_requests(tmp_path, has_inbox=True)
-    assert lines[0] == "Ada asked for overall adjustment: taken, wise-lynx"
+    assert lines[0] == "Ada requested overall adjustment: taken, wise-lynx"
     assert submitted == [
         ("overall-adjustment/weekly", {"mission": "MER2"}),
         ("downlink/inbox", {}),
@@ -40,13 +40,13 @@ def test_a_downlink_without_an_inbox_is_refused(tmp_path, submitted):
     book = RunRequests.of(tmp_path)
     book.add(RequestKind.DOWNLINK, None, "Ada")
     requests.submit_requests(tmp_path, has_inbox=False)
-    (asked,) = book.requests()
-    assert asked.state is RequestState.REFUSED
-    assert "no inbox is watched" in asked.answer
+    (requested,) = book.requests()
+    assert requested.state is RequestState.REFUSED
+    assert "no inbox is watched" in requested.answer
     assert submitted == []
 
 
-def test_a_request_waits_while_the_scheduler_has_not_begun(tmp_path, monkeypatch):
+def test_a_request_waits_until_the_scheduler_has_started(tmp_path, monkeypatch):
     def unknown(_deployment, _parameters):
         raise ObjectNotFound(http_exc=Exception("404"))
 

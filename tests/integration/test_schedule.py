@@ -63,7 +63,7 @@ def stop(process: subprocess.Popen) -> None:
 
 
 @pytest.mark.timeout(700)
-def test_a_scheduled_deployment_really_fires(tmp_path: Path, free_port: int):
+def test_a_scheduled_deployment_starts_at_its_time(tmp_path: Path, free_port: int):
     marker = tmp_path / "marker"
     script = tmp_path / "deployment.py"
     script.write_text(SCRIPT.replace("MARKER", str(marker)))

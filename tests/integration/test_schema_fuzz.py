@@ -53,7 +53,7 @@ uvicorn.run(app, port=int(sys.argv[3]), log_level="warning", timeout_graceful_sh
 
 @dataclass(frozen=True)
 class Target:
-    """A server to be asked strange things."""
+    """A server for unusual requests."""
 
     address: str
     port: int
@@ -90,7 +90,7 @@ checks.not_a_server_error.expected-statuses = ["2xx", "3xx", "4xx", "503"]
 
 
 def fuzz(target: Target, folder: Path, token: str | None, *bounds: str) -> str:
-    """What schemathesis says at the end of a run; with a token it may write."""
+    """Final output of a run of schemathesis; with a token it may write."""
     names = folder / "names.json"
     names.write_text(json.dumps(fuzz_store.names(target.root)))
     config = folder / "schemathesis.toml"
@@ -113,35 +113,35 @@ def fuzz(target: Target, folder: Path, token: str | None, *bounds: str) -> str:
     return run.stdout + run.stderr
 
 
-def failures_in(said: str) -> list[str]:
-    found = re.findall(r"(?m)^_{3,} (.*?) _{3,}$|^- (ST\d+.*)$|^    (curl .*)$", said)
+def failures_in(message: str) -> list[str]:
+    found = re.findall(r"(?m)^_{3,} (.*?) _{3,}$|^- (ST\d+.*)$|^    (curl .*)$", message)
     return ["".join(parts)[:400] for parts in found]
 
 
-def questions_in(said: str) -> int:
-    return int(re.search(r"(\d+) generated", said)[1])
+def questions_in(message: str) -> int:
+    return int(re.search(r"(\d+) generated", message)[1])
 
 
-def test_the_server_keeps_to_its_description(target, tmp_path):
+def test_answers_conform_to_the_openapi_schema(target, tmp_path):
     few = ("--phases", "fuzzing", "--max-examples", "1", "--max-time", "20")
-    said = fuzz(target, tmp_path, target.token, *few)
-    assert not failures_in(said), said[-6000:]
-    assert questions_in(said) > 50, said[-3000:]
+    message = fuzz(target, tmp_path, target.token, *few)
+    assert not failures_in(message), message[-6000:]
+    assert questions_in(message) > 50, message[-3000:]
 
 
-def test_whoever_shows_no_token_is_refused_as_described(target, tmp_path):
+def test_requests_without_a_token_are_refused_as_documented(target, tmp_path):
     writes = ("--include-method", "POST", "--phases", "fuzzing", "--max-examples", "1")
-    said = fuzz(target, tmp_path, None, *writes)
-    assert not failures_in(said), said[-6000:]
-    assert questions_in(said) > 10, said[-3000:]
+    message = fuzz(target, tmp_path, None, *writes)
+    assert not failures_in(message), message[-6000:]
+    assert questions_in(message) > 10, message[-3000:]
 
 
 @pytest.mark.slow
-def test_the_server_keeps_to_its_description_for_minutes(full_target, tmp_path):
+def test_answers_conform_to_the_openapi_schema_for_minutes(full_target, tmp_path):
     many = ("--phases", "coverage,fuzzing", "--max-examples", "100", "--max-time", "300")
-    said = fuzz(full_target, tmp_path, full_target.token, *many)
-    assert not failures_in(said), said[-6000:]
-    assert questions_in(said) > 3000, said[-3000:]
+    message = fuzz(full_target, tmp_path, full_target.token, *many)
+    assert not failures_in(message), message[-6000:]
+    assert questions_in(message) > 3000, message[-3000:]
 
 
 UPWARDS = (
@@ -208,18 +208,18 @@ def status_of(answer: bytes) -> int:
     return int(answer.split(b" ", 2)[1])
 
 
-def test_no_name_in_an_address_leads_out_of_the_store(target):
+def test_no_name_in_a_url_reaches_outside_the_store(target):
     target.opened.write_text("")
-    told = []
+    reported = []
     for place in PLACES:
         for name in UPWARDS:
             path = place.format(name).encode()
             head = b"GET %s HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n" % path
             answer = raw(target, head)
-            told.append((status_of(answer), path[:120]))
+            reported.append((status_of(answer), path[:120]))
             assert SECRET.encode() not in answer, path
             assert b"root:" not in answer, path
-    assert not [one for one in told if one[0] >= 500]
+    assert not [one for one in reported if one[0] >= 500]
     allowed = (str(target.root), str(ROOT), sys.prefix, sys.base_prefix, "/dev/urandom")
     opened = {line.strip("b'\"") for line in target.opened.read_text().splitlines()}
     assert not [path for path in opened if path.startswith("/") and not path.startswith(allowed)]
@@ -227,7 +227,7 @@ def test_no_name_in_an_address_leads_out_of_the_store(target):
     assert not [path for path in opened if any(name in path for name in named)]
 
 
-def test_the_note_of_opened_files_sees_what_is_read(target):
+def test_the_record_of_opened_files_contains_what_is_read(target):
     """Else the test before would hold whatever the server opens."""
     target.opened.write_text("")
     (layer,) = [row for row in fuzz_store.names(target.root) if row.get("kind") == "contours"]
@@ -261,14 +261,14 @@ SIZES = (
 )
 
 
-def test_huge_numbers_and_long_questions_are_refused_rather_than_tried(target):
+def test_huge_numbers_and_long_queries_are_refused_at_once(target):
     (dtm,) = [row for row in fuzz_store.names(target.root) if row.get("kind") == "dtm"]
     path = "{scope}/{kind}/{digest}".format(**dtm)
     filled = {"tiles": f"/tiles/{path}", "download": f"/download/{path}"}
     with httpx.Client(base_url=target.address, timeout=30) as client:
-        told = [(client.get(one.format(**filled)).status_code, one[:100]) for one in SIZES]
-    assert not [one for one in told if one[0] >= 500]
-    assert all(code >= 400 for code, one in told if "nan" in one or HUGE in one)
+        reported = [(client.get(one.format(**filled)).status_code, one[:100]) for one in SIZES]
+    assert not [one for one in reported if one[0] >= 500]
+    assert all(code >= 400 for code, one in reported if "nan" in one or HUGE in one)
 
 
 def test_large_and_malformed_bodies_are_refused(target):
@@ -293,7 +293,7 @@ def test_large_and_malformed_bodies_are_refused(target):
     assert {code for code, _ in codes} <= {400, 413, 422}, codes
 
 
-def test_a_body_without_end_is_stopped(target):
+def test_an_endless_body_is_cut_off(target):
     head = (
         b"POST /api/missions/MER2/profile HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n"
     )
@@ -303,7 +303,7 @@ def test_a_body_without_end_is_stopped(target):
         assert status_of(connection.recv(1 << 16)) == 413
 
 
-def test_a_guesser_of_tokens_has_to_wait_and_holders_do_not(target):
+def test_wrong_tokens_are_throttled_and_valid_ones_are_not(target):
     place = f"{target.address}/api/account"
     guess = {"Authorization": "Bearer solmap_00000000_x"}
     codes = [httpx.get(place, headers=guess).status_code for _ in range(25)]

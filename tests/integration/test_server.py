@@ -1,4 +1,4 @@
-"""The server as others meet it: a process of its own, asked by GDAL over HTTP."""
+"""The server as a separate process, queried by GDAL over HTTP."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def layers(server: str) -> dict[str, dict]:
         return {layer["kind"]: layer for layer in json.load(answer)}
 
 
-def test_gdal_reads_a_window_of_the_terrain_model_over_http_by_ranges(server):
+def test_gdal_reads_a_window_of_the_terrain_model_by_http_ranges(server):
     address = f"/vsicurl/{server}{layers(server)['dtm']['download']}"
     with (
         rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR"),
@@ -96,7 +96,7 @@ def test_gdal_reads_the_features_over_http_as_features_of_mars(server):
     assert (point.x, point.y) == pytest.approx(STOP_AT, abs=1e-4)
 
 
-def test_one_connection_gets_a_tile_in_a_few_milliseconds(server):
+def test_one_connection_gets_many_tiles(server):
     """A lost TCP_NODELAY costs 40 ms an answer on a connection that is kept: it would show here."""
 
     address = layers(server)["dtm"]["tiles"].format(z=17, x=65536, y=65535)

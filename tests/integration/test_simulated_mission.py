@@ -57,7 +57,7 @@ def test_every_layer_of_a_traverse_is_published(workspace):
 
 
 @pytest.mark.slow
-def test_images_have_labels_and_partners_and_say_that_they_have_no_pixels(workspace):
+def test_images_have_labels_and_partners_and_are_marked_without_pixels(workspace):
     entries = workspace.catalogue.images("MER2")
     assert len(entries) == 20 * STOPS
     by_id = {entry.id: entry for entry in entries}
@@ -69,16 +69,16 @@ def test_images_have_labels_and_partners_and_say_that_they_have_no_pixels(worksp
 
 
 @pytest.mark.slow
-def test_adjusted_stops_lie_nearer_to_the_truth_than_telemetry(root, workspace):
+def test_adjusted_stops_are_nearer_to_the_truth_than_telemetry(root, workspace):
     truth = json.loads((root / "truth.json").read_text())["stops"]
     true = {row["stop"]: row["lsl_from_rover"]["translation_m"] for row in truth}
     layer = workspace.catalogue.layer("mer2", ProductKind.STOPS)
     off = {"telemetry": [], "adjusted": []}
     for feature in read_features(workspace.store.path(layer.ref)).features:
-        told = feature.properties
-        north, east, _ = true[told["stop"]]
+        reported = feature.properties
+        north, east, _ = true[reported["stop"]]
         place = np.asarray(feature.points).ravel()[:2]
-        off[told["solution"]].append(np.hypot(*(place - [east, north])))
+        off[reported["solution"]].append(np.hypot(*(place - [east, north])))
     assert max(off["adjusted"]) < max(off["telemetry"])
     assert max(off["adjusted"]) < 1.0
 

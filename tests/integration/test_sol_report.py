@@ -29,7 +29,7 @@ def workspace(tmp_path_factory):
     return found
 
 
-def test_a_report_has_the_images_of_its_sol_and_why_some_are_unpaired(workspace):
+def test_a_report_lists_the_images_of_its_sol_and_reasons_for_unpaired_ones(workspace):
     page = sol_report("MER2", 155, workspace)
     images = workspace.catalogue.images("MER2", sol=155)
     assert images
@@ -40,21 +40,21 @@ def test_a_report_has_the_images_of_its_sol_and_why_some_are_unpaired(workspace)
     assert not [image.id for image in others if image.id in page]
 
 
-def test_what_went_wrong_is_told_as_text_and_of_this_sol_only(workspace):
+def test_failures_are_listed_as_text_for_this_sol_only(workspace):
     page = sol_report("MER2", 155, workspace)
     assert "a pair failed: &lt;script&gt;" in page
     assert EVIL not in page
     assert "of another sol" not in page
 
 
-def test_a_report_needs_nothing_from_elsewhere(workspace):
+def test_a_report_loads_nothing_from_elsewhere(workspace):
     page = sol_report("MER2", 155, workspace)
     assert not re.findall(r"(?:src|srcset|action)=\"(?!data:)", page)
     assert not re.findall(r"<(?:script|link|iframe)|@import|url\(", page)
     assert not re.findall(r"href=\"(?!/download/)", page)
 
 
-def test_times_are_the_sums_of_what_provenance_says(workspace):
+def test_times_are_the_sums_in_the_provenance(workspace):
     facts = sol_facts("MER2", 155, workspace)
     refs = [layer.ref for layer in facts.layers]
     rows = {row.kind: row for row in timings(refs, workspace)}
@@ -67,7 +67,7 @@ def test_times_are_the_sums_of_what_provenance_says(workspace):
     assert {"dtm", "contours"} <= {row.kind for row in facts.timings}
 
 
-def test_a_picture_that_is_gone_leaves_the_report_whole(tmp_path):
+def test_a_removed_figure_does_not_break_the_report(tmp_path):
     copy = Workspace.open(tmp_path / "store")
     fill(copy)
     (image, *_) = copy.catalogue.images("MER2", sol=155)
@@ -76,7 +76,7 @@ def test_a_picture_that_is_gone_leaves_the_report_whole(tmp_path):
     assert image.id in sol_report("MER2", 155, copy)
 
 
-def test_a_sol_without_images_says_which_there_are(workspace):
+def test_a_sol_without_images_is_refused_with_the_existing_sols(workspace):
     with pytest.raises(ProductNotFoundError, match="no image of sol 7; the last sols are 155, 156"):
         sol_report("MER2", 7, workspace)
 
@@ -93,8 +93,8 @@ def test_the_server_shows_the_same_report(workspace):
 
 def test_the_command_writes_the_report_and_lists_timings(workspace, tmp_path):
     out, store = tmp_path / "sol.html", str(workspace.store.root)
-    asked = ["report", "MER2", "155", "--store", store, "--out", str(out)]
-    done = CliRunner().invoke(command, asked)
+    requested = ["report", "MER2", "155", "--store", store, "--out", str(out)]
+    done = CliRunner().invoke(command, requested)
     assert done.exit_code == 0, done.output
     assert "MER2, sol 155" in out.read_text()
     listed = CliRunner().invoke(command, ["status", "--timings", "--store", store, "--json"])

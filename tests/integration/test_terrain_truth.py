@@ -1,7 +1,7 @@
-"""Terrain models of three simulated worlds against what is true of them, from matched pictures.
+"""Terrain models of three simulated worlds against their truth, from matched images.
 
-Poses are the true ones, so that matching and gridding are judged; whole runs, with adjusted poses,
-are judged by `python -m tests.support.terrain.terrain_truth`.
+Poses are the true ones, so that matching and gridding are evaluated; whole runs, with adjusted
+poses, are evaluated by `python -m tests.support.terrain.terrain_truth`.
 """
 
 import numpy as np
@@ -17,21 +17,21 @@ from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import TerrainView
 from solmap.photogrammetry.terrain.dtm.stop_dtm import DtmParams
 from solmap.tasks.images.pairs import pair_geometry, resample_pair
-from tests.support.terrain.terrain_truth import Judgement, StopInTruth, Truth, judge
+from tests.support.terrain.terrain_truth import Evaluation, StopInTruth, Truth, evaluate
 
 WORLDS = (("plains", 301), ("hills", 302), ("crater", 303))
 PAIRS = 3
 
 
 @pytest.fixture(scope="module", params=WORLDS, ids=lambda world: world[0])
-def judged(request, tmp_path_factory) -> Judgement:
+def evaluated(request, tmp_path_factory) -> Evaluation:
     terrain, seed = request.param
     world = make_world(WorldParams(terrain, TraverseParams(stops=1), pairs=PAIRS), seed)
     views = tuple(view_of(world, shot) for shot in world.shots)
     grid = MapGrid.covering((-45.0, -45.0, 45.0, 45.0), 0.04)
     truth = Truth(tmp_path_factory.getbasetemp(), grid, world.true_elevation(grid))
     stop = StopInTruth(terrain, np.zeros(2), views, views)
-    return judge(stop, truth, DtmParams())[1]
+    return evaluate(stop, truth, DtmParams())[1]
 
 
 def view_of(world: World, shot: Shot) -> TerrainView:
@@ -57,8 +57,8 @@ def read(world: World, shot: Shot, eye: Eye) -> ReadImage:
 
 
 @pytest.mark.slow
-def test_errors_stay_within_the_stereo_formula_in_every_band_of_range(judged):
-    for band in judged.bands:
+def test_errors_stay_within_the_stereo_formula_in_every_band_of_range(evaluated):
+    for band in evaluated.bands:
         low, high = band["range_m"]
         middle = (low + high) / 2
         # facts 7.1: Z^2 sigma_p / (b f) along the ray, b f = 244.5; level ground 1.5 m below the
@@ -69,8 +69,8 @@ def test_errors_stay_within_the_stereo_formula_in_every_band_of_range(judged):
 
 
 @pytest.mark.slow
-def test_the_stated_deviations_hold_in_every_band_of_range(judged):
-    for band in judged.bands:
+def test_the_stated_deviations_hold_in_every_band_of_range(evaluated):
+    for band in evaluated.bands:
         one, two, three = band["within"]
         assert one > 0.6, band
         assert two > 0.85, band
@@ -78,16 +78,16 @@ def test_the_stated_deviations_hold_in_every_band_of_range(judged):
 
 
 @pytest.mark.slow
-def test_most_of_what_is_visible_is_mapped_and_little_of_what_is_not(judged):
+def test_most_visible_ground_is_mapped_and_little_hidden_ground(evaluated):
     # the hills fall away below the rover's sight: half of what a ray reaches there is seen edge-on
-    assert judged.completeness > 0.5
-    outside = judged.confusion["outside"]
+    assert evaluated.completeness > 0.5
+    outside = evaluated.confusion["outside"]
     mapped = outside["measured"] + outside["interpolated"]
     assert mapped < 0.002 * sum(outside.values())
 
 
 @pytest.mark.slow
-def test_hidden_ground_without_an_elevation_is_mostly_called_occluded(judged):
-    hidden, visible = judged.confusion["hidden"], judged.confusion["visible"]
+def test_hidden_ground_without_an_elevation_is_mostly_marked_occluded(evaluated):
+    hidden, visible = evaluated.confusion["hidden"], evaluated.confusion["visible"]
     assert hidden["occluded"] > hidden["unseen"]
     assert visible["occluded"] / sum(visible.values()) < hidden["occluded"] / sum(hidden.values())

@@ -1,4 +1,4 @@
-"""The commands of the tutorials run in their order and do what the tutorials say."""
+"""The commands of the tutorials run in their order and give the stated results."""
 
 import re
 import shlex
@@ -14,7 +14,7 @@ SOLMAP = Path(sys.executable).with_name("solmap")
 
 
 def commands(page: str) -> list[list[str]]:
-    """Arguments of the `solmap` lines of a page, but of those that serve or ask the archive."""
+    """Arguments of the `solmap` lines of a page, except those that serve or query the archive."""
     lines = re.findall(r"^ {4}solmap (.*)$", (DOCS / page).read_text(), re.MULTILINE)
     calls = [shlex.split(line, comments=True) for line in lines]
     return [call for call in calls if call[0] not in {"serve", "fetch"} and "FILE" not in call]
@@ -41,7 +41,7 @@ def blocks(page: str, language: str) -> list[str]:
 
 
 @pytest.mark.timeout(600)
-def test_archived_frames_of_spirit_are_mapped_as_the_tutorial_says(shared_data, tmp_path):
+def test_archived_frames_of_spirit_give_the_results_of_the_tutorial(shared_data, tmp_path):
     for frames, folder in {"sol1869_troy": "sol1869", "sol1900": "sol1900"}.items():
         (tmp_path / "spirit" / folder).mkdir(parents=True)
         for image in (shared_data / f"mer_spirit_{frames}").glob("*.img"):
@@ -54,20 +54,20 @@ def test_archived_frames_of_spirit_are_mapped_as_the_tutorial_says(shared_data, 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-def test_the_demo_gives_what_its_tutorial_says(tmp_path):
+def test_the_demo_gives_the_results_of_its_tutorial(tmp_path):
     printed = follow("tutorials/demo.md", tmp_path)
     for stop in re.findall(r"^mer2-\S+", blocks("tutorials/demo.md", "")[0], re.MULTILINE):
         assert stop in printed["positions"]
     errors = printed["evaluate"].splitlines()[2].split("\t")
     assert float(errors[2]) == pytest.approx(3.16, abs=0.01)
-    assert float(errors[4]) < 0.3  # percent of the distance; the tutorial says 0.2
+    assert float(errors[4]) < 0.3  # percent of the distance; the tutorial states 0.2
     python = blocks("how-to/uncertainty.md", "python")[0]
     subprocess.run([sys.executable, "-c", python], cwd=tmp_path, check=True)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-def test_the_realistic_traverse_can_be_followed(tmp_path):
+def test_the_realistic_traverse_gives_the_results_of_its_tutorial(tmp_path):
     (settings,) = blocks("tutorials/realistic-traverse.md", "toml")
     (tmp_path / "image-only.toml").write_text(settings)
     printed = follow("tutorials/realistic-traverse.md", tmp_path)

@@ -1,4 +1,4 @@
-"""Everything that is made of sites that nothing ties to the lander says so."""
+"""Every product of sites that nothing ties to the lander states so."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def workspace(store: Path) -> Workspace:
 
 
 def text_of(path: Path) -> str:
-    """What a file says in words, in its parts if it is an archive."""
+    """Text of a file, or of its parts if it is an archive."""
     data = path.read_bytes()
     if zipfile.is_zipfile(path):
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -105,7 +105,7 @@ def test_stac_names_the_origin_and_gives_no_place_on_mars(store, workspace):
             assert CRS(item.properties["proj:wkt2"]) == local_crs(entry.landing)
 
 
-def test_the_server_says_so_in_every_answer(store):
+def test_every_answer_of_the_server_names_the_untied_origin(store):
     with TestClient(create_app(store)) as client:
         (mission,) = client.get("/api/missions").json()
         assert (mission["mission"], mission["landing"]["name"]) == (NAME, ORIGIN)
@@ -138,7 +138,7 @@ def test_the_server_says_so_in_every_answer(store):
         assert ORIGIN in refused.text
 
 
-def test_places_on_mars_are_refused_with_what_ties_the_map(store, tmp_path):
+def test_mars_coordinates_are_refused_with_what_would_tie_the_map(store, tmp_path):
     from solmap.flows.external_data import add_control  # noqa: PLC0415 - imports Prefect
     from solmap.tasks.mission.control import FrameParams  # noqa: PLC0415
 

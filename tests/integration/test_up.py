@@ -80,7 +80,7 @@ class Up:
             )
 
     @property
-    def said(self) -> str:
+    def printed(self) -> str:
         return (self.root / "up.log").read_text()
 
     def children(self) -> list[int]:
@@ -105,11 +105,11 @@ class Up:
         file = self.root / "store" / "prefect" / "password"
         return file.read_text() if file.exists() else ""
 
-    def ask(self, path: str, body: dict | None = None, method: str | None = None):
+    def query(self, path: str, body: dict | None = None, method: str | None = None):
         return answer(f"{self.engine}{path}", body, self.password, method)
 
     def deployments(self) -> list | None:
-        found = self.ask("/deployments/filter", {})
+        found = self.query("/deployments/filter", {})
         return found if found and len(found) == 4 else None
 
 
@@ -120,12 +120,12 @@ def up(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks at processes in /proc")
-def test_files_that_arrive_are_processed_and_nothing_outlives_it(up):
+def test_arriving_files_are_processed_and_no_process_is_left(up):
     process = up.start()
     try:
         until(up.is_up, "map and deployments are there")
         (up.inbox / "broken.img").write_bytes(b"no image at all")
-        until(lambda: "the inbox was processed" in up.said, "the inbox is processed")
+        until(lambda: "the inbox was processed" in up.printed, "the inbox is processed")
         status = subprocess.run(
             (
                 sys.executable,
@@ -163,7 +163,7 @@ def test_files_that_arrive_are_processed_and_nothing_outlives_it(up):
         again.send_signal(signal.SIGTERM)
         assert again.wait(60) == 0
         until(lambda: not up.children(), "all children end with an orderly stop", 20.0)
-        assert up.said.count("files came") == 1  # what was processed is not processed again
+        assert up.printed.count("files came") == 1  # what was processed is not processed again
     finally:
         again.kill()
 
@@ -184,24 +184,26 @@ def listening(process: subprocess.Popen) -> set[int]:
 
 
 def state_of(up: Up) -> dict:
-    """What the engine has been told, and what the store holds."""
-    runs = up.ask("/flow_runs/filter", {"flow_runs": {"state": {"type": {"any_": ["SCHEDULED"]}}}})
+    """State of the engine, and content of the store."""
+    runs = up.query(
+        "/flow_runs/filter", {"flow_runs": {"state": {"type": {"any_": ["SCHEDULED"]}}}}
+    )
     products = sorted(str(path) for path in (up.root / "store" / "products").rglob("*"))
     kept = ("id", "pull_steps", "entrypoint", "path", "parameters", "paused", "job_variables")
     deployments = sorted(up.deployments(), key=lambda one: one["id"])
     return {
         "deployments": [{name: one[name] for name in kept} for one in deployments],
         "runs": sorted(run["id"] for run in runs),
-        "flows": up.ask("/flows/count", {}),
-        "blocks": up.ask("/block_documents/count", {}),
-        "variables": up.ask("/variables/count", {}),
-        "automations": up.ask("/automations/count", {}),
+        "flows": up.query("/flows/count", {}),
+        "blocks": up.query("/block_documents/count", {}),
+        "variables": up.query("/variables/count", {}),
+        "automations": up.query("/automations/count", {}),
         "products": products,
     }
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks at the ports of processes")
-def test_a_stranger_on_any_port_of_it_changes_nothing(up, tmp_path):
+def test_an_unauthenticated_client_on_any_port_changes_nothing(up, tmp_path):
     process = up.start()
     try:
         until(up.is_up, "map and deployments are there")
@@ -213,7 +215,7 @@ def test_a_stranger_on_any_port_of_it_changes_nothing(up, tmp_path):
         # schedules make runs of their own for a while
         until(lambda: (a := state_of(up)) == (time.sleep(5), state_of(up))[1] and a, "it is quiet")
         before = state_of(up)
-        asked = 0
+        requested = 0
         for port in ports:
             root = f"http://127.0.0.1:{port}"
             one = f"{root}/api/deployments/{deployment}"
@@ -227,10 +229,10 @@ def test_a_stranger_on_any_port_of_it_changes_nothing(up, tmp_path):
                             r"\{[^}]*\}", deployment, f"{root}/api{path.removeprefix('/api')}"
                         )
                         answer(url, None if method == "get" else {}, method=method.upper())
-                        asked += 1
+                        requested += 1
             with socket.create_connection(("127.0.0.1", port), timeout=5) as raw:
                 raw.sendall(os.urandom(4096) + b"\r\n\r\n")
-        assert asked > 200
+        assert requested > 200
         time.sleep(10.0)  # a run would have been taken by now
         assert state_of(up) == before
         assert not mark.exists()
@@ -240,8 +242,8 @@ def test_a_stranger_on_any_port_of_it_changes_nothing(up, tmp_path):
         process.wait(20)
 
 
-def test_who_has_the_password_can_name_no_path_and_no_program(up, tmp_path):
-    """The run of a deployment runs its flow, whatever the engine was told of the deployment."""
+def test_the_password_holder_can_name_neither_path_nor_program(up, tmp_path):
+    """The run of a deployment runs its flow, whatever is written into the deployment."""
     process = up.start()
     try:
         until(up.is_up, "map and deployments are there")
@@ -249,17 +251,20 @@ def test_who_has_the_password_can_name_no_path_and_no_program(up, tmp_path):
         shell = json.loads(json.dumps(SHELL).replace("MARK", str(mark)))
         module.write_text(f"from pathlib import Path\nPath({str(mark)!r}).touch()\n")
         found = {one["name"]: one for one in up.deployments()}["inbox"]
-        told = {"pull_steps": shell, "entrypoint": f"{module}:flow", "path": str(tmp_path)}
-        told |= {"enforce_parameter_schema": False, "job_variables": {"command": f"touch {mark}"}}
-        up.ask(f"/deployments/{found['id']}", told, "PATCH")
-        assert up.ask(f"/deployments/{found['id']}")["pull_steps"] == shell
+        reported = {"pull_steps": shell, "entrypoint": f"{module}:flow", "path": str(tmp_path)}
+        reported |= {
+            "enforce_parameter_schema": False,
+            "job_variables": {"command": f"touch {mark}"},
+        }
+        up.query(f"/deployments/{found['id']}", reported, "PATCH")
+        assert up.query(f"/deployments/{found['id']}")["pull_steps"] == shell
         runs = [{}, {"downlink": "/etc"}, {"store": str(tmp_path / "other")}, {"pipeline": "/x"}]
         start = f"/deployments/{found['id']}/create_flow_run"
         state = {"state": {"type": "SCHEDULED"}}
-        made = [up.ask(start, {"parameters": one, **state})["id"] for one in runs]
+        made = [up.query(start, {"parameters": one, **state})["id"] for one in runs]
 
         def ended(run: str) -> str | None:
-            kind = up.ask(f"/flow_runs/{run}")["state"]["type"]
+            kind = up.query(f"/flow_runs/{run}")["state"]["type"]
             return kind if kind in {"COMPLETED", "FAILED", "CRASHED"} else None
 
         states = [until(lambda run=run: ended(run), "the run ends") for run in made]
@@ -273,20 +278,20 @@ def test_who_has_the_password_can_name_no_path_and_no_program(up, tmp_path):
 
 
 @pytest.mark.parametrize("after_s", [0.5, 4.0, None])
-def test_sigterm_ends_it_and_all_parts_within_ten_seconds(up, after_s):
+def test_sigterm_ends_all_processes_within_ten_seconds(up, after_s):
     process = up.start()
     try:
         if after_s is None:  # while a run is on
             until(up.is_up, "map and deployments are there")
             (up.inbox / "broken.img").write_bytes(b"no image at all")
-            until(lambda: "files came" in up.said, "a run was asked for")
+            until(lambda: "files came" in up.printed, "a run was requested")
         time.sleep(after_s or 3.0)
         began = time.monotonic()
         process.terminate()
         process.wait(30)
         until(lambda: not up.children(), "all parts are gone", 5.0)
         assert time.monotonic() - began < 10.0
-        if after_s is None or up.said:  # else it was still being loaded
-            assert up.said.splitlines()[-1].startswith("stopped; what was made is kept")
+        if after_s is None or up.printed:  # else it was still being loaded
+            assert up.printed.splitlines()[-1].startswith("stopped; what was made is kept")
     finally:
         process.kill()

@@ -33,7 +33,7 @@ def wave(event: tuple, workspace: Workspace) -> dict[str, set[str]]:
     return found
 
 
-def test_each_new_stop_is_on_the_map_before_its_models_are_made(tmp_path: Path, monkeypatch):
+def test_each_new_stop_is_published_before_its_models_are_made(tmp_path: Path, monkeypatch):
     downlink = write_small_downlink(tmp_path / "downlink")
     every_move = f"{COARSE}[reissue]\nshift_m = 1e-6\n"
     pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml", every_move))
@@ -68,7 +68,7 @@ def test_each_new_stop_is_on_the_map_before_its_models_are_made(tmp_path: Path, 
     assert differences(Contents.of(tmp_path / "store"), Contents.of(tmp_path / "other")) == []
 
 
-def test_a_wave_that_fails_is_told_and_the_last_one_publishes_it(tmp_path: Path, monkeypatch):
+def test_a_failed_wave_is_reported_and_published_by_the_last_one(tmp_path: Path, monkeypatch):
     from solmap.flows import sol_waves  # noqa: PLC0415 - imports Prefect
 
     downlink = write_small_downlink(tmp_path / "downlink", stops=1, pairs=1)

@@ -51,7 +51,7 @@ def oriented(world: World, stop: int, pair: int, store: ProductStore) -> Oriente
     return OrientedPair(matched, orientation)
 
 
-def test_two_pairs_become_one_view_of_far_ground(tmp_path):
+def test_two_pairs_make_one_view_of_far_ground(tmp_path):
     traverse = TraverseParams(stops=2, spacing_m=(9.0, 10.0), local_solar_hours=(11.0, 11.3))
     world = make_world(WorldParams("hills", traverse=traverse), 8)
     store = Workspace.open(tmp_path).store

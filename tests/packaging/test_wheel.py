@@ -59,7 +59,7 @@ def run(programs: Path, *arguments: str | Path, folder: Path) -> str:
     return done.stdout
 
 
-def test_the_wheel_holds_one_package_and_the_viewer(wheel):
+def test_the_wheel_contains_one_package_and_the_viewer(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     assert {name.split("/")[0].split("-")[0] for name in names} == {"solmap"}
     for package in PACKAGES:
@@ -75,7 +75,7 @@ def test_the_wheel_holds_one_package_and_the_viewer(wheel):
     assert not [name for name in names if "node_modules" in name or "/tests/" in name]
 
 
-def test_a_bill_of_materials_of_the_wheel_lies_beside_it(wheel):
+def test_a_bill_of_materials_is_written_beside_the_wheel(wheel):
     (path,) = wheel.parent.glob("solmap-*.cdx.json")
     product = json.loads(path.read_text())["metadata"]["component"]
     assert f"-{product['version']}-" in wheel.name
@@ -83,11 +83,11 @@ def test_a_bill_of_materials_of_the_wheel_lies_beside_it(wheel):
     assert digest["content"] == hashlib.sha256(wheel.read_bytes()).hexdigest()
 
 
-def test_what_the_wheel_requires_is_what_the_lock_installs(environment, tmp_path):
+def test_requirements_of_the_wheel_equal_the_lock(environment, tmp_path):
     run(environment, "pip", "check", folder=tmp_path)
 
 
-def test_the_package_imports_and_tells_its_version(environment, wheel, tmp_path):
+def test_the_package_imports_and_has_its_version(environment, wheel, tmp_path):
     printed = run(
         environment, "python", "-c", "import solmap; print(solmap.__version__)", folder=tmp_path
     )

@@ -8,7 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, tie_cross_site
-from solmap.photogrammetry.matching.cross_site.links import VerdictParams
+from solmap.photogrammetry.matching.cross_site.links import LinkTestParams
 from tests.support.rendered_stops import HUSBAND, rendered_stop
 from tests.support.simulated_stops import ROOT, SimulatedStop
 from tests.support.site_pairs import (
@@ -17,7 +17,7 @@ from tests.support.site_pairs import (
     Outcome,
     SitePair,
     Views,
-    judged,
+    evaluated,
     matched_stops,
     negative_pairs,
     pointed,
@@ -34,7 +34,7 @@ def linked(pair: SitePair, stops: tuple[SimulatedStop, SimulatedStop], views: Vi
     first, second = views.of(one), views.of(other)
     started = time.process_time()
     link = tie_cross_site(first, second, views.params)
-    return judged(pair, *stops, link, time.process_time() - started)
+    return evaluated(pair, *stops, link, time.process_time() - started)
 
 
 def main() -> None:
@@ -43,15 +43,17 @@ def main() -> None:
     parser.add_argument("--only", default="", help="part of the pair's name")
     parser.add_argument("--kind", choices=["all", "shared", "foreign", "husband"], default="all")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="of the six worlds")
-    parser.add_argument("--json", type=Path, help="file to add the outcomes to, a line each")
+    parser.add_argument(
+        "--json", type=Path, help="file to which outcomes are appended, one line each"
+    )
     parser.add_argument(
         "--least-z",
         type=float,
-        default=VerdictParams().least_z,
+        default=LinkTestParams().least_z,
         help="0 tries every pair in images",
     )
     arguments = parser.parse_args()
-    views = Views(CrossSiteParams(verdict=VerdictParams(least_z=arguments.least_z)))
+    views = Views(CrossSiteParams(link_test=LinkTestParams(least_z=arguments.least_z)))
     worlds = worlds_from(arguments.first_seed)
     pairs: list[SitePair] = []
     if arguments.kind in {"all", "shared"}:
@@ -61,7 +63,7 @@ def main() -> None:
     if arguments.kind in {"all", "husband"}:
         pairs += [SitePair((HUSBAND, a), (HUSBAND, b)) for a, b in ((0, 1), (1, 2), (0, 2))]
     outcomes = []
-    print(HEADING)  # noqa: T201 - a table is what this makes
+    print(HEADING)  # noqa: T201 - prints a table
     for pair in pairs:
         if arguments.only not in pair.name:
             continue

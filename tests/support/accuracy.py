@@ -149,7 +149,7 @@ def evaluated(world: Path, workspace: Workspace) -> dict[str, Any]:
 
 
 def links_of(world: Path, workspace: Workspace) -> list[dict[str, Any]]:
-    """Every link that was tried: its verdict at the last, and how wrong it is."""
+    """Every link that was tried: its last state, and its error."""
     true = {_name(stop): stop for stop in true_stops(world / "truth")}
     latest: dict[str, list[ProductRef]] = {}
     for ref in workspace.store.refs():
@@ -238,21 +238,21 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--worlds", type=Path, nargs="*", default=RENDERED, help="rendered worlds")
     parser.add_argument("--out", type=Path, default=CACHE / "accuracy")
     parser.add_argument("--only", default="", help="part of the world's name")
-    asked = parser.parse_args(arguments)
-    level, out = LEVELS[asked.level], asked.out / asked.level
+    requested = parser.parse_args(arguments)
+    level, out = LEVELS[requested.level], requested.out / requested.level
     out.mkdir(parents=True, exist_ok=True)
-    worlds = worlds_of(asked.worlds) if level.rendered else []
+    worlds = worlds_of(requested.worlds) if level.rendered else []
     if level.rendered and not worlds:
         print(  # noqa: T201 - figures are what this makes
-            f"no rendered worlds in {', '.join(map(str, asked.worlds))}: {HOW_TO_RENDER}"
+            f"no rendered worlds in {', '.join(map(str, requested.worlds))}: {HOW_TO_RENDER}"
         )
     results = []
     for name, (params, seed) in level.simulated.items():
-        if asked.only in name:
+        if requested.only in name:
             write_downlink(out / "worlds" / name, params, seed)
         worlds.append(out / "worlds" / name)
     for world in worlds:
-        if asked.only in world.name:
+        if requested.only in world.name:
             print(world.name, flush=True)  # noqa: T201
             results.append(measured(world, out, level.pipeline))
         elif (kept := out / f"{world.name}.json").exists():

@@ -30,16 +30,16 @@ TIES = [
         "sigma_px": 50,
     }
 ]
-Ask = Callable[[], httpx.Response]
+Request = Callable[[], httpx.Response]
 
 
-def questions(client: TestClient) -> Iterator[tuple[str, Ask]]:
+def questions(client: TestClient) -> Iterator[tuple[str, Request]]:
     """Name and call of every question."""
 
-    def post(what: str, **body: object) -> Ask:
+    def post(what: str, **body: object) -> Request:
         return lambda: client.post(f"{API}/{what}", json=body)
 
-    def get(address: str, **query: object) -> Ask:
+    def get(address: str, **query: object) -> Request:
         return lambda: client.get(address, params=query)  # type: ignore[arg-type]
 
     pixel = {"image": IMAGE, "sample": 300, "line": 300}
@@ -67,42 +67,44 @@ def questions(client: TestClient) -> Iterator[tuple[str, Ask]]:
         yield f"{style}, tile", get(f"/images/{IMAGE}/{style}/2/1/2.png")
 
 
-def timed(ask: Ask) -> tuple[httpx.Response, float, float, float]:
+def timed(request: Request) -> tuple[httpx.Response, float, float, float]:
     """(answer, first wall, median CPU, median wall), milliseconds."""
     walls, used = [], []
     for _ in range(6):
         wall, cpu = time.perf_counter(), time.process_time()
-        answer = ask()
+        answer = request()
         walls.append(1e3 * (time.perf_counter() - wall))
         used.append(1e3 * (time.process_time() - cpu))
     return answer, walls[0], statistics.median(used[1:]), statistics.median(walls[1:])
 
 
-def tell_spread(name: str, ask: Ask) -> None:
+def report_spread(name: str, request: Request) -> None:
     """Print how long 41 answers to one question took by the clock."""
     walls = []
     for _ in range(41):
         begin = time.perf_counter()
-        assert ask().status_code == httpx.codes.OK
+        assert request().status_code == httpx.codes.OK
         walls.append(1e3 * (time.perf_counter() - begin))
     first, *others = walls
     twentieths = statistics.quantiles(others, n=20)
-    said = f"{name}: first {first:.0f} ms, p50 {twentieths[9]:.0f} ms, p95 {twentieths[18]:.0f} ms"
-    print(said)  # noqa: T201
+    message = (
+        f"{name}: first {first:.0f} ms, p50 {twentieths[9]:.0f} ms, p95 {twentieths[18]:.0f} ms"
+    )
+    print(message)  # noqa: T201
 
 
 def main() -> None:
     """Print a row for every question."""
     with TestClient(create_app(Path(sys.argv[1]))) as client:
         if sys.argv[2:]:
-            tell_spread(sys.argv[2], dict(questions(client))[sys.argv[2]])
+            report_spread(sys.argv[2], dict(questions(client))[sys.argv[2]])
             return
         print("| question | answer kB | CPU ms | wall ms | first ms |")  # noqa: T201
-        for name, ask in questions(client):
-            answer, first, cpu, wall = timed(ask)
+        for name, request in questions(client):
+            answer, first, cpu, wall = timed(request)
             size = len(answer.content) / 1000
-            said = "" if answer.status_code == httpx.codes.OK else f" ({answer.text[:200]})"
-            row = f"| {name}{said} | {size:.1f} | {cpu:.0f} | {wall:.0f} | {first:.0f} |"
+            message = "" if answer.status_code == httpx.codes.OK else f" ({answer.text[:200]})"
+            row = f"| {name}{message} | {size:.1f} | {cpu:.0f} | {wall:.0f} | {first:.0f} |"
             print(row)  # noqa: T201
 
 

@@ -191,9 +191,9 @@ def screenshot(page, name: str) -> np.ndarray:
     return cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
 
 
-def colour_at(picture: np.ndarray, place: tuple[float, float]) -> np.ndarray:
+def colour_at(image: np.ndarray, place: tuple[float, float]) -> np.ndarray:
     x, y = (round(value) for value in place)
-    return picture[y, x].astype(int)
+    return image[y, x].astype(int)
 
 
 def field(page, key: str) -> str:

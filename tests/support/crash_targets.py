@@ -129,39 +129,39 @@ class Onlooker(threading.Thread):
         self.join(30.0)
 
     def _look(self, client: httpx.Client) -> None:
-        missions = self._asked(client, "/api/missions")
+        missions = self._requested(client, "/api/missions")
         if missions is None or not missions.json():
             return
-        layers = self._asked(client, f"/api/missions/{missions.json()[0]['mission']}/layers")
+        layers = self._requested(client, f"/api/missions/{missions.json()[0]['mission']}/layers")
         if layers is None or not layers.json():
             return
         layer = random.choice(layers.json())  # noqa: S311 - any will do
         self._look_at(client, layer)
 
     def _look_at(self, client: httpx.Client, layer: dict) -> None:
-        whole = self._asked(client, layer["download"])
-        told = self._asked(client, layer["provenance"])
-        if whole is not None and told is not None:
-            if hashlib.sha256(whole.content).hexdigest() != told.json()["sha256"]:
+        whole = self._requested(client, layer["download"])
+        reported = self._requested(client, layer["provenance"])
+        if whole is not None and reported is not None:
+            if hashlib.sha256(whole.content).hexdigest() != reported.json()["sha256"]:
                 self.faults.append(f"half of {layer['id']}: {len(whole.content)} bytes")
             self.answers["whole product"] += 1
         if layer["tiles"]:
             west, south, east, north = layer["bounds"]
             at = tile_at((west + east) / 2, (south + north) / 2, layer["maxzoom"])
             url = layer["tiles"].format(z=at.zoom, x=at.column, y=at.row)
-            tile = self._asked(client, url)
+            tile = self._requested(client, url)
             if tile is not None and tile.status_code == 200:
-                picture = cv2.imdecode(np.frombuffer(tile.content, np.uint8), cv2.IMREAD_UNCHANGED)
-                if picture is None:
+                image = cv2.imdecode(np.frombuffer(tile.content, np.uint8), cv2.IMREAD_UNCHANGED)
+                if image is None:
                     self.faults.append(f"{url} is not an image")
                 self.answers["tile"] += 1
         if layer["features"]:
-            features = self._asked(client, layer["features"])
+            features = self._requested(client, layer["features"])
             if features is not None:
                 features.json()
                 self.answers["features"] += 1
 
-    def _asked(self, client: httpx.Client, url: str) -> httpx.Response | None:
+    def _requested(self, client: httpx.Client, url: str) -> httpx.Response | None:
         answer = client.get(url)
         self.answers["requests"] += 1
         if answer.status_code >= 500:

@@ -186,7 +186,7 @@ class CrashTest:
             before = self._look_through(store, before)
             if self._maintain(store):
                 before = self._look_through(store, set())
-            say(self.tally)
+            print_line(self.tally)
         self._look_through(store, before)
         self._restore_newest()
         self.tally.found += expected.differences(Contents.of(store))
@@ -342,12 +342,12 @@ def kill_commands(test: CrashTest, kills: int, expected: Contents) -> None:
         done += 1
         test.tally.found += [f"orphan {line}" for line in orphans(test.known, 20.0)]
         test.tally.found += faults(store)
-        say(test.tally)
+        print_line(test.tally)
     test.tally.found += [f"commands: {d}" for d in expected.differences(Contents.of(store))]
     test.tally.stores += 1
 
 
-def say(tally: Tally) -> None:
+def print_line(tally: Tally) -> None:
     """Print how far it is."""
     now = time.strftime("%H:%M:%S")
     print(f"{now} {tally.kills} kills, {tally.stores} stores, {tally.found[-3:]}", flush=True)  # noqa: T201
@@ -412,7 +412,7 @@ def main() -> None:
         while test.tally.kills < arguments.kills:
             test.disturb_one_store(number, arguments.kills, expected)
             number += 1
-            say(test.tally)
+            print_line(test.tally)
     print(json.dumps(test.tally.row(), indent=1))  # noqa: T201
     print("\n".join(test.tally.found))  # noqa: T201
     sys.exit(1 if test.tally.found else 0)

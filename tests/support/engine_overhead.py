@@ -89,8 +89,8 @@ def main() -> None:
             workers = arguments.workers if engine == "dask" else 2
             spent = (1000 * s / arguments.tasks for s in run_on(engine, timed, workers))
             wall, own, theirs = spent
-            said = f"{wall:.1f} ms a task; processor: {own:.1f} ms here, {theirs:.1f} of workers"
-            sys.stdout.write(f"{engine} {workers}: {said}\n")
+            message = f"{wall:.1f} ms a task; processor: {own:.1f} ms here, {theirs:.1f} of workers"
+            sys.stdout.write(f"{engine} {workers}: {message}\n")
             sys.stdout.flush()
 
 

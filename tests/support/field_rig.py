@@ -117,8 +117,8 @@ def drive_with_a_rig(
         (folder / eye).mkdir(parents=True, exist_ok=True)
         rays = _rays(rig, eye, size)
         for number, pose in enumerate(true, 1):
-            picture = _photograph(rig.cameras[eye].camera.centre, rays, pose, number)
-            cv2.imwrite(str(folder / eye / f"{number:04d}.png"), picture)
+            image = _photograph(rig.cameras[eye].camera.centre, rays, pose, number)
+            cv2.imwrite(str(folder / eye / f"{number:04d}.png"), image)
     (folder / "rig.toml").write_text(text)
     write_poses(folder / "poses.csv", wheels)
     return FieldDrive(folder, true, wheels)
@@ -189,12 +189,12 @@ def _photograph(
         north, east, down = (centre + length[:, None] * towards).T
         length = length - (down + elevation(east, north)) / towards[:, 2]
     north, east, _ = (centre + length[:, None] * towards).T
-    picture = np.full(rays.shape[:2], 200.0)
-    picture[is_ground] = 110.0 + 28.0 * _texture(north, east, length / len(rays))
-    picture += np.random.default_rng([number, int(1e6 + 1000 * centre[1])]).normal(
-        0, 0.8, picture.shape
+    image = np.full(rays.shape[:2], 200.0)
+    image[is_ground] = 110.0 + 28.0 * _texture(north, east, length / len(rays))
+    image += np.random.default_rng([number, int(1e6 + 1000 * centre[1])]).normal(
+        0, 0.8, image.shape
     )
-    return np.clip(np.rint(picture), 1, 255).astype(np.uint8)
+    return np.clip(np.rint(image), 1, 255).astype(np.uint8)
 
 
 def _texture(north: np.ndarray, east: np.ndarray, pixel_m: np.ndarray) -> np.ndarray:

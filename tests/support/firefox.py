@@ -22,15 +22,15 @@ LISTENS = re.compile(r"WebDriver BiDi listening on (ws://\S+)")
 NO_LIMIT = None
 
 
-async def hand_on(client, browser: str) -> None:
+async def pass_on(client, browser: str) -> None:
     """Forward messages between one client and the browser, until either disconnects."""
     async with connect(browser + client.request.path, max_size=NO_LIMIT, proxy=None) as server:
 
-        async def ask() -> None:
+        async def request() -> None:
             async for message in client:
-                asked = json.loads(message)
-                if asked["method"] == UNKNOWN:
-                    answer = {"type": "success", "id": asked["id"], "result": {}}
+                requested = json.loads(message)
+                if requested["method"] == UNKNOWN:
+                    answer = {"type": "success", "id": requested["id"], "result": {}}
                     await client.send(json.dumps(answer))
                 else:
                     await server.send(message)
@@ -39,7 +39,7 @@ async def hand_on(client, browser: str) -> None:
             async for message in server:
                 await client.send(message)
 
-        both = [asyncio.ensure_future(each()) for each in (ask, answer)]
+        both = [asyncio.ensure_future(each()) for each in (request, answer)]
         await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
 
 
@@ -48,14 +48,14 @@ async def run(command: list[str]) -> int:
     firefox = await asyncio.create_subprocess_exec(*command, stderr=asyncio.subprocess.PIPE)
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, firefox.terminate)
     async for line in firefox.stderr:
-        said = line.decode()
-        if found := LISTENS.search(said):
-            talk = partial(hand_on, browser=found[1])
+        message_ = line.decode()
+        if found := LISTENS.search(message_):
+            talk = partial(pass_on, browser=found[1])
             proxy = await serve(talk, "127.0.0.1", 0, max_size=NO_LIMIT)
-            said = (
+            message_ = (
                 f"WebDriver BiDi listening on ws://127.0.0.1:{proxy.sockets[0].getsockname()[1]}\n"
             )
-        sys.stderr.write(said)
+        sys.stderr.write(message_)
         sys.stderr.flush()
     return await firefox.wait()
 

@@ -47,13 +47,13 @@ class FirstView:
     """All parts of the page have what they show at first."""
     main_thread_ms: float
     """Processor time of the page, to `ready_ms`."""
-    asked: list[dict]
+    requested: list[dict]
     """Requests: path, start, bytes."""
 
     @property
-    def first_asked(self) -> list[str]:
+    def first_requested(self) -> list[str]:
         """Requests sent before the map was drawn."""
-        return [one["path"] for one in self.asked if one["start"] < self.painted_ms]
+        return [one["path"] for one in self.requested if one["start"] < self.painted_ms]
 
 
 def first_view(browser, address: str) -> FirstView:
@@ -78,7 +78,7 @@ def _fresh_page(browser):
     context.close()
 
 
-def _tell(store: Path, times: int) -> None:
+def _report(store: Path, times: int) -> None:
     from tests.support.browsing import open_browser  # noqa: PLC0415 - skips where there is none
 
     with serving(store) as address, open_browser() as browser:
@@ -96,10 +96,11 @@ def _tell(store: Path, times: int) -> None:
     last = views[-1]
     sys.stdout.write(
         f"server: {1000 * spent / times:.0f} ms of processor a view\n"
-        f"requests: {len(last.first_asked)} before the map is drawn, {len(last.asked)} in all; "
-        f"{sum(one['bytes'] for one in last.asked) / 1e3:.0f} kB\n"
+        f"requests: {len(last.first_requested)} before the map is drawn, "
+        f"{len(last.requested)} in all; "
+        f"{sum(one['bytes'] for one in last.requested) / 1e3:.0f} kB\n"
     )
 
 
 if __name__ == "__main__":
-    _tell(Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 9)
+    _report(Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 9)

@@ -44,7 +44,7 @@ def medians(sols: np.ndarray, figures: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return np.array([(np.median(at), np.median(of)) for at, of in groups]).T
 
 
-def picture(rows: list[dict[str, float]]) -> Figure:
+def image(rows: list[dict[str, float]]) -> Figure:
     """Seconds, memory and documents by sol."""
     figure = Figure(figsize=(9.0, 8.0), layout="constrained")
     seconds, memory, sizes = figure.subplots(3, 1, sharex=True)
@@ -73,7 +73,7 @@ def picture(rows: list[dict[str, float]]) -> Figure:
 def main() -> None:
     """Draw the figure, and print the medians of the first and last sols."""
     rows = figures_of(Path(sys.argv[1]))
-    figure = picture(rows)
+    figure = image(rows)
     FigureCanvasAgg(figure)
     figure.savefig(sys.argv[2], dpi=110)
     alone = [row for row in rows if not row["report_s"]]

@@ -55,7 +55,7 @@ uvicorn.run(
     timeout_keep_alive=75,
 )
 """
-Ask = tuple[str, str, dict[str, Any] | None]
+Request = tuple[str, str, dict[str, Any] | None]
 """Method, address and body."""
 
 
@@ -84,8 +84,8 @@ class Record:
 class Questions:
     """The requests that a store can answer."""
 
-    heavy: list[tuple[str, Ask]]
-    light: list[tuple[str, Ask]]
+    heavy: list[tuple[str, Request]]
+    light: list[tuple[str, Request]]
 
     @classmethod
     def of(cls, server: Server) -> Questions:
@@ -101,7 +101,7 @@ class Questions:
 
 
 def _heavy(layers: list[dict[str, Any]], images: list[dict[str, Any]]) -> Any:
-    def get(path: str) -> Ask:
+    def get(path: str) -> Request:
         return "GET", path, None
 
     square = [[-5, -5], [25, -5], [25, 25], [-5, 25]]
@@ -161,15 +161,15 @@ async def behave(
     ) as client:
         while time.monotonic() < end:
             is_heavy = rng.random() < HEAVY_SHARE
-            asked = questions.heavy if is_heavy else questions.light
-            chosen = rng.choice(len(asked), 1 if is_heavy else min(6, len(asked)))
-            waits = await asyncio.gather(*(_ask(client, *asked[k], record) for k in chosen))
+            requested = questions.heavy if is_heavy else questions.light
+            chosen = rng.choice(len(requested), 1 if is_heavy else min(6, len(requested)))
+            waits = await asyncio.gather(*(_request(client, *requested[k], record) for k in chosen))
             await asyncio.sleep(max(*waits, rng.exponential(PAUSE_S)))
 
 
-async def _ask(client: httpx.AsyncClient, kind: str, ask: Ask, record: Record) -> float:
+async def _request(client: httpx.AsyncClient, kind: str, request: Request, record: Record) -> float:
     """Send a request, record the answer, and return the time to wait."""
-    method, path, body = ask
+    method, path, body = request
     started = time.perf_counter()
     try:
         try:
@@ -190,7 +190,7 @@ async def _ask(client: httpx.AsyncClient, kind: str, ask: Ask, record: Record) -
     return float(answer.headers.get("retry-after", 1))
 
 
-def ask_health(address: str, seconds: float, told: Any) -> None:
+def request_health(address: str, seconds: float, reported: Any) -> None:
     """Latencies of health, requested twenty times a second on new connections.
 
     In a session of its own: who watches a server does so from another machine.
@@ -203,7 +203,7 @@ def ask_health(address: str, seconds: float, told: Any) -> None:
             answer.read()
         times.append(time.perf_counter() - started)
         time.sleep(0.05)
-    told.put(times)
+    reported.put(times)
 
 
 @dataclass
@@ -233,7 +233,7 @@ class MemoryUse:
         self.peak = {name: max(most, totals[name]) for name, most in self.peak.items()}
 
 
-def watch_memory(pid: int, ended: Any, told: Any) -> None:
+def watch_memory(pid: int, ended: Any, reported: Any) -> None:
     """Look four times a second until the end.
 
     At the usual priority: who reads the table of a process's memory keeps it from taking more.
@@ -242,7 +242,7 @@ def watch_memory(pid: int, ended: Any, told: Any) -> None:
     use = MemoryUse()
     while not ended.wait(0.25):
         use.note((pid, *children_of(pid)))
-    told.put(use)
+    reported.put(use)
 
 
 def children_of(pid: int) -> list[int]:
@@ -265,18 +265,20 @@ def write_sols(folder: Path, count: int) -> Path:
 def load(clients: int, seconds: float, server: Server, record: Record) -> list[float]:
     """Send requests for a time; the latencies of health."""
     questions = Questions.of(server)
-    told: Any = multiprocessing.Queue()
-    health = multiprocessing.Process(target=ask_health, args=(server.address, seconds, told))
+    reported: Any = multiprocessing.Queue()
+    health = multiprocessing.Process(
+        target=request_health, args=(server.address, seconds, reported)
+    )
     health.start()
     lower_priority()
 
-    async def ask_all() -> None:
+    async def request_all() -> None:
         end = time.monotonic() + seconds
         crowd = (behave(number, server, questions, record, end) for number in range(clients))
         await asyncio.gather(*crowd)
 
-    asyncio.run(ask_all())
-    times: list[float] = told.get()
+    asyncio.run(request_all())
+    times: list[float] = reported.get()
     health.join()
     return times
 
@@ -289,7 +291,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=300.0)
     given = parser.parse_args()
     record = Record()
-    with tempfile.TemporaryDirectory() as folder, Path(folder, "run.txt").open("w") as said:
+    with tempfile.TemporaryDirectory() as folder, Path(folder, "run.txt").open("w") as message:
         downlink = write_sols(Path(folder, "downlink"), max(2, round(given.seconds / 20)))
         pipeline = write_coarse_pipeline(Path(folder, "coarse.toml"))
         run = [sys.executable, "-m", "solmap.flows.cli", "run", str(downlink)]
@@ -297,20 +299,20 @@ def main() -> None:
         with running([sys.executable, "-c", SERVE, str(given.store)]) as server:
             flow = subprocess.Popen(
                 run,
-                stdout=said,
-                stderr=said,
+                stdout=message,
+                stderr=message,
                 start_new_session=True,
                 preexec_fn=lower_priority,  # noqa: PLW1509 - no thread runs yet
             )
-            ended, told = multiprocessing.Event(), multiprocessing.Queue()
-            watch = multiprocessing.Process(target=watch_memory, args=(server.pid, ended, told))
+            ended, reported = multiprocessing.Event(), multiprocessing.Queue()
+            watch = multiprocessing.Process(target=watch_memory, args=(server.pid, ended, reported))
             watch.start()
             times = load(given.clients, given.seconds, server, record)
-            went_on = flow.poll() is None
+            continued = flow.poll() is None
             flow.terminate()
             flow.wait()
             ended.set()
-            memory = told.get()
+            memory = reported.get()
             watch.join()
             with urllib.request.urlopen(f"{server.address}/metrics", timeout=60) as answer:
                 heavy = [line for line in answer.read().decode().splitlines() if "heavy" in line]
@@ -325,7 +327,7 @@ def main() -> None:
     for (_, status), count in record.statuses.items():
         statuses[status] += count
     lines += [
-        f"statuses: {dict(sorted(statuses.items()))}; the run continued to the end: {went_on}",
+        f"statuses: {dict(sorted(statuses.items()))}; the run continued to the end: {continued}",
         f"5xx: {dict(record.refusals)}",
         f"wrong: {len(record.wrong)} {record.wrong[:5]}",
         *(line for line in heavy if not line.startswith("#")),

@@ -200,7 +200,7 @@ METADATA: dict[str, Sequence[object]] = {
 """Key of the metadata of a raw image of Mars 2020 -> values that it cannot have."""
 
 
-def pictures(folder: Path) -> Iterator[str]:
+def images(folder: Path) -> Iterator[str]:
     """Images whose metadata, or whose own headers, are wrong."""
     grey = cv2.imencode(".png", np.full((2, 3), 7, np.uint8))[1].tobytes()
     for key, values in METADATA.items():
@@ -519,7 +519,7 @@ def write_hostile_files(downlink: Path) -> list[str]:
     for number, (name, data) in enumerate((*spoilt_labels(image), *cut_off(image), *vicar_files())):
         names.append(_write(folder / f"{name}-{number:03d}.img", data))
     names += [_write(folder / name, data) for name, data in (*vector_files(), *manual_ties())]
-    names += pictures(folder)
+    names += images(folder)
     names += pds4_files(folder)
     names += odd_names(folder)
     names += no_files(folder, downlink.with_name(f"{downlink.name}-outside"))
@@ -580,7 +580,7 @@ def _resident(pid: int) -> int:
     return total
 
 
-def complaints(ran: Ran, names: Sequence[str]) -> dict[str, int]:
+def messages(ran: Ran, names: Sequence[str]) -> dict[str, int]:
     """How many lines name each file as the one that they are about."""
     lines = [line.removeprefix("warning ") for line in ran.lines if line.startswith("warning ")]
     shown = {name: " ".join(name.split()) for name in names}
@@ -599,7 +599,7 @@ def compare(folder: Path) -> tuple[Ran, Ran, list[str]]:
     first, second = run(clean, folder / "clean-store"), run(hostile, folder / "hostile-store")
     wrong = [
         f"{name}: {count} lines"
-        for name, count in complaints(second, names).items()
+        for name, count in messages(second, names).items()
         if count != names.count(name)
     ]
     wrong += [f"unexpected: {line}" for line in second.lines if "Traceback" in line]
@@ -623,13 +623,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--only-write", action="store_true")
-    asked = parser.parse_args()
-    asked.folder.mkdir(parents=True, exist_ok=True)
-    if asked.only_write:
-        write_small_downlink(asked.folder)
-        sys.stdout.write(f"{len(write_hostile_files(asked.folder))} hostile files\n")
+    requested = parser.parse_args()
+    requested.folder.mkdir(parents=True, exist_ok=True)
+    if requested.only_write:
+        write_small_downlink(requested.folder)
+        sys.stdout.write(f"{len(write_hostile_files(requested.folder))} hostile files\n")
         return
-    first, second, wrong = compare(asked.folder)
+    first, second, wrong = compare(requested.folder)
     for name, ran in (("clean", first), ("hostile", second)):
         sys.stdout.write(
             f"{name}: {ran.seconds:.0f} s, {ran.peak_bytes >> 20} MiB, exit {ran.code}, "

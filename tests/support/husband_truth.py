@@ -32,7 +32,7 @@ Surface = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JudgedPair:
+class EvaluatedPair:
     """A pair whose true pose is known, and the surface it was rendered from."""
 
     name: str
@@ -91,7 +91,7 @@ def _bilinear(corners: np.ndarray, down: np.ndarray, across: np.ndarray) -> np.n
     return upper * (1 - down) + lower * down
 
 
-def judged_pairs(folder: Path, sol: int, instrument: str) -> Iterator[JudgedPair]:
+def evaluated_pairs(folder: Path, sol: int, instrument: str) -> Iterator[EvaluatedPair]:
     """The pairs of one instrument ("NAVCAM", "PANCAM") at the stop of a sol."""
     files = sorted((folder / f"sol{sol:04d}" / "edr").glob(f"?{instrument[0].lower()}*.img"))
     reads = {r.image.id: r for r in (read_image(f.read_bytes(), f.name) for f in files)}
@@ -99,7 +99,7 @@ def judged_pairs(folder: Path, sol: int, instrument: str) -> Iterator[JudgedPair
         left, right = reads[pair.left.id], reads[pair.right.id]
         images = resample_pair(left, right, pair_geometry(left.image, right.image))
         pose = true_pose(folder, left.image) @ images.geometry.rover_from_pair
-        yield JudgedPair(pair.id, images, pose, *_grid(folder / "truth" / "dtm.tif"))
+        yield EvaluatedPair(pair.id, images, pose, *_grid(folder / "truth" / "dtm.tif"))
 
 
 @cache
@@ -117,10 +117,10 @@ def true_pose(folder: Path, image: RoverImage) -> Pose:
     rows = json.loads((folder / "truth" / "truth.json").read_text())["images"]
     true = next(row for row in rows if row["product_id"].upper() == image.id.upper())
     u, _, v = np.linalg.svd(np.array(true["R_cam_to_lsl"]))  # rounded in the file
-    told = image.camera
-    assert isinstance(told, Cahvor)
-    ahead = told.a / np.linalg.norm(told.a)
-    right = told.h - (ahead @ told.h) * ahead
+    reported = image.camera
+    assert isinstance(reported, Cahvor)
+    ahead = reported.a / np.linalg.norm(reported.a)
+    right = reported.h - (ahead @ reported.h) * ahead
     right /= np.linalg.norm(right)
     turn = u @ v @ np.column_stack([ahead, right, np.cross(ahead, right)]).T
-    return Pose(LSL, image.stop.frame, turn, np.array(true["C_lsl"]) - turn @ told.centre)
+    return Pose(LSL, image.stop.frame, turn, np.array(true["C_lsl"]) - turn @ reported.centre)

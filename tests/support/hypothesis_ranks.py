@@ -53,12 +53,12 @@ def drawn(which: WorldOfStops, number: int) -> tuple[SimulatedStop, BirdsEyeView
 
 def slipped(one: SimulatedStop, other: SimulatedStop, slip: float, way: float) -> MatchedStop:
     """The later stop by telemetry with an error of a share of the way, to some side."""
-    told = other.matched.lsl_from_rover
+    reported = other.matched.lsl_from_rover
     here = one.matched.lsl_from_rover
     true = here.translation_m + here.rotation @ (one.true.inverse @ other.true).translation_m
     off_m = slip * float(np.hypot(*(true - here.translation_m)[:2]))
     off = off_m * np.array([np.cos(way), np.sin(way), 0.0])
-    return other.told_at(Pose(told.target, told.source, told.rotation, true + off))
+    return other.reported_at(Pose(reported.target, reported.source, reported.rotation, true + off))
 
 
 def rank(fits: list[PlaneFit], one: SimulatedStop, other: SimulatedStop) -> int | None:
@@ -80,7 +80,7 @@ def searched(
     """What is found, and the CPU seconds it took."""
     started = time.process_time()
     stages = search_stages(one, other, PARAMS.gate, PARAMS.birds_eye.radius_m)
-    found = find_hypotheses(*views, stages, PARAMS.birds_eye, PARAMS.verdict.least_z)
+    found = find_hypotheses(*views, stages, PARAMS.birds_eye, PARAMS.link_test.least_z)
     return found, time.process_time() - started
 
 
@@ -98,8 +98,8 @@ def main() -> None:
         limit_m = CLASSES_M[int(np.searchsorted(CLASSES_M, apart_m))]
         for light, later in (("own", second), ("negated", replace(second, grey=-second.grey))):
             for k, slip in enumerate(SLIPS):
-                told = slipped(one, other, slip, 2.4 * (3 * n + k))  # the golden angle
-                found, seconds = searched(one.matched, told, (first, later))
+                reported = slipped(one, other, slip, 2.4 * (3 * n + k))  # the golden angle
+                found, seconds = searched(one.matched, reported, (first, later))
                 place = rank(found.fits, one, other)
                 rows[light, slip, limit_m].append((place, found.highest, seconds))
                 print(pair.name, f"{apart_m:.0f} m", light, slip, place, f"{found.highest:.1f}")  # noqa: T201

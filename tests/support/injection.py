@@ -199,12 +199,12 @@ class Watch:
         @wraps(work)
         def watched(*args: Any, **kwargs: Any) -> Any:
             bound = shape.bind(*args, **kwargs).arguments
-            told = {
+            reported = {
                 key: repr(value)
                 for key, value in bound.items()
                 if key not in {"store", "workspace", "outcomes"} and not callable(value)
             }
-            digest = hashlib.sha256(repr(told).encode()).hexdigest()[:16]
+            digest = hashlib.sha256(repr(reported).encode()).hexdigest()[:16]
             with self._lock:
                 occurrence = self._seen[name, digest]
                 self._seen[name, digest] += 1
@@ -347,7 +347,7 @@ def _violations(clean: CleanRun, injection: Injection, root: Path) -> list[str]:
     if report is not None:
         found += _missing(clean, injection.call, root, is_transient=is_transient(error))
         found += _untold(report, root, error)
-    found += _not_mended(clean, root, error)
+    found += _not_repaired(clean, root, error)
     return found
 
 
@@ -371,12 +371,12 @@ def _missing(clean: CleanRun, call: Call, root: Path, *, is_transient: bool) -> 
 
 def _untold(report: Any, root: Path, error: Exception) -> list[str]:
     """Lines for errors that the report and the outcomes of the store do not name."""
-    told = [*report.failures, *(note for sol in report.sols for note in sol.notes)]
+    reported = [*report.failures, *(note for sol in report.sols for note in sol.notes)]
     kept = [note for one in Workspace.open(root).catalogue.outcomes() for note in one.notes]
-    lines = [f"no line: {line[:200]!r}" for line in (*told, *kept) if not _is_line(line)]
+    lines = [f"no line: {line[:200]!r}" for line in (*reported, *kept) if not _is_line(line)]
     if is_transient(error):
         return lines + [f"reported, but it passed: {line}" for line in report.failures]
-    for where, texts in (("report", told), ("outcomes", kept)):
+    for where, texts in (("report", reported), ("outcomes", kept)):
         if not any(MARK in text or type(error).__name__ in text for text in texts):
             lines.append(f"the {where} does not report {type(error).__name__}")
     return lines
@@ -386,7 +386,7 @@ def _is_line(text: str) -> bool:
     return len(text) < LONGEST_LINE + 300 and all(one.isprintable() for one in text)
 
 
-def _not_mended(clean: CleanRun, root: Path, error: Exception) -> list[str]:
+def _not_repaired(clean: CleanRun, root: Path, error: Exception) -> list[str]:
     """What differs from the clean run when the error is gone and the downlink comes again."""
     if isinstance(error, PhotogrammetryError):  # of the images: they have to change
         book = FinishedSolRecords(Workspace.open(root).catalogue.engine)

@@ -63,10 +63,10 @@ class Reader(Onlooker):
         super().__init__(port, every_s=0.2)
         self.latencies: list[float] = []
 
-    def _asked(self, client: httpx.Client, url: str) -> httpx.Response | None:
+    def _requested(self, client: httpx.Client, url: str) -> httpx.Response | None:
         began = time.perf_counter()
         try:
-            return super()._asked(client, url)
+            return super()._requested(client, url)
         finally:
             self.latencies.append(time.perf_counter() - began)
 
@@ -107,7 +107,7 @@ class Rig:
         return self.folder / "store"
 
     @property
-    def said(self) -> str:
+    def printed(self) -> str:
         return (self.folder / "up.log").read_text()
 
     def start(self) -> psutil.Popen:
@@ -123,9 +123,9 @@ class Rig:
         command = module_command("solmap.flows.cli", "up", *options, "--port", str(self.port))
         with (self.folder / "up.log").open("wb") as log:
             process = psutil.Popen(command, env=environment, stdout=log, stderr=log)
-        while "map at" not in self.said:
+        while "map at" not in self.printed:
             if process.poll() is not None:
-                raise RuntimeError(self.said)
+                raise RuntimeError(self.printed)
             time.sleep(0.5)
         return process
 
@@ -147,7 +147,7 @@ class Rig:
         """Wait until the run of the inbox has ended; how."""
         end = time.monotonic() + LONGEST_S
         while (
-            len(ends := re.findall(r"the inbox was processed|the run of the inbox", self.said))
+            len(ends := re.findall(r"the inbox was processed|the run of the inbox", self.printed))
             <= before
         ):
             if time.monotonic() > end:
@@ -234,7 +234,7 @@ def walk(rig: Rig, count: int, prune_every: int) -> Iterator[dict[str, Any]]:
     reader.start()
     try:
         for number in range(count):
-            before = len(re.findall(r"the inbox was processed|the run of the inbox", rig.said))
+            before = len(re.findall(r"the inbox was processed|the run of the inbox", rig.printed))
             began = time.monotonic()
             rig.deliver(number)
             ended = rig.await_processed(before)
@@ -268,7 +268,7 @@ def walk(rig: Rig, count: int, prune_every: int) -> Iterator[dict[str, Any]]:
             up.kill()
 
 
-def picture(rows: list[dict[str, Any]]) -> Figure:
+def image(rows: list[dict[str, Any]]) -> Figure:
     """Memory, open files, rows and files, latency and seconds by downlink."""
     figure = Figure(figsize=(9.0, 11.0), layout="constrained")
     memory, files, records, latency, seconds = figure.subplots(5, 1, sharex=True)
@@ -362,7 +362,7 @@ def main() -> None:
                 sys.stdout.write(f"{time.strftime('%H:%M:%S')} {json.dumps(shown)}\n")
                 sys.stdout.flush()
     rows = [json.loads(line) for line in path.read_text().splitlines()]
-    figure = picture(rows)
+    figure = image(rows)
     FigureCanvasAgg(figure)
     figure.savefig(folder / "many_downlinks.png", dpi=110)
     found = summary(rows)

@@ -45,7 +45,9 @@ def tile_paths(layers: list[dict[str, Any]], rng: np.random.Generator) -> Iterat
         yield path + (str(rng.choice(STYLES)) if is_terrain else "")
 
 
-async def ask_all(server: Server, requests: int) -> tuple[list[tuple[int, float]], Counter[int]]:
+async def request_all(
+    server: Server, requests: int
+) -> tuple[list[tuple[int, float]], Counter[int]]:
     """Megabytes after so many answers, and how many answers had which status."""
     rng, questions = np.random.default_rng(5), Questions.of(server)
     async with httpx.AsyncClient(base_url=server.address, timeout=150, trust_env=False) as client:
@@ -103,17 +105,17 @@ def main() -> None:
     given.add_argument("store", type=Path)
     given.add_argument("--requests", type=int, default=10_000)
     given.add_argument("--plot", type=Path)
-    asked = given.parse_args()
-    with running([sys.executable, "-c", SERVE, str(asked.store)]) as server:
+    requested = given.parse_args()
+    with running([sys.executable, "-c", SERVE, str(requested.store)]) as server:
         started = time.perf_counter()
         httpx.get(f"{server.address}/api/start").raise_for_status()
         sys.stdout.write(f"first request: {1000 * (time.perf_counter() - started):.0f} ms\n")
-        held, statuses = asyncio.run(ask_all(server, asked.requests))
+        held, statuses = asyncio.run(request_all(server, requested.requests))
     sys.stdout.write(
         f"statuses {dict(statuses)}; {held[0][1]:.0f} MB before, {held[-1][1]:.0f} after\n"
     )
-    if asked.plot:
-        _plot(held, asked.plot)
+    if requested.plot:
+        _plot(held, requested.plot)
 
 
 if __name__ == "__main__":

@@ -151,10 +151,10 @@ def network_of_sol(*, on_engine: bool) -> Callable[..., Any]:
         report.standing = Standing(network, oriented, rig)
         pairs = tuple(pair for of_stop in matched.values() for pair in of_stop)
         with costs.of("report"):
-            told = stated(network, pairs, inputs.config.quality, inputs.workspace.store)
+            reported = stated(network, pairs, inputs.config.quality, inputs.workspace.store)
         with costs.of("publish"):
             waves = Waves.of(inputs, report)
-            waves.pointers += [network, oriented, *([rig] if rig else []), *told]
+            waves.pointers += [network, oriented, *([rig] if rig else []), *reported]
             waves.pointers += [ref for pair in pairs for ref in pair.made]
             waves.close()
         if report.failures:

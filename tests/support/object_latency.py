@@ -75,12 +75,12 @@ def measure(root: Path, paths: Sequence[str], objects: ObjectStore) -> Iterator[
     """Figures of a server with nothing open, and then of the same questions again."""
     with running([sys.executable, "-c", _SERVE, str(root)]) as server:
         for turn in ("first", "again"):
-            asked, spent = len(objects.requests), cpu_seconds(objects.pid)
+            requested, spent = len(objects.requests), cpu_seconds(objects.pid)
             figures = load(server.port, server.pid, paths).figures
             yield {
                 "turn": turn,
                 **figures,
-                "requests/tile": round((len(objects.requests) - asked) / len(paths), 2),
+                "requests/tile": round((len(objects.requests) - requested) / len(paths), 2),
                 "cpu ms/tile of the S3 server": round(
                     1e3 * (cpu_seconds(objects.pid) - spent) / len(paths), 2
                 ),

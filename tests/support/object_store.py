@@ -47,13 +47,13 @@ class ObjectStore:
 
     def bucket(self, name: str) -> str:
         """Make a bucket, and return the URL of a prefix in it."""
-        self.ask("PUT", name)
+        self.request("PUT", name)
         return f"s3://{name}/maps"
 
-    def ask(self, method: str, path: str, body: bytes | None = None) -> bytes:
+    def request(self, method: str, path: str, body: bytes | None = None) -> bytes:
         plain = {"content-type": "application/octet-stream"}
-        asked = urllib.request.Request(f"{self.address}/{path}", body, plain, method=method)
-        with urllib.request.urlopen(asked, timeout=10) as answer:
+        requested = urllib.request.Request(f"{self.address}/{path}", body, plain, method=method)
+        with urllib.request.urlopen(requested, timeout=10) as answer:
             return bytes(answer.read())
 
 
@@ -98,7 +98,7 @@ def running_object_store(folder: Path) -> Iterator[ObjectStore]:
 
 def _answers(store: ObjectStore) -> bool:
     try:
-        store.ask("GET", "moto-api/")
+        store.request("GET", "moto-api/")
     except OSError:
         return False
     return True
@@ -128,7 +128,7 @@ class Wire:
             with contextlib.suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)
 
-    def mend(self) -> None:
+    def repair(self) -> None:
         self.is_cut, self.cut_after = False, None
 
     def serve(self, listening: socket.socket) -> None:

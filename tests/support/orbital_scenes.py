@@ -77,14 +77,14 @@ def scene(seed: int, *, uncontrolled: bool = False) -> Scene:
     own = _resampled(radiance[0], patch.window, grid)
     brightness = np.where(seen, own * (1 + 0.03 * rng.normal(size=grid.shape)), np.nan)
     # The image claims p for what truly lies at c + R (p - c) + t, with c the map's centre (0, 0).
-    picture = _resampled(radiance[1], patch.window, wide, (rotation_deg, scale), shift)
-    picture = 60 + 400 * picture + rng.normal(0, 3.0, wide.shape)
+    png = _resampled(radiance[1], patch.window, wide, (rotation_deg, scale), shift)
+    png = 60 + 400 * png + rng.normal(0, 3.0, wide.shape)
     return Scene(
         f"{kind}{seed}",
         GroundMap(grid, elevation.astype(np.float32), brightness.astype(np.float32)),
         OrbitalImage(
             replace(wide, west=wide.west + far[0], north=wide.north + far[1]),
-            picture.astype(np.float32),
+            png.astype(np.float32),
         ),
         *(shift - enlarged(rotation_deg, scale) @ far).tolist(),
         rotation_deg,
@@ -206,7 +206,7 @@ def main() -> None:
             found = register(one.ground, one.image)
         spent_s = time.process_time() - start
         fit = f"[{found.explained:.2f}, elsewhere {found.runner_up:.2f}] {spent_s:.1f} s\n"
-        sys.stdout.write(f"{one.name:12} {_said(found, one)} {fit}")
+        sys.stdout.write(f"{one.name:12} {_message(found, one)} {fit}")
         if found.correction is not None:
             sigmas = np.sqrt(np.diagonal(found.correction.covariance))
             in_sigmas.append(place_error(found, one) / sigmas)
@@ -214,7 +214,7 @@ def main() -> None:
     sys.stdout.write(f"{len(in_sigmas)} found; errors in stated deviations {np.sqrt(squares)}\n")
 
 
-def _said(found: Registration, one: Scene | DtmScene) -> str:
+def _message(found: Registration, one: Scene | DtmScene) -> str:
     if found.correction is None:
         return f"no answer: {found.reason}"
     east, north, turn, scale = place_error(found, one)

@@ -157,7 +157,7 @@ def raw_image(read: ReadImage, mission: str) -> tuple[str, bytes, dict]:
     grey = (read.pixels / 16).clip(1, 255).round().astype(np.uint8)
     suffix = {"MSL": ".JPG", "M20": ".png"}[mission]
     quality = [cv2.IMWRITE_JPEG_QUALITY, 98] if mission == "MSL" else []
-    picture = cv2.imencode(suffix, grey, quality)[1].tobytes()
+    png = cv2.imencode(suffix, grey, quality)[1].tobytes()
     name = name_of(read, mission)
     model = {
         "camera_model_type": "CAHVOR",
@@ -170,7 +170,7 @@ def raw_image(read: ReadImage, mission: str) -> tuple[str, bytes, dict]:
         name = name[:-1] + "_"
         return (
             name + suffix,
-            picture,
+            png,
             {
                 "imageid": name,
                 "sol": image.sol,
@@ -190,7 +190,7 @@ def raw_image(read: ReadImage, mission: str) -> tuple[str, bytes, dict]:
         )
     return (
         name + suffix,
-        picture,
+        png,
         {
             "imageid": name[:-2],
             "sol": image.sol,

@@ -35,7 +35,7 @@ def publish_panoramas(workspace: Workspace, eye: Eye = Eye.LEFT) -> None:
         )
         params = PanoramaParams(eye=eye)
         landing = workspace.catalogue.mission("MER2").landing
-        picture, ground = draw_panorama.fn(stop, frames, dtm, params, landing, workspace.store)
-        layers.append(layer_of("MER2", picture, (SOL,), workspace))
+        image, ground = draw_panorama.fn(stop, frames, dtm, params, landing, workspace.store)
+        layers.append(layer_of("MER2", image, (SOL,), workspace))
         grounds.append(ground)
     workspace.catalogue.publish(layers=layers, pointers=grounds)

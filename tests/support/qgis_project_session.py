@@ -19,7 +19,7 @@ def of_layer(node):
     layer = node.layer()
     box = layer.extent()
     renderer = layer.renderer() if layer.isValid() else None
-    told = {
+    reported = {
         "name": node.name(),
         "group": node.parent().name(),
         "shown": node.itemVisibilityChecked(),
@@ -34,22 +34,24 @@ def of_layer(node):
     }
     if renderer and renderer.type() == "singlebandpseudocolor":
         items = renderer.shader().rasterShaderFunction().colorRampItemList()
-        told["colours"] = [[item.value, item.color.name()] for item in items]
-        told["band"] = renderer.band()
+        reported["colours"] = [[item.value, item.color.name()] for item in items]
+        reported["band"] = renderer.band()
     elif renderer and renderer.type() == "paletted":
-        told["colours"] = [[one.value, one.color.name(), one.label] for one in renderer.classes()]
+        reported["colours"] = [
+            [one.value, one.color.name(), one.label] for one in renderer.classes()
+        ]
     elif renderer and renderer.type() == "categorizedSymbol":
-        told["colours"] = [
+        reported["colours"] = [
             [one.value(), one.symbol().color().name()] for one in renderer.categories()
         ]
     elif renderer and renderer.type() == "singleSymbol":
-        told["symbol"] = renderer.symbol().symbolLayer(0).layerType()
-        told["geometry"] = layer.geometryType()
-        told["count"] = layer.featureCount()
-    return told
+        reported["symbol"] = renderer.symbol().symbolLayer(0).layerType()
+        reported["geometry"] = layer.geometryType()
+        reported["count"] = layer.featureCount()
+    return reported
 
 
-def drawn(project, picture):
+def drawn(project, image):
     settings = QgsMapSettings()
     root = project.layerTreeRoot()
     shown = [node.layer() for node in root.findLayers() if node.isVisible()]
@@ -62,7 +64,7 @@ def drawn(project, picture):
     job = QgsMapRendererParallelJob(settings)
     job.start()
     job.waitForFinished()
-    job.renderedImage().save(picture)
+    job.renderedImage().save(image)
     box = settings.visibleExtent()
     return {
         "errors": [error.message for error in job.errors()],
@@ -71,13 +73,13 @@ def drawn(project, picture):
 
 
 def main():
-    source, answer, picture = sys.argv[1:]
+    source, answer, image = sys.argv[1:]
     QgsApplication.setPrefixPath("/usr", True)  # noqa: FBT003 - Qt's own
     application = QgsApplication([], False)  # noqa: FBT003 - as above
     application.initQgis()
     project = QgsProject.instance()
     opened = project.read(source)
-    told = {
+    reported = {
         "opened": opened,
         "error": project.error(),
         "title": project.title(),
@@ -86,9 +88,9 @@ def main():
         "crs_valid": project.crs().isValid(),
         "ellipsoid": project.ellipsoid(),
         "layers": [of_layer(node) for node in project.layerTreeRoot().findLayers()],
-        "drawn": drawn(project, picture),
+        "drawn": drawn(project, image),
     }
-    Path(answer).write_text(json.dumps(told, default=str))
+    Path(answer).write_text(json.dumps(reported, default=str))
     application.exitQgis()
 
 

@@ -24,14 +24,14 @@ from qgis.PyQt.QtCore import QSize
 from qgis.PyQt.QtGui import QColor
 
 
-def opened(asked):
+def opened(requested):
     """The layer and its general properties."""
     kinds = {"wms": QgsRasterLayer, "gdal": QgsRasterLayer}
-    layer = kinds.get(asked["provider"], QgsVectorLayer)(
-        asked["address"], "asked", asked["provider"]
+    layer = kinds.get(requested["provider"], QgsVectorLayer)(
+        requested["address"], "asked", requested["provider"]
     )
     crs, extent = layer.crs(), layer.extent()
-    told = {
+    reported = {
         "valid": layer.isValid(),
         "crs": crs.authid(),
         "crs_wkt": crs.toWkt(),
@@ -39,42 +39,42 @@ def opened(asked):
         "crs_proj": crs.toProj(),
         "extent": [extent.xMinimum(), extent.yMinimum(), extent.xMaximum(), extent.yMaximum()],
     }
-    return layer, told
+    return layer, reported
 
 
-def drawn(layer, asked):
+def drawn(layer, requested):
     """An image of the layer in its own reference system."""
     settings = QgsMapSettings()
     settings.setLayers([layer])
     settings.setDestinationCrs(layer.crs())
     settings.setBackgroundColor(QColor(255, 255, 255))
     settings.setOutputSize(QSize(400, 400))
-    settings.setExtent(QgsRectangle(*asked["view"]) if "view" in asked else layer.extent())
+    settings.setExtent(QgsRectangle(*requested["view"]) if "view" in requested else layer.extent())
     job = QgsMapRendererParallelJob(settings)
     job.start()
     job.waitForFinished()
-    job.renderedImage().save(asked["picture"])
+    job.renderedImage().save(requested["picture"])
     return [error.message for error in job.errors()]
 
 
-def told_of(asked):
-    layer, told = opened(asked)
-    if not told["valid"]:
-        return told
-    if asked["provider"] not in {"wms", "gdal"}:
+def reported_of(requested):
+    layer, reported = opened(requested)
+    if not reported["valid"]:
+        return reported
+    if requested["provider"] not in {"wms", "gdal"}:
         features = list(layer.getFeatures())
-        told["count"] = len(features)
-        told["fields"] = layer.fields().names()
-        if "field" in asked:
-            told["values"] = [
-                [feature[asked["field"]], *_middle(feature)] for feature in features[:2000]
+        reported["count"] = len(features)
+        reported["fields"] = layer.fields().names()
+        if "field" in requested:
+            reported["values"] = [
+                [feature[requested["field"]], *_middle(feature)] for feature in features[:2000]
             ]
-    if "at" in asked:
-        value, is_known = layer.dataProvider().sample(QgsPointXY(*asked["at"]), 1)
-        told["value"] = value if is_known else None
-    if "picture" in asked:
-        told["errors"] = drawn(layer, asked)
-    return told
+    if "at" in requested:
+        value, is_known = layer.dataProvider().sample(QgsPointXY(*requested["at"]), 1)
+        reported["value"] = value if is_known else None
+    if "picture" in requested:
+        reported["errors"] = drawn(layer, requested)
+    return reported
 
 
 def _middle(feature):
@@ -86,8 +86,8 @@ def main():
     QgsApplication.setPrefixPath("/usr", True)  # noqa: FBT003 - Qt's own
     application = QgsApplication([], False)  # noqa: FBT003 - as above
     application.initQgis()
-    asked = json.loads(Path(sys.argv[1]).read_text())
-    answer = {name: told_of(one) for name, one in asked.items()}
+    requested = json.loads(Path(sys.argv[1]).read_text())
+    answer = {name: reported_of(one) for name, one in requested.items()}
     Path(sys.argv[2]).write_text(json.dumps(answer, default=str))
     application.exitQgis()
 

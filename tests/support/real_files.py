@@ -14,7 +14,7 @@ from solmap.photogrammetry.archive.tables.vector_files import parse_vector_file
 from solmap.photogrammetry.errors import PhotogrammetryError
 from solmap.photogrammetry.imagery import RoverImage
 from solmap.tasks.images.files import image_bytes, remedy
-from solmap.tasks.images.folders import IMAGE_SUFFIXES, PICTURE_SUFFIXES, VECTOR_SUFFIXES
+from solmap.tasks.images.folders import IMAGE_FILE_SUFFIXES, IMAGE_SUFFIXES, VECTOR_SUFFIXES
 
 HEAD = """# Processing of real files
 
@@ -79,7 +79,7 @@ def page(data: Path) -> str:
         path = data / file
         record = records.get(file)
         if record is not None:
-            outcome = f"image: {_said_of(record)}; {_role(record, pairing.unpaired)}"
+            outcome = f"image: {_message_of(record)}; {_role(record, pairing.unpaired)}"
         else:
             outcome = _outcome(path)
         lines.append(f"| `{path.name}` | {_label(path)} | {level} | {_cell(outcome)} |")
@@ -88,7 +88,7 @@ def page(data: Path) -> str:
 
 def _record(path: Path) -> RoverImage | None:
     """Of an image that is taken, pixels and all."""
-    if path.suffix.lower() not in IMAGE_SUFFIXES | PICTURE_SUFFIXES:
+    if path.suffix.lower() not in IMAGE_SUFFIXES | IMAGE_FILE_SUFFIXES:
         return None
     try:
         return read_image(image_bytes(path), path.name).image
@@ -96,7 +96,7 @@ def _record(path: Path) -> RoverImage | None:
         return None
 
 
-def _said_of(image: RoverImage) -> str:
+def _message_of(image: RoverImage) -> str:
     kind = f"{type(image.camera).__name__.upper()}{', linearised' * image.is_linearised}"
     eye = f"{image.instrument.replace('_', ' ').lower()} {image.eye}"
     return f"{eye} of sol {image.sol} at {image.stop}, {image.product_type}, {kind}"
@@ -116,7 +116,7 @@ def _outcome(path: Path) -> str:
         if path.name == "locations.xml":
             solutions = parse_localisations(path.read_text(), path.name).solutions
             return f"poses: {len(solutions)} positions, by `solmap poses add`"
-        if suffix in IMAGE_SUFFIXES | PICTURE_SUFFIXES:
+        if suffix in IMAGE_SUFFIXES | IMAGE_FILE_SUFFIXES:
             read_image(image_bytes(path), path.name)
         else:
             found = inspect_file(path)

@@ -77,18 +77,18 @@ class Stand:
 
     drive: int
     true: Pose
-    told: Pose
+    reported: Pose
 
 
-def stand(drive, north, east, yaw, told_off=(0.0, 0.0, 0.0), told_turn=0.0):
+def stand(drive, north, east, yaw, reported_off=(0.0, 0.0, 0.0), reported_turn=0.0):
     """A stop at a place, with telemetry off by some metres and turned by some radians."""
     stop = StopId("MER2", 1, drive)
     place = np.array([north, east, 0.0])
-    turns = [Rotation.from_euler("z", a).as_matrix() for a in (yaw, yaw + told_turn)]
+    turns = [Rotation.from_euler("z", a).as_matrix() for a in (yaw, yaw + reported_turn)]
     return Stand(
         drive,
         Pose(LSL, stop.frame, turns[0], place),
-        Pose(LSL, stop.frame, turns[1], place + np.array(told_off)),
+        Pose(LSL, stop.frame, turns[1], place + np.array(reported_off)),
     )
 
 
@@ -119,9 +119,11 @@ def photographed(stand, azimuths, seed=7, sunny=1.0, pointing=0.0):
         off = Rotation.from_rotvec(rng.normal(0, 1, 3) * pointing).as_matrix()
         pose = truth.rover_from_pair
         label = Pose(pose.target, pose.source, pose.rotation @ off, pose.translation_m)
-        told = EpipolarPair(label, BASE_M, FOCAL_PX, truth.centre_px, SIZE_PX, SIZE_PX)
-        pairs.append(_pair(f"P{stand.drive:02d}{k}", stand.true @ pose, told, (seed, sunny), rng))
-    return MatchedStop(stop, tuple(pairs), stand.told, np.zeros((6, 6)))
+        reported = EpipolarPair(label, BASE_M, FOCAL_PX, truth.centre_px, SIZE_PX, SIZE_PX)
+        pairs.append(
+            _pair(f"P{stand.drive:02d}{k}", stand.true @ pose, reported, (seed, sunny), rng)
+        )
+    return MatchedStop(stop, tuple(pairs), stand.reported, np.zeros((6, 6)))
 
 
 def _pair(name, lsl_from_pair, geometry, look, rng):
@@ -161,7 +163,7 @@ def first_stand():
 @pytest.fixture(scope="session")
 def second_stand():
     """Nine metres to the north-east; telemetry has errors of 0.8 m and 1.5 degrees."""
-    return stand(1, 7.0, 6.0, 1.1, told_off=(0.6, -0.5, 0.1), told_turn=np.radians(1.5))
+    return stand(1, 7.0, 6.0, 1.1, reported_off=(0.6, -0.5, 0.1), reported_turn=np.radians(1.5))
 
 
 TOWARDS_SECOND = np.radians(np.array([-22.0, 8.0, 38.0, 68.0]))

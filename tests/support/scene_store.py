@@ -134,7 +134,7 @@ def exposure(eye: Eye) -> Exposure:
     )
 
 
-def picture(eye: Eye) -> np.ndarray:
+def png(eye: Eye) -> np.ndarray:
     """Vertical bars, 8 pixels to the left in the right image: parallax 8 everywhere."""
     sample = np.arange(256) + (8 if eye is Eye.RIGHT else 0)
     bars = 120 + 80 * np.sign(np.sin(sample / 256 * 2 * math.pi * 7.3))
@@ -209,7 +209,7 @@ def _publish_images(workspace: Workspace) -> None:
     names = {eye: exposure(eye).product_id for eye in (Eye.LEFT, Eye.RIGHT)}
     for eye, name in names.items():
         scope = Scope(ScopeLevel.IMAGE, name.lower())
-        grey = picture(eye)
+        grey = png(eye)
         pixels = (grey * 8).astype(np.int32)
         body = cv2.imencode(".png", grey.astype(np.uint8))[1].tobytes()
         made = [

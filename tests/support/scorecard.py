@@ -70,12 +70,12 @@ def _goal(
 
 def _between(name: str, value: float, bounds: tuple[float, float]) -> dict[str, Any]:
     low, high = bounds
-    asked = f"{low:g} to {high:g}"
+    requested = f"{low:g} to {high:g}"
     holds = low <= value <= high
     return {
         "goal": name,
         "reached": round(value, 3),
-        "asked": asked,
+        "asked": requested,
         "holds": holds,
         "floor": None,
     }

@@ -127,8 +127,8 @@ def main(numbers: list[int]) -> int:
         fault = FAULTS[number - 1]
         is_caught = run(fault)
         missed += not is_caught
-        told = "caught" if is_caught else "MISSED"
-        print(f"{number:2} {told} {fault.path}: {fault.right} -> {fault.wrong}", flush=True)  # noqa: T201
+        reported = "caught" if is_caught else "MISSED"
+        print(f"{number:2} {reported} {fault.path}: {fault.right} -> {fault.wrong}", flush=True)  # noqa: T201
     return int(missed > 0)
 
 

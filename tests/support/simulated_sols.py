@@ -104,9 +104,9 @@ class SimulatedSols:
 
     def deliver(self, sols: Sequence[int], workspace: Workspace) -> None:
         """Enter the images of some sols in the catalogue, as ingesting does."""
-        from solmap.tasks.mission.simulation import _entry, _no_picture  # noqa: PLC0415 - brings the engine
+        from solmap.tasks.mission.simulation import _entry, _placeholder_image  # noqa: PLC0415 - brings the engine
 
-        browse, entries = _no_picture(workspace), []
+        browse, entries = _placeholder_image(workspace), []
         for left, right in self.exposures:
             if left.sol in sols:
                 entries += [

@@ -91,7 +91,7 @@ class SimulatedStop:
         """Site and drive."""
         return self.matched.stop
 
-    def told_at(self, pose: Pose) -> MatchedStop:
+    def reported_at(self, pose: Pose) -> MatchedStop:
         """The stop as if telemetry had put it elsewhere."""
         return replace(self.matched, lsl_from_rover=pose)
 
@@ -114,9 +114,9 @@ def _made(which: WorldOfStops, number: int) -> SimulatedStop:
     world = which.world()
     stop = world.stops[number]
     pairs = tuple(_matched(world, shot) for shot in world.shots if shot.stop == number)
-    told = stop.telemetry_lsl_from_rover
+    reported = stop.telemetry_lsl_from_rover
     return SimulatedStop(
-        which, number, MatchedStop(stop.id, pairs, told, np.zeros((6, 6))), stop.lsl_from_rover
+        which, number, MatchedStop(stop.id, pairs, reported, np.zeros((6, 6))), stop.lsl_from_rover
     )
 
 

@@ -142,7 +142,7 @@ class Outcome:
 
 
 HEADING = (
-    "pair                     dist  telem  verdict     ties chance   z    err_m   %    az_deg tilt"
+    "pair                     dist  telem  state       ties chance   z    err_m   %    az_deg tilt"
     "  stated   nees sigma0  s    reason"
 )
 
@@ -170,17 +170,19 @@ def matched_stops(
     """Both stops as telemetry places them; false telemetry keeps the attitude."""
     if pair.claimed_m is None:
         return one.matched, other.matched
-    told = other.matched.lsl_from_rover
+    reported = other.matched.lsl_from_rover
     place = one.matched.lsl_from_rover.translation_m + np.array([*pair.claimed_m, 0.0])
-    return one.matched, other.told_at(Pose(told.target, told.source, told.rotation, place))
+    return one.matched, other.reported_at(
+        Pose(reported.target, reported.source, reported.rotation, place)
+    )
 
 
-def judged(
+def evaluated(
     pair: SitePair, one: SimulatedStop, other: SimulatedStop, link: SiteLink, seconds: float
 ) -> Outcome:
     """A link held against the truth."""
     true = one.true.inverse @ other.true
-    told = one.matched.lsl_from_rover.inverse @ other.matched.lsl_from_rover
+    reported = one.matched.lsl_from_rover.inverse @ other.matched.lsl_from_rover
     found, nan = link.earlier_from_later, float("nan")
     shift = true.translation_m - found.translation_m
     level = one.true.rotation @ true.rotation @ found.rotation.T @ one.true.rotation.T
@@ -195,7 +197,7 @@ def judged(
         pair.name,
         pair.shares_ground,
         distance_m,
-        float(np.linalg.norm(told.translation_m - true.translation_m))
+        float(np.linalg.norm(reported.translation_m - true.translation_m))
         if pair.shares_ground
         else nan,
         link.linked,

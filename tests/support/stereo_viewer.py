@@ -32,7 +32,7 @@ def fill(root: Path) -> StereoStore:
     """Build the store below `root`."""
     stereo = build_stereo_store(root)
     workspace = stereo.workspace
-    entries = [replace(entry, browse=_picture(entry, stereo)) for entry in stereo.entries]
+    entries = [replace(entry, browse=_image(entry, stereo)) for entry in stereo.entries]
     older = _changed_network(stereo, "older", _with_stop_moved)
     latest = _changed_network(stereo, "latest", _with_residuals)
     made = draw_vectors.fn("MER2", latest, entries, FootprintParams(), LANDING, workspace)
@@ -42,7 +42,7 @@ def fill(root: Path) -> StereoStore:
     return StereoStore(stereo.world, workspace)
 
 
-def _picture(entry, stereo: StereoStore) -> ProductRef:
+def _image(entry, stereo: StereoStore) -> ProductRef:
     data = stereo.workspace.store.path(entry.ref).read_bytes()
     pixels = read_image(data, f"{entry.id}.IMG").pixels
     low, high = np.percentile(pixels, (0.5, 99.5))

@@ -51,7 +51,7 @@ def stop_costs(store: ProductStore) -> Iterator[StopCost]:
             since = []
 
 
-def picture(costs: list[StopCost]) -> Figure:
+def image(costs: list[StopCost]) -> Figure:
     """Processor and memory by stop; the first has no maps of a stop before it."""
     figure = Figure(figsize=(9.0, 4.5), layout="constrained")
     seconds, memory = figure.subplots(2, 1, sharex=True)
@@ -70,7 +70,7 @@ def main() -> None:
     costs = list(stop_costs(ProductStore.open(Path(sys.argv[1]))))
     for one in costs:
         sys.stdout.write(f"{one}\n")
-    figure = picture(costs)
+    figure = image(costs)
     FigureCanvasAgg(figure)
     figure.savefig(sys.argv[2], dpi=110)
 

@@ -115,7 +115,7 @@ def network_of(stops: Sequence[SimulatedStop], *, by_shape: bool = True) -> Netw
     )
 
 
-def judged(
+def evaluated(
     stops: Sequence[SimulatedStop], *, by_shape: bool = True
 ) -> tuple[AdjustmentReport, list[StopError]]:
     """The report of the overall adjustment, and the errors of all stops but the held one."""
@@ -148,7 +148,7 @@ def main() -> None:
     )
     arguments = parser.parse_args()
     for name in arguments.worlds:
-        report, errors = judged(stops_of_world(name), by_shape=not arguments.image_matched_alone)
+        report, errors = evaluated(stops_of_world(name), by_shape=not arguments.image_matched_alone)
         print(f"{name}: {report}", *errors, sep="\n", flush=True)  # noqa: T201
 
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from solmap.gis_server.rendering.painting import PNG, WEBP, PictureFormat
+from solmap.gis_server.rendering.painting import PNG, WEBP, ImageFormat
 from solmap.gis_server.rendering.styles import StyleQuery
 from solmap.gis_server.rendering.tiles import draw_tile
 from solmap.gis_server.services import Services, open_services
@@ -32,7 +32,7 @@ def tiles_of(layer: Layer) -> Iterator[TileAddress]:
     return (TileAddress(zoom, column, row) for column in columns for row in rows)
 
 
-def measure(services: Services, layer: Layer, form: PictureFormat) -> tuple[list[int], float]:
+def measure(services: Services, layer: Layer, form: ImageFormat) -> tuple[list[int], float]:
     """Bytes of every tile, 0 where nothing was measured, and milliseconds of processor a tile."""
     tiles = list(tiles_of(layer))
 
@@ -48,7 +48,7 @@ def measure(services: Services, layer: Layer, form: PictureFormat) -> tuple[list
     return sizes, 1000 * (time.process_time() - started) / ROUNDS / len(tiles)
 
 
-def _tell(store: Path) -> None:
+def _report(store: Path) -> None:
     services = open_services(store)
     rasters = [one for one in services.catalogue.layers() if one.ref.kind in STYLES and one.cell_m]
     merged = [one for one in rasters if one.ref.scope.level is ScopeLevel.REGION]
@@ -64,4 +64,4 @@ def _tell(store: Path) -> None:
 
 
 if __name__ == "__main__":
-    _tell(Path(sys.argv[1]))
+    _report(Path(sys.argv[1]))

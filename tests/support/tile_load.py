@@ -49,10 +49,10 @@ def load(port: int, pid: int, paths: Sequence[str], connections: int = 1) -> Loa
     results: list[tuple[list[float], int]] = [([], 0)] * connections
     clients = [_Connection(port) for _ in range(connections)]
 
-    def ask(number: int) -> None:
-        results[number] = clients[number].ask(shares[number])
+    def request(number: int) -> None:
+        results[number] = clients[number].request(shares[number])
 
-    threads = [threading.Thread(target=ask, args=(number,)) for number in range(connections)]
+    threads = [threading.Thread(target=request, args=(number,)) for number in range(connections)]
     before, started = cpu_seconds(pid), time.perf_counter()
     for thread in threads:
         thread.start()
@@ -82,7 +82,7 @@ class _Connection:
     def close(self) -> None:
         self.socket.close()
 
-    def ask(self, paths: Sequence[str]) -> tuple[list[float], int]:
+    def request(self, paths: Sequence[str]) -> tuple[list[float], int]:
         seconds, size = [], 0
         for path in paths:
             started = time.perf_counter()

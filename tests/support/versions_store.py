@@ -77,7 +77,7 @@ def fill_versions(root: Path) -> Versions:
 
 
 def _network(workspace: Workspace, name: str, *, is_older: bool) -> ProductRef:
-    stops, pairs, told = [], [], []
+    stops, pairs, reported = [], [], []
     for number, (_, site, drive, (east, north), telemetry) in enumerate(STOPS[:2]):
         stop = StopId("MER2", site, drive)
         rover = rover_frame(site, drive)
@@ -107,13 +107,13 @@ def _network(workspace: Workspace, name: str, *, is_older: bool) -> ProductRef:
         )
         where = np.array([telemetry[1], telemetry[0], 0.0])
         pose = Pose(LSL, rover, np.eye(3), where)
-        said = {"mission": "MER2", "site": site, "drive": drive, "sols": [155 + number]}
-        told.append({**said, "telemetry": pose_document(pose)})
+        message = {"mission": "MER2", "site": site, "drive": drive, "sols": [155 + number]}
+        reported.append({**message, "telemetry": pose_document(pose)})
     network = AdjustedNetwork(tuple(stops), tuple(pairs), _no_ties(pairs))
     report = AdjustmentReport(name, converged=True, iterations=1, sigma0=1.0, redundancy=0,
                               stops=2, pairs=2)  # fmt: skip
     document = {
-        "mission": "MER2", "sol": 156, "stops": told, "reports": [name], "links": [],
+        "mission": "MER2", "sol": 156, "stops": reported, "reports": [name], "links": [],
         "network": network_document(network, [report]),
     }  # fmt: skip
     return workspace.store.make(
@@ -139,10 +139,10 @@ def _maps(workspace: Workspace, stop: str, orientations, *, older: bool) -> list
         Recipe(ProductKind.DTM, scope, (), ("a known plane", orientations)),
         lambda path: write_raster(path, GRID, {"elevation": values}, CRS, unit="m"),
     )
-    picture = np.full(values.shape, GREYS[0 if older else 1], np.float32)
+    image = np.full(values.shape, GREYS[0 if older else 1], np.float32)
     orthophoto = workspace.store.make(
         Recipe(ProductKind.ORTHOPHOTO, scope, (dtm,)),
-        lambda path: write_orthophoto(path, GRID, picture, CRS, stretch=(0.0, 254.0)),
+        lambda path: write_orthophoto(path, GRID, image, CRS, stretch=(0.0, 254.0)),
     )
     return [_layer(ref, workspace) for ref in (dtm, orthophoto)]
 

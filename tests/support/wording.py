@@ -20,7 +20,12 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("photogrammetry", "products", "tasks", "config", "flows", "gis_server", "src")
 VIEWER = "gis_server/viewer/src"
+TESTS = tuple(
+    f"tests/{name}"
+    for name in ("support", "unit", "integration", "e2e", "benchmarks", "packaging", "fuzz")
+)
 DOCUMENTS = ("README.md", "CHANGELOG.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "docs")
+FOLDERS = (*PACKAGES, VIEWER, *TESTS, *DOCUMENTS)
 SKIPPED = (
     r"```.*?```|`[^`]*`|<style>.*?</style>|<[^>\n]*>|\{[^{}]*\}"
     r"|# (noqa|fmt|type):.*|\w+: [Tt]he \w+\.|\w+\.\w+\(.*?\)"
@@ -28,6 +33,10 @@ SKIPPED = (
 """Code and markup in prose."""
 FEWEST_WORDS = 3
 """Of a string that is a message and not a key or a pattern."""
+STORED = frozenset(
+    {"contours_wanted", "handed_on", "is_mended", "picture", "said", "said_of_strike", "told_by"}
+)
+"""Names in recipes, stores and answers of the server, which stay for those who read them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +80,30 @@ def faults(text: Text, words: dict[re.Pattern[str], str]) -> Iterator[Fault]:
             yield Fault(text, found[0], instead)
 
 
+def names_of_python(path: Path, tree: ast.AST) -> Iterator[Text]:
+    """Names that a module defines, as words."""
+    found = {path.stem: 1}
+    for node in ast.walk(tree):
+        match node:
+            case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name):
+                pass
+            case ast.ClassDef(name=name) | ast.arg(arg=name):
+                pass
+            case ast.Name(id=name, ctx=ast.Store()) | ast.Attribute(attr=name, ctx=ast.Store()):
+                pass
+            case _:
+                continue
+        found.setdefault(name, node.lineno)
+    for name, line in found.items():
+        if name not in STORED:
+            words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name).replace("_", " ")
+            yield Text(path, line, "name", words)
+
+
 def texts_of_python(path: Path, source: str) -> Iterator[Text]:
-    """Docstrings, comments and strings of several words of a module."""
+    """Names, docstrings, comments and strings of several words of a module."""
     tree = ast.parse(source)
+    yield from names_of_python(path, tree)
     documented = set()
     for node in ast.walk(tree):
         match node:
@@ -136,6 +166,8 @@ def texts(root: Path, folder: str) -> Iterator[Text]:
             continue
         if folder == "docs" and "decisions" in below.parts:
             continue  # dated notes, which stay as they were written
+        if file.name == "test_wording.py":
+            continue  # examples of what the list catches
         yield from READERS[file.suffix](below, file.read_text())
 
 
@@ -144,17 +176,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("checkout", nargs="?", type=Path, default=ROOT)
     parser.add_argument("--list", nargs="*", metavar="FOLDER", help="print every place")
-    asked = parser.parse_args()
+    requested = parser.parse_args()
     words = word_list()
-    if asked.list is not None:
-        for folder in asked.list or [*PACKAGES, VIEWER, *DOCUMENTS]:
-            for text in texts(asked.checkout, folder):
+    if requested.list is not None:
+        for folder in requested.list or FOLDERS:
+            for text in texts(requested.checkout, folder):
                 for fault in faults(text, words):
                     print(fault)  # noqa: T201
         return
-    for folder in (*PACKAGES, VIEWER, "tests/support", *DOCUMENTS):
+    for folder in FOLDERS:
         every, caught = Counter[str](), Counter[str]()
-        for text in texts(asked.checkout, folder):
+        for text in texts(requested.checkout, folder):
             every[text.kind] += 1
             caught[text.kind] += any(True for _ in faults(text, words))
         for kind, count in every.items():

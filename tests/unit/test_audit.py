@@ -1,4 +1,4 @@
-"""`make audit` fails on known weaknesses, and where an audit was asked for and cannot be had."""
+"""`make audit` fails on known weaknesses, and where a requested audit is impossible."""
 
 import json
 import os
@@ -47,31 +47,29 @@ def audit(tmp_path):
     return run
 
 
-def test_it_passes_where_everybody_was_asked_and_nothing_found(audit):
+def test_an_audit_passes_if_all_sources_answered_without_findings(audit):
     status, printed = audit(CLEAN, AUDIT="required")
     assert status == 0
     assert "not audited" not in printed
 
 
 @pytest.mark.parametrize("environment", [{}, {"AUDIT": "required"}])
-def test_it_fails_where_a_weakness_is_known(audit, environment):
+def test_an_audit_fails_on_a_known_weakness(audit, environment):
     status, printed = audit(WEAK, **environment)
     assert status == 1
-    assert "found: jinja2 1: CVE-1, mended in ['2']" in printed
+    assert "found: jinja2 1: CVE-1, fixed in ['2']" in printed
 
 
 @pytest.mark.parametrize(
     ("python_answer", "node_answer"),
     [(None, NODE_ANSWERS), (SKIPPED, NODE_ANSWERS), (CLEAN, {"message": "not found"})],
 )
-def test_where_nobody_can_be_asked_it_fails_if_an_audit_was_asked_for(
-    audit, python_answer, node_answer
-):
+def test_an_audit_fails_if_a_requested_source_does_not_answer(audit, python_answer, node_answer):
     status, printed = audit(python_answer, node_answer)
     assert status == 0
     assert "not audited: " in printed
-    assert "no audit was asked for" in printed
-    for asked_for in ({"AUDIT": "required"}, {"PIP_AUDIT_VULNERABILITY_SERVICE": "osv"}):
-        status, printed = audit(python_answer, node_answer, **asked_for)
+    assert "no audit was requested" in printed
+    for requested_for in ({"AUDIT": "required"}, {"PIP_AUDIT_VULNERABILITY_SERVICE": "osv"}):
+        status, printed = audit(python_answer, node_answer, **requested_for)
         assert status == 1
         assert "not audited: " in printed

@@ -32,7 +32,7 @@ def hashes_of(component):
     return {one["content"] for one in component["externalReferences"][0]["hashes"]}
 
 
-def test_it_keeps_to_the_schema_and_names_the_wheel(written):
+def test_the_bill_of_materials_is_valid_and_names_the_wheel(written):
     text, wheel = written
     assert JsonStrictValidator(SchemaVersion.V1_6).validate_str(text) is None
     product = json.loads(text)["metadata"]["component"]
@@ -41,7 +41,7 @@ def test_it_keeps_to_the_schema_and_names_the_wheel(written):
     assert not re.search(r"https?://(?!cyclonedx\.org)", text), "an address of some registry"
 
 
-def test_it_holds_every_locked_package_with_its_hashes(components):
+def test_it_lists_every_locked_package_with_its_hashes(components):
     lock = (ROOT / "requirements.lock").read_text()
     pins = re.findall(r"(?m)^([a-z0-9][\w.-]*)(?:\[.*\])?==([^\s;]+)", lock)
     python = {purl for purl in components if purl.startswith("pkg:pypi/")}
@@ -50,7 +50,7 @@ def test_it_holds_every_locked_package_with_its_hashes(components):
     assert hashes == set(re.findall(r"--hash=sha256:([0-9a-f]{64})", lock))
 
 
-def test_it_holds_what_the_viewer_is_built_from_and_no_tool_of_its_build(components):
+def test_it_lists_viewer_dependencies_and_no_build_tool(components):
     package = json.loads((ROOT / "gis_server" / "viewer" / "package.json").read_text())
     bundled = {*package["dependencies"], "swagger-ui-dist"}  # imported, and copied
     node = {one["name"] for purl, one in components.items() if purl.startswith("pkg:npm/")}
@@ -58,6 +58,6 @@ def test_it_holds_what_the_viewer_is_built_from_and_no_tool_of_its_build(compone
     assert not node & {"vite", "vitest", "typescript", "prettier"}
 
 
-def test_licences_are_known_of_all_that_is_installed_here(components):
+def test_every_installed_package_has_a_known_licence(components):
     unknown = {purl for purl, one in components.items() if not one.get("licenses")}
     assert len(unknown) <= 5, unknown  # those of other platforms and Python versions

@@ -15,10 +15,10 @@ DEPLOY = ROOT / "deploy"
 UNIT = DEPLOY / "solmap.service"
 VARIABLES = {f"SOLMAP_{name.upper()}" for name in Settings.model_fields}
 MOST_EXPOSED = 1.2
-"""By `systemd-analyze security`, from 0 to 10; what is left is the network."""
+"""By `systemd-analyze security`, from 0 to 10; the remainder is the network."""
 
 
-def test_every_variable_of_ours_is_a_setting():
+def test_every_variable_of_the_deployment_is_a_setting():
     named: set[str] = set()
     for file in [*DEPLOY.iterdir(), *(ROOT / "docs" / "how-to").iterdir()]:
         named |= (found := set(re.findall(r"\bSOLMAP_[A-Z_]+", file.read_text())))
@@ -30,7 +30,7 @@ def compose():
     return yaml.safe_load((DEPLOY / "compose.yaml").read_text())
 
 
-def test_the_parts_of_a_cluster_know_each_other():
+def test_the_parts_of_a_cluster_are_configured_for_each_other():
     document = compose()
     services = document["services"]
     for name, service in services.items():
@@ -45,17 +45,17 @@ def test_the_parts_of_a_cluster_know_each_other():
         assert shared <= set(services[name]["environment"]), name
 
 
-def test_nothing_but_the_map_is_open_and_the_engine_asks_for_a_password():
+def test_only_the_map_is_open_and_the_engine_requires_a_password():
     services = compose()["services"]
     assert [name for name, service in services.items() if "ports" in service] == ["map"]
-    asked = "solmap:${ENGINE_PASSWORD:?}"  # which compose refuses to leave out
-    assert services["engine"]["environment"]["PREFECT_SERVER_API_AUTH_STRING"] == asked
+    requested = "solmap:${ENGINE_PASSWORD:?}"  # which compose refuses to leave out
+    assert services["engine"]["environment"]["PREFECT_SERVER_API_AUTH_STRING"] == requested
     for name in ("flows", "worker"):
-        assert services[name]["environment"]["PREFECT_API_AUTH_STRING"] == asked
+        assert services[name]["environment"]["PREFECT_API_AUTH_STRING"] == requested
     assert services["map"]["environment"]["PREFECT_API_AUTH_STRING"] == ""
 
 
-def test_the_map_reaches_catalogue_and_products_and_nothing_that_works():
+def test_the_map_reaches_catalogue_and_products_and_no_worker():
     document = compose()
     networks = {name: set(one["networks"]) for name, one in document["services"].items()}
     assert set().union(*networks.values()) == set(document["networks"])
@@ -95,7 +95,7 @@ def container_steps():
     return [(word, rest) for word, rest in lines]
 
 
-def test_the_container_file_copies_and_runs_what_there_is():
+def test_the_container_file_copies_and_runs_existing_files():
     steps = container_steps()
     known = {"FROM", "RUN", "WORKDIR", "COPY", "USER", "ENV", "VOLUME", "EXPOSE", "CMD"}
     assert {word for word, _ in steps} <= known
@@ -105,7 +105,7 @@ def test_the_container_file_copies_and_runs_what_there_is():
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
 
 
-def test_the_container_has_a_version_beneath_it_and_no_rights():
+def test_the_container_has_a_pinned_base_and_no_rights():
     steps = container_steps()
     images = [rest for word, rest in steps if word == "FROM"]
     assert all(re.match(r"python:\d+\.\d+\.\d+-slim-\w+( AS build)?$", one) for one in images)
@@ -120,13 +120,13 @@ def test_the_container_has_a_version_beneath_it_and_no_rights():
 
 
 @pytest.mark.parametrize("script", ["deploy/try-container", ".ci/run"])
-def test_scripts_are_sound(script):
+def test_scripts_pass_shellcheck(script):
     subprocess.run(["/bin/bash", "-n", script], cwd=ROOT, check=True)
     if shellcheck := shutil.which("shellcheck"):
         subprocess.run([shellcheck, script], cwd=ROOT, check=True)
 
 
-def test_the_container_is_not_tried_where_nothing_runs_containers(tmp_path):
+def test_the_container_test_is_skipped_without_a_container_runtime(tmp_path):
     for tool in ("bash", "dirname", "env"):
         (tmp_path / tool).symlink_to(shutil.which(tool))
     done = subprocess.run(
@@ -142,7 +142,7 @@ def test_the_container_is_not_tried_where_nothing_runs_containers(tmp_path):
     )
 
 
-def test_the_unit_stops_in_time_and_may_write_in_its_own_folder_only():
+def test_the_unit_stops_in_time_and_writes_only_in_its_own_folder():
     text = UNIT.read_text()
     options = dict(line.split("=", 1) for line in text.splitlines() if re.match(r"\w+=", line))
     assert 10 < int(options["TimeoutStopSec"]) <= 30
@@ -154,7 +154,7 @@ def test_the_unit_stops_in_time_and_may_write_in_its_own_folder_only():
     assert all(folder.startswith("/var/lib/solmap/") for folder in folders)
 
 
-def test_the_unit_is_as_little_exposed_as_documented(tmp_path):
+def test_the_exposure_of_the_unit_is_as_documented(tmp_path):
     analyze = shutil.which("systemd-analyze")
     if analyze is None:
         pytest.skip("systemd-analyze is not installed")
@@ -162,7 +162,7 @@ def test_the_unit_is_as_little_exposed_as_documented(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     found = re.search(r"Overall exposure level for solmap.service: ([\d.]+)", done.stdout)
     if found is None:
-        pytest.skip(f"systemd-analyze cannot tell: {done.stderr.strip()[:200]}")
+        pytest.skip(f"systemd-analyze fails: {done.stderr.strip()[:200]}")
     assert float(found[1]) <= MOST_EXPOSED
     assert f"{MOST_EXPOSED} of 10" in (ROOT / "docs" / "how-to" / "deploy.md").read_text()
     installed = tmp_path / UNIT.name  # with a program that is there

@@ -1,4 +1,4 @@
-"""What documents say of tests and files is true."""
+"""Statements of documents about tests and files are true."""
 
 import functools
 import re
@@ -17,12 +17,12 @@ def rows() -> list[str]:
     return [line for line in FEATURES.read_text().splitlines() if re.match(r"\| \d", line)]
 
 
-def test_every_row_of_the_table_of_features_is_there():
+def test_every_row_of_the_table_of_features_exists():
     assert [int(row.split("|")[1]) for row in rows()] == list(range(1, 60))
 
 
 @pytest.mark.parametrize("row", rows(), ids=lambda row: row.split("|")[1].strip())
-def test_a_feature_that_is_claimed_is_shown_by_a_test_that_exists(row):
+def test_every_claimed_feature_names_an_existing_test(row):
     claimed = row.split("|")[3].strip()
     test = TEST.search(row)
     if claimed.startswith("–"):
@@ -43,7 +43,7 @@ DOCUMENTS = [
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
-def test_source_files_and_commands_that_documents_name_exist(document):
+def test_source_files_and_commands_in_documents_exist(document):
     files = {str(path.relative_to(ROOT)) for path in _sources()}
     endings = {"/".join(file.split("/")[n:]) for file in files for n in range(file.count("/") + 1)}
     text = document.read_text()
@@ -95,7 +95,7 @@ CALL = re.compile(r"(?:^|\s)(?:\.venv/bin/)?solmap ([a-z].*)")
 
 
 def command_lines(text: str) -> list[str]:
-    """What stands behind `solmap` in blocks of code and in code within a sentence."""
+    """What follows `solmap` in blocks of code and in code within a sentence."""
     sentences = FENCED.sub("", text)
     lines = "\n".join([*FENCED.findall(text), *INDENTED.findall(sentences)]).splitlines()
     codes = [" ".join(code.split()) for code in INLINE.findall(INDENTED.sub("", sentences))]
@@ -103,7 +103,7 @@ def command_lines(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
-def test_commands_and_options_that_documents_name_exist(document):
+def test_commands_and_options_in_documents_exist(document):
     known = {
         name.removeprefix("solmap "): {word for one in command.params for word in one.opts}
         for name, command in all_commands()
@@ -120,7 +120,7 @@ def test_commands_and_options_that_documents_name_exist(document):
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
-def test_targets_of_make_and_test_files_that_documents_name_exist(document):
+def test_make_targets_and_test_files_in_documents_exist(document):
     text = document.read_text()
     targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     calls = re.findall(r"(?:^ {4}|`)make ([a-z][\w -]*)", text, re.MULTILINE)
@@ -131,7 +131,7 @@ def test_targets_of_make_and_test_files_that_documents_name_exist(document):
     ] == []
 
 
-def test_links_of_pages_outside_of_the_site_lead_to_files():
+def test_links_of_pages_outside_the_site_lead_to_files():
     for name in ("README.md", "ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md"):
         links = re.findall(r"\]\((?!\w+:)([^)#]+)", (ROOT / name).read_text())
         assert [link for link in links if not (ROOT / link).exists()] == [], name

@@ -20,7 +20,7 @@ angles = st.floats(-3.0, 3.0)
 tilts = st.floats(-1.4, 1.4)
 
 
-def test_the_quaternion_of_a_label_turns_the_rover_into_its_site():
+def test_the_quaternion_of_a_label_rotates_the_rover_into_its_site():
     case = np.array([0.994261, -0.095668, -0.0233068, 0.0418276])
     pose = Pose.of_quaternion(site_frame(137), rover_frame(137, 0), case, np.zeros(3))
     in_site = pose.apply(np.array([[10.0, 2.0, -1.0]]))
@@ -28,7 +28,7 @@ def test_the_quaternion_of_a_label_turns_the_rover_into_its_site():
 
 
 @given(tilts, tilts, angles)
-def test_roll_pitch_and_yaw_come_back(roll, pitch, yaw):
+def test_roll_pitch_and_yaw_are_recovered(roll, pitch, yaw):
     rotation = rotation_of_roll_pitch_yaw(roll, pitch, yaw)
     np.testing.assert_allclose(roll_pitch_yaw_of_rotation(rotation), (roll, pitch, yaw), atol=1e-9)
     again = rotation_of_quaternion(quaternion_of_rotation(rotation))
@@ -41,7 +41,7 @@ def test_a_chain_of_poses_cancels_with_its_inverse():
     np.testing.assert_allclose(there_and_back.translation_m, 0.0, atol=1e-15)
 
 
-def test_poses_that_do_not_meet_are_refused():
+def test_poses_with_different_frames_are_refused():
     lsl_from_site = Pose.identity(LSL, site_frame(13))
     site_from_rover = Pose.identity(site_frame(12), rover_frame(12, 104))
     with pytest.raises(FrameError, match=r"site\[13\] and site\[12\] differ"):
@@ -53,7 +53,7 @@ def test_a_quaternion_far_from_unit_length_is_refused():
         Pose.of_quaternion(LSL, site_frame(1), np.zeros(4), np.zeros(3))
 
 
-def test_the_tree_finds_the_way_through_a_common_ancestor():
+def test_the_tree_connects_frames_through_a_common_ancestor():
     east, north = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
     tree = FrameTree().with_poses(
         [
@@ -72,7 +72,7 @@ def test_frames_without_a_common_ancestor_are_named():
         tree.pose(LSL, rover_frame(1, 0))
 
 
-def test_a_circle_of_frames_is_an_error_and_not_a_hang():
+def test_a_circle_of_frames_is_an_error_and_ends():
     tree = FrameTree().with_poses(
         [
             Pose.identity(site_frame(1), site_frame(2)),

@@ -13,7 +13,7 @@ def test_the_map_is_the_tangent_plane_seen_from_above(test_vectors):
         np.testing.assert_array_equal(map_from_lsl(in_lsl), [[east, north, -5.0]])
 
 
-def test_planetographic_latitude_is_that_of_the_facts(test_vectors):
+def test_planetographic_latitude_equals_that_of_the_facts(test_vectors):
     row = test_vectors["map_coordinates"]["latitudes"]
     centric, graphic = (math.radians(row[f"planeto{kind}_deg"]) for kind in ("centric", "graphic"))
     assert planetographic(centric) == pytest.approx(graphic, abs=1e-10)

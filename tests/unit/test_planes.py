@@ -7,7 +7,7 @@ from solmap.photogrammetry.planes import nine_cell_gradients, window_gradients
 
 
 @pytest.mark.parametrize("missing", [0.0, 0.1, 0.4, 0.8, 1.0])
-def test_planes_through_nine_cells_are_those_fitted_over_three(rng, missing):
+def test_planes_through_nine_cells_equal_those_fitted_over_three(rng, missing):
     elevation = rng.normal(-1900.0, 0.05, (60, 70)).astype(np.float32)
     elevation[rng.random(elevation.shape) < missing] = np.nan
     quick = nine_cell_gradients(elevation, 0.08)[:, 1:-1, 1:-1]
@@ -18,7 +18,7 @@ def test_planes_through_nine_cells_are_those_fitted_over_three(rng, missing):
     np.testing.assert_allclose(quick, fitted, atol=2e-3)
 
 
-def test_a_tilted_plane_has_one_gradient_whatever_is_missing(rng):
+def test_a_tilted_plane_has_one_gradient_with_any_missing_cells(rng):
     east, north = np.meshgrid(np.arange(40) * 0.5, np.arange(30)[::-1] * 0.5)
     elevation = (0.3 * east - 0.2 * north).astype(np.float32)
     elevation[rng.random(elevation.shape) < 0.3] = np.nan

@@ -23,7 +23,7 @@ def pair(world):
     return world.pairs[0]
 
 
-def test_the_names_are_there_and_documented():
+def test_public_names_exist_and_are_documented():
     assert len(solmap.__all__) <= 14
     for name in solmap.__all__:
         assert getattr(solmap, name).__doc__
@@ -32,7 +32,7 @@ def test_the_names_are_there_and_documented():
         solmap.nothing  # noqa: B018
 
 
-def test_importing_it_loads_nothing_else():
+def test_importing_the_package_loads_nothing_else():
     program = "import sys, solmap; print([n for n in sys.modules if n.partition('.')[0] in {%s}])"
     names = "'numpy', 'scipy', 'cv2', 'prefect', 'rasterio', 'pydantic'"
     command = [sys.executable, "-c", program % names]
@@ -64,7 +64,7 @@ def test_cameras_take_lists_and_arrays(pair):
         camera.project([1, 2])
 
 
-def test_matches_are_those_of_the_pipeline(pair):
+def test_matches_equal_those_of_the_pipeline(pair):
     match = pair.match()
     assert match is pair.match()
     np.testing.assert_array_equal(match.disparity_px, match_densely(pair.images).parallax_px)
@@ -99,7 +99,7 @@ def test_a_site_without_an_origin_is_named(world):
         solmap.adjust([])
 
 
-def test_a_store_gives_its_latest_products(tmp_path):
+def test_a_store_returns_its_latest_products(tmp_path):
     store = solmap.open_store(unpack_old_store(tmp_path))
     layers = store.layers("dtm")
     sol = layers[0].sols[0]

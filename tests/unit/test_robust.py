@@ -4,7 +4,7 @@ import pytest
 from solmap.photogrammetry.robust import geman_mcclure_weights, robust_sigma
 
 
-def test_the_spread_of_normal_residuals_is_their_sigma_whatever_a_few_blunders(rng):
+def test_the_spread_of_normal_residuals_is_their_sigma_despite_blunders(rng):
     residuals = rng.normal(0.0, 0.3, 20_000)
     assert robust_sigma(residuals) == pytest.approx(0.3, rel=0.03)  # 1.2 % of 20 000, 2.5 times
     residuals[:400] = 1e6

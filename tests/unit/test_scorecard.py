@@ -26,8 +26,8 @@ def stop(driven_m, percent, nees, **others):
 
 
 def world(*stops, links=(), **others):
-    told = {"world": "here", "failure": "", "cpu_s_a_stop": 55.0, "bias_m": {"0-10": -0.001}}
-    return told | {"stops": list(stops), "links": list(links)} | others
+    reported = {"world": "here", "failure": "", "cpu_s_a_stop": 55.0, "bias_m": {"0-10": -0.001}}
+    return reported | {"stops": list(stops), "links": list(links)} | others
 
 
 def link(distance_m, *, linked=True, false=False):
@@ -38,7 +38,7 @@ def reached(results):
     return {row["goal"]: (row["reached"], row["holds"]) for row in scorecard(results)}
 
 
-def test_goals_are_held_against_medians_and_worst_stops():
+def test_goals_are_compared_with_medians_and_worst_stops():
     first = world(stop(0.0, None, None), stop(15.0, 0.08, 1.0), stop(30.0, 0.2, 1.1))
     card = reached([first, world(stop(20.0, 0.06, 0.9))])
     assert card["position, median, % of the way"] == (0.08, True)
@@ -61,7 +61,7 @@ def test_links_count_by_distance_and_false_ones_are_named():
     assert card["false links"] == (1.0, False)
 
 
-def test_a_world_that_failed_is_on_the_page_and_not_in_the_figures():
+def test_a_failed_world_is_on_the_page_and_not_in_the_figures():
     results = [world(stop(15.0, 0.08, 1.0)), world(failure="no images", world="there")]
     page = markdown(scorecard(results), results)
     assert "there failed" in page
@@ -70,7 +70,7 @@ def test_a_world_that_failed_is_on_the_page_and_not_in_the_figures():
     assert scorecard([results[1]]) == []
 
 
-def test_the_floor_is_what_the_mean_pointing_of_both_panoramas_leaves():
+def test_the_lower_limit_is_the_mean_pointing_error_of_both_panoramas():
     def turned(azimuth_deg):
         return Rotation.from_rotvec([0, 0, np.deg2rad(azimuth_deg)]).as_matrix()
 

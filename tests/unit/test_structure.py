@@ -18,14 +18,14 @@ PACKAGES = sorted(name for name, module in KNOWN.items() if module.is_package)
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 
-def test_no_folder_holds_more_modules_than_a_reader_keeps_in_mind():
+def test_no_folder_has_more_than_the_limit_of_modules():
     assert {str(f): n for f, n in folders(KNOWN).items() if n > MOST_MODULES} == {}
 
 
 @pytest.mark.parametrize("name", PACKAGES)
-def test_a_package_says_what_it_holds(name):
+def test_a_package_describes_its_content(name):
     text = ast.get_docstring(KNOWN[name].tree) or ""
-    assert len(text.split()) >= 8, f"{name}/__init__.py does not say what enters and what leaves"
+    assert len(text.split()) >= 8, f"{name}/__init__.py does not state what enters and what leaves"
 
 
 def test_every_folder_of_modules_is_a_package():
@@ -71,7 +71,7 @@ def test_runtime_dependencies_are_what_production_code_imports():
     assert required - imported == set()
 
 
-def test_no_test_or_benchmark_has_a_figure_of_the_documentation_to_write_to():
+def test_no_test_or_benchmark_writes_a_figure_of_the_documentation():
     path_into_docs = re.compile(r"[\"']docs[\"'] */ *[\"']figures[\"']")
     tests = (ROOT / "tests").rglob("*.py")
     assert [str(path) for path in tests if path_into_docs.search(path.read_text())] == []

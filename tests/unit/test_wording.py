@@ -4,13 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.wording import DOCUMENTS, PACKAGES, ROOT, VIEWER, Text, faults, texts, word_list
+from tests.support.wording import FOLDERS, ROOT, Text, faults, texts, word_list
 
 WORDS = word_list()
-FINISHED = (*PACKAGES, VIEWER, "tests/support", *DOCUMENTS)
 
 
-@pytest.mark.parametrize("folder", FINISHED)
+@pytest.mark.parametrize("folder", FOLDERS)
 def test_prose_has_no_word_of_the_list(folder):
     found = [str(fault) for text in texts(ROOT, folder) for fault in faults(text, WORDS)]
     assert found == [], f"`python -m tests.support.wording --list {folder}` prints them"

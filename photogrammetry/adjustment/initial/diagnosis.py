@@ -75,7 +75,7 @@ def diagnose(network: Initial) -> tuple[tuple[Finding, ...], np.ndarray]:
     """Undetermined unknowns of stops, and the rows of ties that no other observation checks."""
     couples = network.overview.couples
     fitting = _by_stop(_fitting(couples, network.fits))
-    promised = _by_stop(couples)
+    expected = _by_stop(couples)
     findings: list[Finding] = []
     unchecked = [np.zeros(0, dtype=np.int64)]
     placed = set(np.flatnonzero(network.placed).tolist())
@@ -83,7 +83,7 @@ def diagnose(network: Initial) -> tuple[tuple[Finding, ...], np.ndarray]:
     while waiting:
         k = next((k for k in waiting if any(o in placed for o in fitting.get(k, {}))), None)
         if k is None:
-            found, block = _detached_block(network, waiting, fitting, promised)
+            found, block = _detached_block(network, waiting, fitting, expected)
             findings += found
         else:
             block = {k}
@@ -176,7 +176,7 @@ def _detached_block(
     network: Initial,
     waiting: list[int],
     fitting: dict[int, dict[int, Rows]],
-    promised: dict[int, dict[int, Rows]],
+    expected: dict[int, dict[int, Rows]],
 ) -> tuple[list[Finding], set[int]]:
     """The first stop that no tie joins to those placed, with all that ties join to it."""
     block, front = {waiting[0]}, [waiting[0]]
@@ -192,7 +192,7 @@ def _detached_block(
         )
         return [Finding(network.names[k], Lack.DETACHED, 0, 0, text) for k in sorted(block)], block
     k = waiting[0]
-    lost = sum(len(rows) for rows, _ in promised.get(k, {}).values())
+    lost = sum(len(rows) for rows, _ in expected.get(k, {}).values())
     if lost:
         text = (
             f"none of its {lost} ties agrees with telemetry or the others: {network.holder({k})} it"
@@ -217,10 +217,10 @@ def _same_places(network: Initial) -> list[Finding]:
 def with_findings(result: Result, findings: tuple[Finding, ...]) -> Result:
     """The adjustment with the diagnosis written into its stops and its report."""
     adjusted, report = result
-    told = {finding.stop: finding.text for finding in findings if finding.lack not in IN_HELD_BY}
+    texts = {finding.stop: finding.text for finding in findings if finding.lack not in IN_HELD_BY}
     stops = tuple(
-        replace(stop, held_by=f"{stop.held_by}; {told[stop.stop]}")
-        if told.get(stop.stop, stop.held_by) not in stop.held_by
+        replace(stop, held_by=f"{stop.held_by}; {texts[stop.stop]}")
+        if texts.get(stop.stop, stop.held_by) not in stop.held_by
         else stop
         for stop in adjusted.stops
     )

@@ -212,8 +212,8 @@ def _solve(
 
 def _cost(state: State, telemetry: Telemetry, edges: Edges, root: np.ndarray) -> float:
     off = (root @ edges.misfit(state)[:, :, None])[:, :, 0]
-    told = telemetry_misclosures(state, telemetry) * telemetry.weight
-    return float((off**2).sum() + (told**2).sum())
+    telemetry_residuals = telemetry_misclosures(state, telemetry) * telemetry.weight
+    return float((off**2).sum() + (telemetry_residuals**2).sum())
 
 
 def _step(

@@ -256,6 +256,6 @@ def _merge_control(
     previous: AdjustedNetwork, adjusted: AdjustedNetwork
 ) -> tuple[AdjustedControl, ...]:
     """The control of the whole traverse, with the new results of the stops adjusted now."""
-    anew = {stop.stop for stop in adjusted.stops}
-    kept = tuple(one for one in previous.control if one.control.stop not in anew)
+    estimated = {stop.stop for stop in adjusted.stops}
+    kept = tuple(one for one in previous.control if one.control.stop not in estimated)
     return (*kept, *adjusted.control)

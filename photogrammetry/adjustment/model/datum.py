@@ -48,14 +48,14 @@ def with_control(
     left out. A frame of the same name replaces the earlier one.
     """
     inside = set(network.stop_ids)
-    wanted = tuple(one for one in control if one.stop in inside)
+    of_stops = tuple(one for one in control if one.stop in inside)
     own = tuple(frames)
     names = {frame.name for frame in own}
     every = (*(frame for frame in network.frames if frame.name not in names), *own)
-    joined = replace(network, frames=every, control=(*network.control, *wanted))
+    joined = replace(network, frames=every, control=(*network.control, *of_stops))
     first_sigma = np.radians(_first_azimuth_sigma_deg(network, params))
-    telling = [frame for frame in every if frame.name == MAP.name or not frame.is_certain]
-    if not any(np.sqrt(frame.covariance[TURN, TURN]) < first_sigma for frame in telling):
+    informative = [frame for frame in every if frame.name == MAP.name or not frame.is_certain]
+    if not any(np.sqrt(frame.covariance[TURN, TURN]) < first_sigma for frame in informative):
         return joined
     datum = () if network.datum_is_observed else (_datum(network, params),)
     others = tuple(frame for frame in every if frame.name != MAP.name)

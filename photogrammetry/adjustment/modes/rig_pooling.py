@@ -288,9 +288,9 @@ def _rows_of_stops(
         for name, one in rows.items():
             N, n = one.cells.normal_equations()
             own[name][camera] = N / factor, n / factor
-        told = {name: one.celsius for name, one in rows.items() if one.celsius is not None}
-        mean = float(np.mean([*told.values()])) if told else 0.0
-        kelvin = {name: celsius - mean for name, celsius in told.items()}
+        measured = {name: one.celsius for name, one in rows.items() if one.celsius is not None}
+        mean = float(np.mean([*measured.values()])) if measured else 0.0
+        kelvin = {name: celsius - mean for name, celsius in measured.items()}
         warmer = np.array([kelvin.get(name, 0.0) for name in rows])
         spreads.append(
             _Spread(*_variances_between([own[name][camera] for name in rows], warmer), kelvin)

@@ -64,8 +64,8 @@ def adjust_stepwise(
     """
     new = [stop for stop in network.stop_ids if stop in set(new_stops)]
     if previous is None:
-        wanted = network.within(set(new))
-        adjusted, report = adjust_overall(wanted, params)
+        needed = network.within(set(new))
+        adjusted, report = adjust_overall(needed, params)
         return _with_past(adjusted), report
     old = {stop.stop for stop in previous.stops}
     if not new or not old:
@@ -113,8 +113,8 @@ def _tied_stops(network: Network, stops: list[StopId]) -> set[StopId]:
         return set()
     of_pair = {pair.pair_id: pair.stop for pair in network.pairs}
     names = [of_pair[name] for name in ties.pair_ids]
-    wanted = set(stops)
-    inside = np.array([name in wanted for name in names], dtype=bool)[ties.pair]
+    needed = set(stops)
+    inside = np.array([name in needed for name in names], dtype=bool)[ties.pair]
     shared = np.isin(ties.point, np.unique(ties.point[inside]))
     return {names[k] for k in np.unique(ties.pair[shared]).tolist()}
 

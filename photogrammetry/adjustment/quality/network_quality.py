@@ -105,8 +105,8 @@ def blunders(network: AdjustedNetwork) -> tuple[Blunder, ...]:
     stop_of = {pair.pair_id: pair.stop for pair in network.pairs}
     used_by_point: dict[int, set[str]] = {}
     rows = np.flatnonzero(ties.status == BLUNDER)
-    wanted = np.isin(seen.point, seen.point[rows]) & (ties.status == USED)
-    for k in np.flatnonzero(wanted).tolist():
+    rows_of_points = np.isin(seen.point, seen.point[rows]) & (ties.status == USED)
+    for k in np.flatnonzero(rows_of_points).tolist():
         used_by_point.setdefault(int(seen.point[k]), set()).add(seen.pair_ids[seen.pair[k]])
     size = np.linalg.norm(np.nan_to_num(ties.residuals_px[rows]), axis=1)
     found = []

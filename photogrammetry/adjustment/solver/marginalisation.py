@@ -246,11 +246,11 @@ class Columns:
 def tie_rows(network: SolvedNetwork, rows: np.ndarray, columns: Columns) -> np.ndarray:
     """Whitened observation equations of the tie points that some rows see, points eliminated."""
     observations = network.observations
-    wanted = np.zeros(observations.points, dtype=bool)
-    wanted[observations.point[rows]] = True
+    involved = np.zeros(observations.points, dtype=bool)
+    involved[observations.point[rows]] = True
     parts = [np.zeros((0, columns.count + 1))]
     for tie in network.ties:
-        mine = np.flatnonzero(wanted[observations.point[tie.group.rows[0]]])
+        mine = np.flatnonzero(involved[observations.point[tie.group.rows[0]]])
         if not len(mine):
             continue
         group = tie.group.of_points(mine)

@@ -438,12 +438,12 @@ def _bare_value(value: Value) -> Value:
     return bare
 
 
-def is_picture(data: bytes) -> bool:
+def is_image_file(data: bytes) -> bool:
     """Whether a file starts like a PNG or JPEG."""
     return data.startswith((PNG, JPEG))
 
 
-def read_picture(data: bytes, name: str) -> tuple[GreyImage, Mask]:
+def read_image_file(data: bytes, name: str) -> tuple[GreyImage, Mask]:
     """Grey values and mask of a JPEG or PNG file.
 
     Raises:
@@ -453,7 +453,7 @@ def read_picture(data: bytes, name: str) -> tuple[GreyImage, Mask]:
     return colours.mean(axis=2, dtype=np.float32), mask
 
 
-def read_colour_picture(data: bytes, name: str) -> tuple[Colours, Mask] | None:
+def read_colour_image_file(data: bytes, name: str) -> tuple[Colours, Mask] | None:
     """Red, green and blue and the mask of a JPEG or PNG file; None if it is grey.
 
     Raises:
@@ -467,7 +467,7 @@ def read_colour_picture(data: bytes, name: str) -> tuple[Colours, Mask] | None:
 
 def _unpacked(data: bytes, name: str) -> tuple[np.ndarray, Mask]:
     """(lines, samples, 1 or 3) in 8 bits, blue first, and the mask."""
-    samples, lines = picture_size(data, name)
+    samples, lines = image_file_size(data, name)
     if not 1 <= samples * lines <= MAX_PIXELS:
         raise PixelError(f"{name}: {samples} x {lines} pixels: no rover image is that large")
     bits = data[PNG_BITS] if data.startswith(PNG) else 8
@@ -484,7 +484,7 @@ def _unpacked(data: bytes, name: str) -> tuple[np.ndarray, Mask]:
     return colours, ~lost
 
 
-def picture_size(data: bytes, name: str) -> tuple[int, int]:
+def image_file_size(data: bytes, name: str) -> tuple[int, int]:
     """(samples, lines) of a JPEG or PNG file, from its header.
 
     Raises:

@@ -16,11 +16,11 @@ from solmap.photogrammetry.archive.images.json_metadata import rover_image_of_me
 from solmap.photogrammetry.archive.images.pixels import (
     Colours,
     demosaiced,
-    is_picture,
-    picture_size,
-    read_colour_picture,
+    image_file_size,
+    is_image_file,
+    read_colour_image_file,
     read_colour_pixels,
-    read_picture,
+    read_image_file,
     read_pixels,
     received_mask,
     saturated_mask,
@@ -88,7 +88,7 @@ class DescribedImage:
         if state is not None:
             return state == "ENCODED"
         return _ENCODED.match(self.image.id) is not None and not (
-            is_picture(self.data) and read_colour_picture(self.data, self.image.id)
+            is_image_file(self.data) and read_colour_image_file(self.data, self.image.id)
         )
 
     @property
@@ -145,8 +145,8 @@ def read_colour(data: bytes, name: str) -> tuple[Colours, Mask] | None:
     if described.is_mosaic:
         pixels, mask = _stored_pixels(described, name)
         return demosaiced(pixels, mask), mask
-    if described.label is None or is_picture(described.data):
-        return read_colour_picture(described.data, name)
+    if described.label is None or is_image_file(described.data):
+        return read_colour_image_file(described.data, name)
     return read_colour_pixels(described.data, described.label, name)
 
 
@@ -234,12 +234,12 @@ def _attached_label(data: bytes, name: str) -> Label:
 def _stored_pixels(described: DescribedImage, name: str) -> tuple[GreyImage, Mask]:
     """Grey values and mask as stored in the file."""
     image, data = described.image, described.data
-    if described.label is not None and not is_picture(data):
+    if described.label is not None and not is_image_file(data):
         return read_pixels(data, described.label, name)
-    samples, lines = picture_size(data, name)
+    samples, lines = image_file_size(data, name)
     if (lines, samples) != (image.lines, image.samples):
         raise PixelError(
             f"{name}: the image is {samples} x {lines} pixels, its label has {image.samples} x "
             f"{image.lines}"
         )
-    return read_picture(data, name)
+    return read_image_file(data, name)

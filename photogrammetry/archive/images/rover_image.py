@@ -39,7 +39,7 @@ ROVER_GEOMETRY = "ROVER_DERIVED_GEOMETRY_PARMS"
 STATE = "INSTRUMENT_STATE_PARMS"
 ROVER_FRAMES = frozenset({"ROVER_FRAME", "ROVER_NAV_FRAME"})
 MODELS = {"CAHV": "CAHV", "CAHVOR": "CAHVOR", "CAHVORE": "CAHVORETP"}
-TELLING_ELEVATION = math.radians(1.0)
+LEAST_ELEVATION = math.radians(1.0)
 """Mast elevations nearer to the horizon do not determine the sign: six digits and 0.1 degree of
 lag."""
 DETECTOR_ON_MAST = re.compile(r"(?:NAV|PAN)[ _]CCD\Z", re.ASCII)
@@ -356,7 +356,7 @@ def _sun_elevation(label: Label, mission: Mission) -> float | None:
         return None
     stated = label.optional_angle(ROVER_GEOMETRY, "INSTRUMENT_ELEVATION")
     true = _mast_elevation(label, mission)
-    if stated is not None and true is not None and abs(true) > TELLING_ELEVATION:
+    if stated is not None and true is not None and abs(true) > LEAST_ELEVATION:
         return elevation if abs(stated - true) <= abs(stated + true) else -elevation
     return abs(elevation) if _is_day(label) else elevation
 

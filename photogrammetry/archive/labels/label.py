@@ -99,7 +99,7 @@ class Label:
         """The list of a keyword as float64, of exactly `count` numbers if given."""
         values = _sequence(self._present(group, keyword))
         if count is not None and len(values) != count:
-            raise self._complaint(group, keyword, f"{count} numbers", values)
+            raise self._type_error(group, keyword, f"{count} numbers", values)
         return np.array([self._convert(value, group, keyword, float) for value in values])
 
     def optional_angle(self, group: str, keyword: str) -> float | None:
@@ -140,9 +140,9 @@ class Label:
                 and (kind is float or whole)
             ):
                 return kind(number)
-        raise self._complaint(group, keyword, _KIND_NAMES[kind], value)
+        raise self._type_error(group, keyword, _KIND_NAMES[kind], value)
 
-    def _complaint(self, group: str, keyword: str, expected: str, value: Value) -> LabelError:
+    def _type_error(self, group: str, keyword: str, expected: str, value: Value) -> LabelError:
         found = "an unknown value" if value is None else _shorten(str(_plain(value)))
         return LabelError(
             f"{self.source}: {_path(group, keyword)} should be {expected}, but is {found}"

@@ -144,8 +144,8 @@ def _identification(root: Element, source: str) -> dict[str, Value]:
 def _telemetry(root: Element) -> Element | None:
     """The description of the geometry to use."""
     found = list(root.iter("Geometry_Lander"))
-    told = [each for each in found if (_text(each, "geometry_state") or "") == "Telemetry"]
-    return next(iter(told or found), None)
+    of_telemetry = [each for each in found if (_text(each, "geometry_state") or "") == "Telemetry"]
+    return next(iter(of_telemetry or found), None)
 
 
 def _add_camera(lander: Element, groups: Groups) -> None:

@@ -296,8 +296,8 @@ class IndexSelection:
 
     def admits(self, instrument: str) -> bool:
         """Whether an instrument (without its eye) is selected."""
-        wanted = self.instrument.upper()
-        return instrument == wanted or instrument.endswith("_" + wanted)
+        name = self.instrument.upper()
+        return instrument == name or instrument.endswith("_" + name)
 
 
 @dataclass(frozen=True, slots=True)

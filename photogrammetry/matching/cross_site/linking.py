@@ -68,8 +68,8 @@ from solmap.photogrammetry.matching.cross_site.image_matching import (
 )
 from solmap.photogrammetry.matching.cross_site.links import (
     LEAST_TO_ALIGN,
+    LinkTestParams,
     SiteLink,
-    VerdictParams,
     distance_m,
     evaluate_link,
     link_figures,
@@ -122,7 +122,7 @@ class CrossSiteParams:
     birds_eye: BirdsEyeParams = field(default_factory=BirdsEyeParams)
     trials: TrialParams = field(default_factory=TrialParams)
     by_shape: SurfaceTieParams = field(default_factory=SurfaceTieParams)
-    verdict: VerdictParams = field(default_factory=VerdictParams)
+    link_test: LinkTestParams = field(default_factory=LinkTestParams)
     apart: FactorOrZero = 0.75
     """Least distance of returned ties, in widths of their patches: they share at most a quarter of
     their ground along either axis, and are nearly independent."""
@@ -140,7 +140,7 @@ def tie_cross_site(
     if not stages:
         apart_m = distance_m(one, other)
         return refused_link(one, other, f"{apart_m:.0f} m apart, no common ground in reach")
-    views, least_z = (one.birds_eye, other.birds_eye), params.verdict.least_z
+    views, least_z = (one.birds_eye, other.birds_eye), params.link_test.least_z
     found = find_hypotheses(*views, stages, params.birds_eye, least_z)
     fits, gate = found.fits, found.gate
     if not fits:
@@ -155,7 +155,7 @@ def tie_cross_site(
             return link
     tried = [trials.try_fit(fit) for fit in fits]
     best = trials.settle(_best(tried, params.trials.separation_m))
-    if best.agreeing < params.verdict.least_ties:
+    if best.agreeing < params.link_test.least_ties:
         return _evaluate(trials, best, 0, params)
     return _evaluate(trials, best, _count_by_chance(trials, best, tried, wrong), params)
 
@@ -287,7 +287,7 @@ def _evaluate(trials: Trials, trial: Trial, by_chance: int, params: CrossSitePar
         return refused_link(one, other, "the conjugates could not be aligned", trial.fit)
     figures = link_figures(one, other, fine.fit, fine.ties, fine.alignment)
     figures = replace(figures, measured=len(trial.ties), by_chance=by_chance)
-    linked, reason = evaluate_link(figures, params.verdict)
+    linked, reason = evaluate_link(figures, params.link_test)
     if not linked:
         return refused_link(one, other, reason, trial.fit, figures)
     ties, final = _thin(trials, fine, fine.alignment, params)
@@ -321,7 +321,7 @@ def _thin(
 
     every = np.ones(len(found), dtype=bool)
     final = trials.align(weighed(every), alignment.first_from_second) or alignment
-    some = select_spread(places, found.width_m, params.apart, params.verdict.least_ties)
+    some = select_spread(places, found.width_m, params.apart, params.link_test.least_ties)
     return weighed(some), final
 
 

@@ -21,7 +21,7 @@ LEAST_TO_ALIGN = 6
 
 
 @dataclass(frozen=True, slots=True)
-class VerdictParams:
+class LinkTestParams:
     """Criteria for accepting a link."""
 
     least_ties: Count = 20
@@ -96,15 +96,15 @@ class SiteLink:
     """The best peak of the bird's-eye search, kept for figures."""
 
     @property
-    def verdict(self) -> str:
+    def state(self) -> str:
         """`linked` or `not linked`."""
         return "linked" if self.linked else "not linked"
 
     def __str__(self) -> str:
-        return f"{self.earlier} - {self.later}: {self.verdict}, {self.reason}"
+        return f"{self.earlier} - {self.later}: {self.state}, {self.reason}"
 
 
-def evaluate_link(figures: SiteLinkFigures, params: VerdictParams) -> tuple[bool, str]:
+def evaluate_link(figures: SiteLinkFigures, params: LinkTestParams) -> tuple[bool, str]:
     """(linked, reason)."""
     share = figures.ties / max(figures.measured, 1)
     if figures.ties < params.least_ties:
@@ -164,11 +164,11 @@ def link_figures(
 ) -> SiteLinkFigures:
     """The figures of an alignment by some ties."""
     level = one.stop.lsl_from_rover.rotation
-    told = other.stop.lsl_from_rover
+    telemetry = other.stop.lsl_from_rover
     found = alignment.first_from_second
-    step = told.translation_m - one.stop.lsl_from_rover.translation_m
+    step = telemetry.translation_m - one.stop.lsl_from_rover.translation_m
     moved = level @ found.translation_m - step
-    turn = level @ found.rotation @ told.rotation.T
+    turn = level @ found.rotation @ telemetry.rotation.T
     kept = ties.select(alignment.agrees)
     return SiteLinkFigures(
         distance_m=distance_m(one, other),

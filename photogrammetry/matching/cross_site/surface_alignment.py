@@ -217,9 +217,9 @@ def _seen_well(
     slope[1, k:-k] = (p[2 * k :] - p[: -2 * k]) / (2 * k)
     scale = g.focal_px * g.base_m
     with np.errstate(invalid="ignore"):
-        wanted = (p > scale / farthest_m)[:, ::2]
-        wanted[1::2] &= p[1::2, ::2] < scale / DENSE_M
-    line, half_sample = np.nonzero(wanted)
+        in_range = (p > scale / farthest_m)[:, ::2]
+        in_range[1::2] &= p[1::2, ::2] < scale / DENSE_M
+    line, half_sample = np.nonzero(in_range)
     sample = 2 * half_sample
     points = np.column_stack([sample, line]).astype(np.float64)
     parallax = p[line, sample].astype(np.float64)
@@ -381,8 +381,8 @@ class _Surfaces:
         places = pose.apply(self.points)
         both = np.column_stack([self.earlier.at(self.there, places), np.asarray(self.relief)])
         both = both[np.isfinite(both).all(axis=1)]
-        told = len(both) > MOTION and bool((both.std(axis=0) > 0).all())
-        return float(np.corrcoef(both.T)[0, 1]) if told else 0.0
+        is_determined = len(both) > MOTION and bool((both.std(axis=0) > 0).all())
+        return float(np.corrcoef(both.T)[0, 1]) if is_determined else 0.0
 
 
 def _alike(from_one: ObjectPoints, from_other: ObjectPoints) -> Flags:

@@ -189,14 +189,14 @@ def epipolar_point(
     camera: CameraModel, geometry: EpipolarPair, point: tuple[float, float]
 ) -> Float64[np.ndarray, " 2"]:
     """Epipolar point of a point of an original image; NaN where it is outside."""
-    wanted = np.array([point])
-    ray = geometry.rover_from_pair.rotation.T @ camera.rays(wanted)[0]
+    pixel = np.array([point])
+    ray = geometry.rover_from_pair.rotation.T @ camera.rays(pixel)[0]
     if not ray[2] > 0:
         return np.full(2, np.nan)
     found = np.array([geometry.centre_px]) + geometry.focal_px * ray[None, :2] / ray[2]
     for _ in range(STEPS):
         ground = camera.centre + GROUND_M * geometry.directions(found)
-        found = found + wanted - camera.project(ground)
+        found = found + pixel - camera.project(ground)
     return found[0]
 
 
@@ -225,11 +225,11 @@ class _Mark:
     place: Float64[np.ndarray, " 2"] | None
 
     @classmethod
-    def of(cls, wanted: EditPoint, images: Mapping[str, ManualImage]) -> _Mark:
-        if wanted.point is None:
-            return cls(wanted.image, None)
-        image = _image(wanted, images)
-        return cls(wanted.image, epipolar_point(image.left, image.geometry, wanted.point))
+    def of(cls, point: EditPoint, images: Mapping[str, ManualImage]) -> _Mark:
+        if point.point is None:
+            return cls(point.image, None)
+        image = _image(point, images)
+        return cls(point.image, epipolar_point(image.left, image.geometry, point.point))
 
     def covers(
         self,
@@ -265,9 +265,9 @@ def _make_tie(request: EditRequest, images: Mapping[str, ManualImage]) -> Ties:
     """A tie that a person measured."""
     names = tuple(images)
     columns = []
-    for wanted in (request.first, request.second):
-        image = _image(wanted, images)
-        left, parallax = _measure(wanted, image)
+    for point in (request.first, request.second):
+        image = _image(point, images)
+        left, parallax = _measure(point, image)
         sigma = request.sigma_px * np.sqrt(2.0) if np.isfinite(parallax) else np.nan
         columns.append((names.index(image.name), left, parallax, request.sigma_px, sigma))
     index, left, parallax, sigma, of_parallax = zip(*columns, strict=True)
@@ -279,30 +279,30 @@ def _make_tie(request: EditRequest, images: Mapping[str, ManualImage]) -> Ties:
     )
 
 
-def _image(wanted: EditPoint, images: Mapping[str, ManualImage]) -> ManualImage:
-    if wanted.image not in images:
+def _image(point: EditPoint, images: Mapping[str, ManualImage]) -> ManualImage:
+    if point.image not in images:
         raise _UnplacedError(
-            f"{wanted.image} is not a left image or a tied single image of this network"
+            f"{point.image} is not a left image or a tied single image of this network"
         )
-    return images[wanted.image]
+    return images[point.image]
 
 
-def _measure(wanted: EditPoint, image: ManualImage) -> tuple[Float64[np.ndarray, " 2"], float]:
+def _measure(point: EditPoint, image: ManualImage) -> tuple[Float64[np.ndarray, " 2"], float]:
     """(left epipolar point, parallax) of a point that a person clicked."""
-    if wanted.point is None:
-        raise _UnplacedError(f"no point is given in {wanted.image}")
-    left = epipolar_point(image.left, image.geometry, wanted.point)
+    if point.point is None:
+        raise _UnplacedError(f"no point is given in {point.image}")
+    left = epipolar_point(image.left, image.geometry, point.point)
     if not image.geometry.shows(left[None]).all():
-        raise _UnplacedError(f"{wanted.point} lies outside the usable part of {wanted.image}")
-    if wanted.right is None:
+        raise _UnplacedError(f"{point.point} lies outside the usable part of {point.image}")
+    if point.right is None:
         return left, _dense_parallax(image, left)
     if image.right is None:
-        raise _UnplacedError(f"{wanted.image} has no right image")
-    right = epipolar_point(image.right, image.geometry, wanted.right)
+        raise _UnplacedError(f"{point.image} has no right image")
+    right = epipolar_point(image.right, image.geometry, point.right)
     parallax, across = float(left[0] - right[0]), float(left[1] - right[1])
     if not (parallax > 0 and abs(across) <= LARGEST_Y_PX):
         raise _UnplacedError(
-            f"left and right point in {wanted.image} cannot be the same feature: parallax "
+            f"left and right point in {point.image} cannot be the same feature: parallax "
             f"{parallax:.1f} px, rows {across:.1f} px apart"
         )
     return left, parallax

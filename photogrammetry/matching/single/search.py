@@ -133,11 +133,11 @@ def search_all_depths(
     points, seen = points[found.found], found.points[found.found]
     if len(points) < params.least_ties:
         return None
-    verdict = check_pair(two_views, points, seen, params)
-    if verdict.agrees.sum() < params.least_ties:
+    checked = check_pair(two_views, points, seen, params)
+    if checked.agrees.sum() < params.least_ties:
         return None
-    points, seen = points[verdict.agrees], seen[verdict.agrees]
-    return (points, _inverse_depth(two_views, points, seen, verdict.turn)), verdict.turn
+    points, seen = points[checked.agrees], seen[checked.agrees]
+    return (points, _inverse_depth(two_views, points, seen, checked.turn)), checked.turn
 
 
 def search_near_depth(  # noqa: PLR0913, PLR0917 - two images, what is looked for, and what is known

@@ -160,20 +160,20 @@ def _evaluate(
     none = LinkedImages(Ties.none(ids), link, np.zeros(0))
     if measured < params.least_ties:
         return none
-    verdict = check_pair(two_views, first.left[kept], found.points[kept], params)
-    good = verdict.agrees & (verdict.along_px >= params.least_parallax_px)
+    checked = check_pair(two_views, first.left[kept], found.points[kept], params)
+    good = checked.agrees & (checked.along_px >= params.least_parallax_px)
     if good.sum() < params.least_ties:
         return none
     figures = (
-        float(np.median(verdict.across_px[good])),
-        float(np.median(np.abs(verdict.left_px[good]))),
-        float(np.rad2deg(np.linalg.norm(verdict.turn))),
+        float(np.median(checked.across_px[good])),
+        float(np.median(np.abs(checked.left_px[good]))),
+        float(np.rad2deg(np.linalg.norm(checked.turn))),
     )
     rows = np.flatnonzero(kept)[good]
     link = MonoLink(*names, looked, measured, len(rows), *figures)
     floor_px = params.conjugates.parallax_floor_px
     ties = _assemble(first, names, found, rows, ids, floor_px)
-    return LinkedImages(ties, link, verdict.misfit[good])
+    return LinkedImages(ties, link, checked.misfit[good])
 
 
 def _no_conjugates(points: ImagePoints) -> Conjugates:

@@ -100,16 +100,16 @@ class VerticalParallax:
         return bool(enough and max(abs(self.median_px), self.mad_px) <= WRONG_RIG_PX)
 
     def __str__(self) -> str:
-        verdict = "rows correspond"
+        result = "rows correspond"
         if len(self.vertical_px) < FEWEST_POINTS:
-            verdict = "too few to check the camera models"
+            result = "too few to check the camera models"
         elif not self.fits_the_rig:
-            verdict = (
+            result = (
                 "the camera models do not fit the images: another exposure, or a bent stereo rig"
             )
         return (
             f"vertical parallax {self.median_px:+.2f} px (MAD {self.mad_px:.2f}) at "
-            f"{len(self.vertical_px)} points: {verdict}"
+            f"{len(self.vertical_px)} points: {result}"
         )
 
 

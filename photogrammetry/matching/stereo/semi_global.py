@@ -32,7 +32,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import GreyImage, Mask, ParallaxMap, Picture
+from solmap.photogrammetry.arrays import EightBits, GreyImage, Mask, ParallaxMap
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.matching.parallax_planes import ParallaxPlane, fit_robust_plane
 from solmap.photogrammetry.ranges import CountOrZero, OddPixels, Percent, Pixels, PixelsOrZero
@@ -110,8 +110,8 @@ def rough_parallax(
     if relief[1] - relief[0] < WORTHWHILE * (search[1] - search[0]):
         parallax = _match_about(plane, relief, left, right, params)
     else:
-        pictures = to_eight_bit(left.grey), to_eight_bit(right.grey)
-        parallax = match_both_ways(*pictures, (left.mask, right.mask), search, params)
+        images = to_eight_bit(left.grey), to_eight_bit(right.grey)
+        parallax = match_both_ways(*images, (left.mask, right.mask), search, params)
     within = (parallax >= search[0]) & (parallax <= search[1])
     return np.where(within, parallax, np.float32(np.nan))
 
@@ -165,14 +165,14 @@ def normalise_locally(image: GreyImage, mask: Mask, window_px: int) -> Normalise
     return NormalisedImage(normalised, mask)
 
 
-def to_eight_bit(normalised: GreyImage) -> Picture:
+def to_eight_bit(normalised: GreyImage) -> EightBits:
     """Normalised grey values about 128."""
     return cv2.convertScaleAbs(np.clip(normalised * CONTRAST + 128, 0, 255))
 
 
 def match_both_ways(
-    left: Picture,
-    right: Picture,
+    left: EightBits,
+    right: EightBits,
     masks: tuple[Mask, Mask],
     search: tuple[int, int],
     params: SemiGlobalParams,
@@ -198,7 +198,7 @@ def remove_speckle(parallax: ParallaxMap, params: SemiGlobalParams) -> ParallaxM
 
 
 def _match(
-    left: Picture, right: Picture, search: tuple[int, int], params: SemiGlobalParams
+    left: EightBits, right: EightBits, search: tuple[int, int], params: SemiGlobalParams
 ) -> ParallaxMap:
     """OpenCV's parallax from left to right; NaN where it found none.
 
@@ -245,7 +245,7 @@ def _reduced_parallax(
     params: SemiGlobalParams,
 ) -> ParallaxMap:
     """Parallax of the reduced pair, in pixels of the full one."""
-    pictures: list[Picture] = []
+    images: list[EightBits] = []
     masks: list[Mask] = []
     for image, mask in ((left.grey, left.mask), (right.grey, right.mask)):
         size = (-(-image.shape[1] // scale) * scale, -(-image.shape[0] // scale) * scale)
@@ -253,10 +253,10 @@ def _reduced_parallax(
         whole = cv2.copyMakeBorder(image, *border, cv2.BORDER_REPLICATE)
         known = cv2.copyMakeBorder(mask.astype(np.float32), *border, cv2.BORDER_CONSTANT, value=0)
         small = (size[0] // scale, size[1] // scale)
-        pictures.append(to_eight_bit(cv2.resize(whole, small, interpolation=cv2.INTER_AREA)))
+        images.append(to_eight_bit(cv2.resize(whole, small, interpolation=cv2.INTER_AREA)))
         masks.append(cv2.resize(known, small, interpolation=cv2.INTER_AREA) > 0.5)  # noqa: PLR2004
     reduced_search = (int(np.floor(search[0] / scale)), int(np.ceil(search[1] / scale)))
-    found = match_both_ways(pictures[0], pictures[1], (masks[0], masks[1]), reduced_search, params)
+    found = match_both_ways(images[0], images[1], (masks[0], masks[1]), reduced_search, params)
     return found * np.float32(scale)
 
 

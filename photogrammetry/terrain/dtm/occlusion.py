@@ -146,13 +146,13 @@ class _Fan:
         return slice(int(rows[0]), int(rows[1]) + 1), slice(int(cols[0]), int(cols[1]) + 1)
 
     def cells(
-        self, grid: MapGrid, wanted: Cells, window: tuple[slice, slice]
+        self, grid: MapGrid, cells: Cells, window: tuple[slice, slice]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of the requested cells in the fan, to about a cell."""
         east, north = (axis.astype(np.float32) for axis in grid.centres())
         east = east[window[1]][None, :] - np.float32(self.eye[0])
         north = north[window[0]][:, None] - np.float32(self.eye[1])
-        near = wanted[window] & (east**2 + north**2 < np.float32((self.ranges * self.cell_m) ** 2))
+        near = cells[window] & (east**2 + north**2 < np.float32((self.ranges * self.cell_m) ** 2))
         width = (self.azimuths - 1) * self.step
         if width < np.pi:
             first, last = self.first - self.step, self.first + width + self.step

@@ -174,7 +174,7 @@ def build_dtm(views: Sequence[TerrainView], params: DtmParams, grid: MapGrid | N
     entries = Entries.of(heights, grid)
     if not len(entries):
         raise TerrainError(f"no measured ground lies in the grid {grid.bounds}")
-    gradient = _believable_gradient(entries, params)
+    gradient = _significant_gradient(entries, params)
     dtm = _dtm(entries, fuse(entries, variances(entries, views, gradient, params)))
     ground = mark_occluded(dtm.ground, dtm.elevation, grid, views, params)
     dtm = replace(dtm, ground=ground)
@@ -198,7 +198,7 @@ def _lowered(dtm: Dtm, views: Sequence[TerrainView]) -> Dtm:
     return replace(dtm, elevation=elevation, sigma_m=sigma_m)
 
 
-def _believable_gradient(entries: Entries, params: DtmParams) -> Gradients:
+def _significant_gradient(entries: Entries, params: DtmParams) -> Gradients:
     """The gradient of the ground in patches; 0 where unknown or too steep for ground."""
     patch_m = PATCH * params.cell_m
     gradient = window_gradients(entries.patch_means(), patch_m, params.slope_baseline_m, 0.25)

@@ -105,8 +105,8 @@ class OrientedImage:
 
     def ray(self, image_point: ImagePlace) -> tuple[Vector3, Vector3]:
         """Origin and direction, in the LSL, of the ray through an image point."""
-        wanted = image_point[None]
-        return self.camera.ray_origins(wanted)[0].copy(), self.camera.rays(wanted)[0]
+        pixel = image_point[None]
+        return self.camera.ray_origins(pixel)[0].copy(), self.camera.rays(pixel)[0]
 
     def shows(self, image_point: ImagePlace) -> bool:
         """Whether a point is inside the image, including the outer halves of border pixels."""

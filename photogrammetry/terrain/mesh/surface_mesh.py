@@ -26,11 +26,11 @@ import numpy as np
 from solmap.photogrammetry.arrays import (
     Bool,
     Directions,
+    EightBits,
     Float32,
     Float64,
     Int32,
     ObjectPoints,
-    Picture,
     Raster,
 )
 from solmap.photogrammetry.errors import TerrainError
@@ -91,7 +91,7 @@ class TexturedMesh:
 
     name: str
     mesh: SurfaceMesh
-    texture: Picture
+    texture: EightBits
 
 
 def mean_normals(points: ObjectPoints, triangles: Int32[np.ndarray, "m 3"]) -> Directions:

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import Bool, GreyImage, Mask, ParallaxMap, Picture
+from solmap.photogrammetry.arrays import Bool, EightBits, GreyImage, Mask, ParallaxMap
 from solmap.photogrammetry.errors import TerrainError
 from solmap.photogrammetry.ranges import (
     FactorFromOne,
@@ -188,7 +188,7 @@ def _mesh(
     return TexturedMesh(view.pair_id, mesh, texture)
 
 
-def _grey(image: GreyImage, mask: Mask, stretch: tuple[float, float]) -> Picture:
+def _grey(image: GreyImage, mask: Mask, stretch: tuple[float, float]) -> EightBits:
     """The image in eight bits; unusable pixels are middle grey."""
     black, white = stretch
     grey = np.clip((image - black) * (255 / (white - black)), 0, 255)

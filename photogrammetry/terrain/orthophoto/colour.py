@@ -30,7 +30,9 @@ Triple = tuple[int, int, int]
 
 def colour_filters(filters: Collection[int]) -> Triple | None:
     """The filters used as red, green and blue; None where there are too few."""
-    found = [next((f for f in wanted if f in filters), None) for wanted in (RED, GREEN, BLUE)]
+    found = [
+        next((f for f in candidates if f in filters), None) for candidates in (RED, GREEN, BLUE)
+    ]
     red, green, blue = found
     return None if red is None or green is None or blue is None else (red, green, blue)
 

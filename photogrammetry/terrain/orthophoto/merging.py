@@ -53,7 +53,7 @@ class MergingParams:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StopPicture:
+class StopImagery:
     """The orthophoto of a stop in a block, and the stop's position."""
 
     place: tuple[float, float]
@@ -63,7 +63,7 @@ class StopPicture:
 
 
 def merge_block(
-    stops: Sequence[StopPicture], grid: MapGrid, params: MergingParams
+    stops: Sequence[StopImagery], grid: MapGrid, params: MergingParams
 ) -> Float32[np.ndarray, "rows cols"]:
     """Brightness of a block, all of whose stops have its grid; NaN where no stop has any."""
     worth = np.stack([_worth(stop, grid, params) for stop in stops])
@@ -78,7 +78,7 @@ def merge_block(
     return np.where(greatest > 0, merged / np.maximum(total, LEAST_SHARE), np.float32(np.nan))
 
 
-def _worth(stop: StopPicture, grid: MapGrid, params: MergingParams) -> Raster:
+def _worth(stop: StopImagery, grid: MapGrid, params: MergingParams) -> Raster:
     shown = np.isfinite(stop.brightness)
     east, north = grid.centres()
     square = np.square(east[None, :] - stop.place[0]) + np.square(north[:, None] - stop.place[1])

@@ -195,11 +195,11 @@ def ground_ranges(
         known = np.isfinite(height)
         ground = ground + _bridge_gaps(height, r)
     angle = np.arctan2(ground - centre[2], r)
-    wanted = np.radians(elevations_deg)
-    ranges = np.empty((len(wanted), len(turn)))
+    angles = np.radians(elevations_deg)
+    ranges = np.empty((len(angles), len(turn)))
     measured = np.zeros(ranges.shape, dtype=np.bool_)
     for column, profile in enumerate(angle):
-        ranges[:, column], at = _first_hits(profile, r, wanted)
+        ranges[:, column], at = _first_hits(profile, r, angles)
         measured[:, column] = known[column][np.clip(at, 0, count - 1)] & (at > 0) & (at < count)
     return GroundRanges(ranges, measured)
 
@@ -217,16 +217,16 @@ def _bridge_gaps(height: Float64[np.ndarray, "n m"], r: Float64[np.ndarray, " m"
 def _first_hits(
     profile: Float64[np.ndarray, " m"],
     r: Float64[np.ndarray, " m"],
-    wanted: Float64[np.ndarray, " down"],
+    angles: Float64[np.ndarray, " down"],
 ) -> tuple[Float64[np.ndarray, " down"], np.ndarray]:
     """Distances at which a profile first reaches elevation angles, and at which step."""
     reached = np.maximum.accumulate(profile)
-    at = np.searchsorted(reached, wanted, side="left")
+    at = np.searchsorted(reached, angles, side="left")
     after = np.clip(at, 1, len(r) - 1)
     low, high = reached[after - 1], profile[after]
-    share = np.clip((wanted - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
+    share = np.clip((angles - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
     found = r[after - 1] + share * (r[after] - r[after - 1])
-    found = found / np.maximum(np.cos(wanted), 1e-9)
-    below = r[0] * np.tan(profile[0]) / np.minimum(np.sin(wanted), -1e-9)  # nearer than the first
+    found = found / np.maximum(np.cos(angles), 1e-9)
+    below = r[0] * np.tan(profile[0]) / np.minimum(np.sin(angles), -1e-9)  # nearer than the first
     found = np.where(at == 0, np.abs(below), found)
     return np.where(at == len(r), SKY_M, found), at

@@ -215,13 +215,13 @@ def _off_the_contours(nodes: Raster, interval_m: float) -> Float64[np.ndarray, "
     return off * interval_m
 
 
-def interval_by_relief(known: Float64[np.ndarray, " n"] | np.ndarray, wanted: int) -> float:
-    """The smallest round interval with at most `wanted` contours for most of the relief.
+def interval_by_relief(known: Float64[np.ndarray, " n"] | np.ndarray, most_contours: int) -> float:
+    """The smallest round interval with at most `most_contours` contours for most of the relief.
 
     Relief is taken between the 1st and 99th percentile, so that single boulders have no effect.
     """
     low, high = np.percentile(known, (1, 99))
-    least = max(float(high - low) / wanted, 1e-3)
+    least = max(float(high - low) / most_contours, 1e-3)
     decade = 10.0 ** math.floor(math.log10(least))
     return next(
         round(step * decade, 9) for step in (*STEPS, 10.0) if step * decade >= least * (1 - 1e-9)

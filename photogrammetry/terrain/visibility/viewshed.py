@@ -106,20 +106,20 @@ def viewshed(elevation: Raster, grid: MapGrid, eye: Vector3, params: ViewshedPar
     down, right = _offsets(grid, eye)
     distance: Raster = np.hypot(down, right)
     height = elevation - np.float32(eye[2])
-    asked = np.isfinite(height) & (distance <= params.radius_m / grid.cell_m)
+    inside = np.isfinite(height) & (distance <= params.radius_m / grid.cell_m)
     sight = np.zeros(elevation.shape, np.uint8)
-    if not asked.any():
+    if not inside.any():
         return sight
-    steps = math.ceil(float(distance[asked].max()))
+    steps = math.ceil(float(distance[inside].max()))
     count = 4 * math.ceil(2 * math.pi * steps / 4)
     along = _along_rays(height, (-float(down[0, 0]), -float(right[0, 0])), count, steps)
-    ray, step = _nearest(down[asked], right[asked], distance[asked], count)
-    target = height[asked] + np.float32(params.target_height_m)
-    tangent = target / np.maximum(distance[asked], np.float32(0.5))
+    ray, step = _nearest(down[inside], right[inside], distance[inside], count)
+    target = height[inside] + np.float32(params.target_height_m)
+    tangent = target / np.maximum(distance[inside], np.float32(0.5))
     is_near = step < 0
     hidden = (_highest(along)[ray, step] > tangent) & ~is_near
     doubtful = (_longest_unseen(along)[ray, step] * grid.cell_m > params.max_unseen_m) & ~is_near
-    sight[asked] = np.where(
+    sight[inside] = np.where(
         hidden, Sight.HIDDEN, np.where(doubtful, Sight.UNKNOWN, Sight.VISIBLE)
     ).astype(np.uint8)
     return sight

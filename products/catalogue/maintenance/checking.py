@@ -75,7 +75,7 @@ class Finding:
     text: str
     remedy: str
     """What was done about it, or has to be done."""
-    is_mended: bool = False
+    is_repaired: bool = False
 
     def __str__(self) -> str:
         return f"{self.text}; {self.remedy}"
@@ -86,7 +86,7 @@ class _Fault:
     text: str
     remedy: str
     """Repairs made; without them, actions for the operator."""
-    mend: Callable[[], object] | None = None
+    action: Callable[[], object] | None = None
 
 
 def check(
@@ -111,10 +111,10 @@ def check(
         turn = workspace.run_turn()
     with turn:
         for fault in _faults(workspace, repair, on_progress):
-            if repair and fault.mend is not None:
-                fault.mend()
-                yield Finding(fault.text, fault.remedy, is_mended=True)
-            elif fault.mend is not None:
+            if repair and fault.action is not None:
+                fault.action()
+                yield Finding(fault.text, fault.remedy, is_repaired=True)
+            elif fault.action is not None:
                 yield Finding(fault.text, "`solmap check --repair` repairs it")
             else:
                 yield Finding(fault.text, fault.remedy)
@@ -249,8 +249,8 @@ def _left_drafts(workspace: Workspace, oldest: float) -> Iterator[_Fault]:
     for folder in (workspace.store.root / "drafts").glob("*"):
         with contextlib.suppress(FileNotFoundError):  # completed meanwhile
             if folder.stat().st_mtime < oldest:
-                mend = partial(shutil.rmtree, folder, ignore_errors=True)
-                yield _Fault(f"drafts/{folder.name} was left by a process", "removed", mend)
+                action = partial(shutil.rmtree, folder, ignore_errors=True)
+                yield _Fault(f"drafts/{folder.name} was left by a process", "removed", action)
 
 
 @dataclass(slots=True)
@@ -290,8 +290,10 @@ def _faulty_rows(workspace: Workspace) -> Iterator[_Fault]:
         keys = [_key_of_text(text) for part in _PARTS for text in document.get(part, ())]
         if not all(key is not None and presence.has(key) for key in keys):
             remedy = "forgotten, the next run processes it again"
-            mend = partial(_delete, FINISHED, FINISHED.c.scope == scope, workspace)
-            yield _Fault(f"products of the finished sol {scope} are not in the store", remedy, mend)
+            action = partial(_delete, FINISHED, FINISHED.c.scope == scope, workspace)
+            yield _Fault(
+                f"products of the finished sol {scope} are not in the store", remedy, action
+            )
     for name, document in images:
         yield from _faults_of_image(name, document, presence)
 
@@ -299,8 +301,8 @@ def _faulty_rows(workspace: Workspace) -> Iterator[_Fault]:
 def _faults_of_image(name: str, document: dict[str, Any], presence: _Presence) -> Iterator[_Fault]:
     keys = [_key_of_reference(document[one]) for one in _REFERENCES if document.get(one)]
     if not all(map(_is_sound, keys)):
-        mend = partial(_delete, IMAGES, IMAGES.c.id == name, presence.workspace)
-        yield _Fault(f"the name of image {name!r} is not a valid path", "forgotten", mend)
+        action = partial(_delete, IMAGES, IMAGES.c.id == name, presence.workspace)
+        yield _Fault(f"the name of image {name!r} is not a valid path", "forgotten", action)
         return
     for key in keys:
         if not presence.has(key):

@@ -101,16 +101,16 @@ class NetworkProduct:
 
     def with_stops(self, names: Collection[str], store: ProductStore) -> NetworkProduct:
         """The network with the named stops added from other products."""
-        wanted = {name: self.references[name] for name in names if name in self.references}
-        if not wanted:
+        needed = {name: self.references[name] for name in names if name in self.references}
+        if not needed:
             return self
-        parts = [*_parts(wanted, store), self.part]
+        parts = [*_parts(needed, store), self.part]
         return replace(
             self,
             telemetry={stop: pose for part in parts for stop, pose in part.telemetry.items()},
             sols={stop: sols for part in parts for stop, sols in part.sols.items()},
             adjusted=assemble([part.adjusted for part in parts]),
-            references={name: at for name, at in self.references.items() if name not in wanted},
+            references={name: at for name, at in self.references.items() if name not in needed},
         )
 
 
@@ -185,10 +185,10 @@ def _part(document: dict[str, Any]) -> NetworkPart:
     )
 
 
-def _parts(wanted: Mapping[str, ProductRef], store: ProductStore) -> list[NetworkPart]:
+def _parts(needed: Mapping[str, ProductRef], store: ProductStore) -> list[NetworkPart]:
     """The parts that contain some stops, one for each product to be read."""
     by_product: dict[ProductRef, set[str]] = {}
-    for name, ref in wanted.items():
+    for name, ref in needed.items():
         by_product.setdefault(ref, set()).add(name)
     parts = []
     for ref, names in by_product.items():

@@ -14,7 +14,7 @@ import numpy as np
 
 POSITION_BITS, NORMAL_BITS, PLACE_BITS = 16, 8, 14
 LEVEL = 4
-"""Of compression, 0 to 10: 7 takes twice as long, here and in browsers, and gains a fourteenth."""
+"""Compression, 0 to 10: 7 takes twice as long, here and in browsers, and saves a fourteenth."""
 _NAMES = {0: "POSITION", 1: "NORMAL", 3: "TEXCOORD_0"}
 """Draco's types of attributes, by their names in glTF."""
 

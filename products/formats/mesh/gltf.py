@@ -30,7 +30,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import Picture
+from solmap.photogrammetry.arrays import EightBits
 from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloud
 from solmap.photogrammetry.terrain.mesh.surface_mesh import SurfaceMesh, TexturedMesh
 from solmap.products.errors import ProductError
@@ -241,7 +241,7 @@ def _y_up(rows: np.ndarray) -> np.ndarray:
     return np.column_stack([rows[:, 0], rows[:, 2], -rows[:, 1]])
 
 
-def _jpeg(texture: Picture, quality: int) -> bytes:
+def _jpeg(texture: EightBits, quality: int) -> bytes:
     bgr = texture[..., ::-1] if texture.ndim == 3 else texture  # noqa: PLR2004 - with bands
     encoded, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not encoded:

@@ -17,7 +17,7 @@ from pyproj import CRS
 from rasterio.enums import ColorInterp, Resampling
 from rasterio.windows import Window
 
-from solmap.photogrammetry.arrays import Classes, Float32, Picture, Raster
+from solmap.photogrammetry.arrays import Classes, EightBits, Float32, Raster
 from solmap.photogrammetry.terrain.dtm.grid import Bounds, MapGrid
 from solmap.products.errors import ProductError
 from solmap.products.formats.raster.cog import Band, RasterClass, RasterDescription, create_cog
@@ -155,7 +155,7 @@ _TINY = 1e-6
 """Tolerance of decimal fractions, in cells."""
 
 
-def read_texture(path: Path, bounds: Bounds, max_px: int) -> tuple[Picture, Bounds]:
+def read_texture(path: Path, bounds: Bounds, max_px: int) -> tuple[EightBits, Bounds]:
     """An orthophoto within (west, south, east, north), and the outer bounds of its pixels.
 
     It is shrunk until its longest side is at most `max_px` pixels. Ground without image is grey,
@@ -180,7 +180,7 @@ def read_texture(path: Path, bounds: Bounds, max_px: int) -> tuple[Picture, Boun
     return _extend_edges(stored), grid.part(first_row, first_col, rows, cols).bounds
 
 
-def _extend_edges(grey: Picture) -> Picture:
+def _extend_edges(grey: EightBits) -> EightBits:
     """The image with its pixels extended into unseen ones (0), and grey beyond."""
     reach = np.ones((2 * _EXTENDED_PX + 1,) * 2, np.uint8)
     extended = np.where(grey > 0, grey, cv2.dilate(grey, reach))

@@ -56,7 +56,7 @@ _IN_PLACE = {
 }
 """GDAL options: no sidecar files are searched, and the header is read in one request."""
 _LASTING = ("not recognized", "Access Denied", "AccessKeyId", "signature", "bucket does not exist")
-"""GDAL's messages on objects that a retry does not open: broken ones, wrong keys, no bucket."""
+"""GDAL's messages on objects that no retry opens: broken ones, wrong keys, no bucket."""
 _LOOK = 1 << 20
 """Cells read for a summary: an overview of at most this many."""
 
@@ -203,7 +203,7 @@ def grid_of(dataset: rasterio.DatasetReader) -> MapGrid:
 
 
 def read_raster(
-    path: Path, wanted: Collection[str] | None = None
+    path: Path, names: Collection[str] | None = None
 ) -> tuple[MapGrid, dict[str, np.ndarray]]:
     """The grid and the stored values of bands by name, of all or of those requested.
 
@@ -215,7 +215,7 @@ def read_raster(
         numbers = {
             name: number
             for number, name in enumerate(band_names(dataset), start=1)
-            if wanted is None or name in wanted
+            if names is None or name in names
         }
         try:
             bands = {name: dataset.read(number) for name, number in numbers.items()}

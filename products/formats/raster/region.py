@@ -225,14 +225,14 @@ class _Source:
         rows, cols = slice(top, top + around.rows), slice(left, left + around.cols)
         return replace(finer_dtm(dtm, self._finer).part(rows, cols), grid=around)
 
-    def _window(self, wanted: MapGrid) -> Dtm | None:
+    def _window(self, grid: MapGrid) -> Dtm | None:
         """The model on a grid of its own cells that may extend beyond it; None without ground."""
-        row = round((self.grid.north - wanted.north) / wanted.cell_m)
-        col = round((wanted.west - self.grid.west) / wanted.cell_m)
+        row = round((self.grid.north - grid.north) / grid.cell_m)
+        col = round((grid.west - self.grid.west) / grid.cell_m)
         top, left = max(0, row), max(0, col)
-        bottom = max(top, min(self.grid.rows, row + wanted.rows))
-        right = max(left, min(self.grid.cols, col + wanted.cols))
-        stack = np.full((len(self._bands), *wanted.shape), np.nan, dtype=np.float32)
+        bottom = max(top, min(self.grid.rows, row + grid.rows))
+        right = max(left, min(self.grid.cols, col + grid.cols))
+        stack = np.full((len(self._bands), *grid.shape), np.nan, dtype=np.float32)
         if bottom > top and right > left:
             there = (slice(None), slice(top - row, bottom - row), slice(left - col, right - col))
             stack[there] = self._dataset.read(window=Window(left, top, right - left, bottom - top))
@@ -241,7 +241,7 @@ class _Source:
         if not ground.any():
             return None
         return Dtm(
-            wanted,
+            grid,
             bands["elevation"],
             bands["standard_deviation"],
             np.nan_to_num(bands["observations"]),

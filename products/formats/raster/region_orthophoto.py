@@ -19,7 +19,7 @@ from solmap.photogrammetry.terrain.dtm.grid import MapGrid, overlap, union
 from solmap.photogrammetry.terrain.orthophoto.brightness import balance
 from solmap.photogrammetry.terrain.orthophoto.merging import (
     MergingParams,
-    StopPicture,
+    StopImagery,
     merge_block,
 )
 from solmap.products.errors import ProductError
@@ -45,32 +45,34 @@ def write_region_orthophoto(
     """
     with contextlib.ExitStack() as held:
         held.enter_context(rasterio.Env(GDAL_CACHEMAX=CACHE_MB))
-        pictures = [_Picture(one, held.enter_context(open_raster(one.path))) for one in sources]
-        bounds = union([one.grid.bounds for one in pictures])
-        cell_m = max(params.cell_m, *(one.grid.cell_m for one in pictures))
+        orthophotos = [
+            _Orthophoto(one, held.enter_context(open_raster(one.path))) for one in sources
+        ]
+        bounds = union([one.grid.bounds for one in orthophotos])
+        cell_m = max(params.cell_m, *(one.grid.cell_m for one in orthophotos))
         params = replace(params, cell_m=cell_m, feather_m=max(params.feather_m, cell_m))
         grid = MapGrid.covering(bounds, cell_m)
-        stretch = _balance(pictures, grid)
-        blocks = _blocks(pictures, grid, params)
+        stretch = _balance(orthophotos, grid)
+        blocks = _blocks(orthophotos, grid, params)
         write_brightness_blocks(path, grid, blocks, crs, stretches=[stretch], tags=tags)
 
 
-def _balance(pictures: Sequence[_Picture], grid: MapGrid) -> tuple[float, float]:
+def _balance(orthophotos: Sequence[_Orthophoto], grid: MapGrid) -> tuple[float, float]:
     """Make the stops agree where they overlap; brightness to show as black and as white."""
     cell_m = grid.cell_m
     while max(grid.rows, grid.cols) * grid.cell_m > COARSE_SIDE * cell_m:
         cell_m *= 2
     coarse = MapGrid.covering(grid.bounds, cell_m)
-    shown = np.stack([one.read(coarse).ravel() for one in pictures])
+    shown = np.stack([one.read(coarse).ravel() for one in orthophotos])
     gains = balance(shown)
-    for one, (gain, offset) in zip(pictures, gains, strict=True):
+    for one, (gain, offset) in zip(orthophotos, gains, strict=True):
         one.gain, one.offset = float(gain), float(offset)
     balanced = shown * gains[:, :1] + gains[:, 1:]
     return black_and_white(balanced[np.isfinite(balanced)])
 
 
 def _blocks(
-    pictures: Sequence[_Picture], grid: MapGrid, params: MergingParams
+    orthophotos: Sequence[_Orthophoto], grid: MapGrid, params: MergingParams
 ) -> Iterator[BrightnessBlock]:
     """The tiles covered by some stop."""
     halo = params.halo
@@ -80,8 +82,8 @@ def _blocks(
             around = grid.part(row - halo, col - halo, rows + 2 * halo, cols + 2 * halo)
             tile = grid.part(row, col, rows, cols).bounds
             stops = [
-                StopPicture(one.place, one.read(around))
-                for one in pictures
+                StopImagery(one.place, one.read(around))
+                for one in orthophotos
                 if overlap(one.grid.bounds, tile)
             ]
             if stops:
@@ -89,7 +91,7 @@ def _blocks(
                 yield row, col, merged[None, halo : halo + rows, halo : halo + cols]
 
 
-class _Picture:
+class _Orthophoto:
     """An open orthophoto of a stop, read as brightness in cells of the region."""
 
     gain, offset = 1.0, 0.0
@@ -99,17 +101,17 @@ class _Picture:
         self.source, self._dataset = source, dataset
         self.grid, self.place = grid_of(dataset), source.place
 
-    def read(self, wanted: MapGrid) -> Raster:
+    def read(self, grid: MapGrid) -> Raster:
         """Balanced brightness on a grid that may extend beyond it; NaN where there is no image."""
-        ratio = self._ratio(wanted.cell_m)
+        ratio = self._ratio(grid.cell_m)
         row, col = (
-            round((self.grid.north - wanted.north) / wanted.cell_m),
-            round((wanted.west - self.grid.west) / wanted.cell_m),
+            round((self.grid.north - grid.north) / grid.cell_m),
+            round((grid.west - self.grid.west) / grid.cell_m),
         )
         top, left = max(0, row), max(0, col)
-        bottom = min(self.grid.rows // ratio, row + wanted.rows)
-        right = min(self.grid.cols // ratio, col + wanted.cols)
-        brightness = np.full(wanted.shape, np.nan, np.float32)
+        bottom = min(self.grid.rows // ratio, row + grid.rows)
+        right = min(self.grid.cols // ratio, col + grid.cols)
+        brightness = np.full(grid.shape, np.nan, np.float32)
         if bottom > top and right > left:
             stored = self._dataset.read(
                 1,

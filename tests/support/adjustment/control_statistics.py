@@ -149,9 +149,9 @@ def main() -> None:
     arguments = argparse.ArgumentParser()
     arguments.add_argument("--networks", type=int, default=60)
     arguments.add_argument("--uncontrolled", action="store_true")
-    asked = arguments.parse_args()
-    count = asked.networks
-    if asked.uncontrolled:
+    requested = arguments.parse_args()
+    count = requested.networks
+    if requested.uncontrolled:
         print_in_mosaics(count)
         return
     everywhere, last, off = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros((count, 2))

@@ -108,18 +108,18 @@ def add_telemetry(graph, telemetry):
     if telemetry.is_fine.any():
         raise ValueError("no azimuth of a problem for GTSAM may be measured (FINE)")
     for k in range(1, len(telemetry.centres)):
-        told = telemetry.rotations[k - 1 : k + 1], telemetry.centres[k - 1 : k + 1]
+        reported = telemetry.rotations[k - 1 : k + 1], telemetry.centres[k - 1 : k + 1]
         for keys, error, weight in (
-            ([stop_key(k)], tilt_from(told[0][1]), telemetry.weight[k, :2]),
-            ([stop_key(k - 1), stop_key(k)], step_from(*told), telemetry.weight[k, 2:]),
+            ([stop_key(k)], tilt_from(reported[0][1]), telemetry.weight[k, :2]),
+            ([stop_key(k - 1), stop_key(k)], step_from(*reported), telemetry.weight[k, 2:]),
         ):
             noise = gtsam.noiseModel.Diagonal.Sigmas(1.0 / weight)
             graph.add(gtsam.CustomFactor(noise, gtsam.KeyVector(keys), differentiated(error)))
 
 
-def tilt_from(told):
+def tilt_from(reported):
     """Horizontal part of down, in the level that telemetry reports."""
-    return lambda poses: (told @ poses[0].rotation().matrix().T)[:2, 2]
+    return lambda poses: (reported @ poses[0].rotation().matrix().T)[:2, 2]
 
 
 def step_from(rotations, centres):

@@ -71,8 +71,8 @@ def optimised(graph, values, most_iterations, factorisation="MULTIFRONTAL_CHOLES
     begin = time.process_time()
     found = optimiser.optimize()
     seconds = time.process_time() - begin
-    told = f"{optimiser.iterations()} iterations"
-    return Peer(2 * graph.error(found), seconds, told)
+    reported = f"{optimiser.iterations()} iterations"
+    return Peer(2 * graph.error(found), seconds, reported)
 
 
 def covariances(problem, state):

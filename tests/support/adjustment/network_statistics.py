@@ -186,15 +186,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("results", type=Path)
     parser.add_argument("--networks", type=int, default=200)
-    asked = parser.parse_args()
-    rows = json.loads(asked.results.read_text()) if asked.results.exists() else {}
+    requested = parser.parse_args()
+    rows = json.loads(requested.results.read_text()) if requested.results.exists() else {}
     for number, case in enumerate(CASES):
         done = rows.setdefault(str(number), [])
-        for seed in range(len(done), asked.networks):
+        for seed in range(len(done), requested.networks):
             done.append(asdict(found(case, 100_000 * (number + 1) + seed)))
-            asked.results.write_text(json.dumps(rows))
-    low, high = band(asked.networks)
-    print(f"NEES of {asked.networks} networks each; true sigmas: {low:.2f} to {high:.2f}\n")
+            requested.results.write_text(json.dumps(rows))
+    low, high = band(requested.networks)
+    print(f"NEES of {requested.networks} networks each; true sigmas: {low:.2f} to {high:.2f}\n")
     print("| ties | blunders | stepwise | sequential | overall | others | sigma0 | harm |")
     print("| --- " * 8 + "|")
     for number, case in enumerate(CASES):

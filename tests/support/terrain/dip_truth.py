@@ -39,7 +39,7 @@ def true_normal(points: np.ndarray, truth: Truth) -> np.ndarray:
     return normal / np.linalg.norm(normal)
 
 
-def judged(view: TerrainView, truth: Truth) -> list[tuple[float, float, float]]:
+def evaluated(view: TerrainView, truth: Truth) -> list[tuple[float, float, float]]:
     """Angle to the truth, what is stated (degrees) and width (metres) of every region."""
     params = FacetParams()
     parallax = trusted_parallax(view, params)
@@ -73,7 +73,7 @@ def main(store: Path, downlink: Path) -> None:
             row
             for stop in stops_of(store, truth)
             for view in stop.true_views
-            for row in judged(view, truth)
+            for row in evaluated(view, truth)
         ]
     )
     rows = rows[np.isfinite(rows[:, 0]) & (rows[:, 2] >= LEAST_M)]

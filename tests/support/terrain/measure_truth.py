@@ -53,14 +53,14 @@ def profiles(workspace: Workspace, folder: Path) -> Iterator[str]:
         )
 
 
-def picks(workspace: Workspace, folder: Path, wanted: int, *, same_stop: bool) -> str:
+def picks(workspace: Workspace, folder: Path, queried: int, *, same_stop: bool) -> str:
     """How many moved picks are found, and how far off they are then."""
     mission = OrientedMission.latest("MER2", workspace)
     entries = [e for e in workspace.catalogue.images("MER2") if e.instrument == "NAVCAM"]
     lefts = [e for e in entries if e.eye == "left"]
     surface, rng = elevations(folder), np.random.default_rng(2)
-    asked, off = 0, []
-    while asked < wanted:
+    requested, off = 0, []
+    while requested < queried:
         entry, pixel = lefts[rng.integers(len(lefts))], rng.uniform([30, 150], [990, 900])
         point = _true_point(entry, pixel, mission, folder, surface)
         other = (
@@ -68,7 +68,7 @@ def picks(workspace: Workspace, folder: Path, wanted: int, *, same_stop: bool) -
         )
         if other is None:
             continue
-        asked += 1
+        requested += 1
         image, at = other
         moved = at + rng.uniform(-MOVED_PX, MOVED_PX, 2)
         first = {"image": entry.id, "sample": pixel[0], "line": pixel[1]}
@@ -81,7 +81,8 @@ def picks(workspace: Workspace, folder: Path, wanted: int, *, same_stop: bool) -
             off.append(np.hypot(found.sample - at[0], found.line - at[1]))
     where = "within a stop" if same_stop else "between stops"
     middle, most = np.percentile(off, [50, 90]) if off else (np.nan, np.nan)
-    return f"picks {where}: {len(off)} of {asked} found, median {middle:.2f} px, 90 % {most:.2f} px"
+    found = f"{len(off)} of {requested} found"
+    return f"picks {where}: {found}, median {middle:.2f} px, 90 % {most:.2f} px"
 
 
 def _seeing(entry, point, same_stop, world):
@@ -106,7 +107,7 @@ def _seeing(entry, point, same_stop, world):
 if __name__ == "__main__":
     opened, truth_folder = Workspace.open(Path(sys.argv[1])), Path(sys.argv[2])
     count = int(sys.argv[3]) if len(sys.argv) > 3 else 100
-    for told in profiles(opened, truth_folder):
-        print(told)  # noqa: T201
+    for reported in profiles(opened, truth_folder):
+        print(reported)  # noqa: T201
     for same in (True, False):
         print(picks(opened, truth_folder, count, same_stop=same))  # noqa: T201

@@ -42,12 +42,12 @@ def figures(places: np.ndarray, truth: Truth, rover: np.ndarray) -> str:
     """Median and 90th percentile of the vertical error by distance, centimetres."""
     off = np.abs(places[:, 2] - truth.at(places[:, 0], places[:, 1])) * 100
     away = np.hypot(*(places[:, :2] - rover).T)
-    said = []
+    message = []
     for near, far in BANDS_M:
         here = off[(away >= near) & (away < far) & np.isfinite(off)]
         many = len(here) > PLACES // 1000
-        said.append("{:.2f} {:.2f}".format(*np.percentile(here, [50, 90])) if many else "-")
-    return " | ".join(said)
+        message.append("{:.2f} {:.2f}".format(*np.percentile(here, [50, 90])) if many else "-")
+    return " | ".join(message)
 
 
 def main(store: Path, downlink: Path) -> None:
@@ -65,11 +65,11 @@ def main(store: Path, downlink: Path) -> None:
     sys.stdout.write(f"cells: {figures(cells, truth, stop.place)}\n")
     for tolerance_m in (0.005, ModelParams().tolerance_m, 0.05):
         surface = mesher.surface(mesher.triangles.mesh(tolerance_m), mesher.bounds)
-        said = figures(places_on([surface], rng), truth, stop.place)
-        sys.stdout.write(f"model, {tolerance_m} m, {len(surface)} triangles: {said}\n")
+        message = figures(places_on([surface], rng), truth, stop.place)
+        sys.stdout.write(f"model, {tolerance_m} m, {len(surface)} triangles: {message}\n")
     seen = [one.mesh for one in view_meshes(stop.views, ViewModelParams())]
-    said = figures(places_on(seen, rng), truth, stop.place)
-    sys.stdout.write(f"views, {sum(map(len, seen))} triangles: {said}\n")
+    message = figures(places_on(seen, rng), truth, stop.place)
+    sys.stdout.write(f"views, {sum(map(len, seen))} triangles: {message}\n")
 
 
 if __name__ == "__main__":

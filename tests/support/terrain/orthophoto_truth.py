@@ -37,7 +37,7 @@ from solmap.photogrammetry.terrain.orthophoto.rendering import (
 )
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind
-from tests.support.husband_truth import JudgedPair, judged_pairs
+from tests.support.husband_truth import EvaluatedPair, evaluated_pairs
 from tests.support.product_readers import read_orthophoto
 from tests.support.simulated_stops import SimulatedStop, WorldOfStops, simulated_stop
 from tests.support.terrain.orthophotos import render_orthophoto
@@ -67,12 +67,12 @@ class Shift:
         return float(np.hypot(self.off_east, self.off_north))
 
 
-def shifts(picture: np.ndarray, truth: np.ndarray, grid: MapGrid) -> list[Shift]:
+def shifts(image: np.ndarray, truth: np.ndarray, grid: MapGrid) -> list[Shift]:
     """Where blocks of an image are found in the truth; NaN is not shown in either."""
     found = []
     for row in range(SEARCH, grid.rows - BLOCK - SEARCH, BLOCK):
         for col in range(SEARCH, grid.cols - BLOCK - SEARCH, BLOCK):
-            part = picture[row : row + BLOCK, col : col + BLOCK]
+            part = image[row : row + BLOCK, col : col + BLOCK]
             around = truth[row - SEARCH : row + BLOCK + SEARCH, col - SEARCH : col + BLOCK + SEARCH]
             if min(np.isfinite(part).mean(), np.isfinite(around).mean()) < LEAST_SHOWN:
                 continue
@@ -99,9 +99,9 @@ def _matched(part: np.ndarray, around: np.ndarray) -> tuple[float, float, float]
     return col + across - SEARCH, row + down - SEARCH, float(peak)
 
 
-def _fine(picture: np.ndarray) -> np.ndarray:
+def _fine(image: np.ndarray) -> np.ndarray:
     """Without shading that is wider than half a metre, and without single-cell noise."""
-    filled = np.where(np.isfinite(picture), picture, np.nanmean(picture)).astype(np.float32)
+    filled = np.where(np.isfinite(image), image, np.nanmean(image)).astype(np.float32)
     return cv2.GaussianBlur(filled, (0, 0), 1.5) - cv2.GaussianBlur(filled, (0, 0), 25)
 
 
@@ -147,9 +147,9 @@ def _view(
 
 def between_views(dtm: Dtm, views: Sequence[TerrainView]) -> list[Shift]:
     """Shifts between the orthophotos of single views, where two show the same ground."""
-    pictures = [_alone(dtm, view) for view in views]
+    bitmaps = [_alone(dtm, view) for view in views]
     found: list[Shift] = []
-    for (one, grid), (other, _) in combinations(pictures, 2):
+    for (one, grid), (other, _) in combinations(bitmaps, 2):
         if (np.isfinite(one) & np.isfinite(other)).sum() > 4 * BLOCK**2:
             found += shifts(one, other, grid)
     return found
@@ -179,7 +179,7 @@ def show(title: str, found: Iterable[Shift], centre: np.ndarray) -> None:
         print("  ".join(line), flush=True)  # noqa: T201 - a table
 
 
-def judge_simulated(terrain: str, seed: int) -> None:
+def evaluate_simulated(terrain: str, seed: int) -> None:
     """One stop of a world, standing where it truly stood."""
     stop = simulated_stop(WorldOfStops(terrain, (9.0, 10.0), seed, stops=1), 0)
     views = views_of(stop)
@@ -191,31 +191,31 @@ def judge_simulated(terrain: str, seed: int) -> None:
     show(f"{terrain}:{seed} between views", between_views(dtm, views), centre)
 
 
-def judge_rendered(folder: Path, store: Path) -> None:
+def evaluate_rendered(folder: Path, store: Path) -> None:
     """The orthophotos of a store of the rendered traverse, against its true ground and poses."""
     workspace = Workspace.open(store)
-    told = json.loads((folder / "truth" / "truth.json").read_text())["stops"]
-    pictures = []
-    for row in told:
+    reported = json.loads((folder / "truth" / "truth.json").read_text())["stops"]
+    bitmaps = []
+    for row in reported:
         scope = str(StopId("MER2", row["site"], row["drive"]))
         if workspace.catalogue.latest(scope, ProductKind.ORTHOPHOTO) is None:
             continue
         layer = workspace.catalogue.layer(scope, ProductKind.ORTHOPHOTO)
-        grid, picture = read_orthophoto(workspace.store.path(layer.ref))
+        grid, image = read_orthophoto(workspace.store.path(layer.ref))
         centre = np.array(row["position"])[[1, 0]]
         truth = _laid_on_truth(folder, row["sol"], grid)
-        show(scope, shifts(picture, truth, grid), centre)
-        pictures.append((scope, grid, picture))
-    for (one, grid, picture), (other, other_grid, there) in combinations(pictures, 2):
+        show(scope, shifts(image, truth, grid), centre)
+        bitmaps.append((scope, grid, image))
+    for (one, grid, image), (other, other_grid, there) in combinations(bitmaps, 2):
         common = on_grid(there, other_grid, grid)
-        show(f"{one[-18:]} {other[-9:]}", shifts(picture, common, grid), np.zeros(2))
+        show(f"{one[-18:]} {other[-9:]}", shifts(image, common, grid), np.zeros(2))
 
 
 def _laid_on_truth(folder: Path, sol: int, grid: MapGrid) -> np.ndarray:
     """The images of a sol on the true ground, from their true poses, at the cells of a grid."""
     views, nodes = [], None
     for instrument in ("NAVCAM", "PANCAM"):
-        for pair in judged_pairs(folder, sol, instrument):
+        for pair in evaluated_pairs(folder, sol, instrument):
             nodes, images = pair, pair.images
             parallax = match_densely(images).parallax_px
             views.append(_view(pair.name, instrument, pair.lsl_from_pair, images, parallax))
@@ -224,7 +224,7 @@ def _laid_on_truth(folder: Path, sol: int, grid: MapGrid) -> np.ndarray:
     return on_grid(made.brightness, made.grid, grid)
 
 
-def _true_dtm(pair: JudgedPair, grid: MapGrid) -> Dtm:
+def _true_dtm(pair: EvaluatedPair, grid: MapGrid) -> Dtm:
     """The true ground at the cells of a grid."""
     east, north = np.meshgrid(*grid.centres())
     points = np.stack([east.ravel(), north.ravel(), np.ones(east.size)])
@@ -238,7 +238,7 @@ def _true_dtm(pair: JudgedPair, grid: MapGrid) -> Dtm:
     return Dtm(grid, elevation, sigma, known.astype(np.float32), ground)
 
 
-def on_grid(picture: np.ndarray, own: MapGrid, grid: MapGrid) -> np.ndarray:
+def on_grid(image: np.ndarray, own: MapGrid, grid: MapGrid) -> np.ndarray:
     """An image at the cells of another grid of the same lattice; NaN beyond."""
     laid = np.full(grid.shape, np.nan, np.float32)
     row, col = (
@@ -248,7 +248,7 @@ def on_grid(picture: np.ndarray, own: MapGrid, grid: MapGrid) -> np.ndarray:
     top, left = max(0, row), max(0, col)
     bottom, right = min(grid.rows, row + own.rows), min(grid.cols, col + own.cols)
     if bottom > top and right > left:
-        laid[top:bottom, left:right] = picture[top - row : bottom - row, left - col : right - col]
+        laid[top:bottom, left:right] = image[top - row : bottom - row, left - col : right - col]
     return laid
 
 
@@ -260,11 +260,11 @@ def main() -> None:
     parser.add_argument("--store", type=Path, help="what a run made of it")
     arguments = parser.parse_args()
     if arguments.rendered:
-        judge_rendered(arguments.rendered, arguments.store)
+        evaluate_rendered(arguments.rendered, arguments.store)
         return
     for name in arguments.worlds:
         terrain, seed = name.split(":")
-        judge_simulated(terrain, int(seed))
+        evaluate_simulated(terrain, int(seed))
 
 
 if __name__ == "__main__":

@@ -46,7 +46,7 @@ def elevations(folder: Path):
     return at
 
 
-def judge(store: Path, folder: Path, points: int) -> dict[str, np.ndarray]:
+def evaluate(store: Path, folder: Path, points: int) -> dict[str, np.ndarray]:
     """Errors of `points` pixels: on the ground and in other stops' images."""
     workspace = Workspace.open(store)
     mission = OrientedMission.latest("MER2", workspace)
@@ -72,11 +72,11 @@ def judge(store: Path, folder: Path, points: int) -> dict[str, np.ndarray]:
         rows["normalised"].append(error @ np.linalg.solve(covariance + 1e-8 * np.eye(3), error))
         others = [e for e in entries if e.stop != entry.stop and e.eye == "left"]
         for other in rng.permutation(np.array(others, object))[:8]:
-            _judge_in(other, found, truth, (mission, ground, folder, surface), rows)
+            _evaluate_in(other, found, truth, (mission, ground, folder, surface), rows)
     return {name: np.array(values) for name, values in rows.items()}
 
 
-def _judge_in(other, found, truth, world, rows) -> None:
+def _evaluate_in(other, found, truth, world, rows) -> None:
     mission, ground, folder, surface = world
     try:
         seen = project_into(other, found.ground, mission)
@@ -93,11 +93,11 @@ def _judge_in(other, found, truth, world, rows) -> None:
     square = (along / seen.ellipse.semi_major) ** 2 + (across / seen.ellipse.semi_minor) ** 2
     rows["px"].append(np.linalg.norm(off))
     rows["ratio"].append(square)
-    told = add_visibility([seen], found.ground, mission, ground)[0].sight
+    reported = add_visibility([seen], found.ground, mission, ground)[0].sight
     ray = truth - camera.centre
     distance = np.linalg.norm(ray)
     met = range_to_ground(camera.centre, ray / distance, surface, distance + 5.0, 0.02)
-    rows["sight"].append((int(told), 0.0 if met is None else distance - met))
+    rows["sight"].append((int(reported), 0.0 if met is None else distance - met))
 
 
 def _true_point(entry, pixel, mission, folder, surface):
@@ -125,9 +125,9 @@ def summary(found: dict[str, np.ndarray]) -> Iterator[str]:
         f"{np.percentile(px, 90):.2f} px; chi2 of 2: median {np.median(ratio):.2f} (1.39), "
         f"within 5.99: {np.mean(ratio < 5.99):.2f} (0.95)"
     )
-    told, behind = found["sight"].T
+    reported, behind = found["sight"].T
     for sight in Sight:
-        some = behind[told == sight]
+        some = behind[reported == sight]
         yield (
             f"stated {sight.name}: truly in sight {np.sum(some <= 0.3)}, hidden by ground up to "
             f"1 m before {np.sum((some > 0.3) & (some <= 1))}, farther before {np.sum(some > 1)}"
@@ -135,5 +135,5 @@ def summary(found: dict[str, np.ndarray]) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    asked = int(sys.argv[3]) if len(sys.argv) > 3 else 300
-    print("\n".join(summary(judge(Path(sys.argv[1]), Path(sys.argv[2]), asked))))  # noqa: T201
+    requested = int(sys.argv[3]) if len(sys.argv) > 3 else 300
+    print("\n".join(summary(evaluate(Path(sys.argv[1]), Path(sys.argv[2]), requested))))  # noqa: T201

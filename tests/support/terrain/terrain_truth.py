@@ -58,14 +58,15 @@ class Truth:
     @classmethod
     def of(cls, folder: Path) -> Truth:
         """That of a downlink: computed where the world was simulated, else the grid beside it."""
-        told = json.loads((folder / "truth" / "truth.json").read_text())
+        reported = json.loads((folder / "truth" / "truth.json").read_text())
         with rasterio.open(folder / "truth" / "dtm.tif") as file:
             a = file.transform
             grid = MapGrid(a.c, a.f, a.a, file.height, file.width)
             elevation = file.read(1)
-        if "terrain" in told:
+        if "terrain" in reported:
             world = make_world(
-                WorldParams(told["terrain"], TraverseParams(stops=len(told["stops"]))), told["seed"]
+                WorldParams(reported["terrain"], TraverseParams(stops=len(reported["stops"]))),
+                reported["seed"],
             )
             grid = MapGrid.covering(grid.bounds, 0.04)
             elevation = world.true_elevation(grid)
@@ -187,7 +188,7 @@ def _is_free(truth: Truth, points: np.ndarray, eye: np.ndarray) -> np.ndarray:
 
 
 @dataclass(slots=True)
-class Judgement:
+class Evaluation:
     """The result of a stop."""
 
     stop: str
@@ -207,20 +208,20 @@ class Judgement:
         return (row["measured"] + row["interpolated"]) / max(1, sum(row.values()))
 
 
-def judge(
+def evaluate(
     stop: StopInTruth, truth: Truth, params: DtmParams, *, true_poses: bool = False
-) -> tuple[Dtm, Judgement]:
+) -> tuple[Dtm, Evaluation]:
     """Map a stop and evaluate it."""
     started = time.process_time()
     dtm = build_dtm(stop.true_views if true_poses else stop.views, params)
-    judged = Judgement(stop.stop, round(time.process_time() - started, 2))
+    evaluated = Evaluation(stop.stop, round(time.process_time() - started, 2))
     error = dtm.elevation - truth.on(dtm.grid)
     east, north = dtm.grid.centres()
     range_m = np.hypot(east[None, :] - stop.place[0], north[:, None] - stop.place[1])
     for low, high in BANDS_M:
         cells = np.isfinite(error) & (range_m >= low) & (range_m < high)
         if cells.any():
-            judged.bands.append(
+            evaluated.bands.append(
                 {"range_m": (low, high), **figures(error[cells], dtm.sigma_m[cells])}
             )
     grid, off = dtm.grid, (SAMPLE // 2 - (SAMPLE - 1) / 2) * dtm.grid.cell_m
@@ -235,11 +236,11 @@ def judge(
     ours = dtm.ground[SAMPLE // 2 :: SAMPLE, SAMPLE // 2 :: SAMPLE]
     known = np.isfinite(truth.on(sampled))
     for number, name in enumerate(TRUTHS):
-        judged.confusion[name] = {
+        evaluated.confusion[name] = {
             ground.name.lower(): int((known & (seen == number) & (ours == ground)).sum())
             for ground in GroundClass
         }
-    return dtm, judged
+    return dtm, evaluated
 
 
 def figures(error: np.ndarray, sigma: np.ndarray) -> dict[str, object]:
@@ -262,11 +263,11 @@ def main() -> None:
     parser.add_argument("--true-poses", action="store_true")
     parser.add_argument("--method", default="grid", help="grid or tin")
     parser.add_argument("--stops", type=int, default=99)
-    told = parser.parse_args()
-    truth, params = Truth.of(told.downlink), DtmParams(method=Gridding(told.method))
-    for stop in islice(stops_of(told.store, truth), told.stops):
-        judged = judge(stop, truth, params, true_poses=told.true_poses)[1]
-        print(judged, flush=True)  # noqa: T201 - figures are what this makes
+    reported = parser.parse_args()
+    truth, params = Truth.of(reported.downlink), DtmParams(method=Gridding(reported.method))
+    for stop in islice(stops_of(reported.store, truth), reported.stops):
+        evaluated = evaluate(stop, truth, params, true_poses=reported.true_poses)[1]
+        print(evaluated, flush=True)  # noqa: T201 - figures are what this makes
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """The adjustment next to GTSAM and Ceres on the same problems, where these are installed.
 
-`make peers` installs them; they are no part of the lock.
+`make peers` installs them; they are not in the lock.
 """
 
 from dataclasses import replace

@@ -46,7 +46,7 @@ def two_camera_residuals(x, network, params):
     return np.array(rows)
 
 
-def test_heavily_weighted_virtual_observations_of_the_bar_give_the_same_result():
+def test_heavily_weighted_virtual_observations_of_the_baseline_give_the_same_result():
     params = AdjustmentParams(sigma_freedoms=np.inf, mast_deg=1e-7)
     network, _ = simulate_network(
         np.random.default_rng(3), stops=1, pairs_per_stop=9, inter_ties=5, intra_ties=0

@@ -1,4 +1,4 @@
-"""The stated standard deviations are true, and what is left of blunders does no harm.
+"""The stated standard deviations are true, and remaining blunders do no harm.
 
 Harmful is a blunder that shifts the test of its own observation beyond what noise could hide
 (`DETECTED`); and all blunders together may seldom move a pose by more than its standard deviation.
@@ -17,14 +17,14 @@ though all sigmas are true."""
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(CASES)))
-def test_stated_sigmas_are_true_in_every_mode_and_no_harmful_blunder_is_left(number):
+def test_stated_sigmas_are_true_in_every_mode_and_no_harmful_blunder_remains(number):
     case = CASES[number]
     results = [found(case, 100_000 * (number + 1) + seed) for seed in range(NETWORKS)]
     low, high = band(NETWORKS, LEVEL)
     stepwise, sequential, overall = np.mean([result.nees for result in results], axis=0)
     assert low < overall < high
     assert low < sequential < high
-    # ties used twice correlate a step with the one before, which stepwise does not know
+    # ties used twice correlate a step with the one before, which stepwise ignores
     assert 0.9 * low < stepwise < 1.1 * high
     cost, redundancy = (sum(getattr(r, name) for r in results) for name in ("cost", "redundancy"))
     # estimated, on the side of caution

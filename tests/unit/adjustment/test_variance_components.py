@@ -43,7 +43,7 @@ def simulated(seed, stops=5, errors=None, **how):
 
 @pytest.fixture(scope="module")
 def stepped(rough):
-    """Rough, stop by stop, with stops that leave the window."""
+    """Rough, stop by stop, with marginalised stops."""
     return along(rough, AdjustmentParams(window_stops=2), sequentially)
 
 
@@ -66,7 +66,7 @@ def sequentially(traverse, part, new, params):
     return begin(part, params) if traverse is None else extend(traverse, part, new, params)
 
 
-def test_sizes_of_errors_are_found_whatever_is_stated(rough, params):
+def test_error_sizes_are_estimated_from_any_stated_ones(rough, params):
     found = adjust_overall(rough, params)[0].components.sigmas
     assert found[Component.POINTING] == pytest.approx(0.3, rel=0.25)
     assert found[Component.INTER_STEREO] == pytest.approx(2.0, rel=0.15)
@@ -74,7 +74,7 @@ def test_sizes_of_errors_are_found_whatever_is_stated(rough, params):
     assert found[Component.TILT] < 0.75 * params.tilt_deg
 
 
-def test_what_nothing_tells_of_is_as_stated(params):
+def test_an_undetermined_component_keeps_its_stated_size(params):
     network, _ = simulated(2, stops=1)
     found = adjust_overall(network, params)[0].components
     unseen = [k for k, name in enumerate(COMPONENTS[:4]) if name is not Component.POINTING]
@@ -98,20 +98,20 @@ def test_stated_covariances_are_true_though_pointing_is_three_times_worse(params
     assert estimated < 1.5  # 60 degrees of freedom: 1.32 is the 95 % point of true sigmas
 
 
-def test_one_drive_that_slips_is_no_sign_that_all_do(params):
+def test_one_slipping_drive_does_not_change_the_size_for_all(params):
     slips = (0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0)
     network, _ = simulated(4, stops=8, errors=TelemetryErrors(drive_slips=slips))
     found = adjust_overall(network, params)[0].components.sigmas
     assert found[Component.POSITION] < 2 * params.slip  # its 20 standard deviations alone: 5
 
 
-def test_blunders_are_no_sign_that_ties_are_bad(params):
+def test_blunders_do_not_enlarge_the_size_of_tie_errors(params):
     network, _ = simulated(5, blunders=0.1)
     found = adjust_overall(network, params)[0].components.sigmas
     assert found[Component.IMAGE_MATCHED] == pytest.approx(1.0, abs=0.2)
 
 
-def test_kinds_of_ties_have_sizes_of_their_own(params):
+def test_kinds_of_ties_have_separate_sizes(params):
     """Of what matching adds for errors that ties have in common residuals show nothing."""
     network, _ = simulated(6)
     ties = network.ties
@@ -159,7 +159,7 @@ def test_steps_along_the_traverse_count_every_observation_once(rough, stepped, p
     np.testing.assert_allclose(np.log(step.factors[4:7]), np.log(overall.factors[4:7]), atol=0.25)
 
 
-def test_the_next_step_reads_them_from_the_document(stepped):
+def test_the_next_step_reads_factors_from_the_document(stepped):
     again = network_of_document(network_document(stepped))
     assert again.components.sigmas == stepped.components.sigmas
     np.testing.assert_array_equal(again.components.past.squares, stepped.components.past.squares)
@@ -191,7 +191,7 @@ def test_errors_that_all_pairs_share_are_unknowns_of_the_mast(params):
         assert all(axis.sigma_deg > 0.8 * params.mast_deg for axis in axes)  # as a tilt of all
 
 
-def test_errors_of_the_mast_travel_with_the_marginal(stated):
+def test_errors_of_the_mast_are_kept_in_the_marginal(stated):
     network, _ = simulated(8, errors=TelemetryErrors(mast_deg=0.1))
     traverse = along(network, replace(stated, window_stops=3), sequentially)
     overall, _ = adjust_overall(network, stated)

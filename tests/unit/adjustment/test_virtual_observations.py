@@ -76,10 +76,10 @@ def axis_of(R):
     return np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
 
 
-def virtual(observed, wanted):
+def virtual(observed, requested):
     """Difference of two poses over the standard deviations of virtual observations."""
-    turn = axis_of(wanted[:3, :3].T @ observed[:3, :3]) / VIRTUAL_RAD
-    shift = wanted[:3, :3].T @ (observed[:3, 3] - wanted[:3, 3]) / VIRTUAL_M
+    turn = axis_of(requested[:3, :3].T @ observed[:3, :3]) / VIRTUAL_RAD
+    shift = requested[:3, :3].T @ (observed[:3, 3] - requested[:3, 3]) / VIRTUAL_M
     return np.concatenate([turn, shift])
 
 
@@ -131,15 +131,15 @@ def telemetry(network, params, state, k):
     T, T_ = (network.stops[i].lsl_from_rover for i in (k, k - 1))
     tilt = (T.rotation @ R[2])[:2] / np.radians(params.tilt_deg)
     twists = []
-    for now, told in ((R, T.rotation), (R_, T_.rotation)):
-        M = now @ told.T
+    for now, reported in ((R, T.rotation), (R_, T_.rotation)):
+        M = now @ reported.T
         twists.append(np.arctan((M[1, 0] - M[0, 1]) / (M[0, 0] + M[1, 1])))
     azimuth = (twists[0] - twists[1]) / np.radians(params.azimuth_step_deg)
     driven = np.linalg.norm(T.translation_m - T_.translation_m)
     step = R_.T @ (state.stops[k][:3, 3] - state.stops[k - 1][:3, 3])
-    told_step = T_.rotation.T @ (T.translation_m - T_.translation_m)
+    step_ = T_.rotation.T @ (T.translation_m - T_.translation_m)
     sigma_m = params.slip * driven + params.position_floor_m
-    return np.concatenate([tilt, [azimuth], (step - told_step) / sigma_m])
+    return np.concatenate([tilt, [azimuth], (step - step_) / sigma_m])
 
 
 def dense_adjustment(network, params, start):
@@ -197,7 +197,7 @@ def turn_between(one, other):
     return np.linalg.norm(axis_of(one.T @ other))
 
 
-def test_free_images_held_by_virtual_observations_come_to_stand_as_hard_bars_do(both):
+def test_free_images_with_virtual_observations_agree_with_rigid_baselines(both):
     network, adjusted, state, _ = both
     assert len(network.ties) > 30
     for k, pair in enumerate(network.pairs):
@@ -208,7 +208,7 @@ def test_free_images_held_by_virtual_observations_come_to_stand_as_hard_bars_do(
         assert np.linalg.norm(state.right[k][:3, 3] - right) < 1e-6
 
 
-def test_stops_and_their_covariances_agree_too(both):
+def test_stops_and_their_covariances_agree_with_rigid_baselines(both):
     network, adjusted, state, covariance = both
     stop = adjusted.stop(network.stop_ids[1])
     assert np.linalg.norm(state.stops[1][:3, 3] - stop.lsl_from_rover.translation_m) < 1e-6

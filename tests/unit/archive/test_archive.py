@@ -35,7 +35,7 @@ def real_images(shared_data):
     return {path.name: read_image(path.read_bytes(), path.name) for path in paths}
 
 
-def test_every_real_image_reads(real_images):
+def test_every_real_image_is_read(real_images):
     for name, read in real_images.items():
         assert read.image.id == name.partition(".")[0].upper()
         assert read.pixels.shape == (1024, 1024)
@@ -45,7 +45,7 @@ def test_every_real_image_reads(real_images):
         assert isinstance(read.image.camera, Cahv | Cahvor | Cahvore)
 
 
-def test_pixels_are_those_of_the_facts(test_vectors, shared_data):
+def test_pixels_equal_those_of_the_facts(test_vectors, shared_data):
     for row in test_vectors["image_decoding"]:
         if "image_offset_bytes" not in row:
             continue
@@ -63,7 +63,7 @@ def test_pixels_are_those_of_the_facts(test_vectors, shared_data):
         assert (scale and scale.offset) == row["radiance_offset"]
 
 
-def test_the_altered_sub_frame_gives_its_own_error_and_reads_by_its_vicar_label(
+def test_the_altered_sub_frame_gives_its_own_error_and_is_read_by_its_vicar_label(
     test_vectors, shared_data
 ):
     data = next(shared_data.rglob(ALTERED)).read_bytes()
@@ -102,7 +102,7 @@ def test_labels_give_the_cameras_of_the_facts(test_vectors, shared_data):
             np.testing.assert_allclose(camera.o, expected["O"], atol=2e-6)
 
 
-def test_projecting_and_back_closes_for_every_real_camera(real_images, rng):
+def test_projecting_and_back_projecting_closes_for_every_real_camera(real_images, rng):
     image_points = rng.uniform(0, 1023, (400, 2))
     corners = np.array([[0.0, 0.0], [1023, 0], [0, 1023], [1023, 1023], [511.5, 511.5]])
     image_points = np.vstack([image_points, corners])
@@ -115,7 +115,7 @@ def test_projecting_and_back_closes_for_every_real_camera(real_images, rng):
             )
 
 
-def test_frames_without_partner_are_named_as_such(real_images):
+def test_frames_without_partner_are_listed(real_images):
     pairing = find_stereo_pairs([read.image for read in real_images.values()])
     assert pairing.pairs == ()
     assert len(pairing.unpaired) == len(real_images)
@@ -133,7 +133,7 @@ def test_products_of_one_real_exposure_are_one_observation(real_images):
     }
 
 
-def test_the_labels_of_the_sol_767_pair_lie_a_stereo_bar_apart(shared_data):
+def test_the_labels_of_the_sol_767_pair_are_one_baseline_apart(shared_data):
     centres = []
     for eye in "lr":
         path = next(shared_data.rglob(f"2n194463440effapa0p0685{eye}0m1.excerpt.lbl"))
@@ -186,7 +186,7 @@ def grid_of_pixels():
     return np.column_stack([samples.ravel(), lines.ravel()])
 
 
-def test_our_linearisation_by_jpls_rule_is_the_archived_label_to_0_03_px(
+def test_our_linearisation_by_jpls_rule_equals_the_archived_label_to_0_03_px(
     own_linear_model, real_images
 ):
     archived = real_images["2n292280938rslb100p0703l0m1.img"].image.camera
@@ -204,7 +204,7 @@ def texture(image):
     ("source", "least_correlation"),
     [("2n292280938effb100p0703l0m1.img", 0.95), ("2n292280938radb100p0703l0c1.img", 0.999)],
 )
-def test_our_linearised_pixels_are_those_of_the_archive(
+def test_our_linearised_pixels_equal_those_of_the_archive(
     own_linear_model, real_images, source, least_correlation
 ):
     """RSL is made of the radiometrically corrected frame, so RAD agrees closer than the EDR.

@@ -59,7 +59,7 @@ p2 = 0.0011
 """
 
 
-def test_a_camera_of_the_ames_stereo_pipeline_stands_where_it_says():
+def test_a_camera_of_the_ames_stereo_pipeline_has_its_stated_position():
     (eye,) = read_calibration(TSAI, "left.tsai")
     camera = eye.camera
     assert isinstance(camera, BrownConrady)
@@ -96,7 +96,7 @@ def test_a_chain_of_kalibr_has_the_right_camera_on_the_right():
     np.testing.assert_allclose(right.camera.project(points), seen[:, 0], atol=1e-3)
 
 
-def test_a_stereo_calibration_of_opencv_projects_as_opencv():
+def test_a_stereo_calibration_of_opencv_projects_like_opencv():
     matrix = np.array([[500.0, 0, 320], [0, 501.0, 240], [0, 0, 1]])
     turn, shift = cv2.Rodrigues(np.array([0.01, -0.02, 0.005]))[0], np.array([[-0.2], [0.01], [0]])
     lens = np.array([[-0.2, 0.05, 0.001, -0.0005, 0.0]])
@@ -123,7 +123,7 @@ def test_a_camera_of_ros_is_read():
 
 
 @pytest.mark.parametrize(
-    ("text", "name", "complaint"),
+    ("text", "name", "message"),
     [
         ("", "a.yaml", "a.yaml: cannot be read as a calibration"),
         ("\x00\x01", "a.yaml", "a.yaml: cannot be read as a calibration"),
@@ -146,8 +146,8 @@ def test_a_camera_of_ros_is_read():
         (TSAI + "pitch = 0.0064\n", "a.tsai", "pitch should be 1"),
     ],
 )
-def test_what_cannot_be_used_is_refused_in_one_line(text, name, complaint):
-    with pytest.raises(LabelError, match=complaint) as refused:
+def test_unusable_calibrations_are_refused_in_one_line(text, name, message):
+    with pytest.raises(LabelError, match=message) as refused:
         read_calibration(text, name)
     assert str(refused.value).startswith(name)
     assert "\n" not in str(refused.value)

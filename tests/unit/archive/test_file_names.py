@@ -13,7 +13,7 @@ from solmap.photogrammetry.archive.file_names import (
 from solmap.photogrammetry.errors import LabelError
 
 
-def test_file_names_say_what_the_facts_say(test_vectors):
+def test_file_names_are_decoded_as_in_the_facts(test_vectors):
     for row in test_vectors["file_names"]:
         found = parse_file_name(f"data/sol1869/edr/{row['name'].lower()}.img")
         assert found.product_id == row["name"]
@@ -27,25 +27,25 @@ def test_file_names_say_what_the_facts_say(test_vectors):
         assert (found.producer, found.version) == (row["producer"], str(row["version"]))
 
 
-def test_the_sol_of_a_name_is_that_of_the_facts():
+def test_the_sol_of_a_name_equals_that_of_the_facts():
     """Facts 6.2: sol = floor((clock - e) / 88775.42064), e = 126322960 for Spirit."""
     first = math.ceil(126_322_960 + 1869 * 88_775.42064)
     found = [parse_file_name(f"2N{clock}EFFB100P0703L0M1").sol for clock in (first - 1, first)]
     assert found == [1868, 1869]
 
 
-def test_codes_of_site_and_drive_are_those_of_the_facts(test_vectors):
+def test_codes_of_site_and_drive_equal_those_of_the_facts(test_vectors):
     for row in test_vectors["site_drive_codes"]:
         assert decode_counter(row["code"]) == row["value"]
         assert encode_counter(row["value"]) == row["code"]
 
 
 @given(st.integers(0, 1295))
-def test_every_code_comes_back(counter):
+def test_every_code_is_decoded_back(counter):
     assert decode_counter(encode_counter(counter)) == counter
 
 
-def test_a_counter_beyond_the_code_is_left_to_the_label():
+def test_a_counter_beyond_the_code_is_read_from_the_label():
     found = parse_file_name("1f211278125idl75__p1151l0m1.im")
     assert (found.site, found.drive) == (75, None)
     assert encode_counter(1296) == "##"
@@ -59,7 +59,7 @@ def test_names_of_curiosity_are_read():
     assert (found.site, found.drive, found.sequence) == (54, 1610, "ccam15900")
 
 
-def test_names_tell_the_two_camera_sets_of_curiosity_apart():
+def test_names_distinguish_the_two_camera_sets_of_curiosity():
     names = ("NLA_399620372ARMLD0030266TRAV00004M1", "NLB_517261274EDR_F0541610CCAM15900M1")
     assert [camera_string(name) for name in names] == ["A", "B"]
     assert not camera_string("2N292280938EFFB100P0703L0M1")
@@ -82,7 +82,7 @@ def test_a_negative_counter_has_no_code():
         encode_counter(-1)
 
 
-def test_names_of_mars_2020_are_taken_apart():
+def test_names_of_mars_2020_are_decoded():
     name = parse_file_name("ids/edr/NLF_0629_0722782785_631ECM_N0301344NCAM00427_06_095J01.IMG")
     assert (name.mission, name.instrument, name.eye) == ("M20", "NAVCAM", "L")
     assert (name.clock, name.product_type, name.site, name.drive) == (722782785, "ECM", 30, 1344)

@@ -58,7 +58,7 @@ def test_both_eyes_of_an_exposure_are_a_pair():
     assert pairing.unpaired == {}
 
 
-def test_a_frame_without_partner_says_what_is_missing():
+def test_a_frame_without_partner_has_a_reason():
     assert find_stereo_pairs([nav("L", clock=491020376.621)]).unpaired == {
         nav("L").id: "no right-eye partner within 1 s of clock 491020376"
     }
@@ -68,19 +68,19 @@ def test_a_frame_without_partner_says_what_is_missing():
     }
 
 
-def test_the_mast_must_not_have_moved_in_between():
+def test_a_pair_needs_a_mast_that_did_not_move():
     pairing = find_stereo_pairs([nav("L"), nav("R", motion_counter=(137, 0, 0, 14, 7))])
     assert pairing.pairs == ()
     assert "has the motion counter (137, 0, 0, 14, 7), not" in pairing.unpaired[nav("L").id]
 
 
-def test_two_rovers_or_two_instruments_make_no_pair():
+def test_two_rovers_or_two_instruments_are_not_a_pair():
     other = nav("R", stop=StopId("MER1", 137, 0))
     assert find_stereo_pairs([nav("L"), other]).pairs == ()
     assert find_stereo_pairs([nav("L"), pan("R", 2)]).pairs == ()
 
 
-def test_pancam_filters_must_see_one_band():
+def test_pancam_filters_of_a_pair_must_have_one_band():
     assert len(find_stereo_pairs([pan("L", 2), pan("R", 2)]).pairs) == 1
     assert len(find_stereo_pairs([pan("L", 7), pan("R", 1)]).pairs) == 1
     pairing = find_stereo_pairs([pan("L", 2), pan("R", 1)])
@@ -91,12 +91,12 @@ def test_pancam_filters_must_see_one_band():
         assert "(R1)" in reason
 
 
-def test_eyes_of_different_focal_lengths_make_no_pair():
+def test_eyes_of_different_focal_lengths_are_not_a_pair():
     names = [f"MA292280938EDRB100P2380{eye}0M1" for eye in "LR"]
     assert find_stereo_pairs([frame(n, stop=StopId("MSL", 3, 0)) for n in names]).pairs == ()
 
 
-def test_of_several_products_the_radiometrically_corrected_that_both_eyes_have_are_used():
+def test_radiometrically_corrected_products_of_both_eyes_are_preferred():
     eff, ilf, rad = ([nav(eye, kind) for eye in "LR"] for kind in ("EFF", "ILF", "RAD"))
     pairing = find_stereo_pairs([*eff, *ilf, *rad])
     assert ids(pairing) == [(rad[0].id, rad[1].id)]
@@ -106,7 +106,7 @@ def test_of_several_products_the_radiometrically_corrected_that_both_eyes_have_a
     assert ids(pairing) == [(ilf[0].id, ilf[1].id)]
 
 
-def test_of_one_exposure_without_partner_one_product_is_used():
+def test_one_product_is_used_of_an_exposure_without_partner():
     levels = [nav("L", kind) for kind in ("EFF", "RAD", "RSL", "FFL")]
     later = [nav("L", kind, clock=200.0) for kind in ("RSL", "EFF")]
     for images in (levels, levels[::-1]):
@@ -117,7 +117,7 @@ def test_of_one_exposure_without_partner_one_product_is_used():
     assert set(find_stereo_pairs(both).repeats.values()) == {both[1].id, both[5].id}
 
 
-def test_a_filter_of_its_own_and_a_tile_beside_are_observations_of_their_own():
+def test_a_separate_filter_and_a_neighbouring_tile_are_separate_observations():
     assert find_stereo_pairs([pan("L", 2), pan("L", 5)]).repeats == {}
     right_of_it = replace(CAMERA, h=CAMERA.h - 1100 * CAMERA.a)
     tile = nav("L", version="2", camera=right_of_it)
@@ -126,7 +126,7 @@ def test_a_filter_of_its_own_and_a_tile_beside_are_observations_of_their_own():
     assert find_stereo_pairs([nav("L"), part]).repeats == {part.id: nav("L").id}
 
 
-def test_raw_frames_come_before_linearised_ones_and_these_before_nothing():
+def test_raw_frames_are_preferred_to_linearised_ones():
     ffl, rad = ([nav(eye, kind) for eye in "LR"] for kind in ("FFL", "RAD"))
     assert ids(find_stereo_pairs([*ffl, *rad])) == [(rad[0].id, rad[1].id)]
     assert ids(find_stereo_pairs(ffl)) == [(ffl[0].id, ffl[1].id)]
@@ -142,14 +142,14 @@ def test_the_highest_version_of_each_eye_is_used():
     assert len(pairing.unpaired) == 3
 
 
-def test_a_sub_frame_of_one_eye_goes_with_the_full_frame_of_the_other():
+def test_a_sub_frame_of_one_eye_is_paired_with_the_full_frame_of_the_other():
     left, right = nav("L"), nav("R", "ESF", lines=384, samples=640)
     assert ids(find_stereo_pairs([left, right])) == [(left.id, right.id)]
     full = nav("R")
     assert ids(find_stereo_pairs([left, right, full])) == [(left.id, full.id)]
 
 
-def test_a_camera_with_one_eye_says_so():
+def test_a_camera_with_one_eye_gives_that_as_the_reason():
     (reason,) = find_stereo_pairs([frame("2M292280938EFFB100P0703M0M1")]).unpaired.values()
     assert reason == "MI has one eye"
 
@@ -167,7 +167,7 @@ def test_every_frame_is_in_a_pair_or_has_a_reason(rng):
         assert not paired & set(pairing.unpaired)
 
 
-def test_pairs_come_in_the_order_of_the_clock():
+def test_pairs_are_in_the_order_of_the_clock():
     images = [
         frame(f"2N{clock:09d}EFFB100P0703{eye}0M1", clock=float(clock))
         for clock in (300, 100, 200)
@@ -212,7 +212,7 @@ def tile(eye: str, number: int, averaging: int = 1, **changes) -> RoverImage:
     )
 
 
-def test_every_tile_of_a_frame_goes_with_the_same_tile_of_the_other_eye():
+def test_tiles_of_a_frame_are_paired_with_the_same_tiles_of_the_other_eye():
     """Perseverance's Navcam at full resolution comes down in 16 parts; one part is lost."""
     images = [tile(eye, number) for eye in "LR" for number in range(1, 17)]
     lost = images.pop(20)
@@ -226,7 +226,7 @@ def test_every_tile_of_a_frame_goes_with_the_same_tile_of_the_other_eye():
     assert f"no right-eye frame of its tile {int(lost.id[45:47])}" in pairing.unpaired[alone]
 
 
-def test_all_tiles_stand_for_the_whole_frame_averaged_and_few_do_not():
+def test_a_complete_set_of_tiles_counts_as_the_averaged_frame():
     whole = [tile(eye, 1, averaging=4) for eye in "LR"]
     tiles = [tile(eye, number) for eye in "LR" for number in range(1, 17)]
     pairing = find_stereo_pairs([*whole, *tiles])
@@ -237,7 +237,7 @@ def test_all_tiles_stand_for_the_whole_frame_averaged_and_few_do_not():
     assert [pair.left.id, pair.right.id] == [image.id for image in whole]
 
 
-def test_zoom_lenses_make_a_pair_at_one_focal_length():
+def test_zoom_lenses_are_paired_at_one_focal_length():
     """Each focal length of Mastcam-Z is a rig of its own."""
 
     def zoomed(eye: str, millimetres: int) -> RoverImage:

@@ -1,4 +1,4 @@
-"""`rig.toml`: which pictures are pairs, where they stand, and what is wrong with it."""
+"""`rig.toml`: which images are pairs, their poses, and faults of the file."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ NAMED = 'mission = "K10"\n' + EYES.format(
 )
 FILES = {"l.tsai": TSAI, "r.tsai": TSAI.replace("-0.065", "0.04"), "chain.yaml": KALIBR}
 PNG = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + b"\0\0\4\0\0\0\3\0" + b"\x08\0\0\0\0"
-"""The front of a picture of 1024 x 768 pixels."""
+"""The first bytes of an image of 1024 x 768 pixels."""
 
 
 def rig_of(text):
@@ -29,7 +29,7 @@ def shots_of(text, files, poses=None):
     return rig_shots(rig_of(text), files, rows)
 
 
-def test_the_first_pair_is_the_origin_and_others_have_maps_of_their_own():
+def test_the_first_pair_is_the_origin_and_unplaced_ones_have_separate_maps():
     shots, faults = shots_of(NAMED, [f"{eye}{n}.png" for eye in ("left", "right") for n in (9, 4)])
     assert not faults
     places = {file: (shot.stop.site, shot.stop.drive) for file, shot in shots.items()}
@@ -57,7 +57,7 @@ def test_poses_place_pairs_by_any_of_their_images_or_by_their_number():
     assert {shot.stop.site for shot in shots.values()} == {0}
 
 
-def test_pairs_whose_names_are_no_numbers_are_counted():
+def test_pairs_with_names_that_are_not_numbers_are_numbered():
     text = NAMED.replace("left*.png", "left/*.png").replace("right*.png", "right/*.png")
     names = ["1403636579763555584", "1403636579813555456"]
     shots, faults = shots_of(
@@ -65,10 +65,10 @@ def test_pairs_whose_names_are_no_numbers_are_counted():
     )
     assert not faults
     assert [shots[f"left/{name}.png"].stop.drive for name in names] == [0, 1]
-    assert len({shot.image_id for shot in shots.values()}) == 4, "left and right are told apart"
+    assert len({shot.image_id for shot in shots.values()}) == 4, "left and right are distinguished"
 
 
-def test_pictures_that_belong_to_no_pair_are_named():
+def test_image_files_without_a_pair_are_named():
     shots, faults = shots_of(NAMED, ["left4.png", "right4.png", "left5.png", "robot.jpg"])
     assert sorted(shots) == ["left4.png", "right4.png"]
     assert "its partner right5.png is missing" in faults["left5.png"]
@@ -76,17 +76,17 @@ def test_pictures_that_belong_to_no_pair_are_named():
 
 
 @pytest.mark.parametrize(
-    ("row", "complaint"),
+    ("row", "message"),
     [
         ("left5.png,1,2,0,0,0,0", "no row of the poses CSV .* image = left4.* drive = 4"),
         ("left4.png,1,2,0,,,", "row 1 has no attitude; give roll_deg"),
     ],
 )
-def test_a_pair_without_a_whole_pose_says_what_to_add(row, complaint):
+def test_a_pair_with_an_incomplete_pose_is_refused_with_the_missing_columns(row, message):
     poses = f"image,x_m,y_m,z_m,roll_deg,pitch_deg,yaw_deg\n{row}\n"
     shots, faults = shots_of(NAMED, ["left4.png", "right4.png"], poses)
     assert not shots
-    with pytest.raises(AssertionError, match=complaint):
+    with pytest.raises(AssertionError, match=message):
         raise AssertionError(faults["left4.png"])
 
 
@@ -102,7 +102,7 @@ def test_a_calibration_of_both_cameras_is_mounted_on_the_rover():
     np.testing.assert_allclose(apart, [0, 0.11, 0], atol=2e-3)
 
 
-def test_the_numbers_of_a_camera_may_stand_in_the_file_itself():
+def test_camera_parameters_may_be_in_the_file_itself():
     rig = read_rig(rig_text("fisheye"), "rig.toml", str)
     left, right = (rig.cameras[eye] for eye in (Eye.LEFT, Eye.RIGHT))
     assert isinstance(left.camera, Fisheye)
@@ -112,17 +112,17 @@ def test_the_numbers_of_a_camera_may_stand_in_the_file_itself():
 
 @pytest.mark.parametrize("size", [(512, 384), (768, 1024)])
 def test_images_of_another_size_than_the_calibration_are_refused(size):
-    picture = PNG[:16] + b"".join(n.to_bytes(4, "big") for n in size) + PNG[24:]
+    png = PNG[:16] + b"".join(n.to_bytes(4, "big") for n in size) + PNG[24:]
     for text in (NAMED, rig_text()):
         rig = rig_of(text)
         names = [pattern.replace("*", "4") for pattern in rig.images.values()]
         shots, _ = rig_shots(rig, names, None)
         shot = shots[names[0]]
         with pytest.raises(LabelError, match=rf"{names[0]}: {size[0]} x {size[1]} pixels, but"):
-            shot.record(picture, names[0], None)
+            shot.record(png, names[0], None)
 
 
-def test_a_record_is_of_its_picture():
+def test_a_record_belongs_to_its_image_file():
     shots, _ = shots_of(NAMED, ["left4.png", "right4.png"])
     image = shots["left4.png"].record(PNG, "left4.png", "2026-11-23T00:00:00")
     assert (image.samples, image.lines, image.created) == (1024, 768, "2026-11-23T00:00:00")
@@ -130,7 +130,7 @@ def test_a_record_is_of_its_picture():
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("mission = ", "rig.toml: "),
         ('mission = "K10"\n', r"\[left\] is missing"),
@@ -150,7 +150,7 @@ def test_a_record_is_of_its_picture():
         ("site = -1\n" + NAMED, "site should be a whole number"),
     ],
 )
-def test_a_broken_file_is_refused_in_one_line(text, complaint):
-    with pytest.raises(LabelError, match=complaint) as refused:
+def test_a_broken_file_is_refused_in_one_line(text, message):
+    with pytest.raises(LabelError, match=message) as refused:
         rig_of(text)
     assert "\n" not in str(refused.value).strip()

@@ -35,19 +35,19 @@ NO_TIMES = ("yesterday", "2004-13-01", "0000-01-01", "9999-12-31T24:00:00", "200
 
 
 @pytest.mark.parametrize("text", FORMS)
-def test_every_legal_form_is_a_moment(text):
+def test_every_legal_time_is_parsed(text):
     assert utc_of(text) == FORMS[text]
     assert utc_of(time_text(text)) == FORMS[text]
 
 
-def test_what_is_iso_already_stays_as_it_stands():
+def test_an_iso_time_is_kept():
     for text in ("2004-06-10T08:00:36.816", "2004-06-10T08:00:36.816Z", "2004-06-10T08:00"):
         assert time_text(text) == text
     assert time_text("2004-162T08:00:36.816") == "2004-06-10T08:00:36.816"
 
 
 @pytest.mark.parametrize("text", [*UNKNOWN, *NO_TIMES, None])
-def test_what_names_no_moment_is_not_known(text):
+def test_an_invalid_time_is_unknown(text):
     assert utc_of(text) is None
     assert time_text(text) is None
 
@@ -59,7 +59,7 @@ def test_any_text_is_a_time_or_none(text):
 
 
 @pytest.mark.parametrize("text", [*FORMS, *(text for text in UNKNOWN if text and '"' not in text)])
-def test_an_image_is_read_whatever_form_its_times_have(small, text):
+def test_an_image_is_read_with_times_of_any_form(small, text):
     quoted = small.but("2009-04-06T08:48:13.468", f'"{text}"').but('"11:23:54"', f'"{text}"')
     for image in (quoted, small.but("2009-04-06T08:48:13.468", text)):
         assert utc_of(read_image_record(image.data, NAME).start_time) == FORMS.get(text)

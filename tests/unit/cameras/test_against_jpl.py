@@ -28,7 +28,7 @@ def rows(test_vectors, table, name, *columns):
     return [np.array([row[column] for row in chosen], dtype=float) for column in columns]
 
 
-def test_every_camera_projects_as_jpls_library_does(test_vectors, cameras):
+def test_every_camera_projects_like_jpls_library(test_vectors, cameras):
     for name, camera in cameras.items():
         assert isinstance(camera, CameraModel)
         points, pixels = rows(test_vectors, "point_to_pixel", name, "point", "pixel")
@@ -36,7 +36,7 @@ def test_every_camera_projects_as_jpls_library_does(test_vectors, cameras):
         np.testing.assert_allclose(camera.project(points), pixels, atol=PIXELS, err_msg=name)
 
 
-def test_every_camera_looks_along_jpls_rays(test_vectors, cameras):
+def test_every_camera_has_jpls_rays(test_vectors, cameras):
     for name, camera in cameras.items():
         pixels, origins, directions = rows(
             test_vectors, "pixel_to_ray", name, "pixel", "origin", "direction"
@@ -46,7 +46,7 @@ def test_every_camera_looks_along_jpls_rays(test_vectors, cameras):
         np.testing.assert_allclose(camera.ray_origins(pixels), origins, atol=2e-12, err_msg=name)
 
 
-def test_every_partial_derivative_is_jpls(test_vectors, cameras):
+def test_every_partial_derivative_equals_jpls(test_vectors, cameras):
     for name, camera in cameras.items():
         points, expected = rows(test_vectors, "partials", name, "point", "d_sample_line_d_point")
         image_points, partials = camera.partials(points)
@@ -55,7 +55,7 @@ def test_every_partial_derivative_is_jpls(test_vectors, cameras):
         np.testing.assert_array_equal(image_points, camera.project(points))
 
 
-def test_the_interior_orientation_is_jpls(test_vectors, cameras):
+def test_the_interior_orientation_equals_jpls(test_vectors, cameras):
     for row in test_vectors["internal_parameters"]:
         camera = cameras[row["camera"]]
         inner = interior_orientation(camera.a, camera.h, camera.v)
@@ -64,7 +64,7 @@ def test_the_interior_orientation_is_jpls(test_vectors, cameras):
         np.testing.assert_allclose(found, expected, atol=1e-8)
 
 
-def test_quaternions_turn_rover_vectors_into_the_site(test_vectors):
+def test_quaternions_rotate_rover_vectors_into_the_site(test_vectors):
     for row in test_vectors["quaternions"]:
         rotation = rotation_of_quaternion(np.array(row["quaternion_scalar_first"]))
         np.testing.assert_allclose(rotation, row["site_from_rover"], atol=1e-12)
@@ -102,14 +102,14 @@ def mast_pose(quaternion, origin):
     return Pose.of_quaternion(rover, mast, np.array(quaternion), np.array(origin))
 
 
-def test_the_mast_points_where_the_label_says(test_vectors):
+def test_the_mast_points_in_the_direction_of_the_label(test_vectors):
     for row in test_vectors["mast_kinematics"][:4]:
         x, y, z = mast_pose(row["mast_quaternion_in_rover"], [0.0, 0.0, 0.0]).rotation[:, 0]
         found = np.degrees([np.arctan2(y, x), np.arcsin(-z)])
         np.testing.assert_allclose(found, row["mast_x_axis_azimuth_elevation_computed"], atol=1e-6)
 
 
-def test_a_camera_carried_along_by_the_mast_is_that_of_the_next_label(test_vectors, cameras):
+def test_a_camera_moved_by_the_mast_equals_that_of_the_next_label(test_vectors, cameras):
     before, after, *_, carried = test_vectors["mast_kinematics"]
     origin = before["mast_origin_in_rover"]
     rover_from_mast_before = mast_pose(before["mast_quaternion_in_rover"], origin)
@@ -144,7 +144,7 @@ def test_sub_frame_and_averaging_give_the_model_of_the_label(test_vectors, camer
     )
 
 
-def test_the_stereo_pair_of_the_facts_meets_at_its_points(test_vectors, cameras):
+def test_the_stereo_pair_of_the_facts_triangulates_its_points(test_vectors, cameras):
     stereo = test_vectors["stereo"]
     left, right = cameras[stereo["left"]], cameras[stereo["right"]]
     common = {k.lower(): np.array(v) for k, v in stereo["linearised_common_model_mer_era"].items()}
@@ -158,7 +158,7 @@ def test_the_stereo_pair_of_the_facts_meets_at_its_points(test_vectors, cameras)
             np.testing.assert_allclose(linear, row[f"linearised_{key}_pixel"], atol=1e-6)
 
 
-def test_the_papers_equations_place_a_camera_in_the_lsl(test_vectors, cameras):
+def test_the_papers_equations_place_a_camera_in_the_landing_frame(test_vectors, cameras):
     """Equations (1) and (2) of Di et al. 2008: M = M_R M_S M_0, C by the three origins."""
     row = test_vectors["site_chain"]["camera_to_lsl"]
     site, rover = site_frame(row["site"]), rover_frame(row["site"], 100)
@@ -186,7 +186,7 @@ def test_the_papers_equations_place_a_camera_in_the_lsl(test_vectors, cameras):
     np.testing.assert_allclose(right, m_r[0], atol=1e-9)
 
 
-def test_a_wrong_length_of_axis_is_refused(cameras):
+def test_a_vector_of_wrong_length_is_refused(cameras):
     camera = cameras["navcam_left_spirit_sol1869_linearised"]
     with pytest.raises(
         Exception, match="A of a camera model should be a unit vector, but has length 2"

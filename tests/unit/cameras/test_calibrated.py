@@ -36,14 +36,14 @@ def seen(lens, rng):
     return lens.ray_origins(image_points) + distances * lens.rays(image_points), image_points
 
 
-def test_the_way_there_and_back_closes(lens, seen):
+def test_projecting_and_back_projecting_closes(lens, seen):
     points, image_points = seen
     assert isinstance(lens, CameraModel)
     np.testing.assert_allclose(lens.project(points), image_points, atol=1e-8)
     np.testing.assert_allclose(np.linalg.norm(lens.rays(image_points), axis=1), 1.0, atol=1e-12)
 
 
-def test_images_are_those_of_opencv(lens, seen):
+def test_projections_equal_those_of_opencv(lens, seen):
     points, image_points = seen
     (fx, fy), (x, y) = LENS
     matrix = np.array([[fx, 0, x], [0, fy, y], [0, 0, 1.0]])
@@ -65,7 +65,7 @@ def test_partial_derivatives_agree_with_finite_differences(lens, seen):
         np.testing.assert_allclose(partials[:, :, axis] / scale, slope / scale, atol=1e-7)
 
 
-def test_a_point_on_the_axis_is_the_principal_point(lens):
+def test_a_point_on_the_axis_is_imaged_at_the_principal_point(lens):
     ahead = CENTRE + 3.0 * AXES[2]
     image_points, partials = lens.partials(np.stack([ahead, ahead + 1e-7 * AXES[0]]))
     np.testing.assert_allclose(image_points[0], LENS[1], atol=1e-9)
@@ -77,7 +77,7 @@ def test_points_behind_a_perspective_camera_have_no_image():
     assert np.isnan(lens.project((CENTRE - AXES[2])[None])).all()
 
 
-def test_a_fisheye_sees_more_than_a_half_space():
+def test_a_fisheye_images_more_than_a_half_space():
     lens = Fisheye(CENTRE, AXES, *LENS, (0.0, 0.0, 0.0, 0.0))
     aside = np.radians(100.0)
     point = CENTRE + 2.0 * (np.sin(aside) * AXES[0] + np.cos(aside) * AXES[2])
@@ -102,7 +102,7 @@ def test_a_point_far_outside_the_field_does_not_reappear(lens, inside, outside):
     assert np.isnan(lens.rays(np.array([[526.1 + 0.9 * 620.9, 374.3]]))).all()  # beyond its rim
 
 
-def test_moving_camera_and_points_together_leaves_the_image(lens, seen):
+def test_moving_camera_and_points_together_keeps_the_image(lens, seen):
     points, image_points = seen
     rotation = rotation_of_roll_pitch_yaw(0.1, -0.2, 2.5)
     pose = Pose(site_frame(1), rover_frame(1, 0), rotation, np.array([3.0, -4.0, 0.5]))
@@ -111,7 +111,7 @@ def test_moving_camera_and_points_together_leaves_the_image(lens, seen):
     )
 
 
-def test_sub_frames_and_averages_see_the_same_ground(lens, seen):
+def test_sub_frames_and_averages_image_the_same_ground(lens, seen):
     points, image_points = seen
     np.testing.assert_allclose(
         lens.subframe(384, 100).project(points), image_points - [384, 100], atol=1e-7
@@ -122,7 +122,7 @@ def test_sub_frames_and_averages_see_the_same_ground(lens, seen):
 
 
 @pytest.mark.parametrize(
-    ("change", "complaint"),
+    ("change", "message"),
     [
         ({"distortion": (0.1,)}, "4 or 5 or 8 coefficients, not 1"),
         ({"focal_px": (0.0, 600.0)}, "above zero"),
@@ -130,7 +130,7 @@ def test_sub_frames_and_averages_see_the_same_ground(lens, seen):
         ({"centre": np.array([np.nan, 0.0, 0.0])}, "finite"),
     ],
 )
-def test_impossible_cameras_are_refused(change, complaint):
+def test_impossible_cameras_are_refused(change, message):
     parts = {
         "centre": CENTRE,
         "axes": AXES,
@@ -138,5 +138,5 @@ def test_impossible_cameras_are_refused(change, complaint):
         "principal_px": LENS[1],
         "distortion": (0.0, 0.0, 0.0, 0.0),
     }
-    with pytest.raises(CameraError, match=complaint):
+    with pytest.raises(CameraError, match=message):
         BrownConrady(**{**parts, **change})

@@ -12,12 +12,12 @@ from solmap.photogrammetry.errors import CameraError
 from solmap.photogrammetry.frames import Pose, rotation_of_roll_pitch_yaw, rover_frame, site_frame
 
 
-def test_a_point_on_a_ray_is_imaged_where_the_ray_began(model, in_view):
+def test_a_point_on_a_ray_is_imaged_at_the_pixel_of_the_ray(model, in_view):
     points, image_points = in_view
     np.testing.assert_allclose(model.project(points), image_points, atol=1e-9)
 
 
-def test_the_way_there_and_back_closes_for_every_camera_of_the_facts(unit_cameras, rng):
+def test_projecting_and_back_projecting_closes_for_every_camera_of_the_facts(unit_cameras, rng):
     for name, camera in unit_cameras.items():
         image_points = rng.uniform(0, 1, (500, 2)) * [1023, 505 if name == "di_li_2004" else 1023]
         points = camera.ray_origins(image_points) + 7.0 * camera.rays(image_points)
@@ -48,7 +48,7 @@ def test_partial_derivatives_agree_with_finite_differences(model, in_view):
     np.testing.assert_array_equal(image_points, model.project(points))
 
 
-def test_partial_derivatives_on_the_axis_are_those_beside_it(hazcam, navcam):
+def test_partial_derivatives_are_continuous_on_the_axis(hazcam, navcam):
     for camera in (hazcam, navcam):
         on_axis = camera.c + 3.0 * camera.o
         beside = on_axis + 1e-6 * np.cross(camera.o, [0, 0, 1])
@@ -63,7 +63,7 @@ def test_points_behind_the_camera_have_no_image(model):
     assert np.isfinite(image_points[1]).all()
 
 
-def test_points_without_image_have_no_derivatives_either(model):
+def test_points_without_image_have_no_derivatives(model):
     sideways = np.cross(getattr(model, "o", model.a), [0.0, 0.0, 1.0])  # d.O = 0, or d.A = 0
     points = model.centre + np.stack([np.zeros(3), -5.0 * model.a, 3.0 * sideways])
     image_points, partials = model.partials(points)
@@ -87,7 +87,7 @@ def test_no_points_give_no_image(model):
     assert model.ray_origins(np.empty((0, 2))).shape == (0, 3)
 
 
-def test_moving_camera_and_points_together_leaves_the_image(model, in_view):
+def test_moving_camera_and_points_together_keeps_the_image(model, in_view):
     points, image_points = in_view
     rotation = rotation_of_roll_pitch_yaw(0.1, -0.2, 2.5)
     pose = Pose(site_frame(1), rover_frame(1, 0), rotation, np.array([3.0, -4.0, 0.5]))
@@ -96,13 +96,13 @@ def test_moving_camera_and_points_together_leaves_the_image(model, in_view):
     np.testing.assert_allclose(moved.project(pose.apply(points)), image_points, atol=1e-8)
 
 
-def test_a_sub_frame_sees_the_same_ground_at_shifted_pixels(model, in_view):
+def test_a_sub_frame_images_the_same_ground_at_shifted_pixels(model, in_view):
     points, image_points = in_view
     cut = model.subframe(384, 100)
     np.testing.assert_allclose(cut.project(points), image_points - [384, 100], atol=1e-8)
 
 
-def test_an_averaged_pixel_lies_at_the_mean_of_its_pixels(model):
+def test_an_averaged_pixel_is_at_the_mean_of_its_pixels(model):
     block = np.array([[x, y] for x in (400.0, 401.0) for y in (520.0, 521.0, 522.0, 523.0)])
     averaged = model.average(2, 4)
     ray = model.rays(block.mean(axis=0)[None])
@@ -110,7 +110,7 @@ def test_an_averaged_pixel_lies_at_the_mean_of_its_pixels(model):
     np.testing.assert_allclose(averaged.project(point), [[200.0, 130.0]], atol=1e-9)
 
 
-def test_without_the_half_pixel_an_averaged_model_is_that_of_a_label(model):
+def test_without_the_half_pixel_an_averaged_model_equals_that_of_a_label(model):
     plain = model.average(2, 4, correct_half_pixel=False)
     np.testing.assert_allclose(plain.h, model.h / 2)
     np.testing.assert_allclose(plain.v, model.v / 4)
@@ -146,7 +146,7 @@ def test_the_radial_polynomial_is_inverted_wherever_it_is_unique(r0, r1, r2, sha
     np.testing.assert_allclose(undistort(distorted, r), chi, rtol=1e-9, atol=1e-12)
 
 
-def test_what_the_polynomial_cannot_reach_has_no_inverse():
+def test_radii_outside_the_range_of_the_polynomial_have_no_inverse():
     r = np.array([0.0, -0.2, 0.0])  # reaches 0.861 at most
     assert np.isnan(undistort(np.array([0.5, 0.9, 5.0]), r)).tolist() == [False, True, True]
 
@@ -156,7 +156,7 @@ def test_a_model_without_image_plane_is_refused(navcam):
         Cahv(navcam.c, navcam.a, navcam.h, navcam.h)
 
 
-def test_numbers_that_are_none_are_refused(navcam):
+def test_non_finite_numbers_are_refused(navcam):
     with pytest.raises(CameraError, match="C of a camera model must be"):
         Cahv(np.array([0.0, np.nan, 0.0]), navcam.a, navcam.h, navcam.v)
 
@@ -174,6 +174,6 @@ def test_a_scale_that_mirrors_the_axis_is_refused(navcam):
         Cahvor(navcam.c, navcam.a, navcam.h, navcam.v, navcam.o, np.array([-1.0, 0.0, 0.0]))
 
 
-def test_averaging_over_nothing_is_refused(navcam):
+def test_averaging_over_zero_pixels_is_refused(navcam):
     with pytest.raises(CameraError, match="at least one, not 0"):
         navcam.average(0, 1)

@@ -48,7 +48,7 @@ def test_a_point_has_the_same_row_in_both_epipolar_images(rng):
     np.testing.assert_allclose(parallax, in_left[:, 0] - in_right[:, 0], atol=1e-9)
 
 
-def test_the_rig_of_spirit_has_its_published_base_and_scale(cameras):
+def test_the_rig_of_spirit_has_its_published_baseline_and_scale(cameras):
     left, right = (cameras[f"navcam_{eye}_spirit_sol767"] for eye in ("left", "right"))
     pair = pair_of(left, right)
     assert pair.base_m == pytest.approx(0.200345, abs=2e-6)
@@ -57,7 +57,7 @@ def test_the_rig_of_spirit_has_its_published_base_and_scale(cameras):
     assert 1000 <= pair.samples <= 1110
 
 
-def test_triangulation_undoes_projection(rng):
+def test_triangulation_inverts_projection(rng):
     pair = pair_of(*navcam())
     points = rng.uniform([-3, -2, 1.5], [3, 2, 60], (100, 3))
     np.testing.assert_allclose(pair.triangulate(*pair.project(points)), points, atol=1e-9)
@@ -98,7 +98,7 @@ def test_sub_frames_keep_their_common_rows():
     np.testing.assert_allclose(seen, [pair.samples / 2, pair.lines / 2], atol=25)
 
 
-def test_a_wide_field_is_cut_at_a_sane_size():
+def test_a_wide_field_is_cut_to_a_reasonable_size():
     left = camera([0.5, -0.05, -0.5], f=330.0)
     right = camera([0.5, 0.05, -0.5], yaw_degrees=0.5, f=330.0)
     turned = pair_of(left, camera([0.5, 0.05, -0.5], yaw_degrees=70.0, f=330.0))
@@ -113,7 +113,7 @@ def test_cameras_without_common_rows_are_refused():
         pair_of(left, right)
 
 
-def test_cameras_that_look_along_their_base_are_refused():
+def test_cameras_that_look_along_their_baseline_are_refused():
     left = camera([0.0, 0.0, -1.5], pitch_degrees=0.0)
     right = camera([1.0, 0.0, -1.5], pitch_degrees=0.0)
     with pytest.raises(CameraError, match="viewing direction is along the baseline"):

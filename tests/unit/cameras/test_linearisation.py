@@ -35,7 +35,7 @@ def test_jpls_rule_reproduces_the_archived_labels(test_vectors, cameras):
         assert np.abs(label.project(far) - corners).max() < 0.03
 
 
-def test_an_image_linearised_by_the_rule_is_jpls_own_product(test_vectors, shared_data):
+def test_an_image_linearised_by_the_rule_equals_jpls_product(test_vectors, shared_data):
     """Spirit, sol 1869: RAD resampled to the model of the pair is RSL, where RSL is not cut off."""
     folder = shared_data / "mer_spirit_sol1869_troy"
     radiometric, product = (
@@ -54,7 +54,7 @@ def test_an_image_linearised_by_the_rule_is_jpls_own_product(test_vectors, share
     assert np.corrcoef(grey[both], product.pixels[both])[0, 1] > 0.99998
 
 
-def test_what_the_original_does_not_show_is_masked(navcam):
+def test_pixels_outside_the_original_are_masked(navcam):
     image, mask = np.full((64, 64), 7.0, np.float32), np.ones((64, 64), bool)
     mask[30, 20] = False
     camera = navcam.average(16, 16)
@@ -77,6 +77,6 @@ def test_the_largest_field_loses_no_edge(navcam):
     assert inner[0] > inner[1]
 
 
-def test_two_cameras_in_one_place_are_no_pair(navcam):
+def test_two_cameras_in_one_place_are_not_a_pair(navcam):
     with pytest.raises(CameraError, match="no baseline to linearise along"):
         linearise_pair(navcam, navcam, 1024, 1024)

@@ -5,7 +5,7 @@ from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.photogrammetric import photogrammetric
 
 
-def test_the_parameters_are_those_of_the_facts(test_vectors, cameras):
+def test_the_parameters_equal_those_of_the_facts(test_vectors, cameras):
     for row in test_vectors["photogrammetric"]:
         found = photogrammetric(cameras[row["camera"]])
         samples, lines = test_vectors["cameras"][row["camera"]]["size"]
@@ -35,7 +35,7 @@ def test_the_parameters_are_those_of_the_facts(test_vectors, cameras):
         )
 
 
-def test_the_way_to_photogrammetric_parameters_and_back_is_exact(cameras, rng):
+def test_conversion_to_photogrammetric_parameters_and_back_is_exact(cameras, rng):
     points = rng.uniform(-20, 20, (200, 3))
     for name, camera in cameras.items():
         perspective = Cahv(camera.c, camera.a, camera.h, camera.v)
@@ -46,13 +46,13 @@ def test_the_way_to_photogrammetric_parameters_and_back_is_exact(cameras, rng):
         )
 
 
-def test_dropping_the_shear_would_cost_a_third_of_a_pixel(cameras):
+def test_omitting_the_shear_costs_a_third_of_a_pixel(cameras):
     """Facts 3.2: 0.31 px at the edge of Spirit's left Navcam."""
     shear = photogrammetric(cameras["navcam_left_spirit_sol767"]).shear
     assert abs(shear) * 512 == pytest.approx(0.31, abs=0.005)
 
 
-def test_the_rotation_is_one_to_rounding(cameras):
+def test_the_rotation_is_orthonormal_to_rounding(cameras):
     for camera in cameras.values():
         rotation = photogrammetric(camera if isinstance(camera, Cahv) else camera.perspective)
         np.testing.assert_allclose(

@@ -27,13 +27,13 @@ def test_a_camera_without_distortion_keeps_its_image(camera):
     assert geometry.focal_px == pytest.approx(500, rel=1e-4)
 
 
-def test_the_camera_stands_where_the_label_has_it(camera):
+def test_the_camera_has_the_position_of_its_label(camera):
     geometry = single_image(camera, (512, 512), ROVER, OWN)
     np.testing.assert_allclose(geometry.rover_from_pair.translation_m, camera.centre)
     np.testing.assert_allclose(geometry.rover_from_pair.rotation[:, 2], camera.a, atol=1e-6)
 
 
-def test_all_that_a_real_frame_shows_is_covered(shared_data):
+def test_the_linearised_image_covers_the_whole_real_frame(shared_data):
     from solmap.photogrammetry.archive.images.reading import read_image  # noqa: PLC0415
 
     path = shared_data / "mer_spirit_sol1869_troy" / "2n292280938effb100p0703l0m1.img"

@@ -28,7 +28,7 @@ def written(config, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["default", "quicklook"])
-def test_what_is_shown_is_a_pipeline_with_the_same_result(name, tmp_path):
+def test_the_shown_configuration_gives_the_same_pipeline(name, tmp_path):
     assert written(load_pipeline(name), tmp_path) == load_pipeline(name)
 
 
@@ -50,7 +50,7 @@ def test_every_table_and_parameter_is_shown():
         assert {one.name for one in table.parameters if one.value is not None} <= found.keys()
 
 
-def test_units_and_reasons_stand_beside_the_values():
+def test_units_and_reasons_are_beside_the_values():
     text = pipeline_toml(PipelineConfig())
     assert "# Side of the correlation window, odd.\nwindow_px = 15  # pixel\n" in text
     assert "# interval_m =  # not set; metre\n" in text
@@ -63,16 +63,16 @@ def test_units_are_read_from_names():
     assert Parameter("count", 1, "").unit == Parameter("m", 1, "").unit == ""
 
 
-def test_reasons_are_those_of_the_base_classes_too():
+def test_reasons_of_base_classes_are_included():
     assert {"cell_m", "method"} <= reasons(FarDtmParams).keys()
     assert reasons(FarDtmParams)["cell_m"].startswith("Four Navcam pixels at 200 m")
 
 
-def test_values_are_written_as_toml_reads_them():
+def test_values_are_written_in_toml_syntax():
     for value in (True, 1, 1e-08, float("inf"), 'a "b" \u00e9\n', [0.5, 99.5]):
         assert tomllib.loads(f"x = {toml_value(value)}")["x"] == value
 
 
 def test_the_page_of_the_documentation_is_current():
-    told = "run `solmap config docs --out docs/reference/configuration.md`"
-    assert DOCS.read_text(encoding="utf-8") == configuration_page(), told
+    reported = "run `solmap config docs --out docs/reference/configuration.md`"
+    assert DOCS.read_text(encoding="utf-8") == configuration_page(), reported

@@ -32,7 +32,7 @@ def refusal(read, file, text):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "by", "complaint"),
+    ("wrong", "by", "message"),
     [
         ("longitude = 175.0", "longitude = nan", "longitude takes a finite number"),
         ("longitude = 175.0", "longitude = 1000", "not on a globe"),
@@ -44,14 +44,14 @@ def refusal(read, file, text):
         ("[MER2]", "MER1 = 3\n[MER2]", "a table"),
     ],
 )
-def test_landing_sites(wrong, by, complaint, tmp_path):
+def test_landing_sites(wrong, by, message, tmp_path):
     file = tmp_path / "sites.toml"
     text = SITE.replace(wrong, by)
-    assert complaint in refusal(lambda: landing_site("MER2", file), file, text)
+    assert message in refusal(lambda: landing_site("MER2", file), file, text)
 
 
 @pytest.mark.parametrize(
-    ("wrong", "by", "complaint"),
+    ("wrong", "by", "message"),
     [
         ('"https://example.org/a"', '"file:///etc/passwd"', "http or https"),
         ('"https://example.org/a"', '"https://[::1"', "missions.MER2"),
@@ -65,6 +65,6 @@ def test_landing_sites(wrong, by, complaint, tmp_path):
         ("[missions.MER2]", "[missions]\nMER1 = 3\n[missions.MER2]", "missions.MER1"),
     ],
 )
-def test_archives(wrong, by, complaint, tmp_path):
+def test_archives(wrong, by, message, tmp_path):
     file = tmp_path / "archive.toml"
-    assert complaint in refusal(lambda: load_archive(file), file, ARCHIVE.replace(wrong, by))
+    assert message in refusal(lambda: load_archive(file), file, ARCHIVE.replace(wrong, by))

@@ -1,4 +1,4 @@
-"""Pipelines as they are shipped, and what a file of one's own may say."""
+"""Shipped pipelines, and what a user's file may contain."""
 
 from dataclasses import replace
 
@@ -46,14 +46,14 @@ def test_seasons_and_limits_of_a_rover_can_be_set(tmp_path):
         load_pipeline(str(file))
 
 
-def test_a_setting_that_far_ground_does_not_have_is_named(tmp_path):
+def test_an_unknown_setting_of_far_ground_is_named(tmp_path):
     file = tmp_path / "far.toml"
     file.write_text("[wide]\nradius_m = 500.0\n")
     with pytest.raises(ConfigError, match=r"far\.toml\.wide has no setting 'radius_m'"):
         load_pipeline(str(file))
 
 
-def test_a_nested_table_keeps_what_it_does_not_name(tmp_path):
+def test_a_nested_table_keeps_its_other_defaults(tmp_path):
     path = tmp_path / "few.toml"
     path.write_text("[mono.conjugates]\nthreshold = 0.8\n")
     default = load_pipeline("default").mono.conjugates

@@ -26,7 +26,7 @@ def flat_image(middle, edge):
     return LABEL.encode().ljust(512) + pixels.tobytes()
 
 
-def test_what_is_shipped_changes_no_pixel():
+def test_the_shipped_radiometry_changes_no_pixel():
     shipped = load_radiometry(Settings().instruments)
     assert set(shipped) == {"MER1", "MER2"}
     assert all(radiometry.changes_nothing for radiometry in shipped.values())
@@ -52,7 +52,7 @@ def test_tables_and_models_are_read(tmp_path):
     assert model == RadialVignetting(k1=-0.2, centre=(500.0, 510.5))
 
 
-def test_an_image_of_an_even_source_is_a_flat_field(tmp_path):
+def test_an_image_of_a_uniform_source_is_a_flat_field(tmp_path):
     (tmp_path / "calib").mkdir()
     (tmp_path / "calib" / "flat.img").write_bytes(flat_image(middle=2000, edge=1500))
     written(tmp_path, '[flat_fields]\nNAVCAM_LEFT = "calib/flat.img"')
@@ -63,19 +63,19 @@ def test_an_image_of_an_even_source_is_a_flat_field(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("image", "complaint"),
+    ("image", "message"),
     [(None, "flat.img"), (b"text", "NAVCAM_LEFT: flat.img: not a PDS3"), (0, "without light")],
 )
-def test_a_flat_field_that_is_none_is_refused(tmp_path, image, complaint):
+def test_an_invalid_flat_field_is_refused(tmp_path, image, message):
     if image is not None:
         data = image if isinstance(image, bytes) else flat_image(2000, edge=image)
         (tmp_path / "flat.img").write_bytes(data)
     written(tmp_path, '[flat_fields]\nNAVCAM_LEFT = "flat.img"')
-    with pytest.raises(ConfigError, match=complaint):
+    with pytest.raises(ConfigError, match=message):
         load_radiometry(tmp_path)
 
 
-def test_a_folder_that_is_not_there_and_a_spacecraft_in_two_files_are_refused(tmp_path):
+def test_a_missing_folder_and_a_spacecraft_in_two_files_are_refused(tmp_path):
     with pytest.raises(ConfigError, match="should contain a TOML file for each mission"):
         load_radiometry(tmp_path / "nowhere")
     written(tmp_path, "")
@@ -85,7 +85,7 @@ def test_a_folder_that_is_not_there_and_a_spacecraft_in_two_files_are_refused(tm
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("a = [", "rover.toml"),
         ("lut = 1", "no setting 'lut'"),
@@ -101,6 +101,6 @@ def test_a_folder_that_is_not_there_and_a_spacecraft_in_two_files_are_refused(tm
         ("[vignetting.NAVCAM_LEFT]\nk4 = 1.0", "no setting 'k4'"),
     ],
 )
-def test_a_broken_file_is_refused_with_its_key(tmp_path, text, complaint):
-    with pytest.raises(ConfigError, match=complaint):
+def test_a_broken_file_is_refused_with_its_key(tmp_path, text, message):
+    with pytest.raises(ConfigError, match=message):
         load_radiometry(written(tmp_path, text))

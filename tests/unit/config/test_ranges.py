@@ -57,7 +57,7 @@ def test_every_default_lies_in_its_range():
 
 
 @pytest.mark.parametrize("wrong", WRONG, ids=lambda value: f"{value!r:.12}")
-def test_what_no_number_can_be_is_refused_with_its_key(wrong):
+def test_impossible_numbers_are_refused_with_their_key(wrong):
     for path, value in NUMBERS:
         if wrong == [] and isinstance(value, tuple):
             continue  # a list may be empty

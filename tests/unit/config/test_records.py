@@ -33,7 +33,7 @@ def test_absent_keys_keep_their_defaults():
     assert record_of(Outer, {}, "dtm") == Outer()
 
 
-def test_tables_fill_records_and_whole_numbers_serve_as_metres():
+def test_tables_fill_records_and_integers_are_accepted_as_metres():
     made = record_of(Outer, {"cell_m": 1, "interval_m": 2, "inner": {"size_px": 21}}, "dtm")
     assert made == Outer(cell_m=1.0, interval_m=2, inner=Inner(size_px=21))
 
@@ -55,7 +55,7 @@ def test_tables_fill_records_and_whole_numbers_serve_as_metres():
         ({"span_m": [3.0]}, "dtm.span_m is a list of 2, not of 1"),
     ],
 )
-def test_a_wrong_setting_names_itself(table, message):
+def test_a_wrong_setting_is_named(table, message):
     with pytest.raises(ConfigError, match=message):
         record_of(Outer, table, "dtm")
 
@@ -75,7 +75,7 @@ def test_a_value_that_the_record_refuses_is_a_fault():
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message_"),
     [
         ("x = " + "9" * 5000, "Exceeds the limit"),
         ("x = " + "[" * 5000, "recursion"),
@@ -84,11 +84,11 @@ def test_a_value_that_the_record_refuses_is_a_fault():
         (None, "No such file"),
     ],
 )
-def test_a_file_that_is_no_toml_is_one_line(text, complaint, tmp_path):
+def test_an_invalid_toml_file_is_one_line(text, message_, tmp_path):
     file = tmp_path / "own.toml"
     if text is not None:
         file.write_bytes(text.encode() if isinstance(text, str) else text)
-    with pytest.raises(ConfigError, match=complaint) as refused:
+    with pytest.raises(ConfigError, match=message_) as refused:
         read_toml(file)
     assert str(refused.value).startswith(f"{file}")
     assert "\n" not in str(refused.value)

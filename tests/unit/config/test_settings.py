@@ -40,14 +40,14 @@ def test_an_empty_variable_is_not_set(monkeypatch):
     assert Settings().store == Settings.model_fields["store"].default
 
 
-def test_every_setting_survives_being_handed_to_another_process(monkeypatch):
+def test_every_setting_is_passed_on_to_another_process(monkeypatch):
     given = Settings(store="x", port=1, debug=True, downlink_cron="@daily")
     for name, value in given.environment.items():
         monkeypatch.setenv(name, value)
     assert Settings() == given
 
 
-def test_a_variable_that_is_no_setting_is_named(monkeypatch):
+def test_an_unknown_variable_is_named(monkeypatch):
     monkeypatch.setenv("SOLMAP_STOR", "x")
     assert (
         "SOLMAP_STOR is not a setting of solmap; did you mean SOLMAP_STORE?" in unknown_variables()

@@ -1,4 +1,4 @@
-"""Sols that nothing changed for need no processing; what no sol gives any more is withdrawn."""
+"""Unchanged sols need no processing; layers that no sol makes any more are withdrawn."""
 
 from dataclasses import replace
 
@@ -45,13 +45,13 @@ def keys(workspace, before=None, pipeline="default"):
     return [finished.key(sol, before) for sol in (155, 156)]
 
 
-def test_a_finished_sol_is_told_as_it_went(workspace):
+def test_a_finished_sol_is_recorded_with_its_outcome(workspace):
     finished = ReusableSols.of("MER2", workspace, "default")
     key, report = finished.key(155, None), a_report(workspace)
     assert finished.report(SCOPES[155], 155, key) is None
     finished.note(SCOPES[155], key, report)
-    told = ReusableSols.of("MER2", workspace, "default").report(SCOPES[155], 155, key)
-    assert told == report
+    reported = ReusableSols.of("MER2", workspace, "default").report(SCOPES[155], 155, key)
+    assert reported == report
 
 
 def test_a_late_image_changes_its_sol_and_those_after_it(workspace):
@@ -64,7 +64,7 @@ def test_a_late_image_changes_its_sol_and_those_after_it(workspace):
     assert keys(workspace)[0] != first
 
 
-def test_another_adjustment_before_and_other_settings_change_every_sol(workspace):
+def test_an_earlier_adjustment_or_other_settings_change_every_sol(workspace):
     before = keys(workspace)
     standing = a_report(workspace).standing
     for other in (keys(workspace, standing), keys(workspace, pipeline="quicklook")):
@@ -75,7 +75,7 @@ def test_another_adjustment_before_and_other_settings_change_every_sol(workspace
 
 
 @pytest.mark.parametrize("part", ["published", "pointed"])
-def test_a_sol_whose_map_or_report_is_gone_is_processed_again(workspace, part):
+def test_a_sol_whose_map_or_report_is_missing_is_processed_again(workspace, part):
     finished = ReusableSols.of("MER2", workspace, "default")
     key, report = finished.key(155, None), a_report(workspace)
     finished.note(SCOPES[155], key, report)
@@ -83,14 +83,14 @@ def test_a_sol_whose_map_or_report_is_gone_is_processed_again(workspace, part):
     assert finished.report(SCOPES[155], 155, key) is None
 
 
-def test_a_sol_whose_stops_cannot_be_placed_is_passed_over_too(workspace):
+def test_a_finished_sol_without_placed_stops_is_skipped_too(workspace):
     finished = ReusableSols.of("MER2", workspace, "default")
     key, report = finished.key(155, None), SolReport("MER2", 155, notes=["site 9 is unknown"])
     finished.note(SCOPES[155], key, report)
     assert finished.report(SCOPES[155], 155, key) == report
 
 
-def test_what_an_earlier_version_noted_less_of_is_processed_again(workspace):
+def test_a_sol_with_an_older_incomplete_record_is_processed_again(workspace):
     finished = ReusableSols.of("MER2", workspace, "default")
     key, report = finished.key(155, None), a_report(workspace)
     finished.note(SCOPES[155], key, report)
@@ -100,7 +100,7 @@ def test_what_an_earlier_version_noted_less_of_is_processed_again(workspace):
     assert finished.report(SCOPES[155], 155, key) is None
 
 
-def test_what_failed_is_tried_again_unless_its_images_are_at_fault(workspace):
+def test_failures_are_retried_unless_images_cause_them(workspace):
     finished = ReusableSols.of("MER2", workspace, "default")
     key = finished.key(155, None)
     finished.note(SCOPES[155], key, a_report(workspace, failures=["map dtm: OSError: [Errno 5]"]))
@@ -110,7 +110,7 @@ def test_what_failed_is_tried_again_unless_its_images_are_at_fault(workspace):
     assert finished.report(SCOPES[155], 155, key).failures == lasting
 
 
-def test_sols_from_the_first_that_is_processed_on_are_forgotten(workspace):
+def test_records_from_the_first_processed_sol_on_are_removed(workspace):
     finished = ReusableSols.of("MER2", workspace, "default")
     report = a_report(workspace)
     for sol, scope in SCOPES.items():
@@ -157,24 +157,24 @@ def pointed(published):
     return {ref for kind in kinds for ref in published.catalogue.pointers(kind)}
 
 
-def test_what_no_sol_gives_is_withdrawn_and_what_people_or_regions_made_stays(published):
+def test_layers_that_no_sol_makes_are_withdrawn_except_those_of_people_and_regions(published):
     seen = published.catalogue.version()
     withdraw_leftovers("MER2", ["MER2"], [SOL], published)
     assert shown(published) == {NEAR, DIPS, REGION}
     assert pointed(published) == {PAIR, ANOTHER, NETWORK}
-    (told,) = published.catalogue.events_since(seen)
-    assert len(told.document["layers"]) == 1  # browsers take it from the map
+    (reported,) = published.catalogue.events_since(seen)
+    assert len(reported.document["layers"]) == 1  # browsers take it from the map
     assert published.catalogue.layer(STOP.name, ProductKind.FAR_DTM, FAR.digest).ref == FAR
 
 
-def test_another_sol_of_the_run_gives_it(published):
+def test_a_layer_made_by_another_sol_of_the_run_stays(published):
     other = SolReport("MER2", 156, None, 1, published=(FAR,), pointed=(OLD_PAIR, OVERALL))
     withdraw_leftovers("MER2", ["MER2"], [SOL, other], published)
     assert shown(published) == {FAR, NEAR, DIPS, REGION}
     assert pointed(published) == {OLD_PAIR, PAIR, ANOTHER, NETWORK, OVERALL}
 
 
-def test_nothing_is_withdrawn_while_a_sol_may_give_more_at_the_next_try(published):
+def test_nothing_is_withdrawn_while_a_sol_may_make_more_on_retry(published):
     failed = replace(SOL, failures=["map far ground 1: OSError: [Errno 5] Input/output error"])
     withdraw_leftovers("MER2", ["MER2"], [failed], published)
     assert shown(published) == {FAR, NEAR, DIPS, REGION}
@@ -183,7 +183,7 @@ def test_nothing_is_withdrawn_while_a_sol_may_give_more_at_the_next_try(publishe
     assert shown(published) == {NEAR, DIPS, REGION}
 
 
-def test_maps_of_a_stop_that_the_run_made_none_of_stay_and_are_named(published):
+def test_maps_of_a_stop_that_the_run_did_not_remake_stay_and_are_named(published):
     """Unless newer files of its images have left it no pair."""
     other = SolReport("MER2", 156, None, 0)
     pair = [replace(an_image(name), stop=STOP.name, partner="2N9") for name in ("2N1", "2N2")]
@@ -196,7 +196,7 @@ def test_maps_of_a_stop_that_the_run_made_none_of_stay_and_are_named(published):
     assert shown(published) == {DIPS, REGION}
 
 
-def test_a_map_that_all_stops_have_left_is_forgotten(published):
+def test_an_abandoned_map_is_removed(published):
     untied = replace(MISSION, mission="MER2-ORIGIN10")
     region = replace(a_layer(), ref=REGION, mission=untied.mission, type="vector", cell_m=None)
     book = ReusableSols.of("MER2", published, "default").book

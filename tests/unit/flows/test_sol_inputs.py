@@ -50,7 +50,7 @@ def take(files: dict[str, bytes], folder: Path, workspace: Workspace) -> None:
 
 
 @pytest.mark.parametrize("sol", [155, 156, 157])
-def test_a_stop_five_kilometres_off_has_its_own_map_until_its_labels_are_mended(
+def test_a_stop_five_kilometres_away_has_its_own_map_until_its_labels_are_corrected(
     tmp_path, downlink, sol
 ):
     from solmap.flows.finished import ReusableSols  # noqa: PLC0415 - imports Prefect
@@ -88,7 +88,7 @@ def test_a_stop_five_kilometres_off_has_its_own_map_until_its_labels_are_mended(
 
 
 @pytest.mark.parametrize("field", ["ORIGIN_OFFSET_VECTOR", "ORIGIN_ROTATION_QUATERNION"])
-def test_one_image_that_misplaces_the_rover_costs_its_stop_nothing(tmp_path, downlink, field):
+def test_one_image_with_a_wrong_rover_position_costs_its_stop_nothing(tmp_path, downlink, field):
     from solmap.flows.sol_inputs import gather  # noqa: PLC0415 - imports Prefect
 
     workspace = Workspace.open(tmp_path / "store")
@@ -110,7 +110,7 @@ def test_one_image_that_misplaces_the_rover_costs_its_stop_nothing(tmp_path, dow
     assert line.startswith(f"{name[:-4].upper()} is left out: it ")
 
 
-def test_an_image_that_cannot_be_read_is_named_and_left_out(tmp_path, downlink, monkeypatch):
+def test_an_unreadable_image_is_named_and_left_out(tmp_path, downlink, monkeypatch):
     from solmap.flows.sol_inputs import gather  # noqa: PLC0415 - imports Prefect
 
     workspace = Workspace.open(tmp_path / "store")
@@ -135,7 +135,7 @@ def moved(svf: bytes) -> bytes:
     return vector_text(replace(file, solutions=tuple(solutions))).encode()
 
 
-def test_what_people_wrote_on_a_map_moves_with_it_to_mars(tmp_path, downlink):
+def test_annotations_move_with_the_map_to_mars(tmp_path, downlink):
     from solmap.flows.sol_inputs import assign_maps, read_map  # noqa: PLC0415 - imports Prefect
 
     workspace = Workspace.open(tmp_path / "store")

@@ -1,11 +1,11 @@
-"""Findings of far ground are told once a stop."""
+"""Findings of far ground are reported once per stop."""
 
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol_maps import FINDINGS, LACKING, _one_finding_a_stop
 from solmap.photogrammetry.imagery import StopId
 
 
-def test_pairs_without_far_ground_are_told_in_one_line_a_stop_and_faults_each():
+def test_pairs_without_far_ground_are_reported_in_one_line_per_stop():
     stop, other = StopId("MER2", 10, 64), StopId("MER2", 11, 0)
     failed = {
         (stop, "a-with-b"): "MatchingError: 1 points were found",
@@ -13,9 +13,9 @@ def test_pairs_without_far_ground_are_told_in_one_line_a_stop_and_faults_each():
         (stop, "d-with-e"): "ValueError: shapes differ",
         (other, "f-with-g"): "MatchingError: 0 points were found",
     }
-    asked = [*failed, (stop, "h-with-i")]
+    requested = [*failed, (stop, "h-with-i")]
     report = SolReport("MER2", 156)
-    report.add_findings("map", _one_finding_a_stop(failed, asked), LACKING, *FINDINGS)
+    report.add_findings("map", _one_finding_a_stop(failed, requested), LACKING, *FINDINGS)
     assert report.notes == [
         "no far ground, in 2 of 4 wide-baseline pairs of mer2-site0010-drive0064, the first: "
         "1 points were found",

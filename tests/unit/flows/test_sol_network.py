@@ -52,7 +52,7 @@ def parts_at(new, poses, at):
     return sol_network.parts_at(TELEMETRY[new], at, products(), poses)
 
 
-def test_a_stop_that_no_link_joins_is_tied_to_the_ground_of_all_linked_stops_in_reach():
+def test_an_unlinked_stop_is_tied_to_the_ground_of_all_linked_stops_in_reach():
     ((earlier, later),) = parts_at(STOPS[3], NEXT, inputs())
     assert (earlier.stop, later.stop) == (STOPS[2], STOPS[3])
     assert [other.stop for other, _ in earlier.beside] == [STOPS[1], STOPS[0]]
@@ -60,11 +60,11 @@ def test_a_stop_that_no_link_joins_is_tied_to_the_ground_of_all_linked_stops_in_
     assert later.beside == ()
 
 
-def test_stops_that_links_join_are_not_tied_again():
+def test_linked_stops_are_not_tied_again():
     assert parts_at(STOPS[2], NEXT, inputs()) == []
 
 
-def test_a_window_without_all_that_was_tried_ties_nothing_anew():
+def test_a_window_that_lacks_tried_stops_ties_nothing_again():
     assert parts_at(STOPS[3], NEXT, inputs(*STOPS[2:])) == []
 
 
@@ -74,13 +74,13 @@ def test_links_of_merged_ground_are_made_from_all_of_it(change):
 
     params = inputs().config.cross_site
     ((earlier, later),) = parts_at(STOPS[3], NEXT, inputs())
-    told = TELEMETRY[earlier.stop], TELEMETRY[later.stop]
-    merged = links_recipe(earlier, later, *told, params)
+    reported = TELEMETRY[earlier.stop], TELEMETRY[later.stop]
+    merged = links_recipe(earlier, later, *reported, params)
     assert {ties_of(stop) for stop in STOPS} == set(merged.inputs)
     (first, place), second = earlier.beside
     other = {
         "ground": ((first, place),),
         "place": ((first, replace(place, translation_m=(-6.5, 0.0, 0.0))), second),
     }[change]
-    changed = links_recipe(replace(earlier, beside=other), later, *told, params)
+    changed = links_recipe(replace(earlier, beside=other), later, *reported, params)
     assert changed.ref != merged.ref

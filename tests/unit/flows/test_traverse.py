@@ -18,7 +18,7 @@ def run(*command):
 
 
 @pytest.mark.parametrize(("seed", "rotation"), [(1, 1.3), (2, -4.0), (3, 0.0)])
-def test_rotation_differences_and_end_are_those_put_in(tmp_path, seed, rotation):
+def test_rotation_differences_and_end_equal_those_put_in(tmp_path, seed, rotation):
     file = tmp_path / "points.csv"
     run("simulate-mosaic", file, "--seed", seed, "--rotation", rotation)
     truth = json.loads(file.with_suffix(".truth.json").read_text())
@@ -36,7 +36,7 @@ def test_rotation_differences_and_end_are_those_put_in(tmp_path, seed, rotation)
     assert found["end_m"] == pytest.approx(truth["differences_m"][-1], abs=0.01)
 
 
-def test_displacements_are_no_part_of_a_similarity():
+def test_displacements_are_not_part_of_a_similarity():
     made = simulate_mosaic(np.random.default_rng(5))
     left, track = made.residuals_m, made.points.map_m + made.residuals_m
     track = track - track.mean(axis=0)  # as the mosaic has it, turned and scaled
@@ -47,12 +47,12 @@ def test_displacements_are_no_part_of_a_similarity():
     assert np.sqrt((left**2).sum(axis=1).mean()) == pytest.approx(8.0)
 
 
-def test_the_sentence_says_what_the_paper_says(tmp_path):
+def test_the_sentence_has_the_form_of_the_papers(tmp_path):
     file = tmp_path / "points.csv"
     run("simulate-mosaic", file)
-    said = " ".join(run("georeference", file).split())
-    assert "turned by 1.300 degrees" in said
-    assert "% of the way at the end" in said
+    message_ = " ".join(run("georeference", file).split())
+    assert "turned by 1.300 degrees" in message_
+    assert "% of the way at the end" in message_
 
 
 @pytest.mark.parametrize(

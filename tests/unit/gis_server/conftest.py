@@ -194,8 +194,8 @@ def image_of(store: ProductStore) -> ImageEntry:
     original = store.make(
         Recipe(ProductKind.IMAGE, scope), lambda path: _write_bytes(path, IMAGE_BYTES)
     )
-    picture = cv2.imencode(".png", np.full((8, 8), 77, np.uint8))[1].tobytes()
-    browse = store.make(Recipe(ProductKind.BROWSE, scope), lambda path: _write_bytes(path, picture))
+    image = cv2.imencode(".png", np.full((8, 8), 77, np.uint8))[1].tobytes()
+    browse = store.make(Recipe(ProductKind.BROWSE, scope), lambda path: _write_bytes(path, image))
     return ImageEntry(
         id=scope.name.upper(),
         mission="MER2",
@@ -229,7 +229,7 @@ def ref_of(world: SmallWorld, kind: ProductKind, scope: Scope = STOP) -> Product
     return world.catalogue.layer(scope.name, kind).ref
 
 
-def picture(body: bytes) -> np.ndarray:
+def image_in(body: bytes) -> np.ndarray:
     """Red, green, blue and alpha of a PNG or WebP; the latter has no alpha where all is opaque."""
     decoded = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
     has_alpha = decoded.shape[2] == 4

@@ -23,7 +23,7 @@ from tests.unit.gis_server.conftest import (
     STOP,
     constant,
     elevation_at,
-    picture,
+    image_in,
     plane,
     ref_of,
 )
@@ -35,7 +35,7 @@ def layers_of(client):
     return {layer["id"]: layer for layer in client.get("/api/missions/MER2/layers").json()}
 
 
-def test_a_mission_says_where_on_mars_its_map_is(client):
+def test_a_mission_states_the_place_of_its_map_on_mars(client):
     (mission,) = client.get("/api/missions").json()
     assert mission["mission"] == "MER2"
     assert mission["landing"]["longitude"] == LANDING.longitude
@@ -50,7 +50,7 @@ def test_a_mission_says_where_on_mars_its_map_is(client):
         assert tiles["tile_size"] * cell_m * 2**zoom == pytest.approx(side)
 
 
-def test_a_layer_without_features_does_not_pull_the_map_to_the_lander(tmp_path):
+def test_a_layer_without_features_does_not_extend_the_map_to_the_lander(tmp_path):
     far = (1000.0, 2000.0, 1040.0, 2050.0)
     layers = [
         Layer(ref, "MER2", "a title", "vector", bounds, None, None, None, (), "2026-01-01")
@@ -70,7 +70,7 @@ def test_a_layer_without_features_does_not_pull_the_map_to_the_lander(tmp_path):
     assert filled["bounds"] == list(far)
 
 
-def test_every_address_of_every_layer_answers(client):
+def test_every_url_of_every_layer_answers(client):
     layers = layers_of(client)
     assert len(layers) == 10
     for layer in layers.values():
@@ -86,7 +86,7 @@ def test_every_address_of_every_layer_answers(client):
             assert layer["tiles"] is None
 
 
-def test_nothing_the_server_says_claims_to_be_on_earth(client):
+def test_no_answer_claims_to_be_on_earth(client):
     answers = [client.get("/api/missions").text, client.get("/api/missions/MER2/layers").text]
     answers += [client.get(layer["download"]).content[:4000].decode("latin-1")
                 for layer in layers_of(client).values()]  # fmt: skip
@@ -129,7 +129,7 @@ def test_identify_names_the_footprints_around_the_place_and_the_stop_near_it(cli
 
 
 @pytest.mark.parametrize("east", [-35.0, 5000.0])
-def test_identify_has_no_elevation_where_nothing_was_seen(client, east):
+def test_identify_has_no_elevation_on_unseen_ground(client, east):
     place = client.get("/api/missions/MER2/identify", params={"east": east, "north": 0.0}).json()
     assert place["elevation_m"] is None
     assert place["layers"] == []
@@ -138,11 +138,11 @@ def test_identify_has_no_elevation_where_nothing_was_seen(client, east):
 @pytest.mark.parametrize(
     "query", ["east=nan&north=0", "east=inf&north=0", "east=1", "east=a&north=0"]
 )
-def test_identify_refuses_what_is_no_place(client, query):
+def test_identify_refuses_an_invalid_place(client, query):
     assert client.get(f"/api/missions/MER2/identify?{query}").status_code == 422
 
 
-def test_features_come_in_metres_of_the_local_map(client):
+def test_features_are_in_metres_of_the_local_map(client):
     layer = layers_of(client)["mer2/stops"]
     answer = client.get(layer["features"])
     assert answer.headers["content-type"].startswith("application/geo+json")
@@ -159,12 +159,12 @@ def test_features_are_clipped_to_a_box(client, bbox, ids):
 
 
 @pytest.mark.parametrize("bbox", ["1,2,3", "a,b,c,d", "2,2,1,1", "nan,0,1,1"])
-def test_a_box_that_is_none_is_refused(client, bbox):
+def test_an_invalid_box_is_refused(client, bbox):
     address = layers_of(client)["mer2/footprints"]["features"]
     assert client.get(address, params={"bbox": bbox}).status_code == 422
 
 
-def test_a_download_is_the_product_and_has_a_telling_name(client, world):
+def test_a_download_is_the_product_under_a_readable_name(client, world):
     layer = layers_of(client)[f"{STOP.name}/dtm"]
     answer = client.get(layer["download"])
     path = world.store.path(ref_of(world, ProductKind.DTM))
@@ -175,7 +175,7 @@ def test_a_download_is_the_product_and_has_a_telling_name(client, world):
         assert ProjCrs.from_wkt(dataset.crs.to_wkt(version="WKT2_2019")).equals(CRS)
 
 
-def test_a_download_comes_in_ranges(client):
+def test_a_download_supports_ranges(client):
     address = layers_of(client)[f"{STOP.name}/dtm"]["download"]
     whole = client.get(address).content
     part = client.get(address, headers={"Range": "bytes=1000-1999"})
@@ -194,7 +194,7 @@ def test_a_downloaded_feature_file_is_in_degrees_of_mars(client):
     assert (longitude, latitude) == pytest.approx((175.473022, -14.569099), abs=1e-5)
 
 
-def test_images_name_their_partner_or_why_there_is_none(client):
+def test_images_name_their_partner_or_the_reason_for_none(client):
     (image,) = client.get("/api/missions/MER2/images").json()
     assert image["unpaired_because"] == "the right image was never sent"
     assert client.get(image["original"]).content == IMAGE_BYTES
@@ -205,7 +205,7 @@ def test_images_name_their_partner_or_why_there_is_none(client):
 @pytest.mark.parametrize(
     ("query", "count"), [("sol=156", 1), ("sol=1", 0), (f"stop={STOP.name}", 1), ("stop=x", 0)]
 )
-def test_images_are_chosen_by_sol_and_stop(client, query, count):
+def test_images_are_selected_by_sol_and_stop(client, query, count):
     assert len(client.get(f"/api/missions/MER2/images?{query}").json()) == count
 
 
@@ -226,16 +226,16 @@ PROBLEM = {"type", "title", "status", "detail", "instance"}
         "/api/nothing",
     ],
 )
-def test_what_is_not_there_is_answered_with_what_where_and_what_to_try(client, address):
+def test_unknown_resources_are_answered_with_a_name_and_advice(client, address):
     answer = client.get(address)
     assert answer.status_code == 404
     assert answer.headers["content-type"] == "application/problem+json"
-    told = answer.json()
-    assert set(told) == {*PROBLEM, "code", "description", "hint"}
-    assert told["type"] == "about:blank"
-    assert (told["title"], told["status"]) == ("Not Found", 404)
-    assert told["instance"] == address.split("?")[0]
-    assert (told["code"], told["description"]) == (told["title"], told["detail"])
+    reported = answer.json()
+    assert set(reported) == {*PROBLEM, "code", "description", "hint"}
+    assert reported["type"] == "about:blank"
+    assert (reported["title"], reported["status"]) == ("Not Found", 404)
+    assert reported["instance"] == address.split("?")[0]
+    assert (reported["code"], reported["description"]) == (reported["title"], reported["detail"])
     assert answer.headers["cache-control"] == "no-store"
 
 
@@ -255,12 +255,12 @@ def test_every_refusal_is_a_problem_document(client, method, address, status):
         status,
         "application/problem+json",
     )
-    told = answer.json()
-    assert told.keys() >= PROBLEM
-    assert (told["status"], told["instance"]) == (status, address.split("?")[0])
+    reported = answer.json()
+    assert reported.keys() >= PROBLEM
+    assert (reported["status"], reported["instance"]) == (status, address.split("?")[0])
     if status == 422:
-        assert [one["loc"] for one in told["errors"]] == [["query", "east"]]
-        assert "query.east" in told["detail"]
+        assert [one["loc"] for one in reported["errors"]] == [["query", "east"]]
+        assert "query.east" in reported["detail"]
 
 
 def test_a_raster_has_no_features_and_features_have_no_tiles(client, world):
@@ -278,7 +278,7 @@ UP = ["../../../../etc/passwd", "..%2f..%2f..%2fetc%2fpasswd", "%2e%2e/%2e%2e/et
 
 
 @pytest.mark.parametrize("up", UP)
-def test_no_address_leads_out_of_the_store(client, up):
+def test_no_url_reaches_outside_the_store(client, up):
     digest = "0123456789abcdef"
     for address in (
         f"/download/{up}/dtm/{digest}",
@@ -296,7 +296,7 @@ def test_no_address_leads_out_of_the_store(client, up):
         assert "root:" not in answer.text
 
 
-def test_no_address_leads_out_of_the_viewer(world, tmp_path):
+def test_no_url_reaches_outside_the_viewer(world, tmp_path):
     (tmp_path / "secret").write_text("root:")
     dist = tmp_path / "dist"
     dist.mkdir()
@@ -309,13 +309,13 @@ def test_no_address_leads_out_of_the_viewer(world, tmp_path):
         assert client.get("/healthz").json() == {"status": "ok"}
 
 
-def test_without_the_built_viewer_the_first_page_says_how_to_build_it(world, tmp_path):
+def test_without_the_built_viewer_the_first_page_explains_how_to_build_it(world, tmp_path):
     with TestClient(create_app(world.root, tmp_path)) as client:
         assert "has not been built" in client.get("/").text
         assert "GET /api/missions" in client.get("/docs").text
 
 
-def test_the_api_is_described_without_any_other_host(world, tmp_path):
+def test_the_api_documentation_loads_from_no_other_host(world, tmp_path):
     swagger = tmp_path / "swagger"
     swagger.mkdir()
     (tmp_path / "index.html").write_text("")
@@ -333,7 +333,7 @@ def test_the_api_is_described_without_any_other_host(world, tmp_path):
                    for operation in path.values())  # fmt: skip
 
 
-def test_no_other_origin_is_let_in_and_nothing_is_loaded_from_elsewhere(client):
+def test_no_other_origin_is_allowed_and_nothing_loads_from_elsewhere(client):
     for address in ("/", "/api/missions", "/api/nothing"):
         headers = client.get(address, headers={"Origin": "https://elsewhere.example"}).headers
         assert "access-control-allow-origin" not in headers
@@ -348,7 +348,7 @@ def test_long_answers_are_compressed_and_downloads_are_not(client):
     assert "content-encoding" not in client.get(layer["download"]).headers
 
 
-def test_a_layer_published_while_serving_is_on_the_map_at_once(own_world):
+def test_a_layer_published_while_serving_is_listed_at_once(own_world):
     client, world = TestClient(create_app(own_world.root)), own_world
     before = ref_of(world, ProductKind.SLOPE)
     world.publish_raster(ProductKind.SLOPE, STOP, constant(35.0), version=1)
@@ -358,11 +358,11 @@ def test_a_layer_published_while_serving_is_on_the_map_at_once(own_world):
     assert {v["kind"]: v["value"] for v in place["layers"]}["slope"] == 35.0
     old = layer["tiles"].replace(layer["digest"], before.digest).format(z=17, x=65536, y=65535)
     new = layer["tiles"].format(z=17, x=65536, y=65535)
-    colours = [picture(client.get(address).content)[128, 128] for address in (old, new)]
+    colours = [image_in(client.get(address).content)[128, 128] for address in (old, new)]
     assert not np.array_equal(*colours)
 
 
-def test_the_most_comprehensive_terrain_model_gives_the_elevation(own_world):
+def test_the_terrain_model_of_the_region_gives_the_elevation(own_world):
     client = TestClient(create_app(own_world.root))
 
     def write(path):
@@ -375,7 +375,7 @@ def test_the_most_comprehensive_terrain_model_gives_the_elevation(own_world):
     assert layer.id == "mer2/dtm"
 
 
-def test_far_ground_gives_the_elevation_where_no_stop_has_been(own_world):
+def test_far_ground_gives_the_elevation_where_no_stop_has_any(own_world):
     client = TestClient(create_app(own_world.root))
     beyond = replace(GRID, west=GRID.west - GRID.cols * GRID.cell_m, cols=2 * GRID.cols)
     elevation = np.full(beyond.shape, 7.5, np.float32)
@@ -392,7 +392,7 @@ def test_far_ground_gives_the_elevation_where_no_stop_has_been(own_world):
     assert layer["legend"]["unit"] == "m"
 
 
-def test_a_product_that_was_damaged_or_removed_is_named_and_the_rest_is_served(own_world):
+def test_a_damaged_or_removed_product_is_named_and_the_rest_is_served(own_world):
     client = TestClient(create_app(own_world.root))
     layers = layers_of(client)
     dtm, slope = layers[f"{STOP.name}/dtm"], layers[f"{STOP.name}/slope"]
@@ -446,7 +446,7 @@ def test_identify_finds_the_haven_around_a_place_but_not_in_its_hole(client, pla
     assert sum(feature["kind"] == "havens" for feature in found["features"]) == count
 
 
-def test_features_come_as_a_geopackage_too(client, tmp_path):
+def test_features_are_served_as_a_geopackage_too(client, tmp_path):
     layer = layer_of(client, "havens")
     answer = client.get(f"{layer['download']}.gpkg")
     assert answer.headers["content-disposition"].endswith('"MER2_sol0156_havens.gpkg"')

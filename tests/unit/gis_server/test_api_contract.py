@@ -21,9 +21,9 @@ def operations(client):
 
 def assert_is_problem(answer, address):
     assert answer.headers["content-type"] == PROBLEM, address
-    told = answer.json()
-    assert told["status"] == answer.status_code
-    assert told.keys() >= {"type", "title", "status", "detail", "instance"}
+    reported = answer.json()
+    assert reported["status"] == answer.status_code
+    assert reported.keys() >= {"type", "title", "status", "detail", "instance"}
 
 
 def test_every_operation_has_a_summary_a_tag_and_documents_its_refusals(operations):
@@ -94,7 +94,7 @@ def test_every_route_refuses_other_methods_with_a_problem_document(client, opera
 
 
 @pytest.mark.parametrize("address", ["/nothing", "/assets/none.js", "/swagger/none.css", "/api"])
-def test_addresses_of_no_route_are_refused_with_a_problem_document(client, address):
+def test_unknown_urls_are_refused_with_a_problem_document(client, address):
     answer = client.get(address)
     assert answer.status_code == 404
     assert_is_problem(answer, address)
@@ -133,7 +133,7 @@ def test_the_entry_of_ogc_has_the_features_of_all_missions(client):
     )
 
 
-def test_the_entry_of_ogc_links_to_all_services(client):
+def test_the_ogc_landing_page_links_to_all_services(client):
     links = client.get("/ogc").json()["links"]
     addresses = [one["href"] for one in links]
     for end in ("/ogc/MER2", "/collections", "/maps", "/tileMatrixSets", "WMTSCapabilities.xml"):

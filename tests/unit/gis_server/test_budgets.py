@@ -54,7 +54,7 @@ class Slow:
         await Response(scope["path"])(scope, receive, send)
 
 
-def asked(app, path=STL, client="10.0.0.1"):
+def requested(app, path=STL, client="10.0.0.1"):
     transport = httpx.ASGITransport(app, client=(client, 1))
     return httpx.AsyncClient(transport=transport, base_url="http://map").get(path)
 
@@ -67,13 +67,13 @@ async def until(condition):
     raise AssertionError("it did not come to pass")
 
 
-def test_heavy_requests_take_turns_and_light_ones_do_not_wait_for_them():
+def test_heavy_requests_queue_and_light_ones_do_not_wait_for_them():
     async def crowd():
         slow, budgets = Slow(), Budgets({})
         app = HeavyRequests(slow, budgets)
-        heavy = [asyncio.create_task(asked(app, client=f"10.0.0.{k}")) for k in range(5)]
+        heavy = [asyncio.create_task(requested(app, client=f"10.0.0.{k}")) for k in range(5)]
         await until(lambda: slow.at_work == 1)
-        light = await asyncio.wait_for(asked(app, "/healthz"), 1.0)
+        light = await asyncio.wait_for(requested(app, "/healthz"), 1.0)
         slow.go.set()
         answers = await asyncio.gather(*heavy)
         return light, answers, slow.most_at_work, budgets
@@ -86,13 +86,13 @@ def test_heavy_requests_take_turns_and_light_ones_do_not_wait_for_them():
     assert not budgets.lanes[FILES].places
 
 
-def test_a_client_with_too_many_is_told_when_to_come_again_and_others_are_served():
+def test_a_client_with_too_many_requests_gets_retry_after_and_others_are_served():
     async def crowd():
         slow, budgets = Slow(), Budgets({})
         app = HeavyRequests(slow, budgets)
-        greedy = [asyncio.create_task(asked(app)) for _ in range(FILES.per_client + 3)]
+        greedy = [asyncio.create_task(requested(app)) for _ in range(FILES.per_client + 3)]
         await until(lambda: sum(one.done() for one in greedy) == 3)
-        other = asyncio.create_task(asked(app, client="10.0.0.2"))
+        other = asyncio.create_task(requested(app, client="10.0.0.2"))
         await until(lambda: budgets.lanes[FILES].places["10.0.0.2"])
         slow.go.set()
         return await asyncio.gather(*greedy), await other, budgets
@@ -102,19 +102,19 @@ def test_a_client_with_too_many_is_told_when_to_come_again_and_others_are_served
     assert statuses == {200: FILES.per_client, 429: 3}
     refused = next(one for one in greedy if one.status_code == 429)
     assert 1 <= int(refused.headers["retry-after"]) <= 60
-    assert "4 files of yours are under way" in refused.json()["description"]
+    assert "4 files of yours are in progress" in refused.json()["description"]
     assert other.status_code == 200
     assert budgets.refused == {("solid", 429): 3}
 
 
-def test_who_comes_when_all_places_are_taken_is_refused_with_503():
+def test_a_request_beyond_all_places_is_refused_with_503():
     async def crowd():
         slow, budgets = Slow(), Budgets({})
         budgets.lanes[FILES].lane = replace(FILES, places=2)
         app = HeavyRequests(slow, budgets)
-        held = [asyncio.create_task(asked(app, client=f"10.0.0.{k}")) for k in range(2)]
+        held = [asyncio.create_task(requested(app, client=f"10.0.0.{k}")) for k in range(2)]
         await until(lambda: budgets.lanes[FILES].places.total() == 2)
-        refused = await asked(app, client="10.0.0.9")
+        refused = await requested(app, client="10.0.0.9")
         slow.go.set()
         await asyncio.gather(*held)
         return refused
@@ -124,15 +124,15 @@ def test_who_comes_when_all_places_are_taken_is_refused_with_503():
     assert "retry-after" in refused.headers
 
 
-def test_who_waits_too_long_is_refused_with_503(monkeypatch):
+def test_a_request_that_waits_too_long_is_refused_with_503(monkeypatch):
     monkeypatch.setattr(budgets_module, "WAIT_S", 0.05)
 
     async def crowd():
         slow = Slow()
         app = HeavyRequests(slow, Budgets({}))
-        first = asyncio.create_task(asked(app))
+        first = asyncio.create_task(requested(app))
         await until(lambda: slow.at_work == 1)
-        refused = await asked(app, client="10.0.0.2")
+        refused = await requested(app, client="10.0.0.2")
         slow.go.set()
         return await first, refused
 
@@ -141,17 +141,17 @@ def test_who_waits_too_long_is_refused_with_503(monkeypatch):
     assert "took more than" in refused.json()["description"]
 
 
-def test_who_was_answered_lately_comes_again_when_others_wait_for_long():
+def test_a_recently_served_client_is_refused_while_others_wait_long():
     async def crowd():
         slow, budgets = Slow(), Budgets({})
         budgets.lanes[FILES].lane = replace(FILES, busy_s=0.0)
         app = HeavyRequests(slow, budgets)
         slow.go.set()
-        served = await asked(app)
+        served = await requested(app)
         slow.go.clear()
-        others = [asyncio.create_task(asked(app, client=f"10.0.1.{k}")) for k in range(2)]
+        others = [asyncio.create_task(requested(app, client=f"10.0.1.{k}")) for k in range(2)]
         await until(lambda: budgets.lanes[FILES].ahead_s > 0)
-        again, fresh = await asked(app), asyncio.create_task(asked(app, client="10.0.0.3"))
+        again, fresh = await requested(app), asyncio.create_task(requested(app, client="10.0.0.3"))
         slow.go.set()
         await asyncio.gather(*others)
         return served, again, await fresh
@@ -160,11 +160,11 @@ def test_who_was_answered_lately_comes_again_when_others_wait_for_long():
     assert [one.status_code for one in (served, again, fresh)] == [200, 429, 200]
 
 
-def test_who_leaves_while_waiting_gives_the_place_back():
+def test_a_client_that_disconnects_frees_its_place():
     async def crowd():
         slow, budgets = Slow(), Budgets({})
         app = HeavyRequests(slow, budgets)
-        first = asyncio.create_task(asked(app))
+        first = asyncio.create_task(requested(app))
         await until(lambda: slow.at_work == 1)
         left = asyncio.Event()
         scope = {"type": "http", "method": "GET", "path": STL, "client": ("10.0.0.2", 1)}
@@ -190,7 +190,7 @@ def test_who_leaves_while_waiting_gives_the_place_back():
     assert most == 1
 
 
-def test_whoever_reads_slowly_holds_a_place_of_his_own_and_no_turn():
+def test_a_slow_reader_holds_a_place_and_no_turn():
     async def crowd():
         slow, budgets = Slow(), Budgets({})
         app = HeavyRequests(slow, budgets)
@@ -208,7 +208,7 @@ def test_whoever_reads_slowly_holds_a_place_of_his_own_and_no_turn():
         scope = {"type": "http", "method": "GET", "path": STL, "client": ("10.0.0.2", 1)}
         reader = asyncio.create_task(app({**scope, "headers": []}, receive, send))
         await until(lambda: budgets.lanes[FILES].places["10.0.0.2"])
-        answer = await asyncio.wait_for(asked(app), 1.0)
+        answer = await asyncio.wait_for(requested(app), 1.0)
         held = dict(budgets.lanes[FILES].places)
         reads.set()
         await reader
@@ -234,7 +234,7 @@ def test_a_client_is_an_address_or_a_network_of_64_bits(host, client):
     assert client_of({"client": host and (host, 1)}) == client
 
 
-def test_what_is_heavy_is_known_by_its_address(world):
+def test_heavy_requests_are_recognised_by_their_url(world):
     """The description of the API has a word for it: each of them may be answered 429."""
     document = create_app(world.root).openapi()
     heavy = {path: found[0] for path in document["paths"] if (found := kind_of(path))}
@@ -248,7 +248,7 @@ def test_what_is_heavy_is_known_by_its_address(world):
             assert "429" in operation["responses"], path
 
 
-def test_metrics_tell_the_limits_and_how_far_they_are_used(client, world):
+def test_metrics_give_the_limits_and_their_use(client, world):
     ref = ref_of(world, ProductKind.DTM)
     client.get(f"/models/{ref.scope.name}/dtm/{ref.digest}/terrain.stl")
     families = text_string_to_metric_families(client.get("/metrics").text)
@@ -294,14 +294,14 @@ def scope_of(path):
 
 async def body_of(app_or_worker, path):
     if isinstance(app_or_worker, Worker):
-        answer = await app_or_worker.ask(scope_of(path), b"", 120.0)
+        answer = await app_or_worker.answer(scope_of(path), b"", 120.0)
     else:
         answer = await collect(app_or_worker, scope_of(path), b"", None)
     body = answer.body if isinstance(answer.body, bytes) else answer.body.read_bytes()
     return answer, body
 
 
-def test_a_worker_answers_as_the_server_does(world, worker):
+def test_a_worker_gives_the_answers_of_the_server(world, worker):
     ref = ref_of(world, ProductKind.DTM)
     path = f"/models/{ref.scope.name}/dtm/{ref.digest}/terrain.stl"
     here = asyncio.run(body_of(create_app(world.root), path))
@@ -330,20 +330,20 @@ def test_an_answer_that_is_too_large_is_refused_and_leaves_no_file(tmp_path, mon
     assert not list(tmp_path.iterdir())
 
 
-def test_whose_answer_is_too_large_is_told_to_ask_for_less():
+def test_a_too_large_answer_is_refused_with_advice_to_request_less():
     class Refusing:
-        async def ask(self, *_request):
+        async def answer(self, *_request):
             raise UnkeptError(HTTPStatus.UNPROCESSABLE_ENTITY, "request less at once")
 
     app = HeavyRequests(Slow(), budgets := Budgets({FILES: Refusing()}))
-    refused = asyncio.run(asked(app))
+    refused = asyncio.run(requested(app))
     assert refused.status_code == 422
     assert "request less" in refused.json()["description"]
     assert "retry-after" not in refused.headers
     assert not budgets.lanes[FILES].places
 
 
-def test_an_answer_that_the_disk_has_no_room_for_is_not_sent_in_part(tmp_path, monkeypatch):
+def test_an_answer_that_does_not_fit_the_disk_is_not_sent_in_part(tmp_path, monkeypatch):
     class Full:
         name = str(tmp_path / "answer")
 
@@ -364,7 +364,7 @@ def test_an_answer_that_the_disk_has_no_room_for_is_not_sent_in_part(tmp_path, m
     assert not list(tmp_path.iterdir())
 
 
-def test_files_of_answers_have_a_sum(tmp_path, monkeypatch):
+def test_answer_files_have_a_total_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(budgets_module, "MOST_SPOOLED", 200)
     budgets = Budgets({})
 
@@ -388,7 +388,7 @@ def test_files_of_answers_have_a_sum(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("is_file", [True, False])
-def test_who_reads_too_slowly_is_given_up(is_file, tmp_path, monkeypatch):
+def test_a_too_slow_reader_is_disconnected(is_file, tmp_path, monkeypatch):
     monkeypatch.setattr(workers_module, "STALL_S", 0.2)
     monkeypatch.setattr(workers_module, "LEAST_BYTES_S", 1e8)
     file = tmp_path / "answer"
@@ -406,7 +406,7 @@ def test_who_reads_too_slowly_is_given_up(is_file, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_worker_that_was_killed_or_took_too_long_is_followed_by_a_new_one(worker):
+def test_a_worker_that_was_killed_or_took_too_long_is_replaced(worker):
     half = worker._folder / "half"
     half.touch()
     worker.wait(20.0)
@@ -416,7 +416,7 @@ def test_a_worker_that_was_killed_or_took_too_long_is_followed_by_a_new_one(work
     worker._connection.poll(5.0)
     assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
     with pytest.raises(TimeoutError):
-        asyncio.run(worker.ask(scope_of("/api/missions"), b"", 0.0))
+        asyncio.run(worker.answer(scope_of("/api/missions"), b"", 0.0))
     assert not half.exists()
     assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
 
@@ -444,13 +444,13 @@ def test_processes_end_and_start_outside_the_event_loop(worker, monkeypatch):
 
     monkeypatch.setattr(Worker, "stop", note)
     with pytest.raises(TimeoutError):
-        asyncio.run(worker.ask(scope_of("/api/missions"), b"", 0.0))
+        asyncio.run(worker.answer(scope_of("/api/missions"), b"", 0.0))
     assert asyncio.run(body_of(worker, "/api/missions"))[0].status == 200
     assert len(threads) == 2  # when the request was given up, and before the next start
     assert threading.main_thread() not in threads
 
 
-def test_a_request_that_others_left_too_little_memory_is_answered_by_a_new_process(
+def test_a_request_that_lacked_memory_beside_others_is_repeated_in_a_new_process(
     world, tmp_path, monkeypatch
 ):
     worker = Worker((world.root,), 300)
@@ -473,15 +473,15 @@ def test_a_request_that_others_left_too_little_memory_is_answered_by_a_new_proce
 
 
 @pytest.mark.slow
-def test_a_process_that_lacks_memory_says_so(world, tmp_path):
+def test_a_process_that_lacks_memory_reports_it(world, tmp_path):
     ref = ref_of(world, ProductKind.DTM)
     path = f"/models/{ref.scope.name}/dtm/{ref.digest}/terrain.stl"
     worker = Worker((world.root,), 8)
     worker.start(tmp_path)
     try:
-        told = asyncio.run(worker._exchange(scope_of(path), b""))
-        assert told[0].status == 422
-        assert told[2]
+        reported = asyncio.run(worker._exchange(scope_of(path), b""))
+        assert reported[0].status == 422
+        assert reported[2]
     finally:
         worker.stop()
         worker.launcher.close()

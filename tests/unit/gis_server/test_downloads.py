@@ -51,7 +51,7 @@ def test_a_part_of_a_vector_layer_is_cut_at_the_box(client, world, tmp_path, for
 
 
 @pytest.mark.parametrize(
-    ("query", "status", "says"),
+    ("query", "status", "text"),
     [
         ({}, 400, "is missing"),
         ({"bbox": "1,2,3"}, 422, ""),
@@ -59,10 +59,10 @@ def test_a_part_of_a_vector_layer_is_cut_at_the_box(client, world, tmp_path, for
         ({"bbox": "5000,5000,5001,5001"}, 404, "no cell is in the box"),
     ],
 )
-def test_a_box_that_is_none_is_refused(client, world, query, status, says):
+def test_an_invalid_download_box_is_refused(client, world, query, status, text):
     answer = part_of(client, world, ProductKind.DTM, **query)
     assert answer.status_code == status
-    assert says in answer.text
+    assert text in answer.text
 
 
 def test_a_box_with_too_many_cells_is_refused_by_number(client, world, monkeypatch):
@@ -72,7 +72,7 @@ def test_a_box_with_too_many_cells_is_refused_by_number(client, world, monkeypat
     assert "more than the 100 that may be downloaded at once" in answer.json()["description"]
 
 
-def test_addresses_lead_to_everything(client):
+def test_urls_lead_to_all_downloads(client):
     listed = client.get("/api/missions/MER2/addresses").json()
     services = {one["service"] for one in listed}
     assert {"OGC API Features", "WMTS", "STAC", "Cloud Optimised GeoTIFF"} <= services
@@ -111,7 +111,7 @@ def test_the_stac_catalogue_is_served_with_the_files_that_it_points_to(client, w
         "/products/image/2n140000000effa000p1600l0m1/0123456789abcdef.img",
     ],
 )
-def test_nothing_but_what_is_published_is_handed_out(client, path):
+def test_only_published_products_are_served(client, path):
     assert client.get(path).status_code in {404, 422}
 
 
@@ -122,7 +122,7 @@ def test_a_product_under_another_suffix_is_not_found(client, world):
     assert json.loads(answer.text)["description"].endswith(".tif")
 
 
-def test_the_terrain_of_a_stop_is_handed_out_as_a_solid(client, world):
+def test_the_terrain_of_a_stop_is_served_as_a_solid(client, world):
     layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
     path = f"/models/{STOP.name}/dtm/{layer.ref.digest}/terrain.stl"
     answer = client.get(path, params={"base_m": 1.0, "tolerance_m": 0.1})
@@ -135,8 +135,10 @@ def test_the_terrain_of_a_stop_is_handed_out_as_a_solid(client, world):
     height = plane()[seen] - plane()[seen].min() + 1.0
     assert volume == pytest.approx(height.sum() * CELL_M**2, rel=0.03)
     assert client.get(path, params={"base_m": -1}).status_code == 422
-    told = client.get("/openapi.json").json()["paths"]["/models/{scope}/dtm/{digest}/terrain.stl"]
-    assert list(told["get"]["responses"]["200"]["content"]) == ["model/stl"]
+    reported = client.get("/openapi.json").json()["paths"][
+        "/models/{scope}/dtm/{digest}/terrain.stl"
+    ]
+    assert list(reported["get"]["responses"]["200"]["content"]) == ["model/stl"]
     region = ref_of(world, ProductKind.FOOTPRINTS, REGION)
     lost = f"/models/{REGION.name}/dtm/{region.digest}/terrain.stl"
     assert client.get(lost).status_code == 404

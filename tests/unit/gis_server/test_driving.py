@@ -8,19 +8,19 @@ from rasterio.io import MemoryFile
 from shapely.geometry import shape
 
 from solmap.products.model import ProductKind
-from tests.unit.gis_server.conftest import picture
+from tests.unit.gis_server.conftest import image_in
 
 API = "/api/missions/MER2"
 
 
-def ask(client, what, **query):
+def request(client, what, **query):
     answer = client.get(f"{API}/{what}", params=query)
     assert answer.status_code == 200, answer.text
     return answer.json()
 
 
-def test_what_can_be_reached_is_half_a_disc_south_of_the_slope(client):
-    body = ask(client, "reach", east=10, north=-1, farthest_m=15, interval_m=5)
+def test_the_reachable_area_is_half_a_disc_south_of_the_slope(client):
+    body = request(client, "reach", east=10, north=-1, farthest_m=15, interval_m=5)
     assert body["reached_m2"] == pytest.approx(math.pi * 15**2 / 2 + 15 * 2 - 1, rel=0.04)
     assert 14.8 < body["longest_drive_m"] <= 15
     assert body["longest_drive_h"] == pytest.approx(body["longest_drive_m"] / 36, abs=1e-3)
@@ -32,8 +32,8 @@ def test_what_can_be_reached_is_half_a_disc_south_of_the_slope(client):
     assert {layer["kind"] for layer in body["layers"]} == {"hazard", "dtm"}
 
 
-def test_picture_and_geotiff_tell_the_same(client):
-    body = ask(client, "reach", east=10, north=-10, farthest_m=15, interval_m=5)
+def test_image_and_geotiff_agree(client):
+    body = request(client, "reach", east=10, north=-10, farthest_m=15, interval_m=5)
     west, south, _, north = body["bounds"]
 
     def pixel(drawn, at_east, at_north):
@@ -41,7 +41,7 @@ def test_picture_and_geotiff_tell_the_same(client):
             int((north - at_north) / body["cell_m"]), int((at_east - west) / body["cell_m"])
         ]
 
-    drawn = picture(client.get(body["picture"]).content)
+    drawn = image_in(client.get(body["picture"]).content)
     assert drawn.shape[0] == round((north - south) / body["cell_m"])
     assert pixel(drawn, 10, 5)[3] == 0
     near, far = pixel(drawn, 12, -10), pixel(drawn, 23, -10)
@@ -55,8 +55,8 @@ def test_picture_and_geotiff_tell_the_same(client):
         assert dataset.crs.is_projected
 
 
-def test_a_route_is_told_with_its_length_and_climb(client):
-    body = ask(client, "route", east=0.04, north=-10, to_east=20, to_north=-10)
+def test_a_route_has_its_length_and_climb(client):
+    body = request(client, "route", east=0.04, north=-10, to_east=20, to_north=-10)
     assert body["drive_m"] == pytest.approx(20 * math.hypot(1, 0.1), abs=0.1)
     assert body["straight_m"] == pytest.approx(20, abs=0.1)
     assert body["climb_m"] == pytest.approx(2.0, abs=0.05)
@@ -67,27 +67,27 @@ def test_a_route_is_told_with_its_length_and_climb(client):
 
 
 @pytest.mark.parametrize(
-    ("what", "query", "said"),
+    ("what", "query", "message"),
     [
         ("route", {"to_east": 10, "to_north": 20}, "no path free of hazards"),
         ("route", {"to_east": 900, "to_north": 20}, "no path free of hazards"),
         ("reach", {"north": 20}, "is a hazard"),
     ],
 )
-def test_where_no_way_is_the_answer_says_why(client, what, query, said):
+def test_an_impossible_route_is_answered_with_the_reason(client, what, query, message):
     answer = client.get(f"{API}/{what}", params={"east": 10, "north": -5, **query})
     assert answer.status_code == 422
-    assert said in answer.text
+    assert message in answer.text
 
 
-def test_a_long_way_is_looked_for_on_larger_cells(client):
-    body = ask(client, "reach", east=10, north=-5, farthest_m=500, interval_m=0.1)
+def test_a_long_route_is_searched_on_larger_cells(client):
+    body = request(client, "reach", east=10, north=-5, farthest_m=500, interval_m=0.1)
     assert body["cell_m"] > 0.16
     assert body["interval_m"] == 10
     assert body["reached_m2"] > 1000
 
 
-def test_without_hazard_maps_it_says_what_is_missing(own_world):
+def test_missing_hazard_maps_are_reported(own_world):
     from fastapi.testclient import TestClient  # noqa: PLC0415
 
     from solmap.gis_server.app import create_app  # noqa: PLC0415

@@ -21,7 +21,7 @@ def store(tmp_path_factory):
         yield client, versions
 
 
-def ask(client, stop, kind="dtm", **query):
+def request(client, stop, kind="dtm", **query):
     answer = client.get(f"/api/layers/{stop}/{kind}/versions", params=query)
     assert answer.status_code == 200
     return answer.json()
@@ -33,8 +33,8 @@ def named(ref):
 
 def test_a_stop_that_moved_has_a_version_for_each_solution(store):
     client, versions = store
-    for kind in ("dtm", "orthophoto"):  # a picture is of the solution that its map is of
-        answer = ask(client, versions.moved, kind)
+    for kind in ("dtm", "orthophoto"):  # an orthophoto belongs to the solution of its map
+        answer = request(client, versions.moved, kind)
         assert answer["total"] == 2
         by_latest = {v["is_latest"]: v for v in answer["versions"]}
         for is_latest, network in zip((False, True), versions.networks, strict=True):
@@ -43,28 +43,28 @@ def test_a_stop_that_moved_has_a_version_for_each_solution(store):
             assert found["layer"]["id"].endswith(f"/{kind}@{found['layer']['digest']}")
 
 
-def test_a_map_that_stayed_holds_for_both_solutions(store):
+def test_an_unchanged_map_is_valid_for_both_solutions(store):
     client, versions = store
-    answer = ask(client, versions.stayed)
+    answer = request(client, versions.stayed)
     assert answer["total"] == 1
     (only,) = answer["versions"]
     assert {s["id"] for s in only["solutions"]} == {named(ref) for ref in versions.networks}
 
 
-def test_what_came_from_nowhere_holds_for_no_solution_that_is_known(store):
+def test_a_layer_of_unknown_origin_belongs_to_no_known_solution(store):
     client, _ = store
-    assert ask(client, "mer2", "dtm")["versions"][0]["solutions"] == []
+    assert request(client, "mer2", "dtm")["versions"][0]["solutions"] == []
 
 
-def test_versions_tell_the_run_they_were_made_in(store):
+def test_versions_name_the_run_that_made_them(store):
     client, versions = store
-    (newest, *_) = ask(client, versions.moved)["versions"]
+    (newest, *_) = request(client, versions.moved)["versions"]
     assert newest["run"]["kind"] == "downlink"
 
 
-def test_versions_come_page_by_page(store):
+def test_versions_are_paged(store):
     client, versions = store
-    pages = [ask(client, versions.moved, limit=1, offset=k) for k in range(3)]
+    pages = [request(client, versions.moved, limit=1, offset=k) for k in range(3)]
     assert [page["total"] for page in pages] == [2, 2, 2]
     digests = [[v["layer"]["digest"] for v in page["versions"]] for page in pages]
     assert [len(one) for one in digests] == [1, 1, 0]
@@ -73,14 +73,14 @@ def test_versions_come_page_by_page(store):
 
 def test_an_earlier_version_has_tiles_and_values_of_its_own(store):
     client, versions = store
-    for found in ask(client, versions.moved)["versions"]:
+    for found in request(client, versions.moved)["versions"]:
         layer = found["layer"]
         assert client.get(f"/api/layers/{layer['id'].replace('@', '/')}").json() == found
         address = layer["tiles"].format(z=17, x=65535, y=65535)
         assert client.get(address).status_code == 200
 
 
-def test_layers_that_are_not_there_have_no_versions(store):
+def test_unknown_layers_have_no_versions(store):
     client, versions = store
     assert client.get(f"/api/layers/{versions.stayed}/slope/versions").status_code == 404
     assert client.get(f"/api/layers/{versions.stayed}/nonsense/versions").status_code == 422

@@ -14,7 +14,7 @@ def catalogue(tmp_path, catalogue_url):
     return Catalogue.open(tmp_path, catalogue_url)
 
 
-def test_there_are_places_for_so_many_listeners_and_they_become_free_again(catalogue):
+def test_listener_places_are_limited_and_freed(catalogue):
     async def crowd():
         tail = EventTail(catalogue.engine, most=1)
         async with tail.listening():
@@ -27,7 +27,7 @@ def test_there_are_places_for_so_many_listeners_and_they_become_free_again(catal
     assert asyncio.run(crowd())
 
 
-def test_a_listener_that_does_not_keep_up_is_told_so_and_holds_no_memory(catalogue):
+def test_a_listener_that_lags_gets_a_notice_and_holds_bounded_memory(catalogue):
     async def fall_behind():
         tail = EventTail(catalogue.engine)
         async with tail.listening() as queue:
@@ -36,14 +36,16 @@ def test_a_listener_that_does_not_keep_up_is_told_so_and_holds_no_memory(catalog
             await asyncio.sleep(1.0)
             return [queue.get_nowait() for _ in range(queue.qsize())]
 
-    told = asyncio.run(fall_behind())
-    assert told[0] is None
-    assert [event.id for event in told[1:]] == list(range(258, 301))
+    reported = asyncio.run(fall_behind())
+    assert reported[0] is None
+    assert [event.id for event in reported[1:]] == list(range(258, 301))
 
 
-def test_nobody_looks_at_the_database_while_nobody_listens(catalogue):
+def test_the_database_is_not_polled_without_listeners(catalogue):
     looks = []
-    sa.event.listen(catalogue.engine, "before_cursor_execute", lambda *told: looks.append(told[2]))
+    sa.event.listen(
+        catalogue.engine, "before_cursor_execute", lambda *reported: looks.append(reported[2])
+    )
 
     async def come_and_go():
         tail = EventTail(catalogue.engine)
@@ -59,7 +61,7 @@ def test_nobody_looks_at_the_database_while_nobody_listens(catalogue):
     assert after == before
 
 
-def test_many_listeners_may_come_and_go_and_the_next_still_hears(catalogue):
+def test_a_listener_after_many_others_still_receives_events(catalogue):
     async def crowd():
         tail = EventTail(catalogue.engine)
         for _ in range(60):  # more than the pool has connections
@@ -72,7 +74,7 @@ def test_many_listeners_may_come_and_go_and_the_next_still_hears(catalogue):
     assert asyncio.run(crowd()).document == {"number": 7}
 
 
-def test_what_happened_while_nobody_listened_is_not_told_as_new(catalogue):
+def test_events_without_listeners_are_not_sent_later_as_new(catalogue):
     async def late():
         tail = EventTail(catalogue.engine)
         async with tail.listening():
@@ -85,15 +87,15 @@ def test_what_happened_while_nobody_listened_is_not_told_as_new(catalogue):
     assert asyncio.run(late()).document == {"number": 2}
 
 
-def test_what_is_done_before_an_event_is_told_is_done_before(catalogue):
+def test_the_callback_runs_before_an_event_is_sent(catalogue):
     done = []
 
     async def hear():
         tail = EventTail(catalogue.engine, before=done.append)
         async with tail.listening() as queue:
             catalogue.append_event("run.changed", {"number": 1})
-            told = await asyncio.wait_for(queue.get(), 30)
-            return told, list(done)
+            reported = await asyncio.wait_for(queue.get(), 30)
+            return reported, list(done)
 
-    told, before = asyncio.run(hear())
-    assert before == [[told]]
+    reported, before = asyncio.run(hear())
+    assert before == [[reported]]

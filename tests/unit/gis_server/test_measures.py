@@ -13,14 +13,14 @@ SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10]]
 STEEPNESS = math.hypot(0.1, 0.05)
 
 
-def ask(client, what, **question):
+def request(client, what, **question):
     answer = client.post(f"{API}/{what}", json=question)
     assert answer.status_code == 200, answer.text
     return answer.json()
 
 
 def test_a_line_has_its_length_rise_and_azimuth(client, world):
-    body = ask(client, "measure-line", line=[[0, 0], [6, 8], [6, 0]])
+    body = request(client, "measure-line", line=[[0, 0], [6, 8], [6, 0]])
     assert body["map_length_m"] == pytest.approx(18.0)
     assert body["leg_azimuth_deg"] == pytest.approx(
         [math.degrees(math.atan2(6, 8)), 180.0], abs=1e-3
@@ -36,11 +36,11 @@ def test_a_line_has_its_length_rise_and_azimuth(client, world):
 
 
 def test_an_end_without_elevation_has_no_rise(client):
-    assert ask(client, "measure-line", line=[[-39, 0], [0, 0]])["ends"] is None
-    assert ask(client, "measure-line", line=[[0, 0], [5, 5], [0, 0]])["ends"] is None
+    assert request(client, "measure-line", line=[[-39, 0], [0, 0]])["ends"] is None
+    assert request(client, "measure-line", line=[[0, 0], [5, 5], [0, 0]])["ends"] is None
 
 
-def test_the_true_azimuth_is_that_of_the_meridian():
+def test_the_true_azimuth_refers_to_the_meridian():
     landing = LandingPoint("far south", 10.0, -60.0, 3.39e6, "a test")
     assert true_azimuth(np.array([[0.0, 0.0], [3.0, 4.0]]), landing) == pytest.approx(
         math.degrees(math.atan2(3, 4)), abs=2e-3
@@ -52,7 +52,7 @@ def test_the_true_azimuth_is_that_of_the_meridian():
 
 
 def test_an_area_is_larger_on_the_slope(client):
-    body = ask(client, "measure-area", polygon=SQUARE)
+    body = request(client, "measure-area", polygon=SQUARE)
     assert body["map_area_m2"] == pytest.approx(100.0)
     assert body["surface_area_m2"] == pytest.approx(100 * math.hypot(1, STEEPNESS), rel=1e-4)
     assert body["perimeter_m"] == pytest.approx(40.0)
@@ -65,8 +65,10 @@ def test_an_area_is_larger_on_the_slope(client):
 
 
 def test_a_plane_has_no_volume_over_its_rim_and_one_over_a_level(client):
-    assert ask(client, "volume", polygon=SQUARE)["net_m3"] == pytest.approx(0.0, abs=0.02)
-    level = ask(client, "volume", polygon=SQUARE, base="level", elevation_m=elevation_at(5, 5) - 1)
+    assert request(client, "volume", polygon=SQUARE)["net_m3"] == pytest.approx(0.0, abs=0.02)
+    level = request(
+        client, "volume", polygon=SQUARE, base="level", elevation_m=elevation_at(5, 5) - 1
+    )
     assert level["net_m3"] == pytest.approx(100.0, abs=0.05)
     assert level["above_m3"] - level["below_m3"] == pytest.approx(level["net_m3"], abs=1e-5)
     assert level["sigma_net_m3"] > 0
@@ -75,14 +77,14 @@ def test_a_plane_has_no_volume_over_its_rim_and_one_over_a_level(client):
     assert level["sigma_net_m3"] <= sum(parts) + 1e-6
     assert min(level["sigma_highest_m"], level["sigma_lowest_m"]) >= 0.019
     assert level["sigma_base_slope_deg"] == 0.0
-    lowest = ask(client, "volume", polygon=SQUARE, base="lowest")
+    lowest = request(client, "volume", polygon=SQUARE, base="lowest")
     assert lowest["below_m3"] == pytest.approx(0.0, abs=0.01)
     assert lowest["base_elevation_m"] == pytest.approx(elevation_at(0, 0), abs=0.01)
 
 
 def test_a_polygon_and_points_of_the_slope_give_its_strike_and_dip(client):
     for question in ({"polygon": SQUARE}, {"points": [[0, 0], [9, 1], [2, 8], [7, 7]]}):
-        body = ask(client, "plane-fit", **question)
+        body = request(client, "plane-fit", **question)
         assert body["dip_deg"] == pytest.approx(math.degrees(math.atan(STEEPNESS)), abs=0.05)
         downhill = math.degrees(math.atan2(-0.1, -0.05)) % 360
         assert body["dip_direction_deg"] == pytest.approx(downhill, abs=0.5)
@@ -93,40 +95,40 @@ def test_a_polygon_and_points_of_the_slope_give_its_strike_and_dip(client):
 
 def test_points_with_their_own_elevation_need_no_ground(client):
     points = [[0, 0, 1.0], [10, 0, 1.0], [10, 10, 1.0], [0, 10, 1.001]]
-    body = ask(client, "plane-fit", points=points, sigma_m=0.01)
+    body = request(client, "plane-fit", points=points, sigma_m=0.01)
     assert body["strike_deg"] is None
     assert "level within its uncertainty" in body["said_of_strike"]
     assert body["layers"] == []
 
 
 def test_statistics_of_a_layer_over_a_polygon(client):
-    body = ask(client, "zonal", polygon=SQUARE, layer=f"{STOP.name}/dtm")
+    body = request(client, "zonal", polygon=SQUARE, layer=f"{STOP.name}/dtm")
     assert body["unit"] == "m"
     assert body["mean"] == pytest.approx(elevation_at(5, 5), abs=2e-3)
     assert body["percentiles"]["50"] == pytest.approx(elevation_at(5, 5), abs=0.02)
     assert body["count"] == pytest.approx(100 / 0.0064, rel=0.02)
     assert body["max"] == pytest.approx(elevation_at(10, 10), abs=0.02)
-    aspect = ask(client, "zonal", polygon=SQUARE, layer=f"{STOP.name}/aspect")
+    aspect = request(client, "zonal", polygon=SQUARE, layer=f"{STOP.name}/aspect")
     assert aspect["is_direction"]
     assert aspect["mean"] == pytest.approx(90.0, abs=0.01)
 
 
-def test_classes_over_a_polygon_come_with_their_area(client):
+def test_classes_inside_a_polygon_have_their_areas(client):
     box = [[0, -5], [10, -5], [10, 5], [0, 5]]
-    body = ask(client, "zonal", polygon=box, layer=f"{STOP.name}/hazard")
+    body = request(client, "zonal", polygon=box, layer=f"{STOP.name}/hazard")
     areas = {row["name"]: row["area_m2"] for row in body["classes"]}
     assert areas == pytest.approx({"traversable": 50.0, "too steep": 50.0}, rel=0.03)
     assert body["mean"] is None
 
 
-def test_a_polygon_off_the_layer_holds_nothing(client):
+def test_a_polygon_outside_the_layer_is_empty(client):
     far = [[1000, 1000], [1010, 1000], [1010, 1010]]
-    body = ask(client, "zonal", polygon=far, layer=f"{STOP.name}/dtm")
+    body = request(client, "zonal", polygon=far, layer=f"{STOP.name}/dtm")
     assert (body["count"], body["mean"]) == (0, None)
 
 
 @pytest.mark.parametrize(
-    ("what", "question", "told"),
+    ("what", "question", "reported"),
     [
         ("volume", {"polygon": [[0, 0], [10, 10], [10, 0], [0, 10]]}, "crossing"),
         ("volume", {"polygon": SQUARE, "base": "level"}, "elevation_m"),
@@ -143,20 +145,20 @@ def test_a_polygon_off_the_layer_holds_nothing(client):
         ("measure-line", {"line": [[0, 0], [3000, 0]], "step_m": 0.001}, "stations"),
     ],
 )
-def test_what_cannot_be_measured_is_refused_in_words(client, what, question, told):
+def test_unmeasurable_shapes_are_refused_with_the_reason(client, what, question, reported):
     answer = client.post(f"{API}/{what}", json=question)
     assert answer.status_code == 422
-    assert told in answer.text
+    assert reported in answer.text
 
 
-def test_an_enormous_polygon_is_answered_without_harm(client):
+def test_an_enormous_polygon_is_answered(client):
     huge = [[-1e6, -1e6], [1e6, -1e6], [1e6, 1e6], [-1e6, 1e6]]
-    body = ask(client, "measure-area", polygon=huge)
+    body = request(client, "measure-area", polygon=huge)
     assert body["map_area_m2"] == pytest.approx(4e12)
     assert client.post(f"{API}/volume", json={"polygon": huge}).status_code == 422
 
 
-def test_identify_tells_every_band_of_every_layer(client):
+def test_identify_lists_every_band_of_every_layer(client):
     place = client.get(f"{API}/identify", params={"east": 3, "north": 4}).json()
     layers = {layer["id"]: layer for layer in place["layers"]}
     dtm = layers[f"{STOP.name}/dtm"]["bands"]
@@ -167,13 +169,13 @@ def test_identify_tells_every_band_of_every_layer(client):
 
 
 @pytest.mark.parametrize("question", ["measure-line", "profile", "profile.csv", "measure-area"])
-def test_places_that_are_nearly_one_are_no_line(client, question):
+def test_nearly_identical_places_are_not_a_line(client, question):
     near = [[5e-324, 0.0], [0.0, 0.0], [0.0, 1e-9]]
-    asked = {"polygon": near} if question == "measure-area" else {"line": near}
-    assert client.post(f"{API}/{question}", json=asked).status_code == 422
+    requested = {"polygon": near} if question == "measure-area" else {"line": near}
+    assert client.post(f"{API}/{question}", json=requested).status_code == 422
 
 
-def test_a_line_that_all_but_closes_has_no_ends(client):
+def test_a_nearly_closed_line_has_no_ends(client):
     line = [[0.0, 0.0], [3.0, 0.0], [5e-324, 0.0]]
     body = client.post(f"{API}/measure-line", json={"line": line}).json()
     assert body["map_length_m"] == 6.0

@@ -68,7 +68,7 @@ def features(client, collection, **query):
     return get(client, f"/collections/{collection}/items", **query).json()["features"]
 
 
-def test_the_landing_page_leads_to_everything(client):
+def test_the_landing_page_links_to_everything(client):
     rels = {link["rel"]: link["href"] for link in get(client, "").json()["links"]}
     assert {"self", "service-desc", "conformance", "data"} <= set(rels)
     for rel in ("conformance", "data", "service-desc"):
@@ -77,7 +77,7 @@ def test_the_landing_page_leads_to_everything(client):
     assert "http://www.opengis.net/spec/ogcapi-features-2/1.0/conf/crs" in conforms
 
 
-def test_collections_say_where_and_when_their_features_are(client):
+def test_collections_have_their_extent_in_space_and_time(client):
     listed = get(client, "/collections").json()["collections"]
     by_id = {one["id"]: one for one in listed if one.get("itemType") == "feature"}
     assert {"stops", "traverse-differences", "images", "footprints", "tie-points"} <= set(by_id)
@@ -95,7 +95,7 @@ def test_collections_say_where_and_when_their_features_are(client):
     assert get(client, "/collections/tie-points").json() == ties
 
 
-def test_next_links_lead_through_all_features_once(client):
+def test_next_links_return_every_feature_once(client):
     seen, href = [], f"{BASE}/collections/tie-points/items?limit=500"
     while href:
         page = client.get(href).json()
@@ -114,7 +114,7 @@ def test_next_links_lead_through_all_features_once(client):
         (f"{BASE}/crs/local", lambda _lon, _lat: (7.5, 5.0)),
     ],
 )
-def test_axes_are_in_the_order_of_the_crs_asked_for(client, crs, expected):
+def test_axes_are_in_the_order_of_the_requested_crs(client, crs, expected):
     answer = get(client, "/collections/stops/items", **({"crs": crs} if crs else {}))
     place = answer.json()["features"][0]["geometry"]["coordinates"]
     local = local_crs(LANDING)
@@ -131,7 +131,7 @@ def box_around(east, north, half):
 
 
 @pytest.mark.parametrize("crs", ["lon-lat", "mars", "local"])
-def test_a_box_holds_the_features_in_it_whatever_its_crs(client, crs):
+def test_a_box_selects_its_features_in_any_crs(client, crs):
     west, south, east, north = box_around(10.0, -5.0, 2.5)
     query = {
         "lon-lat": {"bbox": f"{west},{south},{east},{north}"},
@@ -155,7 +155,7 @@ def test_a_box_holds_the_features_in_it_whatever_its_crs(client, crs):
         ("175.4,-14.6,175.45,-14.5", 0),
     ],
 )
-def test_boxes_of_degrees_go_round_the_globe(client, bbox, count):
+def test_boxes_in_degrees_may_cross_the_antimeridian(client, bbox, count):
     page = get(client, "/collections/tie-points/items", bbox=bbox, limit=1).json()
     assert page["numberMatched"] == count
 
@@ -174,13 +174,13 @@ def test_boxes_of_degrees_go_round_the_globe(client, bbox, count):
         ({"kind": "inter-stereo"}, 0),
     ],
 )
-def test_sol_time_and_properties_choose(client, query, count):
+def test_sol_time_and_properties_select(client, query, count):
     page = get(client, "/collections/tie-points/items", limit=1, **query).json()
     assert page["numberMatched"] == count
 
 
 @pytest.mark.parametrize(
-    ("query", "says"),
+    ("query", "content"),
     [
         ({"bbox": "1,2,3"}, "four or six numbers"),
         ({"bbox": "nan,0,1,1"}, "four or six numbers"),
@@ -197,10 +197,10 @@ def test_sol_time_and_properties_choose(client, query, count):
         ({"colour": "red"}, "neither a parameter nor a property"),
     ],
 )
-def test_what_cannot_be_understood_answers_400_and_says_why(client, query, says):
+def test_an_invalid_request_answers_400_with_the_reason(client, query, content):
     answer = client.get("/ogc/MER2/collections/tie-points/items", params=query)
     assert answer.status_code == 400
-    assert says in answer.json()["description"]
+    assert content in answer.json()["description"]
 
 
 @pytest.mark.parametrize(
@@ -213,7 +213,7 @@ def test_what_cannot_be_understood_answers_400_and_says_why(client, query, says)
         "/ogc/MER2/crs/lon-lat",
     ],
 )
-def test_what_does_not_exist_answers_404(client, path):
+def test_an_unknown_resource_answers_404(client, path):
     assert client.get(path).status_code == 404
 
 
@@ -231,7 +231,7 @@ def test_differences_join_telemetry_and_adjusted(client):
     assert known["horizontal_m"] == pytest.approx(np.hypot(0.5, 1.0), abs=1e-4)
 
 
-def test_the_profile_has_both_elevations_by_the_way_driven(client):
+def test_the_profile_has_both_elevations_over_the_distance_driven(client):
     (one,) = features(client, "traverse-profile")
     known = one["properties"]
     assert (known["distance_m"], known["elevation_telemetry_m"]) == (0.0, 6.1)
@@ -289,7 +289,7 @@ def test_annotations_are_features_as_soon_as_they_are_written(own_world):
         assert len(features(client, "annotations")) == 1
 
 
-def test_images_stand_where_their_camera_stood_and_lead_to_their_files(client):
+def test_images_are_at_their_camera_position_and_link_to_their_files(client):
     (one,) = features(client, "images", crs=f"{BASE}/crs/local")
     assert one["geometry"]["coordinates"] == [7.0, 6.0, 7.2]
     assert datetime.fromisoformat(one["properties"]["start_time"]).year == 2004
@@ -311,21 +311,21 @@ def test_csv_has_a_row_for_each_feature_and_columns_for_the_axes(client):
 
 @pytest.mark.parametrize("form", ["gpkg", "fgb"])
 @pytest.mark.parametrize("local", [False, True])
-def test_files_hold_all_features_in_a_crs_that_gdal_knows(client, tmp_path, form, local):
+def test_files_have_all_features_in_a_crs_that_gdal_reads(client, tmp_path, form, local):
     query = {"crs": f"{BASE}/crs/local"} if local else {"crs": MARS_URI}
     body = get(client, "/collections/tie-points/items", f=form, **query).content
     file = tmp_path / f"ties.{form}"
     file.write_bytes(body)
     frame = pyogrio.read_dataframe(file)
     assert len(frame) == 1200
-    wanted = local_crs(LANDING) if local else CRS(MARS)
-    assert CRS(frame.crs).equals(wanted, ignore_axis_order=True)
+    requested = local_crs(LANDING) if local else CRS(MARS)
+    assert CRS(frame.crs).equals(requested, ignore_axis_order=True)
     on_map = frame.to_crs(local_crs(LANDING)).sort_values("feature_id", key=lambda c: c.astype(int))
     places = np.column_stack([on_map.geometry.x, on_map.geometry.y])
     np.testing.assert_allclose(places, TIES[:, :2], atol=1e-4)  # nine decimals of a degree
 
 
-def test_pages_for_people_are_html_when_a_browser_asks(client):
+def test_browsers_get_html_pages(client):
     for path in (
         "",
         "/collections",
@@ -411,7 +411,7 @@ DOCUMENTS = {
 
 
 @pytest.mark.parametrize("path", DOCUMENTS)
-def test_documents_have_the_members_that_the_standard_asks_for(client, path):
+def test_documents_have_the_members_that_the_standard_requires(client, path):
     jsonschema.validate(get(client, path).json(), DOCUMENTS[path])
 
 

@@ -37,7 +37,7 @@ def published(own_world):
         yield own_world, opened
 
 
-def test_a_layer_shows_in_every_list_as_soon_as_it_is_published(published):
+def test_a_layer_is_in_every_list_as_soon_as_it_is_published(published):
     world, client = published
     name = f"{STOP.name}.roughness"
     lists = ("/ogc/MER2/wmts/1.0.0/WMTSCapabilities.xml", "/ogc/MER2/collections")
@@ -60,7 +60,7 @@ def test_rasters_are_listed_apart_from_features(published):
     assert linked == [one["links"][0]["href"] for one in drawn]
 
 
-def test_the_entry_leads_to_every_mission(published):
+def test_the_landing_page_links_to_every_mission(published):
     _, client = published
     children = [one for one in client.get("/ogc").json()["links"] if one["rel"] == "child"]
     assert [one["title"] for one in children] == [
@@ -73,7 +73,7 @@ def test_the_entry_leads_to_every_mission(published):
     assert children[0]["href"] in page.text
 
 
-def test_a_name_means_the_latest_version_and_its_tag_changes_with_it(published):
+def test_a_name_means_the_latest_version_and_its_etag_changes_with_it(published):
     world, client = published
     tms = "Columbia-Memorial-Station"
     tile = f"/ogc/MER2/collections/{STOP.name}.slope/map/tiles/{tms}/13/4096/4096"

@@ -54,7 +54,7 @@ def pages_from(client, address):
 
 
 @pytest.mark.parametrize("limit", [1, 7, 40, 1000])
-def test_pages_of_images_join_to_the_whole_and_keep_what_else_was_asked(traverse, limit):
+def test_pages_of_images_join_to_the_whole_and_keep_the_other_parameters(traverse, limit):
     whole = traverse.get("/api/missions/MER2/images?sol=2").json()
     assert len(whole) == 10
     pages = list(pages_from(traverse, f"/api/missions/MER2/images?sol=2&limit={limit}"))
@@ -63,7 +63,7 @@ def test_pages_of_images_join_to_the_whole_and_keep_what_else_was_asked(traverse
     assert all(0 < len(page.json()) <= limit for page in pages)
 
 
-def test_a_list_of_layers_has_a_page_of_them_and_models_are_none(many):
+def test_a_list_of_layers_is_paged_and_contains_no_models(many):
     pages = list(pages_from(many, "/api/missions/MER2/layers"))
     assert [len(page.json()) for page in pages] == [PAGE, 2 * STOPS - PAGE]
     named = [one["id"] for page in pages for one in page.json()]
@@ -72,14 +72,14 @@ def test_a_list_of_layers_has_a_page_of_them_and_models_are_none(many):
     assert pages[1].links["prev"]["url"].endswith("offset=0")
 
 
-def test_a_page_past_the_end_is_empty_and_names_the_one_before(many):
+def test_a_page_past_the_end_is_empty_and_links_to_the_one_before(many):
     answer = many.get("/api/missions/MER2/layers?offset=600&limit=100")
     assert answer.json() == []
     assert set(answer.links) == {"prev"}
     assert answer.headers["ogc-numbermatched"] == str(2 * STOPS)
 
 
-def test_the_start_has_the_first_page_and_names_the_next(many):
+def test_the_start_document_has_the_first_page_and_links_to_the_next(many):
     first = many.get("/api/start")
     rest = list(pages_from(many, urljoin("/api/start", first.links["next"]["url"])))
     joined = [*first.json()["layers"], *(one for page in rest for one in page.json())]
@@ -88,7 +88,7 @@ def test_the_start_has_the_first_page_and_names_the_next(many):
     assert first.json()["missions"][0]["bounds"] == [0.0, -10.0, 5.0 * (STOPS - 1) + 4.0, 10.0]
 
 
-def test_a_page_is_not_sent_twice(many):
+def test_an_unchanged_page_is_not_sent_again(many):
     page = many.get("/api/missions/MER2/layers?limit=3")
     again = many.get(
         "/api/missions/MER2/layers?limit=3", headers={"If-None-Match": page.headers["etag"]}
@@ -98,7 +98,7 @@ def test_a_page_is_not_sent_twice(many):
 
 @pytest.mark.parametrize("query", ["limit=0", "limit=1001", "limit=x", "offset=-1", "offset=9e99"])
 @pytest.mark.parametrize("what", ["layers", "images"])
-def test_a_page_that_cannot_be_is_refused(many, what, query):
+def test_an_invalid_page_is_refused(many, what, query):
     answer = many.get(f"/api/missions/MER2/{what}?{query}")
     assert answer.status_code == 422
     assert answer.headers["content-type"] == "application/problem+json"

@@ -50,7 +50,7 @@ def test_the_table_holds_the_same(client):
 
 
 @pytest.mark.parametrize(
-    ("question", "told"),
+    ("question", "reported"),
     [
         ({"line": [[0, 0]]}, "at least 2"),
         ({"line": [[0, 0], [0, 0]]}, "two different points"),
@@ -64,14 +64,14 @@ def test_the_table_holds_the_same(client):
         ({"line": [[0, 0]] * 5000}, "at most 1000"),
     ],
 )
-def test_questions_without_answer_are_refused_in_words(client, question, told):
+def test_unanswerable_profiles_are_refused_with_the_reason(client, question, reported):
     answer = client.post(URL, json=question)
     assert answer.status_code == 422
-    assert told in answer.text
+    assert reported in answer.text
 
 
 @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
-def test_numbers_that_are_none_are_refused(client, number):
+def test_invalid_numbers_are_refused(client, number):
     text = f'{{"line": [[0, 0], [{number}, 1]]}}'
     answer = client.post(URL, content=text, headers={"content-type": "application/json"})
     assert answer.status_code == 422

@@ -28,7 +28,7 @@ def reads(monkeypatch):
     return paths
 
 
-def test_a_server_reads_them_when_it_starts(own_world, reads):
+def test_the_server_reads_networks_ahead_at_its_start(own_world, reads):
     layer = own_world.catalogue.layer("mer2", ProductKind.FOOTPRINTS)
     path = own_world.store.path(layer.ref)
     with TestClient(create_app(own_world.root)) as client:
@@ -60,7 +60,7 @@ RING = '{"geometry":{"type":"LineString","coordinates":[]}}'
     "text",
     ["{", '{"solmap":[]}', f'{{"solmap":{{"landing":{LANDING}}},"features":[{RING}]}}'],
 )
-def test_what_cannot_be_read_is_left_to_who_asks(own_world, caplog, text):
+def test_an_unreadable_product_is_left_to_the_request(own_world, caplog, text):
     layer = own_world.publish_features(
         ProductKind.FOOTPRINTS, [Feature("Polygon", SQUARE, {}, "A")], version=2
     )

@@ -53,7 +53,7 @@ DIGITS = "9" * 5000
 
 
 @pytest.mark.parametrize(
-    ("asked", "meant"),
+    ("requested", "meant"),
     [
         (b"bytes=0-99", b"bytes=0-99"),
         (b"bytes = 5- , -7", b"bytes=5-,-7"),
@@ -68,12 +68,12 @@ DIGITS = "9" * 5000
         (b"bytes=\xb2-", None),
     ],
 )
-def test_ranges_that_are_none_are_ignored_and_endless_numbers_shortened(asked, meant):
-    assert readable_ranges(asked) == meant
+def test_invalid_ranges_are_ignored_and_endless_numbers_shortened(requested, meant):
+    assert readable_ranges(requested) == meant
 
 
 @pytest.mark.parametrize(
-    ("asked", "status"),
+    ("requested", "status"),
     [
         (f"bytes=0-{DIGITS}", 206),
         (f"bytes=-{DIGITS}", 206),
@@ -84,18 +84,18 @@ def test_ranges_that_are_none_are_ignored_and_endless_numbers_shortened(asked, m
         ("pages=1-2", 200),
     ],
 )
-def test_a_file_is_had_by_any_range(client, world, asked, status):
+def test_a_file_is_served_by_any_range(client, world, requested, status):
     ref = ref_of(world, ProductKind.DTM)
     address = f"/download/{ref.scope.name}/{ref.kind}/{ref.digest}"
-    answer = client.get(address, headers={"Range": asked})
+    answer = client.get(address, headers={"Range": requested})
     assert answer.status_code == status
     if status == 416:
         assert answer.headers["content-range"].startswith("bytes */")
 
 
 @given(st.text(alphabet="bytes=-,0123456789 \t", max_size=60))
-def test_whatever_is_asked_for_is_ignored_or_made_readable(asked):
-    found = readable_ranges(asked.encode())
+def test_any_requested_range_is_ignored_or_satisfied(requested):
+    found = readable_ranges(requested.encode())
     again = found and readable_ranges(found)
     assert again == found
 
@@ -111,7 +111,7 @@ def test_a_body_that_does_not_arrive_is_given_up(monkeypatch):
     async def app(_scope, receive, _send):
         await receive()
 
-    async def ask():
+    async def request():
         sent = []
 
         async def never():
@@ -124,10 +124,10 @@ def test_a_body_that_does_not_arrive_is_given_up(monkeypatch):
         await asyncio.wait_for(LimitBodies(app)(scope, never, note), 5.0)
         return sent[0]["status"]
 
-    assert asyncio.run(ask()) == 408
+    assert asyncio.run(request()) == 408
 
 
-def test_a_number_of_an_event_beyond_64_bits_is_one_that_nobody_has_seen(own_world):
+def test_an_event_number_beyond_64_bits_counts_as_unseen(own_world):
     with TestClient(create_app(own_world.root)) as client:
         seen = {"Last-Event-ID": "9" * 20}
         assert client.head("/api/events", headers=seen).status_code == 200

@@ -43,7 +43,7 @@ def test_a_form_of_another_site_writes_nothing(client, own_world, token, kind):
 
 
 @pytest.mark.parametrize("place", ["query", "cookie", "basic"])
-def test_a_token_counts_in_its_header_only(client, token, place):
+def test_a_token_counts_only_in_its_header(client, token, place):
     address, headers = ADDRESS, {}
     if place == "query":
         address = f"{ADDRESS}?token={token}&access_token={token}"
@@ -54,19 +54,19 @@ def test_a_token_counts_in_its_header_only(client, token, place):
     assert client.post(address, json=NOTE, headers=headers).status_code == 401
 
 
-def test_another_site_may_not_ask_with_a_token(client):
-    asked = {
+def test_another_site_may_not_send_a_token(client):
+    requested = {
         "Origin": "https://evil.example",
         "Access-Control-Request-Method": "POST",
         "Access-Control-Request-Headers": "authorization,content-type",
     }
-    answer = client.options(ADDRESS, headers=asked)
+    answer = client.options(ADDRESS, headers=requested)
     assert answer.status_code == 405
     assert not [name for name in answer.headers if name.startswith("access-control")]
 
 
 @pytest.mark.parametrize("name", ['a"b', "%0d%0aX-Evil:%201", "ä", "..%2f.."])
-def test_odd_names_reach_no_header(client, own_world, name):
+def test_unusual_names_do_not_reach_headers(client, own_world, name):
     digest = ref_of(own_world, ProductKind.DTM).digest
     for address in (
         f"/download/{name}/dtm/{digest}",

@@ -1,4 +1,4 @@
-"""What the server says of stops and cameras in space, against a network made by hand."""
+"""Stops and cameras in the 3D scene, compared with a network made by hand."""
 
 import math
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ from tests.support.scene_store import (
 )
 
 ROUNDED_M = 6e-5
-"""Places are told to a tenth of a millimetre."""
+"""Positions are given to a tenth of a millimetre."""
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
         yield client
 
 
-def test_the_graph_says_that_telemetry_alone_holds_the_stops(client):
+def test_the_graph_marks_stops_held_by_telemetry_alone(client):
     answer = client.get("/api/missions/MER2/network")
     assert answer.status_code == 200
     graph = answer.json()
@@ -52,7 +52,7 @@ def test_the_graph_says_that_telemetry_alone_holds_the_stops(client):
     assert graph["links"] == []
 
 
-def test_stops_are_where_and_as_the_network_has_them(client):
+def test_stops_have_the_poses_of_the_network(client):
     answer = client.get("/api/missions/MER2/scene/stops").json()
     assert [stop["stop"] for stop in answer["stops"]] == [name for name, *_ in STOPS]
     for index, stop in enumerate(answer["stops"]):
@@ -66,7 +66,7 @@ def test_stops_are_where_and_as_the_network_has_them(client):
     assert answer["body"]["half_width_m"] == 1.15  # Spirit's panels span 2.3 m
 
 
-def test_the_ellipsoid_has_the_deviations_of_the_place_as_semi_axes(client):
+def test_the_ellipsoid_has_the_standard_deviations_as_semi_axes(client):
     first, second, _ = client.get("/api/missions/MER2/scene/stops").json()["stops"]
     assert first["ellipsoid"]["semi_axes_m"] == [0.0, 0.0, 0.0]
     assert second["ellipsoid"]["semi_axes_m"] == list(SEMI_AXES_M)
@@ -78,19 +78,19 @@ def test_the_ellipsoid_has_the_deviations_of_the_place_as_semi_axes(client):
 
 
 @pytest.mark.parametrize("eye", [Eye.LEFT, Eye.RIGHT])
-def test_cameras_look_where_their_labels_and_the_network_say(client, eye):
+def test_cameras_have_the_directions_of_labels_and_network(client, eye):
     cameras = client.get(f"/api/missions/MER2/scene/cameras?stop={LAST}").json()["cameras"]
-    (told,) = (camera for camera in cameras if camera["eye"] == str(eye))
+    (reported,) = (camera for camera in cameras if camera["eye"] == str(eye))
     made = exposure(eye)
     # Labels of averaged images are half a pixel off, and their reader puts that right.
     averaged = CAMERAS[Instrument.NAVCAM, eye].in_mast.average(4, 4)
     in_rover = averaged.transform(POINTING.rover_from_mast(made.stop))
     camera = in_rover.transform(lsl_from_rover(len(STOPS) - 1))
-    np.testing.assert_allclose(told["centre"], MAP_FROM_LSL @ camera.centre, atol=2e-4)
+    np.testing.assert_allclose(reported["centre"], MAP_FROM_LSL @ camera.centre, atol=2e-4)
     corners = np.array([[-0.5, -0.5], [255.5, -0.5], [255.5, 255.5], [-0.5, 255.5]])
     expected = camera.rays(corners) @ MAP_FROM_LSL.T
-    np.testing.assert_allclose(told["corners"], expected, atol=1e-4)
-    assert told["image"] == made.product_id
+    np.testing.assert_allclose(reported["corners"], expected, atol=1e-4)
+    assert reported["image"] == made.product_id
 
 
 def test_a_mission_without_network_has_no_stop_yet(tmp_path):
@@ -117,7 +117,7 @@ def _keep(path: Path, text: str) -> None:
     path.write_text(text)
 
 
-def test_sites_lie_where_the_published_site_vectors_chain_them(tmp_path):
+def test_sites_are_at_the_chained_published_site_vectors(tmp_path):
     workspace = Workspace.open(tmp_path)
     fill_network(workspace)
     with TestClient(create_app(tmp_path)) as client:

@@ -11,7 +11,7 @@ from solmap.products.formats.raster.styles import GREY, VIRIDIS
 from solmap.products.formats.raster.tiling import zoom_of
 from solmap.products.model import ProductKind
 from tests.support.tile_at import tile_at
-from tests.unit.gis_server.conftest import CELL_M, UNSEEN_WEST_OF_M, picture, ref_of
+from tests.unit.gis_server.conftest import CELL_M, UNSEEN_WEST_OF_M, image_in, ref_of
 
 OWN_ZOOM = zoom_of(CELL_M)
 EDGE = tile_at(UNSEEN_WEST_OF_M, 0.1, OWN_ZOOM)
@@ -19,7 +19,7 @@ EDGE = tile_at(UNSEEN_WEST_OF_M, 0.1, OWN_ZOOM)
 SHADES_RMS = 3.0
 
 
-def asked(client, world, kind, address, form, **query):
+def requested(client, world, kind, address, form, **query):
     ref = ref_of(world, kind)
     place = f"{ref.scope.name}/{kind}/{ref.digest}"
     path = f"/tiles/{place}/{address.zoom}/{address.column}/{address.row}.{form}"
@@ -27,9 +27,9 @@ def asked(client, world, kind, address, form, **query):
 
 
 def both(client, world, kind, **query):
-    answers = [asked(client, world, kind, EDGE, form, **query) for form in ("png", "webp")]
+    answers = [requested(client, world, kind, EDGE, form, **query) for form in ("png", "webp")]
     assert [answer.headers["content-type"] for answer in answers] == ["image/png", "image/webp"]
-    return [picture(answer.content).astype(int) for answer in answers]
+    return [image_in(answer.content).astype(int) for answer in answers]
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_colours_of_a_legend_and_their_opacity_are_exact(client, world, kind, st
 @pytest.mark.parametrize(
     ("kind", "style"), [(ProductKind.ORTHOPHOTO, "default"), (ProductKind.DTM, "shaded-relief")]
 )
-def test_shades_differ_by_less_than_is_seen_and_opacity_by_nothing(client, world, kind, style):
+def test_shades_differ_invisibly_and_opacity_is_exact(client, world, kind, style):
     png, webp = both(client, world, kind, style=style)
     seen = png[..., 3] > 0
     assert seen.any()
@@ -61,17 +61,17 @@ def test_shades_differ_by_less_than_is_seen_and_opacity_by_nothing(client, world
     assert np.sqrt(np.mean((webp[seen] - png[seen]) ** 2)) < SHADES_RMS
 
 
-def test_where_nothing_was_measured_there_is_no_content_each_time(client, world):
+def test_unmeasured_tiles_are_answered_without_content_each_time(client, world):
     far = tile_at(5_000.0, 0.1, OWN_ZOOM)
     for _ in range(2):
-        answer = asked(client, world, ProductKind.DTM, far, "webp")
+        answer = requested(client, world, ProductKind.DTM, far, "webp")
         assert (answer.status_code, answer.content) == (204, b"")
         assert "immutable" in answer.headers["cache-control"]
 
 
 def test_a_tile_of_another_style_is_another_tile(client, world):
     plain, grey, again = (
-        asked(client, world, ProductKind.DTM, EDGE, "webp", **query).content
+        requested(client, world, ProductKind.DTM, EDGE, "webp", **query).content
         for query in ({}, {"colours": "grey"}, {})
     )
     assert plain == again
@@ -80,7 +80,7 @@ def test_a_tile_of_another_style_is_another_tile(client, world):
 
 def test_a_style_that_the_layer_lacks_is_refused_as_for_png(client, world):
     answers = [
-        asked(client, world, ProductKind.SLOPE, EDGE, form, style="hillshade").json()
+        requested(client, world, ProductKind.SLOPE, EDGE, form, style="hillshade").json()
         for form in ("png", "webp")
     ]
     assert answers[0]["detail"] == answers[1]["detail"]

@@ -1,4 +1,4 @@
-"""One answer begins the map; it is written anew when something is published, and only then."""
+"""One answer starts the map; it is rewritten only when something is published."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from solmap.gis_server.app import create_app
 from solmap.gis_server.routes import missions
 
 
-def test_the_map_begins_with_all_missions_and_the_layers_of_the_first(client):
+def test_the_start_document_has_all_missions_and_the_layers_of_the_first(client):
     begin = client.get("/api/start").json()
     assert begin["missions"] == client.get("/api/missions").json()
     assert begin["mission"] == begin["missions"][0]["mission"]
     assert begin["layers"] == client.get(f"/api/missions/{begin['mission']}/layers").json()
 
 
-def test_who_has_the_answer_already_is_told_so_until_something_is_published(own_world):
+def test_an_unchanged_start_document_is_not_sent_again(own_world):
     with TestClient(create_app(own_world.root)) as client:
         again = {"If-None-Match": client.get("/api/start").headers["etag"]}
         assert client.get("/api/start", headers=again).status_code == HTTPStatus.NOT_MODIFIED
@@ -31,7 +31,7 @@ def test_who_has_the_answer_already_is_told_so_until_something_is_published(own_
         assert "renamed" in {one["title"] for one in fresh.json()["layers"]}
 
 
-def test_the_progress_of_runs_does_not_have_it_written_again(own_world, monkeypatch):
+def test_the_progress_of_runs_does_not_rewrite_the_start_document(own_world, monkeypatch):
     with TestClient(create_app(own_world.root)) as client:
         begin = client.get("/api/start").content
         monkeypatch.setattr(missions, "missions_of", _never)
@@ -40,7 +40,7 @@ def test_the_progress_of_runs_does_not_have_it_written_again(own_world, monkeypa
         assert client.get("/api/start").content == begin
 
 
-def test_events_since_the_answer_tell_all_that_it_does_not_know(own_world):
+def test_events_since_the_start_document_cover_all_changes(own_world):
     with TestClient(create_app(own_world.root)) as client:
         first = client.get("/api/start")
         seen = int(first.headers["Last-Event-ID"])

@@ -34,7 +34,7 @@ from solmap.products.formats.raster.styles import (
 )
 from solmap.products.formats.raster.tiling import TileAddress, zoom_of
 from solmap.products.model import ProductKind
-from tests.support.pictures import unpacked
+from tests.support.decoded_answers import unpacked
 from tests.support.tile_at import tile_at
 from tests.unit.gis_server.conftest import CELL_M, CRS, GRID, STOP, build
 
@@ -72,8 +72,8 @@ def terrain(hilly):
 
 def drawn(world, layer, address, look) -> np.ndarray:
     body = render_tile(layer, address, world.store, RasterPool(), look)
-    picture = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
-    return picture[:, :, [2, 1, 0, 3]]
+    image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
+    return image[:, :, [2, 1, 0, 3]]
 
 
 def block_of(whole: np.ndarray, address: TileAddress) -> np.ndarray:
@@ -93,8 +93,8 @@ OF_WHOLE_MODEL = {
 
 
 @pytest.mark.parametrize("style", OF_WHOLE_MODEL)
-def test_a_tile_shows_what_the_same_computation_gives_of_the_whole_model(hilly, terrain, style):
-    """Also in the outermost pixels: tiles know their neighbours."""
+def test_a_tile_equals_the_same_computation_on_the_whole_model(hilly, terrain, style):
+    """Also in the outermost pixels: tiles include cells of their neighbours."""
     look = StyleQuery(style=style, azimuth=200.0, elevation=30.0)
     expected = block_of(OF_WHOLE_MODEL[style](hills()), INSIDE)
     chosen = styles_of(ProductKind.DTM)[style]
@@ -114,7 +114,7 @@ def test_a_tile_shows_what_the_same_computation_gives_of_the_whole_model(hilly, 
     assert off.max() == 0
 
 
-def test_a_baseline_is_felt_as_by_the_layers_that_are_made_once(hilly, terrain):
+def test_a_baseline_has_the_effect_it_has_on_precomputed_layers(hilly, terrain):
     expected = block_of(slope_of(relief(hills(), SlopeParams(1.1)).normal), INSIDE)
     shown = drawn(
         hilly,
@@ -169,7 +169,7 @@ def test_a_plane_has_the_same_shade_at_every_zoom(world, zoom):
     assert np.abs(seen - 255 * light).max() < 2.0
 
 
-def test_the_sun_turns_with_its_azimuth(hilly, terrain):
+def test_the_sun_follows_its_azimuth(hilly, terrain):
     looks = [StyleQuery(style="hillshade", azimuth=a, exaggeration=0.2) for a in (0, 90, 180)]
     suns = [drawn(hilly, terrain, INSIDE, look) for look in looks]
     for one, other in itertools.combinations(suns, 2):
@@ -190,7 +190,7 @@ def test_a_sun_overhead_shades_by_slope_alone_and_exaggeration_darkens(hilly, te
 
 
 @pytest.mark.parametrize("threshold", [-90.0, 0.0, 5.0, 20.0])
-def test_north_facing_ground_is_what_leans_north_by_the_threshold(hilly, terrain, threshold):
+def test_north_facing_ground_leans_north_by_at_least_the_threshold(hilly, terrain, threshold):
     tilt = block_of(OF_WHOLE_MODEL["northerly-tilt"](hills()), INSIDE)
     shown = drawn(hilly, terrain, INSIDE, StyleQuery(style="north-facing", threshold=threshold))
     clear = np.abs(tilt - threshold) > 1e-3
@@ -205,7 +205,7 @@ def test_north_facing_ground_of_the_tilt_layer_has_its_threshold_too(world):
     assert (shown[..., 3] == 0).all()
 
 
-def test_uncertainty_shows_the_deviation(world):
+def test_uncertainty_shows_the_standard_deviation(world):
     layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
     shown = drawn(
         world, layer, INSIDE, StyleQuery(style="uncertainty", colours="grey", low=0.0, high=0.04)
@@ -230,7 +230,7 @@ def test_shaded_level_ground_keeps_its_colour(own_world):
     )
 
 
-def test_contours_lie_where_the_ground_has_their_elevation(world):
+def test_contours_are_where_the_ground_has_their_elevation(world):
     """On a plane of 1 in 10 to the east contours of 1 m are lines 8.9 m apart."""
     layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
     address = tile_at(5.0, 5.0, OWN_ZOOM)
@@ -249,14 +249,14 @@ def test_contours_lie_where_the_ground_has_their_elevation(world):
     assert (shown[covered][:, :3] == palette_of(("#8c4a12",))[1]).all()
 
 
-def test_a_picture_is_stretched_by_its_palette(world):
+def test_an_image_is_stretched_by_its_palette(world):
     layer = world.catalogue.layer(STOP.name, ProductKind.ORTHOPHOTO)
     plain = drawn(world, layer, INSIDE, StyleQuery())
     low, high = 60.0, 180.0  # brightness, of 0 to 254
     shown = drawn(world, layer, INSIDE, StyleQuery(low=low, high=high))
     brightness = plain[..., 0] / 255 * 254
     expected = np.clip((brightness - low) / (high - low), 0.0, 1.0) * 255
-    assert np.abs(shown[..., 0] - expected).max() < 4.5  # a step of the picture is 2.1 here
+    assert np.abs(shown[..., 0] - expected).max() < 4.5  # a grey step is 2.1 here
     tinted = drawn(world, layer, INSIDE, StyleQuery(colours="red-blue"))
     assert (tinted[0, 0, :3] == palette_of(RED_BLUE)[plain[0, 0, 0]]).all() or tinted.any()
 
@@ -268,28 +268,28 @@ def test_every_style_of_every_kind_has_a_painter_and_a_ramp():
             assert name == "default" or style.title
 
 
-ASKED = "/tiles/{scope}/{kind}/{digest}/{z}/{x}/{y}.png"
+REQUESTED = "/tiles/{scope}/{kind}/{digest}/{z}/{x}/{y}.png"
 
 
-def asked(client, world, kind, **query):
+def requested(client, world, kind, **query):
     ref = world.catalogue.layer(STOP.name, kind).ref
     address = f"{INSIDE.zoom}/{INSIDE.column}/{INSIDE.row}.png"
     return client.get(f"/tiles/{ref.scope.name}/{kind}/{ref.digest}/{address}", params=query)
 
 
 def test_classes_of_the_ground_have_a_colour_each_and_a_legend(hilly, terrain):
-    picture = drawn(hilly, terrain, INSIDE, StyleQuery(style="class"))
-    seen = picture[..., 3] > 0
-    assert {tuple(colour) for colour in picture[seen][:, :3]} == {(0x21, 0x91, 0x8C)}  # measured
+    image = drawn(hilly, terrain, INSIDE, StyleQuery(style="class"))
+    seen = image[..., 3] > 0
+    assert {tuple(colour) for colour in image[seen][:, :3]} == {(0x21, 0x91, 0x8C)}  # measured
     assert 0.9 < seen.mean() < 1.0  # the holes have none
     classes = legend_of(terrain, styles_of(ProductKind.DTM)["class"]).classes
     assert [one.name for one in classes] == ["measured", "interpolated", "occluded"]
 
 
-def test_a_style_is_asked_for_in_the_query(client, world):
+def test_the_query_selects_a_style(client, world):
     layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
     query = {"style": "slope", "colours": "viridis", "low": 0, "high": 15, "baseline": 0.5}
-    answer = asked(client, world, ProductKind.DTM, **query)
+    answer = requested(client, world, ProductKind.DTM, **query)
     assert answer.status_code == 200
     look = StyleQuery(style="slope", colours="viridis", low=0.0, high=15.0, baseline=0.5)
     drawn_so = render_tile(layer, INSIDE, world.store, RasterPool(), look)
@@ -298,7 +298,7 @@ def test_a_style_is_asked_for_in_the_query(client, world):
 
 
 @pytest.mark.parametrize(
-    ("kind", "query", "says"),
+    ("kind", "query", "text"),
     [
         ("dtm", {"style": "sepia"}, "stop/dtm has no style sepia; it has default, hillshade"),
         ("slope", {"style": "contours"}, "has no style contours; it has default, uncertainty"),
@@ -315,10 +315,10 @@ def test_a_style_is_asked_for_in_the_query(client, world):
         ("dtm", {"style": "../../etc"}, "style"),
     ],
 )
-def test_a_look_that_cannot_be_had_is_refused_with_the_reason(client, world, kind, query, says):
-    answer = asked(client, world, kind, **query)
+def test_an_unknown_style_is_refused_with_the_reason(client, world, kind, query, text):
+    answer = requested(client, world, kind, **query)
     assert answer.status_code == 422
-    assert says.replace("stop/", f"{STOP.name}/") in answer.text
+    assert text.replace("stop/", f"{STOP.name}/") in answer.text
     assert answer.headers["cache-control"] == "no-store"
 
 
@@ -334,7 +334,7 @@ def test_the_styles_of_a_layer_and_their_legends_are_listed(client, world):
     assert client.get(f"{place}/legend", params={"style": "hillshade"}).status_code == 404
 
 
-def test_the_legend_as_a_picture_has_the_colours_of_the_ends(client, world):
+def test_the_legend_image_has_the_colours_of_the_ends(client, world):
     ref = world.catalogue.layer(STOP.name, ProductKind.SLOPE).ref
     place = f"/api/layers/{ref.scope.name}/slope/{ref.digest}"
     answer = client.get(f"{place}/legend.png", params={"colours": "grey"})
@@ -350,7 +350,7 @@ def contours_of(client, world, **query):
     return client.get(f"/api/layers/{STOP.name}/dtm/{ref.digest}/contours.geojson", params=query)
 
 
-def test_contours_of_any_interval_are_features_on_the_ground_of_their_elevation(client, world):
+def test_contours_of_any_interval_are_at_the_ground_of_their_elevation(client, world):
     body = contours_of(client, world, interval=0.25, bbox="-20,-20,20,20").json()
     assert body["solmap:interval_m"] == 0.25
     levels = set()
@@ -376,7 +376,7 @@ def test_contours_that_would_be_too_many_are_refused(client, world):
     assert contours_of(client, world, bbox="900,900,901,901").json()["features"] == []
 
 
-def test_a_layer_of_the_map_says_where_its_styles_are_listed(client):
+def test_a_layer_of_the_map_links_to_its_styles(client):
     layers = client.get("/api/missions/MER2/layers").json()
     for layer in layers:
         assert (layer["styles"] is None) == (layer["tiles"] is None)

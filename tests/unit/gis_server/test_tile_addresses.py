@@ -41,7 +41,7 @@ def test_of_two_values_of_a_parameter_the_last_one_counts(client, world):
     assert both.content == client.get(f"{path}?style=slope").content
 
 
-def test_values_are_compressed_for_those_who_take_it(client, world):
+def test_values_are_compressed_for_clients_that_accept_it(client, world):
     path = path_of(world, ProductKind.DTM, INSIDE, "values")
     packed, plain = (
         client.get(path, headers={"accept-encoding": encoding}) for encoding in ("gzip", "identity")
@@ -67,7 +67,7 @@ def test_values_are_compressed_for_those_who_take_it(client, world):
         "0x11/1/1",
     ],
 )
-def test_absurd_addresses_are_refused(client, world, place):
+def test_impossible_urls_are_refused(client, world, place):
     ref = ref_of(world, ProductKind.DTM)
     for form in ("png", "values"):
         answer = client.get(f"/tiles/{STOP.name}/dtm/{ref.digest}/{place}.{form}")
@@ -79,7 +79,7 @@ def test_absurd_addresses_are_refused(client, world, place):
 @pytest.mark.parametrize(
     "place", ["nowhere/dtm/0123456789abcdef", "mer2/sausage/0123456789abcdef", "mer2/dtm/latest"]
 )
-def test_layers_that_are_not_there_are_refused(client, place):
+def test_unknown_layers_are_refused(client, place):
     answer = client.get(f"/tiles/{place}/3/1/1.png")
     assert answer.status_code in (404, 422)
     assert answer.headers["cache-control"] == "no-store"

@@ -23,7 +23,7 @@ from solmap.products.formats.raster.styles import (
 )
 from solmap.products.formats.raster.tiling import CELL_SIZES, MAX_ZOOM, TileAddress, zoom_of
 from solmap.products.model import ProductKind
-from tests.support.pictures import unpacked
+from tests.support.decoded_answers import unpacked
 from tests.support.tile_at import tile_at
 from tests.unit.gis_server.conftest import (
     CELL_M,
@@ -33,7 +33,7 @@ from tests.unit.gis_server.conftest import (
     UNSEEN_WEST_OF_M,
     brightness,
     elevation_at,
-    picture,
+    image_in,
     plane,
     ref_of,
 )
@@ -54,7 +54,7 @@ def tile_of(client, world, kind, address):
 
 
 @pytest.mark.parametrize("zoom", range(OWN_ZOOM - 4, MAX_ZOOM + 1))
-def test_a_pixel_shows_the_elevation_of_the_ground_under_it_at_every_zoom(world, zoom):
+def test_a_pixel_shows_the_elevation_of_its_ground_at_every_zoom(world, zoom):
     address = tile_at(3.0, 4.0, zoom)
     with RasterPool().reading(world.store.path(ref_of(world, ProductKind.DTM))) as dataset:
         values = read_tile(dataset, address)
@@ -90,7 +90,7 @@ def test_the_tile_is_coloured_by_the_legend(client, world):
         for layer in client.get("/api/missions/MER2/layers").json()
         if layer["kind"] == "dtm" and layer["scope"] == STOP.name
     )
-    shown = picture(tile_of(client, world, ProductKind.DTM, address).content)
+    shown = image_in(tile_of(client, world, ProductKind.DTM, address).content)
     east, north = centres_of(address)
     stops = layer["legend"]["stops"]
     values = [value for value, _ in stops]
@@ -104,16 +104,16 @@ def test_the_tile_is_coloured_by_the_legend(client, world):
 
 def test_hillshade_of_one_half_is_middle_grey_and_unseen_ground_is_transparent(client, world):
     address = tile_at(UNSEEN_WEST_OF_M, 0.1, OWN_ZOOM)
-    shown = picture(tile_of(client, world, ProductKind.HILLSHADE, address).content)
+    shown = image_in(tile_of(client, world, ProductKind.HILLSHADE, address).content)
     east, _ = centres_of(address)
     seen = np.broadcast_to(east >= UNSEEN_WEST_OF_M, (256, 256))
     np.testing.assert_array_equal(shown[..., 3], np.where(seen, 255, 0))
     assert np.abs(shown[seen][:, :3].astype(int) - 127.5).max() <= 1.5
 
 
-def test_the_orthophoto_gets_brighter_to_the_east_by_what_was_measured(client, world):
+def test_the_orthophoto_gets_brighter_to_the_east_as_measured(client, world):
     address = tile_at(10.0, 10.0, OWN_ZOOM)
-    shown = picture(tile_of(client, world, ProductKind.ORTHOPHOTO, address).content)
+    shown = image_in(tile_of(client, world, ProductKind.ORTHOPHOTO, address).content)
     east, _ = centres_of(address)
     column = (east[0] - GRID.west) / CELL_M - 0.5
     expected = column / (GRID.cols - 1) * 255
@@ -121,7 +121,7 @@ def test_the_orthophoto_gets_brighter_to_the_east_by_what_was_measured(client, w
     assert (shown[..., 0] == shown[..., 1]).all()
 
 
-def test_directions_just_west_and_just_east_of_north_look_alike():
+def test_directions_just_west_and_just_east_of_north_have_similar_colours():
     colours = palette_of(TWILIGHT)[indices_of(np.float32([[1.0, 359.0]]), 0.0, 360.0)]
     assert np.abs(np.diff(colours[0].astype(int), axis=0)).max() <= 4
 
@@ -130,16 +130,16 @@ def test_far_from_the_layer_there_is_one_transparent_tile(client, world):
     answer = tile_of(client, world, ProductKind.DTM, tile_at(5_000.0, 0.1, OWN_ZOOM))
     assert answer.status_code == 200
     assert answer.content == empty_tile()
-    assert not picture(answer.content)[..., 3].any()
+    assert not image_in(answer.content)[..., 3].any()
 
 
 def test_a_whole_map_of_four_kilometres_a_pixel_is_still_drawn(client, world):
     answer = tile_of(client, world, ProductKind.DTM, TileAddress(1, 1, 0))
     assert answer.status_code == 200
-    assert picture(answer.content).shape == (256, 256, 4)
+    assert image_in(answer.content).shape == (256, 256, 4)
 
 
-def test_a_tile_may_be_kept_forever(client, world):
+def test_a_tile_is_cached_forever(client, world):
     answer = tile_of(client, world, ProductKind.SLOPE, tile_at(1.0, 1.0, OWN_ZOOM))
     assert answer.headers["content-type"] == "image/png"
     assert answer.headers["cache-control"] == "public, max-age=31536000, immutable"
@@ -147,21 +147,21 @@ def test_a_tile_may_be_kept_forever(client, world):
 
 
 @pytest.mark.parametrize("address", ["21/0/0", "3/8/0", "3/0/8", "-1/0/0", "a/0/0", "3/1e3/0"])
-def test_an_address_outside_the_tile_matrix_set_is_refused(client, world, address):
+def test_a_url_outside_the_tile_matrix_set_is_refused(client, world, address):
     ref = ref_of(world, ProductKind.DTM)
     answer = client.get(f"/tiles/{ref.scope.name}/dtm/{ref.digest}/{address}.png")
     assert answer.status_code in (404, 422)
 
 
-def test_an_indexed_png_comes_back_as_it_was(rng):
+def test_an_indexed_png_is_decoded_as_encoded(rng):
     indices = rng.integers(0, 256, (7, 5), dtype=np.uint8)
     palette = rng.integers(0, 256, (256, 3), dtype=np.uint8)
-    shown = picture(indexed_png(indices, palette))
+    shown = image_in(indexed_png(indices, palette))
     np.testing.assert_array_equal(shown[..., 3], np.where(indices == 0, 0, 255))
     np.testing.assert_array_equal(shown[..., :3], palette[indices])
 
 
-def test_every_measured_value_has_a_colour_and_nothing_else_has(rng):
+def test_exactly_the_measured_values_have_a_colour(rng):
     values = rng.normal(0.0, 100.0, 1000).astype(np.float32)
     values[::7] = np.nan
     indices = indices_of(values, -1.0, 1.0)
@@ -193,7 +193,7 @@ def test_cells_halve_from_zoom_to_zoom():
     np.testing.assert_allclose(np.divide(CELL_SIZES[:-1], CELL_SIZES[1:]), 2.0)
 
 
-def test_many_threads_at_once_get_the_tiles_that_one_gets(world):
+def test_many_threads_get_the_same_tiles_as_one(world):
     layer = world.catalogue.layer(STOP.name, ProductKind.DTM)
     addresses = [
         tile_at(east, north, zoom)
@@ -226,7 +226,7 @@ def sources() -> np.ndarray:
 
 @pytest.fixture
 def pictured(own_world):
-    """A world with sources and a colour picture, red to the east and blue to the north."""
+    """A world with sources and a colour orthophoto, red to the east and blue to the north."""
     own_world.publish_raster(
         ProductKind.SOURCES,
         STOP,
@@ -249,13 +249,13 @@ def test_classes_have_the_colours_of_their_file_at_every_zoom(pictured):
     allowed = {tuple(bytes.fromhex(source_colour(n)[1:])) for n in (1, 2, 3)}
     for zoom in (OWN_ZOOM - 2, OWN_ZOOM, OWN_ZOOM + 1):
         address = tile_at(10.0, 10.0, zoom)
-        shown = picture(tile_of(client, world, ProductKind.SOURCES, address).content)
+        shown = image_in(tile_of(client, world, ProductKind.SOURCES, address).content)
         seen = shown[shown[..., 3] > 0]
         assert len(seen)
         assert {tuple(colour) for colour in seen[:, :3].tolist()} <= allowed
 
 
-def test_identify_tells_the_image_that_a_place_was_taken_from(pictured):
+def test_identify_names_the_source_image_of_a_place(pictured):
     _, client = pictured
     for north, name in ((-3.0, NAMES[0]), (3.0, NAMES[1])):
         place = client.get("/api/missions/MER2/identify", params={"east": 7.0, "north": north})
@@ -264,10 +264,10 @@ def test_identify_tells_the_image_that_a_place_was_taken_from(pictured):
         assert label["dtm"] is None
 
 
-def test_a_colour_picture_is_shown_as_it_is_and_transparent_where_unseen(pictured):
+def test_a_colour_image_is_shown_unchanged_and_transparent_where_unseen(pictured):
     world, client = pictured
     address = tile_at(UNSEEN_WEST_OF_M, 0.1, OWN_ZOOM)
-    shown = picture(tile_of(client, world, ProductKind.COLOUR, address).content)
+    shown = image_in(tile_of(client, world, ProductKind.COLOUR, address).content)
     with RasterPool().reading(world.store.path(ref_of(world, ProductKind.COLOUR))) as dataset:
         bands = np.stack([read_tile(dataset, address, band) for band in (1, 2, 3)], axis=-1)
     np.testing.assert_array_equal(shown[..., :3], bands)

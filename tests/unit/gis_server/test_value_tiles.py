@@ -28,7 +28,7 @@ from tests.unit.gis_server.conftest import (
 OWN_ZOOM = zoom_of(CELL_M)
 
 
-def asked(client, world, kind, address, **query):
+def requested(client, world, kind, address, **query):
     ref = ref_of(world, kind)
     place = f"{ref.scope.name}/{kind}/{ref.digest}"
     name = f"{address.zoom}/{address.column}/{address.row}.values"
@@ -44,7 +44,7 @@ heights = st.floats(-8e3, 2e4, width=32)
     ),
     finest=st.floats(1e-5, 1.0),
 )
-def test_values_come_back_to_half_a_step(values, finest):
+def test_values_are_decoded_to_half_a_step(values, finest):
     body = encode_values(values, finest)
     again = decode_values(body)
     np.testing.assert_array_equal(np.isnan(again), np.isnan(values))
@@ -55,14 +55,14 @@ def test_values_come_back_to_half_a_step(values, finest):
     assert (off <= coarsest / 2 + 2e-3 * (np.abs(known) > 1e3) + np.spacing(np.abs(known))).all()
 
 
-def test_what_neighbouring_tiles_share_is_equal(client, world):
+def test_shared_nodes_of_neighbouring_tiles_are_equal(client, world):
     """So that a browser's shading runs across the edge of tiles."""
     zoom = OWN_ZOOM
     west = tile_at(-0.1, -0.1, zoom)
     east = TileAddress(zoom, west.column + 1, west.row)
     south = TileAddress(zoom, west.column, west.row + 1)
     tiles = [
-        decode_values(asked(client, world, ProductKind.DTM, at).content)
+        decode_values(requested(client, world, ProductKind.DTM, at).content)
         for at in (west, east, south)
     ]
     assert all(tile.shape == (258, 258) for tile in tiles)
@@ -73,7 +73,7 @@ def test_what_neighbouring_tiles_share_is_equal(client, world):
 @pytest.mark.parametrize("zoom", [OWN_ZOOM - 2, OWN_ZOOM, OWN_ZOOM + 1])
 def test_values_are_the_elevations_of_the_ground_at_every_zoom(client, world, zoom):
     address = tile_at(5.0, 5.0, zoom)
-    values = decode_values(asked(client, world, ProductKind.DTM, address).content)
+    values = decode_values(requested(client, world, ProductKind.DTM, address).content)
     west, north = address.west_north
     at = (np.arange(-1, 257) + 0.5) * address.cell_m
     east, north = (west + at)[None, :], (north - at)[:, None]
@@ -89,19 +89,19 @@ def test_values_are_the_elevations_of_the_ground_at_every_zoom(client, world, zo
     np.testing.assert_allclose(values[there], expected[there], atol=off)
 
 
-def test_another_band_is_asked_for_by_its_name(client, world):
+def test_another_band_is_requested_by_its_name(client, world):
     address = tile_at(5.0, 5.0, OWN_ZOOM)
-    answer = asked(client, world, ProductKind.DTM, address, band="standard_deviation")
+    answer = requested(client, world, ProductKind.DTM, address, band="standard_deviation")
     np.testing.assert_allclose(decode_values(answer.content), 0.02, rtol=1e-6)
-    unknown = asked(client, world, ProductKind.DTM, address, band="colour")
+    unknown = requested(client, world, ProductKind.DTM, address, band="colour")
     assert unknown.status_code == 404
     assert "has no band colour; it has elevation, " in unknown.json()["detail"]
 
 
-def test_ground_that_was_never_seen_has_no_content(client, world):
+def test_unseen_ground_has_no_content(client, world):
     for east in (-39.0, 5_000.0):
         address = tile_at(east, 0.1, MAX if east < 0 else OWN_ZOOM)
-        answer = asked(client, world, ProductKind.DTM, address)
+        answer = requested(client, world, ProductKind.DTM, address)
         assert answer.status_code == 204
         assert answer.content == b""
 
@@ -110,7 +110,7 @@ MAX = 19
 """A zoom at which a tile lies wholly in the unseen west of the small world."""
 
 
-def test_a_client_that_knows_no_gzip_gets_the_plain_body(client, world):
+def test_a_client_without_gzip_gets_the_plain_body(client, world):
     ref = ref_of(world, ProductKind.SLOPE)
     address = tile_at(5.0, 5.0, OWN_ZOOM)
     path = f"/tiles/{ref.scope.name}/slope/{ref.digest}/{OWN_ZOOM}/{address.column}/{address.row}"
@@ -128,9 +128,9 @@ def test_a_client_that_knows_no_gzip_gets_the_plain_body(client, world):
     np.testing.assert_allclose(decode_values(bodies["identity"]), 20.0, atol=1e-3)
 
 
-def test_a_picture_has_no_values(client, world):
+def test_an_image_has_no_values(client, world):
     address = tile_at(5.0, 5.0, OWN_ZOOM)
-    answer = asked(client, world, ProductKind.ORTHOPHOTO, address)
+    answer = requested(client, world, ProductKind.ORTHOPHOTO, address)
     assert answer.status_code == 404
     assert "has images only" in answer.json()["detail"]
     layers = {layer["kind"]: layer for layer in client.get("/api/missions/MER2/layers").json()}
@@ -139,7 +139,7 @@ def test_a_picture_has_no_values(client, world):
 
 
 @pytest.mark.parametrize("body", [b"", b"SMV1", b"PNG.....................", b"SMV1" + bytes(30)])
-def test_what_is_no_tile_of_values_is_refused(body):
+def test_invalid_value_tiles_are_refused(body):
     with pytest.raises(ValueError, match="tile of"):
         decode_values(body)
 
@@ -148,7 +148,7 @@ DOCUMENTED = Path(__file__).parents[3] / "docs" / "reference" / "http-api.md"
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="Node runs the documented decoder")
-def test_the_documented_decoder_reads_what_the_server_writes(tmp_path, rng):
+def test_the_documented_decoder_reads_the_tiles_of_the_server(tmp_path, rng):
     values = rng.normal(3.0, 1.0, (258, 258)).astype(np.float32)
     values[rng.random(values.shape) < 0.2] = np.nan
     (tmp_path / "tile.values").write_bytes(encode_values(values, 1e-3))

@@ -9,7 +9,7 @@ from rasterio.io import MemoryFile
 from solmap.photogrammetry.terrain.dtm.records import Dtm
 from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.model import ProductKind
-from tests.unit.gis_server.conftest import CRS, GRID, STOP, elevation_at, picture, plane
+from tests.unit.gis_server.conftest import CRS, GRID, STOP, elevation_at, image_in, plane
 
 API = "/api/missions/MER2"
 
@@ -36,14 +36,14 @@ def walls(own_world):
         yield opened
 
 
-def ask(client, what, **query):
+def request(client, what, **query):
     answer = client.get(f"{API}/{what}", params=query)
     assert answer.status_code == 200, answer.text
     return answer.json()
 
 
-def test_all_of_a_plane_can_be_seen(client):
-    body = ask(client, "viewshed", east=10, north=0, radius_m=15)
+def test_all_of_a_plane_is_visible(client):
+    body = request(client, "viewshed", east=10, north=0, radius_m=15)
     assert body["visible_m2"] == pytest.approx(math.pi * 15**2, rel=0.01)
     assert body["hidden_m2"] == 0
     assert body["eye_elevation_m"] == pytest.approx(elevation_at(10, 0) + 1.5, abs=0.01)
@@ -52,11 +52,11 @@ def test_all_of_a_plane_can_be_seen(client):
     assert body["layers"][0]["kind"] == "dtm"
 
 
-def test_a_wall_hides_what_lies_behind_it(walls):
-    body = ask(walls, "viewshed", east=10, north=0, radius_m=20)
+def test_a_wall_hides_the_ground_behind_it(walls):
+    body = request(walls, "viewshed", east=10, north=0, radius_m=20)
     half_disc_beyond = 20**2 * math.acos(0.5) - 10 * math.sqrt(300)
     assert body["hidden_m2"] == pytest.approx(half_disc_beyond, rel=0.05)
-    png = picture(walls.get(body["picture"]).content)
+    png = image_in(walls.get(body["picture"]).content)
     west, south, east, north = body["bounds"]
     assert png.shape[:2] == (
         round((north - south) / body["cell_m"]),
@@ -77,43 +77,45 @@ def test_a_wall_hides_what_lies_behind_it(walls):
 
 
 def test_unmapped_ground_is_unknown(client):
-    body = ask(client, "viewshed", east=-25, north=0, radius_m=12)
+    body = request(client, "viewshed", east=-25, north=0, radius_m=12)
     assert body["unknown_m2"] > 50
     total = body["visible_m2"] + body["hidden_m2"] + body["unknown_m2"]
     assert total == pytest.approx(math.pi * 144, rel=0.01)
 
 
 def test_a_large_radius_is_answered_on_larger_cells(client):
-    body = ask(client, "viewshed", east=0, north=0, radius_m=2000)
+    body = request(client, "viewshed", east=0, north=0, radius_m=2000)
     assert body["cell_m"] > 1
     assert body["visible_m2"] > 1000
 
 
-def test_a_line_of_sight_over_a_plane_is_free_and_over_a_wall_is_not(client, walls):
+def test_a_line_of_sight_is_free_over_a_plane_and_blocked_by_a_wall(client, walls):
     query = {"east": 10, "north": 0, "to_east": 10, "to_north": 18}
-    free = ask(client, "line-of-sight", **query)
+    free = request(client, "line-of-sight", **query)
     assert free["sight"] == "visible"
     assert free["obstruction"] is None
     assert free["clearance_m"] == pytest.approx(0.1, abs=0.05)
-    blocked = ask(walls, "line-of-sight", **query)
+    blocked = request(walls, "line-of-sight", **query)
     assert blocked["sight"] == "hidden"
     assert blocked["obstruction"][1] == pytest.approx(10.0, abs=0.4)
     assert blocked["clearance_m"] < -2
     assert len(blocked["distance_m"]) == len(blocked["ground_m"]) == len(blocked["line_m"])
-    high = ask(walls, "line-of-sight", **query, eye_m=8, target_m=8)
+    high = request(walls, "line-of-sight", **query, eye_m=8, target_m=8)
     assert high["sight"] == "visible"
 
 
 def test_an_end_on_unmapped_ground_takes_an_elevation(client):
     query = {"east": 0, "north": 0, "to_east": -33, "to_north": 0, "to_elevation": 2.0}
-    body = ask(client, "line-of-sight", **query)
+    body = request(client, "line-of-sight", **query)
     assert body["target_elevation_m"] == pytest.approx(2.1)
     assert body["unseen_m"] == pytest.approx(3.0, abs=0.1)
-    assert ask(client, "viewshed", east=-39, north=0, elevation=4, radius_m=5)["visible_m2"] == 0
+    assert (
+        request(client, "viewshed", east=-39, north=0, elevation=4, radius_m=5)["visible_m2"] == 0
+    )
 
 
 @pytest.mark.parametrize(
-    ("what", "query", "told"),
+    ("what", "query", "reported"),
     [
         ("viewshed", {"east": -39, "north": 0}, "no elevation"),
         ("viewshed", {"east": 0, "north": 0, "radius_m": 1e7}, "2000"),
@@ -124,12 +126,12 @@ def test_an_end_on_unmapped_ground_takes_an_elevation(client):
         ("line-of-sight", {"east": 0, "north": 0}, "required"),
     ],
 )
-def test_what_cannot_be_looked_at_is_refused_in_words(client, what, query, told):
+def test_invalid_sight_queries_are_refused_with_the_reason(client, what, query, reported):
     answer = client.get(f"{API}/{what}", params=query)
     assert answer.status_code == 422
-    assert told in answer.text
+    assert reported in answer.text
 
 
-def test_the_picture_is_a_png(client):
+def test_the_viewshed_image_is_a_png(client):
     body = client.get(f"{API}/viewshed.png", params={"east": 0, "north": 0, "radius_m": 5}).content
     assert cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED).shape[2] == 4

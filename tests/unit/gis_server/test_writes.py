@@ -57,7 +57,7 @@ WRITES = [
 
 
 @pytest.mark.parametrize(("path", "body"), WRITES)
-def test_a_server_without_tokens_writes_nothing_and_says_how_to_get_one(
+def test_a_server_without_tokens_accepts_no_writes_and_explains_how_to_get_one(
     client, own_world, path, body
 ):
     answer = client.post(path, json=body, headers={"Authorization": "Bearer solmap_a_b"})
@@ -68,19 +68,23 @@ def test_a_server_without_tokens_writes_nothing_and_says_how_to_get_one(
 
 
 @pytest.mark.parametrize(("path", "body"), WRITES)
-def test_no_token_a_wrong_one_and_too_low_a_role_are_told_apart(client, token_of, path, body):
+def test_a_missing_a_wrong_and_an_insufficient_token_are_distinguished(
+    client, token_of, path, body
+):
     viewer = token_of(Role.VIEWER)
     missing = client.post(path, json=body)
     assert (missing.status_code, missing.headers["www-authenticate"]) == (401, "Bearer")
     wrong = client.post(path, json=body, headers={"Authorization": "Bearer solmap_a_b"})
     assert wrong.status_code == 401
-    assert "unknown, revoked or has ended" in wrong.json()["description"]
+    assert "unknown, revoked or expired" in wrong.json()["description"]
     low = client.post(path, json=body, headers=viewer)
     assert low.status_code == 403
     assert "takes the role" in low.json()["description"]
 
 
-def test_an_analyst_edits_and_takes_back_and_everybody_reads_the_log(client, token_of, own_world):
+def test_an_analyst_writes_and_revokes_edits_and_everybody_reads_the_log(
+    client, token_of, own_world
+):
     analyst = token_of(Role.ANALYST)
     made = client.post(f"{EDITS}/ties", json=TIE, headers=analyst)
     assert made.status_code == 201
@@ -92,11 +96,11 @@ def test_an_analyst_edits_and_takes_back_and_everybody_reads_the_log(client, tok
     again = client.post(f"{EDITS}/{number}/undo", json={}, headers=analyst)
     assert again.status_code == 409
     assert client.get(EDITS, params={"kind": "tie", "counting": True}).json() == []
-    told = [event.kind for event in own_world.catalogue.events_since(0)]
-    assert told.count("edits.changed") == 2
+    reported = [event.kind for event in own_world.catalogue.events_since(0)]
+    assert reported.count("edits.changed") == 2
 
 
-def test_the_columns_of_an_edit_are_those_of_a_file_of_hand_ties():
+def test_the_columns_of_an_edit_are_those_of_a_manual_ties_file():
     from solmap.gis_server.collaboration.edits import TieEdit  # noqa: PLC0415
 
     assert list(TieEdit.model_fields) == list(COLUMNS)
@@ -117,7 +121,7 @@ def test_the_columns_of_an_edit_are_those_of_a_file_of_hand_ties():
         {"note": "x" * 3000},
     ],
 )
-def test_an_edit_that_could_not_be_carried_out_is_refused(client, token_of, own_world, change):
+def test_an_edit_that_cannot_be_applied_is_refused(client, token_of, own_world, change):
     answer = client.post(f"{EDITS}/ties", json={**TIE, **change}, headers=token_of(Role.ANALYST))
     assert answer.status_code in {404, 422}
     assert EditLog.of(own_world.root).edits() == []
@@ -131,7 +135,7 @@ def test_a_stop_is_vetoed_by_its_name(client, token_of):
     assert client.post(f"{EDITS}/ties", json=strange, headers=analyst).status_code == 422
 
 
-def test_annotations_that_count_are_on_the_map(client, token_of):
+def test_published_annotations_are_on_the_map(client, token_of):
     analyst = token_of(Role.ANALYST)
     made = client.post(f"{EDITS}/annotations", json=NOTE, headers=analyst).json()
     (feature,) = client.get("/api/missions/MER2/annotations").json()["features"]
@@ -141,7 +145,7 @@ def test_annotations_that_count_are_on_the_map(client, token_of):
     assert client.get("/api/missions/MER2/annotations").json()["features"] == []
 
 
-def test_an_annotation_is_replaced_and_both_forms_stay_in_the_log(client, token_of):
+def test_an_annotation_is_replaced_and_both_versions_stay_in_the_log(client, token_of):
     analyst = token_of(Role.ANALYST)
     draft = {**NOTE, "category": "keep-out", "state": "draft"}
     first = client.post(f"{EDITS}/annotations", json=draft, headers=analyst).json()
@@ -149,8 +153,8 @@ def test_an_annotation_is_replaced_and_both_forms_stay_in_the_log(client, token_
     second = client.post(f"{EDITS}/annotations", json=better, headers=analyst)
     assert second.status_code == 201
     (feature,) = client.get("/api/missions/MER2/annotations").json()["features"]
-    told = feature["properties"]
-    assert (told["text"], told["category"], told["state"]) == (
+    reported = feature["properties"]
+    assert (reported["text"], reported["category"], reported["state"]) == (
         "loose sand",
         "keep-out",
         "published",
@@ -173,7 +177,7 @@ def test_a_tie_is_not_replaced_by_an_annotation(client, token_of):
 
 
 @pytest.mark.parametrize("wrong", [{"category": "crater"}, {"state": "secret"}, {"replaces": 0}])
-def test_categories_and_states_are_those_that_are_known(client, token_of, wrong):
+def test_unknown_categories_and_states_are_refused(client, token_of, wrong):
     body = {**NOTE, **wrong}
     answer = client.post(f"{EDITS}/annotations", json=body, headers=token_of(Role.ANALYST))
     assert answer.status_code == 422
@@ -195,13 +199,13 @@ def test_an_annotation_without_a_place_is_refused(client, token_of, geometry):
     assert answer.status_code == 422
 
 
-def test_an_operator_asks_for_a_run_and_an_analyst_may_not(client, token_of):
-    wish = {"kind": "overall adjustment", "mission": "MER2"}
-    assert client.post("/api/runs", json=wish, headers=token_of(Role.ANALYST)).status_code == 403
-    asked = client.post("/api/runs", json=wish, headers=token_of(Role.OPERATOR))
-    assert asked.status_code == 202
-    assert client.get("/api/runs").json()["requests"] == [asked.json()]
-    nowhere = {**wish, "mission": "MER9"}
+def test_an_operator_requests_a_run_and_an_analyst_may_not(client, token_of):
+    edit = {"kind": "overall adjustment", "mission": "MER2"}
+    assert client.post("/api/runs", json=edit, headers=token_of(Role.ANALYST)).status_code == 403
+    requested = client.post("/api/runs", json=edit, headers=token_of(Role.OPERATOR))
+    assert requested.status_code == 202
+    assert client.get("/api/runs").json()["requests"] == [requested.json()]
+    nowhere = {**edit, "mission": "MER9"}
     operator = token_of(Role.OPERATOR)
     assert client.post("/api/runs", json=nowhere, headers=operator).status_code == 404
 
@@ -213,7 +217,7 @@ def test_an_annotation_without_a_text_is_refused(client, token_of):
     assert sent.status_code == 422
 
 
-def test_the_mission_of_a_run_is_no_parameter_of_it(client, token_of):
+def test_the_mission_is_not_among_the_parameters_of_a_run(client, token_of):
     kept = client.post("/api/runs", json=FETCH, headers=token_of(Role.OPERATOR)).json()
     assert kept["mission"] == "MER2"
     assert kept["parameters"]["sols"] == "155-157"
@@ -224,7 +228,7 @@ FETCH = {"kind": "fetch", "mission": "MER2", "sols": "155-157"}
 
 
 @pytest.mark.parametrize(
-    ("wish", "told"),
+    ("edit", "reported"),
     [
         ({"kind": "fetch", "mission": "MER2"}, "sols: Field required"),
         ({**FETCH, "sols": "yesterday"}, "sols: String should match"),
@@ -235,17 +239,17 @@ FETCH = {"kind": "fetch", "mission": "MER2", "sols": "155-157"}
         ({"kind": "cancel"}, "kind"),
     ],
 )
-def test_parameters_of_a_run_are_checked_before_it_is_asked_for(
-    client, token_of, own_world, wish, told
+def test_parameters_of_a_run_are_validated_before_the_request(
+    client, token_of, own_world, edit, reported
 ):
-    answer = client.post("/api/runs", json=wish, headers=token_of(Role.OPERATOR))
+    answer = client.post("/api/runs", json=edit, headers=token_of(Role.OPERATOR))
     assert answer.status_code == 422
     assert answer.headers["content-type"] == "application/problem+json"
-    assert told in answer.json()["detail"]
+    assert reported in answer.json()["detail"]
     assert RunRequests.of(own_world.root).requests() == []
 
 
-def test_the_kinds_of_runs_have_schemas_and_say_what_happens(client):
+def test_the_kinds_of_runs_have_schemas_and_descriptions(client):
     kinds = {one["kind"]: one for one in client.get("/api/run-kinds").json()}
     assert set(kinds) == {"downlink", "overall adjustment", "region", "fetch"}
     assert set(kinds["downlink"]["parameters"]["properties"]) == {"settle_s"}
@@ -278,17 +282,15 @@ def write_run(own_world, state=None, flow_run="f-1", kind="downlink", parameters
     return run.id
 
 
-def test_a_run_that_goes_on_is_cancelled_once_and_one_that_ended_is_not(
-    client, token_of, own_world
-):
+def test_a_running_run_is_cancelled_once_and_an_ended_one_is_not(client, token_of, own_world):
     operator = token_of(Role.OPERATOR)
     write_engine(own_world)
     going, ended = write_run(own_world), write_run(own_world, RunState.SUCCEEDED)
     listed = {one["id"]: one for one in client.get("/api/runs").json()["runs"]}
     assert (listed[going]["actions"], listed[ended]["actions"]) == (["cancel"], [])
     for _ in range(2):
-        asked = client.post(f"/api/runs/{going}/cancel", headers=operator)
-        assert asked.status_code == 202
+        requested = client.post(f"/api/runs/{going}/cancel", headers=operator)
+        assert requested.status_code == 202
     (kept,) = RunRequests.of(own_world.root).waiting()
     assert (kept.kind, kept.parameters) == (RequestKind.CANCEL, {"run": "f-1"})
     refused = client.post(f"/api/runs/{ended}/cancel", headers=operator)
@@ -301,28 +303,24 @@ def test_a_run_that_goes_on_is_cancelled_once_and_one_that_ended_is_not(
     assert client.post("/api/runs/none/cancel", headers=operator).status_code == 404
 
 
-def test_a_run_that_waits_in_the_engine_is_cancelled_by_its_name_there(client, token_of, own_world):
+def test_a_run_that_waits_in_the_engine_is_cancelled_by_its_name(client, token_of, own_world):
     write_engine(own_world, queued=(QueuedRun("f-9", "downlink/inbox", "wise-lynx", None),))
-    asked = client.post("/api/runs/f-9/cancel", headers=token_of(Role.OPERATOR))
-    assert asked.json()["parameters"] == {"run": "f-9"}
+    requested = client.post("/api/runs/f-9/cancel", headers=token_of(Role.OPERATOR))
+    assert requested.json()["parameters"] == {"run": "f-9"}
 
 
 @pytest.mark.parametrize("state", [RunState.FAILED, RunState.CANCELLED])
-def test_a_run_that_did_not_get_there_is_asked_for_with_its_parameters(
-    client, token_of, own_world, state
-):
+def test_a_failed_run_is_requested_again_with_its_parameters(client, token_of, own_world, state):
     write_engine(own_world)
     run = write_run(own_world, state)
-    asked = client.post(f"/api/runs/{run}/restart", headers=token_of(Role.OPERATOR)).json()
-    assert (asked["kind"], asked["parameters"]) == ("downlink", {"settle_s": 2.0})
+    requested = client.post(f"/api/runs/{run}/restart", headers=token_of(Role.OPERATOR)).json()
+    assert (requested["kind"], requested["parameters"]) == ("downlink", {"settle_s": 2.0})
     done = write_run(own_world, RunState.SUCCEEDED)
     again = client.post(f"/api/runs/{done}/restart", headers=token_of(Role.OPERATOR))
     assert again.status_code == 409
 
 
-def test_deployments_are_paused_and_resumed_where_that_changes_something(
-    client, token_of, own_world
-):
+def test_deployments_are_paused_and_resumed_only_if_that_changes_them(client, token_of, own_world):
     operator = token_of(Role.OPERATOR)
     write_engine(own_world)
     address = "/api/engine/deployments/downlink/inbox"
@@ -350,18 +348,18 @@ def test_without_an_engine_nothing_is_cancelled_or_paused_and_a_run_waits(
         assert answer.headers["content-type"] == "application/problem+json"
         assert "the engine is down: `solmap up`" in answer.json()["detail"]
     assert client.get("/api/engine").json()["is_up"] is False
-    wish = {"kind": "downlink"}
-    assert client.post("/api/runs", json=wish, headers=operator).status_code == 202
+    edit = {"kind": "downlink"}
+    assert client.post("/api/runs", json=edit, headers=operator).status_code == 202
 
 
-def test_a_downlink_is_refused_at_once_where_no_inbox_is_watched(client, token_of, own_world):
+def test_a_downlink_is_refused_at_once_without_a_watched_inbox(client, token_of, own_world):
     write_engine(own_world, has_inbox=False)
     answer = client.post("/api/runs", json={"kind": "downlink"}, headers=token_of(Role.OPERATOR))
     assert answer.status_code == 409
     assert "no inbox is watched" in answer.json()["detail"]
 
 
-def test_runs_are_listed_with_progress_and_one_tells_what_it_said(client, own_world):
+def test_runs_are_listed_with_progress_and_one_run_has_its_log(client, own_world):
     book = RunRecords(own_world.catalogue.engine)
     run = (
         Run.start("downlink", "sol156")
@@ -376,7 +374,7 @@ def test_runs_are_listed_with_progress_and_one_tells_what_it_said(client, own_wo
     assert client.get("/api/runs/none").status_code == 404
 
 
-def test_a_body_that_would_fill_the_memory_is_stopped(client, token_of):
+def test_a_body_that_would_fill_the_memory_is_cut_off(client, token_of):
     body = {**NOTE, "text": "x" * (MOST_BYTES + 1)}
     answer = client.post(f"{EDITS}/annotations", json=body, headers=token_of(Role.ANALYST))
     assert answer.status_code == 413

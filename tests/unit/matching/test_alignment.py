@@ -75,7 +75,7 @@ def test_the_design_matrix_is_the_derivative_of_the_residuals(rng, true, start):
         np.testing.assert_allclose(design[:, :, k], slope, rtol=1e-4, atol=1e-4)
 
 
-def test_exact_ties_give_back_the_exact_pose(rng, true, start):
+def test_exact_ties_give_the_exact_pose(rng, true, start):
     ties, geometries = network(rng, true, noise=0.0)
     found = align(ties, geometries, start, np.diag([0.1] * 3 + [10.0] * 3), AlignmentParams())
     np.testing.assert_allclose(
@@ -122,6 +122,6 @@ def test_points_behind_a_camera_do_not_agree(rng, true):
     assert np.isinf(found.mahalanobis2).all()
 
 
-def test_no_ties_are_no_alignment(start):
+def test_without_ties_there_is_no_alignment(start):
     with pytest.raises(MatchingError, match="needs at least one tie"):
         align(Ties.none(("a",)), {}, start, PRIOR, AlignmentParams())

@@ -14,7 +14,7 @@ def tied(first_stop):
     return tie_inter_stereo(first_stop, InterStereoParams())
 
 
-def test_every_two_neighbouring_pairs_of_a_panorama_are_tied(tied):
+def test_all_neighbouring_pairs_of_a_panorama_are_tied(tied):
     assert [(link.first_id[-1], link.second_id[-1]) for link in tied.links] != []
     neighbours = {frozenset({link.first_id, link.second_id}) for link in tied.links}
     assert neighbours == {frozenset({f"P00{k}", f"P00{k + 1}"}) for k in range(3)}
@@ -23,7 +23,7 @@ def test_every_two_neighbouring_pairs_of_a_panorama_are_tied(tied):
 
 
 def test_ties_show_the_same_ground_in_both_pairs(tied, first_stop):
-    # the labels are off by 1 mrad: the true pointing is that of the images
+    # the labels have errors of 1 mrad: the images have the true pointing
     geometries = {pair.pair_id: pair.images.geometry for pair in first_stop.pairs}
     for k in range(len(tied.ties)):
         one, other = (
@@ -47,7 +47,7 @@ def test_pointing_after_tying_leaves_less_than_half_a_pixel(tied):
     assert tied.rms_px < 0.5
 
 
-def test_ties_moved_by_some_pixels_are_found_out(tied, first_stop):
+def test_ties_displaced_by_some_pixels_are_rejected(tied, first_stop):
     moved = np.zeros(len(tied.ties), dtype=bool)
     moved[::7] = True
     spoilt = replace(tied.ties, second_left=tied.ties.second_left + 4.0 * moved[:, None])
@@ -58,7 +58,7 @@ def test_ties_moved_by_some_pixels_are_found_out(tied, first_stop):
     assert found.agrees[~moved].mean() > 0.95
 
 
-def test_pairs_that_do_not_overlap_are_not_looked_at(first_stop):
+def test_pairs_that_do_not_overlap_are_not_matched(first_stop):
     apart = replace(first_stop, pairs=(first_stop.pairs[0], first_stop.pairs[3]))
     found = tie_inter_stereo(apart, InterStereoParams())
     assert found.links == ()
@@ -66,12 +66,12 @@ def test_pairs_that_do_not_overlap_are_not_looked_at(first_stop):
     assert np.isnan(found.rms_px)
 
 
-def test_parameters_that_leave_no_candidates_are_refused():
+def test_parameters_without_candidates_are_refused():
     with pytest.raises(MatchingError, match="more candidates than the least overlap"):
         InterStereoParams(candidates=3)
 
 
-def test_relief_makes_samples_and_parallaxes_less_sure_but_not_lines(tied, first_stop):
+def test_relief_enlarges_sigmas_of_samples_and_parallaxes_but_not_of_lines(tied, first_stop):
     rough = replace(first_stop, pairs=tuple(_roughened(pair) for pair in first_stop.pairs))
     seen = tie_inter_stereo(rough, InterStereoParams()).ties
     sample, line, parallax = (

@@ -22,7 +22,7 @@ from tests.support.rendered_stops import rendered_stop
 pytestmark = pytest.mark.slow
 
 SHARED = 0.02
-"""Of an image: less in common is no overlap to speak of."""
+"""Share of an image; less in common does not count as overlap."""
 LEAST_TIES = 20
 
 
@@ -37,8 +37,8 @@ class Panorama:
         self.shots = [s for s in shots if min(turn(s.pointing.azimuth, a) for a in towards) < 50]
         pairs = tuple(simulated_stops._matched(world, shot) for shot in self.shots)
         stop = world.stops[0]
-        told = stop.telemetry_lsl_from_rover
-        self.stop = MatchedStop(stop.id, pairs, told, np.zeros((6, 6)))
+        reported = stop.telemetry_lsl_from_rover
+        self.stop = MatchedStop(stop.id, pairs, reported, np.zeros((6, 6)))
         self.geometries = [pair.images.geometry for pair in pairs]
         self.truth = [
             (
@@ -97,7 +97,7 @@ def test_all_pairs_that_overlap_are_tied(panorama, tied):
     assert few == []
 
 
-def test_ties_are_where_the_truth_has_them(panorama, tied):
+def test_ties_are_at_their_true_places(panorama, tied):
     off, off_parallax = [], []
     for one, other in {*zip(tied.ties.first.tolist(), tied.ties.second.tolist(), strict=True)}:
         rows = (tied.ties.first == one) & (tied.ties.second == other)

@@ -30,7 +30,7 @@ def drawn(rng, noise, shape=((1.0, 0.0), (0.0, 1.0))):
 
 
 @pytest.mark.parametrize("noise", [0.3, 1.0])
-def test_noise_pushes_no_match_aside(rng, noise):
+def test_noise_does_not_bias_matches(rng, noise):
     # slopes from neighbouring cells alone push by 0.05 cells and more at this noise
     templates, searches, shift = drawn(rng, noise)
     fits = fit_patches(templates, searches, np.zeros((PATCHES, 2)), 8)
@@ -59,7 +59,7 @@ def test_a_change_of_shape_is_found_with_the_shift(rng):
     assert np.median(fits.last_step) < 0.01
 
 
-def test_residuals_that_go_together_count_less(rng):
+def test_correlated_residuals_count_less(rng):
     white = rng.normal(size=(50, 21, 21))
     smooth = ndimage.gaussian_filter(white, (0, 1.0, 1.0))
     assert np.median(correlation_factor(white)) < 1.2

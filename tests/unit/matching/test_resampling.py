@@ -65,7 +65,7 @@ def test_the_map_is_exact_to_a_hundredth_of_a_pixel(rig):
     assert np.abs(mapped - exact).max() < 0.01
 
 
-def test_resampled_images_show_what_the_ideal_cameras_would(rig):
+def test_resampled_images_equal_those_of_ideal_cameras(rig):
     left, right, geometry = rig
     whole = np.ones((SIZE, SIZE), dtype=bool)
     images = epipolar_images(geometry, (wall(left), whole, left), (wall(right), whole, right))
@@ -108,7 +108,7 @@ def test_pixels_outside_the_original_are_not_usable(rig):
     assert not usable[outside].any()
 
 
-def test_eyes_of_different_size_meet_in_one_geometry(rig):
+def test_eyes_of_different_size_are_resampled_to_one_geometry(rig):
     left, right, _ = rig
     part = right.subframe(20, 40)
     geometry = epipolar_pair(left, part, (SIZE, SIZE), (150, 120), ROVER, PAIR)
@@ -122,7 +122,7 @@ def test_eyes_of_different_size_meet_in_one_geometry(rig):
     assert images.right_mask.sum() > 0.85 * 120 * 150
 
 
-def test_exchanged_eyes_are_noticed(rig):
+def test_exchanged_eyes_are_detected(rig):
     left, right, geometry = rig
     image, mask = wall(right), np.ones((SIZE, SIZE), dtype=bool)
     with pytest.raises(MatchingError, match=r"0\.2000 m from its position .* eyes exchanged"):
@@ -150,11 +150,11 @@ def places(rng):
     return rng.uniform(0, SPLINE_PX - 1, (2, 70, 90)).astype(np.float32)
 
 
-def test_values_between_pixels_are_those_of_the_cubic_spline_up_to_the_border(image, places):
+def test_values_between_pixels_equal_the_cubic_spline_up_to_the_border(image, places):
     x, y = places
     exact = ndimage.map_coordinates(image.astype(float), [y, x], order=3, mode="mirror")
     found = sample_points(spline_coefficients(image), x, y)
-    # single precision of places near 100: 8e-6 px, times a slope of up to one a pixel
+    # single precision of places near 100: 8e-6 px, times a slope of up to one per pixel
     np.testing.assert_allclose(found, exact, atol=5e-5)
 
 
@@ -163,7 +163,7 @@ def test_values_at_pixels_are_the_pixels(image):
     np.testing.assert_allclose(sample_points(spline_coefficients(image), x, y), image, atol=5e-6)
 
 
-def test_values_along_rows_are_those_of_each_row_alone(image, places):
+def test_values_along_rows_equal_those_of_each_row_alone(image, places):
     x = places[0]
     y = np.repeat(np.arange(len(x), dtype=np.float32)[:, None], x.shape[1], axis=1)
     found = sample_rows(row_coefficients(image), x, y)

@@ -63,7 +63,7 @@ def test_measurements_further_apart_are_two_points():
     assert points.point.tolist() == [0, 0, 1, 1]
 
 
-def test_a_point_that_would_be_twice_in_a_pair_is_dropped():
+def test_a_point_measured_twice_in_a_pair_is_dropped():
     contradiction = (tie("a", (10, 10), "b", (50, 9)), tie("a", (10, 10), "b", (90, 9)))
     points = network(*contradiction, tie("b", (20, 20), "c", (30, 30)))
     assert points.point.tolist() == [0, 0]
@@ -76,7 +76,7 @@ def test_points_of_one_pair_are_thinned_to_the_most_certain_of_every_cell():
     assert len(set(points.point.tolist())) == 2
 
 
-def test_a_match_that_is_tied_already_is_not_listed_again():
+def test_a_tied_match_is_not_listed_again():
     points = network(tie("a", (5, 5), "b", (50, 9)), own={"a": [(5, 5.1)]})
     assert points.point.tolist() == [0, 0]
 

@@ -23,7 +23,7 @@ def error(found, one):
     return off, off / np.sqrt(np.diagonal(found.correction.covariance))
 
 
-def test_a_terrain_model_is_laid_on_the_rovers_and_raised_to_its_level(crater):
+def test_an_orbital_terrain_model_is_registered_in_plan_and_height(crater):
     found = register_elevations(crater.ground, crater.model)
     assert found.reason == ""
     off, in_sigmas = error(found, crater)
@@ -32,14 +32,14 @@ def test_a_terrain_model_is_laid_on_the_rovers_and_raised_to_its_level(crater):
     assert found.correction.up_m == pytest.approx(crater.up_m, abs=0.1)
 
 
-def test_heights_upside_down_are_refused(crater):
+def test_inverted_heights_are_refused(crater):
     upside = replace(crater.model, elevation=-crater.model.elevation)
     found = register_elevations(crater.ground, upside)
     assert found.correction is None
     assert found.reason
 
 
-def test_heights_of_elsewhere_are_refused(crater):
+def test_heights_of_other_ground_are_refused(crater):
     found = register_elevations(crater.ground, dtm_scene(106).model)
     assert found.correction is None
 
@@ -52,16 +52,16 @@ def test_cells_of_another_size_are_refused(crater):
 
 
 @pytest.mark.slow
-def test_of_ninety_scenes_none_is_laid_wrongly_and_sigmas_are_true():
-    told, levels = [], []
+def test_of_ninety_scenes_none_is_registered_wrongly_and_sigmas_are_true():
+    reported, levels = [], []
     for seed in (*range(100, 130), *range(200, 260)):
         one = dtm_scene(seed)
         found = register_elevations(one.ground, one.model)
         if found.correction is not None:
-            told.append(error(found, one)[1][:3])
+            reported.append(error(found, one)[1][:3])
             levels.append(found.correction.up_m - one.up_m)
-    assert len(told) >= 30
-    assert np.abs(told).max() < 3.5
-    rms = np.sqrt(np.square(told).mean(axis=0))
+    assert len(reported) >= 30
+    assert np.abs(reported).max() < 3.5
+    rms = np.sqrt(np.square(reported).mean(axis=0))
     assert ((rms > 0.7) & (rms < 1.3)).all()
     assert np.abs(levels).max() < 0.15

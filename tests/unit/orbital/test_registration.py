@@ -22,7 +22,7 @@ def off(found, one):
     return np.hypot(*place_error(found, one)[:2])
 
 
-def test_a_turned_and_shifted_image_under_another_sun_is_laid_on_the_map(hills):
+def test_a_rotated_and_shifted_image_under_another_sun_is_registered(hills):
     found = register(hills.ground, hills.image)
     assert found.reason == ""
     assert off(found, hills) < 0.25
@@ -30,7 +30,7 @@ def test_a_turned_and_shifted_image_under_another_sun_is_laid_on_the_map(hills):
     assert found.explained > 3 * found.runner_up
 
 
-def test_an_uncontrolled_mosaic_is_found_hundreds_of_metres_off():
+def test_an_uncontrolled_mosaic_is_registered_from_hundreds_of_metres():
     """Turned by up to three degrees and scaled by up to one percent as well."""
     one = scene(103, uncontrolled=True)
     found = register(one.ground, one.image)
@@ -45,19 +45,19 @@ def test_an_uncontrolled_mosaic_is_found_hundreds_of_metres_off():
     )
 
 
-def test_a_negative_of_the_image_lies_at_the_same_place(hills):
+def test_a_negative_of_the_image_is_registered_at_the_same_place(hills):
     negative = replace(hills.image, brightness=255 - hills.image.brightness)
     assert off(register(hills.ground, negative), hills) < 0.25
 
 
-def test_noise_is_no_place(hills, rng):
+def test_noise_is_not_registered(hills, rng):
     noise = replace(hills.image, brightness=rng.normal(size=hills.image.grid.shape).astype("f4"))
     found = register(hills.ground, noise)
     assert found.correction is None
     assert "undecided" in found.reason or "does not converge" in found.reason
 
 
-def test_ground_that_the_image_does_not_show_has_no_place_in_it(hills):
+def test_ground_outside_the_image_is_not_registered(hills):
     found = register(hills.ground, scene(106).image)
     assert found.correction is None
 
@@ -80,7 +80,7 @@ def test_cells_of_another_size_are_refused(hills):
         register(hills.ground, OrbitalImage(grid, hills.image.brightness))
 
 
-def test_a_correction_carries_points_as_it_says():
+def test_a_correction_transforms_points_as_stated():
     correction = Correction(3.0, -1.0, 90.0, (10.0, 0.0), np.eye(4))
     np.testing.assert_allclose(correction.apply(np.array([[11.0, 0.0]])), [[13.0, 0.0]])
 
@@ -91,17 +91,17 @@ def test_rasters_of_another_shape_are_refused(hills):
 
 
 @pytest.mark.slow
-def test_of_thirty_scenes_none_is_laid_wrongly():
-    wrong, told, within = 0, 0, []
+def test_of_thirty_scenes_none_is_registered_wrongly():
+    wrong, reported, within = 0, 0, []
     for seed in range(100, 130):
         one = scene(seed)
         found = register(one.ground, one.image)
         if found.correction is None:
             continue
-        told += 1
+        reported += 1
         turn = abs(found.correction.rotation_deg - one.rotation_deg)
         wrong += off(found, one) > 0.25 or turn > 0.1
         within.append(off(found, one) / np.hypot(*found.correction.sigma_m))
     assert wrong == 0
-    assert told >= 27
+    assert reported >= 27
     assert np.mean(np.array(within) < 2) > 0.8

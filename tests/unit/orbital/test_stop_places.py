@@ -26,7 +26,7 @@ def pose(east, north, up, azimuth_deg):
     return Pose(LSL, STOP.frame, rotation, np.array([north, east, -up]))
 
 
-def test_the_correction_carries_the_place_in_the_image_back_to_the_stop():
+def test_the_correction_transforms_the_place_in_the_image_to_the_stop():
     correction = Correction(4.0, -3.0, 1.5, (10.0, 20.0), COVARIANCE, 0.01)
     control = stop_in_image(STOP, pose(33.0, 12.0, 1.0, 50.0), correction, "orbit")
     back = correction.apply(np.array([[control.east_m, control.north_m]]))
@@ -35,7 +35,7 @@ def test_the_correction_carries_the_place_in_the_image_back_to_the_stop():
     assert control.up_m is None
 
 
-def test_its_covariance_is_that_of_differences():
+def test_its_covariance_agrees_with_differences():
     place = pose(33.0, 12.0, 1.0, 50.0)
     correction = Correction(4.0, -3.0, 1.5, (10.0, 20.0), COVARIANCE, 0.01)
     control = stop_in_image(STOP, place, correction, "orbit")
@@ -49,7 +49,7 @@ def test_its_covariance_is_that_of_differences():
     np.testing.assert_allclose(control.covariance, J @ COVARIANCE @ J.T, rtol=1e-4, atol=1e-9)
 
 
-def test_the_map_may_be_turned_against_the_rover():
+def test_the_map_may_be_rotated_against_the_rover():
     correction = Correction(4.0, -3.0, 1.5, (10.0, 20.0), COVARIANCE, 0.01)
     place = pose(33.0, 12.0, 1.0, 50.0)
     found = [stop_in_image(STOP, place, correction, "orbit", sigma) for sigma in (0.0, 0.1)]
@@ -57,7 +57,7 @@ def test_the_map_may_be_turned_against_the_rover():
     assert unsure[2, 2] - sure[2, 2] == pytest.approx(np.radians(0.1) ** 2)
 
 
-def test_a_terrain_model_gives_its_height_too():
+def test_a_terrain_model_gives_the_height_too():
     correction = Correction(4.0, -3.0, 1.5, (10.0, 20.0), COVARIANCE, 0.01, -1900.0, 0.05)
     control = stop_in_image(STOP, pose(33.0, 12.0, 1.0, 50.0), correction, "orbit")
     assert control.up_m == 1901.0

@@ -27,7 +27,7 @@ PROJ_SEES_NO_NEARER_M = 1e-10 * 3.4e6
 within_10_km = st.floats(-10_000.0, 10_000.0)
 
 
-def test_the_map_of_an_untied_site_is_in_an_engineering_crs_that_says_so():
+def test_an_untied_map_has_an_engineering_crs_that_states_it():
     untied = SPIRIT.untied("site 137")
     name = "origin: site 137, not tied to the lander"
     crs = local_crs(untied)
@@ -42,7 +42,7 @@ def test_the_map_of_an_untied_site_is_in_an_engineering_crs_that_says_so():
     assert SPIRIT.untied("site 10") != untied
 
 
-def test_the_sites_of_spirit_lie_where_an_independent_computation_puts_them(test_vectors):
+def test_the_sites_of_spirit_agree_with_an_independent_computation(test_vectors):
     for point in test_vectors["map_coordinates"]["points"]:
         longitude, latitude = lon_lat(SPIRIT, *point["east_north_m"])
         # The vectors are given to 1e-12 degrees; 1e-10 degrees are six micrometres.
@@ -50,7 +50,7 @@ def test_the_sites_of_spirit_lie_where_an_independent_computation_puts_them(test
 
 
 @given(east=within_10_km, north=within_10_km)
-def test_the_way_to_degrees_and_back_ends_where_it_began(east, north):
+def test_conversion_to_degrees_and_back_is_exact(east, north):
     assume(np.hypot(east, north) > PROJ_SEES_NO_NEARER_M)
     back = east_north(GUSEV, *lon_lat(GUSEV, east, north))
     np.testing.assert_allclose(np.concatenate(back), [east, north], atol=1e-7)
@@ -88,7 +88,7 @@ def test_the_wrong_radius_is_metres_off_seven_kilometres_from_the_lander():
     assert off > 6.0
 
 
-def test_the_map_of_a_point_on_the_iau_sphere_stands_on_the_iau_mars():
+def test_the_map_of_a_point_on_the_iau_sphere_is_on_the_iau_mars():
     assert local_crs(SPIRIT).geodetic_crs.to_authority() == ("IAU_2015", "49900")
     assert local_crs(SPIRIT).geodetic_crs.equals(CRS(MARS), ignore_axis_order=True)
 
@@ -101,7 +101,7 @@ def test_a_landing_point_with_its_own_radius_has_a_sphere_named_after_it():
 
 
 @pytest.mark.parametrize("landing", [SPIRIT, GUSEV])
-def test_the_crs_is_of_mars_and_no_way_leads_from_it_to_earth(landing):
+def test_the_crs_is_of_mars_and_has_no_transformation_to_earth(landing):
     to_mars = Transformer.from_crs(local_crs(landing), MARS, always_xy=True)
     np.testing.assert_allclose(
         to_mars.transform(1000.0, 2000.0), np.concatenate(lon_lat(landing, 1000.0, 2000.0))
@@ -124,7 +124,7 @@ def test_rasterio_understands_the_crs(landing):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ({"longitude": 400.0}, "not on a globe"),
         ({"latitude": -91.0}, "not on a globe"),
@@ -133,7 +133,7 @@ def test_rasterio_understands_the_crs(landing):
         ({"name": 'a "quoted" name'}, "cannot name"),
     ],
 )
-def test_an_impossible_landing_point_says_what_is_wrong(wrong, said):
+def test_an_impossible_landing_point_is_refused_with_the_reason(wrong, message):
     good = {"name": "x", "longitude": 1.0, "latitude": 1.0, "radius_m": 3.39e6, "source": "t"}
-    with pytest.raises(ProductError, match=said):
+    with pytest.raises(ProductError, match=message):
         LandingPoint(**{**good, **wrong})

@@ -17,12 +17,12 @@ def test_every_cause_is_one_bounded_line(name):
         line.encode()
 
 
-def test_our_own_errors_speak_for_themselves_and_others_are_named():
+def test_our_errors_are_printed_as_they_are_and_others_are_named():
     assert cause_of(MatchingError("no texture")) == "no texture"
     assert cause_of(MatchingError("no texture"), is_named=True) == "MatchingError: no texture"
     assert cause_of(KeyError("sol")) == "KeyError: 'sol'"
     assert cause_of(MemoryError()) == "MemoryError"
 
 
-def test_line_ends_and_control_characters_are_no_part_of_a_line():
+def test_line_ends_and_control_characters_are_removed():
     assert one_line("a\n  b\r\n\tc\x1b[31m\udcff") == "a b c\\x1b[31m\\udcff"

@@ -47,16 +47,16 @@ def fields_of(name, known):
     return own.union(*(fields_of(base, known) for base in bases if base in known))
 
 
-def test_every_name_that_recipes_keep_is_of_a_record_and_its_fields():
+def test_every_name_in_recipes_is_of_a_record_and_its_fields():
     known = classes()
     for name, names in RECIPE_NAMES.items():
-        assert name in known, f"{name} is no class any more: name the one that took its place"
+        assert name in known, f"{name} is not a class any more: name its replacement"
         fields = fields_of(name, known)
         assert set(names.fields) <= fields, name
         assert not set(names.constants) & fields, name
 
 
-def test_a_renamed_record_is_written_by_its_former_names(monkeypatch):
+def test_a_renamed_record_is_stored_under_its_former_names(monkeypatch):
     names = RecipeNames("Former", {"new": "old"}, {"gone": [1, 2]})
     monkeypatch.setitem(RECIPE_NAMES, "Renamed", names)
     assert plain(Renamed()) == {"": "Former", "kept": 1, "old": 2.5, "gone": [1, 2]}
@@ -100,7 +100,7 @@ def test_kinds_are_their_names():
         ("mer2-site0138-drive12345", "far-dtm", (9,), 1.28, None, None),
     ],
 )
-def test_layers_have_names_that_people_can_read(scope, kind, sols, cell_m, name, title):
+def test_layers_have_readable_names(scope, kind, sols, cell_m, name, title):
     ref = ProductRef(ProductKind(kind), Scope(ScopeLevel.STOP, scope), "0" * 16)
     box = (0.0, 0.0, 1.0, 1.0)
     layer = Layer(ref, "MER2", "A map", "raster", box, cell_m, None, None, sols, "2026-01-01")
@@ -108,7 +108,7 @@ def test_layers_have_names_that_people_can_read(scope, kind, sols, cell_m, name,
     assert layer.full_title == (title or "A map, sol 9, site 138 drive 12345, 128 cm")
 
 
-def test_the_title_of_a_layer_that_is_not_tied_to_the_lander_says_so():
+def test_the_title_of_an_untied_layer_states_so():
     ref = ProductRef(ProductKind.DTM, Scope(ScopeLevel.STOP, "mer2-site0195-drive0002"), "0" * 16)
     box = (0.0, 0.0, 1.0, 1.0)
     layer = Layer(

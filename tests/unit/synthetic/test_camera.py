@@ -32,11 +32,11 @@ def textured():
     )
 
 
-def test_a_perfect_camera_lets_all_light_through():
+def test_a_perfect_camera_transmits_all_light():
     np.testing.assert_array_equal(transmission(CameraParams(), 64, 1), np.ones((64, 64)))
 
 
-def test_vignetting_is_that_of_the_flat_fields_of_curiosity(shared_data):
+def test_vignetting_equals_the_flat_fields_of_curiosity(shared_data):
     import cv2  # noqa: PLC0415 - of this check alone
 
     flats = [
@@ -53,7 +53,7 @@ def test_vignetting_is_that_of_the_flat_fields_of_curiosity(shared_data):
         assert ours[ring].mean() == pytest.approx(np.median(real[ring]), abs=0.04)
 
 
-def test_dust_stays_where_it_is_on_a_camera():
+def test_dust_on_a_camera_has_a_fixed_place():
     dusty = CameraParams(dust_specks=20)
     one, again, other = (transmission(dusty, 128, *name) for name in ((7, 0), (7, 0), (7, 1)))
     np.testing.assert_array_equal(one, again)
@@ -63,7 +63,7 @@ def test_dust_stays_where_it_is_on_a_camera():
 
 
 @pytest.mark.parametrize("psf_px", [SHARPEST_PX, 0.5, 0.7, 0.9])
-def test_a_point_becomes_as_wide_as_asked_for(psf_px):
+def test_a_point_is_blurred_to_the_requested_width(psf_px):
     point = np.zeros((41, 41), np.float32)
     point[20, 20] = 1
     spread = _spread(point, psf_px).sum(axis=0)
@@ -95,7 +95,7 @@ def test_rays_enter_the_rover_by_the_side_that_they_meet_first():
         assert np.isinf(entered(camera, level)[0]).all()
 
 
-def test_panels_in_the_shadow_of_the_mast_have_light_of_the_sky_only():
+def test_panels_in_the_shadow_of_the_mast_are_lit_by_the_sky_only():
     sun = np.array([0.5, 0.0, -np.sqrt(0.75)])
     behind_mast = np.array([[-0.1, 0.031, PANEL_TOP_M], [-0.1, 0.6, PANEL_TOP_M]], np.float32)
     up = np.tile(np.float32([0, 0, -1]), (2, 1))
@@ -103,7 +103,7 @@ def test_panels_in_the_shadow_of_the_mast_have_light_of_the_sky_only():
     assert shaded < 0.35 * lit
 
 
-def test_the_shadow_of_the_rover_lies_opposite_the_sun():
+def test_the_shadow_of_the_rover_is_opposite_the_sun():
     window = Window(0, -200, -200, 401, 401)
     level = np.full((401, 401), -GROUND_M, np.float32)
     patch = Patch(window, level, np.ones_like(level))

@@ -1,4 +1,4 @@
-"""A mission at full scale, simulated as a network: what is promised of it is there."""
+"""A mission at full scale, simulated as a network: it has its stated properties."""
 
 import numpy as np
 import pytest
@@ -33,8 +33,8 @@ def mission():
 
 
 def test_wheels_slip_by_terrain_within_the_plan(mission):
-    told = np.array([stop.lsl_from_rover.translation_m for stop in mission.network.stops])
-    driven = np.linalg.norm(np.diff(told, axis=0), axis=1)
+    reported = np.array([stop.lsl_from_rover.translation_m for stop in mission.network.stops])
+    driven = np.linalg.norm(np.diff(reported, axis=0), axis=1)
     true = np.diff(mission.along_m)
     assert (mission.slips >= LEAST_SLIP).all()
     assert (mission.slips <= MOST_SLIP).all()
@@ -45,7 +45,7 @@ def test_wheels_slip_by_terrain_within_the_plan(mission):
     assert by_ground.mean(axis=1).std() > by_ground.std(axis=1).mean()
 
 
-def test_no_tie_bridges_a_gap_and_every_other_drive_is_tied(mission):
+def test_no_tie_crosses_a_gap_and_every_other_drive_is_tied(mission):
     assert len(mission.untied) == PLAN.gaps * GAP_DRIVES
     ties = mission.network.ties
     number = {prior.stop: k for k, prior in enumerate(mission.network.stops)}
@@ -58,7 +58,7 @@ def test_no_tie_bridges_a_gap_and_every_other_drive_is_tied(mission):
     assert bridged == set(range(1, PLAN.stops)) - mission.untied
 
 
-def test_control_bounds_the_error_where_images_alone_let_it_grow(mission):
+def test_control_bounds_the_error_that_grows_with_images_alone(mission):
     params = AdjustmentParams()
     true = np.array([pose.translation_m for pose in mission.truth.lsl_from_rover])
 
@@ -73,7 +73,7 @@ def test_control_bounds_the_error_where_images_alone_let_it_grow(mission):
     assert alone.max() > held.max()
 
 
-def test_labels_say_all_but_the_pixels(mission):
+def test_simulated_labels_describe_all_but_the_pixels(mission):
     left, right = next(exposures(mission, PLAN))
     data = label_bytes(left)
     image = read_image_record(data, left.file_name)
@@ -85,7 +85,7 @@ def test_labels_say_all_but_the_pixels(mission):
         read_image(data, left.file_name)
 
 
-def test_every_image_has_a_name_of_its_own():
+def test_every_image_has_a_unique_name():
     plan = MissionPlan(stops=500, gaps=0)
     names = mission_names(plan)
     some = [*range(40), *range(460, 500)]
@@ -93,7 +93,7 @@ def test_every_image_has_a_name_of_its_own():
     assert len({names.stop(k) for k in range(500)}) == 500
 
 
-def test_a_plan_that_cannot_be_is_refused():
+def test_an_impossible_plan_is_refused():
     with pytest.raises(PhotogrammetryError, match="10 gaps of 2 drives need 42 stops, not 12"):
         MissionPlan(stops=12)
     with pytest.raises(PhotogrammetryError, match="500 stops of a site, not 501"):

@@ -1,4 +1,4 @@
-"""The mast carries the cameras as the flight labels say."""
+"""The mast carries the cameras as in the flight labels."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_the_mast_reproduces_the_flight_label_of_sol_1869():
     np.testing.assert_allclose(camera.o, [-0.61985, 0.672629, 0.404174], atol=3e-6)
 
 
-def test_the_motors_of_that_label_are_the_axis_less_its_offsets():
+def test_the_motors_of_that_label_are_the_axis_minus_its_offsets():
     azimuth, elevation = Pointing(np.deg2rad(141.99451), np.deg2rad(-25.742348)).motors
     assert azimuth == pytest.approx(2.47455, abs=2e-5)
     assert elevation == pytest.approx(-0.503045, abs=3e-4)
@@ -44,7 +44,7 @@ def test_the_mast_quaternion_is_that_of_the_label():
     np.testing.assert_allclose(quaternion, [0.317432, 0.21062, -0.0725336, 0.921746], atol=1e-6)
 
 
-def test_the_navcam_base_is_the_published_one():
+def test_the_navcam_baseline_is_the_published_one():
     left, right = (CAMERAS[Instrument.NAVCAM, eye].in_mast for eye in (Eye.LEFT, Eye.RIGHT))
     assert np.linalg.norm(right.c - left.c) == pytest.approx(0.200345, abs=1e-6)
 
@@ -59,7 +59,7 @@ def test_the_right_pancam_mirrors_the_left_one():
     np.testing.assert_allclose(y_right, y_left, atol=1e-6)
 
 
-def test_a_miss_of_the_mast_turns_both_eyes_about_the_mast_head():
+def test_a_pointing_error_of_the_mast_rotates_both_eyes_about_the_mast_head():
     pointing = Pointing(0.3, -0.3)
     miss = np.deg2rad([0.1, 0.2, -0.15])
     moved = pointing.rover_from_mast(STOP, turned_by=miss)
@@ -70,7 +70,7 @@ def test_a_miss_of_the_mast_turns_both_eyes_about_the_mast_head():
 
 
 @pytest.mark.parametrize("instrument", Instrument)
-def test_the_bar_turns_its_right_cameras_about_their_centres_by_temperature(instrument):
+def test_temperature_rotates_the_right_cameras_about_their_centres(instrument):
     rig = RigErrors(bend=(1e-4, -2e-4, 3e-4), bend_per_kelvin=(1e-6, 0.0, -2e-5))
     left, right = (CAMERAS[instrument, eye].in_mast for eye in (Eye.LEFT, Eye.RIGHT))
     assert rig.camera_in_mast(instrument, Eye.LEFT, -20.0) is left
@@ -84,7 +84,7 @@ def test_the_bar_turns_its_right_cameras_about_their_centres_by_temperature(inst
             )
 
 
-def test_a_rig_without_errors_is_the_labels():
+def test_a_rig_without_errors_equals_the_labels():
     rig = RigErrors()
     for (instrument, eye), unit in CAMERAS.items():
         assert rig.camera_in_mast(instrument, eye, -50.0) is unit.in_mast
@@ -108,6 +108,6 @@ def test_systematic_errors_of_the_mast_are_those_of_its_axis_and_zeros():
         np.testing.assert_allclose(found, true, atol=1e-12)
 
 
-def test_the_bar_is_warmer_after_noon_than_in_the_morning():
+def test_the_rig_is_warmer_after_noon_than_in_the_morning():
     assert rig_temperature(14.0) == pytest.approx(0.0)
     assert rig_temperature(9.5) < -15

@@ -1,4 +1,4 @@
-"""The landscape is one surface, whichever window it is asked for through."""
+"""The landscape is one surface, in any window."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 
 @pytest.mark.parametrize("kind", TERRAINS)
-def test_two_windows_hold_the_same_ground_where_they_overlap(kind):
+def test_two_windows_have_the_same_ground_where_they_overlap(kind):
     terrain = Terrain(5, kind)
     one = terrain.patch(Window(0, -210, 40, 400, 300))
     other = terrain.patch(Window(0, -75, 143, 200, 180))
@@ -30,12 +30,12 @@ def test_a_fractal_does_not_depend_on_the_window(row, col, level):
     np.testing.assert_allclose(wide[13:43, 22:53], narrow, atol=1e-5)
 
 
-def test_seeds_make_different_ground():
+def test_different_seeds_give_different_ground():
     window = Window(0, 0, 0, 50, 50)
     assert np.abs(Terrain(1).soil(window) - Terrain(2).soil(window)).max() > 0.01
 
 
-def test_relief_grows_with_distance_as_the_hurst_exponent_says():
+def test_relief_grows_with_distance_by_the_hurst_exponent():
     hurst = 0.75
     z = Fractal(seed=3, stream=1, sigma=0.02, hurst=hurst).values(Window(2, 0, 0, 1200, 1200))
     lags = np.array([4, 8, 16, 32, 64])
@@ -55,7 +55,7 @@ def test_elevations_are_those_of_the_nodes_and_linear_between_them():
     np.testing.assert_allclose(middle, corners.mean(), atol=1e-6)
 
 
-def test_outside_a_window_nothing_is_known():
+def test_outside_a_window_nothing_is_defined():
     values = np.ones((3, 4), np.float32)
     assert np.isnan(bilinear(values, np.array([-0.1, 1.0, 2.1]), np.array([0.0, 3.5, 1.0]))).all()
 
@@ -71,7 +71,7 @@ def test_wider_rocks_are_rarer_by_the_power_law():
         assert np.mean(width > at_least) * len(width) / 96**2 == pytest.approx(expected, rel=0.25)
 
 
-def test_no_rock_stands_where_the_rover_does():
+def test_no_rock_is_at_the_position_of_the_rover():
     field = RockField(seed=4, clearings=((3.0, 4.0),))
     window = Window.around(0, 3.0, 4.0, 3.0)
     relief, _ = raise_rocks(field.within(window, 0.05), window)

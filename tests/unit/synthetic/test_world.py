@@ -1,4 +1,4 @@
-"""The world is what it says: its pictures, files and truth agree."""
+"""Images, files and truth of a world agree."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -37,7 +37,7 @@ SMALL = WorldParams(
     pancam=True,
     averaging=4,
 )
-"""Three stops, pictures averaged over 4 x 4 pixels."""
+"""Three stops, images averaged over 4 x 4 pixels."""
 
 
 @pytest.fixture(scope="module")
@@ -67,11 +67,11 @@ def test_a_seed_repeats_a_downlink_bit_for_bit(small_world):
     lighting._light.cache_clear()
     again = make_world(SMALL, rng_seed=7)
     with ThreadPoolExecutor(2) as threads:  # other order, other threads
-        pictures = list(threads.map(lambda job: job.run(again), reversed(render_jobs(again)[:2])))
-    assert one == [*text_files(again), *reversed(pictures)]
+        images = list(threads.map(lambda job: job.run(again), reversed(render_jobs(again)[:2])))
+    assert one == [*text_files(again), *reversed(images)]
 
 
-def test_a_downlink_comes_file_by_file(small_world):
+def test_a_downlink_is_delivered_file_by_file(small_world):
     texts = text_files(small_world)
     files = list(islice(simulate_downlink(SMALL, rng_seed=7), len(texts) + 1))
     assert files[:-1] == texts
@@ -80,7 +80,7 @@ def test_a_downlink_comes_file_by_file(small_world):
     assert {file.path.split("/")[0] for file in files} == {"masters", "truth", "sol0155"}
 
 
-def test_an_edr_is_read_back_as_it_was_taken(small_world, pair):
+def test_an_edr_is_read_back_as_rendered(small_world, pair):
     shot = small_world.shots[0]
     for eye, read in zip((Eye.LEFT, Eye.RIGHT), pair, strict=True):
         image, stop = read.image, small_world.stops[0]
@@ -90,11 +90,11 @@ def test_an_edr_is_read_back_as_it_was_taken(small_world, pair):
         np.testing.assert_array_equal(read.pixels, photograph(small_world, shot, eye))
         assert image.sun_azimuth == pytest.approx(stop.sun.azimuth, abs=1e-5)
         assert image.sun_elevation == pytest.approx(stop.sun.elevation, abs=1e-5)
-        told = image.site_from_rover
-        np.testing.assert_allclose(told.rotation, stop.site_from_rover.rotation, atol=2e-6)
+        reported = image.site_from_rover
+        np.testing.assert_allclose(reported.rotation, stop.site_from_rover.rotation, atol=2e-6)
 
 
-def test_the_label_camera_differs_from_the_true_one_by_the_miss_of_the_mast(small_world, pair):
+def test_the_label_camera_differs_from_the_true_one_by_the_mast_error(small_world, pair):
     shot = small_world.shots[0]
     lsl_from_label_rover = small_world.true_lsl_from_label_rover(shot)
     for eye, read in zip((Eye.LEFT, Eye.RIGHT), pair, strict=True):
@@ -109,7 +109,7 @@ def test_the_label_camera_differs_from_the_true_one_by_the_miss_of_the_mast(smal
         np.testing.assert_allclose(moved.project(points), true.project(points), atol=0.02)
 
 
-def test_every_ray_meets_the_ground_that_the_truth_gives(small_world):
+def test_every_ray_meets_the_true_ground(small_world):
     shot = small_world.shots[0]
     view, _ = view_of(small_world, shot, Eye.LEFT)
     points = first_hits(small_world.ground(0), view)
@@ -125,7 +125,7 @@ def test_every_ray_meets_the_ground_that_the_truth_gives(small_world):
     assert np.abs(miss).max() < 0.005  # rays in single precision
 
 
-def test_nothing_stands_before_a_point_that_is_seen(small_world):
+def test_no_ground_hides_a_visible_point(small_world):
     """The ray to a first hit runs above the ground all the way."""
     shot = small_world.shots[0]
     view, _ = view_of(small_world, shot, Eye.LEFT)
@@ -190,7 +190,7 @@ def test_the_sky_has_no_parallax(small_world, pair):
         assert np.isnan(parallax[0, geometry.samples // 2])
 
 
-def test_vector_files_tell_the_telemetry(small_world):
+def test_vector_files_contain_the_telemetry(small_world):
     files = {file.path: file.data.decode() for file in text_files(small_world)}
     read = [parse_vector_file(text, path) for path, text in files.items() if "masters" in path]
     tree = lsl_tree(best_poses(read))
@@ -198,13 +198,13 @@ def test_vector_files_tell_the_telemetry(small_world):
     first = small_world.stops[0].id.site
     for stop in small_world.stops:
         site_from_rover = tree.tree.pose(site_frame(stop.id.site), stop.id.frame)
-        told = stop.site_from_rover
-        np.testing.assert_allclose(site_from_rover.translation_m, told.translation_m, atol=1e-4)
-        np.testing.assert_allclose(site_from_rover.rotation, told.rotation, atol=2e-6)
+        reported = stop.site_from_rover
+        np.testing.assert_allclose(site_from_rover.translation_m, reported.translation_m, atol=1e-4)
+        np.testing.assert_allclose(site_from_rover.rotation, reported.rotation, atol=2e-6)
     assert {stop.id.site for stop in small_world.stops} == {first, first + 1}
 
 
-def test_the_first_stop_is_exact_and_the_others_are_not(small_world):
+def test_only_the_first_stop_is_exact(small_world):
     first, *others = small_world.stops
     np.testing.assert_array_equal(first.lsl_from_rover.translation_m, np.zeros(3))
     np.testing.assert_array_equal(
@@ -215,14 +215,14 @@ def test_the_first_stop_is_exact_and_the_others_are_not(small_world):
         assert 0.2 < np.linalg.norm(miss) < 6.0
 
 
-def test_telemetry_takes_the_slip_for_way():
+def test_telemetry_counts_slip_as_distance():
     exact = TraverseParams(stops=2, slip=(0.1, 0.1), drift=0.0, tilt=0.0, position_m=0.0)
     world = make_world(WorldParams(traverse=exact, pairs=1), rng_seed=5)
-    true, told = (
+    true, reported = (
         getattr(world.stops[1], name).translation_m
         for name in ("lsl_from_rover", "telemetry_lsl_from_rover")
     )
-    np.testing.assert_allclose(told, 1.1 * true, rtol=1e-12)
+    np.testing.assert_allclose(reported, 1.1 * true, rtol=1e-12)
 
 
 def test_the_rover_stands_on_the_ground(small_world):
@@ -241,7 +241,7 @@ def test_the_truth_has_the_keys_of_the_rendered_traverse(small_world, husband):
     assert theirs["crs"] == ours["crs"]
 
 
-def test_file_names_carry_site_drive_and_eye(small_world):
+def test_file_names_contain_site_drive_and_eye(small_world):
     for shot in small_world.shots:
         for eye, letter in ((Eye.LEFT, "L"), (Eye.RIGHT, "R")):
             exposure = small_world.exposure(shot, eye)
@@ -262,27 +262,25 @@ def test_the_true_map_agrees_with_the_ground_under_the_stops(small_world):
     assert elevation.mean() == pytest.approx(-GROUND_M, abs=0.15)
 
 
-def test_the_sun_stands_in_the_north_at_noon_and_in_the_west_after():
+def test_the_sun_is_in_the_north_at_noon_and_in_the_west_afterwards():
     noon, afternoon = sun_at(155, 12.0), sun_at(155, 15.5)
     assert min(noon.azimuth, 2 * np.pi - noon.azimuth) < 1e-9
     assert np.pi < afternoon.azimuth < 2 * np.pi
     assert noon.elevation > afternoon.elevation > 0.3
 
 
-def test_shadows_fall_away_from_the_sun():
+def test_shadows_point_away_from_the_sun():
     from solmap.photogrammetry.synthetic.lighting import SKY_LIGHT, ground_radiance  # noqa: PLC0415
 
     wall = np.zeros((60, 60), np.float32)
     wall[28:32, 28:32] = 0.2  # a post of 20 cm, nodes 2 cm apart
-    picture = ground_radiance(
-        wall, 0.02, Sun(np.deg2rad(90), np.deg2rad(45))
-    )  # the sun in the east
-    assert picture[30, 22] == pytest.approx(SKY_LIGHT, abs=0.02)  # west of it: sky light only
-    assert picture[30, 40] > 0.7
-    assert picture[30, 12] > 0.7  # 32 cm west: the shadow of 20 cm has ended
+    png = ground_radiance(wall, 0.02, Sun(np.deg2rad(90), np.deg2rad(45)))  # the sun in the east
+    assert png[30, 22] == pytest.approx(SKY_LIGHT, abs=0.02)  # west of it: sky light only
+    assert png[30, 40] > 0.7
+    assert png[30, 12] > 0.7  # 32 cm west: the shadow of 20 cm has ended
 
 
-def test_there_is_no_truth_of_ground_that_the_rover_hides(small_world, pair):
+def test_ground_hidden_by_the_rover_has_no_truth(small_world, pair):
     geometry, rover = geometry_of(pair), small_world.stops[0].lsl_from_rover
     behind_panel, far_behind, ahead = [-1.5, 0.0, 0.294], [-6.0, 0.0, 0.294], [3.0, 0.0, 0.294]
     unknown = [np.nan, 0.0, 0.0]
@@ -292,7 +290,7 @@ def test_there_is_no_truth_of_ground_that_the_rover_hides(small_world, pair):
     assert beside.tolist() == [False, True, True, False]
 
 
-def test_stops_have_the_suns_that_are_asked_for_in_turn():
+def test_stops_have_the_requested_suns_in_turn():
     suns = tuple(Sun(*np.deg2rad(sun)) for sun in ((262.0, 30.0), (98.0, 32.0)))
     world = make_world(WorldParams(traverse=TraverseParams(stops=3, suns=suns), pairs=1), 5)
     assert [stop.sun for stop in world.stops] == [*suns, suns[0]]
@@ -300,7 +298,7 @@ def test_stops_have_the_suns_that_are_asked_for_in_turn():
     assert (east, west) == pytest.approx((12 - 58 / 15, 12 + 60 / 15))
 
 
-def test_a_bent_bar_moves_the_right_image_and_not_its_label():
+def test_a_bent_rig_moves_the_right_image_and_not_its_label():
     bend = (3e-4, -4e-4, 2e-4)
     rigs = (RigErrors(bend=bend), RigErrors())
     worlds = [make_world(replace(SMALL, rig=rig), 7) for rig in rigs]
@@ -317,7 +315,7 @@ def test_a_bent_bar_moves_the_right_image_and_not_its_label():
     assert np.abs(views[0] - views[1]).max() == pytest.approx(np.linalg.norm(bend), rel=0.2)
 
 
-def test_a_realistic_world_has_errors_of_its_own_and_says_them_in_its_truth():
+def test_a_realistic_world_records_its_errors_in_its_truth():
     params = [realistic_params(SMALL, seed) for seed in (1, 1, 2)]
     assert params[0] == params[1] != params[2]
     for one in params:

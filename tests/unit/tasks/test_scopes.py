@@ -8,7 +8,7 @@ from solmap.tasks.scopes import is_of_mission, is_overall, network_scope, sol_of
 
 @pytest.mark.parametrize("mode", AdjustmentMode)
 @pytest.mark.parametrize("sol", [0, 156, 12345])
-def test_a_networks_name_tells_its_mission_sol_and_mode(mode, sol):
+def test_a_networks_name_contains_its_mission_sol_and_mode(mode, sol):
     scope = network_scope("MER2", sol, mode)
     assert sol_of(scope) == sol
     assert is_overall(scope) == (mode is AdjustmentMode.OVERALL)

@@ -26,7 +26,7 @@ def test_the_rotation_of_a_mosaic_is_found_to_the_centimetre():
     assert compare_tracks(found.apply(mosaic), TRACK).mean_m < 0.01
 
 
-def test_before_georeferencing_tracks_part_by_their_rotation():
+def test_before_georeferencing_tracks_diverge_by_their_rotation():
     apart = compare_tracks(turned(TRACK, 1.3), TRACK)
     far = np.hypot(*TRACK[-1])
     assert apart.end_m == pytest.approx(2 * np.sin(np.radians(0.65)) * far, abs=0.01)
@@ -57,7 +57,7 @@ def test_stated_errors_of_the_rotation_are_true(rng, transform):
     assert np.sqrt(np.mean(np.square(sigmas))) == pytest.approx(5.0, rel=0.1)
 
 
-def test_points_that_fix_nothing_are_refused():
+def test_points_that_determine_nothing_are_refused():
     line = np.column_stack([np.arange(5.0), 2 * np.arange(5.0)])
     with pytest.raises(TraverseError, match="one line"):
         georeference(line, line, MapTransform.AFFINITY)

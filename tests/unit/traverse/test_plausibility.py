@@ -54,12 +54,12 @@ def test_a_stop_far_from_its_neighbours_is_set_aside_alone(number, by_m):
 
 
 @pytest.mark.parametrize("number", [0, 1])
-def test_of_two_stops_that_contradict_each_other_the_nearer_to_the_origin_stays(number):
+def test_of_two_contradicting_stops_the_nearer_to_the_origin_stays(number):
     found = implausible_stops(moved(drive(2), number, (5000.0, 0, 0)))
     assert list(found) == [StopId("MER2", 10, 2 * number)]
 
 
-def test_a_run_of_stops_that_all_lie_elsewhere_is_set_aside_with_each_reason():
+def test_consecutive_displaced_stops_are_set_aside_each_with_a_reason():
     stops = drive(9)
     for number in (3, 4):
         stops = moved(stops, number, (0, 20_000.0, 0))
@@ -68,7 +68,7 @@ def test_a_run_of_stops_that_all_lie_elsewhere_is_set_aside_with_each_reason():
     assert all("mer2-site0010-drive0004" in reason for reason in found.values())
 
 
-def test_a_rover_on_its_side_is_left_out_and_one_on_a_steep_slope_is_not():
+def test_an_overturned_rover_is_left_out_and_one_on_a_steep_slope_is_not():
     frame = StopId("MER2", 10, 0).frame
     for degrees, is_out in ((35.0, False), (45.0, False), (75.0, True), (180.0, True)):
         turn = rotation_of_roll_pitch_yaw(np.radians(degrees), 0.0, 1.0)
@@ -88,7 +88,7 @@ def test_of_two_images_of_a_stop_that_disagree_by_metres_the_first_counts():
         assert (second is not None) == is_out
 
 
-def test_an_image_that_disagrees_with_most_of_its_stop_is_told_apart():
+def test_an_image_that_disagrees_with_most_of_its_stop_is_identified():
     frame = StopId("MER2", 10, 0).frame
 
     def label(east_m: float = 0.0, yaw_deg: float = 0.0, roll_deg: float = 0.0) -> Pose:
@@ -102,11 +102,13 @@ def test_an_image_that_disagrees_with_most_of_its_stop_is_told_apart():
             assert [k for k, reason in enumerate(found) if reason] == [place]
     for poses in (good, good[:1], [label(), label(60.0)], [label(), label(60.0), label(-60.0)]):
         assert not strays(poses)[0]
-    divided = strays([label(), label(60.0)] * 3)  # the first was taken before its place was mended
+    divided = strays(
+        [label(), label(60.0)] * 3
+    )  # the first was taken before its place was corrected
     assert [reason is None for reason in divided] == [True, False] * 3
 
 
-def test_wheels_that_slip_entirely_and_long_waits_are_no_reason():
+def test_total_wheel_slip_and_long_waits_are_accepted():
     rng = np.random.default_rng(3)
     place, sol, stops = np.zeros(3), 1, []
     for k in range(400):
@@ -118,14 +120,14 @@ def test_wheels_that_slip_entirely_and_long_waits_are_no_reason():
     assert implausible_stops(apart) == {}  # nothing of 400 sols was delivered
 
 
-def test_no_stop_is_no_reason_and_one_stop_is_judged_alone():
+def test_no_stop_gives_no_reason_and_one_stop_is_tested_alone():
     assert implausible_stops([]) == {}
     assert implausible_stops([stop_at(0, (4e4, 0, 0), 5)]) == {}
     assert list(implausible_stops([stop_at(0, (1e12, 0, 0), 5)])) == [StopId("MER2", 10, 0)]
 
 
 def stops_of(traverse: Traverse, places_m: np.ndarray, every: int = 1) -> list[TelemetryStop]:
-    """A traverse, or every so many of its stops, as telemetry by the order of site and drive."""
+    """A traverse, or every n-th of its stops, as telemetry ordered by site and drive."""
     ned = np.nan_to_num(places_m)[:, [1, 0, 2]] * (1, 1, -1)
     names = [StopId("MER2", *map(int, name.split("/")[:2])) for name in traverse.stops]
     stops = [
@@ -136,7 +138,7 @@ def stops_of(traverse: Traverse, places_m: np.ndarray, every: int = 1) -> list[T
 
 
 @pytest.mark.parametrize("every", [60, pytest.param(1, marks=pytest.mark.slow)])
-def test_the_whole_traverse_of_spirit_stays(shared_data, every):
+def test_the_whole_traverse_of_spirit_is_kept(shared_data, every):
     path = shared_data / "traverse" / "mer_spirit" / "MERA-MER2-Spirit_traverse_path.csv"
     table = parse_mission_table(path.read_text(), path.name)
     telemetry = table.telemetry()
@@ -154,7 +156,7 @@ def test_the_whole_traverse_of_spirit_stays(shared_data, every):
         assert implausible_stops(stops_of(telemetry, mixed_m, every)) == {}
 
 
-def test_the_traverse_of_curiosity_stays(shared_data):
+def test_the_traverse_of_curiosity_is_kept(shared_data):
     path = shared_data / "traverse" / "msl" / "locations.xml"
     file = parse_locations(path.read_text(), path.name, mission="MSL", keep_unturned=True)
     traverse = traverse_of_vectors([file])

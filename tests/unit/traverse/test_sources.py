@@ -15,7 +15,7 @@ ROWS = (
 )
 
 
-def test_a_stop_that_stands_in_several_rows_is_one_stop_on_its_first_sol():
+def test_a_stop_in_several_rows_is_one_stop_on_its_first_sol():
     table = parse_mission_table(HEAD + ROWS, "path.csv")
     assert table.stops == ("0/0", "1/10")
     assert table.sols.tolist() == [1, 3]
@@ -23,7 +23,7 @@ def test_a_stop_that_stands_in_several_rows_is_one_stop_on_its_first_sol():
     assert table.notes == ("2 rows of 4 repeat a stop",)
 
 
-def test_corrected_places_are_degrees_of_mars_and_a_metre_east_is_a_metre_on_the_ground():
+def test_corrected_places_are_degrees_of_mars_in_true_metres():
     table = parse_mission_table(HEAD + ROWS, "path.csv")
     radius_m, latitude = 3396190.0, np.radians(table.localised_deg[0, 1])
     assert table.localised_deg[0] == pytest.approx([175.4758369, -14.5658282], abs=1e-7)
@@ -33,14 +33,14 @@ def test_corrected_places_are_degrees_of_mars_and_a_metre_east_is_a_metre_on_the
     assert other.localised_deg[0, 0] == pytest.approx(table.localised_deg[0, 0] - 175.5)
 
 
-def test_tabs_with_decimal_commas_read_the_same():
+def test_tabs_with_decimal_commas_are_read_the_same():
     tabs = (HEAD + ROWS).replace(",", "\t").replace(".", ",")
     plain, tabbed = (parse_mission_table(text, "path") for text in (HEAD + ROWS, tabs))
     np.testing.assert_array_equal(plain.telemetry_m, tabbed.telemetry_m)
     np.testing.assert_array_equal(plain.localised_deg, tabbed.localised_deg)
 
 
-def test_a_header_that_is_separated_otherwise_than_its_rows_is_read():
+def test_a_header_with_another_separator_than_its_rows_is_read():
     text = "latitude\tlongitude,rmcSite,rmcDrive,firstSol\n-14.5,175.4,1,0,2\n"
     table = parse_mission_table(text, "sites.csv")
     np.testing.assert_allclose(table.localised_deg, [[175.4, -14.5]])
@@ -48,7 +48,7 @@ def test_a_header_that_is_separated_otherwise_than_its_rows_is_read():
         table.telemetry()
 
 
-def test_geojson_that_claims_earth_is_taken_for_mars_and_says_so():
+def test_geojson_with_an_earth_crs_is_read_as_mars_with_a_note():
     document = {
         "type": "FeatureCollection",
         "crs": {"type": "name", "properties": {"name": "EPSG:4326"}},
@@ -64,19 +64,19 @@ def test_geojson_that_claims_earth_is_taken_for_mars_and_says_so():
     assert "degrees are those of Mars" in table.notes[0]
 
 
-def test_elevations_that_are_all_zero_are_none():
+def test_elevations_that_are_all_zero_are_missing():
     table = parse_mission_table(HEAD + "0,0,1,1,0,0,0,1,1\n1,0,2,2,5,5,0,6,6\n", "path.csv")
     assert np.isnan(table.telemetry_m[:, 2]).all()
 
 
-def test_a_stop_with_rows_at_two_places_is_told():
+def test_a_stop_with_rows_at_two_places_is_reported():
     table = parse_mission_table(HEAD + "0,0,1,1,0,0,1,1,1\n0,0,2,2,5,5,1,6,6\n", "path.csv")
     assert any("several positions" in note and "0/0" in note for note in table.notes)
     np.testing.assert_allclose(table.telemetry_m, [[0, 0, 1]])
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("", "no row"),
         ("time,place\n1,2\n", "lacks SITE and DRIVE"),
@@ -90,8 +90,8 @@ def test_a_stop_with_rows_at_two_places_is_told():
         ("{", "not a GeoJSON"),
     ],
 )
-def test_what_is_no_table_is_refused_and_says_where(text, said):
-    with pytest.raises(TraverseError, match=said):
+def test_an_invalid_table_is_refused_with_the_place_of_the_fault(text, message):
+    with pytest.raises(TraverseError, match=message):
         parse_mission_table(text, "table")
 
 

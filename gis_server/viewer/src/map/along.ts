@@ -4,7 +4,7 @@ import type { MapPoint } from "../server/records";
 
 export interface Along {
   readonly distance_m: number;
-  /** Of the place from the line. */
+  /** Distance of the place from the line. */
   readonly off_m: number;
   readonly place: MapPoint;
 }

@@ -1,10 +1,10 @@
-/** How the colours of a layer are put together with those below it. */
+/** How the colours of a layer are combined with those below it. */
 
 import type BaseLayer from "ol/layer/Base";
 import type RenderEvent from "ol/render/Event";
 
 const BLENDS = ["multiply", "screen", "overlay", "darken", "lighten"] as const;
-/** Of a canvas; null in place of one: the layer covers what lies below. */
+/** Blend modes of a canvas; null: the layer covers those below. */
 export type Blend = (typeof BLENDS)[number];
 export const BLEND_NAMES: readonly Blend[] = BLENDS;
 

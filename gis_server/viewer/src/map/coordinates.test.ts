@@ -115,11 +115,11 @@ test("seconds carry over", () => {
 });
 
 test("a place is given in the frames of the nearest stop, and read back", () => {
-  const told = inFrames([113, 204], 0.5, FRAMES, 3);
-  expect(told).toEqual([
+  const readings = inFrames([113, 204], 0.5, FRAMES, 3);
+  expect(readings).toEqual([
     ["site 10", "4.000, 13.000, −0.500 m"],
     ["rover 10/64", "3.000, 1.000, 0.500 m"],
   ]);
-  for (const [frame, text] of told) expectAt(`${frame}: ${text}`, [113, 204], 6);
+  for (const [frame, text] of readings) expectAt(`${frame}: ${text}`, [113, 204], 6);
   expect(inFrames([113, 204], null, FRAMES, 2)[1]).toEqual(["rover 10/64", "3.00, 1.00 m"]);
 });

@@ -1,7 +1,7 @@
 /**
  * Coordinates as people write them, and as they are shown.
  *
- * Read are latitude and longitude (decimal, or degrees, minutes and seconds; N, S, E and W, longitude is east unless a
+ * Understood are latitude and longitude (decimal, or degrees, minutes and seconds; N, S, E and W, longitude is east unless a
  * letter gives another direction), metres of the map, and metres of a site frame (`site 10: 3.2 -1.5`: x north, y east,
  * z down) or rover frame (`10/64: 3.2 -1.5`: x forward, y right, z down). Two plain numbers may be degrees or metres:
  * both readings are given, the degrees first where they lie near the mapped ground. What is shown can be read back.
@@ -38,7 +38,7 @@ export interface References {
 
 export const MAP_ONLY: References = { local: null, bounds: null, frames: null };
 
-/** Degrees within this distance of the mapped ground come before metres: few metres look like such degrees. */
+/** Degrees within this distance of the mapped ground are listed before metres. */
 const NEAR_M = 20_000;
 
 interface Component {
@@ -147,7 +147,7 @@ function degreeReading([lat, lon]: Ordered, { local, bounds }: References): Read
   if (!local || Math.abs(lat) > 90 || Math.abs(lon) > 360) return null;
   const east = ((lon % 360) + 360) % 360;
   const point = local.fromLonLat([east, lat]);
-  // The map is a tangent plane: of the other side of the planet it has no place.
+  // The map is a tangent plane: it has no places on the other side of the planet.
   if (!point.every(Number.isFinite)) return null;
   const [lonBack, latBack] = local.toLonLat(point);
   if (!(Math.abs(latBack - lat) < 1e-6 && Math.abs(lonBack - east) % 360 < 1e-6)) return null;
@@ -221,12 +221,12 @@ function framesOf(frames: References["frames"]): Frame[] {
   return [...sites, ...stops];
 }
 
-/** The places that a text may mean, the likeliest first. */
+/** The places that a text may mean, most probable first. */
 export function readCoordinates(text: string, to: References): readonly Reading[] {
-  const said = plain(text);
-  const inFrame = frameReading(said, to);
+  const reading = plain(text);
+  const inFrame = frameReading(reading, to);
   if (inFrame !== undefined) return inFrame ? [inFrame] : [];
-  const parts = halves(said);
+  const parts = halves(reading);
   const [a, b] = [parts && componentOf(parts[0]), parts && componentOf(parts[1])];
   if (!a || !b) return [];
   const units = new Set([a.unit, b.unit]);
@@ -278,7 +278,7 @@ export function lonLatText(
   }
 }
 
-/** A place in the frames of the nearest stop: of its site, and of the rover there. */
+/** A place in the frames of the nearest stop: site frame and rover frame. */
 export function inFrames(
   [east, north]: MapPoint,
   elevation_m: number | null,

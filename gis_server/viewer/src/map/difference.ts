@@ -10,13 +10,13 @@ import { RAMPS } from "./ramps";
 import type { Colouring } from "./raster-style";
 import { difference } from "./shading";
 
-/** Two rasters, the second of which is taken from the first. */
+/** Two rasters: the second is subtracted from the first. */
 export interface Pair {
   readonly a: RasterLayer;
   readonly b: RasterLayer;
 }
 
-/** Where both are, at zooms that both have. */
+/** Common bounds and zooms of both. */
 export function commonGround({ a, b }: Pair): Pick<RasterLayer, "bounds" | "minzoom" | "maxzoom"> {
   const least = (one: number | null, other: number | null) =>
     one === null || other === null ? (one ?? other) : Math.min(one, other);

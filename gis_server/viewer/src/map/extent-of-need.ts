@@ -1,15 +1,15 @@
 /**
- * What of a layer is worth fetching and drawing: a mission of 500 stops has a layer of contours for each of them, ten
+ * Which layers are fetched and drawn in a view: a mission of 500 stops has a layer of contours for each of them, ten
  * thousand footprints and a hundred thousand tie points, and a view of the whole shows none of their shapes.
  */
 
 import type { Bounds, Layer } from "../server/records";
 
-/** A layer of one stop is drawn from that many pixels on. */
+/** A layer of one stop is drawn from this size on, pixels. */
 const LEAST_PX = 24;
 /**
- * Metres a pixel at which these kinds have shapes: sixty pixels a footprint, and ties apart from each other. From
- * farther off a traverse is all footprints, one over the other.
+ * Metres a pixel at which these kinds have shapes: sixty pixels a footprint, and ties apart from each other. At
+ * coarser resolutions footprints of a traverse overlap completely.
  */
 const COARSEST: Readonly<Record<string, number>> = {
   footprints: 0.5,

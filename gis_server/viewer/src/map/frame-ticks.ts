@@ -1,6 +1,6 @@
-/** Coordinates along the edges of the map: round metres, so far apart that their labels do not meet. */
+/** Coordinates along the edges of the map: round metres whose labels do not overlap. */
 
-/** The smallest of 1, 2, 5, 10 ... metres, or parts of them, that is at least so long. */
+/** The smallest of 1, 2, 5, 10 ... metres (or their fractions) above a length. */
 export function roundStep(least: number): number {
   const power = 10 ** Math.floor(Math.log10(least));
   return (

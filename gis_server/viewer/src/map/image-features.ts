@@ -14,7 +14,7 @@ export class ImageFeatures {
   /** `layers` are those of footprints and pointing lines. */
   constructor(private readonly layers: () => readonly Layer[]) {}
 
-  /** Outline and line of an image, one of each: those of the widest layers there are. */
+  /** Outline and line of an image, one of each, from the layers of the widest scope. */
   of(image: string): Promise<Feature<Geometry>[]> {
     const known = this.kept.get(image);
     if (known) return known;
@@ -27,7 +27,7 @@ export class ImageFeatures {
     return asked;
   }
 
-  /** Other products may lie behind the layers. */
+  /** Layers may have new products. */
   forget(): void {
     this.kept.clear();
   }

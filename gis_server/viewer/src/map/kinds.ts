@@ -1,4 +1,4 @@
-/** Kinds of layers: their names, and the order in which they lie and are listed. */
+/** Kinds of layers: their names, and their order on the map and in lists. */
 
 import { ownStyle, QUALITIES, type Quantity, quantityTitle } from "./raster-style";
 

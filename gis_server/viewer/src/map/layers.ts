@@ -18,7 +18,7 @@ export interface LayerGroup {
 export interface LayerState {
   readonly visible: boolean;
   readonly opacity: number;
-  /** How its values are drawn here; null: as the server draws them. */
+  /** Style of its values in the viewer; null: as the server draws them. */
   readonly style: RasterStyle | null;
   /** How its colours are put together with those below; null: it covers them. */
   readonly blend: Blend | null;
@@ -41,7 +41,7 @@ function compareGroups(a: LayerGroup, b: LayerGroup): number {
   return level || a.key.localeCompare(b.key, "en", { numeric: true });
 }
 
-/** One group a scope: the region first, then sols, then stops in the order they were driven to. */
+/** One group per scope: the region first, then sols, then stops in driving order. */
 export function groupLayers(layers: readonly Layer[]): readonly LayerGroup[] {
   const scopes = new Map<string, Layer[]>();
   for (const layer of layers) {
@@ -67,7 +67,7 @@ const isWithin = ([west, south, east, north]: Bounds, [w, s, e, n]: Bounds) =>
 
 const widerByKind = new WeakMap<readonly Layer[], Map<string, Layer[]>>();
 
-/** Products of a kind that are of more than a stop, sorted out once a list. */
+/** Products of a kind that cover more than one stop, selected once per list. */
 function widerOf(all: readonly Layer[], kind: string): readonly Layer[] {
   let known = widerByKind.get(all);
   if (!known) {
@@ -79,7 +79,7 @@ function widerOf(all: readonly Layer[], kind: string): readonly Layer[] {
   return known.get(kind) ?? [];
 }
 
-/** Whether a product of more ground shows the same, so that this one need not be shown beside it. */
+/** Whether a product of a wider scope shows the same, so that this one is not needed. */
 function isIn(layer: Layer, wider: Layer): boolean {
   if (LEVELS.indexOf(wider.level) >= LEVELS.indexOf(layer.level)) return false;
   const isMerged = wider.kind === `region-${layer.kind}` && isWithin(wider.bounds, layer.bounds);
@@ -88,7 +88,7 @@ function isIn(layer: Layer, wider: Layer): boolean {
 
 /**
  * What is shown at first: relief, image, contours, stops and traverse, each from the widest products there
- * are, merged ones before those of the stops; footprints and pointing lines where there is no ground to look at.
+ * are, merged ones before those of the stops; footprints and pointing lines if there is no mapped ground.
  */
 export function firstState(layer: Layer, all: readonly Layer[]): LayerState {
   const wider = [layer.kind, `region-${layer.kind}`].some((kind) =>

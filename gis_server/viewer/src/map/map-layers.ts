@@ -16,9 +16,9 @@ import { blended } from "./blending";
 import { coarsest } from "./extent-of-need";
 import { zIndex } from "./layers";
 import { PaintedTiles, styled } from "./painted-tiles";
-import { pictureTiles } from "./picture-tiles";
+import { imageTiles } from "./image-tiles";
 import type { LocalMap } from "./projection";
-import { recolouring } from "./picture-style";
+import { recolouring } from "./imagery-style";
 import { formatStyle, hasValues, type RasterStyle } from "./raster-style";
 import type { SunPlace } from "./shading";
 import type { Layer, RasterLayer, TileMatrixSet, VectorLayer } from "../server/records";
@@ -33,7 +33,7 @@ export type FeatureSource = VectorSource<Feature<Geometry>>;
 export interface Shown {
   readonly layer: Layer;
   readonly map: BaseLayer;
-  /** Fetches what is fetched whole, once; what comes piece by piece comes when it is looked at. */
+  /** Fetches features that are loaded whole, once; others load by squares in view. */
   readonly load: () => Promise<FeatureSource | null>;
   /** Draws the values here in a style of their own; null: as the server draws them. */
   readonly restyle: (style: RasterStyle | null, sun: SunPlace) => void;
@@ -59,26 +59,26 @@ export function tileGrid(set: TileMatrixSet, layer: Pick<RasterLayer, "minzoom" 
 
 function raster(layer: RasterLayer, set: TileMatrixSet, map: LocalMap): Shown {
   const grid = tileGrid(set, layer);
-  const pictures = pictureTiles(layer.tiles, grid, map);
+  const drawn = imageTiles(layer.tiles, grid, map);
   const tiles = new TileLayer<ImageTile>({
     extent: [...layer.bounds],
     maxResolution: grid.getResolution(grid.getMinZoom()) * COARSEST_SHRINK,
-    source: pictures,
+    source: drawn,
   });
   let painted: PaintedTiles | null = null;
   let recoloured: { key: string; source: ImageTile } | null = null;
-  /** What the server drew, in the colours of a style. */
-  const pictured = (style: RasterStyle | null): ImageTile => {
+  /** The server's tiles in the colours of a style. */
+  const drawnIn = (style: RasterStyle | null): ImageTile => {
     const recolour = recolouring(layer, style);
-    if (!style || !recolour) return pictures;
+    if (!style || !recolour) return drawn;
     const key = formatStyle(style);
     if (recoloured?.key !== key)
-      recoloured = { key, source: pictureTiles(layer.tiles, grid, map, recolour) };
+      recoloured = { key, source: imageTiles(layer.tiles, grid, map, recolour) };
     return recoloured.source;
   };
   const restyle = (style: RasterStyle | null, sun: SunPlace) => {
     if (!style || !hasValues(layer)) {
-      const source = pictured(style);
+      const source = drawnIn(style);
       if (tiles.getSource() !== source) tiles.setSource(source);
       return;
     }
@@ -123,7 +123,7 @@ function inPieces(layer: VectorLayer, side: number, set: TileMatrixSet): Feature
       api
         .features(layer, [w, s, e, n])
         .then((found) => {
-          // What lies across the edge of a square comes with both.
+          // Features across the edge of a square arrive with both.
           const features = readFeatures(found).filter(isNewTo(source));
           source.addFeatures(features);
           success?.(features);

@@ -11,7 +11,7 @@ import type MapBrowserEvent from "ol/MapBrowserEvent";
 import TileSource from "ol/source/Tile";
 import VectorSource from "ol/source/Vector";
 import View from "ol/View";
-import { CalmMap, TILES_ON_THEIR_WAY } from "./calm-map";
+import { ThrottledMap, TILES_ON_THEIR_WAY } from "./throttled-map";
 import { isNeeded } from "./extent-of-need";
 import { type FeatureSource, type Shown, show } from "./map-layers";
 import type { Place } from "../session/state";
@@ -54,7 +54,7 @@ export class MapView {
   private readonly picked = overlay(drawMeasure, 1002);
   private highlighted: readonly Feature<Geometry>[] = [];
   private claims = 0;
-  /** Zooms in; a tool that claims the clicks ends what it draws by one. */
+  /** Zooms in on a double-click, unless a tool that claims the clicks ends a drawing by it. */
   private readonly doubleClick = new DoubleClickZoom({ duration: 250 });
 
   constructor(
@@ -66,7 +66,7 @@ export class MapView {
   ) {
     const set = mission.tile_matrix_set;
     const finest = set.cell_sizes.at(-1) ?? 0.01;
-    this.map = new CalmMap({
+    this.map = new ThrottledMap({
       target,
       maxTilesLoading: TILES_ON_THEIR_WAY,
       controls: defaultControls({ zoom: false, rotate: false, attribution: false }),
@@ -84,7 +84,7 @@ export class MapView {
     this.setLayers(layers);
   }
 
-  /** Those that were shown once. */
+  /** Layers that were shown at least once. */
   get shown(): ReadonlyMap<string, Shown> {
     return this.onMap;
   }
@@ -183,7 +183,7 @@ export class MapView {
     return this.resolution <= map.getMaxResolution();
   }
 
-  /** Whether the map as it stands shows anything of a layer. */
+  /** Whether the current view shows anything of a layer. */
   shows(layer: Layer): boolean {
     const [west = 0, south = 0, east = 0, north = 0] = this.view.calculateExtent(
       this.map.getSize(),
@@ -199,7 +199,7 @@ export class MapView {
     this.highlight.source.addFeatures(features.map((feature) => feature.clone()));
   }
 
-  /** Fetches again what failed while the server did not answer. */
+  /** Repeats requests that failed while the server did not answer. */
   reloadTiles(): void {
     for (const layer of this.map.getAllLayers()) {
       const source = layer.getSource();
@@ -212,7 +212,7 @@ export class MapView {
     put(this.mark.source, point);
   }
 
-  /** Places that were picked one by one, and are not used yet. */
+  /** Picked places that are not used yet. */
   setPicked(points: readonly MapPoint[]): void {
     this.picked.source.clear();
     this.picked.source.addFeatures(points.map(pointFeature));
@@ -228,7 +228,7 @@ export class MapView {
     return this.claims > 0;
   }
 
-  /** Keeps clicks and what the pointer touches from all parts, until the answer is called. */
+  /** Withholds clicks and hovered features from all parts, until the returned function is called. */
   claimClicks(): () => void {
     this.claims += 1;
     this.doubleClick.setActive(false);

@@ -1,4 +1,4 @@
-/** What was made on the local map as GeoJSON that other programs read. */
+/** Features of the local map as GeoJSON for other programs. */
 
 import type { Mission } from "../server/records";
 import type { LocalMap } from "./projection";
@@ -20,12 +20,12 @@ const MARS_CRS = {
   type: "name",
   properties: { name: "urn:ogc:def:crs:IAU:2015:49900" },
 } as const;
-/** Of degrees: a tenth of a millimetre. */
+/** Decimals of degrees: a tenth of a millimetre. */
 const DECIMALS = 9;
 
 type Nested = readonly (number | Nested)[];
 
-/** Coordinates nested however deep, each place changed by `move`. */
+/** Coordinates at any depth of nesting, each place changed by `move`. */
 export function moved(coordinates: unknown, move: (place: readonly number[]) => unknown): unknown {
   const nested = coordinates as Nested;
   return typeof nested[0] === "number"

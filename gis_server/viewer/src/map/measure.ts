@@ -34,7 +34,7 @@ export function measuredText({ length_m, leg_m, azimuth_deg }: Measured): string
   return `${metres(length_m)}${leg}, azimuth ${digits(azimuth_deg, null, 0.1)}°`;
 }
 
-/** Area of a polygon on the map, square metres, by Gauss's formula; its corners may go either way round. */
+/** Area of a polygon on the map, square metres, by Gauss's formula, in either orientation. */
 export function polygonArea(corners: readonly MapPoint[]): number {
   const [e0, n0] = corners[0] ?? [0, 0]; // near the corners, where products lose no digits
   let twice = 0;

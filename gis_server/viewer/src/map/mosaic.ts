@@ -1,14 +1,14 @@
 /** A raster layer, or a part of it, as one image composed of its tiles. */
 
 import type { Bounds, RasterLayer, TileMatrixSet } from "../server/records";
-import { pictureOf } from "./picture-tiles";
+import { loadTile } from "./image-tiles";
 import { tileUrl } from "./value-tiles";
 
-/** Pixels of the longer side: finer than a screen shows needs no one here. */
+/** Most pixels of the longer side: more than a screen shows is not needed. */
 const MOST_PX = 1600;
 
 /** A tile as it is drawn; null where nothing was measured. */
-export type TilePicture = (z: number, x: number, y: number) => Promise<CanvasImageSource | null>;
+export type TileImage = (z: number, x: number, y: number) => Promise<CanvasImageSource | null>;
 
 interface TilePlace {
   readonly column: number;
@@ -69,22 +69,22 @@ export function mosaicPlan(
 }
 
 export interface Mosaic {
-  readonly picture: OffscreenCanvas;
+  readonly canvas: OffscreenCanvas;
   readonly bounds: Bounds;
   readonly cellM: number;
 }
 
 /** Tiles as the server draws them. */
 const drawn =
-  ({ tiles }: RasterLayer): TilePicture =>
+  ({ tiles }: RasterLayer): TileImage =>
   (z, x, y) =>
-    pictureOf(tileUrl(tiles, z, x, y));
+    loadTile(tileUrl(tiles, z, x, y));
 
 export async function loadMosaic(
   layer: RasterLayer,
   set: TileMatrixSet,
   plan: MosaicPlan = mosaicPlan(layer, set),
-  tile: TilePicture = drawn(layer),
+  tile: TileImage = drawn(layer),
 ): Promise<Mosaic> {
   const canvas = new OffscreenCanvas(plan.width, plan.height);
   const paper = canvas.getContext("2d");
@@ -94,5 +94,5 @@ export async function loadMosaic(
       if (image) paper?.drawImage(image, x, y);
     }),
   );
-  return { picture: canvas, bounds: plan.bounds, cellM: plan.cellM };
+  return { canvas, bounds: plan.bounds, cellM: plan.cellM };
 }

@@ -3,10 +3,10 @@
 import ImageTile from "ol/source/ImageTile";
 import type TileGrid from "ol/tilegrid/TileGrid";
 import type { RasterLayer, TileMatrixSet } from "../server/records";
-import { fade, type Pen, pen, picture } from "./painting";
-import type { TilePicture } from "./mosaic";
-import { recolouring } from "./picture-style";
-import { emptyTile, pictureOf, recoloured } from "./picture-tiles";
+import { canvasOf, fade, type Pen, pen } from "./painting";
+import type { TileImage } from "./mosaic";
+import { recolouring } from "./imagery-style";
+import { emptyTile, loadTile, recoloured } from "./image-tiles";
 import type { LocalMap } from "./projection";
 import { bandOf, colouringOf, hasValues, type Quantity, type RasterStyle } from "./raster-style";
 import { quantityOf, type SunPlace } from "./shading";
@@ -15,12 +15,12 @@ import { SIDE, tileUrl, type ValueTile, valueTiles } from "./value-tiles";
 /** Values of the 256 x 256 cells of a tile; null where nothing was measured. */
 export type ValuesOf = (z: number, x: number, y: number) => Promise<Float32Array | null>;
 
-/** What tiles show, and a key that is another when they show something else. */
+/** Content of tiles, and a key that changes with it. */
 export interface Painting {
   readonly key: string;
   readonly values: ValuesOf;
   readonly pen: Pen;
-  /** By which opacity falls to nothing at `most`. */
+  /** Standard deviations by which opacity falls, to nothing at `most`. */
   readonly fading?: { readonly sigmas: ValuesOf; readonly most: number };
 }
 
@@ -52,7 +52,7 @@ async function paint({ values, pen: draw, fading }: Painting, z: number, x: numb
   const [found, sigmas] = await Promise.all([values(z, x, y), fading?.sigmas(z, x, y)]);
   if (!found) return null;
   const pixels = draw(found);
-  return picture(fading ? fade(pixels, sigmas ?? null, fading.most) : pixels, SIDE);
+  return canvasOf(fading ? fade(pixels, sigmas ?? null, fading.most) : pixels, SIDE);
 }
 
 /** Tile of a layer's values, or of another band's. */
@@ -97,14 +97,14 @@ export function tilesOf(
   style: RasterStyle | null,
   sun: SunPlace,
   set: TileMatrixSet,
-): TilePicture {
+): TileImage {
   if (style && hasValues(layer)) {
     const painting = styled(layer, style, sun, set);
     return (z, x, y) => paint(painting, z, x, y);
   }
   const recolour = recolouring(layer, style);
   return async (z, x, y) => {
-    const drawn = await pictureOf(tileUrl(layer.tiles, z, x, y));
+    const drawn = await loadTile(tileUrl(layer.tiles, z, x, y));
     return drawn && recolour ? recoloured(drawn, recolour) : drawn;
   };
 }

@@ -36,7 +36,7 @@ export function fade(
 }
 
 /** An image of `side` x `side` pixels. */
-export function picture(pixels: Uint8ClampedArray<ArrayBuffer>, side: number): HTMLCanvasElement {
+export function canvasOf(pixels: Uint8ClampedArray<ArrayBuffer>, side: number): HTMLCanvasElement {
   const canvas = document.createElement("canvas");
   canvas.width = side;
   canvas.height = side;

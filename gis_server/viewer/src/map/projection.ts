@@ -10,8 +10,8 @@
  *     east = R cos lat sin (lon - lon0)
  *     north = R (cos lat0 sin lat - sin lat0 cos lat cos (lon - lon0))
  *
- * (Snyder, Map Projections - A Working Manual, USGS PP 1395, section 20; PROJ's `+proj=ortho +R=`.) It stands here
- * because proj4js was a quarter of all that the browser fetched before it drew a map.
+ * (Snyder, Map Projections - A Working Manual, USGS PP 1395, section 20; PROJ's `+proj=ortho +R=`.) It is implemented
+ * here because proj4js was a quarter of all that the browser fetched before it drew a map.
  *
  * OpenLayers assumes that every plane is on the Earth: its point resolution, and so its scale bar, is
  * wrong by R_earth / R_mars = 1.88 unless the projection states that a map metre is a metre.
@@ -21,7 +21,7 @@ import Projection from "ol/proj/Projection";
 import type { LonLat, MapPoint, Mission } from "../server/records";
 
 const RADIAN = Math.PI / 180;
-const NOWHERE = [Number.NaN, Number.NaN] as const;
+const NO_PLACE = [Number.NaN, Number.NaN] as const;
 
 export class ProjectionError extends Error {
   override readonly name = "ProjectionError";
@@ -65,7 +65,7 @@ function orthographic(definition: string): Both {
     fromLonLat([lon, lat]) {
       const [sin, cos] = [Math.sin(lat * RADIAN), Math.cos(lat * RADIAN)];
       const turn = (lon - lon0) * RADIAN;
-      if (sin0 * sin + cos0 * cos * Math.cos(turn) < 0) return NOWHERE; // beyond the horizon
+      if (sin0 * sin + cos0 * cos * Math.cos(turn) < 0) return NO_PLACE; // beyond the horizon
       return [radius * cos * Math.sin(turn), radius * (cos0 * sin - sin0 * cos * Math.cos(turn))];
     },
   };
@@ -81,7 +81,7 @@ export function localMap(mission: Pick<Mission, "mission" | "crs" | "tile_matrix
       getPointResolution: (resolution) => resolution,
     }),
     ...(definition === null
-      ? { toLonLat: () => NOWHERE, fromLonLat: () => NOWHERE }
+      ? { toLonLat: () => NO_PLACE, fromLonLat: () => NO_PLACE }
       : orthographic(definition)),
   };
 }

@@ -11,13 +11,13 @@ import { unitSign } from "../page/format";
 import { as, choice, type Codec, list, number, or, record, significant } from "../codec";
 import { RAMP_NAMES, RAMPS, type RampName } from "./ramps";
 
-/** What follows from elevations. */
+/** Quantities that follow from elevations. */
 const DERIVED = ["relief", "slope", "aspect", "tilt"] as const;
 /** Quantities that the other bands of a raster give for its values. */
 export const QUALITIES = ["sigma", "pose", "observations", "class"] as const;
 const OF_ELEVATIONS = ["value", ...DERIVED, ...QUALITIES] as const;
 const QUANTITIES = [...OF_ELEVATIONS, "sigmas"] as const;
-/** What is drawn: the values themselves, or one of the others. */
+/** The drawn quantity: the values themselves, or one of the others. */
 export type Quantity = (typeof QUANTITIES)[number];
 
 export interface RasterStyle {
@@ -138,7 +138,7 @@ const ELEVATIONS = new Set(["dtm", "region-dtm", "far-dtm"]);
 export const isElevation = ({ kind }: Pick<Layer, "kind">) => ELEVATIONS.has(kind);
 const SLOPES = new Set(["slope", "region-slope"]);
 
-/** What may be drawn of a layer, the values themselves first. */
+/** Quantities that may be drawn of a layer, the values themselves first. */
 export function quantitiesOf(layer: Pick<Layer, "kind">): readonly Quantity[] {
   if (isElevation(layer)) return OF_ELEVATIONS;
   const own = ownStyle(layer.kind);

@@ -1,5 +1,5 @@
 /**
- * What follows from elevations, cell by cell, as in `photogrammetry/terrain/relief/slope.py`. With the gradient (g_e,
+ * Quantities from elevations, cell by cell, as in `photogrammetry/terrain/relief/slope.py`. With the gradient (g_e,
  * g_n) and a sun at azimuth A and elevation E:
  *
  *     slope   atan(hypot(g_e, g_n))            aspect   atan2(-g_e, -g_n), clockwise from north

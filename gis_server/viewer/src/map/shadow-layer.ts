@@ -1,4 +1,4 @@
-/** Cast shadows on the map: the ground of the whole view is looked at at once, and some way towards the sun. */
+/** Cast shadows on the map: the ground of the whole view and a margin towards the sun are processed at once. */
 
 import type { Extent } from "ol/extent";
 import ImageLayer from "ol/layer/Image";
@@ -12,7 +12,7 @@ import { SIDE, tileUrl, valueTiles } from "./value-tiles";
 
 /** Cells around the view whose shadows may fall into it. */
 const MARGIN = 192;
-/** Cells of the ground that is looked at, at most; 4 bytes each. */
+/** Most cells of the processed ground; 4 bytes each. */
 const MOST = 16e6;
 const COLOUR = 0x9e1e0a06; // opacity, blue, green, red: dark, a little bluish
 
@@ -58,12 +58,12 @@ export class ShadowLayer extends ImageLayer<ImageCanvas> {
     const window = windowOf(this.ground, this.tiling, extent, resolution);
     if (window.columns * window.rows > MOST) return canvas;
     const ground = this.read(window);
-    const picture = drawn(ground, shadows(ground, this.sun));
+    const shadow = drawn(ground, shadows(ground, this.sun));
     const pixel = (window.cell_m / ((extent[2] ?? 0) - (extent[0] ?? 0))) * width;
     const left = ((window.west - (extent[0] ?? 0)) / window.cell_m) * pixel;
     const top = (((extent[3] ?? 0) - window.north) / window.cell_m) * pixel;
     const context = canvas.getContext("2d");
-    context?.drawImage(picture, left, top, picture.width * pixel, picture.height * pixel);
+    context?.drawImage(shadow, left, top, shadow.width * pixel, shadow.height * pixel);
     return canvas;
   }
 

@@ -1,8 +1,8 @@
 /**
- * Shadows that the ground throws.
+ * Cast shadows of the ground.
  *
- * Cells are visited from the sun's side. H is the height up to which a place is in the shadow of what was passed, or the
- * ground itself; a step of length s further from the sun the shadow has come down by s tan E:
+ * Cells are visited from the sun's side. H is the height up to which a place is in the shadow of earlier cells, or the
+ * ground itself; a step of length s away from the sun lowers the shadow by s tan E:
  *
  *     incoming = H(one step towards the sun) - s tan E          shadow where incoming > z
  *     H = max(z, incoming)
@@ -23,7 +23,7 @@ export interface Ground {
   readonly cell_m: number;
 }
 
-/** 1 in shadow, 0 in the sun; NaN is in neither, where the ground is not known. */
+/** 1 in shadow, else 0, also where the ground is unknown. */
 export function shadows(ground: Ground, { azimuthDeg, elevationDeg }: SunPlace): Uint8Array {
   const { heights, columns, rows, cell_m } = ground;
   if (elevationDeg <= 0) return Uint8Array.from(heights, (z) => (Number.isNaN(z) ? 0 : 1));

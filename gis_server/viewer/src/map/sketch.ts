@@ -1,6 +1,6 @@
 /**
  * Drawing on the map with the pointer: places, a line, an area or a box. Clicks made while drawing are not passed to
- * other parts. Double-click or Enter ends a line or area, Backspace takes the last corner back. With the
+ * other parts. Double-click or Enter ends a line or area, Backspace removes the last corner. With the
  * keyboard, arrows move the map and Space sets a corner in its middle.
  */
 
@@ -54,7 +54,7 @@ interface Corners {
   readonly most?: number;
 }
 
-/** One shape after the other, until it is stopped. */
+/** Draws one shape after the other, until it is stopped. */
 export class Sketch {
   private readonly source = new VectorSource<Feature<Geometry>>();
   private readonly layer = new OlVectorLayer({
@@ -131,7 +131,7 @@ export class Sketch {
     this.draw.appendCoordinates([[...point]]);
   }
 
-  /** Takes away the shape that was finished. */
+  /** Removes the finished shape. */
   clear(): void {
     this.source.clear();
   }

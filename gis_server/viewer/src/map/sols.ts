@@ -1,4 +1,4 @@
-/** Sols that are looked at: from a first to a last one, or all. */
+/** Selected sols: from a first to a last one, or all. */
 
 import type { Codec } from "../codec";
 
@@ -7,7 +7,7 @@ export type Sols = readonly [from: number, to: number] | null;
 export const isIn = (sol: number, range: Sols): boolean =>
   range === null || (range[0] <= sol && sol <= range[1]);
 
-/** Whether something of some sols was seen in a range; what belongs to no sol belongs to all. */
+/** Whether a feature with these sols is in a range; one without sols is in all. */
 export const areIn = (sols: readonly number[], range: Sols): boolean =>
   sols.length === 0 || sols.some((sol) => isIn(sol, range));
 

@@ -4,13 +4,13 @@ export interface Statistics {
   readonly count: number;
   readonly mean: number;
   readonly sigma: number;
-  /** What 98 of 100 values stay below, in size. */
+  /** 98th percentile of the absolute values. */
   readonly most: number;
 }
 
 const SHARE = 0.98;
 
-/** Of what is known; null where nothing is. */
+/** Of the known values; null without any. */
 export function statistics(values: readonly number[]): Statistics | null {
   const known = values.filter(Number.isFinite);
   const count = known.length;

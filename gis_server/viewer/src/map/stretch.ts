@@ -1,4 +1,4 @@
-/** The range that spreads a layer's colours over what is on the screen. */
+/** The range that spreads a layer's colours over the values on the screen. */
 
 import { getIntersection, isEmpty } from "ol/extent";
 import type OlMap from "ol/Map";
@@ -11,10 +11,10 @@ import { SIDE } from "./value-tiles";
 
 /** Shares of the cells that the first and the last colour leave out. */
 const CUT = 0.02;
-/** Cells between those that are looked at, in rows and columns. */
+/** Spacing of the sampled cells, in rows and columns. */
 const STEP = 4;
 
-/** Values at the shares `cut` and 1 - `cut` of all that are known; null where none is. */
+/** Values at the shares `cut` and 1 - `cut` of the known ones; null without any. */
 export function spread(values: number[], cut = CUT): readonly [number, number] | null {
   const known = values.filter(Number.isFinite).sort((a, b) => a - b);
   const low = known[Math.floor(cut * (known.length - 1))];
@@ -48,7 +48,7 @@ export async function sampleView(
   return found;
 }
 
-/** Rows and columns of a tile that lie in what is seen. */
+/** Rows and columns of a tile inside the view. */
 interface Window {
   readonly rows: readonly [number, number];
   readonly columns: readonly [number, number];
@@ -71,7 +71,7 @@ function sample(tile: Float32Array, { rows, columns }: Window, into: number[]): 
       into.push(tile[row * SIDE + column] as number);
 }
 
-/** Range of a quantity over what is on the screen; null where nothing of it is known. */
+/** Range of a quantity on the screen; null if nothing of it is known. */
 export async function rangeInView(
   map: OlMap,
   set: TileMatrixSet,

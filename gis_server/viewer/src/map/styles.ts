@@ -35,9 +35,9 @@ const CONTOUR_CASING = "rgba(255,255,255,0.4)";
 const CASING = "rgba(255,255,255,0.75)";
 const FONT = "11px system-ui, sans-serif";
 
-/** What drawing depends on besides the feature. */
+/** State on which drawing depends besides the feature. */
 export interface DrawingState {
-  /** Only what was seen on these. */
+  /** Sols whose features are drawn. */
   sols: Sols;
   /** Error ellipses are drawn this many times larger. */
   ellipseFactor: number;
@@ -102,7 +102,7 @@ const cased = (casing: number, stroke: Stroke) => [
 const ADJUSTED_LINE = cased(5, line(ADJUSTED, 2.5));
 const TELEMETRY_LINE = cased(4.5, line(TELEMETRY, 2, [7, 5]));
 
-/** Names a place by its centimetre. */
+/** Key of a place, rounded to a centimetre. */
 export const placeKey = ([east = 0, north = 0]: readonly number[]): string =>
   `${east.toFixed(2)},${north.toFixed(2)}`;
 
@@ -141,18 +141,18 @@ const SQUARE = new RegularShape({
   stroke: line(TELEMETRY, 2),
   declutterMode: "none",
 });
-const BELIEVED_STOP = [new Style({ image: SQUARE, zIndex: 3 })];
+const TELEMETRY_STOP = [new Style({ image: SQUARE, zIndex: 3 })];
 const stopDot = (fill: string, stroke: string, width: number) =>
   new CircleStyle({
     radius: 5,
     fill: new Fill({ color: fill }),
     stroke: line(stroke, width),
-    declutterMode: "none", // labels give way to each other, places do not
+    declutterMode: "none", // labels avoid each other, symbols do not
   });
 const [FREE_DOT, HELD_DOT] = [stopDot(ADJUSTED, "#fff", 1.5), stopDot("#fff", ADJUSTED, 2.5)];
 /** From this resolution on stops are dots, and only the first of every site is named: 12 m are 24 pixels. */
 const DOTS_FROM_M = 0.5;
-const AFAR = 0;
+const NO_ELLIPSES = 0;
 /** Styles of a stop and the factor they were made for: a moving map requests them in every frame. */
 const stopStyles = new WeakMap<FeatureLike, { factor: number; styles: Style[] }>();
 
@@ -167,11 +167,11 @@ function drawStop(
   resolution: number,
 ): Style[] | undefined {
   if (!areIn(solsOf(feature), state.sols)) return undefined;
-  if (!isAdjusted(feature.get("solution"))) return BELIEVED_STOP;
-  const factor = resolution > DOTS_FROM_M ? AFAR : state.ellipseFactor;
+  if (!isAdjusted(feature.get("solution"))) return TELEMETRY_STOP;
+  const factor = resolution > DOTS_FROM_M ? NO_ELLIPSES : state.ellipseFactor;
   const known = stopStyles.get(feature);
   if (known?.factor === factor) return known.styles;
-  const styles = factor === AFAR ? [namedDot(feature)] : drawStopNearBy(feature, state);
+  const styles = factor === NO_ELLIPSES ? [namedDot(feature)] : drawStopNearBy(feature, state);
   stopStyles.set(feature, { factor, styles });
   return styles;
 }
@@ -244,7 +244,7 @@ function drawViewing(feature: FeatureLike, state: DrawingState): Style | undefin
 
 const dot = (color: string) =>
   new Style({ image: new CircleStyle({ radius: 2, fill: new Fill({ color }) }) });
-const [PLACE, BELIEVED] = [dot(ADJUSTED), dot(TELEMETRY)];
+const [ADJUSTED_DOT, TELEMETRY_DOT] = [dot(ADJUSTED), dot(TELEMETRY)];
 const HAVENS = new Style({
   stroke: line(HAVEN, 2),
   fill: new Fill({ color: "rgba(10,163,194,0.25)" }),
@@ -263,7 +263,7 @@ export function drawingOf(kind: string, state: DrawingState): Draw {
     case "mission-stops":
       return (feature) => {
         if (!areIn(solsOf(feature), state.sols)) return undefined;
-        return isAdjusted(feature.get("solution")) ? PLACE : BELIEVED;
+        return isAdjusted(feature.get("solution")) ? ADJUSTED_DOT : TELEMETRY_DOT;
       };
     case "stops":
       return (feature, resolution) => drawStop(feature, state, resolution);

@@ -6,7 +6,7 @@ import type Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";
 import type VectorSource from "ol/source/Vector";
 
-/** The feature nearest to a place, within a distance; `isDrawn` leaves out what is not on the screen. */
+/** The feature nearest to a place, within a distance; `isDrawn` leaves out features that are not on the screen. */
 export function nearest(
   source: VectorSource<Feature<Geometry>>,
   [x = 0, y = 0]: readonly number[],

@@ -1,6 +1,6 @@
 /**
  * Tiles of values as the server sends them (`docs/reference/http-api.md`): 258 x 258 values, the outermost of which
- * belong to the neighbours, so that what looks at the eight cells around has no seam.
+ * belong to the neighbours, so that computations with the eight cells around have no seam.
  */
 
 /** Cells of a tile along a side, and with the cells around. */
@@ -87,7 +87,7 @@ export function gradientsOf(values: Float32Array, cell_m: number): Gradients {
 /** Cache of the most recently used tiles; each is requested once. */
 export class ValueTiles {
   private readonly kept = new Map<string, Promise<ValueTile | null>>();
-  /** Those that have come, to be read at once; null where nothing was measured. */
+  /** Arrived tiles, readable at once; null where nothing was measured. */
   private readonly here = new Map<string, ValueTile | null>();
 
   constructor(private readonly most = MOST_KEPT) {}
@@ -113,7 +113,7 @@ export class ValueTiles {
     return asked;
   }
 
-  /** A tile that has come already; undefined if not. */
+  /** A tile that has arrived; undefined if not. */
   peek(url: string): ValueTile | null | undefined {
     return this.here.get(url);
   }
@@ -124,7 +124,7 @@ export class ValueTiles {
   }
 }
 
-/** Addresses hold digests, so tiles are true for as long as the page is open. */
+/** URLs contain digests, so tiles stay valid as long as the page is open. */
 export const valueTiles = new ValueTiles();
 
 async function fetchTile(url: string, cell_m: number): Promise<ValueTile | null> {

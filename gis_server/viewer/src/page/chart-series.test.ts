@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { type ChartOptions, domains, keyed, type Series, told } from "./chart-series";
+import { type ChartOptions, domains, keyed, type Series, valuesText } from "./chart-series";
 
 const adjusted: Series = {
   name: "adjusted",
@@ -24,8 +24,8 @@ test("the band has room on the axis", () => {
 });
 
 test("the value at the cursor is given with its uncertainty, or as not measured", () => {
-  expect(told(options, 20)).toBe("adjusted 3.0 ± 0.5 m, telemetry 4.00 m");
-  expect(told(options, 5)).toBe("adjusted not measured, telemetry 1.50 m");
+  expect(valuesText(options, 20)).toBe("adjusted 3.0 ± 0.5 m, telemetry 4.00 m");
+  expect(valuesText(options, 5)).toBe("adjusted not measured, telemetry 1.50 m");
 });
 
 test("arrow keys walk along the axis, other keys are left to the page", () => {

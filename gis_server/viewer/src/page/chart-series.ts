@@ -45,7 +45,7 @@ export function domains(series: readonly Series[]): { x: Interval; y: Interval }
 }
 
 /** The value of every series at a position on the x axis. */
-export function told({ series, y }: ChartOptions, x: number): string {
+export function valuesText({ series, y }: ChartOptions, x: number): string {
   const one = ({ name, xs, ys, sigma }: Series) => {
     const value = valueAt(xs, ys, x);
     const band = sigma && valueAt(xs, sigma, x);

@@ -7,7 +7,7 @@
 
 import "./chart.css";
 import { axes, cursorMarks, legend, lines, scalesOf } from "./chart-drawing";
-import { type ChartOptions, domains, keyed, told } from "./chart-series";
+import { type ChartOptions, domains, keyed, valuesText } from "./chart-series";
 import { h } from "./dom";
 import { fixed } from "./format";
 import { svg } from "./svg";
@@ -50,7 +50,7 @@ export function chart(options: ChartOptions): Chart {
     current = at;
     cursor.setAttribute("visibility", at === null ? "hidden" : "visible");
     readout.textContent =
-      at === null ? "" : `${fixed(at, axis.decimals)} ${axis.unit}: ${told(options, at)}`;
+      at === null ? "" : `${fixed(at, axis.decimals)} ${axis.unit}: ${valuesText(options, at)}`;
     if (at === null) return;
     field.setAttribute("aria-valuenow", at.toFixed(axis.decimals));
     field.setAttribute("aria-valuetext", readout.textContent);

@@ -8,11 +8,11 @@ async function isCopied(text: string): Promise<boolean> {
     await navigator.clipboard.writeText(text);
     return true;
   } catch {
-    return isCopiedByHand(text); // no clipboard on plain http, or not allowed
+    return isCopiedBySelection(text); // no clipboard on plain http, or not allowed
   }
 }
 
-function isCopiedByHand(text: string): boolean {
+function isCopiedBySelection(text: string): boolean {
   const field = h("textarea", { class: "off-screen", readonly: true, "aria-hidden": "true" });
   field.value = text;
   const before = document.activeElement;
@@ -24,7 +24,7 @@ function isCopiedByHand(text: string): boolean {
   return isDone;
 }
 
-/** Copies a text and confirms it; where that is not allowed, shows the text to be copied by hand. */
+/** Copies a text and confirms it; if that is not allowed, shows the text for copying manually. */
 export async function copyText(
   page: Pick<Shell, "toast" | "dialog">,
   what: string,

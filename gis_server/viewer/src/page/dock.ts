@@ -4,7 +4,7 @@ import { button, h } from "./dom";
 
 export interface Dock {
   readonly element: HTMLElement;
-  /** Shows `content` under a title; what was there before is closed first. */
+  /** Shows `content` under a title; the earlier content is closed first. */
   open(title: string, content: Node, onClose?: () => void): void;
   close(): void;
   readonly isOpen: boolean;

@@ -22,7 +22,7 @@ export function h<K extends keyof HTMLElementTagNameMap>(
   return element;
 }
 
-/** A definition list of the facts that are known. */
+/** A definition list of the known facts. */
 export function facts(rows: readonly (readonly [string, Child])[]): HTMLElement {
   const list = h("dl", { class: "facts" });
   for (const [name, value] of rows) if (value) list.append(h("dt", {}, name), h("dd", {}, value));
@@ -78,13 +78,13 @@ export function icon(name: IconName): SVGSVGElement {
 
 export function button(
   label: string,
-  picture: keyof typeof ICONS,
+  image: keyof typeof ICONS,
   onClick: () => void,
   extra: Attributes = {},
 ): HTMLButtonElement {
   return h(
     "button",
     { type: "button", title: label, "aria-label": label, onclick: onClick, ...extra },
-    icon(picture),
+    icon(image),
   );
 }

@@ -17,7 +17,7 @@ export interface Fold {
 }
 
 /** Records in `data-SIDE` of `root` whether a panel is open; the layout follows (`layout.css`). */
-export function fold(root: HTMLElement, side: Side, name: string, picture: IconName): Fold {
+export function fold(root: HTMLElement, side: Side, name: string, image: IconName): Fold {
   const wide = matchMedia(WIDE);
   const show = (isOpen: boolean) => {
     root.dataset[side] = isOpen ? "open" : "closed";
@@ -28,7 +28,7 @@ export function fold(root: HTMLElement, side: Side, name: string, picture: IconN
     const other = (event as CustomEvent<Side>).detail;
     if (other !== side && !wide.matches) show(false);
   });
-  const toggle = button(name, picture, () => show(root.dataset[side] !== "open"), {
+  const toggle = button(name, image, () => show(root.dataset[side] !== "open"), {
     class: "ghost",
   });
   wide.addEventListener("change", () => show(wide.matches));

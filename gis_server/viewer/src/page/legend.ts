@@ -21,13 +21,13 @@ function tickTexts(values: readonly number[]): string[] {
 
 /** Colours with their values, or classes with their names; null where there is no legend. */
 export function colourLegend({ stops, unit, classes, note }: Legend): HTMLElement | null {
-  const said = note ? [h("div", { class: "unit note" }, note)] : [];
+  const notes = note ? [h("div", { class: "unit note" }, note)] : [];
   if (classes?.length)
     return legend(
       ...classes.map(({ name, colour }) =>
         swatch(`background:${colour};width:14px;height:14px`, name),
       ),
-      ...said,
+      ...notes,
     );
   const first = stops[0];
   const last = stops.at(-1);
@@ -44,6 +44,6 @@ export function colourLegend({ stops, unit, classes, note }: Legend): HTMLElemen
     h("div", { class: "ramp", style: `background:linear-gradient(90deg, ${parts.join(", ")})` }),
     h("div", { class: "ticks" }, ...ticks.map((tick) => h("span", {}, tick))),
     unit ? h("div", { class: "unit" }, unit) : null,
-    ...said,
+    ...notes,
   );
 }

@@ -41,7 +41,7 @@ const LEAST = { row: 320, column: 180 } as const;
 const MOST_ACROSS = 3;
 const WIDE = matchMedia("(min-width: 1100px)");
 const LAPTOP = matchMedia("(min-width: 1400px)");
-/** By which the arrow keys move a divider, pixels. */
+/** Step of the arrow keys at a divider, pixels. */
 const STEP_PX = 24;
 const KEPT = "solmap-panes";
 /** Share of the map above the panes that are below it: on a small window those have no other place. */
@@ -60,7 +60,7 @@ function keptShares(): Record<string, number> {
 const within = (value: number, least: number, most: number) =>
   Math.max(least, Math.min(most, value));
 
-/** How many panes have room beside the map, and how many of them side by side. */
+/** Number of panes that fit beside the map, and number of them side by side. */
 export function roomFor(
   width: number,
   isWide: boolean,

@@ -1,4 +1,4 @@
-/** Hands a text or bytes that were made here to the reader as a file. */
+/** Offers a text or bytes to the user as a file. */
 
 import { h } from "./dom";
 

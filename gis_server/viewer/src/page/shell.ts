@@ -1,4 +1,4 @@
-/** The page around the map: bars, panels, banner and dialogs. No knowledge of what they hold. */
+/** The page around the map: bars, panels, banner and dialogs. Independent of their content. */
 
 import { urls } from "../server/api";
 import { type Dock, dock } from "./dock";
@@ -47,7 +47,7 @@ export interface Shell {
   openLayers(): void;
   /** Takes away what the last session added. */
   clear(): void;
-  /** Shows a message across the top, with a button; null takes it away. */
+  /** Shows a message across the top, with a button; null removes it. */
   banner(message: string | null, act?: () => void, label?: string): void;
   dialog(title: string, content: Node): void;
   closeDialog(): void;

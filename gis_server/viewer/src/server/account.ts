@@ -1,4 +1,4 @@
-/** Who has signed in. */
+/** The signed-in account. */
 
 import { get } from "./api";
 
@@ -10,7 +10,7 @@ export interface Account {
 
 const RANKS = ["viewer", "analyst", "operator"] as const;
 
-/** Whether an account may do what takes a role. */
+/** Whether an account has a role or a higher one. */
 export const mayAct = (account: Account | null, role: Account["role"]): boolean =>
   account !== null && RANKS.indexOf(account.role) >= RANKS.indexOf(role);
 

@@ -56,13 +56,13 @@ export function withQuery(path: string, query: Record<string, string | number | 
   return text ? `${path}?${text}` : path;
 }
 
-/** A place of the local map as questions name it, to a tenth of a millimetre. */
+/** A place of the local map in queries, to a tenth of a millimetre. */
 export const placeQuery = ([east, north]: MapPoint) => ({
   east: east.toFixed(4),
   north: north.toFixed(4),
 });
 
-/** The other end of something, likewise. */
+/** The other end, likewise. */
 export const toQuery = (place: MapPoint) => {
   const { east, north } = placeQuery(place);
   return { to_east: east, to_north: north };

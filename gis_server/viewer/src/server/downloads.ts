@@ -1,4 +1,4 @@
-/** Files to take away: models, parts of layers, features of the whole mission, and addresses for other programs. */
+/** Files for download: models, parts of layers, features of the whole mission, and addresses for other programs. */
 
 import { get, of } from "./api";
 import type { Bounds, Layer } from "./records";

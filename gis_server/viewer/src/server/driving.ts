@@ -1,4 +1,4 @@
-/** Where a rover can drive: isochrones, and ways free of hazards. */
+/** Driving: isochrones, and routes free of hazards. */
 
 import { get, of, placeQuery, toQuery, withQuery } from "./api";
 import type { LayerUsed } from "./measure";

@@ -1,4 +1,4 @@
-/** What people write on the map: ties and annotations, in a log that is only appended to. */
+/** Edits by people: ties and annotations, in an append-only log. */
 
 import { get, of, post } from "./api";
 
@@ -35,7 +35,7 @@ export interface AnnotationEdit {
   readonly category: AnnotationCategory;
   readonly state: AnnotationState;
   readonly colour?: string;
-  /** The annotation that this is a new form of. */
+  /** The annotation that this one replaces. */
   readonly replaces?: number;
 }
 

@@ -3,7 +3,7 @@
 import { withQuery } from "./api";
 
 /** Every kind there is; documents carry what is listed, and `at`. */
-export interface Happenings {
+export interface ServerEvents {
   "layers.published": { readonly mission: string; readonly layers: readonly string[] };
   "images.ingested": { readonly mission: string; readonly images: number };
   "mission.changed": { readonly mission: string };
@@ -26,9 +26,9 @@ export interface Happenings {
   /** Events were missed: everything must be requested again. */
   reload: Readonly<Record<string, never>>;
 }
-export type Kind = keyof Happenings;
-export type Happening = {
-  [K in Kind]: { readonly kind: K; readonly document: Happenings[K] };
+export type Kind = keyof ServerEvents;
+export type ServerEvent = {
+  [K in Kind]: { readonly kind: K; readonly document: ServerEvents[K] };
 }[Kind];
 
 const KINDS: readonly Kind[] = [
@@ -41,8 +41,8 @@ const KINDS: readonly Kind[] = [
   "engine.changed",
   "reload",
 ];
-/** Comes first, and carries no more than the number of the last event. */
-const HELLO = "hello";
+/** The first event, which has only the number of the last one. */
+const FIRST_EVENT = "hello";
 
 export const eventsUrl = (mission: string, since: string | null) =>
   withQuery("api/events", { mission, since });
@@ -56,20 +56,20 @@ export function listen(
   mission: string,
   since: string | null,
   alive: AbortSignal,
-  hear: (one: Happening) => void,
+  receive: (one: ServerEvent) => void,
   connected: (isConnected: boolean) => void = () => undefined,
 ): void {
   let source: EventSource | null = null;
   let again: ReturnType<typeof setTimeout> | undefined;
-  let heard = since;
+  let lastId = since;
   const open = () => {
-    source = new EventSource(eventsUrl(mission, heard));
-    source.addEventListener(HELLO, ({ lastEventId }) => (heard = lastEventId));
+    source = new EventSource(eventsUrl(mission, lastId));
+    source.addEventListener(FIRST_EVENT, ({ lastEventId }) => (lastId = lastEventId));
     for (const kind of KINDS) {
       source.addEventListener(kind, ({ data, lastEventId }) => {
-        heard = lastEventId;
+        lastId = lastEventId;
         const document: unknown = JSON.parse(String(data));
-        hear({ kind, document } as Happening);
+        receive({ kind, document } as ServerEvent);
       });
     }
     source.onopen = () => connected(true);

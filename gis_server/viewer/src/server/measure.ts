@@ -1,4 +1,4 @@
-/** What the server measures on the ground: profiles, lines, areas, volumes and planes. */
+/** Measurements of the server on the ground: profiles, lines, areas, volumes and planes. */
 
 import { of, post } from "./api";
 import type { MapPoint } from "./records";

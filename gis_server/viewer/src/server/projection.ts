@@ -1,4 +1,4 @@
-/** Between map and images, as the server's camera models have it. Image points are of the image as stored. */
+/** Projection between map and images by the server's camera models. Image points are of the image as stored. */
 
 import { get, of, placeQuery, withQuery } from "./api";
 import type { MapPoint } from "./records";

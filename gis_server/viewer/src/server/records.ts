@@ -19,7 +19,7 @@ export interface Mission {
   readonly title: string;
   readonly landing: {
     readonly name: string;
-    /** What the origin of a map is that is not tied to the lander; else empty. */
+    /** Origin of a map that is not tied to the lander; else empty. */
     readonly origin: string;
     readonly longitude: number;
     readonly latitude: number;

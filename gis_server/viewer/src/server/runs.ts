@@ -18,7 +18,7 @@ export interface Run {
   /** Its log; only of a single run, else empty. */
   readonly lines: readonly string[];
   readonly parameters: Parameters;
-  /** What an operator may have done with it. */
+  /** Actions that an operator may request. */
   readonly actions: readonly RunAction[];
 }
 

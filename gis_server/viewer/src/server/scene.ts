@@ -1,4 +1,4 @@
-/** What a view in three dimensions draws: models of the ground, stops, the rover and its cameras. */
+/** Data of the 3D view: models of the ground, stops, the rover and its cameras. */
 
 import { get } from "./api";
 import type { Bounds } from "./records";

@@ -1,4 +1,4 @@
-/** What can be seen from where: lines of sight and viewsheds. */
+/** Visibility: lines of sight and viewsheds. */
 
 import { get, of, placeQuery, toQuery, withQuery } from "./api";
 import type { LayerUsed } from "./measure";
@@ -8,7 +8,7 @@ type Column = readonly (number | null)[];
 
 export interface SightLine {
   readonly sight: "visible" | "hidden" | "unknown";
-  /** Least height of the line over known ground; below zero, how far it runs under it. */
+  /** Least height of the line over known ground; negative below it. */
   readonly clearance_m: number | null;
   /** East, north and elevation of the ground that is most in the way. */
   readonly obstruction: readonly [east: number, north: number, elevation_m: number] | null;

@@ -3,26 +3,26 @@
 import { ApiError } from "./api";
 import type { ImageEntry } from "./records";
 
-export interface PairPictures {
+export interface PairImages {
   readonly left: ImageBitmap;
   readonly right: ImageBitmap;
   /** Rows of both correspond exactly. */
   readonly isLinearised: boolean;
 }
 
-async function picture(url: string, signal: AbortSignal): Promise<ImageBitmap | null> {
+async function load(url: string, signal: AbortSignal): Promise<ImageBitmap | null> {
   const response = await fetch(url, { signal });
   return response.ok ? createImageBitmap(await response.blob()) : null;
 }
 
 const both = (left: string, right: string, signal: AbortSignal) =>
-  Promise.all([picture(left, signal), picture(right, signal)]);
+  Promise.all([load(left, signal), load(right, signal)]);
 
-export async function pairPictures(
+export async function loadPairImages(
   left: ImageEntry,
   right: ImageEntry,
   signal: AbortSignal,
-): Promise<PairPictures> {
+): Promise<PairImages> {
   const linearised = ({ id }: ImageEntry) => `images/${encodeURIComponent(id)}/linearised.png`;
   const [a, b] = await both(linearised(left), linearised(right), signal);
   if (a && b) return { left: a, right: b, isLinearised: true };

@@ -16,7 +16,7 @@ export interface Predicted extends Seen {
 export interface ImageToImage {
   readonly ground: Ground | null;
   readonly told_by: string;
-  /** Those in which the place is in sight come first. */
+  /** Images in which the place is visible come first. */
   readonly images: readonly Predicted[];
   readonly curves: Readonly<Record<string, readonly CurvePoint[]>>;
 }
@@ -38,7 +38,7 @@ export interface Refined {
   readonly correlation: number | null;
 }
 
-export interface TieWish {
+export interface TieRequest {
   readonly action: "add";
   readonly first: PixelOf;
   readonly second: PixelOf;
@@ -81,6 +81,6 @@ export const ties = {
     ),
   refine: (mission: string, first: PixelOf, second: PixelOf) =>
     post<Refined>(`${of(mission)}/refine`, { first, second }),
-  trial: (mission: string, wishes: readonly TieWish[]) =>
-    post<Trial>(`${of(mission)}/preview-adjustment`, { ties: wishes }),
+  trial: (mission: string, tieRequests: readonly TieRequest[]) =>
+    post<Trial>(`${of(mission)}/preview-adjustment`, { ties: tieRequests }),
 };

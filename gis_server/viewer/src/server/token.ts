@@ -1,4 +1,4 @@
-/** The token that writes are signed with: kept until the tab is closed, sent to nobody but our own server. */
+/** The token for writing: kept until the tab is closed, sent only to this server. */
 
 const KEY = "solmap-token";
 

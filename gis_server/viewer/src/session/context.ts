@@ -11,7 +11,7 @@ import type { SunPlace } from "../map/shading";
 import type { DrawingState } from "../map/styles";
 import type { Shell } from "../page/shell";
 import type { Account } from "../server/account";
-import type { Happening } from "../server/events";
+import type { ServerEvent } from "../server/events";
 import type { Layer, MapPoint, Mission } from "../server/records";
 import type { Kept } from "./kept";
 import type { LayerBook } from "./layer-book";
@@ -39,7 +39,7 @@ export interface Signals {
   readonly cursor: Signal<MapPoint | null>;
   /** An image to show on the map for a moment; null: no longer. */
   readonly imageHovered: Signal<string | null>;
-  /** A stop was clicked: `box` is room for what is known of it. */
+  /** A stop was clicked: `box` receives its description. */
   readonly stop: Signal<{
     readonly stop: string;
     readonly point: MapPoint;
@@ -47,13 +47,13 @@ export interface Signals {
   }>;
   /** A place is identified: `box` is room for what else is known of it. */
   readonly identified: Signal<{ readonly point: MapPoint; readonly box: HTMLElement }>;
-  /** The way between places is to be measured: `box` is room for what is found. */
+  /** The distance between places is to be measured: `box` receives the result. */
   readonly measure: Signal<{ readonly corners: readonly MapPoint[]; readonly box: HTMLElement }>;
   /** Error ellipses are drawn so many times as large. */
   readonly ellipses: Signal<number>;
   /** The server sent an event of the store. */
-  readonly happened: Signal<Happening>;
-  /** The connection with the server is there again. */
+  readonly serverEvent: Signal<ServerEvent>;
+  /** The connection with the server was restored. */
   readonly reconnected: Signal<void>;
 }
 
@@ -63,12 +63,12 @@ export interface Context {
   readonly layers: LayerBook;
   readonly view: MapView;
   readonly drawing: DrawingState;
-  /** Where the sun stands in everything that is shaded here. */
+  /** Position of the sun for all shading in the viewer. */
   readonly sun: Kept<SunPlace>;
   /** What is shown, as links to it hold it. */
   readonly state: Store;
   readonly history: LinkHistory;
-  /** Who has signed in; null: nobody, and nothing can be written. */
+  /** The signed-in account; null: nobody, so nothing can be written. */
   readonly account: Kept<Account | null>;
   readonly waiting: Waiting;
   readonly keys: Shortcuts;
@@ -77,7 +77,7 @@ export interface Context {
   /** How longitude and latitude are shown; kept in the browser. */
   readonly coordinates: Kept<CoordinateFormat>;
   readonly signals: Signals;
-  /** The number of the last event in the store that the page began with; null: not known. */
+  /** Number of the last event included when the page was loaded; null: unknown. */
   readonly lastEvent: string | null;
   /** Ends when the session does: for listeners and requests. */
   readonly alive: AbortSignal;

@@ -6,7 +6,7 @@ export class Latest {
   private timer: ReturnType<typeof setTimeout> | undefined;
   private asking: AbortController | null = null;
 
-  /** `fail` hears of what went wrong, except that the server had no answer to this question. */
+  /** `fail` receives errors, except that the server has no value there. */
   constructor(
     private readonly restMs: number,
     private readonly fail: (reason: unknown) => void,

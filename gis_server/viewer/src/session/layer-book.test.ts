@@ -22,10 +22,10 @@ test("a link names the layers that are on, and their opacity", () => {
 
 test("changes are signalled, and only that layer changes", () => {
   const book = new LayerBook([hillshade, slope], null);
-  const told: string[] = [];
-  book.changed.on(({ id }) => told.push(id));
+  const emitted: string[] = [];
+  book.changed.on(({ id }) => emitted.push(id));
   book.change(slope, { visible: true });
-  expect(told).toEqual([slope.id]);
+  expect(emitted).toEqual([slope.id]);
   expect(book.state(slope)).toEqual({ visible: true, opacity: 0.6, style: null, blend: null });
   expect(book.state(hillshade).visible).toBe(true);
 });

@@ -17,7 +17,7 @@ export class LayerBook {
   readonly changed = new Signal<Layer>();
   /** Other layers lie on top, or another one is shown alone. */
   readonly rearranged = new Signal<void>();
-  /** The server published: there are other layers, or other products behind them. */
+  /** The server published new layers, or new products of layers. */
   readonly replaced = new Signal<readonly Layer[]>();
   /** An earlier version of a layer was brought in, or one was dismissed. */
   readonly versionsChanged = new Signal<void>();
@@ -28,7 +28,7 @@ export class LayerBook {
   /** Ids of all layers from the bottom of the map to its top. */
   private stack: readonly string[] = [];
   private heights: ReadonlyMap<string, number> = new Map();
-  private byHand = false;
+  private isStackedByUser = false;
   private soloed: string | null = null;
 
   /** `on` are the layers of a link; null leaves the choice to the book. `stacked`: its order counts. */
@@ -42,11 +42,14 @@ export class LayerBook {
     this.bands = layers.flatMap(bandsOf);
     for (const layer of this.listed) {
       const first = firstState(layer, layers);
-      const said = on?.get(layer.id);
-      this.states.set(layer.id, on ? { ...first, ...said, visible: said !== undefined } : first);
+      const stateInLink = on?.get(layer.id);
+      this.states.set(
+        layer.id,
+        on ? { ...first, ...stateInLink, visible: stateInLink !== undefined } : first,
+      );
     }
     this.restack([...(stacked && on ? on.keys() : [])]);
-    this.byHand = stacked;
+    this.isStackedByUser = stacked;
   }
 
   /** The latest of every layer. */
@@ -67,15 +70,15 @@ export class LayerBook {
   /** Shows the layers of a link, and nothing else. `stacked`: its order counts. */
   follow(linked: LinkedLayers, stacked: boolean): void {
     this.linked = linked;
-    const wasByHand = this.byHand;
+    const wasStackedByUser = this.isStackedByUser;
     for (const layer of this.every) {
-      const [state, said] = [this.state(layer), linked.get(layer.id)];
-      const wanted = said ? { ...said, visible: true } : { ...state, visible: false };
+      const [state, stateInLink] = [this.state(layer), linked.get(layer.id)];
+      const wanted = stateInLink ? { ...stateInLink, visible: true } : { ...state, visible: false };
       if (JSON.stringify(wanted) === JSON.stringify({ ...wanted, ...state })) continue;
       this.change(layer, wanted);
     }
-    if (!stacked && !wasByHand) return;
-    this.byHand = stacked;
+    if (!stacked && !wasStackedByUser) return;
+    this.isStackedByUser = stacked;
     this.restack(stacked ? [...linked.keys()] : []);
     this.rearranged.emit();
   }
@@ -92,10 +95,10 @@ export class LayerBook {
       ({ kind, scope }) => kind === version.kind && scope === version.scope,
     );
     const like = latest ? this.state(latest) : OFF;
-    const said = this.linked?.get(version.id);
+    const stateInLink = this.linked?.get(version.id);
     this.versions.set(version.id, version);
     if (!this.states.has(version.id))
-      this.states.set(version.id, { ...like, ...said, visible: said !== undefined });
+      this.states.set(version.id, { ...like, ...stateInLink, visible: stateInLink !== undefined });
     const at = latest ? this.stack.indexOf(latest.id) + 1 : this.stack.length;
     this.setStack(this.stack.toSpliced(at, 0, version.id));
     this.versionsChanged.emit();
@@ -158,13 +161,13 @@ export class LayerBook {
     const others = this.stack.filter((id) => id !== layer.id);
     const at = others.indexOf(beside.id) + (step === 1 ? 1 : 0);
     this.setStack(others.toSpliced(at, 0, layer.id));
-    this.byHand = true;
+    this.isStackedByUser = true;
     this.rearranged.emit();
   }
 
   /** Whether the order is another than the usual one. */
   get isRearranged(): boolean {
-    return this.byHand;
+    return this.isStackedByUser;
   }
 
   /** The only layer to be drawn; null: all that are on. */
@@ -195,7 +198,7 @@ export class LayerBook {
 
   /** Takes the server's new list. Layers keep how they are shown; new ones are shown as at first. */
   replace(layers: readonly Layer[]): void {
-    const order = this.byHand ? [...this.on.keys()] : [];
+    const order = this.isStackedByUser ? [...this.on.keys()] : [];
     this.list = layers;
     this.bands = layers.flatMap(bandsOf);
     for (const layer of this.listed)

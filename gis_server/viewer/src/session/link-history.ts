@@ -4,7 +4,7 @@
  * What changes without a gesture (the page settles, layers come) changes the entry that is there.
  */
 
-/** Turns of the wheel that follow each other so soon are one gesture. */
+/** Turns of the wheel within this time are one gesture. */
 const PAUSE_MS = 700;
 /** What changes all the time is written so often: browsers allow some hundred entries in half a minute. */
 const REST_MS = 150;

@@ -1,11 +1,11 @@
-/** What can be done at a place of the map; the context menu lists it. */
+/** Actions at a place of the map; the context menu lists them. */
 
 import type { MapPoint } from "../server/records";
 
 export interface PlaceAction {
   readonly title: string;
   readonly run: (point: MapPoint) => void;
-  /** Whether it can be done now; else it is not listed. */
+  /** Whether it is available now; else it is not listed. */
   readonly isOffered?: () => boolean;
 }
 

@@ -27,9 +27,9 @@ import { StopFrames } from "./stop-frames";
 import { Store } from "./store";
 import { Waiting } from "./waiting";
 
-/** What the map itself needs, in the order of tabs and tools on the page; `later-parts` follow when it is drawn. */
+/** Parts that the map itself needs, in the order of their tabs; `later-parts` follow when it is drawn. */
 const PARTS: readonly Part[] = [layersPart, searchPart, furniturePart, cursorPart, pointPart];
-/** The rest of the page comes after so long even where the map is not drawn: the server is slow, or the page hidden. */
+/** The rest of the page loads after this time even if the map is not drawn: the server is slow, or the page hidden. */
 const LATEST_MS = 4000;
 
 const signals = (): Signals => ({
@@ -41,7 +41,7 @@ const signals = (): Signals => ({
   identified: new Signal(),
   measure: new Signal(),
   ellipses: new Signal(),
-  happened: new Signal(),
+  serverEvent: new Signal(),
   reconnected: new Signal(),
 });
 

@@ -3,7 +3,7 @@
 export class Signal<T> {
   private readonly listeners = new Set<(value: T) => void>();
 
-  /** Calls `listener` with every later value; the answer stops that. */
+  /** Calls `listener` with every later value; the returned function stops that. */
   on(listener: (value: T) => void): () => void {
     this.listeners.add(listener);
     return () => void this.listeners.delete(listener);

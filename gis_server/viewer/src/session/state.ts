@@ -123,7 +123,7 @@ export interface PanoramaSight {
 }
 
 /** Where the eye is in 3D, and what it looks at. */
-export interface Look {
+export interface Viewpoint {
   readonly from: Place3;
   readonly to: Place3;
 }
@@ -253,7 +253,7 @@ const [centimetres, degrees] = [number(2), number(2)];
 const three = [centimetres, centimetres, centimetres] as const;
 const look = as(
   tuple(",", ...three, ...three),
-  ([a, b, c, d, e, f]): Look => ({ from: [a, b, c], to: [d, e, f] }),
+  ([a, b, c, d, e, f]): Viewpoint => ({ from: [a, b, c], to: [d, e, f] }),
   ({ from: [a, b, c], to: [d, e, f] }) => [a, b, c, d, e, f] as const,
 );
 
@@ -318,7 +318,7 @@ const PANE_FIELDS = {
     }),
   ),
   /** Seen from above where no eye is given. */
-  view3d: maybe(record<{ readonly look: Look | null }>("~", { look: or(null, look) })),
+  view3d: maybe(record<{ readonly look: Viewpoint | null }>("~", { look: or(null, look) })),
   /** The image network: a stop for its pairs, or nothing for all stops. */
   network: maybe(text),
   /** The profile of a measurement, by its number in `measure`. */

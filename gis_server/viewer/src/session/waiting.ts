@@ -18,7 +18,7 @@ export class Waiting {
   private settling: (() => void)[] = [];
   private isWhole = false;
   private isAway = false;
-  /** What the server did not answer, and what is to be done again once it does. */
+  /** Failed requests, to be repeated when the server answers. */
   private readonly unanswered = new Set<() => Promise<void>>();
   private timer: ReturnType<typeof setTimeout> | undefined;
   private pause_ms = FIRST_AGAIN_MS;
@@ -37,7 +37,7 @@ export class Waiting {
     this.await(work, true);
   }
 
-  /** The same for what writes: it is done once, whether or not the server answers. */
+  /** The same for writing: it is done once, whether or not the server answers. */
   act(work: () => Promise<void>): void {
     this.await(work, false);
   }
@@ -113,7 +113,7 @@ export class Waiting {
     this.isWhole = true;
   }
 
-  /** The map is drawn; if nothing is awaited either, what the page has is there, and that may be all. */
+  /** The map is drawn; if nothing is awaited, the page may be complete. */
   settle(): void {
     if (this.pending > 0) return;
     if (this.paint) {

@@ -5,7 +5,7 @@ its usual uncertainty is therefore searched first, and widened only where no pea
 (`gate.search_stages`), until all positions with common ground are covered.
 
 A gate contains 10^4 (first stage) to about 10^6 independent positions (last), so the largest random
-z is 4 to 5.2 (`links.VerdictParams.least_z`). Wide gates are searched in views with cells of twice
+z is 4 to 5.2 (`links.LinkTestParams.least_z`). Wide gates are searched in views with cells of twice
 the size, in an eighth of the time; the best positions are searched again in the full views, and
 those peaks have to be significant.
 """

@@ -1,4 +1,4 @@
-"""Networks that determine less than they should: telemetry takes over, and says so."""
+"""Networks that determine too little: telemetry is used, and a finding names it."""
 
 from dataclasses import replace
 
@@ -62,8 +62,8 @@ def test_a_stop_tied_only_to_a_blunder_is_held_by_telemetry(network, params):
     assert adjusted.stops[2].held_by.startswith("telemetry increment from")
 
 
-def test_collinear_ties_leave_the_turn_about_their_line_to_telemetry(network, params):
-    """Two ties make a line: the turn about it is known only as well as gravity tells."""
+def test_collinear_ties_leave_rotation_about_their_line_to_telemetry(network, params):
+    """Two ties make a line: rotation about it is known as precisely as gravity."""
     few = with_cross_points(network, 2, cross_points(network, 1, 2)[:2])
     loose, _ = adjust_overall(few, params)
     tight, _ = adjust_overall(network, params)
@@ -88,12 +88,12 @@ def test_stops_tied_among_themselves_but_not_to_the_datum_are_named(params):
     assert "ties do not reach the datum" in adjusted.stops[2].held_by
     assert lacks(report) == dict.fromkeys(network.stop_ids[2:], Lack.DETACHED)
     assert "a block of 2 stops" in report.findings[0].text
-    # what they know of each other is better than what telemetry knows of either
+    # their relative pose is more precise than telemetry of either
     apart = adjusted.stops[3].sigma_ned_m - adjusted.stops[2].sigma_ned_m
     assert np.linalg.norm(apart) < 1.5
 
 
-def test_two_stops_at_one_place_are_no_trouble(network, params):
+def test_two_stops_at_one_place_are_adjusted(network, params):
     here = network.stops[1]
     again = replace(
         here,
@@ -114,7 +114,7 @@ def test_two_stops_at_one_place_are_no_trouble(network, params):
     assert np.linalg.norm(apart) < params.position_floor_m
 
 
-def test_iterations_used_up_are_an_outcome_and_not_an_error(network):
+def test_exhausted_iterations_are_an_outcome_and_not_an_error(network):
     hasty = AdjustmentParams(max_iterations=1, tolerance=1e-30, max_rounds=1)
     adjusted, report = adjust_overall(network, hasty)
     assert not report.converged
@@ -124,24 +124,24 @@ def test_iterations_used_up_are_an_outcome_and_not_an_error(network):
     assert len(adjusted.stops) == 3
 
 
-def test_a_network_without_ties_is_telemetry_with_its_uncertainty(network, params):
+def test_a_network_without_ties_equals_telemetry_with_its_uncertainty(network, params):
     bare = replace(network, ties=select(network.ties, np.zeros(0, np.int64)))
-    told, _ = adjust_overall(bare, params)
-    for stop, prior in zip(told.stops, network.stops, strict=True):
+    reported, _ = adjust_overall(bare, params)
+    for stop, prior in zip(reported.stops, network.stops, strict=True):
         np.testing.assert_allclose(
             stop.lsl_from_rover.translation_m, prior.lsl_from_rover.translation_m, atol=1e-9
         )
-    assert told.stops[2].sigma_ned_m.min() > params.slip * 20.0
-    assert len(told.ties.observations) == 0
+    assert reported.stops[2].sigma_ned_m.min() > params.slip * 20.0
+    assert len(reported.ties.observations) == 0
 
 
-def test_a_network_that_determines_everything_has_no_findings(network, params):
+def test_a_fully_determined_network_has_no_findings(network, params):
     adjusted, report = adjust_overall(network, params)
     assert report.findings == ()
     assert all(stop.is_tied for stop in adjusted.stops)
 
 
-def test_a_single_tie_is_set_aside_because_nothing_checks_it(network, params):
+def test_a_single_tie_is_set_aside_as_unchecked(network, params):
     (kept,) = cross_points(network, 1, 2)[:1]
     alone = with_cross_points(network, 2, [kept])
     adjusted, report = adjust_overall(alone, params)
@@ -155,8 +155,8 @@ def test_a_single_tie_is_set_aside_because_nothing_checks_it(network, params):
 
 @given(seed=st.integers(0, 10_000), kept=st.integers(0, 5), wrong=st.booleans())
 @settings(max_examples=12, deadline=None)
-def test_no_pose_is_nonsense_without_being_named(seed, kept, wrong):
-    """However few its ties, a stop is where its covariance says, or a finding names it."""
+def test_every_undetermined_pose_is_named(seed, kept, wrong):
+    """With any number of ties, a stop is where its covariance allows, or a finding names it."""
     params = AdjustmentParams()
     network, truth = simulate_network(
         np.random.default_rng(seed), stops=3, pairs_per_stop=6, far_cross_ties=0, inter_ties=6,

@@ -46,25 +46,25 @@ def drifted(state, turn_rad):
 
 
 def loose(count):
-    """Telemetry that knows next to nothing, but of the tilt."""
+    """Telemetry with large standard deviations, except for the tilt."""
     network, _ = simulate_network(np.random.default_rng(1), stops=2, inter_ties=1, intra_ties=0)
     weak = AdjustmentParams(slip=100.0, azimuth_step_deg=90.0)
-    told = Telemetry.of(network, weak).of_stops(np.ones(count, dtype=np.int64))
+    reported = Telemetry.of(network, weak).of_stops(np.ones(count, dtype=np.int64))
     return replace(
-        told,
+        reported,
         rotations=np.repeat(np.eye(3)[None], count, axis=0),
         centres=np.zeros((count, 3)),
     )
 
 
 @pytest.mark.parametrize("turn_deg", [0.2, 1.5])
-def test_a_circle_that_telemetry_bends_open_closes(turn_deg):
+def test_a_loop_that_telemetry_leaves_open_is_closed(turn_deg):
     count = 40
     true, held = circle(count), np.arange(count) == 0
     start = drifted(true, np.radians(turn_deg))
     assert np.linalg.norm(start.centres - true.centres, axis=1).max() > 1.0
     chain = [(k, k + 1) for k in range(count - 1)]
-    # the chain holds what it has; two loops tell otherwise
+    # the chain fits itself; two loops contradict it
     along = edges_of(start, chain, loops=np.zeros(len(chain), dtype=bool))
     closing = edges_of(true, [(0, count - 1), (1, count - 1)], loops=np.ones(2, dtype=bool))
     along = replace(along, information=0.01 * along.information)
@@ -78,7 +78,7 @@ def test_a_circle_that_telemetry_bends_open_closes(turn_deg):
     assert np.linalg.norm(state.centres - true.centres, axis=1).max() < 0.5 * gone
 
 
-def test_a_loop_that_contradicts_the_others_is_weighed_down():
+def test_a_loop_that_contradicts_the_others_gets_less_weight():
     count = 30
     true, held = circle(count), np.arange(count) == 0
     chain = [(k, k + 1) for k in range(count - 1)]
@@ -92,7 +92,7 @@ def test_a_loop_that_contradicts_the_others_is_weighed_down():
     np.testing.assert_allclose(state.centres, true.centres, atol=1e-3)  # an initial value
 
 
-def test_a_rigid_motion_is_found_without_a_start_though_a_third_of_the_ties_is_wrong():
+def test_a_rigid_motion_is_found_without_a_start_although_a_third_of_the_ties_are_wrong():
     rng = np.random.default_rng(3)
     Y = rng.uniform(-15, 15, (30, 3)) * [1, 1, 0.1]
     R, t = rotation_of_vector(np.array([0.05, -0.02, 2.5])), np.array([30.0, -12.0, 0.5])
@@ -124,14 +124,14 @@ def test_laps_converge_from_telemetry(slip, blunders):
         far_cross_ties=0, inter_ties=6, intra_ties=0, blunders=blunders,
         errors=TelemetryErrors.assumed_by(params),
     )  # fmt: skip
-    told = np.array([stop.lsl_from_rover.translation_m for stop in network.stops])
+    reported = np.array([stop.lsl_from_rover.translation_m for stop in network.stops])
     true = np.array([pose.translation_m for pose in truth.lsl_from_rover])
     adjusted, report = adjust_overall(network, params)
     found = np.array([stop.lsl_from_rover.translation_m for stop in adjusted.stops])
     assert report.is_usable
     assert (
         np.linalg.norm(found - true, axis=1).max()
-        < 0.02 * np.linalg.norm(told - true, axis=1).max()
+        < 0.02 * np.linalg.norm(reported - true, axis=1).max()
     )
     sigma = np.array([stop.sigma_ned_m for stop in adjusted.stops[1:]])
     assert (np.abs(found[1:] - true[1:]) / sigma).max() < 4.0

@@ -99,7 +99,7 @@ def test_rays_that_diverge_end_far_away_in_front(ground, rng):
         assert (in_camera[ahead, 2] > 0).all()
 
 
-def test_points_that_have_a_place_or_one_sighting_only_are_left_alone(ground, rng):
+def test_points_with_known_places_or_one_ray_are_not_recomputed(ground, rng):
     geometries = [single(k, a) for k, a in enumerate(AZIMUTHS)]
     ties, _ = seen_by(geometries, ground, rng)
     observations = Observations.of(network(geometries, ties))
@@ -116,14 +116,14 @@ def test_pointing_errors_of_single_images_are_found_within_their_uncertainty(gro
     true = [single(k, a) for k, a in enumerate(AZIMUTHS)]
     ties, _ = seen_by(true, ground, rng)
     turns = np.radians(rng.normal(0, 0.1, (3, 3)))
-    told = []
+    reported = []
     for g, w in zip(true, turns, strict=True):
         off, pose = Rotation.from_rotvec(-w).as_matrix(), g.rover_from_pair
         place = np.array(MAST) + off @ (pose.translation_m - np.array(MAST))
-        told.append(
+        reported.append(
             replace(g, rover_from_pair=Pose(pose.target, pose.source, off @ pose.rotation, place))
         )
-    adjusted, report = adjust(network(told, ties), {STOP}, AdjustmentParams())
+    adjusted, report = adjust(network(reported, ties), {STOP}, AdjustmentParams())
     assert report.converged
     assert report.sigma0 == pytest.approx(1.0, abs=0.1)
     for k in (1, 2):  # relative to the first: all together only the prior holds

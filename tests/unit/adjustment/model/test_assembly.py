@@ -36,7 +36,7 @@ def by_measurement(ties):
     return names[order], numbers, [ties.kinds[k] for k in seen.point[order]]
 
 
-def test_stop_by_stop_and_together_again_is_the_same_network(adjusted):
+def test_parts_assembled_stop_by_stop_equal_the_whole_network(adjusted):
     parts = [part_at(adjusted, {stop.stop}) for stop in adjusted.stops]
     again = assemble(parts)
     assert again.stops == adjusted.stops
@@ -46,7 +46,7 @@ def test_stop_by_stop_and_together_again_is_the_same_network(adjusted):
     assert shared_ties(again) == shared_ties(adjusted)
 
 
-def test_a_part_has_the_ties_of_its_stops_whoever_else_sees_them(adjusted):
+def test_a_part_has_the_ties_of_its_stops_and_those_shared_with_others(adjusted):
     fifth = adjusted.stops[4].stop
     part = part_at(adjusted, {fifth})
     own = {pair.pair_id for pair in part.pairs}
@@ -57,7 +57,7 @@ def test_a_part_has_the_ties_of_its_stops_whoever_else_sees_them(adjusted):
         assert own & {seen.pair_ids[k] for k in seen.pair[seen.point == point]}
 
 
-def test_a_stop_is_as_the_last_part_that_has_it_says(adjusted):
+def test_a_stop_is_taken_from_the_last_part_that_contains_it(adjusted):
     moved = part_at(adjusted, {stop.stop for stop in adjusted.stops[:2]})
     with_fewer_pairs = part_at(adjusted, {adjusted.stops[1].stop})
     kept = with_fewer_pairs.pairs[:1]
@@ -68,7 +68,7 @@ def test_a_stop_is_as_the_last_part_that_has_it_says(adjusted):
 
 
 @pytest.mark.parametrize("mode", [AdjustmentMode.SEQUENTIAL, AdjustmentMode.STEPWISE])
-def test_steps_from_a_part_are_those_from_the_whole(mission, params, mode):
+def test_steps_from_a_part_equal_those_from_the_whole(mission, params, mode):
     """All that a step needs of the stops before is the part that it touches."""
     names = mission.stop_ids
     whole = part = None
@@ -91,7 +91,7 @@ def test_steps_from_a_part_are_those_from_the_whole(mission, params, mode):
     assert len(part.stops) < len(whole.stops)
 
 
-def test_ties_to_stops_that_a_part_lacks_do_not_reopen_the_traverse(params):
+def test_ties_to_stops_outside_a_part_do_not_reopen_the_traverse(params):
     """A loop cannot be closed with the pairs of a part: stops that are elsewhere would be lost."""
     loop, _ = simulate_network(
         np.random.default_rng(5), stops=10, pairs_per_stop=4, cross_ties=12, far_cross_ties=0,

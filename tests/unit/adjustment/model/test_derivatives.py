@@ -43,7 +43,7 @@ def nudged(state, stop=None, pair=None, point=None, axis=0, by=STEP):
     return replace(state, **{name: values})
 
 
-def test_image_coordinates_change_with_every_unknown_as_the_partials_say(bent):
+def test_image_coordinates_change_with_every_unknown_as_the_partials_state(bent):
     _, observations, state = bent
     rows = np.arange(0, len(observations), 7)
     by_orientation, by_point = partials(state, observations, rows)
@@ -68,7 +68,7 @@ def test_image_coordinates_change_with_every_unknown_as_the_partials_say(bent):
         np.testing.assert_allclose(analytic, numeric, rtol=1e-6, atol=2e-3)
 
 
-def test_telemetry_changes_with_every_unknown_as_the_partials_say(bent):
+def test_telemetry_changes_with_every_unknown_as_the_partials_state(bent):
     network, _, state = bent
     for fine in (False, True):
         telemetry = Telemetry.of(network, AdjustmentParams())
@@ -85,7 +85,7 @@ def test_telemetry_changes_with_every_unknown_as_the_partials_say(bent):
                 )
 
 
-def test_a_turn_about_the_vertical_is_no_tilt(bent):
+def test_a_rotation_about_the_vertical_is_not_a_tilt(bent):
     """Not even of a stop whose tilt misfits: else Gauss-Newton would hold the turn for it."""
     network, _, state = bent
     telemetry = Telemetry.of(network, AdjustmentParams())
@@ -97,13 +97,13 @@ def test_a_turn_about_the_vertical_is_no_tilt(bent):
 
 
 @given(vectors)
-def test_the_exponential_of_a_rotation_vector_is_that_of_scipy(vector):
+def test_the_exponential_of_a_rotation_vector_equals_scipys(vector):
     expected = Rotation.from_rotvec(vector).as_matrix()
     np.testing.assert_allclose(rotation_of_vector(vector), expected, atol=1e-14)
 
 
 @given(vectors, vectors)
-def test_the_left_jacobian_carries_a_change_of_the_vector_to_a_rotation(vector, direction):
+def test_the_left_jacobian_maps_a_change_of_the_vector_to_a_rotation(vector, direction):
     change = 1e-6 * direction
     both = rotation_of_vector(vector + change)
     apart = rotation_of_vector(left_jacobian(vector) @ change) @ rotation_of_vector(vector)

@@ -106,11 +106,11 @@ def test_derivatives_agree_with_differences():
             )  # fmt: skip
             both.append(-control.whitened_misclosures(moved))  # computed minus observed
         slope = (both[0] - both[1]) / (2 * h)
-        wanted = of_stop[:, :, c] if c < 6 else of_frame[:, :, c - 6]
-        np.testing.assert_allclose(slope, wanted, rtol=1e-6, atol=1e-4)
+        requested = of_stop[:, :, c] if c < 6 else of_frame[:, :, c - 6]
+        np.testing.assert_allclose(slope, requested, rtol=1e-6, atol=1e-4)
 
 
-def test_the_place_of_the_image_is_found_with_that_of_the_stops():
+def test_the_georeference_of_the_image_is_estimated_with_the_stops():
     network, truth, orbit = simulated(4)
     adjusted, report = adjust_overall(network, PARAMS)
     assert report.converged
@@ -126,7 +126,7 @@ def test_the_place_of_the_image_is_found_with_that_of_the_stops():
         assert e[k] @ np.linalg.solve(stop.covariance, e[k]) < chi2.ppf(0.9999, 6)
 
 
-def test_with_control_the_first_stop_keeps_its_place_and_gives_up_its_azimuth():
+def test_with_control_the_first_stop_keeps_its_position_and_its_azimuth_is_free():
     """Its telemetry is turned by degrees; held, it would turn the traverse with it."""
     network, truth, _ = simulated(4, sigma_m=0.02)
     frame = ControlFrame.from_sigmas("orbit", (0.0, 0.0), rotation_deg=0.02)
@@ -156,16 +156,16 @@ def test_a_gap_without_ties_is_bridged_by_control_on_both_sides():
         np.linalg.norm(errors(one, truth)[GAP, 3:5] - errors(one, truth)[GAP - 1, 3:5])
         for one in (alone, adjusted)
     ]
-    assert apart[1] < 0.3  # what the image tells of either side: 0.1 m a coordinate
+    assert apart[1] < 0.3  # precision of the image on either side: 0.1 m per coordinate
     assert apart[0] > 2 * apart[1]
     sigma = [one.stops[GAP].sigma_ned_m[:2].max() for one in (alone, adjusted)]
     assert sigma[1] < 0.5 * sigma[0]
     assert "control: its position in orbit" in adjusted.stops[GAP].held_by
-    told = {finding.stop: finding.text for finding in report.findings}
-    assert "control" in told[network.stop_ids[GAP]]
+    reported = {finding.stop: finding.text for finding in report.findings}
+    assert "control" in reported[network.stop_ids[GAP]]
 
 
-def test_a_wrong_place_is_found_and_named_and_not_believed():
+def test_a_wrong_control_point_is_found_named_and_not_used():
     network, truth, orbit = simulated(7, shown=(0, 2, 3, 5, 6, 7))
     wrong = orbit.control[3]
     bent = tuple(
@@ -174,17 +174,17 @@ def test_a_wrong_place_is_found_and_named_and_not_believed():
     )
     without = tuple(one for one in network.control if not one.is_same(wrong))
     adjusted, report = adjust_overall(replace(network, control=bent), PARAMS)
-    wanted, _ = adjust_overall(replace(network, control=without), PARAMS)
+    requested, _ = adjust_overall(replace(network, control=without), PARAMS)
     (refused,) = report.control_refused
     assert refused.startswith(f"{wrong.stop} in orbit")
     (found,) = (one for one in adjusted.control if not one.used)
     assert found.residual[1] == pytest.approx(2.0, abs=0.5)  # noise, and the image that turns
     assert f"REFUSED: {wrong.stop}" in str(report)
-    np.testing.assert_allclose(errors(adjusted, truth), errors(wanted, truth), atol=1e-5)
+    np.testing.assert_allclose(errors(adjusted, truth), errors(requested, truth), atol=1e-5)
     assert [one.control.stop for one in adjusted.control if not one.used] == [wrong.stop]
 
 
-def test_two_places_that_contradict_each_other_are_both_set_aside_where_nothing_tells():
+def test_two_contradicting_control_points_are_both_set_aside():
     """The image lies anywhere; each of its two places alone would fit."""
     network, _, orbit = simulated(8, shown=(2, 6))
     moved = replace(orbit.control[1], east_m=orbit.control[1].east_m + 30.0)
@@ -199,7 +199,7 @@ def test_two_places_that_contradict_each_other_are_both_set_aside_where_nothing_
     assert report.control == 0
 
 
-def test_stop_after_stop_is_the_simultaneous_solution_with_control_too():
+def test_sequential_equals_simultaneous_adjustment_with_control():
     network, _, _ = simulated(1, stops=9, shown=(1, 3, 4, 6, 8), sigma_azimuth_deg=0.5)
     previous = None
     for k, stop in enumerate(network.stop_ids):
@@ -214,16 +214,16 @@ def test_stop_after_stop_is_the_simultaneous_solution_with_control_too():
         assert (np.abs(off) / sigma[3:]).max() < 0.02
         # linearised where stops left, while the first azimuth was known to two degrees only
         np.testing.assert_allclose(np.sqrt(np.diagonal(a.covariance)), sigma, rtol=1e-2)
-    found, wanted = (
+    found, requested = (
         next(frame for frame in one.frames if frame.frame.name == "orbit")
         for one in (previous, overall)
     )
-    sigma = np.sqrt(np.diagonal(wanted.covariance))
-    assert (np.abs(found.place - wanted.place) / sigma).max() < 0.02
+    sigma = np.sqrt(np.diagonal(requested.covariance))
+    assert (np.abs(found.place - requested.place) / sigma).max() < 0.02
     np.testing.assert_allclose(np.sqrt(np.diagonal(found.covariance)), sigma, rtol=1e-2)
 
 
-def test_what_control_said_of_marginalised_stops_is_kept_exactly():
+def test_control_of_marginalised_stops_is_kept_exactly():
     network, _, _ = simulated(2, stops=7, shown=(0, 1, 3, 6), sigma_up_m=0.2)
     overall, _ = adjust_overall(network, STATED)
     window, _ = begin(network, STATED)
@@ -239,7 +239,7 @@ def test_what_control_said_of_marginalised_stops_is_kept_exactly():
         assert (np.abs(a.covariance - b.covariance) / scale).max() < 1e-5
 
 
-def test_control_that_comes_later_reopens_the_traverse():
+def test_later_control_reopens_the_traverse():
     network, _, _ = simulated(3, shown=(1, 2, 5))
     bare = replace(network, control=(), frames=())
     before = None
@@ -255,7 +255,7 @@ def test_control_that_comes_later_reopens_the_traverse():
         assert (np.abs(off) / sigma).max() < 0.02
 
 
-def test_control_that_is_taken_back_leaves_what_it_said_of_stops_that_have_left():
+def test_revoked_control_keeps_its_effect_on_marginalised_stops():
     network, _, _ = simulated(3, stops=6, shown=(0, 1, 2))
     before = None
     for k, stop in enumerate(network.stop_ids[:-1]):
@@ -272,7 +272,7 @@ def test_control_that_is_taken_back_leaves_what_it_said_of_stops_that_have_left(
     assert len(after.stops) == 6
 
 
-def test_stepwise_places_new_stops_by_control_too():
+def test_stepwise_adjustment_uses_control_for_new_stops():
     network, truth, _ = simulated(5, shown=range(8), gap=GAP, sigma_azimuth_deg=0.3)
     previous = None
     for k, stop in enumerate(network.stop_ids):
@@ -286,7 +286,7 @@ def test_stepwise_places_new_stops_by_control_too():
         assert e[k] @ np.linalg.solve(stop.covariance, e[k]) < 2 * chi2.ppf(0.9999, 6)
 
 
-def test_a_network_with_control_comes_back_from_its_document_bit_for_bit():
+def test_a_network_with_control_is_read_back_bit_for_bit():
     network, _, _ = simulated(2, stops=5, shown=(0, 1, 3), sigma_azimuth_deg=0.5)
     adjusted = begin(network, PARAMS)[0]
     document = json.dumps(network_document(adjusted))
@@ -305,7 +305,7 @@ def test_a_network_with_control_comes_back_from_its_document_bit_for_bit():
         ({"covariance": np.array([[1.0, 0.5], [0.0, 1.0]])}, "symmetric"),
     ],
 )
-def test_control_that_cannot_be_weighed_is_refused(change, message):
+def test_control_without_a_usable_weight_is_refused(change, message):
     stop = simulate_network(np.random.default_rng(0), stops=1, **SMALL)[0].stop_ids[0]
     with pytest.raises(AdjustmentError, match=message):
         StopControl(**{"stop": stop, "frame": "orbit", "east_m": 1.0, "north_m": 2.0,
@@ -341,8 +341,8 @@ def with_first_attitude_unsure(
 ) -> Network:
     """The network with an error in the first attitude that telemetry reports.
 
-    Its tilt alone; its azimuth with those of all stops up to the next that is measured (FINE), for
-    they were propagated from it. What wheels measured stays.
+    Its tilt alone; its azimuth with those of all stops up to the next that is measured (FINE),
+    because they were propagated from it. What wheels measured stays.
     """
     errors = errors or TelemetryErrors()
     tilt = rng.normal(0, np.radians(errors.tilt_deg), 2)

@@ -44,7 +44,7 @@ def test_a_sequential_traverse_ends_where_the_overall_adjustment_does(network, p
     assert off[-3:].max() < 0.1
 
 
-def test_after_an_overall_adjustment_a_step_goes_on_exactly(network, params):
+def test_after_an_overall_adjustment_a_step_continues_exactly(network, params):
     short = replace(params, window_stops=2, sigma_freedoms=np.inf)
     earlier = network.within(set(network.stop_ids[:-1]))
     before, _ = advance(AdjustmentMode.OVERALL, None, earlier, (), short)
@@ -60,14 +60,14 @@ def test_after_an_overall_adjustment_a_step_goes_on_exactly(network, params):
     assert (off[-3:] < 0.05 * np.array([stop.sigma_ned_m for stop in overall.stops[-3:]])).all()
 
 
-def test_stepwise_leaves_stops_alone_that_sequential_moves(network, params):
+def test_stepwise_keeps_stops_that_sequential_moves(network, params):
     for mode, moves in ((AdjustmentMode.STEPWISE, False), (AdjustmentMode.SEQUENTIAL, True)):
         states = along(mode, network, params)
         seconds = np.array([places(state)[1] for state in states[1:]])
         assert (np.ptp(seconds[1:], axis=0) > 0).any() == moves
 
 
-def test_new_images_of_a_known_stop_leave_what_is_known_of_the_stops(network, params):
+def test_new_images_of_a_known_stop_keep_the_information_about_the_stops(network, params):
     late = network.pairs[-1].pair_id
     seen = np.array([name != late for name in network.ties.pair_ids])[network.ties.pair]
     short = replace(network, pairs=network.pairs[:-1], ties=select(network.ties, seen))
@@ -98,6 +98,6 @@ def test_an_overall_adjustment_that_fails_is_refused_and_a_step_that_fails_is_re
     adjusted, report = advance(AdjustmentMode.STEPWISE, first, two, two.stop_ids[1:], hasty)
     assert not report.converged
     assert "its stops remain at telemetry" in report.message
-    told = [prior.lsl_from_rover.translation_m for prior in two.stops]
-    for (old, new), (was, now) in zip(pairwise(told), pairwise(places(adjusted)), strict=True):
+    reported = [prior.lsl_from_rover.translation_m for prior in two.stops]
+    for (old, new), (was, now) in zip(pairwise(reported), pairwise(places(adjusted)), strict=True):
         assert np.linalg.norm(now - was) == pytest.approx(np.linalg.norm(new - old), rel=1e-6)

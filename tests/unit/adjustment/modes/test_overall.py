@@ -151,7 +151,7 @@ def test_a_held_stop_must_be_in_the_network(bent, params):
         adjust(bent[0], {StopId("TEST", 9, 9)}, params)
 
 
-def test_an_empty_network_says_so(params):
+def test_an_empty_network_is_refused(params):
     network, _ = simulate_network(np.random.default_rng(1), stops=1)
     empty = Network((), (), select(network.ties, np.zeros(len(network.ties), dtype=bool)))
     with pytest.raises(AdjustmentError, match="network is empty"):
@@ -170,7 +170,7 @@ def test_a_single_stop_has_its_mast_pointing_adjusted(params):
 
 
 def test_a_pair_without_ties_keeps_its_label_and_its_prior(stated):
-    stated = replace(stated, mast_deg=1e-7)  # other pairs tell of the mast
+    stated = replace(stated, mast_deg=1e-7)  # other pairs determine the mast
     network, _ = simulate_network(np.random.default_rng(4), stops=2)
     lonely = network.pairs[3].pair_id
     k = network.ties.pair_ids.index(lonely)
@@ -192,17 +192,17 @@ def test_a_stop_without_ties_follows_the_stop_before_it(params):
     assert not stop.is_tied
     assert stop.held_by == f"telemetry increment from {before.stop}"
     # the step in the frame of the rover before is that of telemetry
-    told = network.stops[-2].lsl_from_rover.inverse.apply(
+    reported = network.stops[-2].lsl_from_rover.inverse.apply(
         network.stops[-1].lsl_from_rover.translation_m[None]
     )
     kept = before.lsl_from_rover.inverse.apply(stop.lsl_from_rover.translation_m[None])
-    np.testing.assert_allclose(kept, told, atol=1e-6)
+    np.testing.assert_allclose(kept, reported, atol=1e-6)
     # and its uncertainty is that of the drive, not of the images
-    step = np.linalg.norm(told)
+    step = np.linalg.norm(reported)
     assert stop.sigma_ned_m.min() > 0.9 * params.slip * step > before.sigma_ned_m.max()
 
 
-def test_a_network_of_telemetry_alone_is_carried_through(params):
+def test_a_network_of_telemetry_alone_is_adjusted(params):
     network, _ = simulate_network(np.random.default_rng(11), stops=3)
     bare = replace(network, ties=select(network.ties, np.zeros(len(network.ties), dtype=bool)))
     adjusted, report = adjust_overall(bare, params)
@@ -244,7 +244,7 @@ def test_a_fine_azimuth_is_absolute_and_a_coarse_one_relative(params):
     )
 
 
-def test_points_seen_in_the_left_image_alone_tie_too(params):
+def test_points_seen_in_the_left_image_alone_are_ties_too(params):
     network, truth = simulate_network(np.random.default_rng(8), stops=2)
     parallax = network.ties.parallax_px.copy()
     first = np.unique(network.ties.point, return_index=True)[1]
@@ -257,7 +257,7 @@ def test_points_seen_in_the_left_image_alone_tie_too(params):
     assert np.linalg.norm(errors(adjusted, truth)[1, 3:]) < 0.3
 
 
-def test_a_point_that_one_image_alone_saw_is_not_used(params):
+def test_a_point_of_one_image_is_not_used(params):
     network, _ = simulate_network(np.random.default_rng(8), stops=2)
     number = network.ties.point[0]
     parallax = network.ties.parallax_px.copy()
@@ -271,7 +271,7 @@ def test_a_point_that_one_image_alone_saw_is_not_used(params):
     assert np.isnan(adjusted.ties.points[number]).all()
 
 
-def test_elimination_leaves_the_normal_equations_of_the_classical_reduction(bent, params):
+def test_elimination_equals_the_classical_reduction_of_the_normal_equations(bent, params):
     """On near points it equals N_oo - N_ot N_tt^-1 N_to, on a dense copy of the whole system."""
     network, observations, state = bent
     telemetry = Telemetry.of(network, params)
@@ -297,9 +297,11 @@ def test_elimination_leaves_the_normal_equations_of_the_classical_reduction(bent
         N_tt, N_ot = A_t.T @ A_t, A_o.T @ A_t
         dense += A_o.T @ A_o - N_ot @ np.linalg.solve(N_tt, N_ot.T)
         right += A_o.T @ l - N_ot @ np.linalg.solve(N_tt, A_t.T @ l)
-    found, told = (normal_equations(p, state, None) for p in (problem, nothing))
-    np.testing.assert_allclose((found[1] - told[1])[:-1], right, atol=1e-9 * np.abs(right).max())
-    bare = nothing.pattern.views(told[0])
+    found, reported = (normal_equations(p, state, None) for p in (problem, nothing))
+    np.testing.assert_allclose(
+        (found[1] - reported[1])[:-1], right, atol=1e-9 * np.abs(right).max()
+    )
+    bare = nothing.pattern.views(reported[0])
     for (s, t), block in problem.pattern.views(found[0]).items():
         rows = slice(unknowns.offsets[s], unknowns.offsets[s] + unknowns.sizes[s])
         columns = slice(unknowns.offsets[t], unknowns.offsets[t] + unknowns.sizes[t])
@@ -317,13 +319,13 @@ def test_redundancy_numbers_sum_to_the_redundancy_of_the_images(params):
     assert images == pytest.approx(report.redundancy - telemetry, abs=0.1 * telemetry)
 
 
-def test_a_stop_must_come_with_its_own_telemetry():
+def test_a_stop_needs_its_own_telemetry():
     pose = Pose.identity(LSL, StopId("TEST", 1, 0).frame)
     with pytest.raises(AdjustmentError, match=r"must be the pose of rover\[2, 0\] in lsl"):
         StopPrior(StopId("TEST", 2, 0), pose)
 
 
-def test_a_pair_of_a_stop_that_is_missing_is_named():
+def test_a_missing_pair_of_a_stop_is_named():
     network, _ = simulate_network(np.random.default_rng(2), stops=2)
     with pytest.raises(AdjustmentError, match="S0001P00 was taken at test-site0001-drive0010"):
         replace(network, stops=network.stops[:1])
@@ -334,7 +336,7 @@ def test_a_standard_deviation_of_zero_is_refused():
         AdjustmentParams(tilt_deg=0.0)
 
 
-def test_a_tie_that_comes_back_starts_where_it_is_seen_now(params):
+def test_a_tie_that_returns_starts_at_its_current_place(params):
     """Its stops moved by metres while it was set aside; started from there it lay behind them."""
     network, _ = simulate_network(
         np.random.default_rng(0), stops=40, pairs_per_stop=6, inter_ties=4, intra_ties=0,

@@ -63,12 +63,12 @@ def test_a_bent_rig_is_recovered_where_telemetry_gives_the_scale(params):
 
 
 @pytest.mark.slow
-def test_a_straight_rig_stays_straight_and_its_unseen_length_stays_at_the_prior(params):
+def test_a_straight_rig_stays_straight_and_its_undetermined_length_stays_at_the_prior(params):
     network, _ = simulate_network(np.random.default_rng(8), stops=3, inter_ties=40)
     instruments = {pair.pair_id: "NAVCAM" for pair in network.pairs}
     (rig,) = calibrate_rig(network, {network.stop_ids[0]}, instruments, params).corrections
     assert (np.abs(rig.values) < 4 * rig.sigmas).all()
-    # wheels slip by 10 per cent: two drives say little of a length of half a per cent
+    # wheels slip by 10 per cent: two drives determine a length of half a per cent poorly
     assert 0.8 * BASELINE_SIGMA_M < rig.sigmas[3] <= BASELINE_SIGMA_M
 
 
@@ -85,7 +85,7 @@ def test_noise_of_parallaxes_does_not_lengthen_the_baseline(params):
     assert (np.abs(np.mean(off, axis=0)) < 3 / np.sqrt(len(off))).all()  # three standard errors
 
 
-def test_pairs_of_no_camera_set_are_left_as_they_are(params):
+def test_pairs_without_a_camera_set_are_not_changed(params):
     network, truth = simulate_network(np.random.default_rng(4), stops=1, inter_ties=20)
     held, names = {network.stop_ids[0]}, [pair.pair_id for pair in network.pairs]
     bent = with_bent_rig(network, truth, BENT, 0.0)
@@ -110,7 +110,7 @@ def test_a_network_with_control_keeps_its_datum(params):
     assert (np.abs(rig.values - np.append(BENT, 0.0)) < 4 * rig.sigmas).all()
 
 
-def test_a_network_that_nothing_ties_cannot_be_corrected(params):
+def test_a_network_without_ties_cannot_be_corrected(params):
     network, _ = simulate_network(
         np.random.default_rng(2), stops=1, pairs_per_stop=2, inter_ties=0, intra_ties=5
     )

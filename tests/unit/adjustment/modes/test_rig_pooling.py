@@ -54,7 +54,7 @@ def stop_of(rng, bends, pairs=10, **options):
     return StopRig(rows)
 
 
-def test_rigs_as_labelled_are_left_alone(rng):
+def test_rigs_that_agree_with_their_labels_are_not_corrected(rng):
     off = []
     for _ in range(8):
         stops = {
@@ -78,7 +78,7 @@ def test_offsets_below_half_a_row_are_corrected(rng, rows_px):
     assert abs(applied[1]) < 4 * found.toe_in_sigma(applied)
 
 
-def test_toe_in_that_rows_cannot_show_is_expected_to_be_as_large_as_the_rest(rng):
+def test_toe_in_that_rows_cannot_show_has_the_sigma_of_the_other_rotations(rng):
     straight, bent = (
         pooled_rotations({"stop": stop_of(rng, {"PANCAM": bend}, pairs=1)})["stop"]["PANCAM"]
         for bend in (LABELS, BENT)
@@ -87,7 +87,7 @@ def test_toe_in_that_rows_cannot_show_is_expected_to_be_as_large_as_the_rest(rng
     assert CALIBRATION_SIGMA_RAD < bent.sigmas[1] < 0.6e-3
 
 
-def test_errors_of_lenses_do_not_pass_for_toe_in(rng):
+def test_lens_errors_are_not_mistaken_for_toe_in(rng):
     good, bad = (
         pooled_rotations({"stop": stop_of(rng, {"NAVCAM": LABELS}, lens_px=px)})["stop"]["NAVCAM"]
         for px in (0.0, 0.2)
@@ -96,7 +96,7 @@ def test_errors_of_lenses_do_not_pass_for_toe_in(rng):
     assert abs(bad.rotation[1]) < 3 * bad.sigmas[1]
 
 
-def test_a_bar_that_bends_with_temperature_has_a_rotation_a_stop(rng):
+def test_a_rig_that_bends_with_temperature_has_one_rotation_per_stop(rng):
     bends = [BENT * share for share in (0.2, 0.6, 1.0, 1.4)]
     stops = {f"s{k}": stop_of(rng, {"NAVCAM": bend}) for k, bend in enumerate(bends)}
     found = pooled_rotations(stops)
@@ -113,33 +113,35 @@ def at_celsius(stop, celsius):
     return StopRig({name: replace(rows, celsius=celsius) for name, rows in stop.rows.items()})
 
 
-def test_a_bar_that_goes_with_temperature_is_known_at_one_that_was_not_met_before(rng):
-    """Toe-in too, which the rows of a cold stop show worse than the law that warm ones tell."""
+def test_a_temperature_model_predicts_the_rotation_at_a_new_temperature(rng):
+    """Toe-in too, which the rows of a cold stop show worse than the law from warm ones."""
     per_kelvin = np.array([8e-6, 5e-6, -6e-6])
     celsius = [-60.0, -45.0, -30.0, -20.0, -5.0, 5.0]
     stops = {
         f"s{k}": stop_of(rng, {"NAVCAM": BENT + per_kelvin * t}, pairs=4 if k else 1)
         for k, t in enumerate(celsius)
     }
-    told = {name: at_celsius(stops[name], t) for name, t in zip(stops, celsius, strict=True)}
-    without, found = (pooled_rotations(some)["s0"]["NAVCAM"] for some in (stops, told))
+    reported = {name: at_celsius(stops[name], t) for name, t in zip(stops, celsius, strict=True)}
+    without, found = (pooled_rotations(some)["s0"]["NAVCAM"] for some in (stops, reported))
     off = found.rotation - (BENT + per_kelvin * celsius[0])
     assert np.abs(off[::2]).max() * FOCAL["NAVCAM"] < 0.02
     assert abs(off[1]) < 3 * found.sigmas[1]
     assert found.sigmas[1] < 0.8 * without.sigmas[1]
 
 
-def test_temperature_explains_nothing_where_rows_do_not_go_with_it(rng):
+def test_temperature_explains_nothing_where_rows_do_not_follow_it(rng):
     stops = {f"s{k}": stop_of(rng, {"NAVCAM": BENT}, pairs=2) for k in range(5)}
     celsius = rng.permutation([-60.0, -40.0, -20.0, 0.0, 20.0])
-    told = {name: at_celsius(one, t) for (name, one), t in zip(stops.items(), celsius, strict=True)}
-    for name, cameras in pooled_rotations(told).items():
+    reported = {
+        name: at_celsius(one, t) for (name, one), t in zip(stops.items(), celsius, strict=True)
+    }
+    for name, cameras in pooled_rotations(reported).items():
         np.testing.assert_array_equal(
             cameras["NAVCAM"].rotation, pooled_rotations(stops)[name]["NAVCAM"].rotation
         )
 
 
-def test_a_correction_stands_until_it_is_wrong_by_more_than_is_known_and_matters(rng):
+def test_a_correction_stays_until_it_is_significantly_and_noticeably_wrong(rng):
     rows = stop_of(rng, {"NAVCAM": LABELS}, pairs=1).rows["NAVCAM"]
     px = 1.0 / FOCAL["NAVCAM"]
 
@@ -154,7 +156,7 @@ def test_a_correction_stands_until_it_is_wrong_by_more_than_is_known_and_matters
     assert applied(0.3, 0.02, 0.25) == pytest.approx(0.3)
 
 
-def test_ties_within_a_stop_tell_toe_in_whatever_was_applied_before(rng, params):
+def test_ties_within_a_stop_determine_toe_in_independently_of_the_applied_correction(rng, params):
     network, truth = simulate_network(rng, stops=1, inter_ties=150, intra_ties=20)
     bent = with_bent_rig(network, truth, np.array([0.0, 0.4e-3, 0.0]), 0.0)
     instruments = {pair.pair_id: "NAVCAM" for pair in network.pairs}
@@ -193,7 +195,7 @@ def test_ties_on_one_cell_weigh_as_one():
     np.testing.assert_allclose(weigh_by_cells(ties_of_five()).second_sigma_px, [2, 2, 2, 2, 1])
 
 
-def test_ties_between_stops_do_not_average_what_is_not_known_of_toe_in():
+def test_ties_between_stops_do_not_average_out_uncertainty_of_toe_in():
     ties = add_toe_in(ties_of_five(), {"b": 0.1})
     np.testing.assert_allclose(ties.first_sigma_parallax_px, 1.0)
     np.testing.assert_allclose(ties.second_sigma_parallax_px**2, 1.0 + 5 * 0.1**2)

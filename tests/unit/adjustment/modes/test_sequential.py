@@ -38,10 +38,10 @@ def along(network, params, count=None):
     return traverse, report
 
 
-def in_sigmas(found, wanted):
+def in_sigmas(found, requested):
     """Greatest difference of poses in standard deviations, and relative one of those."""
     off, wider = [], []
-    for a, b in zip(found, wanted, strict=True):
+    for a, b in zip(found, requested, strict=True):
         if not b.covariance.any():
             continue
         turn = a.lsl_from_rover.rotation @ b.lsl_from_rover.rotation.T - np.eye(3)
@@ -94,7 +94,7 @@ def test_derivatives_of_the_coordinates_agree_with_differences(state):
         np.testing.assert_allclose(J[:, k], slope, atol=1e-7)  # h^2 times third derivatives of 20 m
 
 
-def test_a_common_motion_leaves_all_but_the_anchor_alone(state):
+def test_a_common_motion_changes_only_the_anchor(state):
     stops = np.arange(4)
     chart = Chart.at(state, stops, np.arange(0))
     turn, shift = rotation_of_vector(np.array([0.1, -0.4, 1.0])), np.array([3.0, -8.0, 1.0])
@@ -104,7 +104,7 @@ def test_a_common_motion_leaves_all_but_the_anchor_alone(state):
     np.testing.assert_allclose(chart.coordinates(moved)[:18], 0.0, atol=1e-12)
 
 
-def test_what_marginalised_stops_said_is_kept_exactly(network, stated):
+def test_information_of_marginalised_stops_is_kept_exactly(network, stated):
     """Linearised where the overall adjustment ended, the window alone gives what that gave.
 
     Iterated to the end: covariances are those where the last step but one led.
@@ -119,7 +119,7 @@ def test_what_marginalised_stops_said_is_kept_exactly(network, stated):
     assert report.is_usable
     assert alone.redundancy == report.redundancy
     off, wider = in_sigmas(again.stops, overall.stops[-stated.window_stops :])
-    assert off < 1e-4  # what is left of the last step: 1e-10 in squared standard deviations
+    assert off < 1e-4  # remainder of the last step: 1e-10 in squared standard deviations
     assert wider < 1e-7
     for pair in again.pairs:
         whole = overall.pair(pair.pair_id)
@@ -131,7 +131,7 @@ def test_what_marginalised_stops_said_is_kept_exactly(network, stated):
         )  # fmt: skip
 
 
-def test_stop_by_stop_the_last_stop_is_that_of_the_simultaneous_solution(network, stated):
+def test_sequential_adjustment_of_the_last_stop_equals_simultaneous(network, stated):
     traverse, report = along(network, stated)
     overall, together = adjust_overall(network, stated)
     assert report.redundancy == together.redundancy
@@ -141,7 +141,9 @@ def test_stop_by_stop_the_last_stop_is_that_of_the_simultaneous_solution(network
     assert wider < 0.01
 
 
-def test_it_is_called_like_the_stepwise_adjustment_and_survives_as_a_document(network, params):
+def test_sequential_adjustment_has_the_stepwise_interface_and_is_stored_as_a_document(
+    network, params
+):
     previous = None
     for k, stop in enumerate(network.stop_ids):
         part = network.within(set(network.stop_ids[: k + 1]))
@@ -160,7 +162,7 @@ def test_it_is_called_like_the_stepwise_adjustment_and_survives_as_a_document(ne
     assert any("the marginal of earlier stops" in stop.held_by for stop in previous.stops[-7:])
 
 
-def test_a_loop_re_opens_the_traverse(params):
+def test_a_loop_reopens_the_traverse(params):
     network, _ = simulate_network(np.random.default_rng(2), stops=12, loop=True, **SMALL)
     previous = None
     for k, stop in enumerate(network.stop_ids):
@@ -172,7 +174,7 @@ def test_a_loop_re_opens_the_traverse(params):
     assert in_sigmas(previous.stops, overall.stops)[0] < 1.0
 
 
-def test_a_loop_is_left_open_and_said_to_be_where_earlier_pairs_are_not_handed_over(params):
+def test_a_loop_without_its_earlier_pairs_stays_open_and_is_reported(params):
     network, _ = simulate_network(np.random.default_rng(2), stops=12, loop=True, **SMALL)
     previous = None
     for k, stop in enumerate(network.stop_ids):
@@ -185,14 +187,14 @@ def test_a_loop_is_left_open_and_said_to_be_where_earlier_pairs_are_not_handed_o
     assert len(previous.stops) == 12
 
 
-def test_a_stop_of_the_window_that_is_not_handed_over_is_named(network, params):
+def test_a_missing_stop_of_the_window_is_named(network, params):
     traverse, _ = along(network, params, 10)
     lost = network.within(set(network.stop_ids[-3:]))
     with pytest.raises(AdjustmentError, match=r"contains test-site.*pass all stops"):
         extend(traverse, lost, network.stop_ids[-1:], params)
 
 
-def test_nothing_leaves_an_adjustment_that_has_not_converged(network, params):
+def test_an_adjustment_that_has_not_converged_marginalises_nothing(network, params):
     traverse, _ = along(network, params, 10)
     hasty = replace(params, max_iterations=1, tolerance=1e-30, max_rounds=1)
     after, report = extend(traverse, network, network.stop_ids[10:], hasty)
@@ -200,7 +202,7 @@ def test_nothing_leaves_an_adjustment_that_has_not_converged(network, params):
     assert after.memory is traverse.memory
 
 
-def test_a_traverse_keeps_its_window_only(network, params):
+def test_a_traverse_keeps_only_its_window(network, params):
     traverse, _ = along(network, params)
     assert traverse.window == network.stop_ids[-params.window_stops :]
     assert len(traverse.stops) == params.window_stops + 1  # one left after the last step

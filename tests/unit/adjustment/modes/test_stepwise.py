@@ -42,8 +42,8 @@ def test_without_ties_beyond_the_last_stop_all_earlier_stops_stay(params):
             )
     last = network.stop_ids[-1]
     off = np.linalg.norm(position(states[-1], last) - truth.lsl_from_rover[-1].translation_m)
-    told = network.stops[-1].lsl_from_rover.translation_m
-    assert off < 0.2 * np.linalg.norm(told - truth.lsl_from_rover[-1].translation_m)
+    reported = network.stops[-1].lsl_from_rover.translation_m
+    assert off < 0.2 * np.linalg.norm(reported - truth.lsl_from_rover[-1].translation_m)
 
 
 def test_ties_to_the_stop_before_last_let_the_last_one_move_again(params):
@@ -68,7 +68,7 @@ def test_stepwise_and_overall_agree_within_their_uncertainty(params):
     for a, b in zip(step.stops[1:], overall.stops[1:], strict=True):
         apart = a.lsl_from_rover.translation_m - b.lsl_from_rover.translation_m
         assert (np.abs(apart) < 3 * a.sigma_ned_m).all()
-        # it does not know that errors of the mast are those of the steps before
+        # it ignores that errors of the mast are those of the steps before
         assert (a.sigma_ned_m > 0.85 * b.sigma_ned_m).all()
 
 
@@ -82,7 +82,7 @@ def test_uncertainty_grows_along_the_traverse(params):
     assert sigmas[0] == 0.0
 
 
-def test_the_ties_of_the_whole_traverse_come_with_every_step(params):
+def test_every_step_returns_the_ties_of_the_whole_traverse(params):
     network, truth = simulate_network(
         np.random.default_rng(4), stops=5, far_cross_ties=3, inter_ties=10, intra_ties=4
     )
@@ -94,7 +94,7 @@ def test_the_ties_of_the_whole_traverse_come_with_every_step(params):
     assert np.median(np.linalg.norm(last.ties.points - truth.points, axis=1)) < 0.5
 
 
-def test_two_new_stops_may_come_at_once(params):
+def test_two_new_stops_may_be_added_at_once(params):
     network, _ = simulate_network(np.random.default_rng(5), stops=4, inter_ties=10, intra_ties=2)
     first, _ = adjust_stepwise(
         None, network.within(set(network.stop_ids[:2])), network.stop_ids[:2], params
@@ -113,7 +113,7 @@ def test_a_gap_in_the_traverse_is_refused_with_advice(params):
         adjust_stepwise(first, network, [network.stop_ids[4]], params)
 
 
-def test_a_stop_that_nobody_knows_is_not_in_the_adjusted_network(params):
+def test_an_unknown_stop_is_not_in_the_adjusted_network(params):
     network, _ = simulate_network(np.random.default_rng(5), stops=1, inter_ties=4, intra_ties=2)
     adjusted, _ = adjust_overall(network, params)
     with pytest.raises(AdjustmentError, match="test-site0007-drive0001 is not in the adjusted"):
@@ -121,7 +121,7 @@ def test_a_stop_that_nobody_knows_is_not_in_the_adjusted_network(params):
     assert replace(adjusted).stop(network.stop_ids[0]).held
 
 
-def test_ties_keep_what_an_earlier_step_found_though_every_network_numbers_them_anew(params):
+def test_ties_keep_earlier_estimates_under_new_numbers(params):
     network, _ = simulate_network(
         np.random.default_rng(3), stops=3, far_cross_ties=0, inter_ties=10, intra_ties=2
     )

@@ -30,7 +30,7 @@ def test_no_ground_in_range_moves_further_than_the_bound(turn, other_turn, shift
         assert moved.max() <= bound + 1e-12  # rounding of sums of metres
 
 
-def test_a_turn_across_the_line_of_sight_is_felt_in_full():
+def test_a_rotation_across_the_line_of_sight_counts_in_full():
     angle = np.radians(0.1)
     shift = ground_shift_m(pose([0, 0, 0], [0, 0, 0]), pose([0, angle, 0], [0, 0, 0]), 10.0)
     assert shift == pytest.approx(2 * 10.0 * np.sin(angle / 2), rel=1e-12)

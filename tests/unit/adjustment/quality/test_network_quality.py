@@ -76,7 +76,7 @@ def test_a_bent_camera_shows_in_the_grid_of_means(params):
     assert np.nanmean(parallax[:, :half]) == pytest.approx(-0.4, abs=0.1)
 
 
-def test_blunders_are_named_with_their_place_and_what_stands_against_them(params):
+def test_blunders_are_named_with_their_place_and_the_ties_that_contradict_them(params):
     network, truth = simulate_network(np.random.default_rng(4), blunders=0.1, **SIZES)
     adjusted, report = adjust_overall(network, params)
     found = stated(network, adjusted).blunders
@@ -133,14 +133,14 @@ def test_weak_places_are_named(params):
     cut = replace(network, ties=select(network.ties, ~across))
     adjusted, _ = adjust_overall(cut, params)
     found = stated(cut, adjusted)
-    said = {weak.what: weak.why for weak in found.weaknesses}
-    assert "left at telemetry" in said[str(names[3])]
-    assert said[f"link {names[0]} - {names[1]}"] == "rests on 4 tie points, fewer than 7"
+    message = {weak.what: weak.why for weak in found.weaknesses}
+    assert "left at telemetry" in message[str(names[3])]
+    assert message[f"link {names[0]} - {names[1]}"] == "rests on 4 tie points, fewer than 7"
     assert found.links[names[0], names[1]] == 4
     assert (names[2], names[3]) not in found.links
 
 
-def test_the_document_is_json_and_names_what_it_speaks_of(clean):
+def test_the_document_is_json_and_names_images_and_stops(clean):
     network, _, _, found = clean
     document = json.loads(json.dumps(quality_document(found), allow_nan=False))
     assert [stop["stop"] for stop in document["stops"]] == [str(s) for s in network.stop_ids]

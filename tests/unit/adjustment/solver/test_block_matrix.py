@@ -48,7 +48,7 @@ def system_of(structure):
 
 @settings(deadline=None, max_examples=40)
 @given(structures())
-def test_a_block_system_is_solved_like_a_dense_one(structure):
+def test_a_block_system_has_the_solution_of_the_dense_one(structure):
     pattern, flat, dense, offsets = system_of(structure)
     right = np.arange(1.0, len(dense) + 1)
     x = factorise(pattern, flat).solve(right, offsets)
@@ -57,7 +57,7 @@ def test_a_block_system_is_solved_like_a_dense_one(structure):
 
 @settings(deadline=None, max_examples=40)
 @given(structures())
-def test_the_inverse_on_the_pattern_is_that_of_the_dense_matrix(structure):
+def test_the_inverse_on_the_pattern_equals_that_of_the_dense_matrix(structure):
     pattern, flat, dense, offsets = system_of(structure)
     inverse = np.linalg.inv(dense)
     sparse = pattern.views(factorise(pattern, flat).inverse())
@@ -80,7 +80,7 @@ def test_a_chain_of_stops_has_no_fill():
     assert len(pattern.keys) == 50 + 2 * 49
 
 
-def test_covariances_far_along_a_traverse_are_those_of_the_dense_inverse():
+def test_covariances_far_along_a_traverse_equal_those_of_the_dense_inverse():
     """Their asymmetry by rounding, if it were kept, would grow tenfold every eight stops."""
     network, truth = simulate_network(
         np.random.default_rng(1), stops=180, pairs_per_stop=4, inter_ties=2, intra_ties=0

@@ -28,7 +28,7 @@ from solmap.photogrammetry.errors import AdjustmentError
     st.floats(0.0, 10.0).map(lambda power: 10.0**-power),
     st.integers(0, 99),
 )
-def test_columns_are_orthonormal_however_far_the_point(k, feeble, seed):
+def test_columns_are_orthonormal_at_any_distance_of_the_point(k, feeble, seed):
     """The column of the range may be as small as that, and nearly along the others."""
     A_t = np.random.default_rng(seed).normal(size=(3, 3 * k, 4))
     A_t[2] = A_t[0] + feeble * A_t[2]
@@ -37,7 +37,7 @@ def test_columns_are_orthonormal_however_far_the_point(k, feeble, seed):
     np.testing.assert_allclose(Q.mT @ Q, np.tile(np.eye(3), (4, 1, 1)), atol=1e-14)
 
 
-def test_a_direction_that_the_images_do_not_feel_is_left_alone():
+def test_a_direction_that_images_do_not_determine_is_not_changed():
     A_t = np.random.default_rng(1).normal(size=(3, 6, 1))
     A_t[2] = 0.0
     Q, R = orthonormalise(A_t)
@@ -45,7 +45,7 @@ def test_a_direction_that_the_images_do_not_feel_is_left_alone():
     assert R[2, 2, 0] == 0
 
 
-def test_a_common_motion_of_its_stops_is_none_to_a_tie_point(bent):
+def test_a_common_motion_of_its_stops_does_not_change_a_tie_point(bent):
     network, observations, state = bent
     held, used = np.arange(3) == 0, np.ones(len(observations), dtype=bool)
     telemetry = Telemetry.of(network, AdjustmentParams())
@@ -77,7 +77,7 @@ def test_every_used_observation_of_a_shared_point_is_in_one_group(bent):
         np.testing.assert_array_equal(stops, expected)
 
 
-def test_groups_that_fill_the_cache_lose_and_double_nothing(bent, monkeypatch):
+def test_groups_that_fill_the_cache_lose_and_double_no_row(bent, monkeypatch):
     _, observations, _ = bent
     unknowns = Unknowns.of(np.zeros(3, dtype=bool), observations.pair_stop)
     used = np.ones(len(observations), dtype=bool)
@@ -96,7 +96,7 @@ def test_groups_that_fill_the_cache_lose_and_double_nothing(bent, monkeypatch):
         np.testing.assert_array_equal(pairs, pairs[:, group.first[group.signature]])
 
 
-def test_points_that_join_those_that_are_seen_more_often_say_the_same(bent, monkeypatch):
+def test_merging_points_with_those_seen_more_often_keeps_the_information(bent, monkeypatch):
     network, observations, state = bent
     telemetry, held = Telemetry.of(network, AdjustmentParams()), np.array([True, False, False])
     used = np.arange(len(observations)) % 7 > 0
@@ -129,7 +129,7 @@ def test_a_point_measured_twice_in_one_pair_is_named(bent):
         tie_groups(twice, np.ones(len(twice), dtype=bool), unknowns)
 
 
-def test_masts_that_do_not_turn_are_masts_held_by_a_great_weight(bent):
+def test_fixed_masts_equal_masts_with_a_great_weight(bent):
     """1e-8 rad is a hundred-thousandth of what a pixel sees, and its square is lost in the cost."""
     network, observations, state = bent
     systematic = np.zeros((0, 3, 0))

@@ -40,7 +40,7 @@ def raster(  # noqa: PLR0913 - the keywords of a label
     sample_type="IEEE_REAL",
     missing="0.0",
 ):
-    """A file with the bands `values`, and the label that says so."""
+    """A file with the bands `values`, and its label."""
     stored = {
         "BAND_SEQUENTIAL": values,
         "LINE_INTERLEAVED": values.transpose(1, 0, 2),
@@ -81,7 +81,7 @@ def test_xyz_is_read_in_every_order_of_bands_and_bytes(xyz, storage, sample_type
     assert not found.mask[2, 4]  # (0, 0, 0) alone is nothing; a point on an axis is one
 
 
-def test_a_disparity_is_where_the_partner_shows_the_point_counted_from_zero(rng):
+def test_a_disparity_points_to_the_pixel_of_the_partner_counted_from_zero(rng):
     line, sample = rng.uniform(1, 1024, (2, 5, 7)).astype(np.float32)
     line[3, 3] = sample[3, 3] = 0
     data = raster(np.stack([line, sample]), derived="DERIVED_IMAGE_TYPE = DISPARITY_MAP")
@@ -103,14 +103,14 @@ def test_a_range_has_one_band_and_no_frame(rng):
     assert np.isfinite(found.bands).all()
 
 
-def test_another_missing_constant_is_obeyed_beside_zero(xyz):
+def test_a_stated_missing_constant_counts_besides_zero(xyz):
     xyz[:, 1, 1] = -1e30
     found = read_raster(raster(xyz, missing="-1e30"), "x.img")
     assert not found.mask[1, 1]
     assert not found.mask[2, 4]
 
 
-def test_points_in_the_rover_frame_say_at_which_stop(xyz):
+def test_points_in_the_rover_frame_name_their_stop(xyz):
     found = read_raster(raster(xyz, frame="ROVER_FRAME", index="(137,4,0,13,7)"), "x.img")
     assert found.frame == rover_frame(137, 4)
 
@@ -132,7 +132,7 @@ def test_a_raster_may_have_its_label_in_a_file_of_its_own(xyz):
 
 
 @pytest.mark.parametrize(
-    ("change", "error", "complaint"),
+    ("change", "error", "message"),
     [
         (
             {"derived": "DERIVED_IMAGE_TYPE = IMAGE"},
@@ -146,8 +146,8 @@ def test_a_raster_may_have_its_label_in_a_file_of_its_own(xyz):
         ({"index": "-1"}, LabelError, "and its counters"),
     ],
 )
-def test_what_is_no_such_raster_is_refused(xyz, change, error, complaint):
-    with pytest.raises(error, match=complaint):
+def test_files_without_such_a_raster_are_refused(xyz, change, error, message):
+    with pytest.raises(error, match=message):
         read_raster(raster(xyz, **change), "x.img")
 
 

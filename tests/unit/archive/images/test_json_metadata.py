@@ -26,7 +26,7 @@ def metadata(model="CAHVORE", components=VECTORS + ";(0.0,0.0,0.0);2;0.0"):
     return json.dumps({"camera_model_type": model, "camera_model_component_list": components})
 
 
-def test_the_navcam_of_perseverance_projects_and_back(shared_data, rng):
+def test_the_navcam_of_perseverance_projects_and_back_projects(shared_data, rng):
     path = next(shared_data.rglob("NLF_0670_*-metadata.json"))
     text = path.read_text()
     camera = camera_of_metadata(text, path.name)
@@ -49,7 +49,7 @@ def test_every_model_type_is_read():
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("", "not JSON"),
         ("[" * 100_000, "not JSON"),
@@ -63,8 +63,8 @@ def test_every_model_type_is_read():
         (metadata("CAHVORE", VECTORS + ";(0,0,0);(2,3);0"), "T of .* should be 1 number"),
     ],
 )
-def test_broken_metadata_are_refused(text, complaint):
-    with pytest.raises(LabelError, match=complaint) as caught:
+def test_broken_metadata_are_refused(text, message):
+    with pytest.raises(LabelError, match=message) as caught:
         camera_of_metadata(text, "x.json")
     assert str(caught.value).startswith("x.json: ")
 
@@ -90,7 +90,7 @@ WHOLE = {
 }
 
 
-def test_metadata_with_an_attitude_are_a_whole_record():
+def test_metadata_with_an_attitude_are_a_complete_record():
     image = rover_image_of_metadata(json.dumps(WHOLE), "x.json")
     assert (image.stop.mission, image.stop.site, image.stop.drive) == ("M20", 32, 604)
     assert (image.instrument, image.eye, image.sol) == ("NAVCAM", Eye.LEFT, 670)
@@ -113,7 +113,7 @@ def test_the_nested_form_of_the_image_list_is_the_same_record():
     np.testing.assert_array_equal(nested.camera.centre, flat.camera.centre)
 
 
-def test_the_navcam_of_perseverance_needs_a_pose_from_elsewhere(shared_data):
+def test_the_navcam_of_perseverance_needs_a_pose_from_another_source(shared_data):
     path = next(shared_data.rglob("NLF_0670_*-metadata.json"))
     with pytest.raises(LabelError, match="name site 32 and drive 604, but no attitude"):
         rover_image_of_metadata(path.read_text(), path.name)
@@ -127,7 +127,7 @@ def test_the_navcam_of_perseverance_needs_a_pose_from_elsewhere(shared_data):
 
 
 @pytest.mark.parametrize(
-    ("change", "complaint"),
+    ("change", "message"),
     [
         ({"attitude": "(0,0,0,0)"}, "not a unit quaternion"),
         ({"attitude": "(1,0,0)"}, "attitude should be 4 numbers"),
@@ -138,7 +138,7 @@ def test_the_navcam_of_perseverance_needs_a_pose_from_elsewhere(shared_data):
         ({"dimension": "(0,0)"}, "is not that of an image"),
     ],
 )
-def test_metadata_that_lack_something_say_what(change, complaint):
-    with pytest.raises(LabelError, match=complaint) as caught:
+def test_incomplete_metadata_name_the_missing_part(change, message):
+    with pytest.raises(LabelError, match=message) as caught:
         rover_image_of_metadata(json.dumps({**WHOLE, **change}), "x.json")
     assert str(caught.value).startswith("x.json: ")

@@ -37,7 +37,7 @@ def test_every_sample_type_gives_its_values(small, stored, sample_type):
     assert mask.all()
 
 
-def test_eight_bit_values_are_unsigned_whatever_the_label_says(rng, small):
+def test_eight_bit_values_are_unsigned_for_any_label(rng, small):
     values = rng.integers(1, 256, (20, 30))
     for sample_type in ("UNSIGNED_INTEGER", "MSB_INTEGER"):
         image = replace(small, pixels=values, stored="u1", sample_type=sample_type)
@@ -79,12 +79,12 @@ def test_a_block_of_zeros_is_lost_but_a_dark_pixel_is_not(small):
     np.testing.assert_array_equal(~mask, lost)
 
 
-def test_an_image_that_was_lost_as_a_whole_has_an_empty_mask(small):
+def test_a_wholly_lost_image_has_an_empty_mask(small):
     _, mask = read(replace(small, pixels=np.zeros((5, 2))))
     assert not mask.any()
 
 
-def test_another_missing_constant_is_taken_at_its_word(small):
+def test_a_stated_missing_constant_is_used(small):
     pixels = small.pixels.copy()
     pixels[5, 5] = -32768
     image = replace(small, pixels=pixels).but("= 0.0\n", "= -32768\n INVALID_CONSTANT = N/A\n")
@@ -93,7 +93,7 @@ def test_another_missing_constant_is_taken_at_its_word(small):
     assert values[5, 5] == 0
 
 
-def test_in_a_float_raster_zero_and_nan_are_nothing(small):
+def test_in_a_float_raster_zero_and_nan_are_missing(small):
     pixels = small.pixels.astype(float)
     pixels[1, 1], pixels[2, 2], pixels[3, 3] = 0.0, np.nan, np.inf
     values, mask = read(replace(small, pixels=pixels, stored=">f4", sample_type="IEEE_REAL"))
@@ -101,7 +101,7 @@ def test_in_a_float_raster_zero_and_nan_are_nothing(small):
     assert np.isfinite(values).all()
 
 
-def test_a_truncated_file_says_what_it_needs_and_has(small):
+def test_a_truncated_file_is_refused_with_its_size_and_the_required_one(small):
     data = small.data[:-100]
     with pytest.raises(PixelError, match=r"x.img: truncated: needs 8896 bytes .* has 8796"):
         read_pixels(data, parse_label(small.label, "x.img"), "x.img")
@@ -117,7 +117,7 @@ def test_the_pointer_may_count_bytes_or_name_a_file(small):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "complaint"),
+    ("old", "new", "message"),
     [
         ("^IMAGE ", "^OTHER ", r"\^IMAGE, the position of the pixels, is missing from the label"),
         ("^IMAGE                           = 9", "^IMAGE = 0", r"\^IMAGE should be a record"),
@@ -130,8 +130,8 @@ def test_the_pointer_may_count_bytes_or_name_a_file(small):
         ("BANDS                          = 1", "BANDS = 7", "expected 1 or 3 bands"),
     ],
 )
-def test_an_impossible_layout_is_refused(small, old, new, complaint):
-    with pytest.raises((LabelError, PixelError), match=complaint):
+def test_an_impossible_layout_is_refused(small, old, new, message):
+    with pytest.raises((LabelError, PixelError), match=message):
         pixel_layout(parse_label(small.but(old, new).label, "x.img"))
 
 
@@ -143,7 +143,7 @@ def test_radiance_is_scaled_by_the_label(small):
     assert (scale.factor, scale.offset) == (1e-5, 0.0)
 
 
-def test_colours_that_change_evenly_come_back_from_a_bayer_frame():
+def test_smooth_colours_are_recovered_from_a_bayer_frame():
     line, sample = np.indices((12, 18))
     colours = np.stack([100 + 2 * sample, 200 + 3 * line, 300 + sample + line]).astype(np.float32)
     mosaic = np.take_along_axis(colours, (line % 2 + sample % 2)[None], 0)[0]

@@ -11,7 +11,7 @@ CENTRE, VERTICAL = "(0.454993,0.141198,-1.23312)", "(50.6594,-19.3653,1294.76)"
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "complaint"),
+    ("old", "new", "message"),
     [
         ("= 1869", "= 100001", "the sol should be from 0 to 100,000, but is 100001"),
         ("= 1869", f"= {'9' * 38}", r"the sol should be from 0 to 100,000, but is 1e\+38"),
@@ -30,8 +30,8 @@ CENTRE, VERTICAL = "(0.454993,0.141198,-1.23312)", "(50.6594,-19.3653,1294.76)"
         ('"p0703"', '"p\0"', "not a plain text of one line"),
     ],
 )
-def test_an_impossible_value_is_named(small, old, new, complaint):
-    with pytest.raises(LabelError, match=complaint):
+def test_an_impossible_value_is_named(small, old, new, message):
+    with pytest.raises(LabelError, match=message):
         read_image_record(small.but(old, new).data, NAME)
 
 

@@ -45,13 +45,13 @@ def test_a_label_becomes_a_record(small):
     assert read.mask.all()
 
 
-def test_the_sun_is_put_above_the_horizon_where_the_product_counts_downwards(small):
+def test_a_sun_elevation_counted_downwards_is_reversed(small):
     flipped = small.but("-25.7423", "25.7423").but("78.801", "-78.801")
     for image in (small, flipped):
         assert record(image).sun_elevation == pytest.approx(np.radians(78.801))
 
 
-def test_a_sun_below_the_horizon_stays_there_if_the_mast_agrees(small):
+def test_a_sun_below_the_horizon_is_kept_if_the_mast_agrees(small):
     assert record(small.but("78.801", "-3.0")).sun_elevation == pytest.approx(np.radians(-3.0))
 
 
@@ -76,24 +76,24 @@ def test_without_a_mast_the_sun_is_up_by_day_and_as_stated_at_night(small):
         ("-8.2 <degC>", '("LEFT NAV CCD","MI CCD")', None),
     ],
 )  # fmt: skip
-def test_the_temperature_of_the_mast_is_that_of_detectors_which_were_measured(
+def test_the_temperature_of_the_mast_is_that_of_the_measured_detectors(
     small, values, names, celsius
 ):
     assert record(small).camera_celsius is None
-    told = f"  INSTRUMENT_TEMPERATURE = {values}\n  INSTRUMENT_TEMPERATURE_NAME = {names}\n"
+    reported = f"  INSTRUMENT_TEMPERATURE = {values}\n  INSTRUMENT_TEMPERATURE_NAME = {names}\n"
     group = "GROUP                            = INSTRUMENT_STATE_PARMS\n"
-    image = record(small.but(group, group + told))
+    image = record(small.but(group, group + reported))
     assert image.camera_celsius == (None if celsius is None else pytest.approx(celsius))
 
 
-def test_a_renamed_file_is_known_by_its_product_id(small):
+def test_a_renamed_file_is_identified_by_its_product_id(small):
     assert record(small, "copy of it.img").id == "2N292280938EFFB100P0703L0M1"
     nameless = small.but('"2N292280938EFFB100P0703L0M1"', '"SLLARC_1"')
     image = record(nameless, "a/b/somewhere.img")
     assert (image.id, image.product_type) == ("SOMEWHERE", "UNKNOWN")
 
 
-def test_the_file_name_wins_over_the_product_id(small):
+def test_the_file_name_has_priority_over_the_product_id(small):
     image = record(small, "2n292280938ilfb100p0703l0m2.img")
     assert (image.id, image.product_type) == ("2N292280938ILFB100P0703L0M2", "ILF")
 
@@ -103,7 +103,7 @@ def test_the_pancam_filter_is_that_of_the_file_name(small):
     assert record(pancam, "2p295043688fflb1dnp2380l2m1.img").filter_number == 2
 
 
-def test_the_half_pixel_of_averaged_images_is_put_right_or_left(small):
+def test_the_half_pixel_of_averaged_images_is_corrected_or_kept(small):
     averaged = small.but("PIXEL_AVERAGING_WIDTH          = 1", "PIXEL_AVERAGING_WIDTH = 4")
     plain, left, right = (
         record(small).camera,
@@ -116,7 +116,7 @@ def test_the_half_pixel_of_averaged_images_is_put_right_or_left(small):
     np.testing.assert_allclose(right.project(points), [[9.625, 20.0]], atol=1e-9)
 
 
-def test_a_camera_in_the_site_frame_is_brought_to_the_rover(small):
+def test_a_camera_in_the_site_frame_is_transformed_to_the_rover(small):
     in_site = small.but(
         "REFERENCE_COORD_SYSTEM_NAME    = ROVER_FRAME", "REFERENCE_COORD_SYSTEM_NAME = SITE_FRAME"
     )
@@ -132,7 +132,7 @@ def test_components_are_found_by_their_letters(small):
     np.testing.assert_array_equal(camera.c, [0.454993, 0.141198, -1.23312])
 
 
-def test_a_fisheye_brings_its_type_and_parameter(small):
+def test_a_fisheye_is_read_with_its_type_and_parameter(small):
     text = small.but("= CAHVOR", "= CAHVORE").but(
         '("C","A","H","V","O","R")', '("C","A","H","V","O","R","E","T","P")'
     )
@@ -147,7 +147,7 @@ def test_a_fisheye_brings_its_type_and_parameter(small):
         record(text.but("MODEL_COMPONENT_8 = 3.0", "MODEL_COMPONENT_8 = 2.5"))
 
 
-def test_a_linearised_product_holds_a_perspective_camera(small):
+def test_a_linearised_product_has_a_perspective_camera(small):
     linear = replace(small, projection="LINEARIZED").but("= CAHVOR", "= CAHV")
     image = record(linear, "2n292280938fflb100p0703l0m1.img")
     assert image.is_linearised
@@ -155,7 +155,7 @@ def test_a_linearised_product_holds_a_perspective_camera(small):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "complaint"),
+    ("old", "new", "message"),
     [
         ("GROUP                            = GEOMETRIC_CAMERA_MODEL\n", "GROUP = OTHER\n", None),
         ("MODEL_TYPE                     = CAHVOR", "MODEL_TYPE = PSPH", "should be CAHV, CAHVOR"),
@@ -183,19 +183,19 @@ def test_a_linearised_product_holds_a_perspective_camera(small):
         ("WIDTH          = 1", "WIDTH = 0", "PIXEL_AVERAGING_WIDTH should be 1 or more"),
     ],
 )
-def test_a_label_that_will_not_do_is_refused_in_one_line(small, old, new, complaint):
-    if complaint is None:
-        new, complaint = "GROUP = GEO\n", r"the label has no camera model"
+def test_an_unusable_label_is_refused_in_one_line(small, old, new, message):
+    if message is None:
+        new, message = "GROUP = GEO\n", r"the label has no camera model"
         small = small.but("END_GROUP                        = GEOMETRIC_CAMERA_MODEL", "END_GROUP")
         old = "GROUP                            = GEOMETRIC_CAMERA_MODEL\n"
-    with pytest.raises(LabelError, match=complaint) as caught:
+    with pytest.raises(LabelError, match=message) as caught:
         read_image(small.but(old, new).data, NAME)
     assert NAME in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("kind", ["ETH", "ITH", "ERP", "EHG", "DIS", "XYL", "SLL", "MSK"])
-def test_rasters_of_anything_but_grey_values_are_refused(small, kind):
+def test_rasters_without_grey_values_are_refused(small, kind):
     with pytest.raises(LabelError, match=f"not a mapping image: product type {kind}"):
         record(small, f"2n292280938{kind.lower()}b100p0703l0m1.img")
 
@@ -210,7 +210,7 @@ def test_a_derived_raster_of_another_mission_is_refused_by_its_label(small):
 
 
 @pytest.mark.parametrize(
-    ("data", "complaint"),
+    ("data", "message"),
     [
         (b"", "x.img: the file is empty"),
         (b"Dear reader,\nthis is a letter.\n", "not a PDS3 image: it starts with 'Dear reader,"),
@@ -219,8 +219,8 @@ def test_a_derived_raster_of_another_mission_is_refused_by_its_label(small):
         (b"PDS_VERSION_ID = PDS3\nEND\n", "x.img: INSTRUMENT_HOST_ID is missing"),
     ],
 )
-def test_a_file_that_is_no_image_is_named_with_its_fault(data, complaint):
-    with pytest.raises(LabelError, match=complaint):
+def test_a_file_without_an_image_is_named_with_its_fault(data, message):
+    with pytest.raises(LabelError, match=message):
         read_image(data, "x.img")
 
 
@@ -231,13 +231,13 @@ def test_a_truncated_image_still_has_its_record(small):
         read_image(data, NAME)
 
 
-def test_a_detached_label_goes_with_its_pixels(small):
+def test_a_detached_label_is_joined_to_its_pixels(small):
     label = small.but("^IMAGE                           = 9", '^IMAGE = "X.DAT"').label
     read = read_image(small.pixels.astype(">i2").tobytes(), NAME, detached_label=label)
     np.testing.assert_array_equal(read.pixels, small.pixels)
 
 
-def test_a_new_mission_is_a_new_record(small):
+def test_a_new_mission_needs_one_new_record(small):
     other = Mission(
         hosts=("VIPER",),
         instruments={"NAVCAM_LEFT": ("NAVCAM", Eye.LEFT)},
@@ -250,7 +250,7 @@ def test_a_new_mission_is_a_new_record(small):
     assert rover_image(label, "x.img", (other,)).stop.mission == "VIPER"
 
 
-def test_a_mission_is_the_same_by_either_name_of_its_spacecraft(small):
+def test_both_names_of_a_spacecraft_give_the_same_mission(small):
     of_mars_2020 = replace(MER, hosts=("M20", "M2020"), mapping_products=None)
     for host in ("M20", "M2020"):
         label = parse_label(small.but('"MER2"', f'"{host}"').label, "x.img")
@@ -264,7 +264,7 @@ def averaged(small):
     )
 
 
-def test_the_half_pixel_is_put_right_for_the_mission_that_leaves_it_out(small):
+def test_the_half_pixel_is_corrected_for_the_mission_that_omits_it(small):
     """MER scaled about a pixel's corner; software after 2011 does not (facts 1.6)."""
     label = parse_label(averaged(small).label, "x.img")
     later = replace(MER, leaves_out_half_pixel=False)
@@ -296,6 +296,6 @@ def test_a_label_may_place_its_site_in_another(small):
 
 
 @pytest.mark.parametrize("parent", ["137", '"N/A"'])
-def test_a_site_placed_in_itself_or_nowhere_is_not_placed(small, parent):
+def test_a_site_placed_in_itself_or_in_an_unknown_one_is_not_placed(small, parent):
     placed = small.but(ROVER_GROUP, SITE.format(parent=parent) + ROVER_GROUP)
     assert rover_image(parse_label(placed.label, "x.img"), "x.img").parent_from_site is None

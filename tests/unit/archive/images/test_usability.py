@@ -39,7 +39,7 @@ def with_segments(small, status="(0,0,0)", missing='"N/A"'):
 
 
 @pytest.mark.parametrize("quote", ["", '"'])
-def test_a_segment_that_is_not_whole_is_masked(small, quote):
+def test_an_incomplete_segment_is_masked(small, quote):
     status = f"({quote}0{quote},{quote}3{quote},{quote}0{quote})"
     read = read_image(with_segments(small, status).data, NAME)
     lost = np.zeros((40, 60), dtype=bool)
@@ -54,7 +54,7 @@ def test_a_segment_without_a_single_pixel_is_masked_and_one_with_some_is_not(sma
     assert not read.mask[20:].any()
 
 
-def test_whole_segments_mask_nothing_and_need_no_place(small):
+def test_complete_segments_mask_nothing_and_need_no_place(small):
     assert read_image(with_segments(small).data, NAME).mask.all()
     unplaced = with_segments(small).but("(1,31,1)", '"N/A"')
     assert read_image(unplaced.data, NAME).notes == ()
@@ -66,17 +66,17 @@ def test_a_lost_segment_without_a_place_is_refused(small):
         read_image(broken.data, NAME)
 
 
-def test_segments_outside_of_the_image_do_no_harm(small):
+def test_segments_outside_the_image_are_ignored(small):
     far = with_segments(small, "(0,0,5)").but("(1,1,21)", "(1,1,99999999)")
     assert read_image(far.data, NAME).mask.all()
 
 
-def test_the_segments_of_a_raw_frame_say_nothing_of_its_linearised_image(small):
+def test_segments_of_a_raw_frame_do_not_apply_to_its_linearised_image(small):
     label = read_label(with_segments(small, "(1,1,1)").but("RAW", "LINEARIZED").data, NAME)
     assert received_mask(label, 40, 60).all()
 
 
-def test_every_real_segment_came_down_whole(shared_data):
+def test_every_real_segment_is_complete(shared_data):
     for path in sorted(shared_data.rglob("*.[iI][mM][gG]")):
         label = read_label(path.read_bytes(), path.name)
         assert received_mask(label, 64, 64).all()
@@ -86,7 +86,7 @@ def with_bits(small, mask):
     return small.but("  MISSING_CONSTANT", f"  SAMPLE_BIT_MASK = {mask}\n  MISSING_CONSTANT")
 
 
-def test_a_pixel_is_saturated_at_the_end_of_the_converter(small):
+def test_a_pixel_at_the_converter_limit_is_saturated(small):
     small.pixels[3, 4:9] = 4095
     for mask in ("2#0000111111111111#", "4095", '"0000111111111111"'):
         read = read_image(with_bits(small, mask).data, NAME)
@@ -96,7 +96,7 @@ def test_a_pixel_is_saturated_at_the_end_of_the_converter(small):
 
 
 @pytest.mark.parametrize("mask", ["2#1010#", "0", '"N/A"', '"many"', "2#1111111111111111#"])
-def test_a_mask_that_is_no_row_of_bits_tells_no_full_scale(small, mask):
+def test_a_mask_that_is_not_a_row_of_bits_gives_no_full_scale(small, mask):
     label = read_label(with_bits(small, mask).data, NAME)
     assert full_scale(label) is None
     assert not saturated_mask(np.full((2, 2), 4095, np.float32), label).any()
@@ -113,14 +113,14 @@ def coded(small):
     return with_bits(type(small)(codes).but(STATE, state), "2#0000000011111111#")
 
 
-def test_codes_without_a_table_stay_codes_and_say_so(small):
+def test_codes_without_a_table_stay_codes_and_are_marked(small):
     image = coded(small)
     read = read_image(image.data, NAME)
     np.testing.assert_array_equal(read.pixels, image.pixels)
     assert read.notes == ("pixels are 8-bit codes of LUT3, not counts: no inverse table was given",)
 
 
-def test_a_table_turns_codes_into_counts(small):
+def test_a_table_decodes_codes_into_counts(small):
     image = coded(small)
     table = InverseTable("LUT3", np.arange(256, dtype=np.float32) * 16, "a test")
     read = read_image(
@@ -130,7 +130,7 @@ def test_a_table_turns_codes_into_counts(small):
     assert read.notes == ()
 
 
-def test_the_approximation_calls_itself_one(small):
+def test_the_approximation_is_marked_as_one(small):
     image = coded(small)
     radiometry = Radiometry(companding=Companding(approximate=True))
     read = read_image(image.data, NAME, radiometry=radiometry)
@@ -142,7 +142,7 @@ def test_the_approximation_agrees_with_the_counts_of_an_archived_frame(shared_da
     """Sol 4090's Pancam frame was inverted with the true LUT3, so its values are the table's.
 
     99.5 percent of the pixels have one of 59 values, the others were interpolated over bad pixels.
-    The codes themselves are not in the file: the one that fits best is taken for the first.
+    The codes themselves are not in the file: the first is taken to be the one that fits best.
     """
     path = next(shared_data.rglob("1P491287702ILF*.IMG"))
     data = path.read_bytes()
@@ -156,7 +156,7 @@ def test_the_approximation_agrees_with_the_counts_of_an_archived_frame(shared_da
         np.abs(table[first : first + 59] - of_table).max() for first in range(len(table) - 58)
     )
     assert worst < 11
-    assert np.diff(of_table).min() == 18  # so no value is off by as much as one code
+    assert np.diff(of_table).min() == 18  # so no value differs by as much as one code
 
 
 def test_a_table_that_falls_or_is_short_is_refused():
@@ -172,7 +172,7 @@ def not_flattened(small):
     return small.but(STATE, STATE + "  FLAT_FIELD_CORRECTION_FLAG = FALSE\n")
 
 
-def test_a_flat_field_is_taken_out_only_where_the_label_says_it_was_not(small):
+def test_a_flat_field_is_removed_only_if_the_label_states_that_it_was_not(small):
     model = RadialVignetting(k1=-0.3)
     flat = model.flat_field(40, 60)
     assert flat.max() <= 1
@@ -190,7 +190,7 @@ def test_a_flat_field_is_taken_out_only_where_the_label_says_it_was_not(small):
         np.testing.assert_array_equal(done_pixels, small.pixels)
 
 
-def test_a_sub_frame_sees_its_part_of_the_flat_field(small):
+def test_a_sub_frame_uses_its_part_of_the_flat_field(small):
     averaged = (
         not_flattened(small)
         .but("AVERAGING_HEIGHT         = 1", "AVERAGING_HEIGHT         = 2")
@@ -206,6 +206,6 @@ def test_a_sub_frame_sees_its_part_of_the_flat_field(small):
         divide_by_flat_field(pixels, label, flat[:80])
 
 
-def test_a_model_that_goes_dark_is_refused():
+def test_a_vignetting_model_that_reaches_zero_is_refused():
     with pytest.raises(PixelError, match=r"at the edge; expected more than 0.05"):
         RadialVignetting(k1=-0.6).flat_field(1024, 1024)

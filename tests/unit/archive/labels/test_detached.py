@@ -36,18 +36,20 @@ def pixel_file(small):
 
 
 @given(label=st.binary(max_size=200), data=st.binary(max_size=200))
-def test_label_and_data_come_out_as_they_went_in(label, data):
+def test_label_and_data_are_split_without_change(label, data):
     assert split_label(join_label(label, data, NAME), NAME) == (label, data)
 
 
-def test_a_file_of_its_own_is_left_as_it_is(small):
+def test_an_attached_label_is_kept_unchanged(small):
     assert split_label(small.data, NAME) == (None, small.data)
 
 
 @pytest.mark.parametrize(
     "pointer", ['("IMAGE.IMG", 3)', '("IMAGE.IMG", 1025 <BYTES>)', "3", "1025 <BYTES>"]
 )
-def test_an_image_joined_to_its_label_reads_like_one_that_carries_it(small, pixel_file, pointer):
+def test_an_image_joined_to_its_label_is_read_like_one_with_an_attached_label(
+    small, pixel_file, pointer
+):
     label = small.but("= 9\n", f"= {pointer}\n").label
     data = join_label(label.encode(), pixel_file, NAME)
     assert not has_attached_label(data)
@@ -59,7 +61,7 @@ def test_an_image_joined_to_its_label_reads_like_one_that_carries_it(small, pixe
     np.testing.assert_array_equal(beside.pixels, read.pixels)
 
 
-def test_a_pointer_to_a_whole_file_means_its_first_byte(small):
+def test_a_pointer_without_an_offset_means_the_first_byte(small):
     label = small.but("= 9\n", '= "IMAGE.IMG"\n').label
     data = join_label(label.encode(), small.pixels.astype(">i2").tobytes(), NAME)
     np.testing.assert_array_equal(read_image(data, NAME).pixels, small.pixels)
@@ -73,30 +75,30 @@ def test_a_pds4_label_may_be_joined_too(rng):
     assert read.image.sol == 629
 
 
-def test_a_picture_may_be_what_a_label_describes(small):
-    """Public raw images are eight-bit pictures; their sizes have to agree with the label."""
+def test_a_label_may_describe_a_png_or_jpeg(small):
+    """Public raw images are eight-bit images; their sizes have to agree with the label."""
     grey = (small.pixels % 251 + 1).astype(np.uint8)
     label = small.but("= 9\n", '= "IMAGE.PNG"\n').label.encode()
-    picture = cv2.imencode(".png", grey)[1].tobytes()
-    np.testing.assert_array_equal(read_image(join_label(label, picture, NAME), NAME).pixels, grey)
+    image = cv2.imencode(".png", grey)[1].tobytes()
+    np.testing.assert_array_equal(read_image(join_label(label, image, NAME), NAME).pixels, grey)
     other = cv2.imencode(".jpg", grey[:20])[1].tobytes()
     with pytest.raises(PixelError, match="image is 60 x 20 pixels, its label has 60 x 40"):
         read_image(join_label(label, other, NAME), NAME)
 
 
-def test_metadata_of_a_raw_image_stand_in_for_its_label(shared_data):
+def test_metadata_of_a_raw_image_replace_its_label(shared_data):
     path = next(shared_data.rglob("NLF_0670_*-metadata.json"))
     metadata = json.loads(path.read_text()) | {"attitude": "(0.8,0.0,0.0,0.6)"}
-    picture = path.with_name(path.name.replace("-metadata.json", ".png"))
-    data = join_label(json.dumps(metadata).encode(), picture.read_bytes(), picture.name)
-    read = read_image(data, picture.name)
+    image = path.with_name(path.name.replace("-metadata.json", ".png"))
+    data = join_label(json.dumps(metadata).encode(), image.read_bytes(), image.name)
+    read = read_image(data, image.name)
     assert read.pixels.shape == (read.image.lines, read.image.samples) == (968, 1288)
     assert read.notes == ()
-    described = describe_image(data, picture.name)
+    described = describe_image(data, image.name)
     assert described.label is None
     assert (described.state.code, described.state.darkened_by) == (None, None)
     with pytest.raises(LabelError, match="it has JSON metadata instead of a label"):
-        read_label(data, picture.name)
+        read_label(data, image.name)
 
 
 def test_data_that_are_too_short_or_a_label_that_is_broken_are_refused(small, pixel_file):
@@ -114,7 +116,7 @@ def test_data_that_are_too_short_or_a_label_that_is_broken_are_refused(small, pi
         )
 
 
-def test_what_a_label_is_written_in_shows_in_its_first_character():
+def test_the_first_character_identifies_the_label_format():
     assert kind_of_label("\ufeff <?xml") is LabelKind.PDS4
     assert kind_of_label("\n{") is LabelKind.METADATA
     assert kind_of_label("PDS_VERSION_ID = PDS3") is LabelKind.PDS3
@@ -122,7 +124,7 @@ def test_what_a_label_is_written_in_shows_in_its_first_character():
     assert decode_label(b"\xe4") == "ä"
 
 
-def test_the_detached_labels_of_curiosity_say_what_the_attached_ones_do(shared_data):
+def test_detached_labels_of_curiosity_agree_with_the_attached_ones(shared_data):
     for stem in ("NLB_517261274EDR_F0541610CCAM15900M1", "NRB_680874728RAD_F0900232NCAM00354M1"):
         path = next(shared_data.rglob(f"{stem}.IMG"))
         data, label = path.read_bytes(), path.with_suffix(".LBL").read_bytes()

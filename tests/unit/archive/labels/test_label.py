@@ -44,7 +44,7 @@ def test_lists_break_anywhere_and_keep_their_units():
     assert read.get("", "D") == ()
 
 
-def test_a_value_may_stand_on_the_next_line_and_comments_anywhere():
+def test_values_on_the_next_line_and_comments_are_read():
     read = label('/* head */ A /* name */ =\n      "021_001.dat" /* tail */\n B=3')
     assert read.get("", "A") == "021_001.dat"
     assert read.get("", "B") == 3
@@ -68,7 +68,7 @@ def test_a_namespace_is_dropped():
     assert label("MSL:RADIANCE_OFFSET = 0.5").require("", "RADIANCE_OFFSET", float) == 0.5
 
 
-def test_nested_objects_stand_alone():
+def test_nested_objects_are_read_separately():
     read = label(
         "OBJECT = FILE\n A = 1\n OBJECT = IMAGE\n LINES = 5\n END_OBJECT\nEND_OBJECT = FILE"
     )
@@ -76,11 +76,11 @@ def test_nested_objects_stand_alone():
     assert read.get("FILE", "A") == 1
 
 
-def test_what_follows_end_is_not_read():
+def test_text_after_end_is_not_read():
     assert parse_label('A = 1\nEND\n"(=\0\xff', "x").get("", "A") == 1
 
 
-def test_angles_are_radians_whatever_their_unit():
+def test_angles_are_radians_for_any_unit():
     read = label("A = 180 <deg>\nB = 3.0 <rad>\nC = 90")
     found = [read.optional_angle("", key) for key in "ABC"]
     np.testing.assert_allclose(found, [np.pi, 3.0, np.pi / 2])
@@ -98,7 +98,7 @@ def test_numbers_may_be_quoted_and_whole_numbers_written_as_reals():
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("A = 1", "x.img: the label ends in line 1 without END"),
         ("", "x.img: the label ends in line 1 without END"),
@@ -119,8 +119,8 @@ def test_numbers_may_be_quoted_and_whole_numbers_written_as_reals():
         ("(((\nEND", "expected KEYWORD = value"),
     ],
 )
-def test_a_broken_label_is_refused_with_its_line(text, complaint):
-    with pytest.raises(LabelError, match=complaint):
+def test_a_broken_label_is_refused_with_its_line(text, message):
+    with pytest.raises(LabelError, match=message):
         parse_label(text, "x.img")
 
 
@@ -159,10 +159,10 @@ def test_depth_is_bounded(opening):
         " " * 1_000_000,
     ],
 )
-def test_a_megabyte_of_nonsense_is_refused_at_once(text):
+def test_a_megabyte_of_nonsense_is_refused_quickly(text):
     with pytest.raises(LabelError):
         parse_label(text, "x.img")
 
 
-def test_only_the_first_megabyte_is_looked_at():
+def test_only_the_first_megabyte_is_read():
     assert len(label_text(b"\xff" * (MAX_LABEL_BYTES + 5))) == MAX_LABEL_BYTES

@@ -31,7 +31,7 @@ def pixels(rng):
     return rng.integers(1, 255, (3, 2, 3), dtype=np.uint8)
 
 
-def test_a_pds4_product_is_an_image_like_any_other(pixels):
+def test_a_pds4_product_is_read_as_an_image(pixels):
     read = read_image(bytes(16) + pixels.tobytes(), NAME, detached_label=XML)
     np.testing.assert_allclose(read.pixels, pixels.mean(axis=0), rtol=1e-6)
     assert read.mask.all()
@@ -74,7 +74,7 @@ FILTERS = (
         (NAME.replace("NLF", "NLE"), "No CFA", False),
     ],
 )
-def test_a_bayer_frame_is_known_by_its_label_or_name(name, state, is_mosaic):
+def test_a_bayer_frame_is_recognised_by_its_label_or_name(name, state, is_mosaic):
     mosaic = np.full((2, 3), 30, np.uint8)
     mosaic[0, ::2], mosaic[1, 1] = 60, 90  # red 60, green 30, blue 90 everywhere
     label = ONE_BAND.replace(NAME[:-4], name[:-4])
@@ -89,15 +89,15 @@ def test_a_bayer_frame_is_known_by_its_label_or_name(name, state, is_mosaic):
         assert colours is None
 
 
-def test_a_picture_in_colour_is_no_bayer_frame_whatever_its_name(pixels):
+def test_a_colour_image_is_not_a_bayer_frame_under_any_name(pixels):
     name = NAME.replace("NLF", "NLE")
-    picture = cv2.imencode(".png", pixels.transpose(1, 2, 0)[:, :, ::-1])[1].tobytes()
-    data = join_label(XML.replace(NAME[:-4], name[:-4]).encode(), picture, name)
+    png = cv2.imencode(".png", pixels.transpose(1, 2, 0)[:, :, ::-1])[1].tobytes()
+    data = join_label(XML.replace(NAME[:-4], name[:-4]).encode(), png, name)
     np.testing.assert_allclose(read_image(data, name).pixels, pixels.mean(axis=0), rtol=1e-6)
     np.testing.assert_array_equal(read_colour(data, name)[0], pixels)
 
 
-def test_the_geometry_of_telemetry_counts():
+def test_the_geometry_of_telemetry_is_used():
     image = read_image_record(b"", NAME, detached_label=XML)
     assert isinstance(image.camera, Cahvore)
     assert (image.camera.type, image.camera.parameter) == (2, 0.0)
@@ -109,7 +109,7 @@ def test_the_geometry_of_telemetry_counts():
     np.testing.assert_allclose(pose.rotation, rotation_of_quaternion(QUATERNION), atol=1e-15)
 
 
-def test_the_model_of_a_tile_is_that_of_the_tile():
+def test_a_tile_has_the_camera_model_of_the_tile():
     """Tile 6 of 16 starts some 1272 pixels into a sensor whose axis is at about (2595, 1945)."""
     camera = read_image_record(b"", NAME, detached_label=XML).camera
     inner = interior_orientation(camera.a, camera.h, camera.v)
@@ -124,14 +124,14 @@ def test_the_label_places_the_site_in_the_one_before():
     np.testing.assert_array_equal(pose.translation_m, [36.576, -10.604, -1.15378])
 
 
-def test_a_reverse_quaternion_is_turned_round():
+def test_a_reverse_quaternion_is_inverted():
     reverse = XML.replace("Forward", "Reverse", 1)
     pose = read_image_record(b"", NAME, detached_label=reverse).site_from_rover
     np.testing.assert_allclose(pose.rotation, rotation_of_quaternion(QUATERNION).T, atol=1e-15)
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "complaint"),
+    ("old", "new", "message"),
     [
         ("mars2020_navcam", "cassini_iss", "names no mission known here"),
         ("Product_Observational", "Product_Browse", "expected <Product_Observational>, found <Pr"),
@@ -151,14 +151,14 @@ def test_a_reverse_quaternion_is_turned_round():
         ("<?xml version", "<!DOCTYPE a []><?xml version", "line 1: <!DOCTYPE is not allowed"),
     ],
 )
-def test_a_broken_label_is_refused_in_one_line(old, new, complaint):
+def test_a_broken_label_is_refused_in_one_line(old, new, message):
     changed = XML.replace(old, new)
     assert changed != XML
-    if complaint == "site":  # the site is then that of the rover's own counters
+    if message == "site":  # the site is then that of the rover's own counters
         record = read_image_record(b"", NAME, detached_label=changed)
         assert record.site_from_rover.target == site_frame(30)
         return
-    with pytest.raises(LabelError, match=complaint) as caught:
+    with pytest.raises(LabelError, match=message) as caught:
         rover_image(parse_pds4_label(changed, NAME), NAME)
     assert "\n" not in str(caught.value)
 
@@ -178,7 +178,7 @@ def test_a_label_with_characters_changed_is_read_or_refused():
 
 
 @pytest.mark.parametrize("depth", [1, 25, 20_000])
-def test_a_megabyte_of_elements_is_refused_at_once(depth):
+def test_a_megabyte_of_elements_is_refused_quickly(depth):
     """One took 38 s: every nested class was searched down to its last descendant."""
     space = "Coordinate_Space_Definition"
     nested = f"<{space}>" * depth + "<a/>" * 100_000 + f"</{space}>" * depth

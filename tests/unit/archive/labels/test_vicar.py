@@ -50,7 +50,7 @@ def test_properties_become_groups():
         ("FORMAT='REAL' REALFMT='IEEE'", ">f4"),
     ],
 )
-def test_pixels_are_found_by_the_system_items(rng, form, stored):
+def test_pixels_are_located_by_the_system_items(rng, form, stored):
     values = rng.integers(1, 200, (10, 20))
     text = TEXT.replace("FORMAT='HALF'", form)
     if "INTFMT='LOW'" in form:
@@ -63,13 +63,13 @@ def test_pixels_are_found_by_the_system_items(rng, form, stored):
     assert mask.all()
 
 
-def test_its_end_is_found_in_the_head_of_a_file():
+def test_the_end_of_a_label_is_found_in_the_first_bytes():
     assert vicar_label_end(b"0123456789" + file_of(TEXT)) == 1034
     assert vicar_label_end(b"nothing") is None
 
 
 @pytest.mark.parametrize(
-    ("data", "complaint"),
+    ("data", "message"),
     [
         (b"nothing", "not a VICAR label"),
         (b"LBLSIZE=99999 FORMAT='BYTE'", "LBLSIZE is 99999, but 27 bytes follow"),
@@ -77,12 +77,12 @@ def test_its_end_is_found_in_the_head_of_a_file():
         (b"LBLSIZE=50 FORMAT='X' ", "FORMAT of the VICAR label 'X' is not read"),
     ],
 )
-def test_a_broken_label_is_refused(data, complaint):
-    with pytest.raises(LabelError, match=complaint):
+def test_a_broken_label_is_refused(data, message):
+    with pytest.raises(LabelError, match=message):
         parse_vicar_label(data + bytes(0 if b"999" in data else 50), "x.vic")
 
 
-def test_a_truncated_file_with_an_intact_vicar_label_says_that_the_pointer_was_altered(small):
+def test_a_truncated_file_with_an_intact_vicar_label_is_reported_as_altered(small):
     vicar = file_of("LBLSIZE=1024 FORMAT='HALF' ").ljust(1024)[:1024]
     image = replace(small).but("^IMAGE                           = 9", "^IMAGE = 30")
     data = image.data[: 8 * 512] + vicar + image.data[8 * 512 :]
@@ -94,7 +94,7 @@ FIRST = TEXT.replace("TYPE='IMAGE'", "TYPE='IMAGE' EOL=1 N1=20 N2=10 N3=1")
 SECOND = b"LBLSIZE=120  USER='you'  PROPERTY='GEOMETRIC_CAMERA_MODEL' MODEL_TYPE='CAHV' "
 
 
-def test_the_part_behind_the_pixels_goes_on_where_the_first_stopped(rng):
+def test_the_label_after_the_pixels_continues_the_first_part(rng):
     values = rng.integers(1, 200, (10, 20))
     data = file_of(FIRST, values.astype(">i2").tobytes()) + SECOND.ljust(120, b"\0")
     label = parse_vicar_label(data, "x.vic")
@@ -106,14 +106,14 @@ def test_the_part_behind_the_pixels_goes_on_where_the_first_stopped(rng):
     assert behind.get("GEOMETRIC_CAMERA_MODEL", "MODEL_TYPE") == "CAHV"
 
 
-def test_the_head_of_a_file_is_read_without_the_part_behind():
+def test_the_first_bytes_are_read_without_the_second_label_part():
     label = parse_vicar_label(file_of(FIRST, bytes(100)), "x.vic")
     assert label.get("", "FRAME_ID") == "LEFT"
     assert label.get("GEOMETRIC_CAMERA_MODEL", "MODEL_TYPE") is None
 
 
 @pytest.mark.parametrize(
-    ("text", "behind", "complaint"),
+    ("text", "behind", "message"),
     [
         (FIRST, b"pixels and no label", "EOL=1, but byte 1504 starts no second label"),
         (FIRST.replace("N2=10", "N2=-10"), SECOND, "RECSIZE, N2, N3, NLB do not locate"),
@@ -121,7 +121,7 @@ def test_the_head_of_a_file_is_read_without_the_part_behind():
         (FIRST, SECOND.replace(b"PROPERTY=", b"PROPERTY "), "expected KEY=value"),
     ],
 )
-def test_a_broken_part_behind_is_refused(text, behind, complaint):
+def test_a_broken_second_label_part_is_refused(text, behind, message):
     data = file_of(text, bytes(400)) + behind
-    with pytest.raises(LabelError, match=complaint):
+    with pytest.raises(LabelError, match=message):
         parse_vicar_label(data, "x.vic")

@@ -28,7 +28,7 @@ def table(*rows):
     return parse_localisations("\n".join([HEADER, *rows]) + "\n", "localized_interp.csv")
 
 
-def test_a_places_table_gives_sites_and_stops_in_the_frame_of_the_lander():
+def test_a_places_table_gives_sites_and_stops_in_the_landing_frame():
     file = table(SITE_3, ROVER_3)
     site, rover = file.solutions
     assert (site.kind, site.counter, site.reference_site) == (FrameKind.SITE, (3,), 0)
@@ -40,7 +40,7 @@ def test_a_places_table_gives_sites_and_stops_in_the_frame_of_the_lander():
     np.testing.assert_allclose(lsl_from_rover.quaternion, [0.8, 0, 0, 0.6], atol=1e-15)
 
 
-def test_a_localised_stop_goes_before_its_telemetry():
+def test_a_localised_stop_has_priority_over_its_telemetry():
     telemetry = parse_vector_file(
         '<rmc_file mission="MSL"><priority><entry solution_id="telemetry"/></priority>'
         '<solution solution_id="telemetry" name="ROVER_FRAME" index1="3" index2="308" index3="9">'
@@ -59,14 +59,14 @@ def test_a_localised_stop_goes_before_its_telemetry():
     assert pose.translation_m[0] == 2  # of one rank, the higher motion counter
 
 
-def test_rows_without_a_place_or_an_attitude_are_no_poses():
+def test_rows_without_a_place_or_an_attitude_give_no_poses():
     unplaced = ROVER_3.replace("12.5,-1.25,0.75", ",,")
     unturned = ROVER_3.replace("0.8,0,0,0.6", ",,,")
     assert len(table(SITE_3, unplaced, unturned).solutions) == 1
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("", "not a PLACES table: its first line lacks frame, site, drive, landing_x"),
         ("frame,site\nSITE,1", "lacks drive, landing_x, landing_y, landing_z"),
@@ -82,8 +82,8 @@ def test_rows_without_a_place_or_an_attitude_are_no_poses():
         ("<!DOCTYPE msl []><msl/>", "<!DOCTYPE is not allowed"),
     ],
 )
-def test_a_broken_table_is_refused_with_its_line(text, complaint):
-    with pytest.raises(VectorFileError, match=complaint) as caught:
+def test_a_broken_table_is_refused_with_its_line(text, message):
+    with pytest.raises(VectorFileError, match=message) as caught:
         parse_localisations(text, "x.csv")
     assert str(caught.value).startswith("x.csv: ")
     assert "\n" not in str(caught.value)
@@ -112,7 +112,7 @@ def test_the_location_file_of_curiosity_places_its_sites(locations):
     np.testing.assert_allclose(found, [north, east], atol=2e-3)  # x, y and lon, lat in one file
 
 
-def test_its_stops_have_no_attitude_and_are_taken_only_on_request(locations):
+def test_localised_stops_have_no_attitude_and_are_used_only_on_request(locations):
     file = parse_locations(locations, "locations.xml", mission="MSL", keep_unturned=True)
     stops = [solution for solution in file.solutions if solution.kind is FrameKind.ROVER]
     assert len(stops) > 250

@@ -32,7 +32,7 @@ def test_rows_by_image_or_counters_come_with_attitude_sigmas_and_source():
     assert (by_stop.quaternion, by_stop.sigma_m) == (None, None)
 
 
-def test_angles_and_quaternion_say_the_same():
+def test_angles_and_quaternion_give_the_same_attitude():
     text = "site,drive,x_m,y_m,z_m,roll_deg,pitch_deg,yaw_deg,sigma_deg\n1,2,0,0,0,1,2,120,0.5\n"
     (row,) = parse_poses(text, "poses.csv")
     np.testing.assert_allclose(row.quaternion, QUATERNION, atol=1e-12)
@@ -54,6 +54,6 @@ def test_angles_and_quaternion_say_the_same():
         ("site,drive,x_m,y_m,z_m\n1.5,2,0,0,0\n", "site should be a whole number"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_row(text, wrong):
+def test_every_fault_is_named_with_its_row(text, wrong):
     with pytest.raises(VectorFileError, match=wrong):
         parse_poses(text, "poses.csv")

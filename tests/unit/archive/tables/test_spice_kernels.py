@@ -17,7 +17,7 @@ PLACE_M = np.array([120.0, -45.5, 3.25])
 ATTITUDE = rotation_of_roll_pitch_yaw(*np.radians([2.0, -3.0, 130.0]))
 
 
-def test_position_and_attitude_come_back_as_they_were_written(tmp_path):
+def test_position_and_attitude_are_read_back(tmp_path):
     with open_kernels(write_kernels(tmp_path, PLACE_M, ATTITUDE)) as kernels:
         quaternion, position_m = kernels.pose("MER2", CLOCK + 0.5)
     np.testing.assert_allclose(position_m, PLACE_M, atol=1e-6)  # SPK keeps kilometres in doubles
@@ -25,12 +25,12 @@ def test_position_and_attitude_come_back_as_they_were_written(tmp_path):
     assert spiceypy.ktotal("ALL") == 0
 
 
-def test_a_time_that_kernels_do_not_cover_has_no_pose(tmp_path):
+def test_a_time_outside_the_kernels_has_no_pose(tmp_path):
     with open_kernels(write_kernels(tmp_path, PLACE_M, ATTITUDE)) as kernels:
         assert kernels.pose("MER2", CLOCK + 1e6) is None
 
 
-def test_what_is_missing_is_named(tmp_path):
+def test_a_missing_kernel_is_named(tmp_path):
     files = write_kernels(tmp_path, PLACE_M, ATTITUDE)
     for suffix, wrong in {".tf": "frames kernel", ".tsc": "clock", ".tls": "clock"}.items():
         some = [file for file in files if file.suffix != suffix]
@@ -40,7 +40,7 @@ def test_what_is_missing_is_named(tmp_path):
         kernels.pose("K10", CLOCK)
 
 
-def test_a_file_that_is_no_kernel_is_refused_by_name(tmp_path):
+def test_a_file_that_is_not_a_kernel_is_refused_by_name(tmp_path):
     file = tmp_path / "broken.bsp"
     file.write_bytes(bytes(3000))
     with (

@@ -60,7 +60,7 @@ def test_a_rover_vector_file_places_the_rover_in_its_site():
     assert (pose.target, pose.source) == (site_frame(10), rover_frame(10, 64))
 
 
-def test_the_order_of_priority_decides_between_solutions():
+def test_the_order_of_priority_selects_among_solutions():
     telemetry = solution(offset=(1, 0, 0), added="2009-01-01")
     adjusted = solution(offset=(2, 0, 0), solution_id="adjusted")
     unlisted = solution(offset=(3, 0, 0), solution_id="other", added="2010-01-01")
@@ -71,7 +71,7 @@ def test_the_order_of_priority_decides_between_solutions():
         assert pose.translation_m[0] == 1
 
 
-def test_the_priorities_of_several_files_are_joined():
+def test_the_priorities_of_several_files_are_merged():
     adjusted = vector_file(
         solution(offset=(2, 0, 0), solution_id="adjusted", added="2004"), priority=("adjusted",)
     )
@@ -82,7 +82,7 @@ def test_the_priorities_of_several_files_are_joined():
     assert pose.translation_m[0] == 1
 
 
-def test_a_more_trusted_solution_of_a_later_file_goes_before():
+def test_a_solution_of_higher_priority_in_a_later_file_is_used():
     telemetry = vector_file(solution(offset=(1, 0, 0), added="2009"))
     localised = vector_file(
         solution(offset=(2, 0, 0), solution_id="localised"), priority=("localised", "telemetry")
@@ -93,7 +93,7 @@ def test_a_more_trusted_solution_of_a_later_file_goes_before():
         assert pose.translation_m[0] == 2
 
 
-def test_at_one_stop_the_highest_motion_counter_counts_then_the_last_added():
+def test_at_one_stop_the_highest_motion_counter_counts_then_the_last_row():
     def stop(x, counter, added="2009"):
         return solution("ROVER_FRAME", counter, 10, offset=(x, 0, 0), added=added)
 
@@ -107,19 +107,19 @@ def test_at_one_stop_the_highest_motion_counter_counts_then_the_last_added():
     assert pose.translation_m[0] == 2
 
 
-def test_the_lsl_is_site_zero():
+def test_the_landing_frame_is_site_zero():
     tree = lsl_tree(best_poses([vector_file(solution(counter=(10,), reference=0), solution())]))
     assert tree.origin_site == 0
     np.testing.assert_array_equal(tree.tree.pose(LSL, site_frame(11)).translation_m, [2, 4, 6])
 
 
-def test_without_the_lander_the_lsl_starts_at_the_lowest_site_of_a_group():
+def test_without_the_lander_the_landing_frame_starts_at_the_lowest_site_of_a_group():
     tree = lsl_tree(best_poses([vector_file(solution(), solution(counter=(12,), reference=11))]))
     assert tree.origin_site == 10
     np.testing.assert_array_equal(tree.tree.pose(LSL, site_frame(12)).translation_m, [2, 4, 6])
 
 
-def test_sites_that_nothing_joins_are_groups_of_their_own():
+def test_unconnected_sites_are_separate_groups():
     chain = best_poses([vector_file(solution(), solution(counter=(30,), reference=29))])
     tree = lsl_tree(chain, sites=[10, 11, 30, 77])
     assert tree.origin_site == 10
@@ -129,7 +129,7 @@ def test_sites_that_nothing_joins_are_groups_of_their_own():
         tree.tree.pose(LSL, site_frame(30))
 
 
-def test_poses_join_sites_in_either_direction_the_most_trusted_first():
+def test_poses_connect_sites_in_both_directions_by_priority():
     def pose(target: int, source: int, north_m: float) -> Pose:
         return Pose(
             site_frame(target), site_frame(source), np.eye(3), np.array([north_m, 0.0, 0.0])
@@ -141,25 +141,25 @@ def test_poses_join_sites_in_either_direction_the_most_trusted_first():
         assert tree.tree.pose(LSL, site_frame(site)).translation_m[0] == north_m
 
 
-def test_a_chain_that_runs_in_a_circle_is_cut_and_leaves_the_others_standing():
+def test_a_circular_chain_is_cut_and_the_others_are_kept():
     circle = [solution(counter=(31,), reference=30), solution(counter=(30,), reference=31)]
     tree = lsl_tree(best_poses([vector_file(solution(), *circle)]), sites=[11, 30])
     assert tree.origins == {10: 10, 11: 10, 30: 30, 31: 30}
 
 
-def test_a_chain_longer_than_python_recurses_has_one_origin():
+def test_a_chain_longer_than_the_recursion_limit_has_one_origin():
     sites = range(2 * sys.getrecursionlimit())
     links = [Pose.identity(site_frame(site), site_frame(site + 1)) for site in sites]
     assert lsl_tree(links).origin_site == 0
 
 
-def test_nothing_given_is_no_lsl():
+def test_an_empty_input_has_no_landing_frame():
     assert lsl_tree([]).origin_site is None
     assert lsl_tree([], sites=[5]).origin_site == 5
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("", "x.svf: not well-formed XML"),
         ("<a>", "x.svf: not well-formed XML"),
@@ -181,8 +181,8 @@ def test_nothing_given_is_no_lsl():
         ),
     ],
 )
-def test_a_broken_file_is_refused_with_its_element(text, complaint):
-    with pytest.raises(VectorFileError, match=complaint) as caught:
+def test_a_broken_file_is_refused_with_its_element(text, message):
+    with pytest.raises(VectorFileError, match=message) as caught:
         parse_vector_file(text, "x.svf")
     assert str(caught.value).startswith("x.svf: ")
     assert "\n" not in str(caught.value)
@@ -211,7 +211,7 @@ def test_all_138_sites_of_spirit_compose_to_the_offsets_of_the_facts(spirit, tes
         np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
-def test_spirit_declared_site_138_where_it_stood(spirit):
+def test_spirit_declared_site_138_at_its_position(spirit):
     stops = [pose for pose in best_poses(spirit) if pose.source.kind is FrameKind.ROVER]
     assert {pose.target for pose in stops} == {site_frame(137)}
     declared = next(p for p in best_poses(spirit) if p.source == site_frame(138)).translation_m
@@ -253,8 +253,8 @@ def test_the_rendered_chain_reaches_the_lander(husband):
     )
 
 
-def test_the_traverse_agrees_with_every_stop_that_a_vector_file_knows(spirit, shared_data):
-    """Site 137 is the one whose rover vector file is at hand: 131 stops, 133 rows of the table.
+def test_the_traverse_agrees_with_every_stop_of_the_vector_files(spirit, shared_data):
+    """Site 137 is the one whose rover vector file is available: 131 stops, 133 rows of the table.
 
     The table has the pose of arrival, the lowest motion counter of a stop; `best_poses` takes the
     highest, which is 44 cm from it at drive 166, where the rover sank in later.
@@ -276,13 +276,11 @@ def test_the_traverse_agrees_with_every_stop_that_a_vector_file_knows(spirit, sh
     assert max(apart_m) < 5.1e-4  # the table is rounded to 1 mm
 
 
-def test_between_sites_the_table_is_where_the_next_site_was_declared_or_drove_on(
-    spirit, shared_data
-):
+def test_between_sites_the_table_has_the_declaration_or_the_next_drive(spirit, shared_data):
     """Of 135 sites the last row is within 1.1 mm of the next site's origin for 74.
 
     At the others the rover drove on within the site before it declared the next one, or a drive
-    was entered late: no vector file is there to tell.
+    was entered late: no vector file decides it.
     """
     lsl = lsl_tree(best_poses(spirit)).tree
     path = shared_data / "traverse" / "mer_spirit" / "MERA-MER2-Spirit_traverse_path.csv"

@@ -62,7 +62,7 @@ def column_text(name: str, start: int, length: int) -> str:
     return (
         f"  OBJECT = COLUMN\n  NAME = {name}\n  DATA_TYPE = CHARACTER\n  START_BYTE = {start}\n"
         f"  BYTES = {length}\n{items}"
-        f'  DESCRIPTION = "What {name} is;\n    it is no\n  END_OBJECT = COLUMN\n  of another"\n'
+        f'  DESCRIPTION = "What {name} is;\n    it is not\n  END_OBJECT = COLUMN\n  of another"\n'
         "  END_OBJECT = COLUMN\n"
     )
 
@@ -137,7 +137,7 @@ def found(rows, instrument="NAVCAM", sols=(155, 156, 157)):
     return find_in_index(read_index_rows(layout, rows), selection)
 
 
-def test_the_published_row_is_cut_where_its_label_says(test_vectors):
+def test_the_published_row_is_split_at_the_columns_of_its_label(test_vectors):
     published = test_vectors["index_row"]
     layout = parse_index_label(label_text(DESCAM, published["row_bytes"], 1), "edrindex.lbl")
     (row,) = read_index_rows(layout, [published["row"].encode()])
@@ -184,7 +184,7 @@ def test_rows_end_with_one_byte_or_two():
 
 @PATIENT
 @given(cuts=st.lists(st.integers(0, 1_500), max_size=8))
-def test_it_does_not_matter_where_the_stream_breaks(cuts):
+def test_rows_across_stream_chunks_are_read(cuts):
     table = b"".join(image_row(151600000 + k, "lr"[k % 2]) for k in range(5))
     places = [0, *sorted(cut % len(table) for cut in cuts), len(table)]
     chunks = [table[a:b] for a, b in pairwise(places)]
@@ -200,7 +200,7 @@ def test_both_eyes_of_one_exposure_are_a_pair():
     assert not findings.unpaired
 
 
-def test_eyes_that_start_some_ticks_apart_are_a_pair_as_in_a_downlink():
+def test_eyes_some_ticks_apart_are_a_pair_as_in_a_downlink():
     """Clock strings differ, even in the second; at most a second apart, as `partners` has it."""
     rows = [
         image_row(151600000, "l", ticks=".998", pose=1),
@@ -225,7 +225,7 @@ def test_a_clock_may_have_a_partition_and_is_a_number():
     assert "row 3: SPACECRAFT_CLOCK_START_COUNT should be seconds, but" in findings.first_fault
 
 
-def test_frames_of_other_times_kinds_sols_and_instruments_are_no_pair():
+def test_frames_of_other_times_kinds_sols_and_instruments_are_not_a_pair():
     findings = found(
         [
             image_row(151600000, "l"),
@@ -256,13 +256,13 @@ def test_the_highest_version_and_the_full_frame_are_preferred():
     assert pair.left.name.product_type == pair.right.name.product_type == "EFF"
 
 
-def test_an_index_that_gives_one_clock_to_everything_is_searched_as_fast():
+def test_an_index_with_one_clock_for_all_rows_is_searched_as_fast():
     rows = [image_row(151600000, "lr"[k % 2], version="123456789"[k % 9]) for k in range(4_000)]
     (pair,) = found(rows).pairs
     assert pair.left.name.version == pair.right.name.version == "9"
 
 
-def test_pancam_pairs_see_one_band():
+def test_pancam_pairs_have_one_band():
     def rows(left, right):
         return [
             image_row(151600000, "l", instrument="PANCAM", filter_number=left),
@@ -284,7 +284,7 @@ def test_hazcam_means_the_front_and_the_rear_one():
     assert len(found(rows, "rear_hazcam").pairs) == 1
 
 
-def test_a_broken_row_is_counted_and_stops_nothing():
+def test_a_broken_row_is_counted_and_the_rest_is_read():
     findings = found([b"sorry\n", image_row(151600000, "l"), image_row(151600000, "r")])
     assert len(findings.pairs) == 1
     assert findings.broken == 1
@@ -292,14 +292,14 @@ def test_a_broken_row_is_counted_and_stops_nothing():
     assert "18 fields between tabs, but is 5 bytes wide and has 1 fields" in findings.first_fault
 
 
-def test_a_number_that_is_none_names_row_column_and_value():
+def test_an_invalid_number_is_named_with_row_and_column():
     row = image_row(151600000, "l").replace(b"\t155 \t", b"\tsol \t")
     (broken,) = read_index_rows(navcam_layout(1), [row])
     with pytest.raises(LabelError, match=r"row 1: PLANET_DAY_NUMBER should be a whole .*'sol'"):
         broken.integer("PLANET_DAY_NUMBER")
 
 
-def test_a_column_that_is_not_there_is_named():
+def test_a_missing_column_is_named():
     (row,) = read_index_rows(navcam_layout(1), [image_row(151600000, "l")])
     with pytest.raises(LabelError, match="the index has no column LINES"):
         row.integer("LINES")
@@ -316,7 +316,7 @@ def test_a_column_that_is_not_there_is_named():
         ("OBJECT = EDR_INDEX_TABLE\nEND", "", "END"),
     ],
 )
-def test_a_label_that_describes_no_table_says_why(old, new, message):
+def test_a_label_without_a_table_is_refused_with_the_reason(old, new, message):
     text = label_text(DESCAM, 773, 1)
     assert old in text
     with pytest.raises(LabelError, match=message):
@@ -354,7 +354,7 @@ print(findings.rows, len(findings.pairs), findings.broken, tracemalloc.get_trace
 
 
 def test_sixty_thousand_rows_need_little_memory():
-    """As many rows as Spirit's Navcam index has, of 21 MB; 600 pairs are asked for and found.
+    """As many rows as Spirit's Navcam index has, of 21 MB; 600 pairs are requested and found.
 
     In a process of its own: the checks of array types in this one triple what is measured.
     """
@@ -379,7 +379,7 @@ def test_sixty_thousand_rows_need_little_memory():
         ["", '"', "(", "=", "\n", "END_OBJECT", "OBJECT = COLUMN\n", "-9", "\x00"]
     ),
 )
-def test_a_spoilt_label_is_an_error_of_ours_or_a_layout(place, removed, inserted):
+def test_a_damaged_label_raises_our_error_or_gives_a_layout(place, removed, inserted):
     text = label_text(DESCAM, 773, 1)
     at = int(place * len(text))
     try:
@@ -392,7 +392,7 @@ def test_a_spoilt_label_is_an_error_of_ours_or_a_layout(place, removed, inserted
 
 @PATIENT
 @given(row=st.binary(max_size=500), at=st.integers(0, 356), removed=st.integers(0, 9))
-def test_a_spoilt_row_is_counted_or_read(row, at, removed):
+def test_a_damaged_row_is_counted_or_read(row, at, removed):
     good = image_row(151600000, "l")
     spoilt = good[:at] + row + good[at + removed :]
     findings = found([spoilt, good, image_row(151600000, "r")])

@@ -24,7 +24,7 @@ def a_pose(site=10, drive=33):
     return Pose(LSL, rover_frame(site, drive), rotation, np.array([12.3456, -7.5, 0.25]))
 
 
-def test_a_vector_file_comes_back_as_it_was_written():
+def test_a_vector_file_is_read_back_as_written():
     pose = a_pose()
     counter = (10, 33, 0, 0, 0)
     one = Solution(
@@ -40,7 +40,7 @@ def test_a_vector_file_comes_back_as_it_was_written():
     np.testing.assert_allclose(read.rotation, pose.rotation, atol=1e-8)
 
 
-def test_a_places_table_comes_back_as_it_was_written():
+def test_a_places_table_is_read_back_as_written():
     placed = PlacedStop(StopId("MER2", 10, 33), a_pose(), 175.47301, -14.56921, 1.4e8, 156)
     text = places_text([placed])
     back = parse_places(text, "places.csv", mission="MER2", solution_id="adjusted").solutions[0]
@@ -53,7 +53,7 @@ def test_a_places_table_comes_back_as_it_was_written():
     assert (fields["sol"], fields["longitude"]) == ("156", "175.473010000")
 
 
-def test_a_clock_that_is_not_known_stays_empty():
+def test_an_unknown_clock_stays_empty():
     placed = PlacedStop(StopId("MER2", 10, 33), a_pose(), 175.5, -14.5, None, 156)
     head, row = (line.split(",") for line in places_text([placed]).splitlines())
     assert dict(zip(head, row, strict=True))["sclk"] == ""

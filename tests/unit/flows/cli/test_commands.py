@@ -42,7 +42,7 @@ def test_the_page_of_the_docs_can_be_written(tmp_path):
     assert page.read_text() == configuration_page()
 
 
-def test_everything_wrong_with_a_file_is_named(tmp_path):
+def test_every_fault_of_a_file_is_named(tmp_path):
     file = tmp_path / "own.toml"
     file.write_text("[dtm]\ncel_m = 1\n[slope]\nbaseline_m = 'long'\n[hillshades]\n")
     ended = CLI.invoke(app, ["config", "check", str(file)])
@@ -63,7 +63,7 @@ def test_a_file_that_cannot_be_read_is_named(command, text, tmp_path):
     assert "own.toml" in ended.stderr
 
 
-def test_judge_is_another_name_of_evaluate():
+def test_the_former_name_of_evaluate_still_works():
     commands = CLI.invoke(app, ["--help"]).stdout
     assert "evaluate" in commands
     assert "judge" not in commands
@@ -81,7 +81,7 @@ def panels(text):
     return found
 
 
-def test_commands_are_shown_in_panels_and_run_comes_first():
+def test_commands_are_listed_in_panels_and_run_is_first():
     shown = panels(CLI.invoke(app, ["--help"]).stdout)
     shown.pop("Options")
     assert list(shown) == ["Process", "Inspect", "Export", "Correct", "Simulate", "Operate"]
@@ -120,7 +120,7 @@ ONE_LINE = {
 }
 
 
-def test_every_command_that_says_more_than_what_it_did_says_it_as_json():
+def test_every_command_with_a_table_offers_json():
     options = dict(commands(typer.main.get_command(app)))
     assert {name for name, known in options.items() if "--json" not in known} == ONE_LINE
     for name in ("positions", "products", "status", "report", "export", "fetch"):
@@ -216,7 +216,7 @@ print(*sorted({name.partition(".")[0] for name in sys.modules}))
     ],
     ids=lambda one: one[0] if isinstance(one, list) else "",
 )
-def test_a_command_imports_what_it_needs(words, unwanted, store):
+def test_a_command_imports_only_what_it_needs(words, unwanted, store):
     words = words if "--help" in words else [*words, "--store", str(store)]
     command = [sys.executable, "-c", MODULES, *words]
     ended = subprocess.run(command, capture_output=True, text=True, check=True)

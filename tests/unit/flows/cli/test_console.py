@@ -30,7 +30,7 @@ def assert_harmless(text, lines=1):
     assert text.replace("\n", "").isprintable()
 
 
-def test_what_steers_a_terminal_is_shown_as_an_escape():
+def test_terminal_control_characters_are_escaped():
     assert console.printable(HOSTILE) == (
         r"[/red][bold]:smile: \x1b[31m\x9b2J\r\n\u202etxt\u2028\x00 \udcff {0} %s"
     )
@@ -51,20 +51,20 @@ def fail(text):
 @pytest.mark.parametrize(
     "put",
     [
-        console.say,
+        console.print_line,
         lambda text: console.note("failed", text),
         fail,
         lambda text: console._print_finished(Step(text, 2, 2)),
     ],
 )
-def test_a_line_is_printed_as_it_is(put, capsys):
+def test_a_line_is_printed_unchanged(put, capsys):
     put(HOSTILE)
     text = shown(capsys)
     assert console.printable(HOSTILE) in text
     assert_harmless(text)
 
 
-def test_a_table_goes_to_a_pipe_as_cells_with_tabs_between(capsys):
+def test_a_piped_table_has_cells_separated_by_tabs(capsys):
     rows = [{"subject": HOSTILE, "notes": [HOSTILE], "at": 1.23456}, {"subject": "b"}]
     console.show_rows(rows, ["subject", "notes", "at"], as_json=False)
     text = shown(capsys)
@@ -94,7 +94,7 @@ def test_rows_as_json_are_ascii(capsys):
     assert json.loads(text) == [{"subject": HOSTILE}]
 
 
-def test_a_bar_is_labelled_with_the_stage_as_it_is():
+def test_a_progress_bar_has_the_unchanged_label_of_the_stage():
     bars = console._bars()
     listener = console._BarListener(bars)
     listener(Step(HOSTILE, 1, 2))

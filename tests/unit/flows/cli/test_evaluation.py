@@ -26,7 +26,7 @@ def row(drive, place, turn=(0.0, 0.0, 0.0), *, held=False):
     }
 
 
-def test_a_stop_is_judged_by_its_way_and_by_its_covariance():
+def test_a_stop_is_evaluated_by_its_distance_and_its_covariance():
     truths = [TrueStop(1, drive, np.array(place), np.eye(3)) for drive, place in
               ((0, (0.0, 0.0, 0.0)), (10, (12.0, 16.0, 0.0)))]  # fmt: skip
     rows = [

@@ -1,4 +1,4 @@
-"""What `solmap inspect` says of an image is what its label, model and pixels say."""
+"""`solmap inspect` reports what label, camera model and pixels of an image contain."""
 
 import json
 import math
@@ -75,7 +75,7 @@ def test_a_real_image_is_described(shared_data):
     assert "RAD 2N292280938RADB100P0703L0C1 of the same exposure" in found["partner"]["why_none"]
 
 
-def test_the_middle_of_the_image_is_where_the_camera_was_turned_to(world, pair):
+def test_the_middle_of_the_image_has_the_commanded_direction(world, pair):
     """The rig's cameras look along the mast's x axis, but for the angles of their mounting."""
     found = inspect_file(pair[0])
     middle, mast = found["pointing"]["image_centre"], found["pointing"]["mast"]
@@ -92,7 +92,7 @@ def test_the_middle_of_the_image_is_where_the_camera_was_turned_to(world, pair):
     )
 
 
-def test_turning_into_the_site_turns_by_the_rovers_attitude(pair):
+def test_transforming_into_the_site_applies_the_rovers_attitude(pair):
     """A level rover would look in the site where it looks in the rover, turned by its yaw."""
     found = inspect_file(pair[0])
     roll, pitch, yaw = found["rover"]["roll_pitch_yaw_deg"]
@@ -105,7 +105,7 @@ def test_turning_into_the_site_turns_by_the_rovers_attitude(pair):
     assert abs(e_site - e) <= tilt + 1e-6
 
 
-def test_the_partner_that_lies_beside_is_found_from_either_side(pair):
+def test_the_partner_in_the_folder_is_found_from_either_side(pair):
     left, right = pair
     assert inspect_file(left)["partner"] == {
         "product": right.stem.upper(),
@@ -117,7 +117,7 @@ def test_the_partner_that_lies_beside_is_found_from_either_side(pair):
     assert "no right-eye partner" in inspect_file(left)["partner"]["why_none"]
 
 
-def test_a_broken_neighbour_is_no_partner_and_no_fault(pair):
+def test_a_broken_neighbour_is_neither_a_partner_nor_a_fault(pair):
     left, right = pair
     right.write_bytes(b"no image")
     assert inspect_file(left)["partner"]["product"] is None
@@ -152,19 +152,19 @@ def test_every_real_image_can_be_inspected(shared_data):
         assert found["product"] in report_of(found)[0]
 
 
-def test_the_picture_is_the_stretched_image(pair, tmp_path):
+def test_the_browse_image_is_the_stretched_image(pair, tmp_path):
     write_png(pair[0], tmp_path / "picture.png")
-    picture = cv2.imread(str(tmp_path / "picture.png"), cv2.IMREAD_UNCHANGED)
+    png = cv2.imread(str(tmp_path / "picture.png"), cv2.IMREAD_UNCHANGED)
     read = read_image(pair[0].read_bytes(), pair[0].name)
-    assert picture.dtype == np.uint8
-    assert picture.shape == read.pixels.shape
-    assert (picture == 0).mean() == pytest.approx(0.01, abs=0.01)  # the lowest percent is black
-    assert (picture == 255).mean() == pytest.approx(0.01, abs=0.01)
+    assert png.dtype == np.uint8
+    assert png.shape == read.pixels.shape
+    assert (png == 0).mean() == pytest.approx(0.01, abs=0.01)  # the lowest percent is black
+    assert (png == 255).mean() == pytest.approx(0.01, abs=0.01)
     order = np.argsort(read.pixels.ravel(), kind="stable")
-    assert (np.diff(picture.ravel()[order].astype(int)) >= 0).all()
+    assert (np.diff(png.ravel()[order].astype(int)) >= 0).all()
 
 
-def test_the_angles_of_a_real_camera_turn_its_axis(shared_data):
+def test_the_angles_of_a_real_camera_rotate_its_axis(shared_data):
     """The third row of M(omega, phi, kappa) is -A (Di & Li 2004)."""
     found = inspect_file(shared_data / SPIRIT)
     omega, phi, _ = np.radians(found["camera"]["omega_phi_kappa_deg"])
@@ -173,7 +173,7 @@ def test_the_angles_of_a_real_camera_turn_its_axis(shared_data):
     np.testing.assert_allclose(axis, camera.a / np.linalg.norm(camera.a), atol=1e-6)
 
 
-def test_radiance_is_that_of_the_label(shared_data):
+def test_radiance_equals_that_of_the_label(shared_data):
     radiometric = SPIRIT.replace("effb100p0703l0m1", "radb100p0703l0c1")
     found = inspect_file(shared_data / radiometric)
     assert found["radiance"]["factor"] == pytest.approx(4.342e-6, rel=1e-3)
@@ -207,7 +207,7 @@ def derived_raster(file: Path, kind: str, values: np.ndarray) -> Path:
     return file
 
 
-def test_a_derived_raster_says_what_it_holds(tmp_path, rng):
+def test_a_derived_raster_is_described(tmp_path, rng):
     points = rng.uniform(1.0, 2.0, (3, 4, 5)) + np.array([10.0, -20.0, 0.0])[:, None, None]
     points[:, 1, :] = 0.0
     found = inspect_file(derived_raster(tmp_path / "x.img", "XYZ_MAP", points))
@@ -224,7 +224,7 @@ def test_a_derived_raster_says_what_it_holds(tmp_path, rng):
     assert lines[3].endswith(" m")
 
 
-def test_a_slope_has_no_frame_and_one_without_values_says_so(tmp_path):
+def test_a_slope_has_no_frame_and_an_empty_one_is_reported(tmp_path):
     found = inspect_file(derived_raster(tmp_path / "s.img", "SLOPE_MAP", np.full((1, 4, 5), 7.5)))
     assert (found["raster"], found["frame"]) == ("slope", None)
     assert found["bands"] == [{"name": "slope", "unit": "degree", "range": [7.5, 7.5]}]
@@ -233,7 +233,7 @@ def test_a_slope_has_no_frame_and_one_without_values_says_so(tmp_path):
     assert "no value" in "\n".join(report_of(empty))
 
 
-def test_a_cut_off_raster_is_one_line(tmp_path):
+def test_a_truncated_raster_is_one_line(tmp_path):
     file = derived_raster(tmp_path / "x.img", "RANGE_MAP", np.ones((1, 4, 5)))
     file.write_bytes(file.read_bytes()[:-4])
     _, (fault,) = inspect_files([file])
@@ -262,7 +262,7 @@ def test_both_eyes_are_linearised_onto_one_plane(pair, tmp_path):
     np.testing.assert_allclose(seen[0], seen[1], atol=0.01)
 
 
-def test_without_a_partner_nothing_is_linearised(pair, shared_data, tmp_path):
+def test_an_image_without_a_partner_is_not_linearised(pair, shared_data, tmp_path):
     linear = shared_data / "mer_spirit_sol1900" / "2n295043924fflb1dnp1979l0m1.img"
     target = tmp_path / "x.png"
     with pytest.raises(InspectionError, match="needs the stereo partner beside it: no right-eye"):
@@ -282,7 +282,7 @@ def test_only_cahvor_cameras_are_linearised(pair, tmp_path):
         write_linearised(pair[0], tmp_path / "x.png")
 
 
-def test_a_picture_that_cannot_be_written_says_so(pair, tmp_path):
+def test_an_unwritable_image_file_is_reported(pair, tmp_path):
     with pytest.raises(InspectionError, match=r"x.png cannot be written: No such file"):
         write_png(pair[0], tmp_path / "nowhere" / "x.png")
 
@@ -295,7 +295,7 @@ def test_a_picture_that_cannot_be_written_says_so(pair, tmp_path):
         (b"PDS_VERSION_ID = PDS3\nEND\n", "INSTRUMENT_HOST_ID is missing"),
     ],
 )
-def test_a_broken_file_gives_one_line_that_names_it(tmp_path, data, message):
+def test_a_broken_file_is_one_line_with_its_name(tmp_path, data, message):
     file = tmp_path / "n.img"
     file.write_bytes(data)
     _, (line,) = inspect_files([file])
@@ -304,7 +304,7 @@ def test_a_broken_file_gives_one_line_that_names_it(tmp_path, data, message):
     assert "\n" not in line
 
 
-def test_a_truncated_file_and_one_that_is_not_there_are_named(pair, tmp_path):
+def test_a_truncated_and_a_missing_file_are_named(pair, tmp_path):
     pair[0].write_bytes(pair[0].read_bytes()[:-1000])
     _, faults = inspect_files([pair[0], tmp_path / "gone.img", tmp_path])
     assert "truncated" in faults[0]
@@ -315,7 +315,7 @@ def test_a_truncated_file_and_one_that_is_not_there_are_named(pair, tmp_path):
 # On the command line
 
 
-def test_the_command_prints_what_is_good_and_exits_with_one_if_anything_is_broken(pair, tmp_path):
+def test_the_command_prints_good_files_and_exits_with_one_if_any_is_broken(pair, tmp_path):
     broken = tmp_path / "broken.img"
     broken.write_text("nothing")
     result = CliRunner().invoke(app, ["inspect", str(pair[0]), str(broken), str(pair[1])])
@@ -325,42 +325,42 @@ def test_the_command_prints_what_is_good_and_exits_with_one_if_anything_is_broke
     assert pair[1].stem.upper() in result.output
 
 
-def test_the_command_writes_json_and_a_picture(pair, tmp_path):
-    picture = tmp_path / "x.png"
-    result = CliRunner().invoke(app, ["inspect", str(pair[0]), "--json", "--png", str(picture)])
+def test_the_command_writes_json_and_an_image(pair, tmp_path):
+    png = tmp_path / "x.png"
+    result = CliRunner().invoke(app, ["inspect", str(pair[0]), "--json", "--png", str(png)])
     assert result.exit_code == 0
     (found,) = json.loads(result.output)
     assert found["product"] == pair[0].stem.upper()
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    result = CliRunner().invoke(app, ["inspect", str(pair[0]), "--linearised", str(picture)])
+    assert png.read_bytes().startswith(b"\x89PNG")
+    result = CliRunner().invoke(app, ["inspect", str(pair[0]), "--linearised", str(png)])
     assert result.exit_code == 0
-    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert png.read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_picture_of_several_images_is_refused(pair, tmp_path):
+def test_one_output_image_for_several_inputs_is_refused(pair, tmp_path):
     result = CliRunner().invoke(app, ["inspect", *map(str, pair), "--png", str(tmp_path / "x.png")])
     assert result.exit_code == 1
     assert "writes one image, but 2 are named" in result.output.replace("\n", " ")
 
 
-def test_a_picture_with_metadata_and_labels_alone_are_inspected(shared_data, tmp_path):
+def test_an_image_with_metadata_and_labels_alone_are_inspected(shared_data, tmp_path):
     real = next(shared_data.rglob("NLF_0670_*-metadata.json"))
-    said = json.loads(real.read_text()) | {"attitude": "(0.8,0.0,0.0,0.6)"}
+    message_ = json.loads(real.read_text()) | {"attitude": "(0.8,0.0,0.0,0.6)"}
     name = real.name.removesuffix("-metadata.json")
-    label, picture = tmp_path / f"{name}-metadata.json", tmp_path / f"{name}.png"
-    label.write_text(json.dumps(said))
-    picture.write_bytes(real.with_name(picture.name).read_bytes())
-    of_picture, of_label = inspect_file(picture), inspect_file(label)
-    assert of_picture["camera"] == of_label["camera"]
-    assert of_picture["size"]["masked_share"] < 0.01
+    label, png = tmp_path / f"{name}-metadata.json", tmp_path / f"{name}.png"
+    label.write_text(json.dumps(message_))
+    png.write_bytes(real.with_name(png.name).read_bytes())
+    of_image, of_label = inspect_file(png), inspect_file(label)
+    assert of_image["camera"] == of_label["camera"]
+    assert of_image["size"]["masked_share"] < 0.01
     assert of_label["size"]["masked_share"] is None
-    assert of_picture["pointing"].keys() == {"image_centre"}  # metadata have no mast frame
-    lines = report_of(of_picture)
-    assert lines[0] == said["imageid"]
-    picture.with_name("alone.png").write_bytes(picture.read_bytes())
+    assert of_image["pointing"].keys() == {"image_centre"}  # metadata have no mast frame
+    lines = report_of(of_image)
+    assert lines[0] == message_["imageid"]
+    png.with_name("alone.png").write_bytes(png.read_bytes())
     with pytest.raises(
         InspectionError, match=r"alone.png: an image without a label; alone-metadata.json"
     ):
-        inspect_file(picture.with_name("alone.png"))
+        inspect_file(png.with_name("alone.png"))
     xml = Path(__file__).parents[2] / "archive" / "labels" / "navcam_of_perseverance.xml"
     assert inspect_file(xml)["camera"]["model"] == "CAHVORE"

@@ -30,7 +30,7 @@ def document(stops, holders=None):
     }
 
 
-def test_stops_that_other_products_hold_are_listed_from_there(tmp_path, monkeypatch):
+def test_stops_of_other_products_are_listed_from_those(tmp_path, monkeypatch):
     network, left = (
         ProductRef(kind, Scope(ScopeLevel.SOL, "mer2-sol0156"), digest)
         for kind, digest in ((ProductKind.NETWORK, "a"), (ProductKind.MARGINALISED_STOP, "b"))

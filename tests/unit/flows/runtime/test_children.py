@@ -48,7 +48,7 @@ def child_of(tmp_path, command) -> Child:
     return Child("test", command, {}, tmp_path / "logs" / "test.log")
 
 
-def test_a_stopped_child_is_gone_and_stays_so(tmp_path):
+def test_a_stopped_child_stays_stopped(tmp_path):
     child = child_of(tmp_path, SLEEPER)
     child.start()
     assert child.is_alive
@@ -58,7 +58,7 @@ def test_a_stopped_child_is_gone_and_stays_so(tmp_path):
     assert not child.is_alive
 
 
-def test_a_child_that_does_not_listen_is_killed(tmp_path):
+def test_a_child_that_ignores_the_signal_is_killed(tmp_path):
     child = child_of(tmp_path, STUBBORN)
     child.start()
     until(lambda: "up" in child.log.read_text())
@@ -66,7 +66,7 @@ def test_a_child_that_does_not_listen_is_killed(tmp_path):
     assert child.process.returncode == -signal.SIGKILL
 
 
-def test_a_child_that_died_is_started_again_and_said_so(tmp_path):
+def test_a_child_that_ended_is_restarted_and_reported(tmp_path):
     child = child_of(tmp_path, SLEEPER)
     child.start()
     first = child.process.pid
@@ -78,20 +78,20 @@ def test_a_child_that_died_is_started_again_and_said_so(tmp_path):
     child.stop()
 
 
-def test_a_child_that_dies_again_and_again_is_given_longer_and_longer(tmp_path):
+def test_a_child_that_ends_repeatedly_is_restarted_after_growing_waits(tmp_path):
     child = child_of(tmp_path, (sys.executable, "-c", "raise SystemExit(3)"))
     child.start()
     pauses = []
     while len(pauses) < 3:
         until(lambda: not child.is_alive)
-        if said := child.revive():
-            pauses.append(said)
+        if message := child.revive():
+            pauses.append(message)
         time.sleep(0.02)
-    assert [said.split(" in ")[1].split(" s")[0] for said in pauses] == ["1", "2", "4"]
+    assert [message.split(" in ")[1].split(" s")[0] for message in pauses] == ["1", "2", "4"]
     child.stop()
 
 
-def test_no_child_takes_code_or_settings_from_the_folder_that_a_user_is_in(tmp_path, monkeypatch):
+def test_no_child_takes_code_or_settings_from_the_current_folder(tmp_path, monkeypatch):
     downlink = tmp_path / "downlink"
     downlink.mkdir()
     (downlink / "h2.py").write_text("raise SystemExit('hostile')")
@@ -113,7 +113,7 @@ def test_no_child_takes_code_or_settings_from_the_folder_that_a_user_is_in(tmp_p
     assert not {"", str(downlink), str(child.log.parent)} & set(eval(path))  # noqa: S307
 
 
-def test_a_long_log_is_shortened_and_what_follows_is_kept(tmp_path, monkeypatch):
+def test_a_long_log_is_shortened_and_later_lines_are_kept(tmp_path, monkeypatch):
     monkeypatch.setattr("solmap.flows.runtime.children._LARGEST_LOG_BYTES", 1000)
     script = "import sys, time; print('x' * 2000, flush=True); time.sleep(2); print('later')"
     child = child_of(tmp_path, (sys.executable, "-c", script))
@@ -125,8 +125,10 @@ def test_a_long_log_is_shortened_and_what_follows_is_kept(tmp_path, monkeypatch)
     assert child.log.with_suffix(".log.1").read_text().startswith("xxx")
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells children of their parent")
-def test_no_child_outlives_a_parent_that_was_killed(tmp_path):
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="only Linux signals children at the end of their parent"
+)
+def test_no_child_remains_after_its_parent_is_killed(tmp_path):
     script = PARENT.format(log=str(tmp_path / "log"))
     command = (sys.executable, "-c", script)
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
@@ -136,7 +138,7 @@ def test_no_child_outlives_a_parent_that_was_killed(tmp_path):
     until(lambda: not runs(pid))
 
 
-def test_runs_leave_the_processors_to_the_map():
+def test_runs_have_lower_priority_than_the_server():
     code = (
         "import os; from pathlib import Path;"
         "from solmap.flows.runtime.children import lower_priority; lower_priority();"
@@ -144,8 +146,8 @@ def test_runs_leave_the_processors_to_the_map():
         "print(os.nice(0), group.read_text() if group.exists() else '')"
     )
     command = (sys.executable, "-c", code)
-    told = subprocess.run(
+    reported = subprocess.run(
         command, capture_output=True, text=True, check=True, start_new_session=True
     ).stdout
-    assert int(told.split()[0]) == min(os.nice(0) + 10, 19)
-    assert "nice 0" not in told
+    assert int(reported.split()[0]) == min(os.nice(0) + 10, 19)
+    assert "nice 0" not in reported

@@ -8,7 +8,7 @@ import pytest
 from solmap.flows.runtime.engine import password_file
 
 
-def test_a_password_is_made_once_and_for_its_owner_only(tmp_path):
+def test_a_password_is_made_once_and_readable_by_its_owner_only(tmp_path):
     file = password_file(tmp_path)
     secret = file.read_text()
     assert secret.startswith("solmap:")
@@ -19,7 +19,7 @@ def test_a_password_is_made_once_and_for_its_owner_only(tmp_path):
     assert list(file.parent.iterdir()) == [file]
 
 
-def test_an_empty_password_which_lets_all_in_is_made_anew(tmp_path):
+def test_an_empty_password_is_replaced(tmp_path):
     file = password_file(tmp_path)
     file.write_text("")
     assert len(password_file(tmp_path).read_text()) > 40
@@ -39,7 +39,7 @@ def test_a_password_is_made_on_a_file_system_without_hard_links(tmp_path, monkey
     assert list(file.parent.iterdir()) == [file]
 
 
-def test_a_password_that_another_process_made_first_counts(tmp_path, monkeypatch):
+def test_a_password_made_first_by_another_process_is_used(tmp_path, monkeypatch):
     def be_late(path: Path, _draft: str) -> None:
         path.write_text("solmap:first")
         raise OSError(errno.EPERM, "no hard links here")

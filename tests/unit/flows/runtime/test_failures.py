@@ -16,7 +16,7 @@ def failed_outcomes(workspace):
     return {one.subject: one.notes for one in workspace.catalogue.outcomes() if one.is_failure}
 
 
-def test_a_block_that_fails_is_one_line_and_one_outcome(workspace):
+def test_a_failing_block_is_one_line_and_one_outcome(workspace):
     from solmap.flows.runtime.failures import clear_failure, isolate  # noqa: PLC0415 - imports Prefect
 
     failures: list[str] = []
@@ -28,7 +28,7 @@ def test_a_block_that_fails_is_one_line_and_one_outcome(workspace):
     assert failed_outcomes(workspace) == {}
 
 
-def test_parts_that_fail_are_named_and_the_block_goes_on(workspace):
+def test_failing_parts_are_named_and_the_block_continues(workspace):
     from solmap.flows.runtime.failures import isolate, keep_going  # noqa: PLC0415 - imports Prefect
 
     failures: list[str] = []
@@ -43,7 +43,7 @@ def test_parts_that_fail_are_named_and_the_block_goes_on(workspace):
 
 
 @pytest.mark.parametrize("error", [StoreFullError("full"), KeyboardInterrupt(), SystemExit(1)])
-def test_a_full_disk_and_signals_pass(workspace, error):
+def test_a_full_disk_and_signals_are_raised(workspace, error):
     from prefect.exceptions import TerminationSignal  # noqa: PLC0415 - slow to import
 
     from solmap.flows.runtime.failures import isolate, keep_going  # noqa: PLC0415
@@ -57,7 +57,7 @@ def test_a_full_disk_and_signals_pass(workspace, error):
             raise one
 
 
-def test_that_an_outcome_cannot_be_kept_stops_nothing(workspace, monkeypatch):
+def test_an_outcome_that_cannot_be_stored_stops_nothing(workspace, monkeypatch):
     from solmap.flows.runtime.failures import clear_failure, isolate  # noqa: PLC0415 - imports Prefect
 
     def away(*_args, **_kwargs):
@@ -72,7 +72,7 @@ def test_that_an_outcome_cannot_be_kept_stops_nothing(workspace, monkeypatch):
     assert failures == ["ValueError: x"]
 
 
-def test_results_are_listed_by_the_first_part_of_their_keys_in_their_order():
+def test_results_are_listed_by_the_first_part_of_their_keys_in_order():
     from solmap.flows.runtime.failures import group_by_first  # noqa: PLC0415 - imports Prefect
 
     results = {("b", "dtm"): 1, ("a", "dtm"): 2, ("b", "slope"): 3}

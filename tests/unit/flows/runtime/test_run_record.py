@@ -23,10 +23,10 @@ def kept(workspace):
     return run
 
 
-def test_progress_is_written_down_while_it_happens(workspace):
+def test_progress_is_recorded_during_the_run(workspace):
     with record_run("downlink", "sol156", workspace) as record:
         report("match pairs", 2, 7)
-        record.say(["an image has no partner"])
+        record.add_lines(["an image has no partner"])
         run = kept(workspace)
         assert (run.state, run.stage, run.done, run.total) == (
             RunState.RUNNING,
@@ -53,7 +53,7 @@ def test_an_exception_ends_the_run_and_is_named(workspace):
     assert kept(workspace).lines == ("failed: ValueError: no such folder",)
 
 
-def test_many_quick_parts_are_not_written_one_by_one(workspace):
+def test_many_quick_parts_are_recorded_together(workspace):
     with record_run("downlink", "sol156", workspace):
         for done in range(1, 1001):
             report("ingest files", done, 1000)
@@ -71,7 +71,7 @@ def test_a_record_that_cannot_be_written_does_not_stop_the_run(workspace, monkey
     assert "database is locked" in caplog.text
 
 
-def test_nothing_is_pruned_while_runs_go_on(workspace):
+def test_nothing_is_pruned_during_runs(workspace):
     with (
         record_run("downlink", "sol156", workspace),
         record_run("region", "MER2", workspace),

@@ -1,10 +1,10 @@
-"""How a sol's report tells findings from faults."""
+"""How a sol's report distinguishes findings from faults."""
 
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.photogrammetry.errors import MatchingError, TerrainError
 
 
-def test_what_images_do_not_give_is_a_finding_and_a_fault_is_a_failure():
+def test_an_undetermined_quantity_is_a_finding_and_a_fault_is_a_failure():
     report = SolReport("MER2", 156)
     report.add_findings(
         "map far ground",
@@ -25,7 +25,7 @@ def test_what_images_do_not_give_is_a_finding_and_a_fault_is_a_failure():
     assert report.failures == ["map far ground c-with-d: ValueError: shapes differ"]
 
 
-def test_an_error_of_another_kind_is_a_fault():
+def test_an_unexpected_error_is_a_fault():
     report = SolReport("MER2", 156)
     failed = {"views of a": "TerrainError: none of 2 views", "3D tiles of a": "OSError: broken"}
     report.add_findings("model", failed, "no", TerrainError)

@@ -44,7 +44,7 @@ with stopping.end_on_signals():
         "threading.Thread(target=library, args=(99,)).start(); order()",
     ],
 )
-def test_a_signal_ends_it_with_one_line_and_its_children(tmp_path, number, doing):
+def test_a_signal_ends_the_run_with_one_line_and_ends_its_children(tmp_path, number, doing):
     script = SCRIPT.replace("DO", doing).replace("LOG", repr(str(tmp_path / "log")))
     with subprocess.Popen(
         (sys.executable, "-c", script), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -52,15 +52,15 @@ def test_a_signal_ends_it_with_one_line_and_its_children(tmp_path, number, doing
         child = int(process.stdout.readline())
         time.sleep(0.3)
         process.send_signal(number)
-        said, wrong = process.communicate(timeout=30)
+        message, wrong = process.communicate(timeout=30)
     assert process.returncode == 128 + number
     assert wrong.splitlines() == ["stopped; what was made is kept; run again to continue"]
-    assert ("closed" in said) == ("order" in doing)
+    assert ("closed" in message) == ("order" in doing)
     with pytest.raises(ProcessLookupError):
         _until_gone(child)
 
 
-def test_a_library_that_keeps_the_lock_of_the_interpreter_is_killed(tmp_path):
+def test_a_process_whose_library_holds_the_interpreter_lock_is_killed(tmp_path):
     doing = "sum(range(10**12))"
     script = SCRIPT.replace("DO", doing).replace("LOG", repr(str(tmp_path / "log")))
     with subprocess.Popen((sys.executable, "-c", script), stdout=subprocess.PIPE) as process:

@@ -1,4 +1,4 @@
-"""What a watched folder hands over, and when."""
+"""Which files a watched folder delivers, and when."""
 
 import json
 from pathlib import Path
@@ -22,19 +22,19 @@ def inbox(folder, tmp_path):
     return Inbox(folder, tmp_path / "inbox.json", PARAMS)
 
 
-def test_an_empty_folder_hands_nothing_over(inbox):
+def test_an_empty_folder_delivers_nothing(inbox):
     assert inbox.poll(0.0) is None
     assert inbox.poll(100.0) is None
 
 
-def test_a_file_is_handed_over_when_it_has_settled(inbox, folder):
+def test_a_file_is_delivered_after_its_size_is_stable(inbox, folder):
     (folder / "a.img").write_bytes(b"1")
     assert inbox.poll(0.0) is None
     assert inbox.poll(9.0) is None
     assert inbox.poll(10.0) is not None
 
 
-def test_a_file_that_grows_is_waited_for(inbox, folder):
+def test_a_growing_file_is_waited_for(inbox, folder):
     file = folder / "a.img"
     for at in range(0, 50, 5):
         file.write_bytes(b"1" * (at + 1))
@@ -42,7 +42,7 @@ def test_a_file_that_grows_is_waited_for(inbox, folder):
     assert inbox.poll(60.0) is not None
 
 
-def test_whole_files_wait_for_those_that_still_arrive_but_not_for_ever(inbox, folder):
+def test_complete_files_wait_for_arriving_ones_but_not_forever(inbox, folder):
     (folder / "a.img").write_bytes(b"1")
     growing = folder / "b.img"
     handed = []
@@ -53,9 +53,7 @@ def test_whole_files_wait_for_those_that_still_arrive_but_not_for_ever(inbox, fo
     assert handed[0] == 70  # whole at 10, and 60 of patience
 
 
-def test_what_was_processed_is_not_handed_over_again_even_by_another_watcher(
-    inbox, folder, tmp_path
-):
+def test_processed_files_are_not_delivered_again_by_another_watcher(inbox, folder, tmp_path):
     (folder / "a.img").write_bytes(b"1")
     inbox.poll(0.0)
     delivery = inbox.poll(20.0)
@@ -66,7 +64,7 @@ def test_what_was_processed_is_not_handed_over_again_even_by_another_watcher(
     assert later.poll(20.0) is None
 
 
-def test_a_late_file_or_a_changed_one_makes_another_delivery(inbox, folder):
+def test_a_late_or_changed_file_makes_another_delivery(inbox, folder):
     (folder / "a.img").write_bytes(b"1")
     inbox.poll(0.0)
     first = inbox.poll(20.0)
@@ -82,7 +80,7 @@ def test_a_late_file_or_a_changed_one_makes_another_delivery(inbox, folder):
 
 
 @pytest.mark.parametrize("name", [".a.img.x7", "a.img.part", "a.img.tmp", ".rsync/a.img"])
-def test_files_on_their_way_are_passed_over(inbox, folder, name):
+def test_temporary_files_of_transfers_are_skipped(inbox, folder, name):
     file = folder / name
     file.parent.mkdir(exist_ok=True)
     file.write_bytes(b"1")
@@ -91,7 +89,7 @@ def test_files_on_their_way_are_passed_over(inbox, folder, name):
 
 
 @pytest.mark.parametrize("memory", ["", "{", "[]", json.dumps({"delivery": 3})])
-def test_a_broken_memory_only_means_to_process_again(folder, tmp_path, memory):
+def test_an_unreadable_record_of_deliveries_only_repeats_processing(folder, tmp_path, memory):
     (tmp_path / "inbox.json").write_text(memory)
     inbox = Inbox(folder, tmp_path / "inbox.json", PARAMS)
     (folder / "a.img").write_bytes(b"1")
@@ -99,12 +97,12 @@ def test_a_broken_memory_only_means_to_process_again(folder, tmp_path, memory):
     assert inbox.poll(20.0) is not None
 
 
-def test_a_folder_that_went_away_hands_nothing_over(inbox, folder):
+def test_a_missing_folder_delivers_nothing(inbox, folder):
     folder.rmdir()
     assert inbox.poll(0.0) is None
 
 
-def test_a_delivery_whose_run_failed_is_tried_again_after_longer_and_longer_pauses(inbox, folder):
+def test_a_delivery_with_a_failed_run_is_retried_after_growing_pauses(inbox, folder):
     (folder / "a.img").write_bytes(b"1")
     inbox.poll(0.0)
     now, pauses = 20.0, []
@@ -123,7 +121,7 @@ def test_a_delivery_whose_run_failed_is_tried_again_after_longer_and_longer_paus
     assert inbox.poll(now + 1e6 + 20.0) is not None  # another delivery
 
 
-def test_how_often_a_delivery_failed_is_known_after_a_restart(inbox, folder, tmp_path):
+def test_the_number_of_failed_deliveries_survives_a_restart(inbox, folder, tmp_path):
     (folder / "a.img").write_bytes(b"1")
     inbox.poll(0.0)
     delivery = inbox.poll(20.0)
@@ -138,13 +136,13 @@ def test_how_often_a_delivery_failed_is_known_after_a_restart(inbox, folder, tmp
     assert json.loads((tmp_path / "inbox.json").read_text()) == {"delivery": "another"}
 
 
-def test_names_that_are_not_utf_8_are_handed_over_too(inbox, folder):
+def test_names_that_are_not_utf_8_are_delivered(inbox, folder):
     (folder / "\udcff.img").write_bytes(b"1")
     inbox.poll(0.0)
     assert inbox.poll(20.0) is not None
 
 
-def test_what_may_not_be_looked_at_stops_no_delivery(inbox, folder, monkeypatch):
+def test_unreadable_folders_stop_no_delivery(inbox, folder, monkeypatch):
     (folder / "a.img").write_bytes(b"1")
     (folder / "closed").mkdir()
     (folder / "closed" / "b.img").write_bytes(b"1")

@@ -1,4 +1,4 @@
-"""`solmap up` says once what is wrong, and goes on."""
+"""`solmap up` reports a fault once and continues."""
 
 import time
 
@@ -15,25 +15,25 @@ def machine(tmp_path, engine):  # noqa: ARG001 - Prefect reads its settings at i
     inbox = tmp_path / "inbox"
     inbox.mkdir()
     (inbox / "a.img").write_bytes(b"1")
-    said: list[str] = []
-    made = Machine(Settings(store=tmp_path / "store", inbox=inbox), said.append)
+    message: list[str] = []
+    made = Machine(Settings(store=tmp_path / "store", inbox=inbox), message.append)
     made.store.mkdir()
     made._inbox = Inbox(inbox, tmp_path / "inbox.json", InboxParams(settle_s=0.0))
     made._looked_for_stuck_at = time.monotonic()
-    return made, said
+    return made, message
 
 
-def test_files_that_come_before_the_deployments_wait_in_silence(machine):
-    up, said = machine
-    up.tend()  # the engine of the tests knows no deployment of this name
-    assert said == []
+def test_files_before_the_deployments_wait_without_a_message(machine):
+    up, message = machine
+    up.tend()  # the engine of the tests has no deployment of this name
+    assert message == []
     assert up._running is None
 
 
-def test_any_trouble_is_said_once_and_tried_again(machine, monkeypatch):
+def test_an_error_is_logged_once_and_retried(machine, monkeypatch):
     from solmap.flows.service import submission  # noqa: PLC0415
 
-    up, said = machine
+    up, message = machine
 
     def trouble(*_):
         raise RuntimeError("no luck")
@@ -42,17 +42,17 @@ def test_any_trouble_is_said_once_and_tried_again(machine, monkeypatch):
         patched.setattr(submission, "submit_inbox", trouble)
         up.tend()
         up.tend()
-    assert said == ["RuntimeError: no luck; tried again until it works"]
+    assert message == ["RuntimeError: no luck; retried until it works"]
     run = submission.SubmittedRun("id", "a-run", "delivery")
     monkeypatch.setattr(submission, "submit_inbox", lambda *_: run)
     up.tend()
-    assert said[1].startswith("files came: run a-run")
+    assert message[1].startswith("files came: run a-run")
 
 
-def test_a_run_that_failed_does_not_count_as_done(machine, monkeypatch):
+def test_a_failed_run_does_not_count_as_processed(machine, monkeypatch):
     from solmap.flows.service import submission  # noqa: PLC0415
 
-    up, said = machine
+    up, message = machine
     runs = iter("abc")
 
     def submit(delivery, _):
@@ -62,11 +62,11 @@ def test_a_run_that_failed_does_not_count_as_done(machine, monkeypatch):
     monkeypatch.setattr(submission, "final_state", lambda _: "FAILED")
     up.tend()
     up.tend()
-    assert said[-1] == "the run of the inbox failed, see `solmap status`; tried again in 1 min"
+    assert message[-1] == "the run of the inbox failed, see `solmap status`; tried again in 1 min"
     up._inbox._not_before = 0.0
     up.tend()
     monkeypatch.setattr(submission, "final_state", lambda _: "COMPLETED")
     up.tend()
-    assert said[-1] == "the inbox was processed: completed"
+    assert message[-1] == "the inbox was processed: completed"
     up.tend()
     assert up._running is None

@@ -1,7 +1,7 @@
 """A small store of a simulated traverse whose images, poses, matches and ground are all true.
 
 Two stops with some Navcam pairs each, averaged to a quarter of their size; orientations and
-parallaxes are those the pictures were made with, so that what the server says of a pixel can be
+parallaxes are those the images were rendered with, so that an answer about a pixel can be
 compared with where it really is.
 """
 
@@ -130,8 +130,10 @@ def _pair(world: World, shot: Shot, workspace: Workspace) -> _Pair:
     number = sum(1 for s in world.shots[: world.shots.index(shot)] if s.stop == shot.stop)
     parallax = true_parallax(world, shot.stop, number, geometry)
     _publish_pair((left, right), [f.data for f in files], geometry, parallax, workspace)
-    told = world.true_lsl_from_label_rover(shot)
-    lsl_from_label = Pose(told.target, left.image.stop.frame, told.rotation, told.translation_m)
+    reported = world.true_lsl_from_label_rover(shot)
+    lsl_from_label = Pose(
+        reported.target, left.image.stop.frame, reported.rotation, reported.translation_m
+    )
     turn = world.stops[shot.stop].lsl_from_rover.rotation.T @ lsl_from_label.rotation
     pointing = Rotation.from_matrix(turn).as_rotvec()
     lsl_from_pair = lsl_from_label @ geometry.rover_from_pair
@@ -214,7 +216,7 @@ def _network(world: World, pairs: list[_Pair]) -> dict:
     network = AdjustedNetwork(stops, adjusted, _ties(pairs))
     report = AdjustmentReport("true", converged=True, iterations=1, sigma0=1.0, redundancy=9,
                               stops=2, pairs=len(pairs))  # fmt: skip
-    told = [
+    reported = [
         {
             "mission": stop.id.mission,
             "site": stop.id.site,
@@ -225,8 +227,14 @@ def _network(world: World, pairs: list[_Pair]) -> dict:
         for stop in world.stops
     ]
     document = network_document(network, [report])
-    return {"mission": "MER2", "sol": 156, "stops": told, "network": document, "reports": ["true"],
-            "links": []}  # fmt: skip
+    return {
+        "mission": "MER2",
+        "sol": 156,
+        "stops": reported,
+        "network": document,
+        "reports": ["true"],
+        "links": [],
+    }
 
 
 def _ties(pairs: list[_Pair]) -> AdjustedTies:

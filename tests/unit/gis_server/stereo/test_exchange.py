@@ -1,4 +1,4 @@
-"""What is made for other programs says what the network says: read back by parsers of our own."""
+"""Files for other programs agree with the network; our own parsers read them back."""
 
 from __future__ import annotations
 
@@ -97,13 +97,13 @@ def test_tracks_of_a_colmap_model_name_the_observations_of_their_points(exported
     assert seen == sum(len(track) for *_, track in model.points.values())
 
 
-def test_pictures_have_the_size_of_their_cameras(exported):
+def test_images_have_the_size_of_their_cameras(exported):
     model = read_colmap(exported / "colmap" / "MER2")
     for image in model.images.values():
-        picture = cv2.imread(str(exported / "epipolar" / "MER2" / image.name), -1)
+        png = cv2.imread(str(exported / "epipolar" / "MER2" / image.name), -1)
         _, width, height, *_ = model.cameras[image.camera]
-        assert picture.shape == (height, width)
-        assert (picture > 0).mean() > 0.5
+        assert png.shape == (height, width)
+        assert (png > 0).mean() > 0.5
 
 
 def test_pycolmap_reads_the_model(exported):
@@ -121,16 +121,16 @@ def read_tsai(path: Path) -> dict[str, np.ndarray]:
     return {key: np.array(value.split(), float) for key, value in pairs}
 
 
-def test_cameras_for_asp_are_those_of_the_colmap_model(exported):
+def test_cameras_for_asp_equal_those_of_the_colmap_model(exported):
     model = read_colmap(exported / "colmap" / "MER2")
     for image in model.images.values():
-        told = read_tsai(exported / "asp" / "MER2" / image.name.replace(".png", ".tsai"))
-        world_from_camera = told["R"].reshape(3, 3)
+        reported = read_tsai(exported / "asp" / "MER2" / image.name.replace(".png", ".tsai"))
+        world_from_camera = reported["R"].reshape(3, 3)
         _, _, _, fx, _, cx, cy = model.cameras[image.camera]
         np.testing.assert_allclose(world_from_camera, image.turn.T, atol=1e-12)
-        np.testing.assert_allclose(-image.turn @ told["C"], image.shift, atol=1e-9)
-        assert told["fu"] == told["fv"] == fx
-        assert (told["cu"] + 0.5, told["cv"] + 0.5) == pytest.approx((cx, cy))
+        np.testing.assert_allclose(-image.turn @ reported["C"], image.shift, atol=1e-9)
+        assert reported["fu"] == reported["fv"] == fx
+        assert (reported["cu"] + 0.5, reported["cv"] + 0.5) == pytest.approx((cx, cy))
 
 
 def csm_image_points(text: str, places: np.ndarray) -> np.ndarray:
@@ -153,7 +153,7 @@ def csm_image_points(text: str, places: np.ndarray) -> np.ndarray:
     return np.column_stack(pixels)
 
 
-def test_csm_states_see_the_body_fixed_points_where_they_were_measured(exported):
+def test_csm_states_project_the_body_fixed_points_to_their_measurements(exported):
     model = read_colmap(exported / "colmap" / "MER2")
     text = (exported / "isis" / "MER2_control.pvl").read_text()
     places = np.array(
@@ -190,7 +190,7 @@ def test_an_isis_network_has_the_same_points_on_mars(exported):
     np.testing.assert_allclose(np.degrees(np.arcsin(z / radius)), lat, atol=1e-8)
 
 
-def test_xyz_of_a_pair_are_the_true_ground(exported, stereo):
+def test_xyz_of_a_pair_equals_the_true_ground(exported, stereo):
     files = sorted((exported / "pds" / "MER2").glob("*XYL*.img"))
     assert len(files) == 6
     for file in files:
@@ -235,7 +235,7 @@ def test_ranges_normals_and_slopes_of_a_pair_agree_with_its_xyz(exported):
         ("SLL", ["slope"], "degree"),
     ],
 )
-def test_a_raster_of_the_archive_is_compared_with_that_of_the_store(
+def test_an_archived_raster_is_compared_with_that_of_the_store(
     exported, stereo, letters, names, unit
 ):
     """With ours as archived ones there is no difference but that of six digits."""
@@ -252,7 +252,7 @@ def test_a_raster_of_the_archive_is_compared_with_that_of_the_store(
     assert any("archived less ours" in line for line in lines)
 
 
-def test_what_an_archived_raster_is_off_by_is_found(exported, stereo, tmp_path):
+def test_the_error_of_an_archived_raster_is_found(exported, stereo, tmp_path):
     (file, *_) = sorted((exported / "pds" / "MER2").glob("*XYL*.img"))
     raster = read_raster(file.read_bytes(), file.name)
     data = file.read_bytes()
@@ -290,7 +290,7 @@ def test_gdal_reads_a_raster_of_a_pair_by_both_labels(exported, driver, suffix, 
         np.testing.assert_array_equal(dataset.read(), ours.bands)
 
 
-def test_the_normals_of_a_plane_are_its_own():
+def test_the_normals_of_a_plane_are_exact():
     lines, samples = np.indices((60, 80), dtype=np.float64)
     x, y = 5.0 + 0.01 * samples, -3.0 + 0.02 * lines
     z = 0.3 * x - 0.1 * y + 2.0
@@ -313,7 +313,7 @@ def test_a_vicar_label_fills_whole_records():
     assert b"TEXT='it''s' LIST=(1,2.5)" in data[:size]
 
 
-def test_a_map_without_a_network_has_nothing_for_other_programs(tmp_path):
+def test_a_map_without_a_network_has_no_exports_for_other_programs(tmp_path):
     world = build(tmp_path / "store")
     workspace = Workspace(world.store, world.catalogue)
     with pytest.raises(ProductNotFoundError, match="no network of MER2 has been adjusted"):

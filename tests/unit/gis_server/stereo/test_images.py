@@ -1,4 +1,4 @@
-"""The pictures of images: raw, stretched, linearised, in stereo, whole and in tiles."""
+"""Images as served: raw, stretched, linearised, in stereo, whole and in tiles."""
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ def left_of(stereo):
     return next(entry for entry in stereo.entries if entry.eye == "left")
 
 
-def picture(client, address, **query):
+def png(client, address, **query):
     answer = client.get(address, params=query)
     assert answer.status_code == 200, answer.text
     assert answer.headers["content-type"] == "image/png"
@@ -29,10 +29,10 @@ def stored(stereo, entry):
     return read_image(path.read_bytes(), f"{entry.id}.IMG")
 
 
-def test_the_raw_picture_is_what_was_sent(stereo, stereo_client):
+def test_the_raw_image_is_the_delivered_one(stereo, stereo_client):
     entry = left_of(stereo)
     pixels = stored(stereo, entry).pixels
-    shown = picture(stereo_client, f"/images/{entry.id}/raw.png")
+    shown = png(stereo_client, f"/images/{entry.id}/raw.png")
     assert shown.dtype == np.uint8
     assert np.abs(shown - pixels * (255 / 4095)).max() <= 0.51
 
@@ -41,23 +41,23 @@ def test_a_stretch_runs_between_its_percentiles(stereo, stereo_client):
     entry = left_of(stereo)
     pixels = stored(stereo, entry).pixels
     low, high = np.percentile(pixels, [5, 90])
-    shown = picture(stereo_client, f"/images/{entry.id}/stretched.png", low=5, high=90)
+    shown = png(stereo_client, f"/images/{entry.id}/stretched.png", low=5, high=90)
     assert np.abs(shown - np.clip((pixels - low) / (high - low), 0, 1) * 255).max() <= 0.51
-    set_by_hand = picture(
+    set_by_hand = png(
         stereo_client, f"/images/{entry.id}/stretched.png", black=100, white=2000, gamma=2
     )
     expected = np.clip((pixels - 100) / 1900, 0, 1) ** 0.5 * 255
     assert np.abs(set_by_hand - expected).max() <= 0.51
 
 
-def test_the_linearised_picture_is_what_matching_sees(stereo, stereo_client):
+def test_the_linearised_image_is_the_one_used_for_matching(stereo, stereo_client):
     entry = left_of(stereo)
     read = stored(stereo, entry)
     geometry = geometry_of(matches_of(entry, stereo.workspace), stereo.workspace)
     camera = matched_record(entry, stereo.workspace).camera
     image, mask = resample(read.pixels, read.mask, camera, geometry, Eye.LEFT)
     low, high = np.percentile(image[mask], [1, 99])
-    shown = picture(stereo_client, f"/images/{entry.id}/linearised.png")
+    shown = png(stereo_client, f"/images/{entry.id}/linearised.png")
     assert shown.shape == image.shape
     expected = np.clip((image - low) / (high - low), 0, 1) * 255
     assert np.abs(shown[mask] - expected[mask]).max() <= 0.51
@@ -65,10 +65,10 @@ def test_the_linearised_picture_is_what_matching_sees(stereo, stereo_client):
 
 def test_an_anaglyph_is_left_in_red_and_right_in_cyan_shifted(stereo, stereo_client):
     entry = left_of(stereo)
-    left = picture(stereo_client, f"/images/{entry.id}/linearised.png")
-    right = picture(stereo_client, f"/images/{entry.partner}/linearised.png")
+    left = png(stereo_client, f"/images/{entry.id}/linearised.png")
+    right = png(stereo_client, f"/images/{entry.partner}/linearised.png")
     for image in (entry.id, entry.partner):
-        shown = picture(stereo_client, f"/images/{image}/anaglyph.png", shift_px=7)
+        shown = png(stereo_client, f"/images/{image}/anaglyph.png", shift_px=7)
         assert (shown[:, :, 2] == left).all()
         assert (shown[:, :, 1] == shown[:, :, 0]).all()
         assert (shown[:, 7:, 0] == right[:, :-7]).all()
@@ -76,23 +76,23 @@ def test_an_anaglyph_is_left_in_red_and_right_in_cyan_shifted(stereo, stereo_cli
 
 
 @pytest.mark.parametrize("style", ["raw", "stretched", "linearised", "anaglyph"])
-def test_the_tiles_of_the_highest_zoom_are_the_picture(stereo, stereo_client, style):
+def test_the_tiles_of_the_highest_zoom_are_the_image(stereo, stereo_client, style):
     entry = left_of(stereo)
     info = stereo_client.get(f"/images/{entry.id}/info").json()["styles"][style]
-    whole = picture(stereo_client, info["picture"], shift_px=3)
+    whole = png(stereo_client, info["picture"], shift_px=3)
     assert whole.shape[:2] == (info["lines"], info["samples"])
     z, tile = info["max_zoom"], info["tile_px"]
     rows = []
     for y in range(-(-info["lines"] // tile)):
         row = [
-            picture(stereo_client, info["tiles"].format(z=z, x=x, y=y), shift_px=3)
+            png(stereo_client, info["tiles"].format(z=z, x=x, y=y), shift_px=3)
             for x in range(-(-info["samples"] // tile))
         ]
         rows.append(np.concatenate(row, axis=1))
     assert (np.concatenate(rows) == whole).all()
 
 
-def test_a_picture_is_not_sent_again_while_it_stays(stereo, stereo_client):
+def test_an_unchanged_image_is_not_sent_again(stereo, stereo_client):
     address = f"/images/{left_of(stereo).id}/stretched.png"
     tag = stereo_client.get(address).headers["etag"]
     assert stereo_client.get(address, headers={"if-none-match": tag}).status_code == 304
@@ -100,7 +100,7 @@ def test_a_picture_is_not_sent_again_while_it_stays(stereo, stereo_client):
     assert other.status_code == 200
 
 
-def test_a_point_goes_to_the_linearised_image_and_back(stereo, stereo_client):
+def test_a_point_is_transformed_to_the_linearised_image_and_back(stereo, stereo_client):
     address = f"/images/{left_of(stereo).id}/point"
     there = stereo_client.get(address, params={"sample": 90.25, "line": 140.5}).json()
     back = stereo_client.get(
@@ -130,7 +130,7 @@ def test_a_point_goes_to_the_linearised_image_and_back(stereo, stereo_client):
         ("{id}/anaglyph.png?shift_px=1e9", 422),
     ],
 )
-def test_what_is_not_there_is_refused(stereo, stereo_client, address, status):
+def test_unknown_images_are_refused(stereo, stereo_client, address, status):
     answer = stereo_client.get("/images/" + address.format(id=left_of(stereo).id))
     assert answer.status_code == status
 
@@ -141,7 +141,7 @@ def test_an_image_without_partner_has_no_stereo(client):
     assert "the right image was never sent" in answer.text
 
 
-def test_what_is_kept_stays_within_its_bytes():
+def test_the_cache_stays_within_its_bytes():
     kept, made = ArrayCache(1000), []
 
     def make(key):

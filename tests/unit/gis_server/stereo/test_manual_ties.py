@@ -69,7 +69,7 @@ def test_a_pick_within_a_stop_is_measured_to_a_tenth_of_a_pixel(stereo, stereo_c
     assert np.median(off) < 0.2
 
 
-def test_what_looks_like_nothing_there_is_left_where_it_was_picked(conjugates, stereo_client):
+def test_a_pick_without_a_match_is_left_in_place(conjugates, stereo_client):
     first, second = conjugates[0]
     away = {"first": picked(first), "second": {"image": second[0], "sample": 30.0, "line": 30.0}}
     body = stereo_client.post(f"{API}/refine", json=away).json()
@@ -78,7 +78,7 @@ def test_what_looks_like_nothing_there_is_left_where_it_was_picked(conjugates, s
         assert body["said"]
 
 
-def test_true_ties_fit_and_leave_the_stop_where_it_is(conjugates, stereo, stereo_client):
+def test_true_ties_fit_and_leave_the_stop_in_place(conjugates, stereo, stereo_client):
     ties = [{"first": picked(a), "second": picked(b), "sigma_px": 0.3} for a, b in conjugates[::12]]
     answer = stereo_client.post(f"{API}/preview-adjustment", json={"ties": ties})
     assert answer.status_code == 200, answer.text
@@ -94,7 +94,7 @@ def test_true_ties_fit_and_leave_the_stop_where_it_is(conjugates, stereo, stereo
     assert np.median(residuals) < 0.5
 
 
-def test_a_wrong_tie_is_told_from_the_right_ones(conjugates, stereo_client):
+def test_a_wrong_tie_is_distinguished_from_correct_ones(conjugates, stereo_client):
     ties = [{"first": picked(a), "second": picked(b), "sigma_px": 0.3} for a, b in conjugates[::15]]
     ties[0]["second"] = picked(conjugates[0][1], (25.0, 0.0))
     body = stereo_client.post(f"{API}/preview-adjustment", json={"ties": ties}).json()
@@ -115,7 +115,7 @@ def test_a_veto_drops_automatic_ties_and_unplaced_rows_are_named(conjugates, ste
     assert len(body["notes"]) == 1
 
 
-def test_trying_changes_nothing_in_the_store(conjugates, stereo, stereo_client):
+def test_a_preview_changes_nothing_in_the_store(conjugates, stereo, stereo_client):
     root = stereo.workspace.store.root
 
     def files():
@@ -129,7 +129,7 @@ def test_trying_changes_nothing_in_the_store(conjugates, stereo, stereo_client):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "reported"),
     [
         ({"second": None}, "two stops"),
         ({"first": {"image": "NONE", "sample": 1, "line": 1}}, "no image"),
@@ -140,7 +140,7 @@ def test_trying_changes_nothing_in_the_store(conjugates, stereo, stereo_client):
         ({"first": {"image": "LEFT"}}, "takes first_image"),
     ],
 )
-def test_ties_that_are_none_are_refused(conjugates, stereo, stereo_client, change, told):
+def test_invalid_ties_are_refused(conjugates, stereo, stereo_client, change, reported):
     a, b = conjugates[0]
     right = next(entry.partner for entry in stereo.entries if entry.id == a[0])
     tie = {"first": picked(a), "second": picked(b)} | change
@@ -152,4 +152,4 @@ def test_ties_that_are_none_are_refused(conjugates, stereo, stereo_client, chang
         headers={"content-type": "application/json"},
     )
     assert answer.status_code in (404, 422)
-    assert told in answer.text
+    assert reported in answer.text

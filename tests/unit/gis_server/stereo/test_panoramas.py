@@ -11,7 +11,7 @@ import pytest
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.photogrammetry.terrain.orthophoto.panorama_grid import AngleGrid
 from tests.support.panorama_store import publish_panoramas
-from tests.unit.gis_server.stereo.test_projection import API, ask, images, true_place
+from tests.unit.gis_server.stereo.test_projection import API, images, request, true_place
 
 pytestmark = pytest.mark.slow  # a world is rendered first
 PIXELS = ((40.0, 150.0), (128.0, 170.0), (200.0, 190.0), (90.0, 240.0))
@@ -41,7 +41,7 @@ def test_every_stop_has_a_panorama_whose_images_meet(panoramas):
     assert len(panoramas) == 2
     for body in panoramas:
         assert len(body["images"]) == 3
-        assert body["registration_px"] < 0.3  # true orientations, pictures with noise
+        assert body["registration_px"] < 0.3  # true orientations, images with noise
         assert body["cell_deg"] == pytest.approx(0.188, abs=0.004)  # Navcam, four pixels averaged
 
 
@@ -52,12 +52,12 @@ def test_a_true_place_lies_at_its_azimuth_and_elevation_to_a_pixel(
     apart = []
     for image in images(stereo):
         body = of_stop(panoramas, image, stereo)
-        whole = picture(stereo_client, body)
+        whole = png(stereo_client, body)
         grid, centre = grid_of(body), MAP_FROM_LSL.T @ np.array(body["centre"])
         for pixel in PIXELS:
             away = true_place(stereo, image, pixel) - centre
             (row,), (col,) = grid.pixels_of(away[None])
-            seen = ask(
+            seen = request(
                 stereo_client,
                 address(body, "direction"),
                 azimuth=grid.west_deg + (col + 0.5) * grid.cell_deg,
@@ -71,16 +71,16 @@ def test_a_true_place_lies_at_its_azimuth_and_elevation_to_a_pixel(
     assert max(apart) < 1.0
 
 
-def test_a_direction_meets_the_ground_where_it_truly_is(stereo, stereo_client, panoramas):
+def test_a_direction_meets_the_ground_at_its_true_place(stereo, stereo_client, panoramas):
     for image in images(stereo):
         body = of_stop(panoramas, image, stereo)
         for pixel in PIXELS:
             truth = MAP_FROM_LSL @ true_place(stereo, image, pixel)
             at = dict(zip(("east", "north", "elevation"), truth.tolist(), strict=True))
-            place = ask(stereo_client, address(body, "place"), **at)
+            place = request(stereo_client, address(body, "place"), **at)
             assert place["inside"]
             assert place["hidden"] is False
-            seen = ask(
+            seen = request(
                 stereo_client,
                 address(body, "direction"),
                 azimuth=place["azimuth_deg"],
@@ -91,11 +91,11 @@ def test_a_direction_meets_the_ground_where_it_truly_is(stereo, stereo_client, p
             assert across < 0.05  # two nodes of 0.75 degrees, seen at 10 degrees
 
 
-def test_brightness_is_that_of_the_image_it_names(stereo, stereo_client, panoramas):
+def test_brightness_equals_that_of_the_named_image(stereo, stereo_client, panoramas):
     """Around a place the panorama looks as its source image does there."""
     image = images(stereo)[0]
     body = of_stop(panoramas, image, stereo)
-    whole, grid = picture(stereo_client, body), grid_of(body)
+    whole, grid = png(stereo_client, body), grid_of(body)
     raw = stereo_client.get(f"/images/{image}/raw.png").content
     flat = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_GRAYSCALE).astype(np.float32)
     centre = MAP_FROM_LSL.T @ np.array(body["centre"])
@@ -113,14 +113,14 @@ def test_brightness_is_that_of_the_image_it_names(stereo, stereo_client, panoram
     assert np.corrcoef(drawn, grey)[0, 1] > 0.9
 
 
-def test_what_stands_behind_nearer_ground_is_hidden(stereo, stereo_client, panoramas):
+def test_ground_behind_nearer_ground_is_hidden(stereo, stereo_client, panoramas):
     image = images(stereo)[0]
     body = of_stop(panoramas, image, stereo)
     truth = MAP_FROM_LSL @ true_place(stereo, image, (128.0, 200.0))
     centre = np.array(body["centre"])
     beyond = centre + 1.5 * (truth - centre)
     at = dict(zip(("east", "north", "elevation"), beyond.tolist(), strict=True))
-    assert ask(stereo_client, address(body, "place"), **at)["hidden"] is True
+    assert request(stereo_client, address(body, "place"), **at)["hidden"] is True
 
 
 def test_beyond_its_edges_a_panorama_shows_nothing(stereo_client, panoramas):
@@ -130,7 +130,7 @@ def test_beyond_its_edges_a_panorama_shows_nothing(stereo_client, panoramas):
     assert "does not show" in answer.text
 
 
-def picture(client, body):
+def png(client, body):
     """The whole panorama out of its tiles."""
     side = body["tile_size"]
     whole = np.zeros((body["rows"] + side, body["cols"] + side), np.uint8)

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.slow  # a world is rendered first
 API = "/api/missions/MER2"
 
 
-def ask(client, what, **query):
+def request(client, what, **query):
     answer = client.get(f"{API}/{what}", params=query)
     assert answer.status_code == 200, answer.text
     return answer.json()
@@ -34,10 +34,10 @@ def images(stereo, eye="left"):
 
 
 @pytest.mark.parametrize("eye", ["left", "right"])
-def test_a_pixel_shows_the_ground_that_it_was_taken_of(stereo, stereo_client, eye):
+def test_a_pixel_gives_its_true_ground(stereo, stereo_client, eye):
     for image in images(stereo, eye):
         for pixel in ((60.0, 180.0), (128.0, 230.0), (200.0, 200.0)):
-            body = ask(
+            body = request(
                 stereo_client, "image-to-ground", image=image, sample=pixel[0], line=pixel[1]
             )
             found, truth = body["ground"], MAP_FROM_LSL @ true_place(stereo, image, pixel)
@@ -49,12 +49,12 @@ def test_a_pixel_shows_the_ground_that_it_was_taken_of(stereo, stereo_client, ey
             )
 
 
-def test_a_place_is_seen_where_the_camera_truly_sees_it(stereo, stereo_client):
+def test_a_place_is_projected_to_its_true_pixel(stereo, stereo_client):
     seen = 0
     for image in images(stereo):
         truth = true_place(stereo, image, (128.0, 200.0))
         east, north, up = (MAP_FROM_LSL @ truth).tolist()
-        body = ask(stereo_client, "ground-to-image", east=east, north=north)
+        body = request(stereo_client, "ground-to-image", east=east, north=north)
         assert body["ground"]["elevation_m"] == pytest.approx(up, abs=0.03)
         for found in body["images"]:
             camera = camera_of(stereo, found["image"])
@@ -72,9 +72,9 @@ def test_a_place_is_seen_where_the_camera_truly_sees_it(stereo, stereo_client):
     assert seen >= 2 * len(images(stereo))  # at least both eyes
 
 
-def test_what_stands_behind_a_rise_is_hidden_and_what_does_not_is_not(stereo, stereo_client):
-    """Places that random pixels show: what is said of them against rays through the true ground."""
-    rng, said = np.random.default_rng(1), []
+def test_only_ground_behind_a_rise_is_hidden(stereo, stereo_client):
+    """Places that random pixels show: answers compared with rays through the true ground."""
+    rng, message = np.random.default_rng(1), []
     for image in images(stereo) * 2:
         truth = true_place(stereo, image, rng.uniform([10, 60], [245, 160]))
         if truth is None:
@@ -82,13 +82,15 @@ def test_what_stands_behind_a_rise_is_hidden_and_what_does_not_is_not(stereo, st
         east, north, up = (MAP_FROM_LSL @ truth).tolist()
         for below in (0.0, 0.6):
             place = {"east": east, "north": north, "elevation": up - below}
-            for found in ask(stereo_client, "ground-to-image", **place)["images"]:
+            for found in request(stereo_client, "ground-to-image", **place)["images"]:
                 hidden = _hidden(stereo, found["image"], truth + np.array([0.0, 0.0, below]))
                 if hidden is not None:
-                    said.append((found["sight"], hidden))
-    assert said.count(("visible", False)) >= 20
-    assert said.count(("hidden", True)) >= 20
-    assert said.count(("hidden", False)) + said.count(("visible", True)) <= 0.05 * len(said)
+                    message.append((found["sight"], hidden))
+    assert message.count(("visible", False)) >= 20
+    assert message.count(("hidden", True)) >= 20
+    assert message.count(("hidden", False)) + message.count(("visible", True)) <= 0.05 * len(
+        message
+    )
 
 
 def _hidden(stereo, image, point):
@@ -101,10 +103,10 @@ def _hidden(stereo, image, point):
     return True if met < distance - 0.5 else None
 
 
-def test_there_and_back_again_is_the_same_pixel(stereo, stereo_client):
+def test_projecting_and_back_gives_the_same_pixel(stereo, stereo_client):
     image = images(stereo)[1]
-    there = ask(stereo_client, "image-to-ground", image=image, sample=100, line=190)["ground"]
-    back = ask(
+    there = request(stereo_client, "image-to-ground", image=image, sample=100, line=190)["ground"]
+    back = request(
         stereo_client,
         "ground-to-image",
         east=there["east"],
@@ -115,13 +117,13 @@ def test_there_and_back_again_is_the_same_pixel(stereo, stereo_client):
     assert (own["sample"], own["line"]) == pytest.approx((100, 190), abs=0.02)
 
 
-def test_a_point_is_predicted_in_the_other_stops_images(stereo, stereo_client):
+def test_a_point_is_predicted_in_the_images_of_the_other_stop(stereo, stereo_client):
     compared = 0
     for image in images(stereo):
         stop = next(entry.stop for entry in stereo.entries if entry.id == image)
         other = next(entry.stop for entry in stereo.entries if entry.stop != stop)
         for pixel in ((60.0, 120.0), (128.0, 150.0), (200.0, 120.0)):
-            body = ask(
+            body = request(
                 stereo_client,
                 "image-to-image",
                 image=image,
@@ -144,10 +146,10 @@ def test_a_point_is_predicted_in_the_other_stops_images(stereo, stereo_client):
     assert compared >= 6
 
 
-def test_the_linearised_place_is_that_of_the_resampled_image(stereo, stereo_client):
+def test_the_linearised_place_equals_that_of_the_resampled_image(stereo, stereo_client):
     image = images(stereo)[0]
     truth = MAP_FROM_LSL @ true_place(stereo, image, (120.0, 200.0))
-    body = ask(stereo_client, "ground-to-image", east=truth[0], north=truth[1])
+    body = request(stereo_client, "ground-to-image", east=truth[0], north=truth[1])
     for found in body["images"]:
         at = stereo_client.get(
             f"/images/{found['image']}/point",
@@ -159,7 +161,7 @@ def test_the_linearised_place_is_that_of_the_resampled_image(stereo, stereo_clie
 
 
 @pytest.mark.parametrize(
-    ("what", "query", "status", "told"),
+    ("what", "query", "status", "reported"),
     [
         ("ground-to-image", {"east": 5000, "north": 0}, 422, "no elevation"),
         ("ground-to-image", {"east": "nan", "north": 0}, 422, "finite"),
@@ -171,20 +173,20 @@ def test_the_linearised_place_is_that_of_the_resampled_image(stereo, stereo_clie
         ("image-to-image", {"image": "OWN", "sample": 9, "line": 9, "stop": "x"}, 422, "no stop"),
     ],
 )
-def test_questions_without_answer_are_refused(stereo, stereo_client, what, query, status, told):
+def test_unanswerable_queries_are_refused(stereo, stereo_client, what, query, status, reported):
     query = {k: images(stereo)[0] if v == "OWN" else v for k, v in query.items()}
     answer = stereo_client.get(f"{API}/{what}", params=query)
     assert answer.status_code == status
-    assert told in answer.text
+    assert reported in answer.text
 
 
-def test_a_pixel_of_the_sky_shows_no_ground(stereo, stereo_client):
-    body = ask(stereo_client, "image-to-ground", image=images(stereo)[0], sample=5, line=0)
+def test_a_pixel_of_the_sky_has_no_ground(stereo, stereo_client):
+    body = request(stereo_client, "image-to-ground", image=images(stereo)[0], sample=5, line=0)
     if body["ground"] is None:
         assert body["told_by"] == "nothing"
 
 
-def test_a_store_without_network_says_so(client):
+def test_a_store_without_a_network_is_reported(client):
     answer = client.get(f"{API}/ground-to-image", params={"east": 0, "north": 0})
     assert answer.status_code == 404
     assert "no network" in answer.text

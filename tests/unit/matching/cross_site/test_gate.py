@@ -23,7 +23,7 @@ def stop(drive, position, turn=(0.0, 0.0, 0.0), sigma_m=0.0):
     return MatchedStop(name, (), pose, np.eye(6) * sigma_m**2)
 
 
-def test_the_gate_opens_with_the_distance():
+def test_the_gate_grows_with_the_distance():
     near, _ = search_gate(stop(0, (0, 0, 0)), stop(1, (8, 0, 0)), GateParams())
     far, _ = search_gate(stop(0, (0, 0, 0)), stop(1, (0, 40, 0)), GateParams())
     assert (near.north_m, near.east_m) == (8.0, 0.0)
@@ -31,7 +31,7 @@ def test_the_gate_opens_with_the_distance():
     assert far.reach_m == pytest.approx(3 * (0.08 * 40 + 0.3))
 
 
-def test_a_covariance_that_grows_more_than_a_drive_explains_opens_the_gate():
+def test_a_covariance_that_grows_more_than_a_drive_explains_widens_the_gate():
     gate, prior = search_gate(
         stop(0, (0, 0, 0), sigma_m=1.0), stop(1, (8, 0, 0), sigma_m=3.0), GateParams()
     )
@@ -39,7 +39,7 @@ def test_a_covariance_that_grows_more_than_a_drive_explains_opens_the_gate():
     assert np.sqrt(prior[4, 4]) == pytest.approx(np.sqrt(8.0))
 
 
-def test_the_gate_widens_to_a_drive_that_went_nowhere_and_then_to_all_common_ground():
+def test_the_gate_widens_to_a_drive_without_motion_and_then_to_all_common_ground():
     params = GateParams()
     stages = search_stages(stop(0, (0, 0, 0)), stop(1, (0, 38, 0)), params, 30.0)
     narrow, spinning, anywhere = (stage.gate for stage in stages)
@@ -57,7 +57,7 @@ def test_stops_without_common_ground_in_the_narrow_gate_are_searched_in_wider_on
     assert np.hypot(far[0].gate.north_m, far[0].gate.east_m) < 60.0 + far[0].gate.reach_m
 
 
-def test_the_prior_is_turned_into_the_axes_of_the_earlier_rover():
+def test_the_prior_is_rotated_into_the_axes_of_the_earlier_rover():
     _, prior = search_gate(
         stop(0, (0, 0, 0), turn=(0.0, np.pi / 2, 0.0)), stop(1, (8, 0, 0)), GateParams()
     )
@@ -100,12 +100,12 @@ def test_a_stop_far_from_all_others_is_tried_with_none():
     assert link_candidates(at(2, 900.0)[1], dict([at(1, 0.0)]), LinkParams(), GateParams()) == []
 
 
-def test_a_stop_that_is_near_by_the_usual_error_of_telemetry_is_tried():
+def test_a_stop_within_the_usual_error_of_telemetry_is_tried():
     tried = link_candidates(at(2, 60.0)[1], dict([at(1, 0.0)]), LinkParams(), GateParams())
     assert [stop.drive for stop in tried] == [1]
 
 
-def test_the_gate_opens_to_what_the_mission_has_shown_and_never_closes():
+def test_the_gate_grows_to_the_observed_errors_and_never_shrinks():
     params = GateParams()
     assert params.opened(1.3, 0.4, 1.0) == params
     wide = params.opened(3.1, 1.6, 1.0)

@@ -29,12 +29,12 @@ def test_cells_are_as_large_as_the_pixel_of_either_image_in_every_direction(rng)
             assert np.linalg.eigvalsh(cells @ cells.T - pixel).min() > -1e-12
 
 
-def test_looks_at_right_angles_share_square_cells():
+def test_perpendicular_views_share_square_cells():
     cells = common_cells(ellipse(0.1, 0.01, 0.3), ellipse(0.1, 0.01, 0.3 + np.pi / 2), 0.01)
     np.testing.assert_allclose(longest_and_widest(cells), [0.1, 0.1])
 
 
-def test_looks_along_one_line_share_narrow_cells_only_where_they_are_long():
+def test_collinear_views_share_narrow_cells_only_where_they_are_long():
     short, long = (
         common_cells(ellipse(along, 0.01, 0.3), ellipse(along / 2, 0.01, 0.3 + np.pi), 0.2)
         for along in (0.15, 0.4)
@@ -50,12 +50,12 @@ def test_no_cell_is_a_strip():
     assert length / width == pytest.approx(LONGEST)
 
 
-def test_where_the_ground_is_unknown_there_is_no_cell():
+def test_unknown_ground_has_no_cell():
     unknown = np.full((1, 2, 2), np.nan)
     assert np.isnan(common_cells(unknown, ellipse(0.1, 0.1, 0.0), 0.2)).all()
 
 
-def test_cells_are_no_finer_than_asked():
+def test_cells_are_no_finer_than_requested():
     cells = limit_resolution(np.array([[[0.02, 0.0], [0.0, 0.3]]]), 0.05)
     np.testing.assert_allclose(cells[0], [[0.05, 0.0], [0.0, 0.3]])
 

@@ -36,7 +36,7 @@ def seen(view, places):
 
 
 @pytest.mark.parametrize("range_m", [5.0, 15.0])
-def test_what_is_found_beside_its_place_on_the_ground_errs_as_stated(
+def test_matches_beside_their_predicted_place_have_the_stated_errors(
     view, rng, range_m, monkeypatch
 ):
     monkeypatch.setattr(ground_spread, "RELIEF_M", 1e-9)
@@ -52,7 +52,7 @@ def test_what_is_found_beside_its_place_on_the_ground_errs_as_stated(
     assert sample[0] > 3 * line[0]  # what equal weights of both would deny
 
 
-def test_no_patch_is_found_better_than_its_relief(view):
+def test_no_patch_is_located_better_than_its_relief_allows(view):
     points, parallax = np.array([[500.0, 420.0]]), np.array([16.0])
     nothing = np.zeros((1, 2, 2))
     sample, line, of_parallax = ground_sigmas(view, points, parallax, np.full(1, 0.1), nothing)

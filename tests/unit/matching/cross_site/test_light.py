@@ -21,7 +21,7 @@ MORNING, EVENING = sun_at(90, 32), sun_at(270, 28)
 
 
 def sunlit(north, east, sun, step_m=0.01):
-    """What `light` says of the rolling ground, by its true slopes."""
+    """Expected shading of the rolling ground, from its true slopes."""
     rise = [
         (
             rolling_stops.elevation(north + n, east + e)
@@ -59,19 +59,19 @@ def dusty_stops(first_stand, second_stand):
     return made
 
 
-def test_ground_is_relit_as_it_looks_under_the_other_sun(rng):
+def test_relit_ground_resembles_an_image_under_the_other_sun(rng):
     places = rng.uniform(-10, 10, (2, 500))
     rise = [
         (rolling_stops.elevation(*(places + d)) - rolling_stops.elevation(*(places - d))) / 0.02
         for d in ([[0.01], [0.0]], [[0.0], [0.01]])
     ]
-    seen, wanted = (sunlit(*places, sun) for sun in (MORNING, EVENING))
+    seen, requested = (sunlit(*places, sun) for sun in (MORNING, EVENING))
     brighter = light.relighting(*np.float32(rise), MORNING, EVENING)
-    np.testing.assert_allclose(seen * brighter, wanted, rtol=1e-3)
-    assert np.corrcoef(seen, wanted)[0, 1] < -0.5  # lit faces and shaded ones change places
+    np.testing.assert_allclose(seen * brighter, requested, rtol=1e-3)
+    assert np.corrcoef(seen, requested)[0, 1] < -0.5  # lit faces and shaded ones change places
 
 
-def test_under_one_sun_nothing_is_changed(rng):
+def test_relighting_under_the_same_sun_changes_nothing(rng):
     rise = np.float32(rng.normal(0, 0.3, (2, 50)))
     np.testing.assert_array_equal(light.relighting(*rise, EVENING, EVENING), 1.0)
     np.testing.assert_array_equal(light.shadow_difference(EVENING, EVENING), 0.0)
@@ -86,7 +86,7 @@ def test_slopes_rise_towards_north_and_east_and_are_level_where_unknown():
     assert np.isfinite([north, east]).all()
 
 
-def test_shadows_of_a_stone_lie_apart_by_both_their_lengths_under_opposite_suns():
+def test_shadows_of_a_stone_under_opposite_suns_differ_by_both_lengths():
     apart = light.shadow_difference(MORNING, EVENING)
     both = 1 / np.tan(np.radians(32)) + 1 / np.tan(np.radians(28))
     np.testing.assert_allclose(apart, [0.0, -both], atol=1e-9)
@@ -94,7 +94,7 @@ def test_shadows_of_a_stone_lie_apart_by_both_their_lengths_under_opposite_suns(
     assert np.isfinite(low).all()
 
 
-def test_patches_look_as_in_the_other_stop_once_they_are_relit(dusty_stops, second_stand):
+def test_relit_patches_resemble_those_of_the_other_stop(dusty_stops, second_stand):
     one, other = (StopViews.of(stop, PARAMS.birds_eye) for stop in dusty_stops)
     places = np.stack(np.meshgrid(np.arange(2, 6, 0.5), np.arange(1.5, 5, 0.5)), axis=-1)
     places, cells = places.reshape(-1, 2), np.tile(0.12 * np.eye(2), (places.size // 2, 1, 1))
@@ -102,11 +102,11 @@ def test_patches_look_as_in_the_other_stop_once_they_are_relit(dusty_stops, seco
     alike = {"as seen": [], "relit": []}
     for here in one.views:
         for view in other.views:
-            wanted, visible = view.draw_patches(there, cells, 6, 6)
+            requested, visible = view.draw_patches(there, cells, 6, 6)
             for look, sun in (("as seen", None), ("relit", view.sun)):
                 drawn, whole = here.draw_patches(places, cells, 6, 6, sun)
                 alike[look] += [
-                    np.corrcoef(drawn[k].ravel(), wanted[k].ravel())[0, 1]
+                    np.corrcoef(drawn[k].ravel(), requested[k].ravel())[0, 1]
                     for k in np.flatnonzero(whole & visible)
                 ]
     assert len(alike["relit"]) > 20

@@ -14,12 +14,12 @@ from solmap.photogrammetry.matching.cross_site.linking import (
     TrialParams,
     tie_cross_site,
 )
-from solmap.photogrammetry.matching.cross_site.links import VerdictParams
+from solmap.photogrammetry.matching.cross_site.links import LinkTestParams
 
 PARAMS = CrossSiteParams(
     birds_eye=BirdsEyeParams(radius_m=16.0),
     trials=TrialParams(candidates=CandidateParams(cell_m=0.5), decoys=1),
-    verdict=VerdictParams(least_spread_m=0.5),  # two narrow panoramas share a strip of ground
+    link_test=LinkTestParams(least_spread_m=0.5),  # two narrow panoramas share a strip of ground
 )
 
 
@@ -48,17 +48,17 @@ def claimed_elsewhere(stop, north, east):
 
 def test_two_stops_that_face_each_other_are_linked_under_another_sun(link):
     assert link.linked, link.reason
-    assert link.verdict == "linked"
-    assert link.figures.handed_on >= PARAMS.verdict.least_ties
+    assert link.state == "linked"
+    assert link.figures.handed_on >= PARAMS.link_test.least_ties
     assert len(link.ties) == link.figures.handed_on + link.figures.by_shape
     assert link.figures.handed_on <= link.figures.ties  # those that hardly share their ground
 
 
-def test_the_link_finds_where_the_rover_stood(link, first_stand, second_stand):
+def test_the_link_finds_the_position_of_the_rover(link, first_stand, second_stand):
     true = first_stand.true.inverse @ second_stand.true
-    told = first_stand.told.inverse @ second_stand.told
+    reported = first_stand.reported.inverse @ second_stand.reported
     error_m = np.linalg.norm(link.earlier_from_later.translation_m - true.translation_m)
-    assert np.linalg.norm(told.translation_m - true.translation_m) > 0.7
+    assert np.linalg.norm(reported.translation_m - true.translation_m) > 0.7
     # labels point 1 mrad wrong: 1 cm at 9 m; ranges of 5 cm average out over the ties
     assert error_m < 0.08
     turn = Rotation.from_matrix(link.earlier_from_later.rotation @ true.rotation.T).magnitude()
@@ -81,16 +81,14 @@ def test_ties_of_a_link_run_from_the_earlier_stop_to_the_later(link):
     assert all(name.startswith("P01") for name in ids[link.ties.second])
 
 
-def test_other_ground_at_the_claimed_place_is_not_linked(foreign):
+def test_different_ground_at_the_predicted_place_is_not_linked(foreign):
     assert not foreign.linked
-    assert foreign.verdict == "not linked"
+    assert foreign.state == "not linked"
     assert "no significant peak" in foreign.reason
     assert len(foreign.ties) == 0
 
 
-def test_a_stop_is_linked_however_far_off_telemetry_puts_it(
-    first, second_stop, first_stand, second_stand
-):
+def test_a_stop_is_linked_at_any_error_of_telemetry(first, second_stop, first_stand, second_stand):
     link = tie_cross_site(first, claimed_elsewhere(second_stop, -9.0, 6.0), PARAMS)
     assert link.linked
     true = first_stand.true.inverse @ second_stand.true
@@ -98,16 +96,16 @@ def test_a_stop_is_linked_however_far_off_telemetry_puts_it(
 
 
 def test_stops_too_far_apart_to_share_ground_are_not_searched(first, second_stop):
-    verdict = tie_cross_site(first, claimed_elsewhere(second_stop, 200.0, 0.0), PARAMS)
-    assert not verdict.linked
-    assert "no common ground in reach" in verdict.reason
+    link = tie_cross_site(first, claimed_elsewhere(second_stop, 200.0, 0.0), PARAMS)
+    assert not link.linked
+    assert "no common ground in reach" in link.reason
 
 
-def test_a_stop_that_is_not_linked_keeps_the_pose_of_telemetry(foreign, first, foreign_stop):
-    told = first.stop.lsl_from_rover.inverse @ foreign_stop.lsl_from_rover
-    np.testing.assert_allclose(foreign.earlier_from_later.translation_m, told.translation_m)
+def test_an_unlinked_stop_keeps_the_pose_of_telemetry(foreign, first, foreign_stop):
+    reported = first.stop.lsl_from_rover.inverse @ foreign_stop.lsl_from_rover
+    np.testing.assert_allclose(foreign.earlier_from_later.translation_m, reported.translation_m)
 
 
-def test_fewer_ties_than_unknowns_are_no_link():
+def test_fewer_ties_than_unknowns_are_not_a_link():
     with pytest.raises(MatchingError, match="a link needs more than"):
-        VerdictParams(least_ties=3)
+        LinkTestParams(least_ties=3)

@@ -3,8 +3,8 @@ from dataclasses import replace
 import pytest
 
 from solmap.photogrammetry.matching.cross_site.links import (
+    LinkTestParams,
     SiteLinkFigures,
-    VerdictParams,
     evaluate_link,
 )
 
@@ -21,35 +21,35 @@ GOOD = SiteLinkFigures(
 )
 
 
-def judged(**changes):
-    return evaluate_link(replace(GOOD, **changes), VerdictParams())
+def evaluated(**changes):
+    return evaluate_link(replace(GOOD, **changes), LinkTestParams())
 
 
 def test_many_ties_far_above_chance_and_spread_out_are_a_link():
-    linked, reason = judged()
+    linked, reason = evaluated()
     assert linked
     assert reason == "50 ties of 60 conjugates, rms 1.00 px, 4 by chance"
 
 
-def test_fewer_ties_than_hold_the_drift_are_no_link():
-    assert judged(ties=19) == (False, "19 ties, 20 are needed")
+def test_too_few_ties_to_correct_drift_are_not_a_link():
+    assert evaluated(ties=19) == (False, "19 ties, 20 are needed")
 
 
 @pytest.mark.parametrize("by_chance", [26, 40])
-def test_ties_that_chance_could_have_found_are_no_link(by_chance):
-    linked, reason = judged(by_chance=by_chance)
+def test_ties_at_the_rate_of_chance_are_not_a_link(by_chance):
+    linked, reason = evaluated(by_chance=by_chance)
     assert not linked
     assert f"a wrong position gets {by_chance} by chance" in reason
 
 
-def test_of_few_ties_twice_chance_does_not_do():
-    assert not judged(ties=24, measured=30, by_chance=11)[0]  # 11 + 4 sqrt(11) = 24.3
-    assert judged(ties=24, measured=30, by_chance=8)[0]
+def test_few_ties_at_twice_the_rate_of_chance_are_not_a_link():
+    assert not evaluated(ties=24, measured=30, by_chance=11)[0]  # 11 + 4 sqrt(11) = 24.3
+    assert evaluated(ties=24, measured=30, by_chance=8)[0]
 
 
-def test_conjugates_that_do_not_agree_in_space_are_no_link():
-    assert "only 25% of 200 conjugates agree" in judged(measured=200)[1]
+def test_ties_that_disagree_in_space_are_not_a_link():
+    assert "only 25% of 200 conjugates agree" in evaluated(measured=200)[1]
 
 
-def test_ties_along_a_line_are_no_link():
-    assert judged(spread_m=0.4) == (False, "the ties lie on a line, 0.4 m wide")
+def test_ties_along_a_line_are_not_a_link():
+    assert evaluated(spread_m=0.4) == (False, "the ties lie on a line, 0.4 m wide")

@@ -10,14 +10,14 @@ from solmap.photogrammetry.matching.cross_site.linking import (
     TrialParams,
     tie_cross_site,
 )
-from solmap.photogrammetry.matching.cross_site.links import VerdictParams
+from solmap.photogrammetry.matching.cross_site.links import LinkTestParams
 from solmap.photogrammetry.matching.cross_site.parts import Part, merge_ground, parts_to_link
 from tests.support.rolling_stops import elevation, photographed, stand
 
 PARAMS = CrossSiteParams(
     birds_eye=BirdsEyeParams(radius_m=16.0),
     trials=TrialParams(candidates=CandidateParams(cell_m=0.5), decoys=1),
-    verdict=VerdictParams(least_spread_m=0.5),  # narrow panoramas share a strip of ground
+    link_test=LinkTestParams(least_spread_m=0.5),  # narrow panoramas share a strip of ground
 )
 A, B, C, D = (StopId("MER2", 1, drive) for drive in (0, 2, 4, 6))
 PLACES = {
@@ -39,7 +39,7 @@ def sets(parts):
     return [(one.stop, set(one.stops), other.stop, set(other.stops)) for one, other in parts]
 
 
-def test_a_part_has_its_stops_where_links_place_them():
+def test_a_part_places_its_stops_by_their_links():
     part = Part.of(B, linked((A, B), (A, C)))
     assert part.stops == [B, A, C]
     for stop, pose in part.beside.items():
@@ -48,7 +48,7 @@ def test_a_part_has_its_stops_where_links_place_them():
         np.testing.assert_allclose(pose.rotation, true.rotation, atol=1e-9)
 
 
-def test_a_stop_without_links_is_tried_with_the_merged_ground_of_those_that_are_linked():
+def test_an_unlinked_stop_is_tried_with_the_merged_ground_of_linked_stops():
     found = parts_to_link([A, B, C, D], PLACES, linked((A, B), (B, C)), 50.0)
     assert sets(found) == [(C, {A, B, C}, D, {D})]  # C is the nearest to D
 
@@ -59,11 +59,11 @@ def test_the_part_of_a_new_stop_is_tried_with_each_other_part():
 
 
 @pytest.mark.parametrize("ends", [[(A, B), (B, D)], [(A, D), (B, D)]])
-def test_what_is_joined_needs_no_merged_ground(ends):
+def test_linked_stops_need_no_merged_ground(ends):
     assert list(parts_to_link([A, B, D], PLACES, linked(*ends), 50.0)) == []
 
 
-def test_two_single_stops_have_been_tried():
+def test_two_single_stops_are_not_tried_again():
     assert list(parts_to_link([A, D], PLACES, {}, 50.0)) == []
 
 
@@ -73,12 +73,12 @@ def test_stops_out_of_reach_of_the_other_part_are_left_out():
     assert list(parts_to_link([A, B, C, D], PLACES, among, 35.0)) == []
 
 
-def test_links_to_other_stops_do_not_join():
+def test_links_to_other_stops_do_not_connect_a_part():
     found = parts_to_link([A, B, D], PLACES, linked((A, B), (A, C), (C, D)), 50.0)
     assert sets(found) == [(B, {A, B}, D, {D})]
 
 
-def test_merged_ground_lies_where_it_is():
+def test_merged_ground_has_its_true_coordinates():
     one, other = stand(0, 0.0, 0.0, 0.3), stand(2, 3.0, -4.0, 2.0)
     looks = np.radians([20.0, 140.0])
     first, second = (photographed(there, looks) for there in (one, other))
@@ -102,7 +102,7 @@ def test_a_stop_alone_is_its_own_part():
     assert merge_ground(stop, []).pairs == stop.pairs
 
 
-def test_a_stop_that_sees_too_little_is_linked_by_the_ground_of_the_one_beside_it(second_stop):
+def test_a_stop_with_little_ground_is_linked_through_its_neighbour(second_stop):
     one, beside = stand(0, 0.0, 0.0, 0.3), stand(2, -1.0, 1.5, 1.0)
     alone = photographed(one, np.radians([-22.0]), pointing=0.001)
     others = photographed(beside, np.radians([-45.0, -15.0, 15.0]), pointing=0.001)

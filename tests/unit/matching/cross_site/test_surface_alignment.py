@@ -70,25 +70,25 @@ def exact(ground):
     return registered(ground)
 
 
-def test_stops_that_see_crests_from_either_side_stay_where_they_are(exact):
+def test_stops_on_both_sides_of_a_crest_are_not_displaced(exact):
     off_m, turn_deg, _ = exact
     assert np.abs(off_m).max() < 0.001
     assert np.abs(turn_deg).max() < 0.01
 
 
-def test_ground_that_is_drawn_a_line_too_high_tilts_no_stop(ground):
+def test_ground_with_a_height_bias_of_a_line_tilts_no_stop(ground):
     off_m, turn_deg, found = registered(ground, lines=1.0)
     assert np.abs(off_m).max() < 0.003  # a line is 1 cm at 12 m
     assert np.abs(turn_deg).max() < 0.015
     assert abs(found.height_bias.lines - 1.0) < 3 * found.height_bias.sigma < 0.3
 
 
-def test_ground_that_is_drawn_as_it_is_shows_no_height_bias(exact):
+def test_unbiased_ground_has_no_height_bias(exact):
     *_, found = exact
     assert abs(found.height_bias.lines) < 3 * found.height_bias.sigma < 0.3
 
 
-def test_the_range_between_stops_is_as_uncertain_as_a_bias_of_parallax_makes_it(exact):
+def test_the_range_between_stops_has_the_uncertainty_of_a_parallax_bias(exact):
     *_, found = exact
     ahead = AWAY.translation_m / np.linalg.norm(AWAY.translation_m)
     along_m = np.sqrt(ahead @ found.covariance[3:, 3:] @ ahead)

@@ -48,19 +48,19 @@ def found(grids, true):
     return register(*grids, moved(true, 0.2, -0.15, 0.1), PRIOR, PARAMS.surface)
 
 
-def test_ground_leads_back_to_where_the_stop_truly_stood(found, true):
+def test_surface_matching_finds_the_true_position_of_the_stop(found, true):
     off_m = found.pose.translation_m - true.translation_m
     assert np.linalg.norm(off_m) < 0.06  # labels point 1 mrad wrong
     assert found.correlation > 0.8
 
 
-def test_where_the_ground_leads_does_not_depend_on_the_start(grids, true, found):
+def test_surface_matching_does_not_depend_on_its_start(grids, true, found):
     other = register(*grids, moved(true, -0.2, 0.1, -0.1), PRIOR, PARAMS.surface)
     apart_m = np.linalg.norm(other.pose.translation_m - found.pose.translation_m)
     assert apart_m < 0.01
 
 
-def test_relief_tells_the_true_place_from_others(grids, true):
+def test_relief_distinguishes_the_true_place_from_others(grids, true):
     wrong = [moved(true, 2.5, 0, 0), moved(true, 0, -2.5, 0)]
     trial = try_shapes(grids, [wrong[0], true], wrong[1:], 1.5, PARAMS.surface)
     assert trial.found.correlation > trial.by_chance + 0.3
@@ -81,7 +81,7 @@ def test_blocks_become_ties_between_pairs_of_both_stops(stops, found):
 
 
 def weight_of(ties, stops, found):
-    """What all ties together tell of the pose of the later stop: the inverse of its covariance."""
+    """Information of all ties on the pose of the later stop: the inverse of its covariance."""
     later, skipped = stops[1], len(stops[0].pairs)
     sigmas = np.column_stack(
         [ties.second_sigma_px, ties.second_sigma_line_px, ties.second_sigma_parallax_px]
@@ -100,20 +100,22 @@ def weight_of(ties, stops, found):
     return known
 
 
-def test_all_ties_together_tell_as_much_as_the_ground_does(stops, found):
+def test_all_ties_together_have_the_information_of_the_surface_fit(stops, found):
     unknowns = len(found.covariance)
-    told = weight_of(tie_by_surface(stops, found, PARAMS), stops, found)
-    assert unknowns / 3 < np.trace(told @ found.covariance) < unknowns
+    reported = weight_of(tie_by_surface(stops, found, PARAMS), stops, found)
+    assert unknowns / 3 < np.trace(reported @ found.covariance) < unknowns
     loose = replace(found, covariance=100 * found.covariance)
-    told = weight_of(tie_by_surface(stops, loose, PARAMS), stops, loose)
-    assert unknowns / 2 < np.trace(told @ loose.covariance) < unknowns  # ties hardly add their own
+    reported = weight_of(tie_by_surface(stops, loose, PARAMS), stops, loose)
+    assert (
+        unknowns / 2 < np.trace(reported @ loose.covariance) < unknowns
+    )  # ties hardly add their own
 
 
-def test_stops_that_share_no_ground_are_not_laid_onto_each_other(grids, true):
+def test_stops_without_common_ground_are_not_aligned(grids, true):
     assert register(*grids, moved(true, 60, 0, 0), PRIOR, PARAMS.surface) is None
 
 
-def test_level_ground_tells_no_place(grids, true):
+def test_level_ground_determines_no_place(grids, true):
     flat = [replace(grid, up=np.where(np.isfinite(grid.up), 0.0, np.nan).astype(np.float32),
                     smoothed={}) for grid in grids]  # fmt: skip
     laid = register(*flat, true, PRIOR, PARAMS.surface)
@@ -121,7 +123,7 @@ def test_level_ground_tells_no_place(grids, true):
 
 
 @pytest.mark.parametrize("wrong", [{"block_m": 0.0}, {"least_cells": 0}, {"most": 3}])
-def test_blocks_have_a_size_cells_and_a_number(wrong):
+def test_block_parameters_have_limits(wrong):
     with pytest.raises(MatchingError, match="above zero"):
         SurfaceTieParams(**wrong)
 

@@ -1,4 +1,4 @@
-"""Hand ties carried out on automatic ones, with points as clicked in the original images."""
+"""Manual edits applied to automatic ties, with points as clicked in the original images."""
 
 import re
 
@@ -51,9 +51,9 @@ def ground(bodies):
     return place, clicked
 
 
-def edited(ties, wishes, bodies):
+def edited(ties, edits, bodies):
     """All pairs are of one stop."""
-    return carried_out(ties, wishes, bodies, dict.fromkeys(bodies, str(STOP)))
+    return carried_out(ties, edits, bodies, dict.fromkeys(bodies, str(STOP)))
 
 
 def automatic(bodies, *points):
@@ -76,7 +76,7 @@ def ties(bodies):
     return automatic(bodies, (100.0, 200.0), (400.0, 500.0), (600.0, 650.0))
 
 
-def wish(action, first, second, row="f, row 1", **more):
+def edit(action, first, second, row="f, row 1", **more):
     return EditRequest(EditAction(action), first, second, row=row, **more)
 
 
@@ -92,7 +92,7 @@ def test_a_clicked_point_is_where_its_ray_meets_the_epipolar_image(bodies, point
 def test_a_clicked_tie_gives_the_point_that_was_clicked(bodies, ground):
     place, clicked = ground
     first, second = (EditPoint(name, *clicked[name]) for name in "AB")
-    found = edited([], [wish("add", first, second)], bodies)
+    found = edited([], [edit("add", first, second)], bodies)
     (made,) = found.ties
     assert found.added == 1
     assert found.notes == ()
@@ -105,13 +105,13 @@ def test_a_clicked_tie_gives_the_point_that_was_clicked(bodies, ground):
     assert made.first_sigma_px[0] == 1.0
 
 
-def test_without_a_right_point_the_dense_parallax_serves_or_none(bodies, ground):
+def test_without_a_right_point_the_dense_parallax_is_used(bodies, ground):
     _, clicked = ground
     points = [EditPoint(name, clicked[name][0]) for name in "AB"]
     a, b = bodies["A"], bodies["B"]
     dense = np.full((a.geometry.lines, a.geometry.samples), 33.0, np.float32)
     known = ManualImage(a.name, a.geometry, a.left, a.right, dense)
-    (made,) = edited([], [wish("add", *points)], {"A": known, "B": b}).ties
+    (made,) = edited([], [edit("add", *points)], {"A": known, "B": b}).ties
     assert made.first_parallax_px[0] == 33.0
     assert np.isnan(made.second_parallax_px[0])
     assert np.isnan(made.second_sigma_parallax_px[0])
@@ -124,38 +124,38 @@ def original(bodies, name, epipolar):
     return tuple(some.left.project(ground)[0].tolist())
 
 
-def test_a_veto_drops_the_tie_at_the_point_and_no_other(bodies, ties):
+def test_a_veto_drops_only_the_tie_at_the_point(bodies, ties):
     click = EditPoint("A", original(bodies, "A", (401.0, 501.5)))
-    found = edited([ties], [wish("veto", click, EditPoint("B"))], bodies)
+    found = edited([ties], [edit("veto", click, EditPoint("B"))], bodies)
     assert found.vetoed == 1
     assert found.ties[0].first_left[:, 0].tolist() == [100.0, 600.0, 300.0]
 
 
-def test_a_veto_is_heeded_from_either_side(bodies, ties):
+def test_a_veto_applies_from_either_side(bodies, ties):
     click = EditPoint("B", original(bodies, "B", (407.0, 507.0)))
-    found = edited([ties], [wish("veto", click, EditPoint("A"))], bodies)
+    found = edited([ties], [edit("veto", click, EditPoint("A"))], bodies)
     assert found.vetoed == 1
     assert 400.0 not in found.ties[0].first_left[:, 0]
 
 
 def test_a_veto_of_two_images_drops_all_between_them(bodies, ties):
-    found = edited([ties], [wish("veto", EditPoint("B"), EditPoint("A"))], bodies)
+    found = edited([ties], [edit("veto", EditPoint("B"), EditPoint("A"))], bodies)
     assert found.vetoed == 3
     assert len(found.ties[0]) == 1
 
 
 def test_a_veto_of_a_stop_with_itself_drops_its_inter_stereo_ties(bodies, ties):
     stop = EditPoint(str(STOP))
-    assert edited([ties], [wish("veto", stop, stop)], bodies).vetoed == 4
+    assert edited([ties], [edit("veto", stop, stop)], bodies).vetoed == 4
     other = EditPoint("mer2-site0010-drive0064")
-    found = edited([ties], [wish("veto", stop, other)], bodies)
+    found = edited([ties], [edit("veto", stop, other)], bodies)
     assert found.vetoed == 0
     assert found.notes == ("f, row 1: no automatic tie here to veto",)
 
 
-def test_a_veto_without_second_image_drops_whatever_starts_there(bodies, ties):
+def test_a_veto_without_second_image_drops_all_ties_from_its_point(bodies, ties):
     click = EditPoint("B", original(bodies, "B", (300.0, 300.0)))
-    found = edited([ties], [wish("veto", click, EditPoint(""))], bodies)
+    found = edited([ties], [edit("veto", click, EditPoint(""))], bodies)
     assert found.vetoed == 1
     assert 300.0 not in found.ties[0].first_left[:, 0]
 
@@ -163,7 +163,7 @@ def test_a_veto_without_second_image_drops_whatever_starts_there(bodies, ties):
 def test_a_moved_tie_goes_to_the_second_point(bodies, ties):
     first = EditPoint("A", original(bodies, "A", (400.0, 500.0)))
     second = EditPoint("B", original(bodies, "B", (450.0, 520.0)))
-    found = edited([ties], [wish("move", first, second)], bodies)
+    found = edited([ties], [edit("move", first, second)], bodies)
     assert (found.added, found.moved, found.vetoed) == (0, 1, 0)
     kept, new = found.ties
     assert 400.0 not in kept.first_left[:, 0]
@@ -172,7 +172,7 @@ def test_a_moved_tie_goes_to_the_second_point(bodies, ties):
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "said"),
+    ("first", "second", "message"),
     [
         (EditPoint("A", (500.0, 500.0)), EditPoint("X", (5.0, 5.0)), "X is not a left"),
         (EditPoint("A", (-900.0, 5.0)), EditPoint("B", (5.0, 5.0)), "lies outside the usable"),
@@ -188,14 +188,14 @@ def test_a_moved_tie_goes_to_the_second_point(bodies, ties):
         ),
     ],
 )
-def test_what_cannot_be_placed_is_said_and_the_rest_goes_on(
-    bodies, ties, ground, first, second, said
+def test_an_edit_that_cannot_be_placed_is_reported_and_the_rest_applied(
+    bodies, ties, ground, first, second, message
 ):
     good = [EditPoint(name, *ground[1][name]) for name in "AB"]
-    wishes = [wish("add", first, second), wish("add", *good, row="f, row 2")]
-    found = edited([ties], wishes, bodies)
+    edits = [edit("add", first, second), edit("add", *good, row="f, row 2")]
+    found = edited([ties], edits, bodies)
     assert found.added == 1
     (note,) = found.notes
     assert note.startswith("f, row 1: ")
-    assert re.search(said, note)
+    assert re.search(message, note)
     assert len(found.ties[0]) == len(ties)

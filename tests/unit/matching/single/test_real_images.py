@@ -128,7 +128,7 @@ def test_frames_of_opportunity_agree_as_well_as_the_reference(opportunity, clock
     assert np.median(np.abs(left)) < left_px  # README: 0.14-0.22 px
 
 
-def test_the_corrections_of_opportunitys_mast_are_what_masts_do(opportunity):
+def test_mast_corrections_of_opportunity_have_a_plausible_size(opportunity):
     turns = [relative_turn_deg(opportunity, *two) for two in ((0, 1), (2, 3), (3, 4))]
     assert 0.05 < min(turns) < max(turns) < 0.3  # README: 0.1-0.2 degrees
     assert np.nanpercentile(opportunity.ranges_m, 5) > 2.0  # README: 2-10 m

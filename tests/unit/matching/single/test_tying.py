@@ -21,7 +21,7 @@ from solmap.photogrammetry.matching.stereo.verification import VerificationParam
 
 @pytest.fixture(scope="module")
 def views(first_stop):
-    """The left images of the panorama's pairs, without what their right ones say."""
+    """The left images of the panorama's pairs, without their right images."""
     return [
         SingleView(p.pair_id, p.images.geometry, View.of(p.images.left, p.images.left_mask))
         for p in first_stop.pairs
@@ -46,7 +46,7 @@ def ground(two_views, rng):
     return points, two_views.project(points, inverse), inverse
 
 
-def test_neighbouring_images_are_tied_and_others_are_not(tied):
+def test_only_neighbouring_images_are_tied(tied):
     assert [(link.first_id, link.second_id) for link in tied.links] == [
         ("P000", "P001"),
         ("P001", "P002"),
@@ -57,7 +57,7 @@ def test_neighbouring_images_are_tied_and_others_are_not(tied):
 
 
 def test_ties_show_the_same_ground(tied, first_stop):
-    """The parallax of the pair, which single images do not know, says where they ought to be."""
+    """The parallax of the pair, which single images lack, gives their true positions."""
     offsets = []
     geometries = [pair.images.geometry for pair in first_stop.pairs]
     for k in range(len(tied.ties)):
@@ -77,7 +77,7 @@ def test_ties_show_the_same_ground(tied, first_stop):
     assert np.linalg.norm(offsets, axis=1).max() < 5 * 0.32 * np.sqrt(2)
 
 
-def test_matches_of_a_pair_are_found_in_a_single_image_beside_it(first_stop, views):
+def test_matches_of_a_pair_are_found_in_a_neighbouring_single_image(first_stop, views):
     pair = first_stop.pairs[0]
     found = tie_single_images(first_stop.stop, views[1:2], MonoParams(), [pair])
     (link,) = found.links
@@ -94,13 +94,13 @@ def test_matches_of_a_pair_are_found_in_a_single_image_beside_it(first_stop, vie
     assert spread < 0.2  # one turn explains them
 
 
-def test_images_taken_from_one_place_are_left_alone(first_stop, views):
+def test_images_from_one_place_are_not_tied(first_stop, views):
     """The same exposure through two filters: no base, no depth, no tie."""
     twin = replace(views[0], image_id="twin")
     assert tie_single_images(first_stop.stop, [views[0], twin], MonoParams()).links == ()
 
 
-def test_a_turn_of_the_second_camera_is_found_among_blunders(two_views, ground, rng):
+def test_a_rotation_of_the_second_camera_is_found_despite_blunders(two_views, ground, rng):
     points, seen, inverse = ground
     turn = np.array([0.002, -0.001, 0.003])
     seen = two_views.project(points, inverse, turn) + rng.normal(0, 0.1, seen.shape)
@@ -113,7 +113,7 @@ def test_a_turn_of_the_second_camera_is_found_among_blunders(two_views, ground, 
     assert np.median(np.abs(nothing)) > 0.4
 
 
-def test_points_off_the_line_or_off_the_ground_are_found_out(two_views, ground, rng):
+def test_points_off_the_line_or_off_the_ground_are_rejected(two_views, ground, rng):
     points = ground[0]
     inverse = 0.05 + points[:, 1] / 256 * 0.3  # a plane
     seen = two_views.project(points, inverse) + rng.normal(0, 0.1, points.shape)
@@ -124,10 +124,10 @@ def test_points_off_the_line_or_off_the_ground_are_found_out(two_views, ground, 
     deep &= moved > 5.0  # nearer to the epipole than this, depth shows too little
     seen[deep] = on_the_line[deep]
     seen[aside] += 5.0 * normals(two_views, points[aside])
-    verdict = check_conjugates(two_views, points, seen, 0.5, 0.0026, VerificationParams())
+    checked = check_conjugates(two_views, points, seen, 0.5, 0.0026, VerificationParams())
     assert deep.sum() > 20
-    assert not verdict.agrees[deep | aside].any()
-    assert verdict.agrees[~(deep | aside)].mean() > 0.95
+    assert not checked.agrees[deep | aside].any()
+    assert checked.agrees[~(deep | aside)].mean() > 0.95
 
 
 def normals(two_views, points):
@@ -149,7 +149,7 @@ def test_across_and_along_are_measured_from_the_epipolar_line(two_views, ground)
     assert (two_views.epipolar_parallax(points, seen, np.zeros(3)) > 0).all()
 
 
-def test_images_of_other_ground_are_not_tied(first_stop, foreign_stop, views):
+def test_images_of_different_ground_are_not_tied(first_stop, foreign_stop, views):
     """Two images that should overlap by their labels, and show different soil."""
     other = foreign_stop.pairs[0]
     label = views[1].geometry.rover_from_pair
@@ -163,7 +163,7 @@ def test_images_of_other_ground_are_not_tied(first_stop, foreign_stop, views):
     assert [link.ties for link in found.links] == [0]
 
 
-def test_a_large_roll_between_images_is_no_obstacle(first_stop, views):
+def test_images_with_a_large_roll_between_them_are_tied(first_stop, views):
     """Elevation changes turn the image about the view; patches are turned with it."""
     one = first_stop.pairs[1].images
     roll = Rotation.from_euler("z", np.pi / 2).as_matrix()
@@ -177,6 +177,6 @@ def test_a_large_roll_between_images_is_no_obstacle(first_stop, views):
 
 
 @pytest.mark.parametrize("wrong", [{"least_ties": 2}, {"scouts": 5}, {"nearest_m": 0.0}])
-def test_parameters_that_make_no_sense_are_refused(wrong):
+def test_invalid_parameters_are_refused(wrong):
     with pytest.raises(MatchingError, match=r"must be above zero|single images need"):
         MonoParams(**wrong)

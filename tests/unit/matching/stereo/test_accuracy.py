@@ -1,7 +1,7 @@
-"""Matching held against truth on three terrains, each under a sun of its own.
+"""Matching compared with truth on three terrains, each under a sun of its own.
 
 Run with `-s` for the figures; plain StereoSGBM of OpenCV matches the same images beside ours. The
-rendered world of others is judged as well, where its grid says what the parallax is.
+rendered world of others is evaluated as well, where its grid gives the parallax.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from solmap.photogrammetry.synthetic.render import photograph
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.synthetic.truth import true_parallax
-from tests.support.husband_truth import judged_pairs
+from tests.support.husband_truth import evaluated_pairs
 from tests.support.middlebury import MOTORCYCLE, compared
 from tests.support.plain_stereo import plain_opencv
 
@@ -49,11 +49,11 @@ def case(request):
     world = make_world(params, seed)
     shot = world.shot(1, pair)
     cameras = [world.exposure(shot, eye).camera for eye in (Eye.LEFT, Eye.RIGHT)]
-    pictures = [photograph(world, shot, eye).astype(np.float32) for eye in (Eye.LEFT, Eye.RIGHT)]
-    size, whole = pictures[0].shape[::-1], np.ones(pictures[0].shape, dtype=bool)
+    bitmaps = [photograph(world, shot, eye).astype(np.float32) for eye in (Eye.LEFT, Eye.RIGHT)]
+    size, whole = bitmaps[0].shape[::-1], np.ones(bitmaps[0].shape, dtype=bool)
     frame = Frame(FrameKind.PAIR, (0,))
     geometry = epipolar_pair(*cameras, size, size, world.stops[1].id.frame, frame)
-    sources = [(p, whole, c) for p, c in zip(pictures, cameras, strict=True)]
+    sources = [(p, whole, c) for p, c in zip(bitmaps, cameras, strict=True)]
     images = epipolar_images(geometry, *sources)
     return Case(f"{terrain} {shot.instrument}", images, true_parallax(world, 1, pair, geometry))
 
@@ -76,7 +76,7 @@ def test_verified_matches_are_true(case):
     assert 0.5 < (normalised < 1).mean() < 0.8  # 0.68 if it were normal
 
 
-def test_dense_parallax_is_true_and_knows_how_true(case):
+def test_dense_parallax_has_true_values_and_sigmas(case):
     dense, peer = match_densely(case.images), plain_opencv(case.images)
     figures = []
     for parallax in (dense.parallax_px, peer):
@@ -97,7 +97,7 @@ def test_dense_parallax_is_true_and_knows_how_true(case):
     assert np.isfinite(dense.parallax_px[np.isnan(case.truth)]).mean() < 0.15  # sky and occlusions
 
 
-def test_off_the_ground_as_few_are_wrong_as_with_opencv_at_equal_fill():
+def test_off_the_ground_as_few_matches_are_wrong_as_with_opencv_at_equal_fill():
     if not MOTORCYCLE.is_here:
         pytest.skip(f"needs {', '.join(map(str, MOTORCYCLE.paths))}")
     found = compared(MOTORCYCLE)
@@ -108,27 +108,29 @@ def test_off_the_ground_as_few_are_wrong_as_with_opencv_at_equal_fill():
 
 
 TRUTH_WIDTH_PX = 1.0
-"""What the truth grid may leave open to be a judge of matches to 1 px; the same for every pair."""
+"""Uncertainty of the truth grid up to which it tests matches to 1 px; for every pair."""
 
 
 @pytest.fixture(scope="module", params=["NAVCAM", "PANCAM"])
 def rendered(request, husband):
     """(pair, its matches, their errors, width of the truth) of the three rendered stops."""
-    pairs = [pair for sol in (155, 156, 157) for pair in judged_pairs(husband, sol, request.param)]
-    judged = []
+    pairs = [
+        pair for sol in (155, 156, 157) for pair in evaluated_pairs(husband, sol, request.param)
+    ]
+    evaluated = []
     for pair in pairs if request.param == "PANCAM" else pairs[::3]:
         matches = match_sparsely(pair.name, pair.images)
         parallax, width = pair.true_parallax(matches.left)
-        judged.append((pair, matches, matches.parallax_px - parallax, width))
-    return judged
+        evaluated.append((pair, matches, matches.parallax_px - parallax, width))
+    return evaluated
 
 
-def test_matches_in_the_rendered_world_are_true_where_its_grid_can_tell(rendered):
+def test_matches_in_the_rendered_world_agree_with_its_grid(rendered):
     for pair, matches, error, width in rendered:
-        off, told = np.abs(error[width < TRUTH_WIDTH_PX]), np.abs(error[np.isfinite(error)])
+        off, reported = np.abs(error[width < TRUTH_WIDTH_PX]), np.abs(error[np.isfinite(error)])
         print(  # noqa: T201 - figures for the docs
-            f"\n{pair.name}: {len(matches)} matches, {np.mean(told < 1):.2%} within 1 px; "
-            f"of {len(off)} that can be judged {np.mean(off < 1):.2%} within 1 px, "
+            f"\n{pair.name}: {len(matches)} matches, {np.mean(reported < 1):.2%} within 1 px; "
+            f"of {len(off)} with truth {np.mean(off < 1):.2%} within 1 px, "
             f"{np.mean(off < 0.3):.2%} within 0.3 px, median {np.median(off):.3f} px"
         )
         assert len(off) > 200
@@ -136,7 +138,7 @@ def test_matches_in_the_rendered_world_are_true_where_its_grid_can_tell(rendered
         assert np.median(off) < 0.15
 
 
-def test_where_match_and_grid_differ_the_images_side_with_the_match(rendered):
+def test_where_match_and_grid_differ_images_support_the_match(rendered):
     """They correlate better at the match's parallax, in windows a third as wide as the match's."""
     at_match, at_truth = [], []
     for pair, matches, error, _ in rendered:

@@ -28,7 +28,7 @@ def test_parallax_of_sloping_ground_is_found_to_a_tenth_of_a_pixel(scene, ground
     assert (np.abs(error) > 0.3).mean() < 0.005
 
 
-def test_parallaxes_do_not_crowd_at_whole_pixels(scene, ground):
+def test_parallaxes_are_not_biased_to_whole_pixels(scene, ground):
     world = scene([ground])
     error = match_densely(world.images).parallax_px - world.parallax_px
     phase = world.parallax_px % 1
@@ -46,14 +46,14 @@ def test_the_stated_sigma_is_that_of_the_errors(scene, ground, noise):
     assert 1.4826 * np.median(np.abs(normalised)) == pytest.approx(1.0, abs=0.2)
 
 
-def test_the_sky_gets_no_terrain(scene, ground, sky):
+def test_the_sky_has_no_terrain(scene, ground, sky):
     world = scene([ground, sky])
     parallax = match_densely(world.images).parallax_px
     assert np.isfinite(parallax[:57]).mean() < 0.002  # the horizon may be two rows thick
     assert np.isfinite(parallax[64:][world.seen_by_both[64:]]).mean() > 0.97
 
 
-def test_what_only_one_eye_sees_gets_no_parallax(scene, ground, rock):
+def test_half_occluded_ground_has_no_parallax(scene, ground, rock):
     world = scene([ground, rock])
     hidden = ~world.seen_by_both & (np.arange(256) > 60)  # not the left border
     assert hidden.sum() > 500
@@ -102,7 +102,7 @@ def test_far_ground_above_a_crest_is_not_raised_by_it(scene, ground, noise):
     assert np.nanmedian(np.abs(error)) < 0.019 * noise / 10 + 0.002
 
 
-def test_rows_are_far_where_the_ground_is_seen_at_a_grazing_angle():
+def test_rows_are_marked_far_where_the_ground_is_seen_at_a_grazing_angle():
     still = Pose(rover_frame(1, 0), Frame(FrameKind.PAIR, (1,)), np.eye(3), np.zeros(3))
     geometry = EpipolarPair(still, 0.2, 1200.0, (127.5, 511.5), 256, 1024)
     y, x = np.mgrid[0:1024, 0:256].astype(np.float32)
@@ -136,13 +136,13 @@ def test_brightness_and_contrast_may_differ_between_the_eyes(scene, ground):
     assert np.median(np.abs(error[np.isfinite(error)])) < 0.06
 
 
-def test_unrelated_images_end_empty(scene, ground):
+def test_unrelated_images_have_no_parallaxes(scene, ground):
     first, second = scene([ground]), scene([replace(ground, seed=99)])
     images = replace(first.images, right=second.images.right)
     assert np.isfinite(match_densely(images).parallax_px).mean() < 0.02
 
 
-def test_images_without_any_usable_pixel_end_empty(scene, ground):
+def test_images_without_any_usable_pixel_have_no_parallaxes(scene, ground):
     world = scene([ground])
     nothing = np.zeros_like(world.images.left_mask)
     images = replace(world.images, left_mask=nothing, right_mask=nothing.copy())
@@ -150,7 +150,7 @@ def test_images_without_any_usable_pixel_end_empty(scene, ground):
 
 
 @pytest.mark.parametrize("shape", [(1, 200), (3, 30), (12, 12)])
-def test_images_smaller_than_a_window_end_empty(scene, ground, shape):
+def test_images_smaller_than_a_window_have_no_parallaxes(scene, ground, shape):
     whole = scene([ground]).images
     lines, samples = shape
     images = EpipolarImages(
@@ -165,7 +165,7 @@ def test_images_smaller_than_a_window_end_empty(scene, ground, shape):
     assert "0 points: too few" in str(vertical_parallax(images))
 
 
-def test_an_image_without_texture_ends_empty(scene, ground):
+def test_an_image_without_texture_has_no_parallaxes(scene, ground):
     images = scene([replace(ground, contrast=0.0)], noise=0.0).images
     assert not np.isfinite(match_densely(images).parallax_px).any()
 
@@ -179,7 +179,7 @@ def test_a_stricter_limit_of_sigma_leaves_out_more(scene, ground):
     )
 
 
-def test_the_parallax_plane_is_that_of_the_ground_whatever_stands_on_it(rng):
+def test_the_parallax_plane_is_that_of_the_ground_despite_objects(rng):
     points = rng.uniform(0, 1000, (2000, 2))
     parallax = 3.0 + 0.01 * points[:, 0] + 0.13 * points[:, 1] + rng.normal(size=2000) * 0.3
     parallax[:600] += rng.uniform(5, 60, 600)  # rocks, nearer than the ground

@@ -22,7 +22,7 @@ def shifted_down(images: EpipolarImages, pixels: float) -> EpipolarImages:
 
 
 @pytest.mark.parametrize("pixels", [0.0, -2.67, 3.4])
-def test_rows_that_do_not_correspond_are_measured(scene, ground, pixels):
+def test_row_offsets_between_the_eyes_are_measured(scene, ground, pixels):
     world = scene([ground])
     measured = vertical_parallax(shifted_down(world.images, pixels))
     assert len(measured.vertical_px) > 100
@@ -31,7 +31,7 @@ def test_rows_that_do_not_correspond_are_measured(scene, ground, pixels):
     assert measured.fits_the_rig == (abs(pixels) < 0.5)
 
 
-def test_a_wrong_bar_is_said(scene, ground):
+def test_a_wrong_rig_is_reported(scene, ground):
     world = scene([ground])
     assert "rows correspond" in str(vertical_parallax(world.images))
     text = str(vertical_parallax(shifted_down(world.images, -2.67)))
@@ -39,7 +39,7 @@ def test_a_wrong_bar_is_said(scene, ground):
     assert "another exposure, or a bent stereo rig" in text
 
 
-def test_the_rotation_of_a_bent_bar_is_found_and_put_right(scene, ground, rng):
+def test_the_rotation_of_a_bent_rig_is_found_and_corrected(scene, ground, rng):
     geometry = scene([ground]).images.geometry
     left, right = geometry.cameras()
     rotation = np.array([0.002, -0.004, 0.001])
@@ -54,18 +54,18 @@ def test_the_rotation_of_a_bent_bar_is_found_and_put_right(scene, ground, rng):
     found = rig_rotation(measured)
     np.testing.assert_allclose(found, rotation, atol=2e-5)  # second order in the rotation
     pose = geometry.rover_from_pair
-    mended = turn_in_place(right, rover, pose.rotation @ found).project(points)
-    np.testing.assert_allclose(mended[:, 1], partner[:, 1], atol=0.05)
+    repaired = turn_in_place(right, rover, pose.rotation @ found).project(points)
+    np.testing.assert_allclose(repaired[:, 1], partner[:, 1], atol=0.05)
 
 
-def test_rows_that_differ_from_point_to_point_do_not_correspond(scene, ground, rng):
+def test_inconsistent_row_offsets_are_not_corrected(scene, ground, rng):
     geometry = scene([ground]).images.geometry
     points = rng.uniform(0, 256, (50, 2))
     loose = VerticalParallax(points, rng.normal(size=50) * 3, np.full(50, 9.0), geometry)
     assert not loose.fits_the_rig
 
 
-def test_too_few_points_tell_no_rotation(scene, ground):
+def test_too_few_points_determine_no_rotation(scene, ground):
     geometry = scene([ground]).images.geometry
     few = VerticalParallax(np.zeros((3, 2)), np.zeros(3), np.ones(3), geometry)
     assert "too few to check" in str(few)

@@ -41,7 +41,7 @@ def resampled(left, right):
     return epipolar_images(geometry, (grey_l, mask_l, camera_l), (grey_r, mask_r, camera_r))
 
 
-def put_right(left, right, params=None):
+def corrected(left, right, params=None):
     """Vertical parallax before and after the right camera is turned to where it points."""
     images = resampled(left, right)
     before = vertical_parallax(images, params)
@@ -56,7 +56,7 @@ def test_a_rendered_pair_is_matched_in_all_its_terrain(husband):
     images = resampled(read(name), read(name.with_name(name.name.replace("0l0m1", "0r0m1"))))
     rows = vertical_parallax(images)
     assert rows.fits_the_rig
-    assert abs(rows.median_px) < 0.05  # the stereo bar of the labels is exact
+    assert abs(rows.median_px) < 0.05  # the baseline of the labels is exact
     matches = match_sparsely("pair", images)
     cells = np.unique(matches.left // 128, axis=0)
     assert len(matches) > 800
@@ -73,18 +73,18 @@ def test_a_rendered_pair_is_matched_in_all_its_terrain(husband):
 def curiosity(shared_data):
     folder = shared_data / "msl_navcam_sol1431_pair"
     eyes = []
-    for picture, label in (
+    for png, label in (
         ("NLB_524534514EDR_F0562034NCAM00280M_.jpeg", "NLB_517261274EDR_F0541610CCAM15900M1.IMG"),
         ("NRB_524534514EDR_F0562034NCAM00280M_.jpeg", "NRB_680874728RAD_F0900232NCAM00354M1.IMG"),
     ):
         _, _, camera, rover = read(folder / label)
-        grey = cv2.imread(str(folder / picture), cv2.IMREAD_GRAYSCALE).astype(np.float32)
+        grey = cv2.imread(str(folder / png), cv2.IMREAD_GRAYSCALE).astype(np.float32)
         eyes.append((grey, np.ones(grey.shape, dtype=bool), camera, rover))
     return eyes
 
 
-def test_camera_models_of_other_exposures_are_noticed_and_put_right(curiosity):
-    before, after, images = put_right(*curiosity)
+def test_camera_models_of_other_exposures_are_detected_and_corrected(curiosity):
+    before, after, images = corrected(*curiosity)
     assert not before.fits_the_rig
     assert abs(before.median_px) == pytest.approx(2.7, abs=0.3)  # as the data's README measured
     assert after.fits_the_rig
@@ -102,7 +102,7 @@ def test_camera_models_of_other_exposures_are_noticed_and_put_right(curiosity):
     assert np.isfinite(parallax[720:, 60:-20]).mean() > 0.75  # ground
 
 
-def test_errors_of_real_lenses_do_not_pass_for_toe_in(curiosity):
+def test_errors_of_real_lenses_are_not_mistaken_for_toe_in(curiosity):
     images = resampled(*curiosity)
     measured = vertical_parallax(images)
     free = rig_rotation(measured) * images.geometry.focal_px
@@ -119,7 +119,7 @@ def test_errors_of_real_lenses_do_not_pass_for_toe_in(curiosity):
 def test_two_frames_of_one_mast_swing_make_a_stereo_pair(shared_data):
     folder = shared_data / "mer_spirit_sol1869_troy"
     left, right = (read(folder / f"2n292280{n}effb100p0703l0m1.img") for n in ("938", "989"))
-    before, after, _ = put_right(left, right, SparseParams(least_parallax_px=-15.0))
+    before, after, _ = corrected(left, right, SparseParams(least_parallax_px=-15.0))
     assert np.median(np.abs(before.vertical_px)) > 1.0
     assert len(after.vertical_px) > 300
     assert np.median(np.abs(after.vertical_px)) < 0.15  # README: 0.12 with SIFT
@@ -128,23 +128,23 @@ def test_two_frames_of_one_mast_swing_make_a_stereo_pair(shared_data):
 def tsai_eye(folder, name):
     """An image of the K10 rover without its distortion, and the pinhole camera that saw it so."""
     rows = (line.split("=") for line in (folder / f"black_{name}.tsai").read_text().splitlines())
-    said = {key.strip(): np.array(value.split(), float) for key, value in rows}
-    fu, fv, cu, cv = (float(said[key][0]) for key in ("fu", "fv", "cu", "cv"))
+    message = {key.strip(): np.array(value.split(), float) for key, value in rows}
+    fu, fv, cu, cv = (float(message[key][0]) for key in ("fu", "fv", "cu", "cv"))
     matrix = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]])
-    lens = np.array([said[key][0] for key in ("k1", "k2", "p1", "p2")])
+    lens = np.array([message[key][0] for key in ("k1", "k2", "p1", "p2")])
     image = cv2.imread(str(folder / f"{name}4.png"), cv2.IMREAD_GRAYSCALE)
     grey = cv2.undistort(image, matrix, lens).astype(np.float32)
     mask = cv2.undistort(np.full_like(image, 255), matrix, lens) == 255
-    right, down, forward = said["R"].reshape(3, 3).T
-    camera = Cahv(said["C"], forward, fu * right + cu * forward, fv * down + cv * forward)
+    right, down, forward = message["R"].reshape(3, 3).T
+    camera = Cahv(message["C"], forward, fu * right + cu * forward, fv * down + cv * forward)
     return grey, mask, camera, rover_frame(1, 0)
 
 
-def test_a_bar_whose_direction_is_wrong_is_put_right_where_a_turn_is_not_enough(shared_data):
+def test_a_wrong_baseline_direction_is_corrected_where_a_rotation_is_not_enough(shared_data):
     folder = shared_data / "analogue_k10_pair"
     left, right = (tsai_eye(folder, name) for name in ("left", "right"))
     near = SparseParams(nearest_range_m=0.6)
-    before, turned, _ = put_right(left, right, near)
+    before, turned, _ = corrected(left, right, near)
     assert before.mad_px > 1.0  # README: 1.3
     assert np.median(np.abs(turned.vertical_px)) > 0.5
     loose = OrientationParams(rotation_sigma=np.deg2rad(3.0), position_sigma_m=0.01)

@@ -29,7 +29,7 @@ def corner_image(x, y, size=41):
     return (1000.0 * np.outer(row, column)).astype(np.float32)
 
 
-def test_a_corner_that_moves_is_found_where_it_moved():
+def test_a_moved_corner_is_found_at_its_new_place():
     image = corner_image(20.3, 19.6)
     points = interest_points(image, np.ones(image.shape, bool), FoerstnerParams())
     assert len(points) >= 1
@@ -41,12 +41,12 @@ def test_a_corner_that_moves_is_found_where_it_moved():
     np.testing.assert_allclose(shift, [0.5, 0.0], atol=0.1)
 
 
-def test_an_edge_is_no_interest_point():
+def test_an_edge_is_not_an_interest_point():
     image = np.tile(np.linspace(0, 1, 60) > 0.5, (60, 1)).astype(np.float32) * 1000
     assert len(interest_points(image, np.ones(image.shape, bool), FoerstnerParams())) == 0
 
 
-def test_interest_points_keep_apart_and_to_the_count(scene, ground):
+def test_interest_points_have_the_least_distance_and_the_requested_number(scene, ground):
     world = scene([ground])
     params = FoerstnerParams(count=300)
     points = interest_points(world.images.left, world.images.left_mask, params, 8)
@@ -98,7 +98,7 @@ def test_least_squares_matching_finds_the_slope_of_the_ground(scene, ground):
     np.testing.assert_allclose(refined.slope, [[0.01, 0.13]] * 3, atol=0.01)
 
 
-def test_a_point_that_leaves_its_maximum_is_not_settled(scene, ground):
+def test_a_point_that_leaves_its_maximum_is_not_accepted(scene, ground):
     world = scene([ground])
     pixels = np.array([[150, 90], [180, 150]], dtype=np.int32)
     truth = world.parallax_px[pixels[:, 1], pixels[:, 0]]
@@ -108,7 +108,7 @@ def test_a_point_that_leaves_its_maximum_is_not_settled(scene, ground):
     assert not good.any()
 
 
-def test_blunders_leave_the_parallax_curve(rng):
+def test_blunders_are_removed_by_the_parallax_curve(rng):
     points = np.column_stack([rng.uniform(0, 1000, 800), rng.uniform(0, 1000, 800)])
     parallax = 5.0 + 0.1 * points[:, 1] + rng.normal(size=800) * 0.3
     wrong = rng.choice(800, 80, replace=False)
@@ -119,7 +119,7 @@ def test_blunders_leave_the_parallax_curve(rng):
     assert accepted[~off].mean() > 0.98
 
 
-def test_few_matches_are_kept_for_want_of_neighbours():
+def test_few_matches_are_kept_without_neighbours():
     points = np.array([[10.0, 10.0], [50.0, 60.0], [90.0, 110.0]])
     for number in range(4):
         accepted = agrees_with_terrain(

@@ -1,4 +1,4 @@
-"""Two stops as one instrument: how it is set right, and what far ground it resolves."""
+"""Two stops as one instrument: correction of its orientation, and far ground it resolves."""
 
 from dataclasses import replace
 
@@ -57,7 +57,7 @@ def points_seen_by(turn: np.ndarray, shift: np.ndarray, rng) -> MeasuredOffsets:
     return MeasuredOffsets(rows, f * base_m / z, bar_ratio=50.0)
 
 
-def test_a_turn_and_a_shift_of_the_right_camera_are_found(rng):
+def test_a_rotation_and_a_shift_of_the_right_camera_are_found(rng):
     turn, shift = np.array([1e-3, -2e-3, 1.5e-3]), np.array([0.0, 3e-3, -2e-3])
     loose = OrientationParams(rotation_sigma=0.1, position_sigma_m=1.0, bar_sigma_px=1e-3)
     found = relative_orientation(points_seen_by(turn, shift, rng), loose)
@@ -65,7 +65,7 @@ def test_a_turn_and_a_shift_of_the_right_camera_are_found(rng):
     np.testing.assert_allclose(found.shift, shift, atol=3e-4)
 
 
-def test_what_images_do_not_tell_stays_as_adjusted(rng):
+def test_undetermined_parameters_stay_as_adjusted(rng):
     """Without a trusted bar, a turn about the vertical and an error of the bar look alike."""
     turn = np.array([0.0, 2e-3, 0.0])
     measured = points_seen_by(turn, np.zeros(3), rng)
@@ -76,7 +76,7 @@ def test_what_images_do_not_tell_stays_as_adjusted(rng):
     assert again.rotation[1] == pytest.approx(2e-3, abs=1e-3)
 
 
-def test_displaced_windows_are_found_both_ways(scene, ground):
+def test_displaced_windows_are_found_in_both_directions(scene, ground):
     world = scene([ground])
     offsets = search_area(world.images, 45)
     x, y = offsets.left.astype(int).T
@@ -86,7 +86,7 @@ def test_displaced_windows_are_found_both_ways(scene, ground):
     assert np.median(np.abs(offsets.vertical_px)) < 0.1
 
 
-def test_matching_about_a_prediction_finds_what_matching_at_large_finds(scene, ground):
+def test_predicted_matching_agrees_with_unrestricted_matching(scene, ground):
     world = scene([ground])
     y, x = np.mgrid[0:256, 0:256].astype(np.float32)
     predicted = 4.0 + 0.13 * y + 3.0 * np.sin(x / 40) + 2.0
@@ -118,14 +118,14 @@ def eye_of(world, stop: int, pair: int, turn: np.ndarray, shift_m: np.ndarray) -
         lsl_from_rover.translation_m + shift_m,
     )
     cameras = [world.exposure(shot, eye).camera for eye in (Eye.LEFT, Eye.RIGHT)]
-    pictures = [photograph(world, shot, eye).astype(np.float32) for eye in (Eye.LEFT, Eye.RIGHT)]
-    whole = np.ones(pictures[0].shape, dtype=bool)
-    size = pictures[0].shape[::-1]
+    bitmaps = [photograph(world, shot, eye).astype(np.float32) for eye in (Eye.LEFT, Eye.RIGHT)]
+    whole = np.ones(bitmaps[0].shape, dtype=bool)
+    size = bitmaps[0].shape[::-1]
     bar = epipolar_pair(*cameras, size, size, world.stops[stop].id.frame, PAIR)
-    images = epipolar_images(bar, *((p, whole, c) for p, c in zip(pictures, cameras, strict=True)))
+    images = epipolar_images(bar, *((p, whole, c) for p, c in zip(bitmaps, cameras, strict=True)))
     return WideBaselineImage(
         f"{stop}-{pair}",
-        pictures[0],
+        bitmaps[0],
         whole,
         cameras[0].transform(lsl_from_rover),
         bar,
@@ -136,7 +136,7 @@ def eye_of(world, stop: int, pair: int, turn: np.ndarray, shift_m: np.ndarray) -
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_two_stops_resolve_far_ground_that_the_bar_does_not(hills):
+def test_two_stops_resolve_far_ground_that_one_rig_does_not(hills):
     nothing = np.zeros(3)
     one = eye_of(hills, 0, 1, np.array([1e-3, -0.5e-3, 1e-3]), np.array([0.02, -0.02, 0.02]))
     other = eye_of(hills, 1, 2, nothing, nothing)
@@ -166,7 +166,7 @@ def test_two_stops_resolve_far_ground_that_the_bar_does_not(hills):
     assert (np.abs(error_px[known]) < 3 * wide.dense.sigma_px[known]).mean() > 0.9
 
 
-def test_pairs_that_look_along_the_base_or_away_are_no_instrument(scene, ground):
+def test_pairs_along_the_baseline_or_facing_away_are_not_combined(scene, ground):
     images = scene([ground]).images
     cameras = images.geometry.cameras()
     whole = images.left_mask

@@ -56,7 +56,7 @@ def catalogue(tmp_path, catalogue_url):
     opened.engine.dispose()
 
 
-def test_what_is_published_comes_back_as_it_was(catalogue):
+def test_a_published_layer_is_read_back_unchanged(catalogue):
     outcome = Outcome("mer2-sol0156", is_failure=False, notes=("12 ties",), at="now")
     catalogue.publish(
         missions=[MISSION], images=[an_image()], layers=[a_layer()], outcomes=[outcome]
@@ -67,11 +67,11 @@ def test_what_is_published_comes_back_as_it_was(catalogue):
     assert catalogue.outcomes() == [outcome]
 
 
-def test_an_entry_knows_the_stop_that_its_name_stands_for():
+def test_an_entry_has_the_stop_of_its_name():
     assert str(an_image().stop_id) == an_image().stop
 
 
-def test_an_outcome_of_now_carries_a_time_of_now():
+def test_a_new_outcome_has_the_current_time():
     before = datetime.now(UTC).replace(microsecond=0)
     outcome = Outcome.now("mer2-sol0156", ("12 ties",))
     assert before <= datetime.fromisoformat(outcome.at) <= datetime.now(UTC)
@@ -87,7 +87,7 @@ def test_the_latest_version_of_a_layer_is_listed_and_older_ones_stay_readable(ca
     assert catalogue.layer(STOP.name, ProductKind.DTM, older.ref.digest) == older
 
 
-def test_an_event_tells_of_every_layer_that_moved_and_of_none_that_did_not(catalogue):
+def test_an_event_lists_exactly_the_layers_that_changed(catalogue):
     catalogue.publish(layers=[a_layer()])
     catalogue.publish(layers=[a_layer()])
     events = catalogue.events_since(0)
@@ -97,7 +97,7 @@ def test_an_event_tells_of_every_layer_that_moved_and_of_none_that_did_not(catal
     assert catalogue.events_since(events[-1].id) == []
 
 
-def test_a_layer_that_is_withdrawn_is_on_the_map_no_longer_and_an_event_says_so(catalogue):
+def test_a_withdrawn_layer_leaves_the_map_with_an_event(catalogue):
     catalogue.publish(layers=[a_layer("a" * 16)])
     catalogue.withdraw([a_layer("b" * 16)])  # another version than the latest
     assert [layer.ref.digest for layer in catalogue.layers()] == ["a" * 16]
@@ -105,8 +105,8 @@ def test_a_layer_that_is_withdrawn_is_on_the_map_no_longer_and_an_event_says_so(
     catalogue.withdraw([a_layer("a" * 16)])
     assert catalogue.layers() == []
     assert catalogue.layer(STOP.name, ProductKind.DTM, "a" * 16) == a_layer("a" * 16)
-    told = [event.document["layers"] for event in catalogue.events_since(before)]
-    assert told == [[f"{STOP.name}/dtm"]]
+    reported = [event.document["layers"] for event in catalogue.events_since(before)]
+    assert reported == [[f"{STOP.name}/dtm"]]
 
 
 def test_a_failing_publication_publishes_nothing(catalogue):
@@ -125,13 +125,13 @@ def test_images_are_found_by_stop_and_sol(catalogue):
 
 
 @pytest.mark.parametrize(
-    ("ask", "message"),
+    ("query", "message"),
     [
         (lambda c: c.image("2N9"), "no image '2N9' has been ingested"),
         (lambda c: c.layer("x", ProductKind.DTM), "no dtm of x has been published"),
         (lambda c: c.mission("MER9"), "no mission 'MER9' is in the store"),
     ],
 )
-def test_what_is_not_there_is_named(catalogue, ask, message):
+def test_unknown_entries_are_named(catalogue, query, message):
     with pytest.raises(ProductNotFoundError, match=message):
-        ask(catalogue)
+        query(catalogue)

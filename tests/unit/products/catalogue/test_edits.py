@@ -24,7 +24,7 @@ def counting(log):
     return [edit.id for edit in log.edits("MER2") if edit.counts]
 
 
-def test_edits_are_read_in_their_order_with_author_and_reason(log):
+def test_edits_are_read_in_order_with_author_and_reason(log):
     log.append("MER2", EditKind.TIE, {"action": "veto"}, "Ada", "wrong rock")
     log.append("MER1", EditKind.ANNOTATION, {"text": "Endurance"}, "Ben")
     (edit,) = log.edits("MER2")
@@ -33,7 +33,7 @@ def test_edits_are_read_in_their_order_with_author_and_reason(log):
     assert log.effective(EditKind.TIE) == [edit]
 
 
-def test_what_is_taken_back_counts_no_more_until_that_is_taken_back(log):
+def test_a_revoked_edit_does_not_count_until_the_revocation_is_revoked(log):
     first = log.append("MER2", EditKind.TIE, {}, "Ada")
     log.append("MER2", EditKind.TIE, {}, "Ada")
     back = log.undo("MER2", first.id, "Ben")
@@ -45,7 +45,7 @@ def test_what_is_taken_back_counts_no_more_until_that_is_taken_back(log):
     assert len(log.edits("MER2")) == 5
 
 
-def test_an_edit_is_taken_back_once_and_only_by_its_mission(log):
+def test_an_edit_is_revoked_once_and_only_by_its_mission(log):
     edit = log.append("MER2", EditKind.TIE, {}, "Ada")
     log.undo("MER2", edit.id, "Ada")
     with pytest.raises(EditConflictError, match="undone already"):
@@ -55,7 +55,7 @@ def test_an_edit_is_taken_back_once_and_only_by_its_mission(log):
 
 
 @pytest.mark.parametrize("sql", ["DELETE FROM edits", "UPDATE edits SET author = 'Eve'"])
-def test_the_database_itself_refuses_to_forget(log, sql):
+def test_the_database_refuses_to_delete_edits(log, sql):
     log.append("MER2", EditKind.TIE, {}, "Ada")
     with sqlite3.connect(log.path) as connection, pytest.raises(sqlite3.IntegrityError):
         connection.execute(sql)
@@ -67,7 +67,7 @@ def test_nothing_is_written_before_the_first_edit(log):
     assert not log.path.exists()
 
 
-def test_the_same_wish_for_a_run_waits_once_until_it_is_taken(tmp_path):
+def test_identical_run_requests_are_stored_once_until_taken(tmp_path):
     book = RunRequests.of(tmp_path)
     first = book.add(RequestKind.OVERALL, "MER2", "Ada")
     assert book.add(RequestKind.OVERALL, "MER2", "Ben") == first

@@ -1,4 +1,4 @@
-"""Events are told in order, once each, and forgotten when there are many newer ones."""
+"""Events are returned in order, once each, and removed when there are many newer ones."""
 
 import pytest
 
@@ -11,17 +11,17 @@ def catalogue(tmp_path, catalogue_url):
     return Catalogue.open(tmp_path, catalogue_url)
 
 
-def test_events_come_in_their_order_after_the_last_seen(catalogue):
+def test_events_are_returned_in_order_after_the_last_seen(catalogue):
     for number in range(5):
         catalogue.append_event("run.changed", {"number": number})
-    told = catalogue.events_since(2)
-    assert [event.id for event in told] == [3, 4, 5]
-    assert [event.document["number"] for event in told] == [2, 3, 4]
+    reported = catalogue.events_since(2)
+    assert [event.id for event in reported] == [3, 4, 5]
+    assert [event.document["number"] for event in reported] == [2, 3, 4]
     assert catalogue.version() == 5
     assert catalogue.events_since(5) == []
 
 
-def test_old_events_are_forgotten_and_who_missed_them_is_told_so(catalogue, monkeypatch):
+def test_removed_events_are_reported_to_clients_that_missed_them(catalogue, monkeypatch):
     monkeypatch.setattr(events, "KEPT", 10)
     for number in range(25):
         catalogue.append_event("run.changed", {"number": number})
@@ -32,14 +32,16 @@ def test_old_events_are_forgotten_and_who_missed_them_is_told_so(catalogue, monk
         assert not events.is_gone(connection, 25)
 
 
-def test_numbers_go_on_when_a_new_process_opens_the_catalogue(catalogue, tmp_path, catalogue_url):
+def test_numbering_continues_when_a_new_process_opens_the_catalogue(
+    catalogue, tmp_path, catalogue_url
+):
     catalogue.append_event("run.changed", {})
     again = Catalogue.open(tmp_path, catalogue_url)
     again.append_event("run.changed", {})
     assert [event.id for event in catalogue.events_since(0)] == [1, 2]
 
 
-def test_a_transaction_that_fails_tells_nothing(catalogue):
+def test_a_failed_transaction_emits_no_event(catalogue):
     with catalogue.engine.connect() as connection:
         events.append(connection, "run.changed", {})
         connection.rollback()

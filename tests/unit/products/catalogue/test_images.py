@@ -32,7 +32,7 @@ def labels():
     return {one.product_id: label_bytes(one) for pair in pairs for one in pair}
 
 
-def test_a_label_is_the_same_after_it_was_kept(labels):
+def test_a_stored_label_is_read_back_unchanged(labels):
     for name, data in labels.items():
         label = read_image_record(data, f"{name}.IMG")
         again = label_of_text(text_of_label(label))
@@ -46,7 +46,7 @@ def test_a_label_is_the_same_after_it_was_kept(labels):
         assert text_of_label(again) == text_of_label(label)
 
 
-def test_labels_of_every_real_camera_are_kept(shared_data):
+def test_labels_of_every_real_camera_are_stored(shared_data):
     cameras = set()
     for path in sorted(shared_data.rglob("*.[iI][mM][gG]")):
         try:

@@ -1,4 +1,4 @@
-"""A map holds for every solution that looks from where it looks, whichever product says so."""
+"""A map belongs to every solution whose orientations it was made with."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def map_of(workspace: Workspace, *orientations: Orientation) -> ProductRef:
     return workspace.store.make(recipe, lambda path: path.write_bytes(b"a map"))
 
 
-def test_a_stop_that_later_sols_do_not_touch_is_mapped_by_their_solutions_too(workspace):
+def test_a_stop_unchanged_by_later_sols_belongs_to_their_solutions_too(workspace):
     one, chosen = solved(workspace, 155, {FIRST: 0.0}, {})
     other, chosen = solved(workspace, 156, {SECOND: 9.0}, {FIRST: chosen})
     last, _ = solved(workspace, 157, {FIRST: 0.5}, {SECOND: chosen})

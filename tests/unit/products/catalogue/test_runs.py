@@ -1,4 +1,4 @@
-"""Runs are kept, told of, and known to be lost when their process is gone."""
+"""Runs are recorded, announced by events, and marked lost when their process has ended."""
 
 import dataclasses
 import subprocess
@@ -39,13 +39,13 @@ def test_every_change_of_a_run_is_an_event(book, catalogue):
     run = Run.start("downlink", "sol156")
     book.write(run)
     book.write(run.with_progress("match pairs", 1, 2))
-    told = catalogue.events_since(0)
-    assert [event.kind for event in told] == ["run.changed"] * 2
-    assert told[1].document["stage"] == "match pairs"
-    assert (told[1].document["done"], told[1].document["total"]) == (1, 2)
+    reported = catalogue.events_since(0)
+    assert [event.kind for event in reported] == ["run.changed"] * 2
+    assert reported[1].document["stage"] == "match pairs"
+    assert (reported[1].document["done"], reported[1].document["total"]) == (1, 2)
 
 
-def test_a_run_whose_process_is_gone_is_lost(book):
+def test_a_run_whose_process_has_ended_is_marked_lost(book):
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     run = Run.start("downlink", "sol156")

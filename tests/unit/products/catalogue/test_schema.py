@@ -28,7 +28,7 @@ def old_store(tmp_path: Path) -> Path:
     return unpack_old_store(tmp_path)
 
 
-def test_an_old_store_opens_after_migration_with_all_that_it_held(old_store):
+def test_an_old_store_opens_after_migration_with_all_its_content(old_store):
     before = Contents.of(old_store)
     workspace = Workspace.open(old_store)
     assert before.differences(Contents.of(old_store)) == []
@@ -63,7 +63,7 @@ def test_a_new_store_has_the_latest_version_and_no_copies(tmp_path):
     assert not list((tmp_path / "store").glob("before-schema-*"))
 
 
-def test_the_folder_of_another_machine_has_the_version_of_its_catalogue(tmp_path):
+def test_a_folder_of_another_machine_has_the_version_of_its_catalogue(tmp_path):
     engine = Workspace.open(tmp_path / "store").catalogue.engine
     other = tmp_path / "other"
     other.mkdir()
@@ -87,7 +87,7 @@ def test_a_newer_store_is_refused(tmp_path, where):
         Workspace.open(root)
 
 
-def test_an_old_store_is_not_migrated_under_a_run(old_store, monkeypatch):
+def test_an_old_store_is_not_migrated_during_a_run(old_store, monkeypatch):
     monkeypatch.setattr(schema, "_WAIT_S", 0.3)
     with shared_run_lock(old_store), pytest.raises(StoreBusyError, match="when it has ended"):
         Workspace.open(old_store)
@@ -95,7 +95,7 @@ def test_an_old_store_is_not_migrated_under_a_run(old_store, monkeypatch):
     Workspace.open(old_store)
 
 
-def test_migrations_go_on_where_a_failed_one_stopped(old_store, monkeypatch):
+def test_migrations_continue_after_a_failed_one(old_store, monkeypatch):
     done = []
 
     def first(_root: Path, connection: sa.Connection) -> None:
@@ -134,7 +134,7 @@ Workspace.open(Path(sys.argv[1]))
 """
 
 
-def test_a_process_that_is_killed_while_it_migrates_leaves_the_work_to_the_next(old_store):
+def test_a_migration_of_a_killed_process_is_completed_by_the_next(old_store):
     before = Contents.of(old_store)
     process = subprocess.Popen([sys.executable, "-c", _OPEN, str(old_store), "slowly"])
     while not (old_store / "migrating").exists():
@@ -153,7 +153,7 @@ def test_a_process_that_is_killed_while_it_migrates_leaves_the_work_to_the_next(
     assert before.differences(Contents.of(old_store)) == []
 
 
-def test_where_there_is_no_space_for_copies_nothing_is_changed(old_store, monkeypatch):
+def test_without_space_for_copies_nothing_is_changed(old_store, monkeypatch):
     def full(_source: Path, _target: Path) -> None:
         raise OSError(28, "No space left on device")
 
@@ -186,7 +186,7 @@ def test_a_damaged_catalogue_is_named(tmp_path):
         Workspace.open(root)
 
 
-def test_a_url_without_a_port_is_refused_without_what_may_be_its_password(tmp_path):
+def test_a_url_without_a_port_is_refused_without_printing_a_password(tmp_path):
     with pytest.raises(ProductError, match="port in the catalogue's URL is not a number") as caught:
         Workspace.open(tmp_path, "postgresql+psycopg://user@host:secret/database")
     assert "secret" not in str(caught.value)

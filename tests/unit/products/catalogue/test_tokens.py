@@ -11,7 +11,7 @@ def book(tmp_path):
     return Tokens.of(tmp_path)
 
 
-def test_a_token_is_known_by_its_text_and_by_nothing_else(book):
+def test_a_token_is_identified_by_its_text_only(book):
     token, text = book.add("Ada", Role.ANALYST)
     assert book.verify(text) == token
     assert (token.name, token.role) == ("Ada", Role.ANALYST)
@@ -19,14 +19,14 @@ def test_a_token_is_known_by_its_text_and_by_nothing_else(book):
         assert book.verify(wrong) is None
 
 
-def test_the_secret_is_nowhere_in_the_file_and_the_file_is_its_owners(book):
+def test_the_secret_is_not_in_the_file_and_the_file_is_its_owners(book):
     _, text = book.add("Ada", Role.ANALYST)
     _, _, secret = text.split("_", 2)
     assert secret.encode() not in book.path.read_bytes()
     assert book.path.stat().st_mode & 0o077 == 0
 
 
-def test_a_revoked_token_opens_nothing_and_stays_listed(book):
+def test_a_revoked_token_is_refused_and_stays_listed(book):
     token, text = book.add("Ada", Role.OPERATOR)
     _, other = book.add("Ben", Role.VIEWER)
     assert book.revoke(token.id).revoked_at is not None
@@ -35,14 +35,14 @@ def test_a_revoked_token_opens_nothing_and_stays_listed(book):
     assert [one.is_valid for one in book.tokens()] == [False, True]
 
 
-def test_a_token_ends_by_itself(book):
+def test_a_token_expires(book):
     _, text = book.add("Ada", Role.ANALYST, days=0)
     assert book.verify(text) is None
     _, text = book.add("Ada", Role.ANALYST, days=1)
     assert book.verify(text) is not None
 
 
-def test_a_store_without_tokens_has_no_file_of_them(book):
+def test_a_store_without_tokens_has_no_token_file(book):
     assert book.tokens() == []
     assert book.verify("solmap_a_b") is None
     assert not book.path.exists()

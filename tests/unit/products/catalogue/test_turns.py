@@ -79,7 +79,7 @@ def _pruned_within(seconds: float, workspace: Workspace) -> list[UnreferencedPro
 
 
 @pytest.mark.parametrize("turn", ["maintenance_turn prune", "mission_turn MER2"])
-def test_who_waits_for_a_turn_gets_it_when_the_other_process_is_killed(places, turn):
+def test_a_waiting_process_gets_the_lock_when_the_holder_is_killed(places, turn):
     mine, other, url = places
     workspace, waited, done = Workspace.open(mine, url), threading.Event(), threading.Event()
 
@@ -105,7 +105,7 @@ def test_who_waits_for_a_turn_gets_it_when_the_other_process_is_killed(places, t
         thread.join()
 
 
-def test_a_turn_that_has_ended_is_free(places):
+def test_a_lock_is_free_after_its_block(places):
     mine, other, url = places
     workspace, beside = Workspace.open(mine, url), Workspace.open(other, url)
     for _ in range(2):

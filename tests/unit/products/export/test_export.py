@@ -45,7 +45,7 @@ def exported(workspace, tmp_path_factory) -> Path:
     return target
 
 
-def test_files_have_names_that_people_can_read(exported):
+def test_exported_files_have_readable_names(exported):
     names = {path.name for path in (exported / "maps").iterdir()}
     assert {f"{STOP}_dtm_8cm.tif", f"{STOP}_slope_8cm.tif", "MER2_sol0156_havens.geojson"} <= names
     assert not [name for name in names if re.search(r"[0-9a-f]{16}", name)]
@@ -55,7 +55,7 @@ def test_files_have_names_that_people_can_read(exported):
     assert "`MER2.qgz`" in readme
 
 
-def test_products_are_exported_as_they_are(exported, world):
+def test_products_are_exported_unchanged(exported, world):
     path = world.store.path(ref_of(world, ProductKind.DTM))
     assert (exported / DTM).read_bytes() == path.read_bytes()
 
@@ -104,7 +104,7 @@ def test_a_zip_holds_the_same_files(exported, workspace, tmp_path):
         (Selection(mission="MER2", sols=frozenset({156}), kinds=frozenset({"dtm"})), {DTM[5:]}),
     ],
 )
-def test_what_is_selected_is_exported(workspace, tmp_path, selection, kept):
+def test_the_selection_is_exported(workspace, tmp_path, selection, kept):
     export(tmp_path / "out", selection, workspace)
     assert {path.name for path in (tmp_path / "out" / "maps").iterdir()} == kept
 
@@ -118,13 +118,13 @@ def test_what_is_selected_is_exported(workspace, tmp_path, selection, kept):
         Selection(kinds=frozenset({"dtm"}), since=datetime.now(UTC) + timedelta(days=1)),
     ],
 )
-def test_nothing_selected_is_an_error_that_says_so(workspace, tmp_path, selection):
+def test_an_empty_selection_is_an_error(workspace, tmp_path, selection):
     with pytest.raises(ProductError, match=r"nothing is selected; .* contains MER2"):
         export(tmp_path / "out", selection, workspace)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_wrong_kind_or_stop_is_named_with_what_there_is():
+def test_a_wrong_kind_or_stop_is_refused_with_the_existing_ones():
     with pytest.raises(ProductError, match="there is no kind dem; there are maps"):
         Selection(kinds=frozenset({"dem"}))
     with pytest.raises(ProductError, match="'south' does not name a stop; SITE/DRIVE is expected"):
@@ -152,7 +152,7 @@ def test_a_qgis_project_names_files_beside_it_and_colours_them_as_the_server(exp
     assert all(len(name) > 10 for name in tree)  # QGIS gives shorter ones another name
 
 
-def test_the_project_of_a_map_that_is_not_tied_to_the_lander_says_so(world):
+def test_the_project_of_an_untied_map_states_so(world):
     layer = world.catalogue.layer("mer2-site0010-drive0064", ProductKind.DTM)
     untied = LANDING.untied("site 10")
     files = [MapFile(layer, world.store.path(layer.ref), "./maps/a.tif")]
@@ -161,6 +161,6 @@ def test_the_project_of_a_map_that_is_not_tied_to_the_lander_says_so(world):
     assert "not tied to the lander" in text
 
 
-def test_items_say_how_their_files_were_made(exported):
+def test_items_describe_how_their_files_were_made(exported):
     notes = json.loads((exported / "stac" / "MER2" / f"{STOP}_dtm_8cm_provenance.json").read_text())
     assert notes["recipe"]["kind"] == "dtm"

@@ -67,7 +67,7 @@ def test_the_list_of_checksums_is_read_by_sha256sum(store, tmp_path):
     assert done.returncode == 0
 
 
-def test_a_file_that_was_changed_since_is_written_anew(store, tmp_path):
+def test_a_changed_file_is_written_again(store, tmp_path):
     files = files_of({"a.csv": "a", "b.csv": "b"}, store)
     write_folder(tmp_path / "out", files, store)
     changed = tmp_path / "out" / "a.csv"
@@ -91,7 +91,7 @@ def test_an_interrupted_export_is_completed_by_the_next(store, tmp_path):
     assert found_in(target) == first
 
 
-def test_names_of_a_forged_list_lead_nowhere(store, tmp_path):
+def test_names_of_a_forged_list_reach_no_other_file(store, tmp_path):
     target, outside = tmp_path / "out", tmp_path / "keep.txt"
     outside.write_text("mine")
     target.mkdir()
@@ -100,7 +100,7 @@ def test_names_of_a_forged_list_lead_nowhere(store, tmp_path):
     assert outside.read_text() == "mine"
 
 
-def test_an_archive_is_replaced_when_it_is_whole_and_only_if_it_changes(store, tmp_path):
+def test_an_archive_is_replaced_only_by_a_complete_and_different_one(store, tmp_path):
     target, files = tmp_path / "out.zip", files_of({"a.csv": "a", "maps/b.tif": "b"}, store)
     assert write_archive(target, files, store) == Written(2, 0, 0)
     with zipfile.ZipFile(target) as archive:
@@ -124,7 +124,7 @@ def test_equal_files_give_equal_archives(store, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "content"),
     [
         ("store/out", "is in the store"),
         ("full", "contains files and no earlier export"),
@@ -132,10 +132,10 @@ def test_equal_files_give_equal_archives(store, tmp_path):
         ("folder.zip", "is a folder"),
     ],
 )
-def test_nothing_else_is_written_over(store, tmp_path, name, says):
+def test_other_files_are_never_overwritten(store, tmp_path, name, content):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "x").write_text("x")
     (tmp_path / "file.txt").write_text("x")
     (tmp_path / "folder.zip").mkdir()
-    with pytest.raises(ProductError, match=says):
+    with pytest.raises(ProductError, match=content):
         check_target(tmp_path / name, store)

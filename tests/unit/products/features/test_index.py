@@ -1,4 +1,4 @@
-"""The index of features: what is put in comes out, and only what was asked for."""
+"""The index of features: stored features are returned, and only the requested ones."""
 
 import json
 import sqlite3
@@ -32,7 +32,7 @@ def index(tmp_path):
     return made
 
 
-def test_a_page_holds_the_features_of_the_layers_in_their_order(index):
+def test_a_page_has_the_features_of_the_layers_in_order(index):
     selection = Selection(["a/1", "b/1"])
     assert index.count(selection) == 15
     assert names(index.page(selection, 3, offset=8)) == ["a8", "a9", "b0"]
@@ -40,13 +40,13 @@ def test_a_page_holds_the_features_of_the_layers_in_their_order(index):
     assert index.page(Selection([]), 100) == []
 
 
-def test_a_feature_comes_back_as_it_was_put(index):
-    wanted = point("a3", 3, -3, sol=4, even=False)
-    assert index.find(["a/1"], "a3") == wanted
+def test_a_feature_is_read_back_unchanged(index):
+    requested = point("a3", 3, -3, sol=4, even=False)
+    assert index.find(["a/1"], "a3") == requested
     assert index.find(["b/1"], "a3") is None
 
 
-def test_extent_says_where_and_when(index):
+def test_the_extent_covers_place_and_time(index):
     extent = index.extent(["a/1", "b/1"])
     assert extent.count == 15
     assert extent.bounds == (0.0, -9.0, 104.0, 4.0)
@@ -54,7 +54,7 @@ def test_extent_says_where_and_when(index):
     assert index.extent([]).bounds is None
 
 
-def test_sols_times_and_properties_choose(index):
+def test_sols_times_and_properties_select(index):
     keys = ["a/1", "b/1"]
     assert names(index.page(Selection(keys, sols=(4, 5)), 9)) == ["a3", "a4"]
     assert names(index.page(Selection(keys, sols=(None, 1)), 9)) == ["a0"]
@@ -64,7 +64,7 @@ def test_sols_times_and_properties_choose(index):
     assert index.count(Selection(keys, equal={"even": "1"})) == 5
 
 
-def test_a_new_version_of_a_layer_takes_the_place_of_the_old(index):
+def test_a_new_version_of_a_layer_replaces_the_old(index):
     index.put("a/2", "a", [point("new", 0, 0)])
     assert index.missing(["a/1", "a/2", "b/1"]) == ["a/1"]
     assert names(index.page(Selection(["a/2"]), 9)) == ["new"]
@@ -73,12 +73,12 @@ def test_a_new_version_of_a_layer_takes_the_place_of_the_old(index):
     assert index.count(Selection(["a/2"], near)) == 1
 
 
-def test_what_another_process_has_put_meanwhile_stays(index):
+def test_entries_of_another_process_are_kept(index):
     index.put("b/1", "b", [point("late", 0, 0)])
     assert index.extent(["b/1"]).count == 5
 
 
-def test_a_feature_without_a_place_is_listed_but_lies_nowhere(index):
+def test_a_feature_without_a_place_is_listed_without_extent(index):
     index.put("c", "c", [IndexedFeature("lost", None, "{}")])
     assert names(index.page(Selection(["c"]), 9)) == ["lost"]
     everywhere = Area.of_box((-1e9, -1e9, 1e9, 1e9))
@@ -86,7 +86,7 @@ def test_a_feature_without_a_place_is_listed_but_lies_nowhere(index):
     assert index.extent(["c"]).bounds is None
 
 
-def test_shapes_near_the_edge_are_judged_by_themselves(index):
+def test_shapes_near_the_edge_are_tested_exactly(index):
     diagonal = IndexedFeature("line", shapely.to_wkb(shapely.LineString([(0, 0), (10, 10)])), "{}")
     index.put("d", "d", [diagonal])
     beside = Selection(["d"], Area.of_box((6.0, 1.0, 9.0, 4.0)))  # in its box, off the line
@@ -94,7 +94,7 @@ def test_shapes_near_the_edge_are_judged_by_themselves(index):
     assert (index.count(beside), index.count(across)) == (0, 1)
 
 
-def test_an_index_of_earlier_tables_is_made_anew(index):
+def test_an_index_of_an_earlier_schema_is_rebuilt(index):
     with sqlite3.connect(index.path) as connection:
         connection.executescript("DROP TABLE boxes; PRAGMA user_version=1;")
     again = FeatureIndex.open(index.path)
@@ -103,7 +103,7 @@ def test_an_index_of_earlier_tables_is_made_anew(index):
     assert again.count(Selection(["a/1"], Area.of_box((-1.0, -1.0, 1.0, 1.0)))) == 1
 
 
-def test_a_damaged_index_is_made_anew(index, caplog):
+def test_a_damaged_index_is_rebuilt(index, caplog):
     for file in index.path.parent.iterdir():
         file.write_bytes(b"no database" * 1000)
     again = FeatureIndex.open(index.path)
@@ -120,7 +120,7 @@ coordinates = st.floats(-5_000, 5_000, width=32)
     corner=st.tuples(coordinates, coordinates),
     size=st.tuples(st.floats(0, 3_000), st.floats(0, 3_000)),
 )
-def test_an_area_holds_what_geometry_says(tmp_path_factory, places, corner, size):
+def test_an_area_selects_what_geometry_intersects(tmp_path_factory, places, corner, size):
     index = FeatureIndex.open(tmp_path_factory.mktemp("i") / "i.sqlite")
     index.put("k", "k", [point(str(k), *place) for k, place in enumerate(places)])
     box = (*corner, corner[0] + size[0], corner[1] + size[1])

@@ -14,7 +14,7 @@ def temporary(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
-def test_it_is_the_same_each_time_and_closed_to_others(temporary):
+def test_the_temporary_folder_is_stable_and_closed_to_others(temporary):
     folder = temporary_folder(Path("/srv/store"))
     assert folder == temporary_folder(Path("/srv/store"))
     assert folder != temporary_folder(Path("/srv/other"))
@@ -22,7 +22,7 @@ def test_it_is_the_same_each_time_and_closed_to_others(temporary):
     assert folder.stat().st_mode & 0o777 == 0o700
 
 
-def test_one_that_others_may_write_or_that_leads_elsewhere_is_not_used():
+def test_a_folder_writable_by_others_or_a_link_is_not_used():
     folder = temporary_folder(Path("/srv/store"))
     folder.chmod(0o777)
     other = temporary_folder(Path("/srv/store"))

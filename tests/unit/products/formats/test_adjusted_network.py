@@ -23,7 +23,7 @@ def adjusted():
     return adjust_overall(network, AdjustmentParams())
 
 
-def test_poses_covariances_and_ties_come_back_exactly(adjusted):
+def test_poses_covariances_and_ties_are_read_back_exactly(adjusted):
     network, report = adjusted
     text = json.dumps(network_document(network, [report]), allow_nan=False)
     again = network_of_document(json.loads(text))
@@ -62,7 +62,7 @@ def test_a_document_of_another_kind_is_refused():
         network_of_document({"format": "map"})
 
 
-def test_a_document_that_lacks_a_part_names_it(adjusted):
+def test_an_incomplete_document_names_the_missing_part(adjusted):
     document = network_document(adjusted[0])
     del document["pairs"]
     with pytest.raises(AdjustmentError, match="lacks 'pairs'"):

@@ -46,7 +46,7 @@ def a_geometry() -> EpipolarPair:
     return EpipolarPair(pose, 0.2, 1220.0, (511.5, 500.25), 1024, 1000)
 
 
-def test_a_figure_that_was_not_measured_is_null():
+def test_an_unmeasured_figure_is_null():
     figures = (
         "same sol",
         12,
@@ -61,7 +61,7 @@ def test_a_figure_that_was_not_measured_is_null():
     assert json.loads(written) == ["same sol", 12, True, 0.5, None, None, [1.0, None], None]
 
 
-def test_matches_and_their_geometry_come_back_exactly(tmp_path, rng):
+def test_matches_and_their_geometry_are_read_back_exactly(tmp_path, rng):
     matches = StereoMatches("A", rng.normal(size=(5, 2)), rng.random(5), rng.random(5))
     write_matches(tmp_path / "m.npz", a_geometry(), matches)
     geometry, again = read_matches(tmp_path / "m.npz")
@@ -78,7 +78,7 @@ def dense_of(parallax: np.ndarray, rng: np.random.Generator) -> DenseMatches:
     return DenseMatches(parallax, np.where(np.isfinite(parallax), sigma, np.float32(np.nan)))
 
 
-def test_what_all_parallaxes_share_comes_back(tmp_path, rng):
+def test_the_common_parallax_error_is_read_back(tmp_path, rng):
     alone = dense_of(rng.uniform(1.0, 60.0, (8, 9)).astype(np.float32), rng)
     shared = replace(alone, shared=SharedSigma(1.1, 0.005))
     for dense in (alone, shared):
@@ -86,7 +86,7 @@ def test_what_all_parallaxes_share_comes_back(tmp_path, rng):
         assert read_dense(tmp_path / "p.npz").shared == dense.shared
 
 
-def test_dense_matches_come_back_within_half_a_step(tmp_path, rng):
+def test_dense_matches_are_read_back_within_half_a_step(tmp_path, rng):
     parallax = rng.uniform(0.01, 300.0, (40, 50)).astype(np.float32)
     parallax[3:9] = np.nan
     dense = dense_of(parallax, rng)
@@ -97,7 +97,7 @@ def test_dense_matches_come_back_within_half_a_step(tmp_path, rng):
     np.testing.assert_array_equal(read_parallax(tmp_path / "p.npz"), again.parallax_px)
 
 
-def test_parallax_beyond_the_fine_range_is_kept_coarser_and_not_cut_off(tmp_path, rng):
+def test_parallax_beyond_the_fine_range_is_stored_coarser_and_not_cut_off(tmp_path, rng):
     parallax = np.array([[900.0, 10.0]], dtype=np.float32)
     write_dense(tmp_path / "p.npz", dense_of(parallax, rng))
     np.testing.assert_allclose(read_parallax(tmp_path / "p.npz"), parallax, atol=0.01)
@@ -110,7 +110,7 @@ def test_the_same_arrays_give_the_same_bytes(tmp_path, rng):
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
 
 
-def test_a_file_that_is_no_archive_is_named(tmp_path):
+def test_a_file_that_is_not_an_archive_is_named(tmp_path):
     (tmp_path / "broken.npz").write_bytes(b"not a zip")
     with pytest.raises(ProductError, match=r"broken\.npz is not an archive"):
         read_parallax(tmp_path / "broken.npz")
@@ -128,7 +128,7 @@ def all_kinds(rng) -> Radiometry:
     return Radiometry(Companding(tables), {"NAVCAM_LEFT": MODEL, "NAVCAM_RIGHT": flat})
 
 
-def test_what_is_written_is_read_back(all_kinds, tmp_path):
+def test_a_written_archive_is_read_back(all_kinds, tmp_path):
     write_radiometry(tmp_path / "tables.npz", all_kinds)
     again = read_radiometry(tmp_path / "tables.npz")
     assert radiometry_digest(again) == radiometry_digest(all_kinds)
@@ -167,14 +167,14 @@ def test_the_digest_is_that_of_the_content(all_kinds):
         (PixelState(None, "PANCAM_LEFT"), set(), set()),
     ],
 )
-def test_an_image_needs_what_its_label_calls_for(all_kinds, state, tables, cameras):
+def test_an_image_requires_the_tables_of_its_label(all_kinds, state, tables, cameras):
     needed = all_kinds.needed_by(state)
     assert set(needed.companding.tables) == tables
     assert set(needed.flat_fields) == cameras
     assert needed.changes_nothing == (not tables and not cameras)
 
 
-def test_the_approximation_is_a_table_once_an_image_needs_it():
+def test_the_approximation_is_a_required_table():
     anything = Radiometry(Companding(approximate=True))
     assert not anything.changes_nothing
     needed = anything.needed_by(PixelState("LUT2"))

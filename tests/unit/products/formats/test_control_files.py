@@ -67,6 +67,6 @@ def test_an_emptied_file_holds_nothing():
         ('{"features": 3}', "a FeatureCollection of points is expected"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_row(text, message):
+def test_every_fault_is_reported_with_its_row(text, message):
     with pytest.raises(AdjustmentError, match=message):
         parse_control(text, "MER2", "by_hand.csv")

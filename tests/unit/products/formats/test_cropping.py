@@ -42,7 +42,7 @@ def dtm(tmp_path_factory):
     width=st.floats(0.2, 60),
     height=st.floats(0.2, 60),
 )
-def test_a_part_has_the_cells_of_the_whole_where_they_were(
+def test_a_part_has_the_cells_of_the_whole_in_place(
     dtm, tmp_path_factory, west, south, width, height
 ):
     box = (west, south, west + width, south + height)
@@ -67,7 +67,7 @@ def test_a_part_has_the_cells_of_the_whole_where_they_were(
         assert np.abs(grown).max() < 2 * GRID.cell_m  # no more than the cells it touches
 
 
-def test_a_part_says_what_the_whole_says_and_where_it_was_cut(dtm, tmp_path):
+def test_a_part_has_the_tags_of_the_whole_and_its_window(dtm, tmp_path):
     part = tmp_path / "part.tif"
     crop_raster(dtm, part, (0.0, 0.0, 20.0, 20.0))
     with rasterio.open(part) as cut:
@@ -92,7 +92,7 @@ def test_classes_keep_their_names_and_colours(tmp_path):
         assert set(np.unique(cut.read(1))) == {1, 2}
 
 
-def test_more_cells_than_are_handed_out_are_refused_by_number(dtm, tmp_path, monkeypatch):
+def test_a_window_with_too_many_cells_is_refused_by_number(dtm, tmp_path, monkeypatch):
     monkeypatch.setattr("solmap.products.formats.cropping.MOST_CELLS", 1000)
     with pytest.raises(ProductError, match=r"256 x 256 cells in 2 bands, more than the 1000"):
         crop_raster(dtm, tmp_path / "part.tif", (0.0, 0.0, 256 * 0.16, 256 * 0.16))

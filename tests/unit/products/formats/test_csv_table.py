@@ -18,16 +18,16 @@ def cells(value):
     "text",
     ["=1+1", "+1+1", "-1+1", "@SUM(A1)", "\t=1", "\r=1", "\n=1", " =1", "=cmd|'/C calc'!A0", "＝1"],
 )
-def test_a_text_that_would_be_a_formula_is_written_as_text(text):
+def test_a_text_like_a_formula_is_written_as_text(text):
     assert cells(text)[0] == f"'{text}"
 
 
 @pytest.mark.parametrize("value", ["rock", "", "-12.5", "+3e-4", "a=b", "2004-162", "'quoted'"])
-def test_other_texts_and_numbers_in_texts_stay(value):
+def test_other_texts_and_numbers_in_texts_are_unchanged(value):
     assert cells(value)[0] == value
 
 
-def test_numbers_stay_numbers_and_nothing_is_an_empty_cell():
+def test_numbers_stay_numbers_and_none_is_an_empty_cell():
     assert cells(-1.5)[0] == "-1.5"
     assert cells(None)[0] == ""
 

@@ -1,4 +1,4 @@
-"""Files of edit requests: what is read, and which line says what is wrong."""
+"""Files of edit requests: what is read, and the message for each fault."""
 
 import json
 
@@ -38,7 +38,7 @@ def test_a_table_is_read_row_by_row():
     assert ties[3].row == "x.ties.csv, row 5"
 
 
-def test_geojson_says_the_same_as_the_table():
+def test_geojson_and_table_give_the_same_edits():
     rows = [
         {
             "action": "add",
@@ -80,7 +80,7 @@ def test_right_points_sigma_and_tolerance_are_read():
     assert (tie.sigma_px, tie.tolerance_px) == (2.0, 9.0)
 
 
-def test_an_emptied_file_takes_all_wishes_back():
+def test_an_emptied_file_revokes_all_edit_requests():
     assert parse_edit_requests(CSV.splitlines()[0], "f") == ()
     assert parse_edit_requests(geojson(), "f") == ()
 
@@ -89,7 +89,7 @@ HEAD = "action,first_image,first_sample,first_line,second_image,second_sample,se
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("", "f: the first line should name the columns, of action, .* 'action' is missing"),
         ("image,x,y\n", "f: the first line should name the columns"),
@@ -117,13 +117,13 @@ HEAD = "action,first_image,first_sample,first_line,second_image,second_sample,se
         ("{broken", "f: a FeatureCollection of features with properties"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(text, said):
-    with pytest.raises(MatchingError, match=said) as caught:
+def test_every_fault_is_reported_in_one_line(text, message):
+    with pytest.raises(MatchingError, match=message) as caught:
         parse_edit_requests(text, "f")
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("wrong", [{"sigma_px": 0.0}, {"tolerance_px": -1.0}])
-def test_a_sigma_or_tolerance_of_nothing_is_refused(wrong):
+def test_a_sigma_or_tolerance_of_zero_is_refused(wrong):
     with pytest.raises(MatchingError, match="must be above zero"):
         EditRequest(EditAction.VETO, EditPoint("A", (1.0, 2.0)), EditPoint(""), **wrong)

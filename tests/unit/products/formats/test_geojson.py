@@ -32,7 +32,7 @@ FEATURES = [
 ]
 
 
-def test_what_is_written_is_read_back_in_metres(tmp_path):
+def test_written_features_are_read_back_in_metres(tmp_path):
     write_features(tmp_path / "f.geojson", FEATURES, GUSEV, tags={"interval_m": 0.5})
     read = read_features(tmp_path / "f.geojson")
     assert read.landing == GUSEV
@@ -61,7 +61,7 @@ def test_features_of_an_untied_map_are_in_its_metres_and_gdal_reads_its_name(tmp
 
 
 @pytest.mark.parametrize("landing", [GUSEV, ON_IAU])
-def test_gdal_takes_the_file_for_mars_and_puts_it_on_the_local_map(tmp_path, landing):
+def test_gdal_reads_the_file_as_mars_and_transforms_it_to_the_local_map(tmp_path, landing):
     write_features(tmp_path / "f.geojson", FEATURES, landing)
     frame = geopandas.read_file(tmp_path / "f.geojson")
     assert CRS(frame.crs).equals(CRS(MARS), ignore_axis_order=True)
@@ -69,7 +69,7 @@ def test_gdal_takes_the_file_for_mars_and_puts_it_on_the_local_map(tmp_path, lan
     assert (point.x, point.y, point.z) == pytest.approx((3104.65, -2034.05, 80.97), abs=1e-4)
 
 
-def test_the_file_holds_degrees_of_mars_and_says_so(tmp_path):
+def test_the_file_has_degrees_of_mars_and_names_the_crs(tmp_path):
     write_features(tmp_path / "f.geojson", FEATURES, GUSEV)
     document = json.loads((tmp_path / "f.geojson").read_text())
     assert document["crs"]["properties"]["name"] == "urn:ogc:def:crs:IAU:2015:49900"
@@ -102,7 +102,7 @@ def test_a_ring_is_closed_in_the_file_and_open_in_the_record(tmp_path):
         max_size=9,
     )
 )
-def test_texts_in_local_metres_hold_the_points_to_a_tenth_of_a_millimetre(points):
+def test_texts_in_local_metres_have_points_to_a_tenth_of_a_millimetre(points):
     line = Feature("LineString", np.array(points))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "f.geojson"
@@ -115,7 +115,7 @@ def test_texts_in_local_metres_hold_the_points_to_a_tenth_of_a_millimetre(points
     np.testing.assert_allclose(coordinates[at_origin], line.points[at_origin], atol=4e-4)
 
 
-def test_texts_are_those_of_a_box_or_of_names(tmp_path):
+def test_texts_are_selected_by_a_box_or_by_names(tmp_path):
     far = Feature("Point", np.array([[500.0, 0.0]]), {"n": 1}, "far")
     near = [Feature("Point", np.array([[k, 0.0]]), {"n": k}, f"near-{k}") for k in range(3)]
     write_features(tmp_path / "f.geojson", [far, *near], GUSEV)
@@ -130,21 +130,21 @@ def test_texts_are_those_of_a_box_or_of_names(tmp_path):
     assert len(json.loads(texts.collection())["features"]) == 4
 
 
-def test_no_feature_is_a_collection_too(tmp_path):
+def test_no_features_are_an_empty_collection(tmp_path):
     write_features(tmp_path / "f.geojson", [], GUSEV)
     read = read_features(tmp_path / "f.geojson")
     assert read.features == ()
     assert read.bounds is None
 
 
-def test_the_bounds_hold_all_points(tmp_path):
+def test_the_bounds_include_all_points(tmp_path):
     write_features(tmp_path / "f.geojson", FEATURES, GUSEV)
     expected = (0.0, -2034.05, 3104.65, 10.0)
     assert read_features(tmp_path / "f.geojson").bounds == pytest.approx(expected, abs=1e-4)
 
 
 @pytest.mark.parametrize(
-    ("geometry", "points", "said"),
+    ("geometry", "points", "message_"),
     [
         ("Point", [[0.0, 0.0], [1.0, 1.0]], "a Point has one row"),
         ("LineString", [[0.0, 0.0]], "at least 2 rows"),
@@ -154,8 +154,8 @@ def test_the_bounds_hold_all_points(tmp_path):
         ("Point", [[0.0, 0.0, 0.0, 0.0]], r"not \(1, 4\)"),
     ],
 )
-def test_a_feature_that_cannot_be_drawn_is_refused_at_birth(geometry, points, said):
-    with pytest.raises(ProductError, match=said):
+def test_a_feature_that_cannot_be_drawn_is_refused_on_creation(geometry, points, message_):
+    with pytest.raises(ProductError, match=message_):
         Feature(geometry, np.array(points))
 
 
@@ -166,7 +166,7 @@ def test_a_property_that_is_not_json_is_refused(tmp_path):
     assert not (tmp_path / "f.geojson").exists()
 
 
-def test_a_missing_and_a_foreign_file_are_told_apart(tmp_path):
+def test_a_missing_and_a_foreign_file_are_distinguished(tmp_path):
     with pytest.raises(ProductNotFoundError, match="does not exist"):
         read_features(tmp_path / "f.geojson")
     (tmp_path / "g.geojson").write_text('{"type": "FeatureCollection", "features": []}')
@@ -200,7 +200,7 @@ def test_holes_of_polygons_are_kept(tmp_path):
         ("Polygon", [np.column_stack([SQUARE, SQUARE[:, 0]])], "holes must be rings of 2 columns"),
     ],
 )
-def test_what_is_no_hole_is_refused(geometry, holes, message):
+def test_invalid_holes_are_refused(geometry, holes, message):
     with pytest.raises(ProductError, match=message):
         Feature(geometry, SQUARE, holes=holes)
 
@@ -231,7 +231,7 @@ def test_a_geopackage_of_mixed_features_or_none_is_refused(tmp_path):
             write_geopackage(tmp_path / "f.gpkg", FeatureCollection(GUSEV, tuple(features)), "x")
 
 
-def test_a_file_is_read_once_however_many_ask_at_a_time(tmp_path, monkeypatch):
+def test_a_file_is_read_once_for_concurrent_requests(tmp_path, monkeypatch):
     write_features(tmp_path / "f.geojson", FEATURES, GUSEV)
     reads = []
     read_placed = texts.read_placed

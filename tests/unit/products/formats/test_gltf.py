@@ -65,7 +65,7 @@ STORED = (Encoding.PLAIN, Encoding.QUANTISED)
 
 
 @pytest.mark.parametrize("encoding", STORED)
-def test_khronos_validator_has_nothing_to_object_to(encoding, tmp_path):
+def test_khronos_validator_finds_no_fault(encoding, tmp_path):
     path = tmp_path / "hill.glb"
     path.write_bytes(write_glb([hill(), hill(8)], ORIGIN, encoding=encoding, notes={"sols": [3]}))
     report = validate_glb(path)
@@ -86,13 +86,13 @@ def test_a_reader_finds_the_same_surface_on_the_map(encoding, tolerance_m):
     np.testing.assert_allclose(read.normals, written.normals, atol=0.5 / 127 + 1e-6)
 
 
-def test_frame_and_notes_travel_with_the_file():
+def test_frame_and_notes_are_in_the_file():
     document, _ = read_glb(write_glb([hill()], ORIGIN, notes={"crs": "somewhere on Mars"}))
     extras = document["nodes"][0]["extras"]
     assert extras == {"axes": "x east, y up, z south", "unit": "metre", "crs": "somewhere on Mars"}
 
 
-def test_the_texture_is_the_picture():
+def test_the_texture_is_the_image():
     document, binary = read_glb(write_glb([hill()], ORIGIN))
     view = document["bufferViews"][document["images"][0]["bufferView"]]
     first = view["byteOffset"]
@@ -117,7 +117,7 @@ def test_a_model_without_triangles_is_refused():
         write_glb([TexturedMesh("nothing", empty, np.zeros((4, 4), np.uint8))], ORIGIN)
 
 
-def test_other_files_are_no_gltf():
+def test_other_files_are_not_gltf():
     with pytest.raises(ProductError, match="begins with b'glTF' and 2, not with b'PK"):
         read_glb(b"PK\x03\x04 and more")
 
@@ -146,7 +146,7 @@ def test_draco_keeps_the_surface_in_a_fraction_of_the_size(tmp_path):
     assert len(path.read_bytes()) < len(plain) / 5
 
 
-def test_trimesh_reads_the_surface_where_it_is(tmp_path):
+def test_trimesh_reads_the_surface_at_its_coordinates(tmp_path):
     peer = pytest.importorskip("trimesh")
     path = tmp_path / "hill.glb"
     path.write_bytes(write_glb([hill()], ORIGIN))

@@ -27,7 +27,7 @@ def cloud():
     return PointCloud(points, grey, rng.uniform(0, 0.05, 5000).astype(np.float32), 0.02)
 
 
-def test_a_ply_file_holds_every_point_as_it_is(tmp_path, cloud):
+def test_a_ply_file_has_every_point_unchanged(tmp_path, cloud):
     path = tmp_path / "cloud.ply"
     write_ply(path, cloud, {"crs": 'ENGCRS["local\nmap"]', "inputs": ["a", "b"]})
     rows = read_ply(path)
@@ -40,7 +40,7 @@ def test_a_ply_file_holds_every_point_as_it_is(tmp_path, cloud):
     assert b'comment crs: ENGCRS["local map"]\ncomment inputs: a b\nelement vertex 5000\n' in head
 
 
-def test_a_file_that_was_cut_says_so(tmp_path, cloud):
+def test_a_truncated_file_is_reported(tmp_path, cloud):
     path = tmp_path / "cloud.ply"
     write_ply(path, cloud, {})
     path.write_bytes(path.read_bytes()[:-1])
@@ -51,7 +51,7 @@ def test_a_file_that_was_cut_says_so(tmp_path, cloud):
         read_ply(path)
 
 
-def test_points_of_a_tile_lie_where_they_are_to_a_sixteenth_of_a_millimetre(cloud):
+def test_points_of_a_tile_are_exact_to_a_sixteenth_of_a_millimetre(cloud):
     document, data = read_glb(write_points(cloud))
     view = document["bufferViews"][0]
     stored = np.frombuffer(data, "<u2", 5000 * 4, view["byteOffset"]).reshape(-1, 4)[:, :3]
@@ -63,7 +63,7 @@ def test_points_of_a_tile_lie_where_they_are_to_a_sixteenth_of_a_millimetre(clou
     np.testing.assert_array_equal(sigma, cloud.sigma_m)
 
 
-def test_tiles_of_points_add_to_each_other(tmp_path, cloud):
+def test_tiles_of_points_add_up_to_the_cloud(tmp_path, cloud):
     path = tmp_path / "cloud.3tz"
     half = np.arange(len(cloud)) < 2500
     with TilesetWriter(path, {}, refine="ADD") as writer:

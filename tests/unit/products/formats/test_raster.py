@@ -39,7 +39,7 @@ def surface(rng):
     return values
 
 
-def test_what_is_written_is_read_back(tmp_path, surface):
+def test_a_written_raster_is_read_back(tmp_path, surface):
     bands = {"slope": surface, "aspect": surface * 2}
     write_raster(tmp_path / "a.tif", GRID, bands, CRS, unit="degree", tags={"BASELINE_M": "1.1"})
     grid, read = read_raster(tmp_path / "a.tif")
@@ -54,7 +54,7 @@ def test_what_is_written_is_read_back(tmp_path, surface):
 
 
 @pytest.mark.parametrize("landing", [GUSEV, ON_IAU])
-def test_a_geotiff_carries_the_map_of_mars(tmp_path, surface, landing):
+def test_a_geotiff_has_the_crs_of_mars(tmp_path, surface, landing):
     write_raster(tmp_path / "a.tif", GRID, {"x": surface}, local_crs(landing))
     crs = crs_of(tmp_path / "a.tif")
     assert crs.equals(local_crs(landing))
@@ -63,12 +63,12 @@ def test_a_geotiff_carries_the_map_of_mars(tmp_path, surface, landing):
     assert crs.to_epsg() is None
 
 
-@pytest.mark.parametrize("is_picture", [False, True])
+@pytest.mark.parametrize("is_image_file", [False, True])
 def test_the_file_is_a_valid_cloud_optimised_geotiff_of_blocks_of_256(
-    tmp_path, surface, is_picture
+    tmp_path, surface, is_image_file
 ):
     path = tmp_path / "a.tif"
-    if is_picture:
+    if is_image_file:
         write_orthophoto(path, GRID, surface, CRS)
     else:
         write_raster(path, GRID, {"x": surface}, CRS)
@@ -81,7 +81,7 @@ def test_the_file_is_a_valid_cloud_optimised_geotiff_of_blocks_of_256(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_an_overview_is_the_mean_of_what_was_measured(tmp_path, surface):
+def test_an_overview_is_the_mean_of_measured_cells(tmp_path, surface):
     write_raster(tmp_path / "a.tif", GRID, {"x": surface}, CRS)
     surface[301, 201] = np.nan
     write_raster(tmp_path / "b.tif", GRID, {"x": surface}, CRS)
@@ -109,7 +109,7 @@ def test_the_same_raster_is_written_as_the_same_bytes(tmp_path, surface):
     assert len(digests) == 1
 
 
-def test_blocks_with_nothing_measured_take_no_room(tmp_path, surface):
+def test_blocks_without_measurements_take_no_space(tmp_path, surface):
     write_raster(tmp_path / "full.tif", GRID, {"x": surface}, CRS)
     surface[256:] = np.nan
     write_raster(tmp_path / "sparse.tif", GRID, {"x": surface}, CRS)
@@ -117,7 +117,7 @@ def test_blocks_with_nothing_measured_take_no_room(tmp_path, surface):
     np.testing.assert_array_equal(read_raster(tmp_path / "sparse.tif")[1]["x"], surface)
 
 
-def test_a_terrain_model_is_read_back_as_it_was(tmp_path, surface, rng):
+def test_a_terrain_model_is_read_back_unchanged(tmp_path, surface, rng):
     seen = np.isfinite(surface)
     ground = np.where(seen, GroundClass.MEASURED, GroundClass.UNSEEN).astype(np.uint8)
     sigma = np.where(seen, np.float32(0.01), np.float32(np.nan))
@@ -133,7 +133,7 @@ def test_a_terrain_model_is_read_back_as_it_was(tmp_path, surface, rng):
     np.testing.assert_array_equal(dtm.ground, ground)
 
 
-def test_a_raster_that_is_no_terrain_model_is_named(tmp_path, surface):
+def test_a_raster_without_a_terrain_model_is_named(tmp_path, surface):
     write_raster(tmp_path / "slope.tif", GRID, {"slope": surface}, CRS)
     with pytest.raises(ProductError, match=r"slope\.tif is not a terrain model.*elevation"):
         read_dtm(tmp_path / "slope.tif")
@@ -152,13 +152,13 @@ def test_an_orthophoto_keeps_brightness_to_half_a_grey_step_inside_its_stretch(t
         np.testing.assert_array_equal(dataset.read_masks(1) > 0, seen)
 
 
-def test_an_orthophoto_of_nothing_is_empty_rather_than_an_error(tmp_path):
+def test_an_orthophoto_without_any_view_is_empty_rather_than_an_error(tmp_path):
     write_orthophoto(tmp_path / "o.tif", GRID, np.full(GRID.shape, np.nan, np.float32), CRS)
     assert np.isnan(read_orthophoto(tmp_path / "o.tif")[1]).all()
     assert summarise(tmp_path / "o.tif")[1][0].range is None
 
 
-def test_a_place_has_the_value_of_the_cell_it_lies_in(tmp_path, surface):
+def test_a_place_has_the_value_of_its_cell(tmp_path, surface):
     write_raster(tmp_path / "a.tif", GRID, {"x": surface}, CRS)
     east, north = GRID.centres()
     value = values_at(tmp_path / "a.tif", east[250] + 0.009, north[400] - 0.009)
@@ -187,7 +187,7 @@ def test_bands_that_do_not_fit_are_refused_before_anything_is_written(tmp_path, 
     assert not list(tmp_path.iterdir())
 
 
-def test_a_missing_and_a_broken_file_are_told_apart(tmp_path, surface):
+def test_a_missing_and_a_broken_file_are_distinguished(tmp_path, surface):
     with pytest.raises(ProductNotFoundError, match="does not exist"):
         read_raster(tmp_path / "a.tif")
     write_raster(tmp_path / "a.tif", GRID, {"x": surface}, CRS)
@@ -200,7 +200,7 @@ def test_a_missing_and_a_broken_file_are_told_apart(tmp_path, surface):
         read_raster(tmp_path / "c.tif")
 
 
-def test_the_sources_of_a_picture_are_read_back_with_their_names_and_colours(tmp_path, rng):
+def test_the_sources_of_an_orthophoto_are_read_back_with_names_and_colours(tmp_path, rng):
     names = tuple(f"2N{number:09}" for number in range(40))
     source = rng.integers(0, 41, GRID.shape).astype(np.uint8)
     write_sources(tmp_path / "s.tif", GRID, source, names, CRS, tags={"INPUTS": "a b"})
@@ -217,19 +217,19 @@ def test_the_sources_of_a_picture_are_read_back_with_their_names_and_colours(tmp
         assert set(np.unique(dataset.read(1))) <= set(range(41))
 
 
-def test_images_next_to_each_other_in_a_panorama_have_colours_that_differ():
+def test_adjacent_images_of_a_panorama_have_different_colours():
     colours = [tuple(bytes.fromhex(source_colour(n)[1:])) for n in range(1, 40)]
     for a, b in itertools.pairwise(colours):
         assert np.abs(np.subtract(a, b)).sum() > 100
 
 
-def test_more_images_than_a_source_layer_can_tell_are_an_error(tmp_path):
+def test_more_images_than_a_source_layer_can_number_are_an_error(tmp_path):
     source = np.zeros(GRID.shape, np.uint8)
     with pytest.raises(ProductError, match="256 images, but only 255 can be distinguished"):
         write_sources(tmp_path / "s.tif", GRID, source, ["a"] * 256, CRS)
 
 
-def test_a_colour_picture_is_written_piece_by_piece(tmp_path, rng):
+def test_a_colour_image_is_written_block_by_block(tmp_path, rng):
     red = rng.uniform(0.0, 100.0, (3, 256, 512)).astype(np.float32)
     red[:, :10, :10] = np.nan
     stretches = [(0.0, 100.0), (0.0, 200.0), (-50.0, 100.0)]

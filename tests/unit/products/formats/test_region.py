@@ -61,7 +61,7 @@ def made(tmp_path_factory, sources):
     return written(tmp_path_factory.mktemp("region"), sources)
 
 
-def test_tiles_leave_no_trace(made, sources, tmp_path, monkeypatch):
+def test_tiles_leave_no_seams(made, sources, tmp_path, monkeypatch):
     monkeypatch.setattr(region, "TILE", 256)
     small, _ = written(tmp_path, sources)
     for one, other in ((made[0].dtm, small.dtm), (made[0].seams, small.seams)):
@@ -73,7 +73,7 @@ def test_tiles_leave_no_trace(made, sources, tmp_path, monkeypatch):
             )
 
 
-def test_a_region_read_back_is_the_fusion_of_its_stops(made, sources):
+def test_a_region_read_back_equals_the_fusion_of_its_stops(made, sources):
     whole = read_dtm(made[0].dtm)
     first = coarser_dtm(read_dtm(sources[2].path), 2)
     alone = fuse_block([StopTerrain(2, sources[2].place, first)], PARAMS).dtm
@@ -85,7 +85,7 @@ def test_a_region_read_back_is_the_fusion_of_its_stops(made, sources):
     np.testing.assert_array_equal(whole.ground[there], alone.ground)
 
 
-def test_stops_that_share_no_ground_have_no_seam(made):
+def test_stops_without_common_ground_have_no_seam(made):
     stops, seams = read_seams(made[0].seams)
     assert stops == ("stop-0", "stop-1", "stop-2")
     assert seams == made[1]
@@ -93,7 +93,7 @@ def test_stops_that_share_no_ground_have_no_seam(made):
     assert seams[0].median_m == pytest.approx(0.67 * 0.01 * np.sqrt(2), rel=0.2)  # mean of 4 cells
 
 
-def test_far_ground_with_wide_cells_fills_what_stops_leave(made, sources, tmp_path):
+def test_far_ground_with_large_cells_fills_the_rest(made, sources, tmp_path):
     grid = MapGrid.covering((-60.0, -60.0, 60.0, 60.0), 0.64)
     x, y = np.meshgrid(*grid.centres())
     far = Dtm(
@@ -115,7 +115,7 @@ def test_far_ground_with_wide_cells_fills_what_stops_leave(made, sources, tmp_pa
     row = round((with_far.grid.north - near.grid.north) / 0.08)
     col = round((near.grid.west - with_far.grid.west) / 0.08)
     rows, cols = np.nonzero(close)
-    np.testing.assert_allclose(  # within a stop's ground the coarse model has no say
+    np.testing.assert_allclose(  # within a stop's ground the coarse model is not used
         with_far.elevation[rows, cols], near.elevation[rows - row, cols - col], atol=2e-3
     )
 

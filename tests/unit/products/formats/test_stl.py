@@ -67,7 +67,7 @@ def test_stl_holds_every_triangle(bowl):
     assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6 == pytest.approx(bowl.volume_m3, rel=1e-4)
 
 
-def test_a_model_without_ground_makes_no_solid():
+def test_a_model_without_ground_gives_no_solid():
     model = dtm()
     nothing = replace(model, elevation=np.full_like(model.elevation, np.nan))
     with pytest.raises(TerrainError):

@@ -43,14 +43,14 @@ def nodes(node: dict) -> list[dict]:
     return [node, *(below for child in node.get("children", []) for below in nodes(child))]
 
 
-def test_every_tile_is_in_the_tree_once_and_can_be_read(archive):
+def test_every_tile_is_in_the_tree_once_and_readable(archive):
     tree = read_tileset(archive)
     uris = [node["content"]["uri"] for node in nodes(tree["root"])]
     assert sorted(uris) == sorted(f"{p.level}/{p.row}-{p.col}.glb" for p in PLACES)
     assert read_member(archive, "0/2-3.glb") == f"tile {TilePlace(0, 2, 3)}".encode()
 
 
-def test_boxes_hold_their_children_and_errors_grow_towards_the_root(archive):
+def test_boxes_contain_their_children_and_errors_grow_towards_the_root(archive):
     tree = read_tileset(archive)
     assert tree["asset"]["version"] == "1.1"
     assert tree["asset"]["extras"]["crs"] == "somewhere on Mars"
@@ -65,7 +65,7 @@ def test_boxes_hold_their_children_and_errors_grow_towards_the_root(archive):
         assert ("children" in node) == (node["geometricError"] > 0)
 
 
-def test_the_index_at_the_end_says_where_every_member_is(archive):
+def test_the_index_at_the_end_gives_the_offset_of_every_member(archive):
     with zipfile.ZipFile(archive) as zipped:
         members = zipped.infolist()
         assert members[-1].filename == "@3dtilesIndex1@"
@@ -85,7 +85,7 @@ def test_equal_input_gives_equal_bytes(archive, tmp_path):
     assert archive.read_bytes() == written(tmp_path / "again.3tz").read_bytes()
 
 
-def test_a_tile_whose_parent_shows_nothing_hangs_from_the_next_coarser(tmp_path):
+def test_a_tile_whose_parent_is_empty_is_attached_to_the_next_coarser(tmp_path):
     with TilesetWriter(tmp_path / "strip.3tz", {}) as writer:
         for place in (TilePlace(0, 3, 3), TilePlace(2, 0, 0)):
             writer.add(place, b"", np.zeros((1, 3)), 1.0)
@@ -93,7 +93,7 @@ def test_a_tile_whose_parent_shows_nothing_hangs_from_the_next_coarser(tmp_path)
     assert [child["content"]["uri"] for child in root["children"]] == ["0/3-3.glb"]
 
 
-def test_tilesets_join_into_one_of_a_region(archive):
+def test_tilesets_are_joined_into_one_of_a_region(archive):
     one = read_tileset(archive)
     parts = [external_tileset(f"{name}/tileset.json", one) for name in ("a", "b")]
     region = json.loads(json.dumps(tileset_document(parts, {})))
@@ -104,7 +104,7 @@ def test_tilesets_join_into_one_of_a_region(archive):
     assert region["root"]["boundingVolume"] == one["root"]["boundingVolume"]
 
 
-def test_a_member_that_is_not_there_and_a_file_that_is_no_archive_are_named(archive, tmp_path):
+def test_a_missing_member_and_a_file_that_is_not_an_archive_are_named(archive, tmp_path):
     with pytest.raises(ProductNotFoundError, match=r"stop.3tz has no member 'x.glb'"):
         read_member(archive, "x.glb")
     broken = tmp_path / "broken.3tz"

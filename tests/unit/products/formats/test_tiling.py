@@ -31,7 +31,7 @@ def test_zoom_0_is_one_tile_and_zoom_20_has_cells_of_a_centimetre():
 
 
 @given(east=places, north=places, zoom=zooms)
-def test_a_place_lies_in_its_tile(east, north, zoom):
+def test_a_place_is_in_its_tile(east, north, zoom):
     west, south, to_east, to_north = tile_at(east, north, zoom).bounds
     slack = 1e-9 * abs(west - to_east)
     assert west - slack <= east <= to_east + slack
@@ -39,7 +39,7 @@ def test_a_place_lies_in_its_tile(east, north, zoom):
 
 
 @given(east=places, north=places, zoom=zooms)
-def test_the_ogc_tile_matrix_set_puts_tiles_where_we_do(east, north, zoom):
+def test_the_ogc_tile_matrix_set_agrees_with_our_tiles(east, north, zoom):
     address = tile_at(east, north, zoom)
     tile = morecantile.Tile(x=address.column, y=address.row, z=zoom)
     theirs = tile_matrix_set(GUSEV).xy_bounds(tile)
@@ -68,7 +68,7 @@ def test_a_cell_off_the_lattice_has_no_zoom():
         zoom_of(0.05)
 
 
-def test_the_first_look_at_a_layer_shows_all_of_it_in_one_tile():
+def test_the_first_zoom_of_a_layer_shows_it_in_one_tile():
     zoom = whole_zoom_of((-40.0, -40.0, 40.0, 40.0))
     assert BLOCK * CELL_SIZES[zoom] >= 80.0
     assert BLOCK * CELL_SIZES[zoom + 1] < 80.0

@@ -34,24 +34,24 @@ def test_accepted_candidates_are_white_and_rejected_ones_black(scene, ground):
     images = scene([ground]).images
     candidates = match_interest_points(images, SparseParams())
     candidates.accepted[:5] = False
-    picture = draw_candidates(images, candidates)
-    assert picture.shape == (256, 512, 3)
+    image = draw_candidates(images, candidates)
+    assert image.shape == (256, 512, 3)
     for point, accepted in zip(candidates.left[-20:], candidates.accepted[-20:], strict=True):
-        assert (picture[point[1], point[0]] == (255 if accepted else 0)).all()
+        assert (image[point[1], point[0]] == (255 if accepted else 0)).all()
 
 
-def test_unmatched_pixels_are_black_in_the_parallax_picture(scene, ground):
+def test_unmatched_pixels_are_black_in_the_parallax_figure(scene, ground):
     parallax = match_densely(scene([ground]).images).parallax_px
-    picture = draw_parallax(parallax)
-    assert (picture[~np.isfinite(parallax)] == 0).all()
-    assert (picture[np.isfinite(parallax)].sum(axis=1) > 0).all()
+    image = draw_parallax(parallax)
+    assert (image[~np.isfinite(parallax)] == 0).all()
+    assert (image[np.isfinite(parallax)].sum(axis=1) > 0).all()
     assert not draw_parallax(np.full((4, 5), np.nan, np.float32)).any()
 
 
 def test_the_parallax_curve_is_drawn_through_the_candidates(scene, ground):
     candidates = match_interest_points(scene([ground]).images, SparseParams())
-    picture = draw_parallax_curve(candidates, SparseParams().verification)
-    orange = (picture == (0, 140, 255)).all(axis=2)
+    image = draw_parallax_curve(candidates, SparseParams().verification)
+    orange = (image == (0, 140, 255)).all(axis=2)
     assert orange.sum() > 500
     columns = np.nonzero(orange.any(axis=0))[0]
     heights = [np.nonzero(orange[:, c])[0].mean() for c in columns[[5, -5]]]
@@ -66,7 +66,7 @@ def test_masked_pixels_are_black(scene, ground):
     assert not in_three_bands(images.left, np.zeros_like(mask)).any()
 
 
-def test_matches_are_coloured_by_how_far_dense_matching_is_from_them(scene, ground):
+def test_matches_are_coloured_by_their_difference_from_dense_matching(scene, ground):
     images = scene([ground]).images
     matches = match_sparsely("pair", images)
     dense = match_densely(images).parallax_px
@@ -77,12 +77,12 @@ def test_matches_are_coloured_by_how_far_dense_matching_is_from_them(scene, grou
     agreeing = np.abs(dense[y, x] - matches.parallax_px) < 0.3
     assert agreeing.mean() > 0.9
     for parallax, colour in ((dense, (80, 200, 80)), (far, (60, 20, 220)), (unmatched, (255,) * 3)):
-        picture = draw_residuals(images, matches, parallax.astype(np.float32))
-        drawn = (picture[y, x] == colour).all(axis=1)
+        image = draw_residuals(images, matches, parallax.astype(np.float32))
+        drawn = (image[y, x] == colour).all(axis=1)
         assert drawn.mean() > 0.85
 
 
-def test_a_sheet_shows_all_that_was_matched(scene, ground):
+def test_a_sheet_shows_all_matches(scene, ground):
     images = scene([ground]).images
     params = SparseParams()
     sheet = draw_pair(
@@ -138,7 +138,7 @@ def test_ties_that_fit_are_green_and_those_at_the_limit_red(first_stop):
         assert line[band] > 2 * max(line[k] for k in range(3) if k != band)
 
 
-def test_a_line_runs_the_right_way_when_the_pairs_are_exchanged(first_stop):
+def test_a_line_has_the_right_direction_when_the_pairs_are_exchanged(first_stop):
     one, other = map(FigureImage.of, first_stop.pairs[:2])
     ties = tie((one.name, other.name), (50, 100), (60, 140))
     drawn = draw_ties(other, one, ties, FITS)
@@ -146,7 +146,7 @@ def test_a_line_runs_the_right_way_when_the_pairs_are_exchanged(first_stop):
     assert (plain != drawn).any(axis=2)[140, 55:66].any()  # the ring around the start
 
 
-def test_a_pair_that_the_ties_do_not_know_is_named(first_stop):
+def test_a_pair_that_is_not_among_the_ties_is_named(first_stop):
     one, other = map(FigureImage.of, first_stop.pairs[:2])
     with pytest.raises(MatchingError, match="P001 is not among the images"):
         draw_ties(one, other, tie(("P000", "X"), (5, 5), (6, 6)), FITS)
@@ -171,7 +171,7 @@ def test_a_sheet_without_ties_is_black(first_stop):
     assert not draw_sheet(map(FigureImage.of, first_stop.pairs), nothing, np.zeros(0)).any()
 
 
-def test_the_earlier_stop_stays_left_where_that_is_asked_for(first_stop):
+def test_the_earlier_stop_stays_left_on_request(first_stop):
     one, other = map(FigureImage.of, first_stop.pairs[:2])
     ties = tie((one.name, other.name), (50, 100), (200, 100))  # side by side, `other` goes left
     fixed, free = (draw_sheet((one, other), ties, FITS, first_left=f) for f in (True, False))

@@ -1,4 +1,4 @@
-"""Pictures of a report are drawn from any network and are the same bytes every time."""
+"""Figures of a report are drawn from any network, and are the same bytes every time."""
 
 from dataclasses import replace
 from xml.etree import ElementTree as ET
@@ -39,7 +39,7 @@ def stated(request):
     )
 
 
-def pictures(stated):
+def images(stated):
     adjusted, telemetry, cameras, found = stated
     return [
         network_figure(adjusted, telemetry, found),
@@ -49,13 +49,13 @@ def pictures(stated):
     ]
 
 
-def test_pictures_are_svg_and_the_same_every_time(stated):
-    drawn = pictures(stated)
-    assert drawn == pictures(stated)
-    for picture in drawn:
-        root = ET.fromstring(picture)  # noqa: S314 - drawn a line above
+def test_figures_are_svg_and_reproducible(stated):
+    drawn = images(stated)
+    assert drawn == images(stated)
+    for image in drawn:
+        root = ET.fromstring(image)  # noqa: S314 - drawn a line above
         assert root.tag.endswith("svg")
-        assert b"<dc:date>" not in picture
+        assert b"<dc:date>" not in image
 
 
 def test_a_camera_without_ties_has_no_residuals(stated):

@@ -1,4 +1,4 @@
-"""The quality report says what images did not determine."""
+"""The quality report names what images did not determine."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from solmap.products.reports.quality_page import report_page
 
 
 class Blank(dict):
-    """Pictures that nobody looks at."""
+    """Placeholder figures."""
 
     def items(self):
         return [(name, b"<svg/>") for name in ("traverse", "growth", "statistics", "NAVCAM")]
@@ -53,13 +53,13 @@ def test_a_stop_without_ties_is_named_with_what_holds_it(network):
     assert "no ties: telemetry holds it" in section
 
 
-def test_a_network_that_images_determine_has_no_such_section(network):
+def test_a_network_determined_by_images_has_no_such_section(network):
     page, report = page_of(network)
     assert not report.findings
     assert "What images do not determine" not in page
 
 
-def test_control_stands_in_the_report_with_the_wrong_one_named(network):
+def test_control_is_in_the_report_with_wrong_points_named(network):
     rng = np.random.default_rng(3)
     truth = simulate_network(rng, stops=3, pairs_per_stop=6, inter_ties=8, intra_ties=0)[1]
     orbit = simulate_control(rng, network, truth, range(3))

@@ -95,7 +95,7 @@ def catalogue_of(store):
 
 
 class Offline(JsonSchemaSTACValidator):
-    """Knows what pystac ships: the core of STAC 1.1 and GeoJSON, none of the extensions."""
+    """The schemas in pystac: the core of STAC 1.1 and GeoJSON, none of the extensions."""
 
     def __init__(self):
         super().__init__()
@@ -112,14 +112,14 @@ def test_everything_is_valid_stac(store):
         assert thing.validate(Offline())
 
 
-def test_an_item_that_is_no_stac_would_be_found(store):
+def test_an_invalid_item_is_detected(store):
     slope_item = item(store, "slope")
     slope_item.geometry = {"type": "Polygon", "coordinates": "around the lander"}
     with pytest.raises(STACValidationError, match="slope"):
         slope_item.validate(Offline())
 
 
-def test_the_catalogue_leads_to_every_item_and_to_its_file(store):
+def test_the_catalogue_links_to_every_item_and_its_file(store):
     collection = next(catalogue_of(store).get_children())
     assert collection.id == "MER2"
     items = list(collection.get_items())
@@ -154,7 +154,7 @@ def item(store, kind):
     return pystac.Item.from_file(str(path))
 
 
-def test_an_item_lies_where_its_cells_lie_on_mars(store):
+def test_an_item_has_the_place_of_its_cells_on_mars(store):
     slope_item = item(store, "slope")
     longitude, latitude = lon_lat(LANDING, np.array([GRID.bounds[0]]), np.array([GRID.bounds[1]]))
     np.testing.assert_allclose(slope_item.bbox[:2], [longitude[0], latitude[0]], atol=1e-9)
@@ -167,7 +167,7 @@ def test_an_item_lies_where_its_cells_lie_on_mars(store):
     assert projection.code is None
 
 
-def test_an_item_tells_when_its_images_were_taken_and_what_made_it(store):
+def test_an_item_gives_the_times_of_its_images_and_its_origin(store):
     slope_item = item(store, "slope")
     assert slope_item.common_metadata.start_datetime == TAKEN.first
     assert slope_item.common_metadata.end_datetime == TAKEN.last
@@ -179,7 +179,7 @@ def test_an_item_tells_when_its_images_were_taken_and_what_made_it(store):
     assert recipe["kind"] == "slope"
 
 
-def test_bands_have_names_units_and_the_way_back_to_true_values(store):
+def test_bands_have_names_units_and_scale_to_true_values(store):
     (band,) = RasterExtension.ext(item(store, "slope").assets["data"]).bands
     assert (band.unit, band.nodata, band.data_type) == ("degree", "nan", "float32")
     asset = item(store, "colour").assets["data"]
@@ -189,13 +189,13 @@ def test_bands_have_names_units_and_the_way_back_to_true_values(store):
         assert band.nodata == 0
 
 
-def test_classes_are_told_with_names_and_colours(store):
+def test_classes_have_names_and_colours(store):
     classes = ClassificationExtension.ext(item(store, "sources").assets["data"]).classes
     assert [(c.value, c.name) for c in classes] == [(1, "2N140000001"), (2, "2N140000002")]
     assert all(len(c.color_hint) == 6 for c in classes)
 
 
-def test_a_layer_made_anew_replaces_its_item(store):
+def test_a_new_version_of_a_layer_replaces_its_item(store):
     ref = store.make(Recipe(ProductKind.SLOPE, STOP, params="other"), slope)
     layer = Layer(
         ref,

@@ -25,7 +25,7 @@ from solmap.products.store.faults import is_transient, retry_transient
         StoreAwayError("the bucket does not answer"),
     ],
 )
-def test_what_a_disk_or_network_may_do_better_next_time_can_pass(error: Exception) -> None:
+def test_disk_and_network_errors_are_transient(error: Exception) -> None:
     assert is_transient(error)
 
 
@@ -45,11 +45,11 @@ def test_what_a_disk_or_network_may_do_better_next_time_can_pass(error: Exceptio
         KeyboardInterrupt(),
     ],
 )
-def test_what_would_fail_in_the_same_way_cannot_pass(error: BaseException) -> None:
+def test_deterministic_errors_are_not_transient(error: BaseException) -> None:
     assert not is_transient(error)
 
 
-def test_a_locked_database_can_pass_and_a_missing_table_cannot(tmp_path: Path) -> None:
+def test_a_locked_database_is_transient_and_a_missing_table_is_not(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'catalogue.sqlite'}"
     engine = sa.create_engine(url, connect_args={"timeout": 0.05})
     with sqlite3.connect(tmp_path / "catalogue.sqlite") as holder:
@@ -67,7 +67,7 @@ def test_a_locked_database_can_pass_and_a_missing_table_cannot(tmp_path: Path) -
     assert not is_transient(missing.value)
 
 
-def test_a_database_without_room_cannot_pass(tmp_path: Path) -> None:
+def test_a_full_database_is_not_transient(tmp_path: Path) -> None:
     small = sqlite3.connect(tmp_path / "small.sqlite")
     small.execute("PRAGMA max_page_count = 2")
     with pytest.raises(sqlite3.OperationalError, match="full") as full:

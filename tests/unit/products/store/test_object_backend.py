@@ -25,7 +25,7 @@ DENIED = BODY.format("AccessDenied", "Access Denied")
 
 
 class Answers(BaseHTTPRequestHandler):
-    """Says the same to everybody."""
+    """Gives the same answer to every request."""
 
     def do_GET(self) -> None:
         status, body = self.server.answer
@@ -38,7 +38,7 @@ class Answers(BaseHTTPRequestHandler):
     do_HEAD = do_GET
 
     def log_message(self, *_: object) -> None:
-        """Say nothing."""
+        """Log nothing."""
 
 
 @pytest.fixture
@@ -61,24 +61,24 @@ def server() -> Iterator[ThreadingHTTPServer]:
         (200, "no raster" * 100, ProductError, False),
     ],
 )
-def test_what_gdal_says_is_told_apart(server, status, body, kind, passes):
+def test_gdal_errors_are_classified(server, status, body, kind, passes):
     server.answer = status, body
-    client_of("bucket", "maps")  # which tells GDAL where the server is
+    client_of("bucket", "maps")  # which gives GDAL the address of the server
     with pytest.raises(kind) as refused:
         open_raster(f"/vsis3/bucket/maps/{status}.tif")
     assert is_transient(refused.value) is passes
 
 
 @pytest.mark.parametrize(
-    ("status", "body", "said", "passes"),
+    ("status", "body", "message", "passes"),
     [
         (503, SLOW_DOWN, "does not respond", True),
         (403, DENIED, "does not give access to s3://bucket/maps with these keys", False),
     ],
 )
-def test_what_the_client_says_is_told_apart(server, tmp_path, status, body, said, passes):
+def test_client_errors_are_classified(server, tmp_path, status, body, message, passes):
     server.answer = status, body
-    with pytest.raises(ProductError, match=said) as refused:
+    with pytest.raises(ProductError, match=message) as refused:
         ProductStore.open(tmp_path, ObjectStorage("s3://bucket/maps"))
     assert is_transient(refused.value) is passes
     assert len(str(refused.value)) < 600
@@ -89,9 +89,9 @@ def test_a_url_is_a_bucket_and_a_prefix():
     assert bucket_and_prefix("s3://bucket") == ("bucket", "")
 
 
-def fetch_of(size, asked):
+def fetch_of(size, requested):
     def fetch(path):
-        asked.append(path)
+        requested.append(path)
         path.write_bytes(b"x" * size)
 
     return fetch
@@ -111,17 +111,17 @@ def held(cache):
 
 
 def test_a_file_is_fetched_once(tmp_path):
-    cache, asked = ReadCache(tmp_path, 1000), []
+    cache, requested = ReadCache(tmp_path, 1000), []
     for _ in range(2):
-        assert cache.path("dtm/a.tif", fetch_of(10, asked)).read_bytes() == b"x" * 10
-    assert len(asked) == 1
+        assert cache.path("dtm/a.tif", fetch_of(10, requested)).read_bytes() == b"x" * 10
+    assert len(requested) == 1
 
 
-def test_the_least_recently_used_go_first_and_the_limit_holds(tmp_path):
-    cache, asked = ReadCache(tmp_path, 1000), []
+def test_the_least_recently_used_files_are_removed_first_and_the_limit_holds(tmp_path):
+    cache, requested = ReadCache(tmp_path, 1000), []
     for number in range(12):
         name = f"dtm/{number}.tif"
-        cache.path(name, fetch_of(100, asked))
+        cache.path(name, fetch_of(100, requested))
         age(cache, name, 3600 - number)
         if number == 4:
             age(cache, "dtm/0.tif", 400)  # used again
@@ -131,14 +131,14 @@ def test_the_least_recently_used_go_first_and_the_limit_holds(tmp_path):
     assert "dtm/11.tif" in held(cache)
 
 
-def test_what_was_just_used_stays_even_over_the_limit(tmp_path):
+def test_recently_used_files_stay_even_above_the_limit(tmp_path):
     cache = ReadCache(tmp_path, 100)
     for number in range(5):
         cache.path(f"{number}.tif", fetch_of(100, []))
     assert len(held(cache)) == 5
 
 
-def test_a_fetch_that_fails_leaves_nothing(tmp_path):
+def test_a_failed_fetch_leaves_no_file(tmp_path):
     def fail(path):
         path.write_bytes(b"half")
         raise ConnectionError
@@ -150,7 +150,7 @@ def test_a_fetch_that_fails_leaves_nothing(tmp_path):
     assert cache.path("a.tif", fetch_of(3, [])).read_bytes() == b"xxx"
 
 
-def test_what_a_killed_process_left_half_done_is_cleared(tmp_path):
+def test_partial_files_of_a_killed_process_are_removed(tmp_path):
     cache = ReadCache(tmp_path, 1000)
     for name, seconds in ((".half-old", 7200.0), (".half-young", 60.0)):
         (tmp_path / name).write_bytes(b"half")

@@ -1,4 +1,4 @@
-"""Without keys an object store is refused; nobody is asked for some."""
+"""Without keys an object store is refused; no metadata service is queried."""
 
 import socket
 import threading
@@ -13,7 +13,7 @@ STORAGE = ObjectStorage("s3://a-bucket/a-prefix", 1.0)
 
 
 @pytest.fixture
-def asked(monkeypatch):
+def requested(monkeypatch):
     """Requests to the address where a cloud would hand out keys."""
     for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_WEB_IDENTITY_TOKEN_FILE"):
         monkeypatch.delenv(name, raising=False)
@@ -38,23 +38,21 @@ def asked(monkeypatch):
         server.shutdown(socket.SHUT_RDWR)
 
 
-def test_a_store_without_keys_is_refused_and_no_metadata_address_is_asked(asked, tmp_path):
+def test_a_store_without_keys_is_refused_and_no_metadata_service_is_queried(requested, tmp_path):
     with pytest.raises(ProductError, match="no keys to s3://a-bucket/a-prefix: set AWS_ACCESS_KEY"):
         open_object_backend(STORAGE, tmp_path / "a").probe()
-    assert not asked
+    assert not requested
 
 
-def test_a_key_without_its_secret_is_none(asked, tmp_path, monkeypatch):
+def test_a_key_without_its_secret_is_incomplete(requested, tmp_path, monkeypatch):
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "maker")
     with pytest.raises(ProductError, match="AWS_SECRET_ACCESS_KEY"):
         open_object_backend(STORAGE, tmp_path / "b").probe()
-    assert not asked
+    assert not requested
 
 
-def test_a_machine_with_a_role_may_be_asked_where_the_environment_says_so(
-    asked, tmp_path, monkeypatch
-):
+def test_a_machine_role_is_used_if_the_environment_permits_it(requested, tmp_path, monkeypatch):
     monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "false")
     with pytest.raises(Exception, match="a-bucket"):
         open_object_backend(STORAGE, tmp_path / "c").probe()
-    assert any(b"/latest/" in request for request in asked)
+    assert any(b"/latest/" in request for request in requested)

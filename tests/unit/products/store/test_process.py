@@ -38,7 +38,7 @@ def lines_in(folder):
     return [json.loads(line) for file in files for line in file.read_text().splitlines()]
 
 
-def test_a_line_holds_what_was_said_and_what_it_belongs_to(tmp_path, log_of):
+def test_a_log_line_has_its_message_and_its_context(tmp_path, log_of):
     with log_context(run="r1", sol=156), log_context(subject="dtm"):
         log_of().info("%d cells", 7, extra={"seconds": 1.5})
     (line,) = lines_in(tmp_path)
@@ -48,7 +48,7 @@ def test_a_line_holds_what_was_said_and_what_it_belongs_to(tmp_path, log_of):
     assert line["at"].endswith("+00:00")
 
 
-def test_what_was_noted_ends_with_its_block(tmp_path, log_of):
+def test_log_context_ends_with_its_block(tmp_path, log_of):
     with log_context(run="r1"):
         pass
     log_of().info("later")
@@ -65,15 +65,15 @@ def test_an_exception_is_one_line(tmp_path, log_of):
     assert "JSONDecodeError" in line["traceback"].splitlines()[-1]
 
 
-def test_a_file_that_has_grown_is_renamed_and_the_oldest_forgotten(tmp_path, log_of):
+def test_a_large_log_is_renamed_and_the_oldest_removed(tmp_path, log_of):
     logger = log_of(most_bytes=500, kept=2)
     for number in range(60):
         logger.info("line %d", number)
     names = {path.name for path in (tmp_path / "logs").iterdir()}
     assert names <= {"flows.jsonl", "flows.jsonl.1", "flows.jsonl.2", "flows.lock"}
-    said = {line["message"] for line in lines_in(tmp_path)}
-    assert "line 59" in said
-    assert "line 0" not in said
+    message = {line["message"] for line in lines_in(tmp_path)}
+    assert "line 59" in message
+    assert "line 0" not in message
 
 
 _WRITER = """
@@ -93,11 +93,11 @@ def test_processes_that_share_a_file_lose_no_line(tmp_path):
     command = [sys.executable, "-c", _WRITER, str(tmp_path / "logs" / "flows.jsonl")]
     writers = [subprocess.Popen([*command, name]) for name in "ab"]
     assert [writer.wait(60) for writer in writers] == [0, 0]
-    said = sorted(line["message"] for line in lines_in(tmp_path))
-    assert said == sorted(f"{name} {number}" for name in "ab" for number in range(100))
+    message = sorted(line["message"] for line in lines_in(tmp_path))
+    assert message == sorted(f"{name} {number}" for name in "ab" for number in range(100))
 
 
-def test_keeping_logs_twice_writes_a_line_once(tmp_path):
+def test_setting_up_logs_twice_writes_a_line_once(tmp_path):
     logger = logging.getLogger("solmap.products.a_test")
     before = logging.getLogger("solmap").handlers[:]
     try:
@@ -112,7 +112,7 @@ def test_keeping_logs_twice_writes_a_line_once(tmp_path):
             handler.close()
 
 
-def test_effort_tells_waiting_from_working():
+def test_effort_distinguishes_waiting_from_working():
     effort = ResourceMeter()
     time.sleep(0.2)
     waited = effort.usage()

@@ -38,7 +38,7 @@ def test_another_parameter_makes_another_product():
     assert recipe(0.04).ref != recipe(0.02).ref
 
 
-def test_the_digest_of_a_recipe_never_drifts():
+def test_the_digest_of_a_recipe_is_constant():
     assert replace(recipe(), science=1).ref.digest == "c90fbbdfdfa74011"
 
 
@@ -61,7 +61,7 @@ def test_a_failed_draft_leaves_nothing_behind(tmp_path):
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
-def test_a_full_disk_is_said_plainly(tmp_path):
+def test_a_full_disk_is_reported_plainly(tmp_path):
     store = ProductStore.open(tmp_path)
 
     def full(_path):
@@ -71,7 +71,7 @@ def test_a_full_disk_is_said_plainly(tmp_path):
         store.make(recipe(), full)
 
 
-def test_drafts_of_dead_processes_are_cleared(tmp_path):
+def test_drafts_of_ended_processes_are_removed(tmp_path):
     store = ProductStore.open(tmp_path)
     dead = tmp_path / "drafts" / f"{socket.gethostname()}-999999999-abc"
     dead.mkdir()
@@ -82,7 +82,7 @@ def test_drafts_of_dead_processes_are_cleared(tmp_path):
     assert not dead.exists()
 
 
-def test_provenance_tells_recipe_size_and_checksum(tmp_path):
+def test_provenance_has_recipe_size_and_checksum(tmp_path):
     store = ProductStore.open(tmp_path)
     notes = store.provenance(store.make(recipe(), write_text))
     assert notes["recipe"]["params"] == {"": "Params", "cell_m": 0.04}
@@ -105,7 +105,7 @@ def test_all_versions_of_a_product_are_found(tmp_path):
     assert [store.make(network, write_text)] == store.versions(ProductKind.NETWORK, SCOPE)
 
 
-def test_every_product_is_listed_as_it_was_made(tmp_path):
+def test_every_product_is_listed_with_its_recipe(tmp_path):
     store = ProductStore.open(tmp_path)
     region = Scope(ScopeLevel.REGION, "mer2")
     recipes = [

@@ -52,7 +52,7 @@ def test_links_stay_in_their_folder(tmp_path):
     assert refusal(inside / "round.img", inside) == "a link to itself"
 
 
-def test_a_folder_exchanged_for_a_link_is_found_out(tmp_path, monkeypatch):
+def test_a_folder_replaced_by_a_link_is_detected(tmp_path, monkeypatch):
     for name in ("inbox/sol1", "elsewhere"):
         (tmp_path / name).mkdir(parents=True)
         (tmp_path / name / "x.img").write_bytes(name.encode())
@@ -75,7 +75,7 @@ def test_a_file_larger_than_the_limit_is_not_read(tmp_path):
         read_user_file(tmp_path / "sparse.img")
 
 
-def test_a_file_of_the_kernel_without_a_size_ends_at_once():
+def test_a_kernel_file_without_a_size_ends_at_once():
     assert read_user_file(Path("/proc/self/status")) == b""
 
 

@@ -46,7 +46,7 @@ def take(downlink, store):
     return [note for fault in delivery.faults for note in fault.notes]
 
 
-def picture(downlink, **changed):
+def png(downlink, **changed):
     import cv2  # noqa: PLC0415 - slow to import
     import numpy as np  # noqa: PLC0415
 
@@ -55,7 +55,7 @@ def picture(downlink, **changed):
 
 
 @pytest.mark.parametrize(
-    ("changed", "complaint"),
+    ("changed", "message"),
     [
         ({"sclk": int("9" * 400)}, "sclk should be seconds"),
         ({"imageid": "A\0B"}, "the product identifier"),
@@ -63,11 +63,11 @@ def picture(downlink, **changed):
         ({"imageid": "/."}, "the product identifier"),
     ],
 )
-def test_metadata_that_nothing_can_hold(downlink, store, changed, complaint):
-    picture(downlink, **changed)
+def test_metadata_with_unrepresentable_values(downlink, store, changed, message):
+    png(downlink, **changed)
     (line,) = take(downlink, store)
     assert line.startswith("bad.png: ")
-    assert complaint in line
+    assert message in line
     prune(store, PruningParams())  # which an identifier "/." made fail for good
 
 
@@ -96,14 +96,14 @@ def test_names_that_are_not_text(downlink, store):
     assert lines[-1].startswith("\\xff\\xfe.img: not a PDS3 image")
 
 
-def test_a_good_image_under_a_name_that_is_not_text_is_taken(downlink, store):
+def test_a_good_image_under_a_name_that_is_not_text_is_ingested(downlink, store):
     left = min(downlink.rglob("*l0m1.img"))
     left.rename(os.fsdecode(os.fsencode(left.parent) + b"/\xff.img"))
     assert take(downlink, store) == []
 
 
 @pytest.mark.parametrize("fault", [RecursionError, MemoryError, OverflowError, UnicodeError])
-def test_whatever_a_reader_raises_is_the_outcome_of_its_file(downlink, store, monkeypatch, fault):
+def test_any_exception_of_a_reader_is_the_outcome_of_its_file(downlink, store, monkeypatch, fault):
     shutil.copy(min(downlink.rglob("*l0m1.img")), downlink / "broken.img")
     describe = ingest.describe_image
 
@@ -117,7 +117,7 @@ def test_whatever_a_reader_raises_is_the_outcome_of_its_file(downlink, store, mo
     assert line == f"broken.img: {fault.__name__}: with two lines"
 
 
-def test_a_folder_that_cannot_be_read_says_why(downlink, store, monkeypatch):
+def test_an_unreadable_folder_is_reported_with_the_reason(downlink, store, monkeypatch):
     (downlink / "closed").mkdir()
     look = os.scandir
 
@@ -130,7 +130,7 @@ def test_a_folder_that_cannot_be_read_says_why(downlink, store, monkeypatch):
     assert take(downlink, store) == ["closed: Permission denied"]
 
 
-def test_a_store_that_is_away_is_no_fault_of_a_file(downlink, store, monkeypatch):
+def test_an_unreachable_store_is_not_a_fault_of_a_file(downlink, store, monkeypatch):
     def fail(*_arguments):
         raise StoreAwayError("the store does not answer")
 
@@ -140,7 +140,7 @@ def test_a_store_that_is_away_is_no_fault_of_a_file(downlink, store, monkeypatch
         ingest_downlink.fn(downlink, store)
 
 
-def test_an_image_that_the_catalogue_refuses_is_left_out(downlink, store, monkeypatch):
+def test_an_image_refused_by_the_catalogue_is_left_out(downlink, store, monkeypatch):
     left = min(downlink.rglob("*l0m1.img"))
     shutil.copy(left, downlink / "2n140188888eff1000p1500l0m1.img")
     put = catalogues.put_document
@@ -155,7 +155,7 @@ def test_an_image_that_the_catalogue_refuses_is_left_out(downlink, store, monkey
     assert line == "2n140188888eff1000p1500l0m1.img: ValueError: a number too large to store"
 
 
-def test_files_of_one_name_are_told_apart_by_their_folders(downlink, store):
+def test_files_of_one_name_are_distinguished_by_their_folders(downlink, store):
     good = min(downlink.rglob("*.img"))
     for folder in ("a", "b"):
         (downlink / folder).mkdir()
@@ -166,7 +166,7 @@ def test_files_of_one_name_are_told_apart_by_their_folders(downlink, store):
     assert {one.subject for one in store.catalogue.outcomes() if one.is_failure} == names
 
 
-def test_a_file_that_failed_is_tried_again(downlink, store):
+def test_a_failed_file_is_retried(downlink, store):
     good = min(downlink.rglob("*r0m1.img"))
     data = good.read_bytes()
     good.write_bytes(data[:5000])

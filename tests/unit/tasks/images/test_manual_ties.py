@@ -31,7 +31,7 @@ def test_a_store_without_edits_gets_no_file(workspace):
     assert workspace.catalogue.version() == 0
 
 
-def test_edits_are_wishes_until_they_are_taken_back(workspace):
+def test_edits_are_requests_until_they_are_revoked(workspace):
     log = EditLog.of(workspace.store.root)
     log.append("MER2", EditKind.TIE, VETO, "Ada", "another rock")
     added = log.append("MER2", EditKind.TIE, ADD, "Ada")
@@ -48,7 +48,7 @@ def test_edits_are_wishes_until_they_are_taken_back(workspace):
     assert all_edit_requests(workspace) == ()
 
 
-def test_files_of_hand_ties_stay_beside_the_edits(workspace):
+def test_manual_tie_files_are_kept_beside_the_edits(workspace):
     from solmap.tasks.images.manual_ties import take_manual_ties  # noqa: PLC0415
 
     ref = take_manual_ties(
@@ -57,4 +57,4 @@ def test_files_of_hand_ties_stay_beside_the_edits(workspace):
     workspace.catalogue.publish(pointers=[ref])
     EditLog.of(workspace.store.root).append("MER2", EditKind.TIE, VETO, "Ada")
     take_edits(workspace)
-    assert {wish.first.image for wish in all_edit_requests(workspace)} == {"A", "X"}
+    assert {edit.first.image for edit in all_edit_requests(workspace)} == {"A", "X"}

@@ -34,7 +34,7 @@ def no_file(request, tmp_path) -> Path:
 REFUSED = r"only regular files are read|leads out of its folder"
 
 
-def test_every_reader_refuses_what_is_no_file(no_file, tmp_path):
+def test_every_reader_refuses_non_files(no_file, tmp_path):
     store = ProductStore.open(tmp_path / "store")
     landing = landing_site("MER2", Settings().landing_sites).landing
     for read in (
@@ -48,14 +48,14 @@ def test_every_reader_refuses_what_is_no_file(no_file, tmp_path):
             read()
 
 
-def test_inspect_names_what_is_no_file(no_file):
+def test_inspect_names_non_files(no_file):
     findings, (fault,) = inspect_files([no_file])
     assert findings == []
     assert "cannot be read" in fault
     assert "only regular files are read" in fault or "leads out of its folder" in fault
 
 
-def test_an_orbital_image_is_kept_as_it_came(tmp_path):
+def test_an_orbital_image_is_kept_unchanged(tmp_path):
     data = np.random.default_rng(3).bytes(3_000_000)
     (tmp_path / "map.tif").write_bytes(data)
     store = ProductStore.open(tmp_path / "store")

@@ -3,7 +3,7 @@ from types import SimpleNamespace
 from solmap.tasks.images.pairs import camera_set, pair_frame
 
 
-def test_each_side_of_curiosity_has_a_stereo_rig_of_its_own():
+def test_each_side_of_curiosity_has_a_separate_stereo_rig():
     names = {
         "NLA_399620372ARMLD0030266TRAV00004M1": "NAVCAM A",
         "NLB_517261274EDR_F0541610CCAM15900M1": "NAVCAM B",
@@ -13,7 +13,7 @@ def test_each_side_of_curiosity_has_a_stereo_rig_of_its_own():
         assert camera_set(SimpleNamespace(id=name, instrument="NAVCAM")) == cameras
 
 
-def test_each_focal_length_of_a_zoom_lens_has_a_stereo_rig_of_its_own():
+def test_each_focal_length_of_a_zoom_lens_has_a_separate_stereo_rig():
     names = {
         "ZL6_1484_0798697293_098ECM_N0730000ZCAM01022_034080J": "MASTCAM 034",
         "ZR0_1484_0798697293_098ECM_N0730000ZCAM01022_1100LMJ02": "MASTCAM 110",
@@ -22,7 +22,7 @@ def test_each_focal_length_of_a_zoom_lens_has_a_stereo_rig_of_its_own():
         assert camera_set(SimpleNamespace(id=name, instrument="MASTCAM")) == cameras
 
 
-def test_pairs_of_tiles_of_one_exposure_have_frames_of_their_own():
+def test_pairs_of_tiles_of_one_exposure_have_separate_frames():
     def frame(part: str):
         name = f"NLF_0629_0722782785_631ECM_N0301344NCAM00427_{part}95J01"
         stop = SimpleNamespace(site=30, drive=1344)

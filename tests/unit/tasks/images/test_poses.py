@@ -58,7 +58,7 @@ def workspace(tmp_path):
 
 @pytest.fixture
 def bare(shared_data, tmp_path):
-    """The one raw image of Perseverance at hand, without attitude."""
+    """The one available raw image of Perseverance, without attitude."""
     folder = tmp_path / "bare"
     folder.mkdir()
     for file in shared_data.rglob(f"{M2020}*"):
@@ -96,9 +96,7 @@ def of(text, path):
         ("places.csv", f"{PLACES}ROVER,32,604,900,-40,2,{WORDS}\n"),
     ],
 )
-def test_an_image_without_attitude_is_taken_with_one_that_is_stated(
-    bare, workspace, tmp_path, name, text
-):
+def test_an_image_without_attitude_is_used_with_a_stated_one(bare, workspace, tmp_path, name, text):
     (fault,) = ingested(bare, workspace).faults
     assert "`solmap run FOLDER --places FILE`" in fault.notes[0]
     delivery = ingested(bare, workspace, of(text, tmp_path / name))
@@ -106,10 +104,10 @@ def test_an_image_without_attitude_is_taken_with_one_that_is_stated(
     (entry,) = workspace.catalogue.images("M20")
     pose = image_record(entry, workspace).site_from_rover
     np.testing.assert_allclose(pose.quaternion, ATTITUDE, atol=1e-9)
-    assert pose.translation_m.tolist() == [12.8213, 60.1509, 0.32331]  # as its metadata say
+    assert pose.translation_m.tolist() == [12.8213, 60.1509, 0.32331]  # as in its metadata
 
 
-def test_an_rvf_in_the_folder_places_an_image_as_well(bare, workspace, tmp_path):
+def test_an_rvf_in_the_folder_places_an_image_too(bare, workspace, tmp_path):
     table = of(f"{PLACES}ROVER,32,604,900,-40,2,{WORDS}\n", tmp_path / "places.csv")
     with open_pose_sources([table]) as poses:
         file = poses.tables[0].stated
@@ -129,7 +127,7 @@ def test_a_corrected_attitude_counts(bare, workspace, tmp_path):
 
 
 def test_poses_are_priors_with_deviation_and_source(spirit, workspace, tmp_path):
-    """In the network as observations, in frames that bear the names of the files."""
+    """In the network as observations, in frames named after the files."""
     ingested(spirit, workspace)
     entry, *_ = workspace.catalogue.images("MER2")
     label = image_record(entry, workspace)
@@ -159,7 +157,7 @@ def test_poses_are_priors_with_deviation_and_source(spirit, workspace, tmp_path)
     )
 
 
-def test_stated_poses_bridge_a_gap_in_the_ties_whatever_frame_they_are_in():
+def test_stated_poses_bridge_a_gap_in_the_ties_in_any_frame():
     """Good to 0.25 m in a frame that lies 47 m off and is turned by 1.7 degrees."""
     lander = FrameTree().with_poses([Pose.identity(LSL, site_frame(0))])
     turn = rotation_of_roll_pitch_yaw(0.0, 0.0, 0.03)
@@ -190,7 +188,7 @@ def test_stated_poses_bridge_a_gap_in_the_ties_whatever_frame_they_are_in():
     assert without_m > 2.0
 
 
-def test_a_file_taken_again_under_its_name_replaces_the_first(spirit, workspace, tmp_path):
+def test_a_file_delivered_again_under_its_name_replaces_the_first(spirit, workspace, tmp_path):
     ingested(spirit, workspace)
     entry, *_ = workspace.catalogue.images("MER2")
     for north in (1.0, 2.0):
@@ -227,7 +225,7 @@ def test_spice_kernels_give_the_pose_of_every_stop_they_cover(spirit, workspace,
     assert read.sigma_from_origin_m(label.stop, 0.1) == LOCALISED_SIGMA_M
 
 
-def test_standard_deviations_survive_the_vector_file(tmp_path):
+def test_standard_deviations_are_kept_in_the_vector_file(tmp_path):
     table = of(f"{PLACES}ROVER,3,4,900,-40,2,{WORDS}\n", tmp_path / "places.csv")
     with open_pose_sources([table]) as poses:
         file = poses.tables[0].stated
@@ -239,7 +237,7 @@ def test_standard_deviations_survive_the_vector_file(tmp_path):
         parse_vector_file(text.replace('sigma_m="0.5"', 'sigma_m="-1"'), "x")
 
 
-def test_a_label_with_attitude_stays_byte_for_byte(shared_data):
+def test_a_label_with_attitude_is_kept_byte_for_byte(shared_data):
     metadata = json.loads(next(shared_data.rglob(f"{M2020}-metadata.json")).read_text())
     text = json.dumps(metadata | {"attitude": [1, 0, 0, 0]})
     data = join_label(text.encode(), b"\x89PNG", "x")
@@ -247,7 +245,7 @@ def test_a_label_with_attitude_stays_byte_for_byte(shared_data):
     assert PoseSources().with_attitude(b"PDS_VERSION_ID", "x") == b"PDS_VERSION_ID"
 
 
-def test_a_file_of_no_kind_is_refused_by_name(tmp_path):
+def test_a_file_of_unknown_kind_is_refused_by_name(tmp_path):
     file = of("east,north\n1,2\n", tmp_path / "notes.csv")
     with (
         pytest.raises(VectorFileError, match=r"notes\.csv: not a PLACES table"),

@@ -1,4 +1,4 @@
-"""Pairs of an own stereo rig are taken into the store, and what is wrong is said in one line."""
+"""Pairs of an own stereo rig are ingested, and a fault is reported in one line."""
 
 import os
 import shutil
@@ -25,8 +25,8 @@ def folder(tmp_path, rng):
     for eye in ("left", "right"):
         (folder / eye).mkdir(parents=True)
         for number in (1, 2):
-            picture = rng.integers(1, 255, SIZE[::-1]).astype(np.uint8)
-            cv2.imwrite(str(folder / eye / f"{number:04d}.png"), picture)
+            image = rng.integers(1, 255, SIZE[::-1]).astype(np.uint8)
+            cv2.imwrite(str(folder / eye / f"{number:04d}.png"), image)
     (folder / "rig.toml").write_text(rig_text(size=SIZE))
     rows = "0001.png,0,0,0,0,0,0,\n0002.png,0.8,0.1,0,0,0,5,\n"
     (folder / "poses.csv").write_text(POSES.format(rows=rows))
@@ -42,7 +42,7 @@ def notes_of(delivery):
     return [note for fault in delivery.faults for note in fault.notes]
 
 
-def test_pairs_are_taken_with_camera_and_pose(folder, workspace):
+def test_pairs_are_ingested_with_camera_and_pose(folder, workspace):
     delivery = ingest_downlink.fn(folder, workspace)
     assert notes_of(delivery) == []
     assert delivery.missions == ("FIELD",)
@@ -65,7 +65,7 @@ def test_a_copied_folder_changes_nothing_and_a_new_calibration_counts(folder, wo
     before = {entry.id: entry.ref for entry in workspace.catalogue.images()}
     copy = shutil.copytree(folder, tmp_path / "copy")
     for file in copy.rglob("*.*"):
-        os.utime(file, (2e9, 2e9))  # a copy that bears a later date
+        os.utime(file, (2e9, 2e9))  # a copy with a later date
     ingest_downlink.fn(copy, workspace)
     assert {entry.id: entry.ref for entry in workspace.catalogue.images()} == before
     text = (copy / "rig.toml").read_text()
@@ -76,7 +76,7 @@ def test_a_copied_folder_changes_nothing_and_a_new_calibration_counts(folder, wo
     assert all(after[name] != before[name] for name in before)
 
 
-def test_without_poses_every_pair_but_the_first_has_a_site_of_its_own(folder, workspace):
+def test_without_poses_every_pair_but_the_first_has_a_separate_site(folder, workspace):
     (folder / "poses.csv").unlink()
     ingest_downlink.fn(folder, workspace)
     sites = {(entry.site, entry.drive) for entry in workspace.catalogue.images()}
@@ -88,7 +88,7 @@ def _resize(folder):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "complaints", "taken"),
+    ("spoil", "messages", "taken"),
     [
         (
             lambda folder: (folder / "right" / "0002.png").unlink(),
@@ -143,20 +143,20 @@ def _resize(folder):
     ],
     ids=["partner", "size", "model", "calibration", "poses", "row", "other", "broken"],
 )
-def test_what_is_wrong_is_said_in_one_line_and_stops_nothing_else(
-    spoil, complaints, taken, folder, workspace
+def test_faults_are_reported_in_one_line_and_the_rest_continues(
+    spoil, messages, taken, folder, workspace
 ):
     spoil(folder)
     delivery = ingest_downlink.fn(folder, workspace)
     notes = notes_of(delivery)
-    assert len(notes) == len(complaints)
-    for note, complaint in zip(sorted(notes), complaints, strict=True):
-        assert complaint in note
+    assert len(notes) == len(messages)
+    for note, message in zip(sorted(notes), messages, strict=True):
+        assert message in note
         assert "\n" not in note
     assert len(workspace.catalogue.images()) == taken
 
 
-def test_names_may_not_lead_out_of_the_folder(folder, workspace, tmp_path):
+def test_names_may_not_leave_the_folder(folder, workspace, tmp_path):
     (tmp_path / "secret.yaml").write_text("camera_matrix: 1")
     text = 'mission = "FIELD"\ncalibration = "../secret.yaml"\n'
     text += '[left]\nimages = "left/*.png"\n[right]\nimages = "right/*.png"\n'

@@ -52,7 +52,7 @@ def test_a_localised_stop_ties_its_site_to_the_lander():
     assert near == pytest.approx(np.hypot(LOCALISED_SIGMA_M, 3.0))
 
 
-def test_a_site_vector_counts_before_a_localised_stop_of_the_site():
+def test_a_site_vector_has_priority_over_a_localised_stop_of_the_site():
     known = places(
         stated(FrameKind.SITE, (137,), 2965.0, "telemetry"),
         stated(FrameKind.ROVER, (137, 231), 3000.0),
@@ -66,7 +66,7 @@ def test_the_map_of_one_stop_begins_at_its_rover():
     np.testing.assert_array_equal(stop.lsl_from_rover.translation_m, 0.0)
 
 
-def test_sites_of_spirit_lie_within_their_sigma_of_where_they_were_localised(shared_data):
+def test_sites_of_spirit_are_within_their_sigma_of_the_localised_ones(shared_data):
     """Relative to the lander, and on Mars with the sigma of the landing point itself."""
     folder = shared_data / "traverse" / "mer_spirit"
     svf, csv = folder / "mer2_master.svf", folder / "MERA-MER2-Spirit_traverse_path.csv"

@@ -51,13 +51,13 @@ def chosen(ones, others, store) -> list[tuple[str, str]]:
     return [(one.orientation.pair_id, other.orientation.pair_id) for one, other in pairs]
 
 
-def test_a_pair_is_taken_with_the_one_that_looks_the_same_way(store):
+def test_a_pair_is_combined_with_the_one_of_the_same_direction(store):
     ones = [looking(store, "north", 0.0, 10.0)]
     others = [looking(store, f"at-{a}", a, 0.0) for a in (340.0, 5.0, 40.0)]
     assert chosen(ones, others, store) == [("at-5.0", "north")]  # that on the left first
 
 
-def test_views_along_the_base_or_from_one_place_make_no_instrument(store):
+def test_views_along_the_baseline_or_from_one_place_are_not_combined(store):
     away = looking(store, "away", 90.0, 10.0)
     along = looking(store, "along", 90.0, 0.0)
     assert chosen([away], [along], store) == []
@@ -65,7 +65,7 @@ def test_views_along_the_base_or_from_one_place_make_no_instrument(store):
     assert chosen([same], [north], store) == []
 
 
-def test_only_mast_cameras_of_one_kind_make_an_instrument(store):
+def test_only_mast_cameras_of_one_kind_are_combined(store):
     navcam = looking(store, "navcam", 0.0, 10.0)
     pancam = looking(store, "pancam", 0.0, 0.0, "PANCAM")
     assert chosen([navcam], [pancam], store) == []

@@ -67,7 +67,7 @@ def tileset(inputs, workspace) -> ProductRef:
     return tile_terrain.fn(*inputs, params, LANDING, workspace.store)
 
 
-def test_the_model_lies_where_the_terrain_does(model, workspace):
+def test_the_model_agrees_with_the_terrain(model, workspace):
     low, high = box_of_glb(workspace.store.path(model).read_bytes())
     east, north = GRID.centres()
     ends = (east[0], north[-1]), (east[-1], north[0])
@@ -76,7 +76,7 @@ def test_the_model_lies_where_the_terrain_does(model, workspace):
     np.testing.assert_allclose((low[2], high[2]), up, atol=0.01 + ModelParams().tolerance_m)
 
 
-def test_the_model_is_valid_and_says_what_it_was_made_from(model, inputs, workspace):
+def test_the_model_is_valid_and_names_its_inputs(model, inputs, workspace):
     path = workspace.store.path(model)
     document, _ = read_glb(path.read_bytes())
     extras = document["nodes"][0]["extras"]

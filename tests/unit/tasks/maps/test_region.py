@@ -1,4 +1,4 @@
-"""The region as a product: made from the models of stops, and made anew only when one changed."""
+"""The region as a product: made from the models of stops, and remade only when one changed."""
 
 import numpy as np
 import pytest
@@ -56,14 +56,14 @@ def fuse(store, stops) -> tuple[ProductRef, ProductRef]:
     return fuse_region.fn("MER2", stops, PARAMS, LANDING, store)
 
 
-def test_a_region_is_named_after_its_first_stop_whatever_the_order(store, stops):
+def test_a_region_is_named_after_its_first_stop_in_any_order(store, stops):
     assert fuse(store, stops) == fuse(store, stops[::-1])
     dtm, seams = fuse(store, stops)
     assert dtm.scope.name == seams.scope.name == "mer2-region-site0010-drive0000"
     assert (dtm.kind, seams.kind) == (ProductKind.REGION_DTM, ProductKind.REGION_SEAMS)
 
 
-def test_it_is_made_once_and_anew_when_a_stop_changed(store, stops):
+def test_a_region_is_made_once_and_remade_when_a_stop_changed(store, stops):
     first = fuse(store, stops)
     made = store.path(first[0]).stat().st_mtime_ns
     assert fuse(store, stops) == first
@@ -72,7 +72,7 @@ def test_it_is_made_once_and_anew_when_a_stop_changed(store, stops):
     assert moved[0].digest != first[0].digest
 
 
-def test_the_disagreement_of_stops_is_told_in_words(store, stops):
+def test_the_disagreement_of_stops_is_reported(store, stops):
     (line,) = seam_notes(fuse(store, stops)[1], store)
     assert line.startswith(
         "mer2-site0010-drive0000 and mer2-site0010-drive0064 disagree by 0.050 m (median; 90 %: 0."
@@ -120,12 +120,12 @@ def ground(east, north):
     return 1000.0 + 200.0 * np.sin(1.7 * east) * np.sin(1.3 * north + 0.2 * east)
 
 
-def test_the_orthophotos_of_stops_agree_in_the_region(store, stops):
+def test_orthophotos_of_stops_agree_in_the_region(store, stops):
     dtm, _ = fuse(store, stops)
-    pictures = [shown(store, 0, 0.0, 1.0, 0.0), shown(store, 64, 12.0, 1.2, 90.0)]
-    merged = merge_orthophotos.fn(dtm, pictures, MergingParams(), LANDING, store)
+    images = [shown(store, 0, 0.0, 1.0, 0.0), shown(store, 64, 12.0, 1.2, 90.0)]
+    merged = merge_orthophotos.fn(dtm, images, MergingParams(), LANDING, store)
     assert (merged.kind, merged.scope) == (ProductKind.REGION_ORTHOPHOTO, dtm.scope)
-    assert merged == merge_orthophotos.fn(dtm, pictures[::-1], MergingParams(), LANDING, store)
+    assert merged == merge_orthophotos.fn(dtm, images[::-1], MergingParams(), LANDING, store)
     with open_raster(store.path(merged)) as dataset:
         assert grid_of(dataset).cell_m == 0.02
         grey = dataset.read(1).astype(float)
@@ -139,10 +139,10 @@ def test_the_orthophotos_of_stops_agree_in_the_region(store, stops):
     np.testing.assert_allclose(*levels, rtol=0.01)
 
 
-def test_a_region_is_shown_no_finer_than_its_coarsest_stop(store, stops):
+def test_a_region_is_no_finer_than_its_coarsest_stop(store, stops):
     dtm, _ = fuse(store, stops)
-    pictures = [shown(store, 0, 0.0, 1.0, 0.0), shown(store, 64, 12.0, 1.2, 90.0, cell_m=0.32)]
-    merged = merge_orthophotos.fn(dtm, pictures, MergingParams(), LANDING, store)
+    images = [shown(store, 0, 0.0, 1.0, 0.0), shown(store, 64, 12.0, 1.2, 90.0, cell_m=0.32)]
+    merged = merge_orthophotos.fn(dtm, images, MergingParams(), LANDING, store)
     with open_raster(store.path(merged)) as dataset:
         assert grid_of(dataset).cell_m == 0.32
         assert (dataset.read(1) > 0).any()

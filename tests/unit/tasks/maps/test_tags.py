@@ -1,4 +1,4 @@
-"""Rasters say which mission, sols, stops, cameras and local times they show."""
+"""Rasters carry tags of mission, sols, stops, cameras and local times."""
 
 from pathlib import Path
 
@@ -65,7 +65,7 @@ def test_a_raster_has_the_tags_of_its_images(images, store):
     assert first < last[0] if last else True
 
 
-def test_what_is_made_from_rasters_has_the_tags_of_all_of_them(images, store):
+def test_a_derived_product_has_the_tags_of_all_its_rasters(images, store):
     one = raster_of([keep(image, store) for image in images[:2]], store)
     other = raster_of([keep(image, store) for image in images[-2:]], store)
     both = origin_tags([one, other], store)

@@ -1,4 +1,4 @@
-"""The tasks that say what the ground of a terrain model means."""
+"""The tasks that derive maps from a terrain model."""
 
 import json
 
@@ -130,7 +130,7 @@ def test_the_viewshed_of_a_stop_is_that_of_its_highest_camera(store, dtm):
         assert dataset.tags()["EYE_EAST_NORTH_UP_M"] == "-5.0 0.0 1.5"
 
 
-def test_what_is_made_can_be_published():
+def test_terrain_products_can_be_published():
     kinds = {*RELIEF, ProductKind.INSOLATION, ProductKind.HAZARD, ProductKind.VIEWSHED}
     assert kinds <= RASTERS
     assert {*kinds, ProductKind.HAVENS} <= set(TITLES)

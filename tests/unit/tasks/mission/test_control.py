@@ -64,7 +64,7 @@ def taken(stored, text, params=None, name="by_hand.csv"):
     return take_control(name, data, ref, params or FrameParams(), LANDING, workspace.store)
 
 
-def test_places_in_degrees_are_laid_on_the_local_map(stored):
+def test_places_in_degrees_are_transformed_to_the_local_map(stored):
     lon, lat = lon_lat(LANDING, 21.5, -8.25)
     text = f"stop,longitude,latitude,sigma_m\n1/10,{lon[0]:.12f},{lat[0]:.12f},0.5\n"
     frame, (control,) = read_control(taken(stored, text), stored[0].store)
@@ -73,7 +73,7 @@ def test_places_in_degrees_are_laid_on_the_local_map(stored):
     np.testing.assert_allclose(frame.centre_m, [21.5, -8.25], atol=1e-4)
 
 
-def test_a_point_that_the_stop_sees_places_the_stop_as_well_as_north_is_known(stored):
+def test_a_point_seen_from_the_stop_places_it_as_precisely_as_north_is_known(stored):
     workspace, ref = stored
     stop = read_network(ref, workspace.store).adjusted.stops[1]
     north, east, _ = stop.lsl_from_rover.translation_m
@@ -88,12 +88,12 @@ def test_a_point_that_the_stop_sees_places_the_stop_as_well_as_north_is_known(st
     np.testing.assert_allclose(np.sqrt(np.diagonal(control.covariance)), sigma)
 
 
-def test_a_stop_that_is_not_in_the_network_is_refused_with_those_that_are(stored):
+def test_a_stop_outside_the_network_is_refused_with_the_existing_ones(stored):
     with pytest.raises(AdjustmentError, match=r"by_hand.csv: test-site0009-drive0001 is not in"):
         taken(stored, "stop,east_m,north_m,sigma_m\n9/1,1,2,3\n")
 
 
-def test_places_in_a_mosaic_are_the_less_certain_the_farther_from_its_middle(stored):
+def test_places_in_a_mosaic_are_less_certain_farther_from_its_middle(stored):
     text = "stop,east_m,north_m,sigma_m\n1/10,0,0,0.1\n1/20,2000,0,0.1\n"
     for params, sigma_m in ((FrameParams(), 2.5), (EXACT, 0.0)):
         _, control = read_control(taken(stored, text, params), stored[0].store)
@@ -123,7 +123,7 @@ def test_published_control_counts_for_its_mission_and_moves_the_next_network(net
     assert moved.stops[2].lsl_from_rover.translation_m[1] == pytest.approx(east + 3.0, abs=0.05)
 
 
-def test_a_turned_mosaic_of_which_nothing_is_said_turns_no_stop():
+def test_a_rotated_mosaic_without_stated_errors_rotates_no_stop():
     """It was turned by 1.3 degrees, and took the network with it."""
     for seed in (0, 1):
         found = in_mosaic(seed, turn_deg=1.3)
@@ -132,7 +132,7 @@ def test_a_turned_mosaic_of_which_nothing_is_said_turns_no_stop():
         assert found.plan_m[1] < 1.2 * found.plan_m[0]
 
 
-def test_a_mosaic_that_is_wrongly_said_to_be_exact_is_refused():
+def test_a_mosaic_wrongly_stated_as_exact_is_refused():
     """What is exact lies on the map itself, which begins with the first stop."""
     found = in_mosaic(0, turn_deg=1.3, params=EXACT)
     assert found.first_turned_deg == 0.0
@@ -141,7 +141,7 @@ def test_a_mosaic_that_is_wrongly_said_to_be_exact_is_refused():
 
 
 @pytest.mark.slow
-def test_a_mosaic_of_which_nothing_is_said_helps_and_sigmas_stay_true():
+def test_a_mosaic_without_stated_errors_helps_and_sigmas_stay_true():
     found = [in_mosaic(seed) for seed in range(60)]
     plan_m, azimuth_deg = (
         np.array([getattr(one, name) for one in found]) for name in ("plan_m", "azimuth_deg")

@@ -42,7 +42,7 @@ def table(tmp_path) -> Path:
     return file
 
 
-def test_telemetry_hangs_where_the_localised_traverse_begins(table):
+def test_telemetry_begins_at_the_start_of_the_localised_traverse(table):
     traverses = read_traverses([table], "MER2", LANDING)
     telemetry, localised = traverses.of("telemetry"), traverses.of("localised")
     np.testing.assert_allclose(telemetry.places_m[0, :2], localised.places_m[0, :2])
@@ -54,7 +54,7 @@ def test_a_comparison_may_begin_and_end_with_a_sol(table):
     assert telemetry.stops == localised.stops == ("1/10", "2/0")
 
 
-def test_places_of_a_location_file_are_the_localised_ones(tmp_path):
+def test_positions_of_a_location_file_are_the_localised_ones(tmp_path):
     file = tmp_path / "locations.xml"
     file.write_text(LOCATIONS)
     traverses = read_traverses([file], "MSL", LANDING)
@@ -63,7 +63,7 @@ def test_places_of_a_location_file_are_the_localised_ones(tmp_path):
         traverses.at_common_stops()
 
 
-def test_layers_lie_on_the_degrees_of_the_localised_places(table, tmp_path):
+def test_layers_have_the_degrees_of_the_localised_places(table, tmp_path):
     workspace = Workspace.open(tmp_path / "store")
     traverses = read_traverses([table], "MER2", LANDING)
     lines, stops = draw_mission_traverse("MER2", traverses, [table], LANDING, workspace.store)
@@ -94,7 +94,7 @@ def test_the_comparison_of_spirit_is_one_command(shared_data, tmp_path):
     assert figure.read_bytes().startswith(b"<?xml")
 
 
-def test_the_layers_of_spirit_lie_on_the_degrees_that_other_tables_give(shared_data, tmp_path):
+def test_the_layers_of_spirit_have_the_degrees_of_other_tables(shared_data, tmp_path):
     """Written from the path table; read beside the tables of drives and sites, to a millimetre."""
     folder = shared_data / "traverse" / "mer_spirit"
     files = [folder / "MERA-MER2-Spirit_traverse_path.csv"]
@@ -119,7 +119,7 @@ def test_the_layers_of_spirit_lie_on_the_degrees_that_other_tables_give(shared_d
         assert np.quantile(apart_m, 0.99) < 1e-2  # some stops stand at several places
 
 
-def test_a_file_that_is_no_traverse_ends_with_one_line(tmp_path):
+def test_a_file_without_a_traverse_ends_with_one_line(tmp_path):
     file = tmp_path / "notes.txt"
     file.write_text("nothing\n")
     ran = CliRunner().invoke(app, ["traverse", "compare", str(file)])

@@ -47,7 +47,7 @@ def test_a_new_stop_is_mapped_as_adjusted():
     )
 
 
-def test_a_stop_that_moved_by_less_than_the_threshold_stays_as_it_was_mapped():
+def test_a_stop_that_moved_by_less_than_the_threshold_is_not_remapped():
     before = mapped(pair(1, 0.1), pair(2, 0.7))
     now = choose_for_stop(NAME, [pair(1, 0.1, 0.004), pair(2, 0.7 + 0.0015)], before, PARAMS)
     assert now.orientations == before.orientations
@@ -55,7 +55,7 @@ def test_a_stop_that_moved_by_less_than_the_threshold_stays_as_it_was_mapped():
     np.testing.assert_allclose(now.moved_m, 0.015, rtol=1e-6)  # 10 m * 1.5 mrad, chord for arc
 
 
-def test_one_pair_that_moved_brings_the_whole_stop_anew():
+def test_one_moved_pair_remaps_the_whole_stop():
     before = mapped(pair(1, 0.1), pair(2, 0.7))
     moved = [pair(1, 0.1, 0.004), pair(2, 0.7 + 0.0025)]
     now = choose_for_stop(NAME, moved, before, PARAMS)
@@ -84,7 +84,7 @@ def test_the_height_bias_of_a_stop_is_the_weighted_mean_of_its_links():
     assert height_bias_of("E", [link("E", "F", -0.1, 0.1)]).lines == 0.0
 
 
-def test_a_stop_is_mapped_again_when_its_height_bias_is_clearly_another():
+def test_a_stop_is_remapped_when_its_height_bias_changed_significantly():
     before = mapped(pair(1, 0.1))
     little = choose_for_stop(NAME, [pair(1, 0.1)], before, PARAMS, None, HeightBias(0.1, 0.1))
     assert little.height_bias == HeightBias()
@@ -105,7 +105,7 @@ def test_small_movements_add_up_to_a_new_map():
     assert remade == [False, False, True] * 3 + [False]
 
 
-def test_a_pair_more_brings_the_whole_stop_anew():
+def test_an_additional_pair_remaps_the_whole_stop():
     before = mapped(pair(1, 0.1))
     now = choose_for_stop(NAME, [pair(2, 0.7), pair(1, 0.1)], before, PARAMS)
     assert [o.pair_id for o in now.orientations] == ["PAIR1", "PAIR2"]
@@ -113,7 +113,7 @@ def test_a_pair_more_brings_the_whole_stop_anew():
     assert now.moved_m is None
 
 
-def test_without_a_threshold_any_movement_counts():
+def test_without_a_threshold_any_movement_remaps():
     before = mapped(pair(1, 0.1))
     none = replace(PARAMS, shift_m=0.0)
     assert choose_for_stop(NAME, [pair(1, 0.1, 1e-9)], before, none).is_new

@@ -23,7 +23,7 @@ def boulder(scenes):
     return scenes.view_of(scenes.with_boulder)
 
 
-def test_what_a_boulder_hides_ends_where_its_top_meets_the_ground(boulder):
+def test_ground_hidden_by_a_boulder_ends_at_the_line_over_its_top(boulder):
     # the mast is 1.5 m high, the boulder 0.5 m, its far edge at 6 m: its shadow ends at 9 m
     dtm = build_dtm([boulder], PARAMS)
     assert (ahead(dtm, 6.1, 8.8) == OCCLUDED).all()
@@ -40,7 +40,7 @@ def test_occluded_ground_has_no_elevation(boulder):
 def test_a_hole_in_the_matching_of_open_ground_is_not_occluded(scenes):
     view = scenes.view_of(scenes.level)
     hole = view.parallax.copy()
-    hole[110:150, 100:156] = np.nan  # a shadow, say
+    hole[110:150, 100:156] = np.nan  # such as a shadow
     dtm = build_dtm([replace(view, parallax=hole)], PARAMS)
     whole = build_dtm([view], PARAMS, dtm.grid)
     lost = (whole.ground != UNSEEN) & ~np.isfinite(dtm.elevation)
@@ -48,7 +48,7 @@ def test_a_hole_in_the_matching_of_open_ground_is_not_occluded(scenes):
     assert (dtm.ground[lost] == UNSEEN).mean() > 0.95
 
 
-def test_what_one_pair_hides_and_another_would_show_is_unseen(scenes, boulder):
+def test_ground_hidden_in_one_pair_and_outside_another_is_unseen(scenes, boulder):
     beside = scenes.view_of(scenes.level, pair=1, camera=(4.0, 7.0, 1.5), azimuth_deg=-90)
     blind = replace(beside, parallax=np.full_like(beside.parallax, np.nan))
     alone, both = build_dtm([boulder], PARAMS), build_dtm([boulder, blind], PARAMS)

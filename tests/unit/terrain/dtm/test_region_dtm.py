@@ -24,7 +24,7 @@ SIDE = 256
 
 
 def known_in(dtm: Dtm, cells: np.ndarray, raised_m=0.0, sigma_m=0.01, pose_m=0.0) -> Dtm:
-    """A model that knows some cells only."""
+    """A model with some measured cells only."""
     seen = np.where(cells, np.float32(1), np.float32(np.nan))
     return Dtm(
         dtm.grid,
@@ -50,7 +50,7 @@ def halves(ground):
     return StopTerrain(4, (-5.0, 0.0), west), StopTerrain(7, (5.0, 0.0), east)
 
 
-def test_no_step_shows_where_a_stop_ends(halves, ground):
+def test_the_border_of_a_stop_has_no_step(halves, ground):
     block = fuse_block(halves, PARAMS)
     off = block.dtm.elevation - ground.elevation
     np.testing.assert_allclose(off[:, :60], 0.0, atol=1e-5)
@@ -60,7 +60,7 @@ def test_no_step_shows_where_a_stop_ends(halves, ground):
     assert step < 2.5 * 0.2 * PARAMS.cell_m / PARAMS.feather_m
 
 
-def test_the_more_certain_stop_counts_for_more(ground):
+def test_the_more_certain_stop_has_more_weight(ground):
     everywhere = np.ones((SIDE, SIDE), dtype=bool)
     sure = StopTerrain(0, (0.0, 0.0), known_in(ground, everywhere, pose_m=0.03))
     unsure = StopTerrain(1, (0.0, 0.0), known_in(ground, everywhere, raised_m=1.0, pose_m=0.3))
@@ -69,7 +69,7 @@ def test_the_more_certain_stop_counts_for_more(ground):
     assert off == pytest.approx(0.001 / (0.001 + 0.0901), abs=0.002)  # shares by 1/variance
 
 
-def test_own_errors_average_out_and_those_of_poses_do_not(ground):
+def test_independent_errors_average_out_and_those_of_poses_do_not(ground):
     everywhere = np.ones((SIDE, SIDE), dtype=bool)
     stops = [
         StopTerrain(k, (0.0, 0.0), known_in(ground, everywhere, sigma_m=0.1, pose_m=0.05))
@@ -91,21 +91,21 @@ def test_stops_that_disagree_beyond_their_sigmas_make_a_cell_less_certain(ground
     assert np.median(made.seam_sigmas) == pytest.approx(0.5 / np.hypot(0.01, 0.01), rel=0.01)
 
 
-def test_seams_are_where_two_stops_see_and_nowhere_else(halves):
+def test_seams_are_only_where_two_stops_see(halves):
     block = fuse_block(halves, PARAMS)
     shared = np.isfinite(halves[0].dtm.elevation) & np.isfinite(halves[1].dtm.elevation)
     np.testing.assert_array_equal(np.isfinite(block.seam_m), shared)
     np.testing.assert_allclose(block.seam_m[shared], 0.2, atol=1e-5)
 
 
-def test_every_cell_names_the_nearest_stop_that_knows_it(halves):
+def test_every_cell_names_the_nearest_stop_that_measured_it(halves):
     nearest = fuse_block(halves, PARAMS).nearest
     assert (nearest[:, : SIDE // 3] == 4).all()
     assert (nearest[:, -SIDE // 3 :] == 7).all()
-    assert (nearest[:, SIDE // 3 + 1 : SIDE // 2] == 4).all()  # both know it; the first is nearer
+    assert (nearest[:, SIDE // 3 + 1 : SIDE // 2] == 4).all()  # both have it; the first is nearer
 
 
-def test_what_one_stop_measured_is_measured_and_what_all_miss_may_be_occluded(ground):
+def test_measured_and_occluded_cells_of_stops_are_combined(ground):
     some = np.zeros((SIDE, SIDE), dtype=bool)
     some[:100] = True
     measured = known_in(ground, some)
@@ -119,7 +119,7 @@ def test_what_one_stop_measured_is_measured_and_what_all_miss_may_be_occluded(gr
     assert np.isnan(made.dtm.elevation[100:]).all()
 
 
-def test_the_numbers_of_a_pair_of_stops_are_those_of_its_cells(ground, rng):
+def test_the_statistics_of_two_stops_are_those_of_their_common_cells(ground, rng):
     everywhere = np.ones((SIDE, SIDE), dtype=bool)
     one = known_in(ground, everywhere)
     other = replace(
@@ -139,7 +139,7 @@ def test_the_numbers_of_a_pair_of_stops_are_those_of_its_cells(ground, rng):
     assert seam.p90_sigmas == pytest.approx(seam.p90_m / np.hypot(0.01, 0.01), rel=0.03)
 
 
-def test_coarser_cells_are_means_of_what_is_known(scenes):
+def test_coarser_cells_are_means_of_the_known_ones(scenes):
     dtm = scenes.dtm_of(scenes.tilted, 128, 0.04)
     dtm.elevation[0, 0] = np.nan
     dtm.ground[0, 0] = OCCLUDED
@@ -153,7 +153,7 @@ def test_coarser_cells_are_means_of_what_is_known(scenes):
     np.testing.assert_allclose(made.sigma_m, 0.01, rtol=1e-6)
 
 
-def test_finer_cells_of_a_plane_lie_on_it(scenes):
+def test_finer_cells_of_a_plane_are_on_it(scenes):
     made = finer_dtm(scenes.dtm_of(scenes.tilted, 64, 0.64), 8)
     exact = scenes.dtm_of(scenes.tilted, 512, 0.08)
     inner = slice(8, -8)
@@ -162,7 +162,7 @@ def test_finer_cells_of_a_plane_lie_on_it(scenes):
     )
 
 
-def test_edges_that_do_not_fade_are_refused():
+def test_edges_without_a_fade_width_are_refused():
     with pytest.raises(TerrainError, match=r"feather_m must be at least a cell of 0\.08 m"):
         RegionParams(feather_m=0.01)
 
@@ -171,12 +171,12 @@ def around(east: float, north: float, half: float = 30.0) -> tuple[float, float,
     return (east - half, north - half, east + half, north + half)
 
 
-def test_stops_whose_ground_meets_make_one_region_and_the_next_begins_far_away():
+def test_stops_with_common_ground_form_one_region_and_distant_ones_another():
     stops = [around(0.0, 0.0), around(20.0, 0.0), around(70.0, 10.0), around(500.0, 0.0)]
     assert regions_of(stops, 700.0) == [[0, 1, 2], [3]]
 
 
-def test_a_region_ends_where_it_would_grow_too_large():
+def test_a_region_is_limited_in_size():
     stops = [around(40.0 * k, 0.0) for k in range(6)]
     assert regions_of(stops, 150.0) == [[0, 1, 2], [3, 4, 5]]
 

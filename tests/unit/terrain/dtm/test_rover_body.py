@@ -1,4 +1,4 @@
-"""The rover that stands in its own pictures."""
+"""The rover's own body in its images."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ def seen_from(scenes, forward_m, height_m, dip_deg, distance_m) -> TerrainView:
     )
     shape = (geometry.lines, geometry.samples)
     parallax = np.full(shape, geometry.focal_px * geometry.base_m / distance_m, np.float32)
-    told = type(geometry)(
+    reported = type(geometry)(
         in_rover,
         geometry.base_m,
         geometry.focal_px,
@@ -27,7 +27,7 @@ def seen_from(scenes, forward_m, height_m, dip_deg, distance_m) -> TerrainView:
         geometry.lines,
     )
     return TerrainView(
-        "PAIR0", "NAVCAM", lsl_from_pair, told, parallax, parallax, np.ones(shape, dtype=bool)
+        "PAIR0", "NAVCAM", lsl_from_pair, reported, parallax, parallax, np.ones(shape, dtype=bool)
     )
 
 
@@ -46,19 +46,19 @@ def test_a_panorama_of_the_ground_keeps_every_pixel(scenes):
     assert mask_rover(view, "MER2").mask.all()
 
 
-def test_a_hazard_camera_below_the_deck_loses_only_what_is_matched_on_the_rover(scenes):
+def test_a_hazard_camera_below_the_deck_loses_only_matches_on_the_rover(scenes):
     ground = seen_from(scenes, forward_m=0.5, height_m=0.5, dip_deg=30.0, distance_m=2.0)
     wheel = seen_from(scenes, forward_m=0.5, height_m=0.5, dip_deg=30.0, distance_m=0.25)
     assert mask_rover(ground, "MER2").mask.all()
     assert not mask_rover(wheel, "MER2").mask[128, 128]
 
 
-def test_an_unknown_rover_leaves_the_view_as_it_is(scenes):
+def test_an_unknown_rover_does_not_change_the_view(scenes):
     view = seen_from(scenes, forward_m=0.3, height_m=1.5, dip_deg=60.0, distance_m=1.5)
     assert mask_rover(view, "ZHURONG") is view
 
 
-def test_the_boxes_are_not_inside_out():
+def test_the_boxes_have_positive_sizes():
     for body in BODIES.values():
         low, high = body.corners
         assert (low < high).all()

@@ -98,7 +98,7 @@ def test_a_gap_wider_than_allowed_is_not_bridged(scenes):
     assert on_map(narrow)[1][narrow.ground != UNSEEN].max() < 7.0
 
 
-def test_a_lone_blunder_leaves_no_cell(scenes):
+def test_a_single_blunder_makes_no_cell(scenes):
     view = scenes.view_of(scenes.level)
     clean = build_dtm([view], PARAMS)
     view.parallax[150, 100] *= 0.8
@@ -108,7 +108,7 @@ def test_a_lone_blunder_leaves_no_cell(scenes):
     assert (spoilt.ground != UNSEEN).sum() > 0.99 * (clean.ground != UNSEEN).sum()
 
 
-def test_the_standard_deviation_is_honest_about_noise(scenes, rng):
+def test_the_standard_deviation_agrees_with_the_noise(scenes, rng):
     params = DtmParams(max_relative_sigma=0.05, correlation_px=1.0)  # this noise is independent
     view = scenes.view_of(scenes.level)
     view.parallax[:] += rng.normal(0, params.sigma_parallax_px, view.parallax.shape)
@@ -130,7 +130,7 @@ def test_sigma_follows_the_stereo_formula(scenes):
     assert np.median(measured) == pytest.approx(0.25 * depth / (300 * 0.2) * 1.5, rel=0.05)
 
 
-def test_ground_seen_edge_on_is_less_certain_than_the_stereo_formula_says(scenes):
+def test_ground_seen_at_a_grazing_angle_is_less_certain_than_the_stereo_formula_states(scenes):
     def falling(east, north):
         return -0.15 * np.maximum(0, north - 3.0) + 0.0 * east
 
@@ -188,7 +188,7 @@ def test_a_given_grid_is_kept(scenes, tilted_dtm):
     np.testing.assert_allclose(own, common, atol=1e-6)
 
 
-def test_far_from_the_landing_site_nothing_is_lost(scenes):
+def test_far_from_the_landing_site_no_precision_is_lost(scenes):
     camera = (4321.09, -1234.56, 201.5)
     view = scenes.view_of(
         lambda e, n: scenes.tilted(e - camera[0], n - camera[1]) + 200.0, camera=camera
@@ -199,7 +199,7 @@ def test_far_from_the_landing_site_nothing_is_lost(scenes):
     assert np.nanmax(np.abs(error)) < 0.01
 
 
-def test_no_trusted_parallax_is_an_error_that_names_the_limit(scenes):
+def test_the_absence_of_trusted_parallaxes_is_an_error_that_names_the_limit(scenes):
     view = scenes.view_of(scenes.level)
     view.parallax[:] = np.nan
     with pytest.raises(TerrainError, match=r"none of the 1 views has a parallax above 5\.0 px"):
@@ -231,7 +231,7 @@ def test_a_precise_parallax_makes_a_precise_elevation(scenes):
     assert 0.1 < ratio < 0.9  # the image coordinate and what is not resolved remain
 
 
-def test_what_all_points_of_a_view_share_does_not_average_out(scenes):
+def test_common_errors_of_a_view_do_not_average_out(scenes):
     view = scenes.view_of(scenes.level)
     sigma_px = np.full(view.parallax.shape, 0.25, np.float32)
     params = DtmParams(cell_m=0.32, correlation_px=1.0, max_relative_sigma=0.05)
@@ -250,13 +250,13 @@ def test_what_all_points_of_a_view_share_does_not_average_out(scenes):
     assert (own.sigma_m[place] < 0.5 * formula).all()
 
 
-def test_an_error_of_the_pose_within_its_covariance_is_within_the_stated_sigma(scenes, rng):
+def test_pose_errors_within_their_covariance_are_within_the_stated_sigma(scenes, rng):
     view = scenes.view_of(scenes.tilted)
     sigmas = np.r_[np.radians([0.3, 0.4, 0.5]), 0.02, 0.03, 0.04]
-    told = replace(view, covariance=np.diag(sigmas**2))
-    stated = build_dtm([told], PARAMS)
+    reported = replace(view, covariance=np.diag(sigmas**2))
+    stated = build_dtm([reported], PARAMS)
     off = []
-    for _ in range(40):  # draw the poses that the covariance speaks of, and look how far cells move
+    for _ in range(40):  # draw poses from the covariance, and measure how far cells move
         turn, shift = np.split(rng.normal(0, sigmas), 2)
         pose = view.lsl_from_pair
         moved = Pose(
@@ -274,11 +274,11 @@ def test_an_error_of_the_pose_within_its_covariance_is_within_the_stated_sigma(s
     assert (stated.sigma_m >= stated.pose_sigma_m)[seen].all()
 
 
-def test_poses_taken_for_true_add_nothing(tilted_dtm):
+def test_exact_poses_add_no_uncertainty(tilted_dtm):
     assert np.nanmax(tilted_dtm.pose_sigma_m) == 0
 
 
-def test_what_poses_leave_open_does_not_average_out_over_the_views_of_a_stop(scenes):
+def test_pose_uncertainty_does_not_average_out_over_the_views_of_a_stop(scenes):
     covariance = np.diag([0, 0, 0, 0, 0, 0.2**2])
     views = [
         replace(scenes.view_of(scenes.level, pair=k, azimuth_deg=a), covariance=covariance)

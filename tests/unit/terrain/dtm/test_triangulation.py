@@ -32,7 +32,7 @@ def thinned(scenes, share: float, rng) -> Dtm:
     )
 
 
-def test_triangles_of_a_plane_lie_on_it(scenes, rng):
+def test_triangles_of_a_plane_are_on_it(scenes, rng):
     filled = fill_by_triangles(thinned(scenes, 0.05, rng), gap_m=1.0, roughness=0.0)
     new = filled.ground == INTERPOLATED
     assert new.mean() > 0.8
@@ -42,7 +42,7 @@ def test_triangles_of_a_plane_lie_on_it(scenes, rng):
     np.testing.assert_allclose(filled.pose_sigma_m[new], 0.02, rtol=1e-3)
 
 
-def test_ground_strays_between_far_corners(scenes, rng):
+def test_ground_deviates_between_far_corners(scenes, rng):
     thin = thinned(scenes, 0.02, rng)
     flat, rough = (fill_by_triangles(thin, 1.0, roughness) for roughness in (0.0, 0.2))
     new = flat.ground == INTERPOLATED
@@ -65,7 +65,7 @@ def test_no_gap_wider_than_allowed_is_bridged(scenes, gap_m):
     )
 
 
-def test_nothing_is_stretched_over_what_a_boulder_hides(scenes):
+def test_ground_hidden_by_a_boulder_is_not_bridged(scenes):
     dtm = build_dtm([scenes.view_of(scenes.with_boulder)], PARAMS)
     east, north = np.meshgrid(*dtm.grid.centres())
     hidden = (np.abs(east) < 0.4) & (north > 6.3) & (north < 8.5)
@@ -73,7 +73,7 @@ def test_nothing_is_stretched_over_what_a_boulder_hides(scenes):
     assert np.isnan(dtm.elevation[hidden]).all()
 
 
-def test_between_lines_of_open_ground_both_ways_agree(scenes):
+def test_on_open_ground_gridding_and_triangulation_agree(scenes):
     view = scenes.view_of(scenes.tilted)
     tin = build_dtm([view], PARAMS)
     mesh = build_dtm([view], replace(PARAMS, method=Gridding.GRID), tin.grid)

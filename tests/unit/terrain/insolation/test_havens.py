@@ -29,7 +29,7 @@ def lit(scenes, surface, latitude=GUSEV, side=512):
     return insolation(dtm, latitude, InsolationParams())
 
 
-def test_ground_that_leans_to_the_winter_sun_is_a_haven(scenes):
+def test_ground_tilted_to_the_winter_sun_is_a_haven(scenes):
     (haven, *others) = winter_havens(lit(scenes, ridge), GUSEV, PARAMS)
     shape = Polygon(haven.outline)
     assert haven.area_m2 == pytest.approx(shape.area, rel=0.05)
@@ -42,18 +42,18 @@ def test_ground_that_leans_to_the_winter_sun_is_a_haven(scenes):
     assert not others
 
 
-def test_in_the_north_havens_lean_to_the_south(scenes):
+def test_in_the_north_havens_tilt_to_the_south(scenes):
     north = -GUSEV
     assert not winter_havens(lit(scenes, ridge, north), north, PARAMS)
     (haven,) = winter_havens(lit(scenes, lambda e, n: ridge(e, -n), north), north, PARAMS)
     assert haven.tilt_to_sun_deg > 12.0
 
 
-def test_level_ground_is_no_haven(scenes):
+def test_level_ground_is_not_a_haven(scenes):
     assert winter_havens(lit(scenes, scenes.level), GUSEV, PARAMS) == ()
 
 
-def test_in_polar_night_no_ground_is_a_haven(scenes):
+def test_in_polar_night_there_is_no_haven(scenes):
     north = math.radians(80.0)
     light = lit(scenes, ridge, north)
     assert light.level == (0.0,)
@@ -61,18 +61,18 @@ def test_in_polar_night_no_ground_is_a_haven(scenes):
     assert winter_havens(light, north, PARAMS) == ()
 
 
-def test_a_haven_too_small_or_narrow_for_a_rover_is_none(scenes):
+def test_a_haven_too_small_or_narrow_for_a_rover_is_left_out(scenes):
     light = lit(scenes, ridge)
     assert winter_havens(light, GUSEV, HavenParams(least_area_m2=60.0)) == ()
     assert winter_havens(light, GUSEV, HavenParams(width_m=5.0)) == ()
 
 
-def test_ground_too_steep_to_drive_onto_is_no_haven(scenes):
+def test_ground_too_steep_to_drive_onto_is_not_a_haven(scenes):
     light = lit(scenes, ridge)
     assert winter_havens(light, GUSEV, HavenParams(steepest_deg=10.0)) == ()
 
 
-def test_a_hole_in_a_haven_stays_one(scenes):
+def test_a_hole_in_a_haven_is_kept(scenes):
     def bank(east, north):
         falls = -math.tan(math.radians(15.0)) * north
         pit = np.hypot(east, north) < 1.0
@@ -85,6 +85,6 @@ def test_a_hole_in_a_haven_stays_one(scenes):
     assert largest.area_m2 == pytest.approx(Polygon(largest.outline).area - hole.area, rel=0.02)
 
 
-def test_a_haven_of_no_width_is_an_error():
+def test_a_haven_of_zero_width_is_an_error():
     with pytest.raises(TerrainError, match="needs a width and an area above zero"):
         HavenParams(width_m=0.0)

@@ -51,7 +51,7 @@ def waves(east, north):
     return np.sin(north / 1.6) + np.cos(east / 2) + 0.02 * north
 
 
-def test_the_horizon_is_what_walking_along_the_ray_finds(rng):
+def test_the_horizon_equals_that_of_walking_along_the_ray(rng):
     grid = MapGrid(0.0, 0.0, 0.16, 200, 240)
     east, north = grid.centres()
     found = horizons(waves(*np.meshgrid(east, north)).astype(np.float32), grid.cell_m)
@@ -116,7 +116,7 @@ def test_level_ground_without_dust_receives_what_arrives_above_it(scenes):
 
 
 @pytest.mark.parametrize("slope_deg", [5.0, 15.0])
-def test_ground_tilted_to_north_receives_what_its_equal_further_north_does(scenes, slope_deg):
+def test_ground_tilted_to_north_receives_the_insolation_of_a_northern_latitude(scenes, slope_deg):
     # a plane tilted by b to the north is parallel to level ground b further north, as long as the
     # sun rises for both before it shines on the plane's back: in the southern winter it does
     values, _ = received(scenes, plane(slope_deg, 0.0))
@@ -124,7 +124,7 @@ def test_ground_tilted_to_north_receives_what_its_equal_further_north_does(scene
     np.testing.assert_allclose(np.median(inner(values)), further, rtol=0.01)
 
 
-def test_at_noon_the_incidence_is_the_solar_energy_of_vicar():
+def test_at_noon_the_incidence_equals_the_solar_energy_of_vicar():
     gradient = np.array([0.1, -0.2], dtype=np.float32).reshape(2, 1, 1)
     u, v, w = normals_of(gradient)[:, 0, 0]
     for elevation in np.radians([30.0, 60.0]):
@@ -133,7 +133,7 @@ def test_at_noon_the_incidence_is_the_solar_energy_of_vicar():
         assert u * north + v * east - w * up == pytest.approx(vicar)
 
 
-def test_a_wall_to_the_north_takes_the_winter_sun(scenes):
+def test_a_wall_to_the_north_blocks_the_winter_sun(scenes):
     def walled(east, north):
         return np.where(north > 2.0, 3.0, 0.0) + 0.0 * east
 
@@ -162,7 +162,7 @@ def test_level_ground_sees_the_whole_sky_and_a_slope_less():
         np.testing.assert_allclose(seen[20:-20, 20:-20], expected, atol=2e-3)
 
 
-def test_dust_makes_the_ground_care_less_for_its_tilt(scenes):
+def test_dust_reduces_the_effect_of_tilt(scenes):
     ratio = {}
     for depth in (0.0, 2.0):
         params = InsolationParams(ls_deg=(90.0,), optical_depth=depth)
@@ -189,7 +189,7 @@ def test_coarse_cells_keep_the_place_and_mean_of_a_plane(scenes):
     assert grid.rows % 256 == 0
 
 
-def test_cells_are_not_made_finer(scenes):
+def test_cells_are_not_refined(scenes):
     dtm = scenes.dtm_of(scenes.level)
     assert coarsen(dtm.elevation, dtm.grid, 0.02) == (dtm.elevation, dtm.grid)
 

@@ -28,7 +28,7 @@ MARS_HOURS = 24 / SOL_HOURS
 @pytest.mark.parametrize(
     ("ls_deg", "published"), [(69, 4136), (120, 4442), (153, 4620), (249, 3449), (299, 3350)]
 )
-def test_daily_insolation_above_the_atmosphere_is_as_published(ls_deg, published):
+def test_daily_insolation_above_the_atmosphere_equals_the_published(ls_deg, published):
     # Appelbaum and Flood 1990, table II; their perihelion (248) and obliquity (24.94) are 3 and
     # 0.25 degrees from ours
     ours = daily_insolation_above(VIKING_1, Season(float(ls_deg))) * MARS_HOURS
@@ -52,7 +52,7 @@ def day_on_level_ground(ls_deg, optical_depth, tilt=0.0):
     ("ls_deg", "optical_depth", "published"),
     [(69, 0.65, 1768), (120, 0.4, 2534), (153, 0.5, 2308), (249, 1.4, 314), (299, 3.25, 12)],
 )
-def test_the_beam_on_the_ground_is_as_published(ls_deg, optical_depth, published):
+def test_the_beam_on_the_ground_equals_the_published(ls_deg, optical_depth, published):
     beam, _ = day_on_level_ground(float(ls_deg), optical_depth)
     assert beam == pytest.approx(
         published, rel=0.025, abs=22
@@ -63,7 +63,7 @@ def test_the_beam_on_the_ground_is_as_published(ls_deg, optical_depth, published
     ("ls_deg", "beam_level", "all_level", "beam_tilted"),
     [(120.0, 2621.38, 3996.85, 2318.9), (180.0, 1610.06, 3601.57, 1736.1)],
 )
-def test_light_from_the_sky_and_on_tilted_ground_are_as_published(
+def test_diffuse_light_and_light_on_tilted_ground_equal_the_published(
     ls_deg, beam_level, all_level, beam_tilted
 ):
     # Appelbaum and Landis 1991 (table V) and Appelbaum, Flood and Norambuena 1993 (table II) for
@@ -76,7 +76,7 @@ def test_light_from_the_sky_and_on_tilted_ground_are_as_published(
     )
 
 
-def test_at_noon_of_the_equinox_the_sun_stands_over_the_equator():
+def test_at_noon_of_the_equinox_the_sun_is_over_the_equator():
     direction = sun_directions(math.radians(-14.6), 0.0, np.zeros(1))[0]
     np.testing.assert_allclose(
         direction, [math.sin(math.radians(14.6)), 0, math.cos(0.25482)], 1e-4
@@ -92,7 +92,7 @@ def test_the_sun_rises_in_the_east_and_is_a_unit_vector():
 @pytest.mark.parametrize(
     ("latitude_deg", "ls_deg", "hours"), [(0.0, 17.0, 12.0), (70.0, 90.0, 24.0), (70.0, 270.0, 0.0)]
 )
-def test_days_are_as_long_as_the_season_has_them(latitude_deg, ls_deg, hours):
+def test_day_length_follows_the_season(latitude_deg, ls_deg, hours):
     half = half_day(math.radians(latitude_deg), Season(ls_deg).declination)
     assert 24 * half / math.pi == pytest.approx(hours)
 
@@ -102,7 +102,7 @@ def test_winter_is_when_the_sun_is_over_the_other_hemisphere():
     assert local_winter(0.3).ls_deg == 270.0
 
 
-def test_the_plumb_line_of_gusev_is_a_sixth_of_a_degree_off():
+def test_the_plumb_line_of_gusev_deviates_by_a_sixth_of_a_degree():
     centric = math.radians(-14.5692)
     assert math.degrees(planetographic(centric) - centric) == pytest.approx(-0.166, abs=0.001)
 
@@ -113,7 +113,7 @@ def test_without_dust_all_light_is_beam():
     np.testing.assert_allclose(diffuse_share(cosines, 0.0), 0.0, atol=1e-12)
 
 
-def test_net_flux_meets_the_table_and_runs_between():
+def test_net_flux_equals_the_table_and_is_interpolated_between():
     assert net_flux(np.array([60.0]), 0.5)[0] == pytest.approx(0.708)
     assert net_flux(np.array([65.0]), 0.45)[0] == pytest.approx((0.740 + 0.667 + 0.708 + 0.628) / 4)
 

@@ -1,4 +1,4 @@
-"""Planar facets of rocks: found where they are, turned as they are, and as unsure as they say."""
+"""Planar facets of rocks: found at their place, with their attitude and true uncertainty."""
 
 from dataclasses import replace
 
@@ -62,7 +62,7 @@ def test_the_face_of_a_block_is_found_and_the_level_ground_is_not(view):
     assert facet.pair_id == view.pair_id
 
 
-def test_noise_turns_the_face_by_as_much_as_is_stated(view, rng):
+def test_noise_rotates_the_face_by_the_stated_sigma(view, rng):
     """Over 60 trials the squares have the mean 1 but for 5 sqrt(2 / 60) = 0.9 above.
 
     Below, they may be smaller: samples at the facet's middle count as one a window.
@@ -81,7 +81,7 @@ def test_noise_turns_the_face_by_as_much_as_is_stated(view, rng):
     assert (mean < 1.9).all()
 
 
-def test_unsure_pointing_makes_every_facet_unsure(view):
+def test_uncertain_pointing_makes_every_facet_uncertain(view):
     tilt = np.zeros((6, 6))
     tilt[:3, :3] = np.eye(3) * np.radians(1.0) ** 2
     (sure,), (unsure,) = (
@@ -113,6 +113,6 @@ def test_local_planes_are_exact_where_the_window_is_full():
     assert rms[seen].max() < 0.01
 
 
-def test_windows_without_a_middle_are_refused():
+def test_windows_of_even_size_are_refused():
     with pytest.raises(TerrainError, match=r"window_px must be odd and at least 3 .* not 16 and 4"):
         PlanarRegionParams(window_px=16)

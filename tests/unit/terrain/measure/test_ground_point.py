@@ -25,7 +25,7 @@ def slope(places):
     return 0.1 * places[:, 1]
 
 
-def test_a_ray_meets_a_slope_where_both_are(rng):
+def test_a_ray_meets_a_slope_at_their_intersection(rng):
     start = np.array([0.0, 0.0, -1.5])
     for _ in range(20):
         target = np.array([rng.uniform(3, 30), rng.uniform(-10, 10), 0.0])
@@ -35,7 +35,7 @@ def test_a_ray_meets_a_slope_where_both_are(rng):
         assert found == pytest.approx(distance, abs=1e-4)
 
 
-def test_a_ray_into_the_sky_or_into_the_unseen_meets_nothing():
+def test_a_ray_into_the_sky_or_into_unseen_ground_meets_nothing():
     start = np.array([0.0, 0.0, -1.5])
 
     def with_gap(places):
@@ -62,7 +62,7 @@ def test_the_normal_is_that_of_the_slope():
     assert ground_normal(np.zeros(2), lambda p: np.full(len(p), np.nan), 0.25) == pytest.approx(UP)
 
 
-def test_the_covariance_on_terrain_is_what_wrong_rays_and_elevations_do(rng):
+def test_the_covariance_on_terrain_agrees_with_simulated_errors(rng):
     seen = image(pose(0), pointing=1e-3)
     pixel = np.array([500.0, 700.0])
     start, ray = seen.ray(pixel)
@@ -81,7 +81,7 @@ def test_the_covariance_on_terrain_is_what_wrong_rays_and_elevations_do(rng):
     assert np.cov(np.array(drawn).T) == pytest.approx(found.covariance, rel=0.15, abs=2e-5)
 
 
-def test_a_matched_pixel_lies_where_its_pair_has_it():
+def test_a_matched_pixel_has_the_ground_of_its_pair():
     geometry, lsl_from_pair = looking(30.0, 12.0)
     point = lsl_from_pair.apply(np.array([[0.5, 0.8, 7.0]]))
     left, parallax = geometry.project(lsl_from_pair.inverse.apply(point))
@@ -96,7 +96,7 @@ def test_a_matched_pixel_lies_where_its_pair_has_it():
     assert np.sqrt(along @ found.covariance @ along) == pytest.approx(sigma_z, rel=0.03)
 
 
-def test_the_total_covariance_adds_what_the_stop_does_not_know_of_itself():
+def test_the_total_covariance_adds_that_of_the_stop():
     shift = np.diag([0.0, 0.0, 0.0, 0.3, 0.2, 0.1]) ** 2
     seen = image(pose(1, covariance=shift))
     frame = Frame(FrameKind.PAIR, (0,))
@@ -132,7 +132,7 @@ def test_a_left_pixel_has_the_parallax_of_its_place():
     assert found.sigma_px == pytest.approx(0.15)
 
 
-def test_a_right_pixel_has_that_of_the_left_one_it_was_matched_with():
+def test_a_right_pixel_has_the_parallax_of_its_left_match():
     left = (60.3, 40.0)
     right = (left[0] - 4.0, 40.0)
     found = matched_pixel(right, Eye.RIGHT, RIGHT, GEOMETRY, ramp(), SIGMA)
@@ -140,19 +140,19 @@ def test_a_right_pixel_has_that_of_the_left_one_it_was_matched_with():
     assert found.parallax_px == pytest.approx(4.0)
 
 
-def test_of_two_left_pixels_that_end_at_one_right_pixel_the_nearer_ground_is_seen():
+def test_of_two_left_matches_of_a_right_pixel_the_nearer_ground_is_used():
     on_rock = matched_pixel((90.0, 110.0), Eye.RIGHT, RIGHT, GEOMETRY, ramp(), SIGMA)
     assert on_rock.parallax_px == pytest.approx(20.0)
 
 
-def test_what_was_not_matched_or_is_not_shown_has_none():
+def test_unmatched_and_invisible_pixels_have_no_parallax():
     assert matched_pixel((4.0, 40.0), Eye.LEFT, LEFT, GEOMETRY, ramp(), SIGMA) is None
     assert matched_pixel((9999.0, 40.0), Eye.LEFT, LEFT, GEOMETRY, ramp(), SIGMA) is None
     assert matched_pixel((9999.0, 40.0), Eye.RIGHT, RIGHT, GEOMETRY, ramp(), SIGMA) is None
 
 
 @pytest.mark.parametrize("eye", [Eye.LEFT, Eye.RIGHT])
-def test_nearer_ground_hides_a_place_and_the_ground_itself_does_not(eye):
+def test_only_nearer_ground_hides_a_place(eye):
     def sight(left, parallax):
         point = GEOMETRY.triangulate(np.array([left]), np.array([parallax]))
         place = LSL_FROM_PAIR.apply(point)[0]

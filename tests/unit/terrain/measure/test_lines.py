@@ -54,7 +54,7 @@ def test_a_plane_is_read_exactly_between_its_cells(rng):
     assert np.abs(found - plane(*places.T)).max() < 1e-5
 
 
-def test_a_gap_and_what_lies_beyond_the_grid_are_not_measured():
+def test_gaps_and_places_outside_the_grid_are_not_measured():
     values = raster()
     values[90:110, 90:110] = np.nan
     places = np.array([[0.0, 0.0], [11.0, 0.0], [0.0, -10.2], [5.0, 5.0]])
@@ -66,7 +66,7 @@ def test_a_gap_and_what_lies_beyond_the_grid_are_not_measured():
     ]
 
 
-def test_the_finest_model_speaks_and_of_equal_ones_the_surest():
+def test_the_finest_model_is_used_and_among_equals_the_most_certain():
     unknown = np.nan
     coarse = samples(np.array([1.0, 1.0, 1.0, unknown]), 0.01, source=0)
     fine = samples(np.array([2.0, 2.0, unknown, unknown]), 0.05, source=1)
@@ -97,7 +97,7 @@ def test_the_slope_of_a_plane_along_a_line_is_that_of_the_plane():
     assert np.tan(found.slope[outer]) == pytest.approx(0.1, abs=1e-9)
 
 
-def test_the_stated_sigma_of_a_slope_covers_what_correlated_noise_does(rng):
+def test_the_stated_sigma_of_a_slope_covers_correlated_noise(rng):
     """Noise that half a baseline of neighbours share: the assumption that the sigma is made of."""
     along = stations(np.array([[0.0, 0.0], [400.0, 0.0]]), 0.05)
     blocks = rng.normal(0, 0.02, len(along.distance_m) // 5 + 1)
@@ -107,13 +107,13 @@ def test_the_stated_sigma_of_a_slope_covers_what_correlated_noise_does(rng):
     assert 0.5 < found.slope[inside].std() / found.slope_sigma[inside].mean() < 1.1
 
 
-def test_errors_that_all_stations_share_tilt_no_slope():
+def test_common_errors_of_stations_tilt_no_slope():
     along = stations(np.array([[0.0, 0.0], [4.0, 0.0]]), 0.1)
     found = profile(along, samples(plane(*along.places.T), sigma=0.05, pose=0.05), 0.5)
     assert np.nanmax(found.slope_sigma) == 0.0
 
 
-def test_a_gap_has_no_slope_and_spoils_no_neighbour():
+def test_a_gap_has_no_slope_and_affects_no_neighbour():
     along = stations(np.array([[0.0, 0.0], [10.0, 0.0]]), 0.1)
     heights = plane(*along.places.T)
     gap = (along.distance_m > 4) & (along.distance_m < 6)
@@ -125,15 +125,15 @@ def test_a_gap_has_no_slope_and_spoils_no_neighbour():
 
 
 @pytest.mark.parametrize(
-    ("corners", "step", "told"),
+    ("corners", "step", "reported"),
     [
         ([[1.0, 1.0], [1.0, 1.0]], 0.1, "two different points"),
         ([[0.0, 0.0], [1e6, 0.0]], 0.01, "step of 50 m"),
         ([[0.0, 0.0], [1.0, 0.0]], 0.0, "two different points"),
     ],
 )
-def test_lines_that_are_none_or_too_long_are_refused(corners, step, told):
-    with pytest.raises(TerrainError, match=told):
+def test_invalid_and_too_long_lines_are_refused(corners, step, reported):
+    with pytest.raises(TerrainError, match=reported):
         stations(np.array(corners), step)
 
 
@@ -170,7 +170,7 @@ def test_unmeasured_ground_counts_with_its_length_on_the_map():
     assert found.measured_share == pytest.approx(0.5)
 
 
-def test_the_rise_between_two_places_forgets_what_they_share():
+def test_the_rise_between_two_places_excludes_their_common_error():
     places = np.array([[0.0, 0.0], [3.0, 4.0]])
     found = rise_between(places, ground([1.0, 6.0], own=0.03, pose=0.5))
     assert (found.map_length_m, found.rise_m) == (5.0, 5.0)
@@ -190,7 +190,7 @@ def test_a_polygon_may_not_cross_itself():
         polygon_of(np.zeros((3, 2)))
 
 
-def test_the_cells_inside_a_polygon_fill_it_and_stay_few():
+def test_the_cells_inside_a_polygon_fill_it_and_are_bounded_in_number():
     places, cell = places_inside(polygon_of(SQUARE), 0.1)
     assert len(places) * cell**2 == pytest.approx(100.0)
     places, cell = places_inside(polygon_of(1e4 * SQUARE), 0.04)
@@ -220,8 +220,8 @@ def test_a_pit_is_below_a_level_base():
     assert found.sigma_below_m3 == pytest.approx(found.sigma_m3)
 
 
-def test_the_stated_sigma_is_what_errors_of_elevation_do(rng):
-    """Errors drawn as they are said to be: one for all, one a patch, and those of the rim."""
+def test_the_stated_sigma_agrees_with_simulated_errors_of_elevation(rng):
+    """Errors drawn as stated: one for all, one per patch, and those of the rim."""
     places, cell = places_inside(polygon_of(SQUARE), 0.05)
     patch = np.floor(places / 0.15).astype(int)
     number = np.unique(patch, axis=0, return_inverse=True)[1].ravel()
@@ -230,8 +230,10 @@ def test_the_stated_sigma_is_what_errors_of_elevation_do(rng):
         own = rng.normal(0, 0.05, number.max() + 1)[number]
         heights = 1.0 + own + rng.normal(0, 0.004)
         nets.append(volume(places, ground(heights), BasePlane.level(0.0), 100.0).net_m3)
-    told = volume(places, ground(np.ones(len(places)), 0.05, 0.004), BasePlane.level(0.0), 100.0)
-    assert np.std(nets) == pytest.approx(told.sigma_m3, rel=0.15)
+    reported = volume(
+        places, ground(np.ones(len(places)), 0.05, 0.004), BasePlane.level(0.0), 100.0
+    )
+    assert np.std(nets) == pytest.approx(reported.sigma_m3, rel=0.15)
     assert cell == pytest.approx(0.05)
 
 
@@ -241,13 +243,13 @@ def test_the_sigma_of_a_fitted_base_is_that_of_its_rim(rng):
         [np.linspace(a, b, 20) for a, b in zip(SQUARE, np.roll(SQUARE, -1, 0), strict=True)]
     )
     flat = ground(np.zeros(len(places)), own=0.0)
-    nets, told = [], []
+    nets, reported = [], []
     for _ in range(300):
         base = BasePlane.fit(rim, ground(rng.normal(0, 0.05, len(rim))), 0.5)
         found = volume(places, flat, base, 100.0)
         nets.append(found.net_m3)
-        told.append(found.sigma_m3)
-    assert np.std(nets) == pytest.approx(np.mean(told), rel=0.15)
+        reported.append(found.sigma_m3)
+    assert np.std(nets) == pytest.approx(np.mean(reported), rel=0.15)
 
 
 def test_too_little_ground_is_refused():

@@ -51,7 +51,7 @@ def loose(rng):
     return root.T @ root / 6
 
 
-def test_the_ellipse_is_what_wrong_poses_and_pointings_do(rng, loose):
+def test_the_ellipse_agrees_with_simulated_pose_and_pointing_errors(rng, loose):
     """Poses, pointings and places drawn by their covariances, against the propagated one."""
     stop = pose(1, (2.0, -1.0, 0.0), loose)
     seen = image(stop, pointing=2e-3, centre=(2.1, -1.2, -1.5))
@@ -70,7 +70,7 @@ def test_the_ellipse_is_what_wrong_poses_and_pointings_do(rng, loose):
     assert np.cov(np.array(drawn).T) == pytest.approx(predicted, abs=0.05 * np.trace(predicted))
 
 
-def test_stops_share_their_errors_within_and_differ_by_the_worse_one(loose):
+def test_stops_share_their_errors_within_and_differ_by_the_larger_one(loose):
     point = np.array([10.0, 3.0, 0.0])
     worse = pose(2, (5.0, 0.0, 0.0), 4 * loose)
     better = pose(1, (5.0, 0.0, 0.0), loose)
@@ -87,7 +87,7 @@ def test_stops_share_their_errors_within_and_differ_by_the_worse_one(loose):
     )
 
 
-def test_a_turn_of_the_stop_moves_what_it_carries_by_its_lever():
+def test_a_rotation_of_the_stop_moves_points_by_their_lever_arm():
     sigma = 1e-3
     stop = pose(1, (4.0, 0.0, 0.0), np.diag([0.0, 0.0, sigma**2, 0.0, 0.0, 0.0]))
     at = stop.covariance_at(np.array([14.0, 0.0, 0.0]))
@@ -106,7 +106,7 @@ def test_an_ellipse_has_the_axes_of_its_covariance():
     assert np.degrees(ellipse.angle) == pytest.approx(30.0)
 
 
-def test_the_epipolar_curve_runs_through_the_image_of_every_point_of_the_ray():
+def test_the_epipolar_curve_contains_the_image_of_every_point_of_the_ray():
     one, other = image(), image(pose(1), centre=(1.0, 3.0, -1.4), azimuth_deg=-10.0)
     pixel = np.array([[700.0, 400.0]])
     ranges = np.geomspace(2.0, 100.0, 40)
@@ -130,7 +130,7 @@ def test_the_cross_matrix_is_the_cross_product(rng):
     assert cross_matrix(a) @ b == pytest.approx(np.cross(a, b))
 
 
-def test_a_place_that_is_known_exactly_is_uncertain_by_pointing_alone():
+def test_a_place_known_exactly_is_uncertain_by_pointing_alone():
     seen = image(pointing=1e-3)
     ahead = seen.camera.centre + 10.0 * seen.camera.a
     covariance = image_covariance(seen, ahead, np.zeros((3, 3)))

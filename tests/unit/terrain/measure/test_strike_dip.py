@@ -99,7 +99,7 @@ def test_a_shared_turn_of_the_camera_turns_the_plane(rng):
     assert found.sigma_strike == pytest.approx(0.02, rel=1e-3)
 
 
-def test_scatter_beyond_what_points_claim_enlarges_the_errors(rng):
+def test_scatter_above_the_stated_sigmas_enlarges_the_errors(rng):
     points = face(40.0, 30.0, (3.0, 8.0, 0.5), rng)
     covariances = stereo_covariances(points)
     calm = fit_plane(noisy(points, covariances, rng), covariances)
@@ -109,7 +109,7 @@ def test_scatter_beyond_what_points_claim_enlarges_the_errors(rng):
     assert attitude(rough).sigma_dip > 2.5 * attitude(calm).sigma_dip
 
 
-def test_the_plane_of_three_points_is_theirs():
+def test_the_plane_of_three_points_contains_them():
     points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 1.0]])
     plane = fit_plane(points, np.broadcast_to(np.eye(3) * 1e-6, (3, 3, 3)).copy())
     np.testing.assert_allclose(plane.normal, [0, -np.sqrt(0.5), np.sqrt(0.5)], atol=1e-9)
@@ -178,7 +178,7 @@ def test_errors_inside_an_outline_are_as_large_as_stated(scenes, rng):
     assert (mean < 1.5).all()
 
 
-def test_what_all_cells_share_is_no_scatter_but_the_tilt_counts(scenes):
+def test_the_common_error_of_all_cells_is_not_scatter_but_its_tilt_counts(scenes):
     dtm = scenes.dtm_of(slab)
     shared = replace(dtm, pose_sigma_m=(0.99 * dtm.sigma_m).astype(np.float32))
     alone, together = (plane_of_cells(one, OUTLINE, PARAMS) for one in (dtm, shared))
@@ -194,7 +194,7 @@ def test_only_measured_cells_count(scenes):
     assert plane.centre[0] > 0.2
 
 
-def test_outlines_that_are_none_are_refused(scenes):
+def test_invalid_outlines_are_refused(scenes):
     dtm = scenes.dtm_of(slab)
     with pytest.raises(TerrainError, match="at least 3 corners, not 2"):
         plane_of_cells(dtm, OUTLINE[:2], PARAMS)

@@ -1,4 +1,4 @@
-"""Point clouds: on the surface within what they say, one point a cube, and whole in their tiles."""
+"""Point clouds: on the surface within sigma, one point per cube, complete in their tiles."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NOISE_PX = 0.2
 
 @pytest.fixture(scope="module")
 def noisy(scenes):
-    """Two views of a tilted plane whose parallaxes are off by chance, as they say they are."""
+    """Two views of a tilted plane whose parallaxes have random errors of the stated size."""
     rng = np.random.default_rng(5)
     views = [scenes.view_of(scenes.tilted, azimuth, pair=i) for i, azimuth in enumerate((0, 20))]
     return [
@@ -38,7 +38,7 @@ def cloud(noisy):
     return point_cloud(noisy, NEAR)
 
 
-def test_points_lie_on_the_ground_within_what_they_say(scenes, cloud):
+def test_points_are_on_the_ground_within_their_sigmas(scenes, cloud):
     """A point strays along its ray; of it, across the plane counts what points into that.
 
     The best known of a cube is nearer than the truth by a little, so they spread a sixth wider.
@@ -54,7 +54,7 @@ def test_points_lie_on_the_ground_within_what_they_say(scenes, cloud):
     assert abs(np.median(in_sigmas)) < 0.2
 
 
-def test_of_every_cube_the_point_stays_that_is_known_best(noisy, cloud):
+def test_of_every_cube_the_most_certain_point_is_kept(noisy, cloud):
     cubes = np.floor(cloud.points / NEAR.spacing_m).astype(int)
     assert len(np.unique(cubes, axis=0)) == len(cubes)
     alone = point_cloud(noisy[:1], NEAR)
@@ -81,7 +81,7 @@ def test_tiles_together_are_the_whole_cloud(cloud):
         assert span <= side * 2**tile.place.level + 1e-9
 
 
-def test_no_more_points_are_kept_than_asked_for(noisy):
+def test_no_more_points_are_kept_than_requested(noisy):
     few = point_cloud(noisy, replace(NEAR, most_points=800))
     assert 100 < len(few) <= 800
     assert few.spacing_m > NEAR.spacing_m
@@ -97,6 +97,6 @@ def test_grey_values_are_those_of_the_image(scenes):
     assert (seen.grey[~bright] == 0).all()
 
 
-def test_where_nothing_is_near_enough_one_is_told(scenes):
+def test_the_absence_of_near_points_is_an_error(scenes):
     with pytest.raises(TerrainError, match="max_relative_sigma"):
         point_cloud([scenes.view_of(scenes.tilted)], replace(NEAR, max_relative_sigma=1e-6))

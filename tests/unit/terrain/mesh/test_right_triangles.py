@@ -58,7 +58,7 @@ def test_the_mesh_covers_every_whole_square_once_and_no_hole(seed, tolerance):
 
 @settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), tolerance=st.floats(0.01, 3.0))
-def test_edges_are_shared_by_two_triangles_or_lie_along_a_hole(seed, tolerance):
+def test_edges_are_shared_by_two_triangles_or_border_a_hole(seed, tolerance):
     prepared = RightTriangles.of(rough(seed), levels=4)
     mesh = prepared.mesh(tolerance)
     directed = np.concatenate([mesh.triangles[:, [i, (i + 1) % 3]] for i in range(3)])
@@ -74,7 +74,7 @@ def test_edges_are_shared_by_two_triangles_or_lie_along_a_hole(seed, tolerance):
         assert holes[int(np.floor(outside[0] + 1)), int(np.floor(outside[1] + 1))]
 
 
-def test_a_plane_is_drawn_with_two_triangles_a_root_square():
+def test_a_plane_has_two_triangles_per_root_square():
     row, col = np.mgrid[:33, :65]
     prepared = RightTriangles.of((0.25 * row - 0.5 * col).astype(np.float32), levels=5)
     assert len(prepared.mesh(1e-3)) == 2 * 2
@@ -91,7 +91,7 @@ def test_a_break_between_surfaces_is_not_bridged():
     assert doubled_areas(mesh).sum() == 2 * (9 - 1) * (9 - 2)
 
 
-def test_parts_drawn_alone_meet_along_their_border():
+def test_separately_drawn_parts_meet_along_their_border():
     prepared = RightTriangles.of(np.nan_to_num(rough(7, (33, 65))), levels=5)
     left, right = (prepared.mesh(0.3, (slice(None), slice(i, i + 1))) for i in (0, 1))
     whole = prepared.mesh(0.3)
@@ -99,6 +99,6 @@ def test_parts_drawn_alone_meet_along_their_border():
     assert set(left.row[left.col == 32]) == set(right.row[right.col == 32])
 
 
-def test_a_tolerance_of_nothing_is_refused():
+def test_a_tolerance_of_zero_is_refused():
     with pytest.raises(TerrainError, match="tolerance above zero, not 0"):
         RightTriangles.of(rough(1)).mesh(0.0)

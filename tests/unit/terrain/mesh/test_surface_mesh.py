@@ -70,7 +70,7 @@ def test_only_at_the_finest_level_do_holes_keep_their_exact_edge(terrain, tiles)
         assert area == pytest.approx(whole.sum(), rel=tolerance)
 
 
-def test_skirts_hang_from_borders_where_the_ground_goes_on(tiles):
+def test_skirts_are_added_at_borders_where_the_ground_continues(tiles):
     tile = next(tile for tile in tiles if tile.place == TilePlace(0, 0, 1))
     plain = tile.mesher.surface(tile.grid_mesh, tile.bounds)
     hung = tile.surface(tile.bounds)

@@ -21,7 +21,7 @@ def areas(mesh: SurfaceMesh) -> np.ndarray:
     return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
 
-def test_a_plane_takes_few_triangles_and_lies_where_it_is(scenes):
+def test_a_plane_takes_few_triangles_at_its_true_place(scenes):
     (model,) = view_meshes([scenes.view_of(scenes.tilted)], NEAR)
     east, north, up = model.mesh.points.T
     np.testing.assert_allclose(up, scenes.tilted(east, north), atol=1e-4)

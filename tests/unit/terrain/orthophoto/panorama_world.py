@@ -88,6 +88,6 @@ def image(azimuth_deg: float, elevation_deg: float = -25.0, *, gain: float = 1.0
     points = np.column_stack([sample.ravel(), line.ravel()]).astype(np.float64)
     north, east, _ = ground_of(true.ray_origins(points), true.rays(points)).T
     grey = np.nan_to_num(painted(east, north), nan=180.0).reshape(256, 256)
-    told = seen_as or true
+    reported = seen_as or true
     mask = np.ones((256, 256), dtype=bool)
-    return PanoramaImage.of(f"at {azimuth_deg:g}", told, (gain * grey).astype(np.float32), mask)
+    return PanoramaImage.of(f"at {azimuth_deg:g}", reported, (gain * grey).astype(np.float32), mask)

@@ -1,4 +1,4 @@
-"""Which filters make a picture in colour, and the picture itself."""
+"""Which filters make a colour orthophoto, and the orthophoto itself."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ from tests.support.terrain.orthophotos import render_orthophoto
         ((), None),
     ],
 )
-def test_the_filters_nearest_to_what_screens_show_are_taken(there, shown):
+def test_the_filters_nearest_to_screen_primaries_are_used(there, shown):
     assert colour_filters(there) == shown
 
 
@@ -48,7 +48,7 @@ def coloured(scenes):
     return build_dtm(views, DtmParams(max_relative_sigma=0.05)), views, bands
 
 
-def test_every_band_lies_where_its_own_image_shows_it_and_is_balanced_by_itself(coloured):
+def test_every_band_is_registered_and_balanced_by_itself(coloured):
     made = prepare_orthophoto(*coloured[:2], OrthophotoParams(), coloured[2])
     east, north = np.meshgrid(*made.grid.centres())
     assert made.balance.shape == (2, 3, 2)
@@ -69,7 +69,7 @@ def test_every_band_lies_where_its_own_image_shows_it_and_is_balanced_by_itself(
     assert checked >= 3
 
 
-def test_one_band_is_the_same_as_the_images_own(coloured):
+def test_one_band_equals_the_image_itself(coloured):
     dtm, views, bands = coloured
     plain = [replace(view, image=images[0]) for view, images in zip(views, bands, strict=True)]
     grey = render_orthophoto(dtm, plain, OrthophotoParams())

@@ -68,7 +68,7 @@ def rays_of(grid):
     return direction(azimuth[None, :], above[:, None])
 
 
-def test_a_full_ring_of_images_is_a_circle_that_closes(made, drawn):
+def test_a_full_ring_of_images_is_a_closed_circle(made, drawn):
     assert made.grid.cols * made.grid.cell_deg == pytest.approx(360.0)
     grey, *_ = drawn
     both = np.isfinite(grey[:, 0]) & np.isfinite(grey[:, -1])
@@ -77,7 +77,7 @@ def test_a_full_ring_of_images_is_a_circle_that_closes(made, drawn):
     assert step < 1.2 * np.nanmedian(np.abs(np.diff(grey, axis=1)))  # neighbours as any others
 
 
-def test_landmarks_lie_at_their_azimuth_and_elevation(made, drawn):
+def test_landmarks_are_at_their_azimuth_and_elevation(made, drawn):
     grey, *_ = drawn
     for east, north in LANDMARKS:
         there = np.array([[north, east, -elevation(east, north)]]) - made.centre
@@ -113,13 +113,13 @@ def test_ranges_are_those_of_the_bowl(made, drawn):
     assert np.percentile(np.abs(ranges - true)[known] / true[known], 99) < 0.01
 
 
-def test_images_that_are_where_they_are_said_to_be_meet_to_a_fraction_of_a_pixel(made):
+def test_correctly_posed_images_meet_to_a_fraction_of_a_pixel(made):
     found = registration(made)
     assert len(found.seams) >= len(LOOKS)
     assert found.median_px < 0.1
 
 
-def test_without_the_ground_near_images_do_not_meet(ring):
+def test_without_a_terrain_model_near_images_do_not_meet(ring):
     """The mast swings its cameras by decimetres: directions alone leave pixels of parallax."""
     deep = StandingPlane(np.array([0.0, 0.0, -100.0]), np.array([0.0, 0.0, 1.0]))
     flat = prepare_panorama(ring, deep, PanoramaParams(), None)
@@ -128,7 +128,7 @@ def test_without_the_ground_near_images_do_not_meet(ring):
     assert registration(flat).median_px > 1.0
 
 
-def test_an_image_off_its_label_shows_in_its_seams(ring):
+def test_a_wrong_label_shows_in_the_seams(ring):
     off = image(72, seen_as=camera(72.75, -25.0))
     made = prepare_panorama([ring[1], off, ring[3]], PLANE, PanoramaParams(), dtm())
     shifts = [
@@ -144,14 +144,14 @@ def test_brightness_is_balanced(ring):
     np.testing.assert_allclose(made.gains[1::2, 0] / made.gains[::2, 0], 0.8, rtol=0.03)
 
 
-def test_a_part_of_the_circle_is_as_wide_as_its_images(ring):
+def test_a_partial_panorama_is_as_wide_as_its_images(ring):
     made = prepare_panorama([ring[-1], ring[0], ring[1]], PLANE, PanoramaParams(), None)
     east = made.grid.west_deg + made.grid.cols * made.grid.cell_deg
     assert made.grid.west_deg < -50 < 50 < east
     assert east - made.grid.west_deg < 150
 
 
-def test_directions_and_pixels_belong_together():
+def test_directions_and_pixels_convert_both_ways():
     grid = AngleGrid(-40.0, 10.0, 0.1, 400, 1200)
     azimuth, above = np.array([-39.95, 0.0, 79.0]), np.array([9.95, -5.0, -29.0])
     row, col = grid.pixels_of(direction(azimuth, above))
@@ -159,7 +159,7 @@ def test_directions_and_pixels_belong_together():
     np.testing.assert_allclose(grid.top_deg - (row + 0.5) * 0.1, above, atol=1e-9)
 
 
-def test_ground_straight_below_is_as_far_as_it_is_deep():
+def test_ground_straight_below_is_at_its_depth():
     found = ground_ranges(
         np.array([0.0, 0.0, 1.5]), np.array([0.0, 90.0]), np.array([5.0, -45.0, -89.0]), PLANE
     )
@@ -168,6 +168,6 @@ def test_ground_straight_below_is_as_far_as_it_is_deep():
     np.testing.assert_allclose(found.range_m[2], 1.5, rtol=1e-3)
 
 
-def test_a_panorama_of_nothing_says_what_to_try():
+def test_a_panorama_without_images_is_refused_with_advice():
     with pytest.raises(TerrainError, match="choose the other"):
         prepare_panorama([], PLANE, PanoramaParams())

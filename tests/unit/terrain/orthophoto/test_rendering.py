@@ -46,7 +46,7 @@ def near(orthophoto):
     return np.isfinite(orthophoto.brightness) & (np.hypot(*on_map(orthophoto.grid)) < 4.0)
 
 
-def test_features_lie_where_they_are(orthophoto):
+def test_features_are_at_their_coordinates(orthophoto):
     cells = near(orthophoto)
     error = orthophoto.brightness - mottled(*on_map(orthophoto.grid))
     # brightness changes by up to 260 DN a metre: two centimetres are 5 DN
@@ -54,7 +54,7 @@ def test_features_lie_where_they_are(orthophoto):
     assert np.percentile(np.abs(error[cells]), 95) < 6.0
 
 
-def test_what_the_terrain_model_has_not_seen_is_not_shown(pan, orthophoto):
+def test_ground_without_elevation_is_not_shown(pan, orthophoto):
     dtm, _ = pan
     east, north = on_map(orthophoto.grid)
     row = np.floor((dtm.grid.north - north) / dtm.grid.cell_m).astype(int)
@@ -76,7 +76,7 @@ def source_at(orthophoto):
     return orthophoto.source.repeat(ratio, axis=0).repeat(ratio, axis=1)
 
 
-def test_every_cell_names_the_view_it_came_from(orthophoto):
+def test_every_cell_names_its_source_view(orthophoto):
     shown = np.isfinite(at_sources(orthophoto))
     assert (orthophoto.source != NO_SOURCE)[shown].all()
     assert set(np.unique(orthophoto.source[shown])) == {0, 1, 2}
@@ -89,7 +89,7 @@ def test_every_cell_names_the_view_it_came_from(orthophoto):
         assert (orthophoto.source[own] == number).mean() > 0.99
 
 
-def test_a_cell_that_shows_nothing_has_no_source(orthophoto):
+def test_an_empty_cell_has_no_source(orthophoto):
     ratio = round(orthophoto.source_grid.cell_m / orthophoto.grid.cell_m)
     shown = np.isfinite(orthophoto.brightness)
     rows, cols = orthophoto.source.shape
@@ -122,7 +122,7 @@ def test_views_of_different_exposure_are_balanced(pan):
     assert np.ptp(spreads) < 0.05
 
 
-def test_views_that_share_nothing_keep_their_brightness():
+def test_views_without_common_ground_keep_their_brightness():
     brightness = np.full((2, 400), np.nan, dtype=np.float32)
     brightness[0, :200], brightness[1, 200:] = 100.0, 180.0
     np.testing.assert_allclose(balance(brightness), [[1, 0], [1, 0]], atol=1e-9)
@@ -150,7 +150,7 @@ def test_ground_hidden_from_a_view_is_not_taken_from_it(scenes):
         assert np.ptp(spread) < 10.0  # ground alone: no ghost of the boulder
 
 
-def test_the_stretch_holds_most_of_the_brightness(orthophoto):
+def test_the_stretch_contains_most_of_the_brightness(orthophoto):
     low, high = orthophoto.stretch
     shown = orthophoto.brightness[np.isfinite(orthophoto.brightness)]
     assert 0.98 < np.mean((shown >= low) & (shown <= high)) < 0.995
@@ -163,7 +163,7 @@ def test_an_empty_terrain_model_is_an_error(pan):
         render_orthophoto(replace(dtm, elevation=nothing), views, PARAMS)
 
 
-def test_the_map_reaches_no_farther_than_its_views(scenes):
+def test_the_map_extends_no_farther_than_its_views(scenes):
     view = scenes.view_of(scenes.level, azimuth_deg=90.0, albedo=mottled)
     wide = scenes.dtm_of(scenes.level, side=1024)
     orthophoto = render_orthophoto(wide, [view], PARAMS)

@@ -70,7 +70,7 @@ def test_contours_do_not_touch_where_nodes_lie_on_their_elevation(scenes, rng):
     assert meeting(contours) == 0
 
 
-def test_simplified_contours_stay_where_they_were(scenes):
+def test_simplified_contours_stay_near_the_exact_ones(scenes):
     dtm = scenes.dtm_of(cone, side=256)
     traced, simple = (
         trace_contours(dtm.elevation, dtm.grid, ContourParams(interval_m=0.1, simplify_m=tolerance))
@@ -103,7 +103,7 @@ def test_a_missing_cell_does_not_break_a_contour(scenes):
     assert len(trace_contours(dtm.elevation, dtm.grid, PARAMS)) == len(whole)
 
 
-def test_scraps_are_left_out(scenes):
+def test_short_contours_are_left_out(scenes):
     dtm = scenes.dtm_of(cone, side=256)
     for contour in trace_contours(dtm.elevation, dtm.grid, PARAMS):
         assert np.hypot(*np.diff(contour.points, axis=0).T).sum() >= PARAMS.min_length_m
@@ -123,6 +123,6 @@ def test_an_empty_model_has_no_contours(scenes):
     assert trace_contours(dtm.elevation, dtm.grid, ContourParams()) == ()
 
 
-def test_an_interval_of_nothing_is_an_error():
+def test_an_interval_of_zero_is_an_error():
     with pytest.raises(TerrainError, match="must be above zero"):
         ContourParams(interval_m=0.0)

@@ -46,7 +46,7 @@ def plane(slope_deg, azimuth_deg):
     return lambda east, north: -g * (np.sin(a) * east + np.cos(a) * north)
 
 
-def test_the_numbers_of_vicar_are_met():
+def test_slopes_equal_those_of_vicar():
     normal = np.array([0.2, 0.1, -0.95])
     normal = (normal / np.linalg.norm(normal)).astype(np.float32).reshape(3, 1, 1)
     assert slope_of(normal)[0, 0] == pytest.approx(13.244942, abs=2e-5)
@@ -56,7 +56,7 @@ def test_the_numbers_of_vicar_are_met():
 
 
 @given(slope_deg=st.floats(0.1, 60), azimuth_deg=st.floats(0, 359.9), seed=st.integers(0, 99))
-def test_a_plane_has_one_slope_whatever_cells_are_missing(scenes, slope_deg, azimuth_deg, seed):
+def test_a_plane_has_one_slope_with_any_missing_cells(scenes, slope_deg, azimuth_deg, seed):
     dtm = scenes.dtm_of(plane(slope_deg, azimuth_deg), side=48)
     missing = np.random.default_rng(seed).random(dtm.grid.shape) < 0.3
     dtm.elevation[missing] = np.nan
@@ -127,7 +127,7 @@ def test_hillshade_is_brightest_on_the_slope_that_faces_the_sun(scenes):
     assert np.nanmean(flat) == pytest.approx(np.sin(np.radians(30)), abs=1e-5)
 
 
-def test_hillshade_is_absent_where_nothing_was_seen(scenes):
+def test_hillshade_is_absent_on_unseen_ground(scenes):
     dtm = scenes.dtm_of(scenes.tilted)
     dtm.elevation[20:30, 20:30] = np.nan
     assert np.isnan(lit(dtm, HillshadeParams())[20:30, 20:30]).all()
@@ -156,7 +156,7 @@ def test_roughness_is_the_scatter_around_the_plane(scenes, rng):
     assert np.nanmax(relief(dtm, PARAMS).roughness_m) < 5e-4
     dtm.elevation[:] += rng.normal(0, 0.03, dtm.grid.shape).astype(np.float32)
     rough = relief(dtm, PARAMS).roughness_m
-    # 27 x 27 cells tell a deviation to 3 percent
+    # 27 x 27 cells determine a deviation to 3 percent
     np.testing.assert_allclose(rough[40:-40, 40:-40], 0.03, rtol=0.15)
     assert np.nanmean(rough) == pytest.approx(0.03, rel=0.01)
 
@@ -195,7 +195,7 @@ def test_the_stated_deviation_of_slope_is_true(scenes, rng, slope_deg):
         errors.append((np.degrees(np.arctan(np.abs(along))) - slope_deg)[30:-30:27, 30:-30:27])
         stated.append(found.slope_sigma_deg[30:-30:27, 30:-30:27])
     sigma = float(np.sqrt(np.mean(np.square(errors))))
-    # on level ground the part along one direction is judged; 500 windows tell it to 4 percent
+    # on level ground the part along one direction is tested; 500 windows determine it to 4 percent
     assert sigma == pytest.approx(float(np.mean(stated)), rel=0.12)
 
 
@@ -210,7 +210,7 @@ def test_the_fewer_points_a_cell_has_the_less_certain_is_its_slope(scenes):
     assert sigma[0.01] / sigma[100.0] == pytest.approx(1.1 / 2 / 0.15, rel=0.01)
 
 
-def test_what_poses_share_does_not_make_slopes_uncertain(scenes):
+def test_common_pose_errors_do_not_make_slopes_uncertain(scenes):
     dtm = scenes.dtm_of(plane(5.0, 0.0))
     sigma = replace(dtm, sigma_m=np.hypot(dtm.sigma_m, np.float32(0.2)))
     shared = replace(sigma, pose_sigma_m=np.full(dtm.grid.shape, 0.2, np.float32))
@@ -227,7 +227,7 @@ def test_slope_of_a_large_model_has_no_seams_between_blocks(scenes):
     np.testing.assert_allclose(whole[:, 220:310, 200:290], part[:, 20:110, 20:110], atol=2e-5)
 
 
-def test_larger_cells_have_the_slope_of_those_in_them(scenes):
+def test_larger_cells_have_the_slope_of_their_parts(scenes):
     dtm = scenes.dtm_of(plane(12.0, 220.0), side=256)
     coarse, grid = relief_map(dtm, PARAMS)
     assert grid.cell_m == 0.08

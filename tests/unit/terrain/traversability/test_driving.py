@@ -30,7 +30,7 @@ def straight():
     return np.hypot(EAST - START[0], NORTH - START[1])
 
 
-def test_on_open_level_ground_ways_are_nearly_straight():
+def test_routes_on_open_level_ground_are_nearly_straight():
     found, line = ways(), straight()
     longer = found.drive_m[line > 1] / line[line > 1]
     assert longer.min() > 1 - 1e-6
@@ -43,7 +43,7 @@ def test_on_open_level_ground_ways_are_nearly_straight():
         )
 
 
-def test_a_slope_is_as_long_as_its_ground():
+def test_the_length_of_a_slope_is_that_on_its_ground():
     climb = (EAST * 0.5).astype(np.float32)
     found = ways(elevation=climb)
     row, col = found.start
@@ -51,7 +51,7 @@ def test_a_slope_is_as_long_as_its_ground():
     assert found.drive_m[row - 50, col] == pytest.approx(50 * 0.16, rel=1e-5)
 
 
-def test_a_way_goes_round_a_wall_by_its_end():
+def test_a_route_goes_round_the_end_of_a_wall():
     wall = (np.abs(EAST - 5) < 0.4) & (NORTH < 6) & (NORTH > -15)
     found = ways(wall)
     to = (HALF + 63 * GRID.cell_m, HALF)
@@ -67,7 +67,7 @@ def test_a_way_goes_round_a_wall_by_its_end():
     assert way[-1] == pytest.approx(to)
 
 
-def test_no_way_leads_through_a_wall_of_one_cell_laid_aslant():
+def test_no_route_passes_a_diagonal_wall_of_one_cell():
     found = ways(np.abs(EAST + NORTH - 8.0) < 0.9 * GRID.cell_m)
     beyond = EAST + NORTH > 9
     assert np.isnan(found.drive_m[beyond]).all()
@@ -75,7 +75,7 @@ def test_no_way_leads_through_a_wall_of_one_cell_laid_aslant():
         found.path_to((10.0, 10.0))
 
 
-def test_small_gaps_are_driven_over_and_wide_ones_are_not():
+def test_small_gaps_are_crossed_and_wide_ones_are_not():
     def behind(width_m):
         found = ways(np.abs(EAST - 5) < width_m / 2, code=Hazard.UNKNOWN)
         return np.isfinite(found.drive_m[EAST > 8]).any()
@@ -84,7 +84,7 @@ def test_small_gaps_are_driven_over_and_wide_ones_are_not():
     assert not behind(1.2)
 
 
-def test_unknown_ground_below_the_rover_is_left_but_hazards_there_are_not_entered():
+def test_a_route_leaves_unknown_ground_below_the_rover_but_enters_no_hazard():
     unknown = straight() < 2.0
     found = ways(unknown, code=Hazard.UNKNOWN)
     assert np.isfinite(found.drive_m).mean() > 0.95
@@ -92,7 +92,7 @@ def test_unknown_ground_below_the_rover_is_left_but_hazards_there_are_not_entere
     assert np.isnan(ways(rock).drive_m[rock]).all()
 
 
-def test_nobody_starts_in_a_hazard_or_off_the_map():
+def test_a_start_in_a_hazard_or_off_the_map_is_refused():
     with pytest.raises(TerrainError, match="is a hazard \\(step\\)"):
         ways(straight() < 1)
     with pytest.raises(TerrainError, match="not on the map"):
@@ -101,13 +101,13 @@ def test_nobody_starts_in_a_hazard_or_off_the_map():
         )
 
 
-def test_no_way_is_longer_than_asked():
+def test_no_route_is_longer_than_requested():
     found = ways(params=DrivingParams(farthest_m=7.0))
     assert np.nanmax(found.drive_m) <= 7.0
     assert np.nanmax(found.drive_m) > 6.8
 
 
-def test_ground_without_elevation_is_taken_for_level_with_what_is_next_to_it():
+def test_ground_without_elevation_is_level_with_its_neighbours():
     holes = np.where(EAST > 3, np.nan, 0.0).astype(np.float32)
     assert np.isfinite(ways(elevation=holes).drive_m).mean() > 0.95
     nothing = np.full(GRID.shape, np.nan, np.float32)
@@ -115,6 +115,6 @@ def test_ground_without_elevation_is_taken_for_level_with_what_is_next_to_it():
 
 
 @pytest.mark.parametrize("wrong", [{"stand_m": -1.0}, {"gap_m": -0.1}, {"farthest_m": 0.0}])
-def test_absurd_parameters_are_refused(wrong):
+def test_impossible_parameters_are_refused(wrong):
     with pytest.raises(TerrainError, match="farthest_m must be above zero"):
         DrivingParams(**wrong)

@@ -29,7 +29,7 @@ def rock(height_m, slope_deg=0.0):
     return surface
 
 
-def judged(scenes, surface, params=PARAMS, side=512):
+def evaluated(scenes, surface, params=PARAMS, side=512):
     dtm = scenes.dtm_of(surface, side=side)
     return hazards(dtm, params)
 
@@ -40,7 +40,7 @@ def middle(classes, grid, radius_m):
 
 
 def test_level_ground_is_traversable(scenes):
-    classes, grid = judged(scenes, scenes.level)
+    classes, grid = evaluated(scenes, scenes.level)
     assert (middle(classes, grid, 8.0) == Hazard.TRAVERSABLE).all()
 
 
@@ -48,21 +48,21 @@ def test_level_ground_is_traversable(scenes):
     ("slope_deg", "found"), [(19.0, Hazard.TRAVERSABLE), (21.0, Hazard.STEEP), (45.0, Hazard.STEEP)]
 )
 def test_ground_is_steep_beyond_the_largest_tilt(scenes, slope_deg, found):
-    classes, grid = judged(scenes, plane(slope_deg))
+    classes, grid = evaluated(scenes, plane(slope_deg))
     assert (middle(classes, grid, 8.0) == found).all()
 
 
 @pytest.mark.parametrize("slope_deg", [0.0, 15.0])
-def test_a_rock_higher_than_a_wheel_takes_keeps_the_whole_rover_away(scenes, slope_deg):
-    classes, grid = judged(scenes, rock(0.26, slope_deg))
+def test_a_rock_higher_than_a_wheel_can_pass_blocks_the_whole_rover(scenes, slope_deg):
+    classes, grid = evaluated(scenes, rock(0.26, slope_deg))
     east, north = np.meshgrid(*grid.centres())
     away = np.hypot(east, north)
     assert (classes[away < 1.2] == Hazard.STEP).all()
     assert (classes[(away > 2.2) & (away < 8.0)] == Hazard.TRAVERSABLE).all()
 
 
-def test_a_rock_that_a_wheel_takes_does_not(scenes):
-    classes, grid = judged(scenes, rock(0.15, 15.0))
+def test_a_rock_that_a_wheel_can_pass_does_not_block(scenes):
+    classes, grid = evaluated(scenes, rock(0.15, 15.0))
     assert (middle(classes, grid, 8.0) == Hazard.TRAVERSABLE).all()
 
 
@@ -71,13 +71,13 @@ def test_dunes_without_steps_or_tilt_are_rough(scenes):
     def dunes(east, north):
         return 0.17 * np.sin(2 * np.pi * east / 1.36) + 0.0 * north
 
-    classes, grid = judged(scenes, dunes, replace(PARAMS, highest_step_m=0.5))
+    classes, grid = evaluated(scenes, dunes, replace(PARAMS, highest_step_m=0.5))
     assert (middle(classes, grid, 5.0) == Hazard.ROUGH).all()
-    classes, grid = judged(scenes, dunes, replace(PARAMS, highest_step_m=0.5, roughest_m=0.13))
+    classes, grid = evaluated(scenes, dunes, replace(PARAMS, highest_step_m=0.5, roughest_m=0.13))
     assert (middle(classes, grid, 5.0) == Hazard.TRAVERSABLE).all()
 
 
-def test_unseen_ground_is_unknown_and_what_borders_on_it_too(scenes):
+def test_unseen_ground_and_its_border_are_unknown(scenes):
     dtm = scenes.dtm_of(scenes.level, side=512)
     dtm.elevation[:, 256:] = np.nan
     classes, grid = hazards(dtm, PARAMS)
@@ -88,7 +88,7 @@ def test_unseen_ground_is_unknown_and_what_borders_on_it_too(scenes):
     assert (classes[inside & (east < -1) & (east > -8)] == Hazard.TRAVERSABLE).all()
 
 
-def test_a_hazard_beside_unseen_ground_is_told(scenes):
+def test_a_hazard_beside_unseen_ground_is_marked(scenes):
     dtm = scenes.dtm_of(rock(0.4), side=512)
     east, _ = np.meshgrid(*dtm.grid.centres())
     dtm.elevation[east > 0.3] = np.nan
@@ -97,7 +97,7 @@ def test_a_hazard_beside_unseen_ground_is_told(scenes):
     assert (classes[(np.abs(north) < 0.5) & (east < 0) & (east > -0.5)] == Hazard.STEP).all()
 
 
-def test_ground_that_is_known_too_poorly_for_a_step_is_unknown(scenes):
+def test_ground_too_uncertain_for_a_step_is_unknown(scenes):
     dtm = scenes.dtm_of(scenes.level, side=512)
     poor = replace(dtm, sigma_m=np.full(dtm.grid.shape, 0.1, np.float32))
     classes, _ = hazards(poor, PARAMS)
@@ -118,6 +118,6 @@ def test_strips_of_a_large_map_have_no_seams(scenes, rng, monkeypatch):
     np.testing.assert_array_equal(strips, whole)
 
 
-def test_a_limit_of_nothing_is_an_error():
+def test_a_limit_of_zero_is_an_error():
     with pytest.raises(TerrainError, match="must be above zero"):
         HazardParams(highest_step_m=0.0)

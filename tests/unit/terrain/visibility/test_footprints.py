@@ -43,7 +43,7 @@ def standing(east=0.0, north=0.0, yaw_deg=0.0, frame=LSL):
     return Pose(frame, rover_frame(1, 0), rotation, np.array([north, east, 0.0]))
 
 
-def test_the_middle_of_the_image_meets_level_ground_where_it_should():
+def test_the_middle_of_the_image_meets_level_ground_at_its_range():
     line = pointing_line(mast_camera(30), SIZE, standing(100.0, 50.0, yaw_deg=90.0), LEVEL, 60.0)
     reach = 1.5 / np.tan(np.radians(30))
     np.testing.assert_allclose(line, [[100.0, 50.0], [100.0 + reach, 50.0]], atol=1e-9)
@@ -64,7 +64,7 @@ def test_the_outline_of_a_frame_below_the_horizon_is_the_image_of_its_border():
     np.testing.assert_allclose(on_border, 0, atol=1e-6)
 
 
-def test_a_frame_with_sky_reaches_as_far_as_is_said():
+def test_a_frame_with_sky_reaches_the_stated_range():
     outline = footprint(mast_camera(5), SIZE, standing(), LEVEL, 30.0)
     distance = np.hypot(*outline.T)
     assert distance.max() == pytest.approx(30.0)
@@ -82,7 +82,7 @@ def test_a_frame_with_sky_reaches_as_far_as_is_said():
     yaw_deg=st.floats(-180, 180),
     focal_px=st.sampled_from([450.0, 1222.0, 3580.0]),
 )
-def test_outlines_do_not_cross_themselves_however_the_rover_stands(
+def test_outlines_do_not_cross_themselves_at_any_attitude(
     dip_deg, roll_deg, pitch_deg, yaw_deg, focal_px
 ):
     rotation = rotation_of_roll_pitch_yaw(*np.radians([roll_deg, pitch_deg, yaw_deg]))
@@ -108,7 +108,7 @@ def test_with_a_terrain_model_the_outline_lies_on_the_terrain(scenes):
     np.testing.assert_allclose(np.abs(image - 511.5).max(axis=1), 512.0, atol=0.5)
 
 
-def test_where_the_terrain_model_knows_nothing_the_plane_stands_in(scenes):
+def test_outside_the_terrain_model_the_plane_is_used(scenes):
     dtm = scenes.dtm_of(scenes.level)
     dtm.elevation[:] = np.nan
     with_model = footprint(mast_camera(30), SIZE, standing(), Ground(0.2, dtm), 30.0)

@@ -1,4 +1,4 @@
-"""What can be seen of surfaces where geometry tells it."""
+"""Visibility on surfaces with a closed solution."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def by_walking(elevation, eye, row, col, target_m):
     return bool((height <= up).all())
 
 
-def test_level_ground_is_seen_as_far_as_asked():
+def test_level_ground_is_visible_to_the_requested_radius():
     sight = viewshed(ground(level), GRID, np.array([0, 0, 1.5]), PARAMS)
     assert (sight == Sight.VISIBLE).all()
     near = viewshed(ground(level), GRID, np.array([0, 0, 1.5]), ViewshedParams(radius_m=10.0))
@@ -60,7 +60,7 @@ def test_level_ground_is_seen_as_far_as_asked():
     assert ((near == Sight.VISIBLE) == (np.hypot(east, north) <= 10.0)).mean() > 0.999
 
 
-def test_the_shadow_of_a_wall_is_as_long_as_the_eye_is_high():
+def test_the_shadow_of_a_wall_follows_the_eye_height():
     sight = viewshed(ground(walled), GRID, np.array([0.0, 0.0, 1.5]), PARAMS)
     east, north = GRID.centres()
     middle = sight[:, np.abs(east) < 0.2]
@@ -72,14 +72,14 @@ def test_the_shadow_of_a_wall_is_as_long_as_the_eye_is_high():
     assert (sight[:, np.abs(east) > 15][north < 0] == Sight.VISIBLE).all()
 
 
-def test_a_higher_target_shows_over_the_wall():
+def test_a_higher_target_is_visible_over_the_wall():
     eye = np.array([0.0, 0.0, 1.5])
     low = viewshed(ground(walled), GRID, eye, PARAMS)
     high = viewshed(ground(walled), GRID, eye, ViewshedParams(target_height_m=1.0))
     assert (low == Sight.HIDDEN).sum() > 3 * (high == Sight.HIDDEN).sum()
 
 
-def test_what_is_seen_is_what_a_straight_line_reaches(rng):
+def test_visible_ground_equals_what_a_straight_line_reaches(rng):
     def dunes(east, north):
         return 0.8 * np.sin(north / 2) + 0.6 * np.cos(east / 1.7)
 
@@ -115,12 +115,12 @@ def test_ground_beyond_a_long_unseen_stretch_is_unknown_unless_it_is_hidden():
     assert (sight[(north < -5)] == Sight.VISIBLE).all()
 
 
-def test_an_eye_beside_the_map_sees_it_too():
+def test_an_eye_outside_the_map_is_accepted():
     sight = viewshed(ground(level), GRID, np.array([40.0, 0.0, 1.5]), PARAMS)
     assert (sight == Sight.VISIBLE).all()
 
 
-def test_ground_that_a_stop_has_as_occluded_is_hidden(scenes):
+def test_ground_occluded_from_a_stop_is_hidden(scenes):
     dtm = scenes.dtm_of(scenes.level, side=512)
     east, north = np.meshgrid(*dtm.grid.centres())
     occluded = (north > 4.0) & (np.abs(east) < 1.0)
@@ -152,7 +152,7 @@ def flat(north):
     return np.zeros(len(north))
 
 
-def test_flat_ground_is_in_sight_and_the_clearance_is_known():
+def test_flat_ground_is_in_sight_with_its_clearance():
     found = line(flat)
     assert found.sight is Sight.VISIBLE
     assert found.clearance_m == pytest.approx(0.1, abs=0.03)
@@ -168,7 +168,7 @@ def test_a_ridge_that_reaches_the_line_blocks_it_there():
     assert lower.sight is Sight.VISIBLE
 
 
-def test_a_long_unseen_stretch_leaves_it_open():
+def test_a_long_unseen_stretch_leaves_visibility_open():
     def gap(width):
         return lambda north: np.where(np.abs(north - 10.0) < width / 2, np.nan, 0.0)
 
@@ -178,18 +178,18 @@ def test_a_long_unseen_stretch_leaves_it_open():
     assert found.unseen_m == pytest.approx(6.0, abs=0.2)
 
 
-def test_known_ground_in_the_way_outweighs_unseen_ground():
+def test_known_obstacles_outweigh_unseen_ground():
     def both(north):
         return np.where(north < 8, np.nan, np.where(np.abs(north - 12) < 0.3, 1.0, 0.0))
 
     assert line(both).sight is Sight.HIDDEN
 
 
-def test_the_unseen_ground_around_the_eye_does_not_count():
+def test_unseen_ground_around_the_eye_does_not_count():
     assert line(lambda north: np.where(north < 6, np.nan, 0.0)).sight is Sight.VISIBLE
 
 
-def test_where_nothing_is_known_nothing_is_said():
+def test_without_known_ground_visibility_is_unknown():
     found = line(lambda north: np.full(len(north), np.nan))
     assert found.sight is Sight.UNKNOWN
     assert found.clearance_m is None

@@ -26,7 +26,7 @@ export function accountPart(context: Context): void {
   if (token.read()) waiting.run(() => recognise(context));
 }
 
-/** Requests the owner of the stored token; a revoked one is deleted. */
+/** Requests the owner of the stored token; deletes a revoked token. */
 async function recognise({ account }: Context): Promise<void> {
   try {
     account.set(await whoami());
@@ -46,14 +46,14 @@ function form(context: Context): HTMLElement {
     placeholder: "solmap_…",
     "aria-label": "token",
   });
-  const trouble = h("p", { class: "trouble", role: "alert" });
+  const error = h("p", { class: "error", role: "alert" });
   const submit = async () => {
     token.keep(field.value.trim());
     try {
       await recognise(context);
       context.page.closeDialog();
     } catch (reason) {
-      trouble.textContent = reason instanceof Error ? reason.message : String(reason);
+      error.textContent = reason instanceof Error ? reason.message : String(reason);
     }
   };
   return h(
@@ -78,6 +78,6 @@ function form(context: Context): HTMLElement {
       field,
       h("button", { type: "submit", class: "primary" }, "Sign in"),
     ),
-    trouble,
+    error,
   );
 }

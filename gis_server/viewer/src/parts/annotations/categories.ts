@@ -1,4 +1,4 @@
-/** What annotations are of, and the colours that they are drawn in. */
+/** Categories of annotations, and their colours. */
 
 import type { AnnotationCategory } from "../../server/edits";
 

@@ -1,4 +1,4 @@
-/** How notes look on the map. */
+/** Styles of annotations on the map. */
 
 import type { FeatureLike } from "ol/Feature";
 import CircleStyle from "ol/style/Circle";

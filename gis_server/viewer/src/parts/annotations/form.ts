@@ -4,7 +4,7 @@ import { h } from "../../page/dom";
 import type { AnnotationCategory, AnnotationEdit, AnnotationState } from "../../server/edits";
 import { CATEGORIES } from "./categories";
 
-/** What is filled in; the place is drawn on the map. */
+/** Values of the form; the place is drawn on the map. */
 export type Filled = Pick<AnnotationEdit, "text" | "category" | "state">;
 
 /** The text of a form that was closed before it was saved, for the next one. */

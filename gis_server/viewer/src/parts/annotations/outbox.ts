@@ -1,5 +1,5 @@
 /**
- * Annotations that the server has not taken yet, kept in the browser until it has: nothing that was typed is lost
+ * Annotations that the server has not stored yet, kept in the browser meanwhile: no typed text is lost
  * when the server is away, the page is closed or the token has ended.
  */
 

@@ -33,7 +33,7 @@ export function annotationsPart(context: Context): void {
     isOffered: () => mayAct(account.value, "analyst"),
   });
   keys.add("Escape", "stop drawing an annotation", () => annotations.stop());
-  signals.happened.on(({ kind, document }) => {
+  signals.serverEvent.on(({ kind, document }) => {
     const concerns = kind === "edits.changed" && document.mission === mission.mission;
     if (concerns || kind === "reload") waiting.run(() => annotations.load());
   });
@@ -139,14 +139,14 @@ class Annotations {
     form.querySelector("textarea")?.focus();
   }
 
-  /** Keeps it in the browser until the server has taken it. */
+  /** Keeps it in the browser until the server has stored it. */
   private save(annotation: AnnotationEdit, replaced: AnnotationFeature | null): void {
     this.outbox.add({ ...annotation, ...(replaced ? { replaces: Number(replaced.id) } : {}) });
     this.draw();
     this.send();
   }
 
-  /** Sends what the server has not taken yet, one after the other. */
+  /** Sends annotations that the server has not stored yet, one after the other. */
   send(): void {
     if (this.isSending || !this.mayWrite || this.outbox.all.length === 0) return;
     this.isSending = true;

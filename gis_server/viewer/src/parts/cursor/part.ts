@@ -1,4 +1,4 @@
-/** The pointer over the map: what it touches, and the cursor that other parts see. */
+/** The pointer over the map: the feature under it, and the cursor for other parts. */
 
 import { CLICKABLE } from "../../map/map-view";
 import { h } from "../../page/dom";
@@ -48,6 +48,6 @@ function placeTip(tip: HTMLElement, map: HTMLElement, [x = 0, y = 0]: readonly n
 }
 
 function lines({ title, facts, caution }: Tip): Node[] {
-  const told = facts.map((fact) => h("span", {}, fact));
-  return [h("b", {}, title), ...told, ...(caution ? [h("em", {}, caution)] : [])];
+  const spans = facts.map((fact) => h("span", {}, fact));
+  return [h("b", {}, title), ...spans, ...(caution ? [h("em", {}, caution)] : [])];
 }

@@ -5,7 +5,7 @@ import { measured, scopeTitle, sigmaText } from "../../page/format";
 export interface Tip {
   readonly title: string;
   readonly facts: readonly string[];
-  /** What is to be noticed. */
+  /** A warning. */
   readonly caution?: string;
 }
 

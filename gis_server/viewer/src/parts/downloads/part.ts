@@ -14,7 +14,7 @@ import type { Context } from "../../session/context";
 import "./downloads.css";
 import { filesPanel, type Offered } from "./panel";
 import { pdfOf } from "./pdf";
-import { pictureBox, type PictureFormat, type PictureWish } from "./picture-box";
+import { imageSettings, type ImageFormat, type ImageSettings } from "./image-settings";
 import { withDensity } from "./png";
 import { drawSheet, type SheetTexts } from "./sheet-drawing";
 import { roundScale, sheetOf } from "./sheet";
@@ -65,8 +65,8 @@ export function downloadsPart(context: Context): void {
     waiting.run(async () => show({ models: await downloads.models(name), terrains }));
     waiting.run(async () => show({ addresses: await downloads.addresses(name) }));
   };
-  const picture = (wish: PictureWish, format: PictureFormat) =>
-    waiting.run(() => takePicture(context, wish, format));
+  const saveMap = (settings: ImageSettings, format: ImageFormat) =>
+    waiting.run(() => saveImage(context, settings, format));
   let isLoaded = false;
   // The content is fetched only when the tab is opened.
   new IntersectionObserver((entries) => {
@@ -82,7 +82,7 @@ export function downloadsPart(context: Context): void {
   });
   keys.add("Escape", "stop drawing a box", stop);
   alive.addEventListener("abort", stop);
-  tab.replaceChildren(pictureBox(firstWish(context), picture), files);
+  tab.replaceChildren(imageSettings(firstSettings(context), saveMap), files);
   show({});
 }
 
@@ -91,7 +91,7 @@ function boundsOf(corners: readonly MapPoint[]): Bounds {
   return [Math.min(...easts), Math.min(...norths), Math.max(...easts), Math.max(...norths)];
 }
 
-function firstWish({ mission, view }: Context): PictureWish {
+function firstSettings({ mission, view }: Context): ImageSettings {
   const { scale } = sheetOf("screen", 96, 1, [1, 1], view.resolution);
   return {
     paper: "screen",
@@ -102,17 +102,23 @@ function firstWish({ mission, view }: Context): PictureWish {
   };
 }
 
-async function takePicture(
+async function saveImage(
   context: Context,
-  wish: PictureWish,
-  format: PictureFormat,
+  settings: ImageSettings,
+  format: ImageFormat,
 ): Promise<void> {
   const { view, mission, waiting } = context;
   const [width = 1, height = 1] = view.map.getSize() ?? [];
   try {
-    const sheet = sheetOf(wish.paper, wish.dpi, wish.scale, [width, height], view.resolution);
+    const sheet = sheetOf(
+      settings.paper,
+      settings.dpi,
+      settings.scale,
+      [width, height],
+      view.resolution,
+    );
     const map = await snapshot(view, sheet);
-    const whole = drawSheet(map, sheet, textsOf(context, wish));
+    const whole = drawSheet(map, sheet, textsOf(context, settings));
     const name = `${mission.mission}_map.${format}`;
     if (format === "png") {
       const png = await encoded(whole, "image/png");
@@ -135,7 +141,7 @@ async function encoded(canvas: HTMLCanvasElement, type: string): Promise<Uint8Ar
 /** The text below an image of the map. */
 export function textsOf(
   { view, layers, mission, drawing }: Context,
-  wish: Pick<PictureWish, "title" | "credit">,
+  settings: Pick<ImageSettings, "title" | "credit">,
 ): SheetTexts {
   const { east, north, rotationDeg } = view.place;
   const [lon, lat] = view.local.toLonLat([east, north]);
@@ -143,12 +149,12 @@ export function textsOf(
   const drawn = layers.shown.filter((layer) => layers.isDrawn(layer, drawing.sols));
   const names = [...new Set(drawn.map(({ kind }) => kindTitle(kind)))].join(", ");
   return {
-    title: wish.title,
+    title: settings.title,
     lines: [
       titleOf(mission, layers.all, drawing.sols).parts.join(" · "),
       `centre: north ${fixed(north, 2)} m, east ${fixed(east, 2)} m of ${mission.landing.name}${degrees}`,
       names,
-      `${wish.credit}, ${new Date().toISOString().slice(0, 10)}`,
+      `${settings.credit}, ${new Date().toISOString().slice(0, 10)}`,
     ],
     legends: drawn.flatMap((layer) => {
       const legend = legendOf(layer, layers.state(layer).style);

@@ -11,7 +11,7 @@ export function pdfOf(
   const [width, height] = size;
   const [wide, high] = size.map((dots) => ((dots * POINTS_PER_INCH) / dotsPerInch).toFixed(3));
   const drawing = `${wide} 0 0 ${high} 0 0 cm /Map Do`;
-  const picture =
+  const image =
     `<< /Type /XObject /Subtype /Image /Width ${width} /Height ${height} /ColorSpace /DeviceRGB ` +
     `/BitsPerComponent 8 /Filter /DCTDecode /Length ${jpeg.length} >>`;
   const page =
@@ -22,7 +22,7 @@ export function pdfOf(
     ["<< /Type /Pages /Kids [3 0 R] /Count 1 >>"],
     [page],
     [`<< /Length ${drawing.length} >>\nstream\n${drawing}\nendstream`],
-    [`${picture}\nstream\n`, jpeg, "\nendstream"],
+    [`${image}\nstream\n`, jpeg, "\nendstream"],
   ];
   const file = new Bytes();
   file.add("%PDF-1.4\n");

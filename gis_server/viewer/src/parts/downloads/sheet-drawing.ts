@@ -1,4 +1,4 @@
-/** A map with what makes it one: title, scale, north, legend, place and credit. */
+/** A map with its marginal information: title, scale, north, legend, place and credit. */
 
 import { scaleBar } from "../../map/scale";
 import { compact } from "../../page/format";
@@ -7,7 +7,7 @@ import type { Sheet } from "./sheet";
 
 export interface SheetTexts {
   readonly title: string;
-  /** Lines below the title: where it is, what is shown, whose it is. */
+  /** Lines below the title: place, layers, credit. */
   readonly lines: readonly string[];
   readonly legends: readonly (readonly [name: string, legend: Legend])[];
   readonly rotationDeg: number;
@@ -18,7 +18,7 @@ const [MARGIN, STRIP, BAR_MOST, RAMP] = [16, 92, 170, 150];
 const SCREEN_DPI = 96;
 const INK = "#1e1f22";
 
-/** Height of what stands below the map, dots. */
+/** Height of the texts below the map, dots. */
 export const stripHeight = ({ dpi }: Sheet) => Math.round((STRIP * dpi) / SCREEN_DPI);
 
 export function drawSheet(

@@ -14,13 +14,13 @@ export const PAPERS = {
 export type Paper = keyof typeof PAPERS;
 
 export interface Sheet {
-  /** Of the map alone, without what stands below it. */
+  /** Size of the map alone, without the texts below it. */
   readonly width: number;
   readonly height: number;
   /** Metres on the ground a dot. */
   readonly resolution: number;
   readonly dpi: number;
-  /** 1 : so many on paper. */
+  /** Denominator of the scale on paper. */
   readonly scale: number;
 }
 
@@ -46,7 +46,7 @@ export function sheetOf(
   return { width, height, resolution: (scale * INCH_MM) / 1000 / dpi, dpi, scale };
 }
 
-/** The round scale next to that of a map that is to be seen whole on paper: 1, 2, 2.5 or 5 times a power of ten. */
+/** The round scale next to the one at which the map fits the paper: 1, 2, 2.5 or 5 times a power of ten. */
 export function roundScale(scale: number): number {
   const decade = 10 ** Math.floor(Math.log10(scale));
   return ([1, 2, 2.5, 5, 10].find((step) => step * decade >= scale * 0.999) ?? 10) * decade;

@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
 import type { Refined, Trial } from "../../server/ties";
-import { EMPTY, planned, withFirst, withMeasured, withSecond, without, wishes } from "./draft";
+import { EMPTY, planned, withFirst, withMeasured, withSecond, without, tieRequests } from "./draft";
 
 const A = { image: "A", sample: 10, line: 20 };
 const B = { image: "B", sample: 30, line: 40 };
@@ -29,8 +29,8 @@ test("another first pick forgets the second", () => {
 test("a measured point replaces the picked one and brings its deviation, never below a tenth", () => {
   const draft = withMeasured(withSecond(withFirst(EMPTY, A), B), MEASURED);
   expect(draft.second).toMatchObject({ sample: 30.4, line: 39.8, sigma_px: 0.04 });
-  const [wish] = wishes(planned(draft));
-  expect(wish).toEqual({
+  const [request] = tieRequests(planned(draft));
+  expect(request).toEqual({
     action: "add",
     first: A,
     second: { image: "B", sample: 30.4, line: 39.8 },
@@ -41,7 +41,7 @@ test("a measured point replaces the picked one and brings its deviation, never b
 test("what was not found stays as it was picked, with the deviation of a person", () => {
   const picked = withSecond(withFirst(EMPTY, A), B);
   expect(withMeasured(picked, { ...MEASURED, found: false })).toBe(picked);
-  expect(wishes(planned(picked))[0]).not.toHaveProperty("sigma_px");
+  expect(tieRequests(planned(picked))[0]).not.toHaveProperty("sigma_px");
 });
 
 test("the same tie is planned once, and a trial is forgotten when ties change", () => {

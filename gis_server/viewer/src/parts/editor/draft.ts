@@ -1,9 +1,9 @@
 /**
- * What is edited, without any drawing: the pick of a feature in two images, the ties that are planned, and the result
- * of a trial with them. A trial holds for the ties that it was made of; it is forgotten when they change.
+ * State of the editor, without drawing: the pick of a feature in two images, the planned ties, and the result
+ * of a preview with them. A preview is dropped when the ties change.
  */
 
-import type { PixelOf, Refined, TieWish, Trial } from "../../server/ties";
+import type { PixelOf, Refined, TieRequest, Trial } from "../../server/ties";
 
 export interface Pick extends PixelOf {
   /** Of one coordinate; null: as a person picks. */
@@ -24,7 +24,7 @@ export interface Draft {
 
 export const EMPTY: Draft = { first: null, second: null, planned: [], trial: null };
 
-/** Another feature is looked at: the second pick belongs to the one before. */
+/** Another feature is picked: the second pick of the earlier one is dropped. */
 export const withFirst = (draft: Draft, first: PixelOf): Draft => ({
   ...draft,
   first: { ...first, sigma_px: null },
@@ -58,14 +58,14 @@ export const without = (draft: Draft, row: number): Draft => ({
   trial: null,
 });
 
-export const wishes = (draft: Draft): readonly TieWish[] => draft.planned.map(wishOf);
+export const tieRequests = (draft: Draft): readonly TieRequest[] => draft.planned.map(requestOf);
 
-export function wishOf({ first, second }: PlannedTie): TieWish {
+export function requestOf({ first, second }: PlannedTie): TieRequest {
   const sigma = second.sigma_px === null ? {} : { sigma_px: Math.max(second.sigma_px, LEAST_PX) };
   return { action: "add", first: pixel(first), second: pixel(second), ...sigma };
 }
 
-/** What least squares states of itself is too small: neighbouring pixels share their errors. */
+/** The standard deviation of least-squares matching is too small: neighbouring pixels have common errors. */
 const LEAST_PX = 0.1;
 const SAME_PX = 0.5;
 /** A pick as the server stores it. */

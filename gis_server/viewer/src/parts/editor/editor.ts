@@ -17,8 +17,8 @@ import {
   EMPTY,
   pixel,
   planned,
-  wishes,
-  wishOf,
+  tieRequests,
+  requestOf,
   withFirst,
   withMeasured,
   without,
@@ -29,7 +29,7 @@ import { OrthoOverlay } from "./ortho-overlay";
 import { Pane } from "./pane";
 import { editorPanel } from "./panel";
 
-/** Nine in ten points lie within so many times the standard ellipse. */
+/** Nine in ten points lie within the standard ellipse enlarged by this factor. */
 const ELLIPSE_90 = 2.146;
 
 export class Editor {
@@ -40,7 +40,7 @@ export class Editor {
   private readonly second: Pane;
   private draft: Draft = EMPTY;
   private saved: readonly Edit[] = [];
-  private said =
+  private status =
     "Pick a feature in the left image; where it may lie in the other stop's images is shown on the right.";
 
   constructor(
@@ -99,7 +99,7 @@ export class Editor {
       undo: (id: number) => this.run(() => this.undo(id)),
     };
     const mayWrite = mayAct(account.value, "analyst");
-    this.strip.replaceChildren(editorPanel(this.draft, this.saved, mayWrite, this.said, actions));
+    this.strip.replaceChildren(editorPanel(this.draft, this.saved, mayWrite, this.status, actions));
   }
 
   private get mission(): string {
@@ -124,9 +124,9 @@ export class Editor {
     return pane;
   }
 
-  private set(draft: Draft, said = this.said): void {
+  private set(draft: Draft, status = this.status): void {
     this.draft = draft;
-    this.said = said;
+    this.status = status;
     const place = (pick: Draft["first"], pane: Pane): readonly ImagePoint[] =>
       pick && pick.image === pane.image ? [[pick.sample, pick.line]] : [];
     this.first.draw({ picks: place(draft.first, this.first) });
@@ -201,10 +201,10 @@ export class Editor {
     const { first, second } = this.draft;
     if (!first || !second) return;
     const found = await ties.refine(this.mission, pixel(first), pixel(second));
-    const said = found.found
+    const status = found.found
       ? `Measured ${found.moved_px.toFixed(2)} px from the pick, correlation ${(found.correlation ?? 0).toFixed(2)}.`
       : `Not measured: ${found.said ?? "it was not found"}. The pick stays as it is.`;
-    this.set(withMeasured(this.draft, found), said);
+    this.set(withMeasured(this.draft, found), status);
   }
 
   private plan(): void {
@@ -213,12 +213,12 @@ export class Editor {
   }
 
   private async trial(): Promise<void> {
-    const trial = await ties.trial(this.mission, wishes(this.draft));
+    const trial = await ties.trial(this.mission, tieRequests(this.draft));
     this.set({ ...this.draft, trial });
   }
 
   private async save(): Promise<void> {
-    for (const { first, second, sigma_px } of this.draft.planned.map(wishOf)) {
+    for (const { first, second, sigma_px } of this.draft.planned.map(requestOf)) {
       await edits.addTie(this.mission, {
         action: "add",
         first_image: first.image,

@@ -4,7 +4,7 @@ import { h } from "../../page/dom";
 import { fixed } from "../../page/format";
 import type { MapPoint } from "../../server/records";
 import type { Mosaic } from "../../map/mosaic";
-import { AS_MAPPED, type Laid, movedBy, turnedBy, under } from "./overlay-transform";
+import { AS_MAPPED, type Placement, movedBy, turnedBy, under } from "./overlay-transform";
 
 const CLICK_PX = 4;
 const TURN_STEP_DEG = 0.2;
@@ -16,12 +16,12 @@ export type OnClick = (fixedPlace: MapPoint, movedPlace: MapPoint) => void;
 export class OrthoOverlay {
   readonly element: HTMLElement;
   private readonly canvas = h("canvas", {
-    class: "picture",
+    class: "image-canvas",
     tabindex: 0,
     role: "application",
     "aria-label": "two orthophotos: drag moves the second, arrows by a centimetre, [ and ] turn it",
   });
-  private readonly told = h("p", { class: "image-status", role: "status" });
+  private readonly status = h("p", { class: "image-status", role: "status" });
   private readonly fade = h("input", {
     type: "range",
     min: 0,
@@ -31,7 +31,7 @@ export class OrthoOverlay {
     "aria-label": "opacity of the second orthophoto",
     oninput: () => this.redraw(),
   });
-  private laid: Laid = AS_MAPPED;
+  private placement: Placement = AS_MAPPED;
   private pixelM = 0.1;
   private centre: MapPoint = [0, 0];
   private grabbed: { x: number; y: number; isDrag: boolean; moves: boolean } | null = null;
@@ -49,7 +49,7 @@ export class OrthoOverlay {
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     canvas.addEventListener("keydown", (event) => this.key(event));
     new ResizeObserver(() => this.redraw()).observe(canvas);
-    const reset = () => this.lay(AS_MAPPED);
+    const reset = () => this.setPlacement(AS_MAPPED);
     this.element = h(
       "section",
       { class: "pane overlay-pane" },
@@ -65,7 +65,7 @@ export class OrthoOverlay {
         ),
       ),
       canvas,
-      this.told,
+      this.status,
     );
     this.start();
   }
@@ -85,16 +85,16 @@ export class OrthoOverlay {
     const shown = meets ? ([west, south, east, north] as const) : one;
     this.centre = [(shown[0] + shown[2]) / 2, (shown[1] + shown[3]) / 2];
     this.pixelM = Math.max(shown[2] - shown[0], shown[3] - shown[1]) / 600;
-    this.lay(AS_MAPPED);
+    this.setPlacement(AS_MAPPED);
   }
 
-  private lay(laid: Laid): void {
-    this.laid = laid;
-    const { east, north, turnDeg } = laid;
-    this.element.dataset["laid"] = [east, north, turnDeg]
+  private setPlacement(placement: Placement): void {
+    this.placement = placement;
+    const { east, north, turnDeg } = placement;
+    this.element.dataset["placement"] = [east, north, turnDeg]
       .map((value) => value.toFixed(4))
       .join(",");
-    this.told.textContent = `second moved by E ${fixed(east, 3)} m, N ${fixed(north, 3)} m, turned by ${fixed(turnDeg, 2)}°`;
+    this.status.textContent = `second moved by E ${fixed(east, 3)} m, N ${fixed(north, 3)} m, turned by ${fixed(turnDeg, 2)}°`;
     this.redraw();
   }
 
@@ -119,7 +119,7 @@ export class OrthoOverlay {
     if (off > CLICK_PX) grabbed.isDrag = true;
     if (!grabbed.isDrag) return;
     const [east, north] = [event.movementX * this.pixelM, -event.movementY * this.pixelM];
-    if (grabbed.moves) this.lay(movedBy(this.laid, east, north));
+    if (grabbed.moves) this.setPlacement(movedBy(this.placement, east, north));
     else {
       this.centre = [this.centre[0] - east, this.centre[1] - north];
       this.redraw();
@@ -131,7 +131,7 @@ export class OrthoOverlay {
     this.grabbed = null;
     if (!isClick) return;
     const place = this.place(event);
-    this.onClick(place, under(this.laid, this.middle, place));
+    this.onClick(place, under(this.placement, this.middle, place));
   }
 
   private wheel(event: WheelEvent): void {
@@ -144,11 +144,11 @@ export class OrthoOverlay {
   }
 
   private key(event: KeyboardEvent): void {
-    const next = KEYS[event.key]?.(this.laid);
+    const next = KEYS[event.key]?.(this.placement);
     if (!next) return;
     event.preventDefault();
     event.stopPropagation();
-    this.lay(next);
+    this.setPlacement(next);
   }
 
   private redraw(): void {
@@ -161,47 +161,47 @@ export class OrthoOverlay {
     const [width, height] = [Math.max(canvas.clientWidth, 1), Math.max(canvas.clientHeight, 1)];
     if (canvas.width !== width) canvas.width = width;
     if (canvas.height !== height) canvas.height = height;
-    const paper = canvas.getContext("2d");
-    if (!paper) return;
-    paper.setTransform(1, 0, 0, 1, 0, 0);
-    paper.clearRect(0, 0, width, height);
-    this.lie(paper, this.still, AS_MAPPED);
-    paper.globalAlpha = Number(this.fade.value);
-    this.lie(paper, this.moved, this.laid);
-    paper.globalAlpha = 1;
+    const context = canvas.getContext("2d");
+    if (!context) return;
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.clearRect(0, 0, width, height);
+    this.drawMosaic(context, this.still, AS_MAPPED);
+    context.globalAlpha = Number(this.fade.value);
+    this.drawMosaic(context, this.moved, this.placement);
+    context.globalAlpha = 1;
   }
 
-  /** Draws a mosaic where it is laid, about the middle of the moved one. */
-  private lie(
-    paper: CanvasRenderingContext2D,
-    { picture, bounds, cellM }: Mosaic,
-    laid: Laid,
+  /** Draws a mosaic at its placement, about the middle of the moved one. */
+  private drawMosaic(
+    context: CanvasRenderingContext2D,
+    { canvas: mosaic, bounds, cellM }: Mosaic,
+    placement: Placement,
   ): void {
     const { canvas, pixelM, centre } = this;
     const x = (east: number) => canvas.width / 2 + (east - centre[0]) / pixelM;
     const y = (north: number) => canvas.height / 2 - (north - centre[1]) / pixelM;
     const [me, mn] = this.middle;
-    paper.save();
-    paper.translate(x(me + laid.east), y(mn + laid.north));
-    paper.rotate((laid.turnDeg * Math.PI) / 180);
-    paper.translate(-x(me), -y(mn));
+    context.save();
+    context.translate(x(me + placement.east), y(mn + placement.north));
+    context.rotate((placement.turnDeg * Math.PI) / 180);
+    context.translate(-x(me), -y(mn));
     const size = cellM / pixelM;
-    paper.drawImage(
-      picture,
+    context.drawImage(
+      mosaic,
       x(bounds[0]),
       y(bounds[3]),
-      picture.width * size,
-      picture.height * size,
+      mosaic.width * size,
+      mosaic.height * size,
     );
-    paper.restore();
+    context.restore();
   }
 }
 
-const KEYS: Readonly<Record<string, (laid: Laid) => Laid>> = {
-  ArrowLeft: (laid) => movedBy(laid, -0.01, 0),
-  ArrowRight: (laid) => movedBy(laid, 0.01, 0),
-  ArrowUp: (laid) => movedBy(laid, 0, 0.01),
-  ArrowDown: (laid) => movedBy(laid, 0, -0.01),
-  "[": (laid) => turnedBy(laid, -TURN_STEP_DEG),
-  "]": (laid) => turnedBy(laid, TURN_STEP_DEG),
+const KEYS: Readonly<Record<string, (placement: Placement) => Placement>> = {
+  ArrowLeft: (placement) => movedBy(placement, -0.01, 0),
+  ArrowRight: (placement) => movedBy(placement, 0.01, 0),
+  ArrowUp: (placement) => movedBy(placement, 0, 0.01),
+  ArrowDown: (placement) => movedBy(placement, 0, -0.01),
+  "[": (placement) => turnedBy(placement, -TURN_STEP_DEG),
+  "]": (placement) => turnedBy(placement, TURN_STEP_DEG),
 };

@@ -1,10 +1,10 @@
-/** One side of the editor: a stop, its left images, and the one that points are picked in. */
+/** One side of the editor: a stop, its left images, and the one for picking points. */
 
 import { h } from "../../page/dom";
 import { scopeTitle } from "../../page/format";
 import type { ImageEntry } from "../../server/records";
 import type { Overlay } from "../image-view/overlay";
-import { Picture } from "../image-view/picture";
+import { ImageCanvas } from "../image-view/image-canvas";
 import type { ImagePoint } from "../image-view/viewport";
 import { anaglyphUrl } from "./anaglyph";
 
@@ -31,7 +31,7 @@ export class Pane {
     value: 10,
     "aria-label": "parallax of the anaglyph",
   });
-  private readonly picture: Picture;
+  private readonly imageCanvas: ImageCanvas;
   private current: ImageEntry | null = null;
 
   constructor(
@@ -40,7 +40,7 @@ export class Pane {
     readonly name: "first" | "second",
     private readonly listener: PaneListener,
   ) {
-    this.picture = new Picture({
+    this.imageCanvas = new ImageCanvas({
       hover: () => undefined,
       click: (point) => listener.picked(point),
       moved: () => undefined,
@@ -71,7 +71,7 @@ export class Pane {
         h("label", { class: "inline" }, this.stereo, "anaglyph"),
         this.nudge,
       ),
-      this.picture.element,
+      this.imageCanvas.element,
     );
     this.fillImages();
   }
@@ -107,14 +107,14 @@ export class Pane {
   }
 
   draw(overlay: Partial<Overlay>): void {
-    this.picture.put(overlay);
+    this.imageCanvas.put(overlay);
     const pick = overlay.picks?.[0];
     if (overlay.picks) this.element.dataset["pick"] = pick ? pick.join(",") : "";
   }
 
   /** Brings a point into the middle, so large that its pixels are seen. */
   centre(point: ImagePoint): void {
-    this.picture.centre(point, PICK_SCALE);
+    this.imageCanvas.centre(point, PICK_SCALE);
   }
 
   private stopChosen(): void {
@@ -135,11 +135,11 @@ export class Pane {
     if (!current?.browse) return;
     const partner = current.partner && `images/${current.partner}/browse.png`;
     if (!this.stereo.checked || !partner) {
-      await this.picture.load(current.browse, current.id);
+      await this.imageCanvas.load(current.browse, current.id);
       return;
     }
     const url = await anaglyphUrl(current.browse, partner, Number(this.nudge.value));
-    await this.picture.load(url, `${current.id} and its partner, for red and cyan glasses`);
+    await this.imageCanvas.load(url, `${current.id} and its partner, for red and cyan glasses`);
     URL.revokeObjectURL(url);
   }
 }

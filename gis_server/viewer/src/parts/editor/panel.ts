@@ -30,21 +30,25 @@ function pickText(pick: Pick | null): string {
 
 function plannedTable({ planned, trial }: Draft, actions: EditorActions): HTMLElement {
   const rows = planned.map(({ first, second }, row) => {
-    const said = trial?.ties.find(({ tie }) => tie === row);
+    const result = trial?.ties.find(({ tie }) => tie === row);
     return h(
       "tr",
-      { "data-planned": row, "data-status": said?.status ?? "" },
+      { "data-planned": row, "data-status": result?.status ?? "" },
       h("td", {}, first.image),
       h("td", {}, second.image),
       h(
         "td",
         { class: "number" },
-        said?.residual_px != null ? `${fixed(said.residual_px, 2)} px` : "–",
+        result?.residual_px != null ? `${fixed(result.residual_px, 2)} px` : "–",
       ),
       h(
         "td",
         {},
-        said ? (said.status === "blunder" ? "contradicts the others" : said.status) : "not tried",
+        result
+          ? result.status === "blunder"
+            ? "contradicts the others"
+            : result.status
+          : "not tried",
       ),
       h(
         "td",
@@ -92,7 +96,7 @@ export function editorPanel(
   draft: Draft,
   saved: readonly Edit[],
   mayWrite: boolean,
-  said: string,
+  status: string,
   actions: EditorActions,
 ): HTMLElement {
   const both = draft.first !== null && draft.second !== null;
@@ -111,7 +115,11 @@ export function editorPanel(
       act("save", "Save", any && mayWrite, actions.save),
       mayWrite ? null : h("span", { class: "hint" }, "Sign in as an analyst to save."),
     ),
-    h("p", { class: "editor-said", role: "status" }, draft.trial ? trialText(draft.trial) : said),
+    h(
+      "p",
+      { class: "editor-status", role: "status" },
+      draft.trial ? trialText(draft.trial) : status,
+    ),
     h(
       "div",
       { class: "editor-lists" },

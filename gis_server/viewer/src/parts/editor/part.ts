@@ -38,7 +38,7 @@ export function editorPart(context: Context): void {
   keys.add("t", "edit tie points between stops", toggle);
   keys.add("Escape", "close the editor", () => page.bench.close());
   account.changed.on(() => editor?.redraw());
-  signals.happened.on(({ kind, document }) => {
+  signals.serverEvent.on(({ kind, document }) => {
     if (kind === "edits.changed" && document.mission === mission.mission)
       waiting.run(async () => editor?.loadSaved());
   });

@@ -45,7 +45,7 @@ export function helpPart(context: Context): void {
 const action = (title: string, run: () => void) =>
   h("button", { type: "button", class: "plain", onclick: run }, title);
 
-/** Offers the tour to who comes for the first time, and not to a program that drives the browser. */
+/** Offers the tour on the first visit, except to a program that controls the browser. */
 function offer({ page, alive }: Context, tour: () => void): void {
   if (localStorage.getItem(SEEN) || navigator.webdriver) return;
   const close = () => {

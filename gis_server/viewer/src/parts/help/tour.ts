@@ -46,7 +46,7 @@ const STEPS = [
 const isVisible = (element: Element | null): element is HTMLElement =>
   element instanceof HTMLElement && element.checkVisibility();
 
-/** Leads through what is visible; calls `ended` when it is over or was left. */
+/** Shows the visible parts in turn; calls `ended` at the end or when it is closed. */
 export function showTour(ended: () => void): void {
   const steps = STEPS.flatMap(([selector, title, description]): DriveStep[] => {
     const element = document.querySelector(selector);

@@ -22,33 +22,33 @@ export interface Controls {
   readonly element: HTMLElement;
   /** Back to an unstretched image. */
   reset(): void;
-  tellTies(text: string): void;
+  showTieCount(text: string): void;
   readonly hasTies: boolean;
   readonly factor: number;
 }
 
 export function controls(actions: ControlActions): Controls {
-  const knobs = {
+  const sliders = {
     low: slider("black", 0, 254, 1, 0),
     high: slider("white", 1, 255, 1, 255),
     gamma: slider("gamma", 0.3, 3, 0.05, 1),
   };
-  const told = (): Stretch => ({
-    low: Math.min(Number(knobs.low.value), Number(knobs.high.value) - 1),
-    high: Number(knobs.high.value),
-    gamma: Number(knobs.gamma.value),
+  const entered = (): Stretch => ({
+    low: Math.min(Number(sliders.low.value), Number(sliders.high.value) - 1),
+    high: Number(sliders.high.value),
+    gamma: Number(sliders.gamma.value),
   });
   const set = ({ low, high, gamma }: Stretch) => {
-    knobs.low.value = String(low);
-    knobs.high.value = String(high);
-    knobs.gamma.value = String(gamma);
+    sliders.low.value = String(low);
+    sliders.high.value = String(high);
+    sliders.gamma.value = String(gamma);
   };
   const put = (stretch: Stretch) => {
     set(stretch);
     actions.stretch(stretch);
   };
-  for (const knob of Object.values(knobs))
-    knob.addEventListener("input", () => actions.stretch(told()));
+  for (const slider of Object.values(sliders))
+    slider.addEventListener("input", () => actions.stretch(entered()));
   const ties = h("input", {
     type: "checkbox",
     class: "show-ties",
@@ -71,17 +71,17 @@ export function controls(actions: ControlActions): Controls {
     ),
   );
   const count = h("small");
-  const label = (name: string, knob: HTMLInputElement) =>
-    h("label", { class: "knob" }, h("span", {}, name), knob);
+  const label = (name: string, slider: HTMLInputElement) =>
+    h("label", { class: "slider" }, h("span", {}, name), slider);
   const element = h(
     "div",
     { class: "image-tools" },
     button("whole image (0)", "fit", actions.fit, { class: "ghost" }),
     button("larger (+)", "plus", () => actions.zoom(1.5), { class: "ghost" }),
     button("smaller (-)", "minus", () => actions.zoom(1 / 1.5), { class: "ghost" }),
-    label("black", knobs.low),
-    label("white", knobs.high),
-    label("gamma", knobs.gamma),
+    label("black", sliders.low),
+    label("white", sliders.high),
+    label("gamma", sliders.gamma),
     h(
       "button",
       { type: "button", class: "text auto", onclick: () => put(actions.automatic(PERCENT / 100)) },
@@ -94,7 +94,7 @@ export function controls(actions: ControlActions): Controls {
   return {
     element,
     reset: () => set(NO_STRETCH),
-    tellTies: (text) => {
+    showTieCount: (text) => {
       count.textContent = text;
     },
     get hasTies() {

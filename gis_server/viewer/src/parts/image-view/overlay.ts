@@ -24,7 +24,7 @@ export interface Cross {
 
 export interface Overlay {
   readonly ties: readonly ImageTie[];
-  /** Residuals are drawn so many times as long; 0: not. */
+  /** Factor of drawn residuals; 0: none are drawn. */
   readonly residualFactor: number;
   readonly cross: Cross | null;
   /** Where a point of another image may lie in this one. */
@@ -83,7 +83,7 @@ function drawCurve(
   });
 }
 
-/** A small open cross: the pixel that is meant stays in sight. */
+/** A small open cross: the marked pixel stays visible. */
 function drawPick(paper: CanvasRenderingContext2D, viewport: Viewport, pick: ImagePoint): void {
   const [x, y] = toScreen(viewport, pick);
   cased(paper, PICK, 1.6, () => {
@@ -145,7 +145,7 @@ function drawCross(
   { point, ellipse, sight }: Cross,
 ): void {
   const [x, y] = toScreen(viewport, point);
-  paper.setLineDash(sight === "visible" ? [] : [4, 4]); // what is not seen is drawn as hidden lines are
+  paper.setLineDash(sight === "visible" ? [] : [4, 4]); // invisible places are dashed, like hidden lines
   cased(paper, CURSOR, 2, () => {
     for (const [dx, dy] of [
       [1, 0],

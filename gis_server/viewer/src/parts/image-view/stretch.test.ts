@@ -20,8 +20,8 @@ test("an image is stretched, its opacity is not", () => {
 });
 
 test("a share of the pixels is given up at both ends", () => {
-  const picture = grey(...Array.from({ length: 100 }, (_, k) => 50 + k), 0, 255);
-  expect(percentileStretch(picture, 0)).toEqual({ low: 0, high: 255, gamma: 1 });
-  expect(percentileStretch(picture, 0.04)).toEqual({ low: 51, high: 148, gamma: 1 });
+  const image = grey(...Array.from({ length: 100 }, (_, k) => 50 + k), 0, 255);
+  expect(percentileStretch(image, 0)).toEqual({ low: 0, high: 255, gamma: 1 });
+  expect(percentileStretch(image, 0.04)).toEqual({ low: 51, high: 148, gamma: 1 });
   expect(percentileStretch(grey(7, 7, 7), 0.02)).toEqual({ low: 7, high: 8, gamma: 1 });
 });

@@ -9,7 +9,7 @@ export interface Stretch {
 
 export const NO_STRETCH: Stretch = { low: 0, high: 255, gamma: 1 };
 
-/** What every grey value becomes. */
+/** The stretched value of every grey value. */
 export function lookUp({ low, high, gamma }: Stretch): Uint8ClampedArray {
   const span = Math.max(high - low, 1);
   return Uint8ClampedArray.from({ length: 256 }, (_, value) => {

@@ -31,7 +31,7 @@ interface Thumb {
   tell(seen: Seen, isChosen: boolean): void;
 }
 
-/** Thumbnails stay where an image goes on seeing the place, so that they do not flicker under the pointer. */
+/** Thumbnails of images that still see the place stay, so that they do not flicker under the pointer. */
 export class Strip {
   readonly element = h("div", { class: "strip" });
   private readonly heading = h("p", { class: "hint" });
@@ -59,17 +59,22 @@ export class Strip {
 
   private make({ image, browse }: Seen): Thumb {
     const mark = h("i", { class: "mark" });
-    const picture = h("img", { src: browse, alt: "", width: THUMB_PX, height: THUMB_PX });
-    const button = h("button", { type: "button", onclick: () => this.open(image) }, picture, mark);
+    const thumbnail = h("img", { src: browse, alt: "", width: THUMB_PX, height: THUMB_PX });
+    const button = h(
+      "button",
+      { type: "button", onclick: () => this.open(image) },
+      thumbnail,
+      mark,
+    );
     const element = h("li", { "data-image": image }, button);
     let seen: Seen | null = null;
     const place = () => {
-      if (!seen || picture.naturalWidth === 0) return;
-      const [left, top] = markAt(seen, [picture.naturalWidth, picture.naturalHeight]);
+      if (!seen || thumbnail.naturalWidth === 0) return;
+      const [left, top] = markAt(seen, [thumbnail.naturalWidth, thumbnail.naturalHeight]);
       mark.style.left = `${left}%`;
       mark.style.top = `${top}%`;
     };
-    picture.addEventListener("load", place);
+    thumbnail.addEventListener("load", place);
     const tell = (one: Seen, isChosen: boolean) => {
       seen = one;
       place();

@@ -10,7 +10,7 @@ import type { ImageSight } from "../../session/state";
 import { isRefusal, Latest } from "../../session/latest";
 import { type Controls, controls } from "./controls";
 import { tieAt, tieText } from "./overlay";
-import { Picture } from "./picture";
+import { ImageCanvas } from "./image-canvas";
 import { Strip } from "./strip";
 import { percentileStretch } from "./stretch";
 import type { ImagePoint, ScreenPoint } from "./viewport";
@@ -19,7 +19,7 @@ const REST_MS = 90;
 
 export class ImageViewer {
   readonly element: HTMLElement;
-  private readonly picture: Picture;
+  private readonly imageCanvas: ImageCanvas;
   private readonly tools: Controls;
   private readonly strip: Strip;
   private readonly status = h("p", { class: "image-status", role: "status" });
@@ -35,16 +35,16 @@ export class ImageViewer {
   ) {
     const { waiting } = context;
     this.questions = new Latest(REST_MS, (reason) => waiting.fail(reason));
-    this.picture = new Picture({
+    this.imageCanvas = new ImageCanvas({
       hover: (at, screen) => this.hover(at, screen),
       click: (at) => this.click(at),
       moved: (sight) => this.moved(sight),
     });
     this.tools = controls({
-      fit: () => this.picture.fit(),
-      zoom: (factor) => this.picture.zoom(factor),
-      stretch: (stretch) => this.picture.stretch(stretch),
-      automatic: (share) => percentileStretch(this.picture.pixels, share),
+      fit: () => this.imageCanvas.fit(),
+      zoom: (factor) => this.imageCanvas.zoom(factor),
+      stretch: (stretch) => this.imageCanvas.stretch(stretch),
+      automatic: (share) => percentileStretch(this.imageCanvas.pixels, share),
       showTies: () => this.drawTies(),
       residualFactor: () => this.drawTies(),
     });
@@ -53,7 +53,7 @@ export class ImageViewer {
       "div",
       { class: "image-view" },
       this.tools.element,
-      this.picture.element,
+      this.imageCanvas.element,
       this.status,
       this.strip.element,
     );
@@ -63,7 +63,7 @@ export class ImageViewer {
   /** Shows an image, unstretched; the whole where no part is given. */
   async open(image: ImageEntry, sight: ImageSight | null): Promise<void> {
     if (image.id === this.image?.id) {
-      this.picture.look(sight);
+      this.imageCanvas.look(sight);
       return;
     }
     this.image = image;
@@ -71,9 +71,9 @@ export class ImageViewer {
     this.element.dataset["image"] = image.id;
     this.ties = [];
     this.drawTies();
-    this.picture.put({ cross: null });
+    this.imageCanvas.put({ cross: null });
     this.tools.reset();
-    if (image.browse) await this.picture.load(image.browse, image.id, sight);
+    if (image.browse) await this.imageCanvas.load(image.browse, image.id, sight);
     if (this.image !== image) return; // another one was opened meanwhile
     this.isLoaded = true;
     await this.loadTies(image);
@@ -106,7 +106,7 @@ export class ImageViewer {
     const cross = here
       ? { point: [here.sample, here.line] as const, ellipse: here.ellipse, sight: here.sight }
       : null;
-    this.picture.put({ cross });
+    this.imageCanvas.put({ cross });
     this.element.dataset["cross"] = here ? `${here.sample},${here.line},${here.sight}` : "";
     this.status.textContent = here ? crossText(here) : "The place on the map is not in this image.";
   }
@@ -124,14 +124,14 @@ export class ImageViewer {
 
   private drawTies(): void {
     const { hasTies, factor } = this.tools;
-    this.picture.put({ ties: hasTies ? this.ties : [], residualFactor: factor });
-    this.tools.tellTies(` ${this.ties.length}`);
+    this.imageCanvas.put({ ties: hasTies ? this.ties : [], residualFactor: factor });
+    this.tools.showTieCount(` ${this.ties.length}`);
     this.element.dataset["ties"] = String(hasTies ? this.ties.length : 0);
   }
 
   /** Null: the whole image, as it fits any pane. */
   private moved(sight: ImageSight | null): void {
-    this.element.dataset["scale"] = this.picture.viewport.scale.toFixed(4);
+    this.element.dataset["scale"] = this.imageCanvas.viewport.scale.toFixed(4);
     if (this.image && this.isLoaded) this.write({ id: this.image.id, sight });
   }
 
@@ -143,8 +143,8 @@ export class ImageViewer {
       this.context.signals.cursor.emit(null);
       return;
     }
-    const tie = this.tools.hasTies ? tieAt(this.ties, this.picture.viewport, screen) : null;
-    const start = `sample ${fixed(at[0], 1)}, line ${fixed(at[1], 1)}, grey ${this.picture.grey(at) ?? "–"}`;
+    const tie = this.tools.hasTies ? tieAt(this.ties, this.imageCanvas.viewport, screen) : null;
+    const start = `sample ${fixed(at[0], 1)}, line ${fixed(at[1], 1)}, grey ${this.imageCanvas.grey(at) ?? "–"}`;
     this.status.textContent = tie ? tieText(tie) : start;
     const { mission } = this.context.mission;
     this.questions.ask(async (signal) => {

@@ -66,7 +66,7 @@ export function panned(
   return held({ ...viewport, left: viewport.left + dx, top: viewport.top + dy }, image, view);
 }
 
-/** The view has another size: what was in its middle stays there. */
+/** Changes the size of the view and keeps its middle. */
 export function refitted(viewport: Viewport, before: Size, image: Size, view: Size): Viewport {
   return panned(viewport, (view[0] - before[0]) / 2, (view[1] - before[1]) / 2, image, view);
 }

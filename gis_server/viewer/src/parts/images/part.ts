@@ -102,7 +102,7 @@ function filters({ layers, state }: Context, images: readonly ImageEntry[]): HTM
     images,
     layers.all.flatMap(({ sols }) => [...sols]),
   );
-  /** A range of more than one sol has no place on the slider. */
+  /** The slider cannot show a range of several sols. */
   const placeOf = (sols: Sols) => (sols && sols[0] === sols[1] ? days.indexOf(sols[0]) + 1 : 0);
   const name = h("output", {}, solsTitle(state.get("sol")));
   const slider = h("input", {

@@ -1,4 +1,4 @@
-/** What can be done with layers in their lists. */
+/** Actions on layers in their lists. */
 
 import type { Blend } from "../../map/blending";
 import type { LayerState } from "../../map/layers";
@@ -15,7 +15,7 @@ export interface LayerActions {
   /** Spreads the colours over what is on the screen. */
   readonly stretch: (layer: RasterLayer) => void;
   /** Black and white where a share of the shades on the screen lies beyond. */
-  readonly stretchPicture: (layer: RasterLayer, share: number) => void;
+  readonly stretchImagery: (layer: RasterLayer, share: number) => void;
   readonly zoomTo: (layer: Layer) => void;
   readonly showProvenance: (layer: Layer) => void;
   readonly ellipseFactor: () => number;
@@ -31,7 +31,7 @@ export interface LayerActions {
   /** Versions of a layer, newest first, from some number on. */
   readonly versions: (layer: Layer, from: number) => Promise<LayerVersions>;
   readonly isThere: (version: Layer) => boolean;
-  /** Puts an earlier version on the map; and takes it off again. */
+  /** Adds an earlier version to the map, and removes it. */
   readonly bring: (version: Layer) => void;
   readonly dismiss: (version: Layer) => void;
   /** Compares an earlier version with the latest one. */

@@ -5,13 +5,13 @@ import { h } from "../../page/dom";
 import type { ImageEntry, Layer } from "../../server/records";
 import type { LayerFilter } from "../../session/state";
 
-/** What a layer has to be so that it is listed; null or no words: anything. */
+/** Conditions of listed layers; null or no words: all. */
 export interface Wanted {
   /** In small letters, all of them in the names of the layer, its kind or its group. */
   readonly words: readonly string[];
   /** Title of its kind. */
   readonly kind: string | null;
-  /** Scopes of the stops that it may be of. */
+  /** Scopes of the permitted stops. */
   readonly stops: ReadonlySet<string> | null;
 }
 
@@ -116,7 +116,7 @@ export function layerFilter(
   };
 }
 
-/** Keeps what is chosen where that is still offered. */
+/** Keeps the choice if it is still offered. */
 function fill(select: HTMLSelectElement, all: string, values: ReadonlySet<string>): void {
   const chosen = select.value;
   const options = [...values].sort().map((value) => h("option", { value }, value));

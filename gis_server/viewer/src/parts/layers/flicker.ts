@@ -1,4 +1,4 @@
-/** Shows and hides a layer in turn, so that the eye catches what differs from what lies below. */
+/** Shows and hides a layer in turn, so that differences from the layers below become visible. */
 
 import type { Layer } from "../../server/records";
 

@@ -1,4 +1,4 @@
-/** What the symbols and colours of layers mean. */
+/** Legends of symbols and colours of layers. */
 
 import {
   ADJUSTED,
@@ -91,7 +91,7 @@ export function symbolLegend(
   }
 }
 
-/** Of classes that a layer's file names: fills itself when they have come. */
+/** Legend of classes in a layer's file, filled when they have arrived. */
 function fileLegend(layer: Layer, query: string): HTMLElement {
   const list = h("div", { class: "file-legend", "data-of": layer.digest });
   const fill = ({ classes = [] }: Legend) => {

@@ -3,8 +3,8 @@
 import { getIntersection, isEmpty } from "ol/extent";
 import { setBlend } from "../../map/blending";
 import { type Shown, tileGrid } from "../../map/map-layers";
-import { percentiles } from "../../map/picture-style";
-import { shadesOf } from "../../map/picture-tiles";
+import { percentiles } from "../../map/imagery-style";
+import { shadesOf } from "../../map/image-tiles";
 import { tileUrl } from "../../map/value-tiles";
 import { PLAIN } from "../../map/raster-style";
 import { rangeInView } from "../../map/stretch";
@@ -176,7 +176,7 @@ function actionsOf(context: Context, flicker: Flicker, list: () => void): LayerA
     setBlend: (layer, blend) => layers.change(layer, { blend }),
     setStyle: (layer, style) => layers.change(layer, { style }),
     stretch: (layer) => waiting.run(() => stretch(context, layer)),
-    stretchPicture: (layer, share) => waiting.run(() => stretchPicture(context, layer, share)),
+    stretchImagery: (layer, share) => waiting.run(() => stretchImagery(context, layer, share)),
     zoomTo: (layer) => view.fit(layer.bounds),
     showProvenance: (layer) => waiting.run(() => showProvenance(context, layer)),
     ellipseFactor: () => drawing.ellipseFactor,
@@ -219,7 +219,7 @@ async function stretch(context: Context, layer: RasterLayer): Promise<void> {
 /** Most tiles that are read to stretch an image: more would take too long. */
 const MOST_TILES = 24;
 
-async function stretchPicture(context: Context, layer: RasterLayer, share: number): Promise<void> {
+async function stretchImagery(context: Context, layer: RasterLayer, share: number): Promise<void> {
   const { view, mission, layers, waiting } = context;
   const grid = tileGrid(mission.tile_matrix_set, layer);
   const seen = getIntersection(view.map.getView().calculateExtent(view.map.getSize()), [

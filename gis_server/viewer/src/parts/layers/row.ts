@@ -1,16 +1,16 @@
-/** A layer in the tree: its switch, and behind it all that can be done with it. */
+/** A layer in the tree: its switch and its actions. */
 
 import { isBand } from "../../map/bands";
 import { type Blend, BLEND_NAMES } from "../../map/blending";
 import { kindTitle } from "../../map/layers";
 import { hasValues } from "../../map/raster-style";
-import { classesOf, isPicture } from "../../map/picture-style";
+import { classesOf, isImagery } from "../../map/imagery-style";
 import { button, facts, h, icon } from "../../page/dom";
 import { compact, metres, sols, time, unitSign } from "../../page/format";
 import type { Layer } from "../../server/records";
 import type { Following, LayerActions } from "./actions";
 import { legendOf } from "./legend";
-import { classEditor, pictureEditor } from "./picture-editor";
+import { classEditor, imageryEditor } from "./imagery-editor";
 import { choice, styleEditor } from "./style-editor";
 import { versionsOf } from "./versions";
 
@@ -37,7 +37,7 @@ function files(layer: Layer): HTMLElement[] {
 function editorOf(layer: Layer, actions: LayerActions): Following | null {
   if (layer.type !== "raster") return null;
   if (hasValues(layer)) return styleEditor(layer, actions);
-  if (isPicture(layer)) return pictureEditor(layer, actions);
+  if (isImagery(layer)) return imageryEditor(layer, actions);
   return classesOf(layer).length > 0 ? classEditor(layer, actions) : null;
 }
 

@@ -1,4 +1,4 @@
-/** Which sols are looked at: a first and a last one. They can be played one after the other. */
+/** The range of sols: a first and a last one. They can be played one after the other. */
 
 import type Feature from "ol/Feature";
 import type Point from "ol/geom/Point";
@@ -8,7 +8,7 @@ import { placeKey } from "../../map/styles";
 import { h } from "../../page/dom";
 import type { Layer } from "../../server/records";
 
-/** A sol is shown so long when they are played. */
+/** Duration of a sol in the playback. */
 const STEP_MS = 1500;
 
 export interface SolActions {
@@ -38,7 +38,7 @@ export const solsByPlace = (
     }),
   );
 
-/** What is shown one after the other: every sol of a range alone, or all up to it. */
+/** Steps of the playback: every sol of a range alone, or all up to it. */
 export function stepsOf(days: readonly number[], range: Sols, isGrowing: boolean): readonly Sols[] {
   const [from = 0, to = 0] = range ?? [days[0], days.at(-1)];
   return days
@@ -84,11 +84,11 @@ export function solFilter(days: readonly number[], actions: SolActions): SolFilt
     });
     name.textContent = solsTitle(sols);
     const [only = null] = days.length === 1 ? days : [];
-    const told = sols && sols[0] === sols[1] ? sols[0] : only;
-    report.hidden = told === null;
-    if (told === null) return;
-    report.href = reportOf(told);
-    report.textContent = `report of sol ${told}`;
+    const singleSol = sols && sols[0] === sols[1] ? sols[0] : only;
+    report.hidden = singleSol === null;
+    if (singleSol === null) return;
+    report.href = reportOf(singleSol);
+    report.textContent = `report of sol ${singleSol}`;
   };
 
   const growing = h("input", { type: "checkbox", "aria-label": "keep earlier sols" });
@@ -99,7 +99,7 @@ export function solFilter(days: readonly number[], actions: SolActions): SolFilt
     play.textContent = "Play";
     play.setAttribute("aria-pressed", "false");
   };
-  /** Step after step, and what was chosen before at the end. */
+  /** Plays the steps, and restores the earlier choice at the end. */
   const start = () => {
     const before = range();
     const steps = [...stepsOf(days, before, growing.checked), before];
@@ -137,7 +137,7 @@ export function solFilter(days: readonly number[], actions: SolActions): SolFilt
   const element = h(
     "div",
     { class: "sol-filter" },
-    h("div", { class: "sol-told" }, days.length < 2 ? null : name, report),
+    h("div", { class: "sol-summary" }, days.length < 2 ? null : name, report),
     h(
       "div",
       { class: "sol-range", hidden: days.length < 2 },

@@ -44,7 +44,8 @@ export function number(name: string, set: (value: number | null) => void): HTMLI
   return input;
 }
 
-const said = (value: number | null) => (value === null ? "" : String(Number(value.toPrecision(5))));
+const numberText = (value: number | null) =>
+  value === null ? "" : String(Number(value.toPrecision(5)));
 
 export function styleEditor(layer: RasterLayer, actions: LayerActions): Following {
   const own = ownStyle(layer.kind) ?? PLAIN;
@@ -91,12 +92,12 @@ export function styleEditor(layer: RasterLayer, actions: LayerActions): Followin
     const shown = colouringOf(layer, now);
     quantity.value = now.quantity;
     ramp.value = now.ramp ?? "";
-    [low.value, high.value] = [said(shown.low), said(shown.high)];
-    floor.value = said(now.floor);
+    [low.value, high.value] = [numberText(shown.low), numberText(shown.high)];
+    floor.value = numberText(now.floor);
     reset.hidden = isOwn(now);
     fades.checked = now.fade !== null;
     fading.hidden = now.fade === null;
-    most.value = said(now.fade);
+    most.value = numberText(now.fade);
   };
   follow();
   const element = h(

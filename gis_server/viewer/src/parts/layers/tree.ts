@@ -15,7 +15,7 @@ export interface LayerTree {
   readonly element: HTMLElement;
   /** Shows the state of a layer in its row. */
   readonly follow: (layer: Layer) => void;
-  /** Lists only what was seen on some sols. */
+  /** Lists only layers of some sols. */
   readonly setSols: (range: Sols) => void;
   /** Lists only the layers that match. */
   readonly find: (wanted: Wanted) => void;

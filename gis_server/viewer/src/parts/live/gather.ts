@@ -1,12 +1,12 @@
 /** Calls that come in bursts, gathered to one. */
 
 export interface Gathered<T> {
-  /** Works on this too, once nothing more has come for so long. */
+  /** Adds items, which are processed after a pause of this length. */
   readonly add: (one: T, quiet_ms?: number) => void;
   readonly cancel: () => void;
 }
 
-/** A call that waits until nothing more has come for a while, then works on all that came. */
+/** A call that waits for a pause in the arrivals, then processes all of them. */
 export function gathered<T>(usual_ms: number, work: (all: readonly T[]) => void): Gathered<T> {
   let waiting: T[] = [];
   let timer: ReturnType<typeof setTimeout> | undefined;

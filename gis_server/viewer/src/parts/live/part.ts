@@ -1,7 +1,7 @@
 /** Live updates: what is published while the page is open appears by itself. */
 
 import { api, UnreachableError } from "../../server/api";
-import { type Happening, listen } from "../../server/events";
+import { type ServerEvent, listen } from "../../server/events";
 import type { Context } from "../../session/context";
 import { gathered, publishedText } from "./gather";
 
@@ -9,7 +9,7 @@ import { gathered, publishedText } from "./gather";
 const QUIET_MS = 400;
 /** A list whose request failed is requested again after this time. */
 const AGAIN_MS = 2000;
-const RELOAD: Happening = { kind: "reload", document: {} };
+const RELOAD: ServerEvent = { kind: "reload", document: {} };
 
 export function livePart(context: Context): void {
   const { mission, layers, page, waiting, signals, lastEvent, alive } = context;
@@ -28,19 +28,19 @@ export function livePart(context: Context): void {
     if (!isBehind) return;
     isBehind = false; // requests of other parts may have failed too
     waiting.answered();
-    signals.happened.emit(RELOAD);
+    signals.serverEvent.emit(RELOAD);
   };
   const published = gathered<readonly string[]>(QUIET_MS, (all) =>
     waiting.act(() => refresh(all.flat())),
   );
   alive.addEventListener("abort", published.cancel);
-  const hear = (happening: Happening) => {
-    signals.happened.emit(happening);
-    if (happening.kind === "layers.published") published.add(happening.document.layers);
-    if (happening.kind === "reload") published.add([]);
+  const receive = (event: ServerEvent) => {
+    signals.serverEvent.emit(event);
+    if (event.kind === "layers.published") published.add(event.document.layers);
+    if (event.kind === "reload") published.add([]);
   };
   let wasLost = false;
-  listen(mission.mission, lastEvent, alive, hear, (isConnected) => {
+  listen(mission.mission, lastEvent, alive, receive, (isConnected) => {
     page.connection.hidden = isConnected;
     if (isConnected && wasLost) signals.reconnected.emit();
     wasLost = !isConnected;

@@ -19,7 +19,7 @@ export interface FileCrs {
   readonly title: string;
   /** Whether they are metres of the map already. */
   readonly isLocal: boolean;
-  /** Whether they are longitude and latitude, whose turns are 360. */
+  /** Whether they are longitude and latitude, with a period of 360. */
   readonly isDegrees: boolean;
   readonly toMap: (place: readonly number[]) => readonly number[];
   readonly fromMap: (place: readonly number[]) => readonly number[];

@@ -14,9 +14,9 @@ import { drawnFeatures, drawnImage } from "./drawing";
 import { fileRow, type RowActions } from "./row";
 import { type FileLayer, readFile } from "./read";
 
-/** Colours of one file after the other: of the map's own symbols none is one. */
+/** Colours of files in turn, different from the map's own symbols. */
 const COLOURS = ["#0057d9", "#b8005c", "#007a3d", "#8a4b00", "#6a00b8"];
-/** How far beside a line or point it is still hit. */
+/** Distance at which a line or point is still hit. */
 const HIT_PX = 5;
 /** Annotations that are written at once. */
 const MOST_PUBLISHED = 500;

@@ -23,14 +23,14 @@ export async function geotiff(file: File, target: Target): Promise<FileImage> {
   const isColour = image.getSamplesPerPixel() >= 3 && image.getBitsPerSample() === 8;
   const samples = isColour ? [0, 1, 2] : [0];
   const bands = (await tiff.readRasters({ bbox: [...bounds], width, height, samples })) as unknown;
-  const url = await pictureOf(bands as Band[], width, height, nodataOf(image));
+  const url = await imageUrl(bands as Band[], width, height, nodataOf(image));
   const note = scale < 1 ? `shown at ${width} × ${height} of ${wide} × ${high} pixels` : "";
   return { type: "image", name: file.name, crs, extent: bounds, url, note };
 }
 
 const nodataOf = (image: GeoTIFFImage) => image.getGDALNoData() ?? Number.NaN;
 
-async function pictureOf(
+async function imageUrl(
   bands: readonly Band[],
   width: number,
   height: number,
@@ -39,15 +39,15 @@ async function pictureOf(
   const canvas = new OffscreenCanvas(width, height);
   const context = canvas.getContext("2d");
   if (!context) throw new RefusedFile("this browser draws no canvas");
-  const picture = context.createImageData(width, height);
+  const pixels = context.createImageData(width, height);
   const isThere = (value: number) => Number.isFinite(value) && value !== nodata;
   const [low, high] = bands.length === 1 && bands[0] ? stretch(bands[0], isThere) : [0, 255];
   const shade = (value: number) => (255 * (value - low)) / (high - low || 1);
   for (let k = 0; k < width * height; k++) {
     const values = [0, 1, 2].map((band) => (bands[band] ?? bands[0])?.[k] ?? Number.NaN);
-    picture.data.set([...values.map(shade), values.some(isThere) ? 255 : 0], 4 * k);
+    pixels.data.set([...values.map(shade), values.some(isThere) ? 255 : 0], 4 * k);
   }
-  context.putImageData(picture, 0, 0);
+  context.putImageData(pixels, 0, 0);
   return URL.createObjectURL(await canvas.convertToBlob());
 }
 

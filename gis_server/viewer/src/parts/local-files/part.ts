@@ -1,4 +1,4 @@
-/** Files that are dropped on the map or chosen from a folder: they stay in the browser. What reads them comes then. */
+/** Files that are dropped on the map or chosen from a folder: they stay in the browser. Their readers load on use. */
 
 import { h } from "../../page/dom";
 import type { Context } from "../../session/context";

@@ -1,11 +1,11 @@
-/** Corners as they were clicked, and what is known of them where there is no ground to measure. */
+/** Clicked corners, and measurements from them without mapped ground. */
 
 import { measure, polygonArea } from "../../map/measure";
 import type { MapPoint } from "../../server/records";
 import { isRefusal } from "../../session/latest";
 import type { Found, Mode } from "./mode";
 
-/** Without corners that stand where the one before does: a double-click sets two. */
+/** Without repeated corners: a double-click sets two. */
 export function withoutRepeats(corners: readonly MapPoint[]): MapPoint[] {
   return corners.filter(([east, north], k) => {
     const before = corners[k - 1];
@@ -13,7 +13,7 @@ export function withoutRepeats(corners: readonly MapPoint[]): MapPoint[] {
   });
 }
 
-/** Where there is no ground to measure, lengths and areas on the map are known all the same. */
+/** Lengths and areas on the map, for places without mapped ground. */
 export async function orPlanar(
   mode: Mode,
   corners: readonly MapPoint[],

@@ -20,12 +20,12 @@ import Text from "ol/style/Text";
 import { zIndex } from "../../map/layers";
 import type { Bounds, MapPoint } from "../../server/records";
 import type { Measurement } from "./export";
-import type { Picture } from "./mode";
+import type { Overlay } from "./mode";
 import { quantityText } from "./quantities";
 
 const Z_INDEX = 995;
 /** Over the rasters, below the symbols, as layers are stacked at first. */
-const PICTURE_Z_INDEX = zIndex({ kind: "footprints", level: "region" }) - 1;
+const OVERLAY_Z_INDEX = zIndex({ kind: "footprints", level: "region" }) - 1;
 const INK = "#101113";
 const LINE = "#ffffff";
 const IN_THE_WAY = "#d4141c";
@@ -53,7 +53,7 @@ export function boundsOf(corners: readonly MapPoint[]): Bounds {
   return [Math.min(...easts), Math.min(...norths), Math.max(...easts), Math.max(...norths)];
 }
 
-/** A ring around the ground that is in the way. */
+/** A ring around the obstruction. */
 function inTheWay(mark: MapPoint): Style {
   const ring = new CircleStyle({
     radius: 7,
@@ -63,7 +63,7 @@ function inTheWay(mark: MapPoint): Style {
   return new Style({ geometry: new Point([...mark]), image: ring, zIndex: 1 });
 }
 
-/** The way that was found, which the line that was drawn only points to. */
+/** The found route; the drawn line only gives its ends. */
 function wayFound(way: readonly MapPoint[]): Style[] {
   const geometry = new LineString(way.map((place) => [...place]));
   return [
@@ -101,19 +101,19 @@ function styles(measurement: Measurement): Style[] {
   ];
 }
 
-function pictureLayer({ url, bounds }: Picture, projection: Projection): ImageLayer<ImageStatic> {
+function overlayLayer({ url, bounds }: Overlay, projection: Projection): ImageLayer<ImageStatic> {
   const source = new ImageStatic({
     url,
     imageExtent: [...bounds],
     projection,
     interpolate: false, // classes have no values between them
   });
-  return new ImageLayer({ source, zIndex: PICTURE_Z_INDEX });
+  return new ImageLayer({ source, zIndex: OVERLAY_Z_INDEX });
 }
 
 export class DrawnMeasurements {
   private readonly source = new VectorSource<Feature<Geometry>>();
-  private readonly pictures = new Map<Picture, ImageLayer<ImageStatic>>();
+  private readonly overlays = new Map<Overlay, ImageLayer<ImageStatic>>();
   private readonly layer = new OlVectorLayer({ source: this.source, zIndex: Z_INDEX });
 
   constructor(private readonly map: OlMap) {
@@ -127,26 +127,26 @@ export class DrawnMeasurements {
       feature.setStyle(styles(one));
       this.source.addFeature(feature);
     }
-    this.showPictures(all.flatMap(({ found }) => found.picture ?? []));
+    this.showOverlays(all.flatMap(({ found }) => found.overlay ?? []));
   }
 
   /** Overlays images on the layers, and removes those whose measurement was deleted. */
-  private showPictures(wanted: readonly Picture[]): void {
-    for (const [picture, layer] of this.pictures) {
-      if (wanted.includes(picture)) continue;
+  private showOverlays(wanted: readonly Overlay[]): void {
+    for (const [overlay, layer] of this.overlays) {
+      if (wanted.includes(overlay)) continue;
       this.map.removeLayer(layer);
-      this.pictures.delete(picture);
+      this.overlays.delete(overlay);
     }
-    for (const picture of wanted) {
-      if (this.pictures.has(picture)) continue;
-      const layer = pictureLayer(picture, this.map.getView().getProjection());
-      this.pictures.set(picture, layer);
+    for (const overlay of wanted) {
+      if (this.overlays.has(overlay)) continue;
+      const layer = overlayLayer(overlay, this.map.getView().getProjection());
+      this.overlays.set(overlay, layer);
       this.map.addLayer(layer);
     }
   }
 
   dispose(): void {
-    this.showPictures([]);
+    this.showOverlays([]);
     this.map.removeLayer(this.layer);
   }
 }

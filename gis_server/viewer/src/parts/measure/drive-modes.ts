@@ -1,4 +1,4 @@
-/** Driving: how far the ground around a place is to a rover, and the way to another place. */
+/** Driving: distances of a rover to the ground around a place, and routes to another place. */
 
 import { countedSigma, measure, measuredText } from "../../map/measure";
 import { measured } from "../../page/format";
@@ -7,7 +7,7 @@ import { found, type Found, type Mode, type NumberAsked } from "./mode";
 import { cellOf, decimalsOn, type Quantity } from "./quantities";
 
 const GROUND = "#c2571b";
-/** Ways are looked for that are so much longer than the straight line. */
+/** Longest route of the search, as a factor of the straight line. */
 const DETOUR = 3;
 const LONGEST_M = 500;
 
@@ -78,7 +78,7 @@ function reachFound(reach: Reachable): Found {
   const { picture: url, bounds, geotiff } = reach;
   return found(reachQuantities(reach), "ground reached", reach.layers, {
     note: "On the map: yellow is near, blue is far; to ground without colour no safe way is known.",
-    picture: { url, bounds, geotiff },
+    overlay: { url, bounds, geotiff },
   });
 }
 
@@ -88,7 +88,7 @@ const routeFound = (route: Route): Found =>
     way: route.places,
   });
 
-/** How long a way may be between two places on the map. */
+/** Longest route between two places on the map. */
 export const longestWay = (straight_m: number) =>
   Math.min(LONGEST_M, Math.max(FARTHEST.usual, DETOUR * straight_m));
 

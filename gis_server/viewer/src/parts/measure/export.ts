@@ -13,7 +13,7 @@ export interface Measurement {
   readonly found: Found;
 }
 
-/** One line a quantity, and one a corner. */
+/** One line per quantity, and one per corner. */
 export function measurementsCsv(all: readonly Measurement[]): string {
   const lines = all.flatMap(({ number, mode, corners, found }) => [
     ...found.quantities.map(({ name, value, word, sigma, unit }) =>

@@ -20,11 +20,11 @@ export function profileOptions(profile: Profile, shown: ProfileShown["shown"]): 
   const known = profile.elevation_m.filter((value) => value !== null);
   const decimals = decimalsOn(layers);
   const from = layers.length > 0 ? `From ${sourcesText(layers)}. ` : "";
-  const told = (value: number) =>
+  const heightText = (value: number) =>
     measured(value, "m", profile.sigma_m[profile.elevation_m.indexOf(value)], 10 ** -decimals);
   const range =
     known.length > 0
-      ? `Elevation ${told(Math.min(...known))} to ${told(Math.max(...known))}. `
+      ? `Elevation ${heightText(Math.min(...known))} to ${heightText(Math.max(...known))}. `
       : "Nothing was measured here. ";
   const x = { title: "distance", unit: "m", decimals };
   const share = `${Math.round((100 * known.length) / Math.max(1, xs.length))} % measured; the band is one sigma.`;

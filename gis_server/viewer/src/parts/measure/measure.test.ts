@@ -171,10 +171,10 @@ const ZONE = {
 };
 
 test("statistics carry the unit of the layer, and classes their shares", () => {
-  const told = zoneQuantities(ZONE).map((one) => `${one.name} ${quantityText(one)}`);
-  expect(told).toContain("mean 12.0°");
-  expect(told).toContain("median 11.0°");
-  expect(told.at(-1)).toBe("ground measured 50 %");
+  const texts = zoneQuantities(ZONE).map((one) => `${one.name} ${quantityText(one)}`);
+  expect(texts).toContain("mean 12.0°");
+  expect(texts).toContain("median 11.0°");
+  expect(texts.at(-1)).toBe("ground measured 50 %");
   const classes = [{ name: "rock", area_m2: 2, share: 0.25 }];
   expect(zoneQuantities({ ...ZONE, classes })).toEqual([
     { name: "rock", value: 25, resolution: 1, unit: "%" },

@@ -1,4 +1,4 @@
-/** What a kind of measurement is, and what it finds. */
+/** Kinds of measurements, and their results. */
 
 import type { Shape } from "../../map/sketch";
 import type { ChartOptions } from "../../page/chart";
@@ -8,14 +8,14 @@ import type { Measured } from "../../session/state";
 import type { Quantity } from "./quantities";
 
 /** An image overlaid on the map. */
-export interface Picture {
+export interface Overlay {
   readonly url: string;
   readonly bounds: Bounds;
   /** The same as a GeoTIFF. */
   readonly geotiff: string;
 }
 
-/** What was found on the ground that was drawn. */
+/** Result of a measurement. */
 export interface Found {
   readonly quantities: readonly Quantity[];
   /** Index of the main quantity. */
@@ -25,10 +25,10 @@ export interface Found {
   readonly profile?: Profile;
   /** Another chart along what was drawn. */
   readonly chart?: Omit<ChartOptions, "onCursor">;
-  /** A place to be noticed. */
+  /** A marked place. */
   readonly mark?: MapPoint | null;
-  readonly picture?: Picture;
-  /** A way that leads elsewhere than the line that was drawn. */
+  readonly overlay?: Overlay;
+  /** A route that differs from the drawn line. */
   readonly way?: readonly MapPoint[];
 }
 

@@ -1,4 +1,4 @@
-/** The kinds of measurement: what is drawn for each, and what the server makes of it. */
+/** The kinds of measurement: the shape drawn for each, and the request to the server. */
 
 import { measure, measuredText, polygonArea } from "../../map/measure";
 import { compact } from "../../page/format";

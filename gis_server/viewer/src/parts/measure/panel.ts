@@ -93,8 +93,8 @@ function item(one: Measurement, actions: PanelActions): HTMLElement {
           { type: "button", class: "text", onclick: () => actions.zoomTo(one) },
           "go there",
         ),
-        found.picture
-          ? h("a", { class: "link", href: found.picture.geotiff, download: "" }, "GeoTIFF")
+        found.overlay
+          ? h("a", { class: "link", href: found.overlay.geotiff, download: "" }, "GeoTIFF")
           : null,
         button(`remove measurement ${number}`, "close", () => actions.remove(one), {
           class: "ghost remove",

@@ -90,7 +90,7 @@ class Measuring {
     else if (first) this.start(first);
   }
 
-  /** Measures what takes one place. */
+  /** Measures a kind that needs one place. */
   at(mode: Mode, point: MapPoint): void {
     this.stop();
     this.context.page.showTab("measure");
@@ -263,7 +263,7 @@ class Measuring {
         this.layer = id;
       },
       start: (mode) => (mode === this.mode ? this.stop() : this.start(mode)),
-      zoomTo: ({ corners, found }) => view.fit(found.picture?.bounds ?? boundsOf(corners)),
+      zoomTo: ({ corners, found }) => view.fit(found.overlay?.bounds ?? boundsOf(corners)),
       remove: (one) => this.remove(one),
       openProfile: (one) => this.openProfile(one),
       saveCsv: () => saveFile("measurements.csv", "text/csv", measurementsCsv(this.all)),

@@ -1,4 +1,4 @@
-/** What a measurement states, as quantities with unit and standard deviation, and how they are printed. */
+/** Results of measurements as quantities with unit and standard deviation, and their text. */
 
 import { kindTitle } from "../../map/kinds";
 import { decimalsFor, measured, scopeTitle } from "../../page/format";

@@ -26,11 +26,11 @@ const FREE: SightLine = {
   obstruction: null,
   obstruction_distance_m: null,
 };
-const told = (line: SightLine) =>
+const texts = (line: SightLine) =>
   sightQuantities(line).map((one) => `${one.name}: ${quantityText(one)}`);
 
 test("a blocked line of sight names the place", () => {
-  expect(told(BLOCKED)).toEqual([
+  expect(texts(BLOCKED)).toEqual([
     "line of sight: blocked",
     "least height over the ground: −1.00 m",
     "blocked after: 10.00 m",
@@ -43,9 +43,9 @@ test("a blocked line of sight names the place", () => {
 });
 
 test("a free one names no obstacle, and one without elevations is not free", () => {
-  expect(told(FREE)).toContain("line of sight: free");
-  expect(told(FREE).some((text) => text.startsWith("blocked"))).toBe(false);
-  expect(told({ ...FREE, sight: "unknown" })).toContain("line of sight: not known");
+  expect(texts(FREE)).toContain("line of sight: free");
+  expect(texts(FREE).some((text) => text.startsWith("blocked"))).toBe(false);
+  expect(texts({ ...FREE, sight: "unknown" })).toContain("line of sight: not known");
 });
 
 test("its chart has ground and line, and names the upper one", () => {

@@ -104,7 +104,7 @@ function viewshedFound(seen: Viewshed): Found {
   const { picture: url, bounds, geotiff } = seen;
   return found(viewshedQuantities(seen), "ground seen", seen.layers, {
     note: "On the map: blue is seen, brown is hidden; of ground without colour nothing is known.",
-    picture: { url, bounds, geotiff },
+    overlay: { url, bounds, geotiff },
   });
 }
 

@@ -8,7 +8,7 @@ interface Box {
   readonly side: number;
 }
 
-/** From so many screen pixels a unit of the drawing on, there is room for all names. */
+/** From this scale on (screen pixels per unit of the drawing) all names are shown. */
 const NAMES_FROM = 1.1;
 const [CLOSEST, WIDEST] = [1 / 16, 1.5];
 
@@ -30,14 +30,14 @@ export function zoomable(drawing: SVGSVGElement): HTMLElement {
   const put = (next: Box) => {
     box = next;
     drawing.setAttribute("viewBox", `${box.x} ${box.y} ${box.side} ${box.side}`);
-    tellUnit();
+    setUnit();
   };
   /** Texts and marks keep their size on the screen. */
-  const tellUnit = () => {
+  const setUnit = () => {
     drawing.style.setProperty("--unit", unit().toFixed(4));
     drawing.classList.toggle("close", unit() < 1 / NAMES_FROM);
   };
-  /** Units of the drawing a pixel of the screen. */
+  /** Units of the drawing per pixel of the screen. */
   const unit = () => box.side / Math.max(1, Math.min(drawing.clientWidth, drawing.clientHeight));
   const at = ({ clientX, clientY }: MouseEvent): readonly [number, number] => {
     const point = new DOMPoint(clientX, clientY).matrixTransform(drawing.getScreenCTM()?.inverse());
@@ -55,7 +55,7 @@ export function zoomable(drawing: SVGSVGElement): HTMLElement {
     if ((buttons & 1) === 0) return;
     put({ ...box, x: box.x - movementX * unit(), y: box.y - movementY * unit() });
   });
-  new ResizeObserver(tellUnit).observe(drawing);
+  new ResizeObserver(setUnit).observe(drawing);
   drawing.addEventListener("dblclick", () => put({ x: 0, y: 0, side: whole }));
   return h("div", { class: "network-sheet" }, drawing);
 }

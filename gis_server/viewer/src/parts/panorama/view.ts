@@ -29,7 +29,7 @@ const ray = [
 export class PanoramaView {
   readonly element: HTMLElement;
   private readonly host = h("div", { class: "panorama-host" });
-  private readonly said = h("output", { class: "panorama-said" });
+  private readonly output = h("output", { class: "panorama-readout" });
   private readonly facts = h("small", {});
   private readonly rays = new VectorSource<Feature<LineString>>();
   private readonly layer = new VectorLayer({ source: this.rays, style: ray, zIndex: RAY_HEIGHT });
@@ -64,7 +64,7 @@ export class PanoramaView {
       "div",
       { class: "panorama", "data-settled": "false" },
       h("div", { class: "panorama-bar" }, this.choice, whole, this.facts),
-      h("div", { class: "panorama-room" }, this.host, this.said),
+      h("div", { class: "panorama-room" }, this.host, this.output),
     );
     view.map.addLayer(this.layer);
     this.stopListening = [
@@ -124,21 +124,21 @@ export class PanoramaView {
     );
   }
 
-  /** Describes what is in a direction, and shows it on the map: the ray, and the ground where it meets that. */
+  /** Describes a direction, and shows it on the map: the ray, and its intersection with the ground. */
   private over(direction: Direction | null): void {
     const { mission } = this.context;
     this.rays.clear();
     if (!direction || !this.strip) {
       this.asking.stop();
-      this.said.textContent = "";
+      this.output.textContent = "";
       this.emit(null);
       return;
     }
     const { panorama } = this.strip;
     const [azimuth, elevation] = direction;
-    const told = `azimuth ${fixed(azimuth, 2)}\u00b0  elevation ${fixed(elevation, 2)}\u00b0`;
+    const readout = `azimuth ${fixed(azimuth, 2)}\u00b0  elevation ${fixed(elevation, 2)}\u00b0`;
     const [east, north] = panorama.centre;
-    this.said.textContent = told;
+    this.output.textContent = readout;
     this.drawRay([east, north], rayEnd([east, north], azimuth, RAY_M));
     this.asking.ask(async (signal) => {
       const seen = await panoramaApi.direction(mission.mission, panorama, direction, signal);
@@ -146,7 +146,7 @@ export class PanoramaView {
       const where = ground
         ? `  \u00b7  east ${fixed(ground.east, 2)}  north ${fixed(ground.north, 2)}  elevation ${fixed(ground.up, 2)} m, ${fixed(ground.distance_m, 2)} m away`
         : "";
-      this.said.textContent = `${told}${where}${shown ? `  \u00b7  ${shown.image}` : ""}`;
+      this.output.textContent = `${readout}${where}${shown ? `  \u00b7  ${shown.image}` : ""}`;
       this.element.dataset["ground"] = ground ? `${ground.east},${ground.north}` : "";
       if (ground) this.drawRay([east, north], [ground.east, ground.north]);
       this.emit(ground ? [ground.east, ground.north] : null);
@@ -180,7 +180,7 @@ export class PanoramaView {
       const sight =
         seen.hidden === null ? "" : seen.hidden ? ", behind nearer ground" : ", in sight";
       this.element.dataset["marked"] = `${seen.azimuth_deg},${seen.elevation_deg}`;
-      this.said.textContent = `azimuth ${fixed(seen.azimuth_deg, 2)}\u00b0  elevation ${fixed(seen.elevation_deg, 2)}\u00b0  ${fixed(seen.distance_m, 2)} m away${sight}`;
+      this.output.textContent = `azimuth ${fixed(seen.azimuth_deg, 2)}\u00b0  elevation ${fixed(seen.elevation_deg, 2)}\u00b0  ${fixed(seen.distance_m, 2)} m away${sight}`;
     });
   }
 

@@ -42,7 +42,7 @@ export function placeMenuPart(context: Context): void {
   alive.addEventListener("abort", () => close());
 }
 
-/** Puts the menu on the page; the answer takes it away. */
+/** Adds the menu to the page; the returned function removes it. */
 function openMenu(context: Context, point: MapPoint, [x = 0, y = 0]: readonly number[]) {
   const { page, view, places } = context;
   const close = () => {

@@ -1,4 +1,4 @@
-/** How the playback is saved, and how far it has come. */
+/** Dialog for saving the playback, with its progress. */
 
 import "./playback.css";
 import type { Sols } from "../../map/sols";
@@ -29,7 +29,7 @@ export function recordingDialog(context: Context, steps: readonly Sols[]): HTMLE
     value: SECONDS.first,
   });
   const credit = h("input", { type: "text", value: CREDIT });
-  const told = h("output", { role: "status" });
+  const status = h("output", { role: "status" });
   const start = h("button", { type: "submit", class: "primary" }, "Save");
   const stopped = new AbortController();
   alive.addEventListener("abort", () => stopped.abort());
@@ -41,14 +41,14 @@ export function recordingDialog(context: Context, steps: readonly Sols[]): HTMLE
         // A dialog that was closed takes no file.
         if (!element.isConnected || !element.closest("dialog")?.open || stopped.signal.aborted)
           return;
-        told.textContent = `frame ${++count} of ${steps.length}`;
+        status.textContent = `frame ${++count} of ${steps.length}`;
         yield frame;
       }
     };
     const bytes = await encode(counted(), seconds.valueAsNumber);
     if (count < steps.length) return;
     saveFile(`${mission.mission}_playback.${ending}`, type, bytes);
-    told.textContent = `saved ${count} frames`;
+    status.textContent = `saved ${count} frames`;
   };
   const submit = (event: Event) => {
     event.preventDefault();
@@ -57,7 +57,7 @@ export function recordingDialog(context: Context, steps: readonly Sols[]): HTMLE
     start.disabled = true;
     run(encoder)
       .catch((reason: unknown) => {
-        told.textContent = reason instanceof Error ? reason.message : String(reason);
+        status.textContent = reason instanceof Error ? reason.message : String(reason);
       })
       .finally(() => {
         start.disabled = false;
@@ -77,7 +77,7 @@ export function recordingDialog(context: Context, steps: readonly Sols[]): HTMLE
     known.length > 1
       ? null
       : h("p", { class: "hint" }, "Browsers encode video on pages by https only."),
-    h("div", { class: "inline" }, start, told),
+    h("div", { class: "inline" }, start, status),
   );
   return element;
 }

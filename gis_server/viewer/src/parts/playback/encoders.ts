@@ -17,7 +17,7 @@ export interface Encoder {
   readonly title: string;
   readonly ending: string;
   readonly type: string;
-  /** Each frame is shown for so many seconds. */
+  /** Duration of each frame, seconds. */
   readonly encode: (frames: Frames, hold_s: number) => Promise<Uint8Array<ArrayBuffer>>;
 }
 

@@ -14,7 +14,7 @@ const BLOCK_PX = 2;
 
 const whole = (px: number) => BLOCK_PX * Math.round(px / BLOCK_PX);
 
-/** Shows the sols of every step until all of it is drawn; at the end those that were shown before. */
+/** Shows the sols of every step until it is drawn completely; restores the earlier sols at the end. */
 export async function* framesOf(
   context: Context,
   steps: readonly Sols[],
@@ -37,12 +37,12 @@ export async function* framesOf(
   }
 }
 
-function fitted(picture: HTMLCanvasElement): HTMLCanvasElement {
-  const scale = Math.min(1, MOST_PX / Math.max(picture.width, picture.height));
+function fitted(canvas: HTMLCanvasElement): HTMLCanvasElement {
+  const scale = Math.min(1, MOST_PX / Math.max(canvas.width, canvas.height));
   const frame = document.createElement("canvas");
-  [frame.width, frame.height] = [whole(picture.width * scale), whole(picture.height * scale)];
+  [frame.width, frame.height] = [whole(canvas.width * scale), whole(canvas.height * scale)];
   const context = frame.getContext("2d");
   if (!context) throw new Error("this browser draws no canvas");
-  context.drawImage(picture, 0, 0, frame.width, frame.height);
+  context.drawImage(canvas, 0, 0, frame.width, frame.height);
   return frame;
 }

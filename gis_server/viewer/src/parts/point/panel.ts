@@ -37,7 +37,7 @@ function stopsAt({ features }: Identified): string[] {
   return [...new Set(stops)];
 }
 
-/** Layers by what they are about, in the order in which the scopes first appear. */
+/** Layers grouped by scope, in the order in which the scopes first appear. */
 export function byScope(layers: readonly IdentifiedLayer[]): [string, IdentifiedLayer[]][] {
   const groups = new Map<string, IdentifiedLayer[]>();
   for (const layer of layers) groups.set(layer.scope, [...(groups.get(layer.scope) ?? []), layer]);
@@ -68,7 +68,7 @@ export interface PointActions {
 /** Decimals of a degree of Mars (59 km) that distinguish metres. */
 const METRE_DECIMALS = 5;
 
-/** A place in each way of naming it, as text that the search box reads. */
+/** A place in every coordinate format, as text that the search box accepts. */
 export function coordinateRows(
   { north, east, lon, lat, elevation_m, layers }: Identified,
   format: CoordinateFormat,

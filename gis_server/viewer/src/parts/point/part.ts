@@ -17,7 +17,7 @@ export function pointPart(context: Context): void {
   const panel = page.addTab("point");
   panel.replaceChildren(...hints(context));
 
-  let told: { readonly found: Identified; readonly frames: SceneStops } | null = null;
+  let shown: { readonly found: Identified; readonly frames: SceneStops } | null = null;
   const actions = {
     openImage: (id: string) => openImage(context, id),
     hoverImage: (id: string | null) => signals.imageHovered.emit(id),
@@ -25,13 +25,13 @@ export function pointPart(context: Context): void {
   };
   const [about, beside] = [h("div"), h("div")];
   const draw = () => {
-    if (!told) return;
-    const rows = coordinateRows(told.found, coordinates.value, told.frames);
-    panel.replaceChildren(about, beside, pointPanel(told.found, rows, actions));
+    if (!shown) return;
+    const rows = coordinateRows(shown.found, coordinates.value, shown.frames);
+    panel.replaceChildren(about, beside, pointPanel(shown.found, rows, actions));
   };
   let chosen: MapPoint | null = null;
   const forget = () => {
-    [told, chosen] = [null, null];
+    [shown, chosen] = [null, null];
     view.setMark(null);
     panel.replaceChildren(...hints(context));
   };
@@ -41,14 +41,14 @@ export function pointPart(context: Context): void {
     signals.identified.emit({ point, box: beside });
     const stop = state.get("stop");
     if (stop !== null) signals.stop.emit({ stop, point, box: about });
-    told = null;
+    shown = null;
     chosen = point;
     panel.replaceChildren(about, beside, h("p", { class: "hint", role: "status" }, "Loading…"));
     waiting.run(async () => {
       const asked = [api.identify(mission.mission, point), frames.load()] as const;
       const [found, known] = await Promise.all(asked);
       if (chosen !== point) return;
-      told = { found, frames: known };
+      shown = { found, frames: known };
       draw();
     });
   };

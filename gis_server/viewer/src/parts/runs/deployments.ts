@@ -11,8 +11,8 @@ export interface EngineActions {
 
 const utc = (at: string | null) => (at ? `${time(at)} UTC` : null);
 
-/** Whether somebody takes the runs of a deployment. */
-export const takerText = ({ pool, is_ready }: Deployment): string =>
+/** Whether workers serve a deployment. */
+export const workersText = ({ pool, is_ready }: Deployment): string =>
   `${pool ? `work pool ${pool}` : "runs in solmap up"}, ${is_ready ? "ready" : "not ready"}`;
 
 function row(deployment: Deployment, mayAct: boolean, actions: EngineActions): HTMLElement {
@@ -28,7 +28,7 @@ function row(deployment: Deployment, mayAct: boolean, actions: EngineActions): H
       ["Schedule", is_paused ? `paused; ${schedule}` : schedule],
       ["Next run", hasSchedule && !is_paused ? (utc(next_run) ?? "not scheduled yet") : null],
       ["Last run", last],
-      ["Workers", takerText(deployment)],
+      ["Workers", workersText(deployment)],
     ]),
     mayAct && (hasSchedule || is_paused)
       ? h(
@@ -63,7 +63,7 @@ export function enginePanel(engine: Engine, mayAct: boolean, actions: EngineActi
     h("h2", {}, "Deployments"),
     engine.is_up
       ? null
-      : h("p", { class: "trouble", role: "status" }, `Engine down: ${engine.trouble}.`),
+      : h("p", { class: "error", role: "status" }, `Engine down: ${engine.trouble}.`),
     h("ul", { class: "plain" }, ...engine.deployments.map((one) => row(one, mayAct, actions))),
   );
 }

@@ -23,7 +23,7 @@ function bar(run: Run): HTMLElement | null {
   return h("progress", { max: 1, value: part, "aria-label": `${run.kind}: ${stageText(run)}` });
 }
 
-function row(run: Run, mayAsk: boolean, actions: RunActions): HTMLElement {
+function row(run: Run, mayStartRuns: boolean, actions: RunActions): HTMLElement {
   const title = `${run.kind}${run.subject ? `: ${run.subject}` : ""}`;
   return h(
     "li",
@@ -32,7 +32,7 @@ function row(run: Run, mayAsk: boolean, actions: RunActions): HTMLElement {
     h("small", {}, `${run.state} · ${time(run.started_at)} UTC · ${durationText(run, Date.now())}`),
     h("span", { class: "stage" }, stageText(run)),
     bar(run),
-    ...(mayAsk ? run.actions : []).map((action) =>
+    ...(mayStartRuns ? run.actions : []).map((action) =>
       h(
         "button",
         {
@@ -52,33 +52,34 @@ function row(run: Run, mayAsk: boolean, actions: RunActions): HTMLElement {
 const ONLY_SHOWN =
   "Processing is not available from this server: it only shows the map. `solmap run` processes a downlink, `solmap up` processes and serves.";
 
-function wishes(
+function startButtons(
   kinds: readonly RunKind[],
-  mayAsk: boolean,
+  mayStartRuns: boolean,
   actions: RunActions,
   hasEngine: boolean,
 ): HTMLElement {
   if (!hasEngine) return h("p", { class: "hint", role: "status" }, ONLY_SHOWN);
-  if (!mayAsk) return h("p", { class: "hint" }, "Sign in as an operator to start runs from here.");
+  if (!mayStartRuns)
+    return h("p", { class: "hint" }, "Sign in as an operator to start runs from here.");
   const buttons = kinds.map((kind) =>
     h(
       "button",
       {
         type: "button",
         class: "primary",
-        "data-wish": kind.kind,
+        "data-start": kind.kind,
         onclick: () => actions.start(kind),
       },
       kind.title.replace(/\.$/, ""),
     ),
   );
-  return h("div", { class: "wishes" }, ...buttons);
+  return h("div", { class: "run-buttons" }, ...buttons);
 }
 
 export function runsPanel(
   known: Runs,
   kinds: readonly RunKind[],
-  mayAsk: boolean,
+  mayStartRuns: boolean,
   actions: RunActions,
   hasEngine: boolean,
 ): HTMLElement {
@@ -102,11 +103,11 @@ export function runsPanel(
   return h(
     "div",
     { class: "runs" },
-    wishes(kinds, mayAsk, actions, hasEngine),
+    startButtons(kinds, mayStartRuns, actions, hasEngine),
     ...waiting.map((request) => h("p", { class: "request" }, requestText(request))),
     h("h2", {}, "Runs"),
     known.runs.length > 0
-      ? h("ul", { class: "plain" }, ...known.runs.map((run) => row(run, mayAsk, actions)))
+      ? h("ul", { class: "plain" }, ...known.runs.map((run) => row(run, mayStartRuns, actions)))
       : h("p", { class: "hint" }, "Nothing has run on this store yet."),
     h("h2", {}, "Quality of adjustments"),
     reports.length > 0

@@ -1,4 +1,4 @@
-/** Runs: those in progress, how far they are and how they ended; new ones are requested here. */
+/** Runs: their progress and outcome, and requests for new ones. */
 
 import "./runs.css";
 import { h } from "../../page/dom";
@@ -22,7 +22,7 @@ import { confirmation, startForm, valueText, whenText } from "./start";
 import { indicator } from "./status";
 
 /** The engine's state changes without an event: it is requested again after this time. */
-const LOOK_MS = 20_000;
+const POLL_MS = 20_000;
 const CANCEL =
   "The processes of the run are ended. What exists is kept; a later run continues from there.";
 const RESTART =
@@ -63,10 +63,10 @@ export function runsPart(context: Context): void {
         ([name, value]) => [properties[name]?.title ?? name, valueText(value)] as const,
       );
       const going = known.runs.filter(({ state }) => state === "running").length;
-      const told = [kind.effect, ...(engine ? [whenText(engine, going)] : [])];
+      const details = [kind.effect, ...(engine ? [whenText(engine, going)] : [])];
       const ask = () => confirmed(runs.ask(kind.kind, parameters));
       const back = () => start(kind, parameters);
-      dialog(`${title}: confirm`, confirmation(told, values, "Start", ask, back));
+      dialog(`${title}: confirm`, confirmation(details, values, "Start", ask, back));
     };
     dialog(title, startForm(kind, given, check));
   };
@@ -107,16 +107,16 @@ export function runsPart(context: Context): void {
     if (kinds.length === 0) kinds = await runs.kinds();
     draw();
   };
-  const look = async () => {
+  const poll = async () => {
     const before = JSON.stringify({ ...engine, at: "" });
     engine = await runs.engine();
     if (JSON.stringify({ ...engine, at: "" }) !== before) draw();
   };
-  const timer = setInterval(() => void look().catch(() => undefined), LOOK_MS);
+  const timer = setInterval(() => void poll().catch(() => undefined), POLL_MS);
   context.alive.addEventListener("abort", () => clearInterval(timer));
 
   account.changed.on(draw);
-  signals.happened.on(({ kind, document }) => {
+  signals.serverEvent.on(({ kind, document }) => {
     if (kind === "requests.changed" && document.state === "refused")
       page.toast(`Refused: ${document.answer ?? "no reason given"}`);
     if (kind === "requests.changed" || kind === "engine.changed" || kind === "reload")

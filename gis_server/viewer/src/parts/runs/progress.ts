@@ -1,6 +1,6 @@
 /** Descriptions of runs, in words and numbers. */
 
-import type { Happenings } from "../../server/events";
+import type { ServerEvents } from "../../server/events";
 import type { Run, RunRequest } from "../../server/runs";
 
 /** Share of the stage that is done, 0 to 1; null where nothing is counted. */
@@ -27,7 +27,7 @@ export function durationText(run: Pick<Run, "started_at" | "ended_at">, now: num
 /** The list updated by an event about one of its runs; null where the run is not in the list. */
 export function advanced(
   runs: readonly Run[],
-  event: Happenings["run.changed"],
+  event: ServerEvents["run.changed"],
 ): readonly Run[] | null {
   if (!runs.some(({ id }) => id === event.id)) return null;
   const { stage, done, total } = event;

@@ -100,14 +100,14 @@ export function confirmation(
   confirm: () => Promise<void>,
   back?: () => void,
 ): HTMLElement {
-  const trouble = h("p", { class: "trouble", role: "alert" });
+  const error = h("p", { class: "error", role: "alert" });
   const go = h("button", { type: "button", class: "primary", "data-confirm": true }, label);
   go.addEventListener("click", () => {
     go.disabled = true;
-    trouble.textContent = "";
+    error.textContent = "";
     confirm().catch((reason: unknown) => {
       go.disabled = false;
-      trouble.textContent = reason instanceof Error ? reason.message : String(reason);
+      error.textContent = reason instanceof Error ? reason.message : String(reason);
     });
   });
   return h(
@@ -115,10 +115,10 @@ export function confirmation(
     { class: "start-form" },
     facts(values),
     ...sentences.map((sentence) => h("p", {}, sentence)),
-    trouble,
+    error,
     h(
       "div",
-      { class: "wishes" },
+      { class: "run-buttons" },
       back ? h("button", { type: "button", onclick: back }, "Back") : null,
       go,
     ),

@@ -1,4 +1,4 @@
-/** What can be chosen beside the 3D view. No knowledge of how it is drawn. */
+/** Controls of the 3D view, independent of its drawing. */
 
 import type { SunPlace } from "../../map/shading";
 import { button, h, type IconName } from "../../page/dom";
@@ -6,7 +6,7 @@ import { button, h, type IconName } from "../../page/dom";
 export interface Choices {
   /** Ground and cameras of one stop; null for all stops' ground. */
   stop: string | null;
-  look: "photograph" | "lit" | "relief";
+  shading: "photograph" | "lit" | "relief";
   /** Kind of the layer that is draped over the ground; empty: none. */
   drape: string;
   exaggeration: number;
@@ -27,7 +27,7 @@ export interface Choices {
 
 export const FIRST: Choices = {
   stop: null,
-  look: "photograph",
+  shading: "photograph",
   drape: "",
   exaggeration: 1,
   rover: true,
@@ -43,7 +43,7 @@ export const FIRST: Choices = {
   anaglyph: false,
 };
 
-/** Switched for an eye that flies and for one on the ground on their own; off at first for one on the ground. */
+/** Switched separately for flying and for standing on the ground; off at first on the ground. */
 const OUTLINES = ["cameras", "traverse", "ellipsoids"] as const;
 
 export interface Actions {
@@ -56,7 +56,7 @@ export interface Actions {
   readonly fullScreen: () => void;
 }
 
-export interface Board {
+export interface ControlPanel {
   /** A line below the view. */
   readonly element: HTMLElement;
   /** What is opened over the view on demand. */
@@ -65,7 +65,7 @@ export interface Board {
   /** The sun was moved elsewhere. */
   readonly putSun: (sun: SunPlace) => void;
   /** Where the eye is from now on. */
-  readonly putEye: (at: "flying" | "standing" | "walking") => void;
+  readonly setCameraMode: (at: "flying" | "standing" | "walking") => void;
   readonly putMeasuring: (isMeasuring: boolean) => void;
   /** Chooses stop and layer without notifying listeners. */
   readonly choose: (chosen: Pick<Choices, "stop" | "drape">) => void;
@@ -82,7 +82,7 @@ const SWITCHES = [
   ["points", "dense points"],
   ["anaglyph", "red-cyan"],
 ] as const;
-const LOOKS = [
+const SHADINGS = [
   ["photograph", "as photographed"],
   ["lit", "photograph, lit by the sun"],
   ["relief", "relief, lit by the sun"],
@@ -96,7 +96,7 @@ export function controls(
   layers: Named,
   sun: SunPlace,
   actions: Actions,
-): Board {
+): ControlPanel {
   const choices = { ...FIRST };
   const set = <K extends keyof Choices>(name: K, value: Choices[K]) => {
     choices[name] = value;
@@ -109,14 +109,14 @@ export function controls(
     h("option", { value: "" }, "all stops"),
     ...stops.map(([id, title]) => h("option", { value: id }, title)),
   );
-  const look = h(
+  const shading = h(
     "select",
     {
-      "aria-label": "look of the ground",
-      name: "look",
-      onchange: () => set("look", look.value as Choices["look"]),
+      "aria-label": "shading of the ground",
+      name: "shading",
+      onchange: () => set("shading", shading.value as Choices["shading"]),
     },
-    ...LOOKS.map(([value, title]) => h("option", { value }, title)),
+    ...SHADINGS.map(([value, title]) => h("option", { value }, title)),
   );
   const drape = h(
     "select",
@@ -165,10 +165,10 @@ export function controls(
     set("walkSpeed", speed),
   );
   points.row.hidden = true;
-  let shining = sun;
-  const shine = (part: Partial<SunPlace>) => actions.lit({ ...shining, ...part });
+  let currentSun = sun;
+  const moveSun = (part: Partial<SunPlace>) => actions.lit({ ...currentSun, ...part });
   const from = slider("azimuth", "azimuth", [0, 355, 5], "°", sun.azimuthDeg, (azimuthDeg) =>
-    shine({ azimuthDeg }),
+    moveSun({ azimuthDeg }),
   );
   const above = slider(
     "elevation",
@@ -176,10 +176,10 @@ export function controls(
     [1, 90, 1],
     "°",
     sun.elevationDeg,
-    (elevationDeg) => shine({ elevationDeg }),
+    (elevationDeg) => moveSun({ elevationDeg }),
   );
   const putSun = (to: SunPlace) => {
-    shining = to;
+    currentSun = to;
     from.put(to.azimuthDeg);
     above.put(to.elevationDeg);
   };
@@ -194,7 +194,7 @@ export function controls(
   });
   let isOnGround = false;
   let other: Partial<Choices> = { cameras: false, traverse: false, ellipsoids: false };
-  const putEye = (at: "flying" | "standing" | "walking") => {
+  const setCameraMode = (at: "flying" | "standing" | "walking") => {
     walk.setAttribute("aria-pressed", String(at === "walking"));
     name(walk, at === "walking" ? "stop walking" : "walk the traverse");
     if (isOnGround === (at !== "flying")) return;
@@ -228,7 +228,7 @@ export function controls(
     "form",
     { class: "scene-options", hidden: true, onsubmit: (event) => event.preventDefault() },
     rows("Show", h("div", { class: "switches" }, ...toggles.map(({ label }) => label)), points.row),
-    rows("Ground", look, heights.row),
+    rows("Ground", shading, heights.row),
     rows("Sun", from.row, above.row),
     rows("Walk", walking.row),
   );
@@ -257,5 +257,5 @@ export function controls(
       open,
     ),
   );
-  return { element, options, choices, putSun, putEye, putMeasuring, choose };
+  return { element, options, choices, putSun, setCameraMode, putMeasuring, choose };
 }

@@ -116,7 +116,7 @@ export function ellipsoid(stop: SceneStop, origin: Place3, factor: number): Obje
   return figure;
 }
 
-/** Frees what a thing holds on the graphics card. */
+/** Frees the memory of an object on the graphics card. */
 export function discard(thing: Object3D): void {
   thing.traverse((part) => {
     if (part instanceof Mesh || part instanceof Points || part instanceof Sprite) {

@@ -35,15 +35,15 @@ export function showOutlines({ view, mission, waiting, layers, alive }: Context)
     const figures = stops.map((stop) => new Polygon([outline(stop, body).map((at) => [...at])]));
     source.addFeatures(figures.map((figure) => new Feature(figure)));
   };
-  const look = () => {
+  const update = () => {
     if (isAsked || view.resolution > MOST_M_PER_PX) return;
     isAsked = true;
     waiting.run(load);
   };
-  view.view.on("change:resolution", look);
+  view.view.on("change:resolution", update);
   layers.replaced.on(() => {
     isAsked = false;
-    look();
+    update();
   });
-  look();
+  update();
 }

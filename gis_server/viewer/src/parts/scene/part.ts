@@ -5,7 +5,7 @@ import { sceneApi } from "../../server/scene";
 import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
 import { addPane } from "../../session/pane";
-import { type Look, NOTHING_SHOWN } from "../../session/state";
+import { type Viewpoint, NOTHING_SHOWN } from "../../session/state";
 import { showOutlines } from "./outlines";
 import type { SceneView } from "./view";
 
@@ -13,7 +13,7 @@ export function scenePart(context: Context): void {
   const { mission, waiting, places, frames, state, alive } = context;
   let shown: SceneView | null = null;
   let wanted: MapPoint | null = null;
-  const tellShown = state.follow("show3d", (now) => shown?.show(now));
+  const writeShown = state.follow("show3d", (now) => shown?.show(now));
   addPane(context, "view3d", {
     title: "3D view",
     side: "beside",
@@ -36,9 +36,9 @@ export function scenePart(context: Context): void {
         waiting.say("no stop of this mission has a 3D model yet: see `[models]` of the pipeline");
         return null;
       }
-      const told = { look: (now: Look) => write({ look: now }), shown: tellShown };
-      const begin = { look, shown: state.get("show3d") };
-      const view = build(() => new View(context, models, stops, begin, told));
+      const callbacks = { viewpoint: (now: Viewpoint) => write({ look: now }), shown: writeShown };
+      const begin = { viewpoint: look, shown: state.get("show3d") };
+      const view = build(() => new View(context, models, stops, begin, callbacks));
       shown = view;
       if (wanted) view?.visit(wanted);
       return {
@@ -49,7 +49,7 @@ export function scenePart(context: Context): void {
         dispose: () => {
           view?.dispose();
           [shown, wanted] = [null, null];
-          tellShown(NOTHING_SHOWN);
+          writeShown(NOTHING_SHOWN);
         },
       };
     },

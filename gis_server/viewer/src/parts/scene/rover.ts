@@ -33,7 +33,7 @@ const LONG_M = 2.5;
 const TRACK = 0.46;
 const LARGE_TRACK = 0.8;
 const PANEL_M = 0.03;
-/** Name of the part that is in the way of who looks from its top. */
+/** Name of the part that obstructs the view from its top. */
 export const MAST = "mast";
 
 export function partsOf({ back_m, front_m }: Body): Parts {
@@ -91,7 +91,7 @@ export function roverModel(body: Body): Group {
   return rover;
 }
 
-/** Puts a thing of the rover frame where a stop has it, relative to what is drawn. */
+/** Places an object of the rover frame at the pose of a stop. */
 export function stand(thing: Object3D, stop: SceneStop, at: Vector3): void {
   const [[a, b, c], [d, e, f], [g, h, i]] = stop.map_from_rover;
   const turn = new Matrix4().set(a, b, c, at.x, d, e, f, at.y, g, h, i, at.z, 0, 0, 0, 1);

@@ -13,7 +13,7 @@ const FAR_M = 40;
 const PAIRED = "#0b8f86";
 const UNPAIRED = "#b0359c";
 const CHOSEN = "#ffd400";
-/** A click that comes so near to a pyramid, as a share of the distance, means its image. */
+/** Largest distance of a click from a pyramid, as a share of the range, that selects its image. */
 const NEAR = 0.02;
 
 export class Sights {

@@ -23,7 +23,7 @@ import { Backdrop } from "./surface/backdrop";
 const FIELD_DEG = 45;
 /** Half of the diagonal of a ground that is empty at its corners. */
 const FILLING = 0.3;
-/** Distance of the eyes as a share of the distance to what is looked at: comfortable to look at. */
+/** Distance of the eyes as a share of the distance to the target, comfortable for viewing. */
 const EYES = 1 / 30;
 
 export class Stage {
@@ -121,7 +121,7 @@ export class Stage {
     this.ask();
   }
 
-  /** Turns about what is looked at, or comes nearer. */
+  /** Turns about the target, or moves towards it. */
   orbit(turn: Parameters<typeof orbited>[1]): void {
     const { x, y, z } = this.camera.position.clone().sub(this.controls.target);
     const offset = new Vector3(...orbited([x, y, z], turn));

@@ -17,7 +17,7 @@ export class Tape {
   constructor(
     private readonly stage: Stage,
     private readonly card: HTMLElement,
-    /** Two places are to be measured; the box is room for what is found. */
+    /** Two places are to be measured; the box receives the result. */
     private readonly measure: (corners: readonly MapPoint[], box: HTMLElement) => void,
   ) {}
 

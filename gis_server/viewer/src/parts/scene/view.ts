@@ -8,14 +8,14 @@ import { fixed } from "../../page/format";
 import type { MapPoint } from "../../server/records";
 import { type Model, type Place3, type SceneStops, sceneApi } from "../../server/scene";
 import { type Context, identify, openImage } from "../../session/context";
-import type { Look, Shown } from "../../session/state";
+import type { Viewpoint, Shown } from "../../session/state";
 import { rasterLegend } from "../layers/legend";
 import { Cloud } from "./surface/cloud";
-import { type Board, type Choices, controls } from "./controls";
+import { type ControlPanel, type Choices, controls } from "./controls";
 import { dots } from "./drawings";
-import { Flight } from "./eye/flight";
+import { Flight } from "./camera/flight";
 import { middle } from "./geometry";
-import { type Side, takeInHand } from "./eye/hand";
+import { type Side, addPointerControls } from "./camera/pointer";
 import { Marker } from "./marker";
 import { roverModel, stand } from "./rover";
 import { Route } from "./route";
@@ -30,7 +30,7 @@ import { tiePlaces } from "./ties";
 
 const TIE = "#7a4dd8";
 /**
- * The camera rests when it has not moved for so long; after so long without a frame it is looked whether all has come.
+ * The camera rests after this time without movement; completeness is checked after this time without a frame.
  */
 const REST_MS = 300;
 
@@ -45,7 +45,7 @@ function groundOf(models: readonly Model[]): readonly Model[] {
 export class SceneView {
   readonly element: HTMLElement;
   private readonly host = h("div", { class: "scene-view" });
-  private readonly said = h("output", { class: "scene-place" }, "loading the ground");
+  private readonly readout = h("output", { class: "scene-place" }, "loading the ground");
   private readonly card = h("div", { class: "scene-card", hidden: true });
   private readonly measured = h("div", { class: "scene-card measured", hidden: true });
   private readonly legend = h("div", { class: "scene-legend", hidden: true });
@@ -55,7 +55,7 @@ export class SceneView {
   private readonly sights: Sights;
   private readonly route: Route;
   private readonly rover = new Group();
-  private readonly board: Board;
+  private readonly panel: ControlPanel;
   private readonly choices: Readonly<Choices>;
   private readonly tape: Tape;
   private readonly closing = new AbortController();
@@ -71,9 +71,9 @@ export class SceneView {
     private readonly models: readonly Model[],
     private readonly stops: SceneStops,
     /** Where it is seen from at first, null: from above all of it; and what is shown. */
-    private readonly linked: { readonly look: Look | null; readonly shown: Shown },
-    private readonly told: {
-      readonly look: (look: Look) => void;
+    private readonly linked: { readonly viewpoint: Viewpoint | null; readonly shown: Shown },
+    private readonly callbacks: {
+      readonly viewpoint: (to: Viewpoint) => void;
       readonly shown: (shown: Shown) => void;
     },
   ) {
@@ -83,8 +83,8 @@ export class SceneView {
     this.marker = new Marker(this.stage, this.terrain);
     this.sights = new Sights(this.stage, this.terrain);
     this.flight = new Flight(this.stage, this.marker, this.rover, size, (at) => {
-      board.putEye(at);
-      this.tellShown(at === "standing");
+      panel.setCameraMode(at);
+      this.reportShown(at === "standing");
     });
     this.tape = new Tape(this.stage, this.measured, (corners, box) =>
       context.signals.measure.emit({ corners, box }),
@@ -95,7 +95,7 @@ export class SceneView {
     this.stage.world.add(traverse, ellipsoids, this.rover, this.sights.group);
     if (stops.body) this.rover.add(roverModel(stops.body));
     const names = stops.stops.map((s) => [s.stop, `stop ${s.site}/${s.drive}`] as const);
-    const board = controls(names, drapable(context), context.sun.value, {
+    const panel = controls(names, drapable(context), context.sun.value, {
       lit: (sun) => context.state.set("sun", { by: "hand", sun }),
       changed: (_, name) => this.changed(name),
       overview: () => this.flight.over(),
@@ -104,11 +104,11 @@ export class SceneView {
       measure: () => this.toggleTape(),
       fullScreen: () => void this.element.requestFullscreen(),
     });
-    this.board = board;
-    this.choices = board.choices;
-    this.shine(board);
-    this.host.append(this.said, this.card, this.measured, this.legend, board.options);
-    this.element = h("div", { class: "scene", "data-settled": "false" }, this.host, board.element);
+    this.panel = panel;
+    this.choices = panel.choices;
+    this.addSunControl(panel);
+    this.host.append(this.readout, this.card, this.measured, this.legend, panel.options);
+    this.element = h("div", { class: "scene", "data-settled": "false" }, this.host, panel.element);
     this.stage.onFrame = () => {
       this.terrain.update(this.stage.camera, this.stage.renderer);
       this.views?.update(this.stage.camera, this.stage.renderer);
@@ -120,20 +120,20 @@ export class SceneView {
     void this.terrain.part(Partition.all(context));
     this.listen();
     const { drape, stop } = linked.shown;
-    board.choose({ drape, stop });
+    panel.choose({ drape, stop });
     this.drape();
     this.chooseStop();
     this.begin();
   }
 
-  look({ from, to }: Look): void {
+  look({ from, to }: Viewpoint): void {
     this.flight.leave();
     this.stage.look(from, to);
   }
 
   /** Shows the view of another link. */
   show({ drape, stop, isStanding }: Shown): void {
-    this.board.choose({ drape, stop });
+    this.panel.choose({ drape, stop });
     this.drape();
     this.chooseStop();
     if (isStanding) this.stand();
@@ -141,7 +141,7 @@ export class SceneView {
   }
 
   private begin(): void {
-    if (this.linked.look) this.look(this.linked.look);
+    if (this.linked.viewpoint) this.look(this.linked.viewpoint);
     else this.flight.over();
   }
 
@@ -151,10 +151,10 @@ export class SceneView {
 
   private walk(): void {
     if (this.choices.stop) {
-      this.board.choose({ ...this.choices, stop: null });
+      this.panel.choose({ ...this.choices, stop: null });
       this.chooseStop();
     }
-    const at = (place: Place3) => this.tell(place);
+    const at = (place: Place3) => this.showPlace(place);
     const { stops, body } = this.stops;
     if (this.flight.isWalking) this.flight.halt();
     else this.flight.walk(stops, body, { speed: () => this.choices.walkSpeed, at });
@@ -162,14 +162,14 @@ export class SceneView {
 
   private toggleTape(): void {
     this.tape.toggle();
-    this.board.putMeasuring(this.tape.isOn);
+    this.panel.putMeasuring(this.tape.isOn);
   }
 
   /** Drapes the chosen kind of layer over the ground, with its legend; else the photograph of all stops together. */
   private drape(): void {
     const { context, choices, terrain, legend } = this;
-    const { drape: chosen, stop, look } = choices;
-    const isPhotograph = !chosen && stop === null && look !== "relief";
+    const { drape: chosen, stop, shading } = choices;
+    const isPhotograph = !chosen && stop === null && shading !== "relief";
     const kind = isPhotograph ? mergedPhotograph(context) : chosen || null;
     terrain.drape(
       kind ?? "",
@@ -216,7 +216,7 @@ export class SceneView {
   }
 
   /** The sun that shades the map lights the ground as well. */
-  private shine({ putSun }: Board): void {
+  private addSunControl({ putSun }: ControlPanel): void {
     const { sun } = this.context;
     const light = ({ azimuthDeg, elevationDeg }: SunPlace) =>
       this.stage.lightFrom(azimuthDeg, elevationDeg);
@@ -250,7 +250,7 @@ export class SceneView {
   private settled(): void {
     if (!this.terrain.isSettled || (this.views && !this.views.isSettled)) return;
     if (!this.element.dataset["triangles"]) {
-      this.said.textContent = "";
+      this.readout.textContent = "";
       this.begin(); // now there is ground to look at
       if (this.linked.shown.isStanding) this.stand();
     }
@@ -268,14 +268,14 @@ export class SceneView {
         this.drape();
         if (choices.stop && this.stop) this.flight.near(this.stop.place);
         else this.flight.over();
-        this.tellShown();
+        this.reportShown();
         return;
-      case "look":
-        this.terrain.look = choices.look;
+      case "shading":
+        this.terrain.shading = choices.shading;
         return this.drape();
       case "drape":
         this.drape();
-        this.tellShown();
+        this.reportShown();
         return;
       case "walkSpeed":
         return;
@@ -354,7 +354,7 @@ export class SceneView {
       element.dataset["points"] = "0";
       const counted = () => {
         element.dataset["points"] = String(this.cloud?.count ?? 0);
-        this.said.textContent = `${this.cloud?.count.toLocaleString("en") ?? 0} points`;
+        this.readout.textContent = `${this.cloud?.count.toLocaleString("en") ?? 0} points`;
       };
       const failed = (reason: Error) =>
         context.waiting.say(`points cannot be shown: ${reason.message}`);
@@ -363,7 +363,7 @@ export class SceneView {
       stage.world.add(this.cloud.group);
     }
     this.cloud.group.visible = choices.points;
-    if (!choices.points) this.said.textContent = "";
+    if (!choices.points) this.readout.textContent = "";
     stage.ask();
   }
 
@@ -384,7 +384,7 @@ export class SceneView {
     let resting: ReturnType<typeof setTimeout> | undefined;
     this.stage.controls.addEventListener("change", () => {
       clearTimeout(resting);
-      resting = setTimeout(() => this.tellLook(), REST_MS);
+      resting = setTimeout(() => this.reportViewpoint(), REST_MS);
     });
     this.closing.signal.addEventListener("abort", () => clearTimeout(resting));
     const stops = [
@@ -394,18 +394,18 @@ export class SceneView {
       signals.ellipses.on((factor) => this.route.enlarge(factor)),
     ];
     this.closing.signal.addEventListener("abort", () => stops.forEach((stop) => stop()));
-    const hand = {
-      over: (place: Place3 | null) => this.tell(place),
+    const handlers = {
+      over: (place: Place3 | null) => this.showPlace(place),
       image: (id: string, side: Side) => this.choose(id, side),
       ground: (place: Place3) => this.clicked(place),
       leave: () => this.leave(),
       isOnGround: () => this.flight.isOnGround,
       isMeasuring: () => this.tape.isOn,
     };
-    takeInHand(this.stage, this.terrain, this.sights, hand, this.closing.signal);
+    addPointerControls(this.stage, this.terrain, this.sights, handlers, this.closing.signal);
   }
 
-  /** Names an image whose camera was clicked, and does not cover it; to open it takes the place of this view. */
+  /** Names an image whose camera was clicked, without covering the camera; opening the image may replace this view. */
   private choose(id: string, side: Side): void {
     this.sights.choose(id);
     this.card.classList.toggle("at-left", side === "right");
@@ -428,23 +428,27 @@ export class SceneView {
     return true;
   }
 
-  private tellShown(isStanding = false): void {
+  private reportShown(isStanding = false): void {
     const { drape, stop } = this.choices;
-    this.told.shown({ drape, stop: isStanding ? (this.stop?.stop ?? null) : stop, isStanding });
+    this.callbacks.shown({
+      drape,
+      stop: isStanding ? (this.stop?.stop ?? null) : stop,
+      isStanding,
+    });
   }
 
-  private tellLook(): void {
+  private reportViewpoint(): void {
     if (this.element.dataset["settled"] !== "true" || this.flight.isOnGround) return;
     const { camera, controls } = this.stage;
-    this.told.look({
+    this.callbacks.viewpoint({
       from: this.stage.place(camera.position),
       to: this.stage.place(controls.target),
     });
   }
 
-  private tell(place: Place3 | null): void {
+  private showPlace(place: Place3 | null): void {
     const [east, north, up] = place ?? [];
-    this.said.textContent = place
+    this.readout.textContent = place
       ? `east ${fixed(east, 2)}  north ${fixed(north, 2)}  elevation ${fixed(up, 2)} m`
       : "";
     this.context.signals.cursor.emit(place ? [place[0], place[1]] : null);

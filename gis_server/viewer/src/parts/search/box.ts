@@ -6,7 +6,7 @@ import type { Entry } from "./find";
 export interface SearchBox {
   readonly element: HTMLElement;
   readonly focus: () => void;
-  /** Looks again: what can be found has come. */
+  /** Searches again after the entries have loaded. */
   readonly refresh: () => void;
 }
 
@@ -33,10 +33,10 @@ export function searchBox({ find, entered, go }: SearchActions): SearchBox {
     "aria-expanded": "false",
     autocomplete: "off",
     spellcheck: "false",
-    oninput: () => look(),
+    oninput: () => search(),
     onfocus: () => {
       entered();
-      look();
+      search();
     },
     onblur: () => show([]),
     onkeydown: (event) => pressed(event as KeyboardEvent),
@@ -79,7 +79,7 @@ export function searchBox({ find, entered, go }: SearchActions): SearchBox {
     );
     choose(0);
   };
-  const look = () => show(find(input.value));
+  const search = () => show(find(input.value));
   const pressed = (event: KeyboardEvent) => {
     if (event.key === "ArrowDown" || event.key === "ArrowUp") {
       event.preventDefault();
@@ -94,7 +94,7 @@ export function searchBox({ find, entered, go }: SearchActions): SearchBox {
   return {
     element: h("div", { class: "search", role: "search" }, input, list),
     refresh: () => {
-      if (document.activeElement === input) look();
+      if (document.activeElement === input) search();
     },
     focus: () => {
       input.focus();

@@ -1,9 +1,9 @@
-/** What can be gone to by name, and which of it a few letters mean. */
+/** Entries that can be found by name, and the search in them. */
 
 import { MAP_ONLY, readCoordinates, type References } from "../../map/coordinates";
 import type { MapPoint } from "../../server/records";
 
-/** Where a find leads. Stops are named by their scope. */
+/** Target of an entry. Stops are named by their scope. */
 export type Goal =
   | { readonly to: "sol"; readonly sol: number }
   | { readonly to: "site"; readonly site: number }
@@ -84,7 +84,7 @@ export function entriesOf(
   ];
 }
 
-/** 0: it is its name; 1: a name begins so; 2: a word in a name begins so; 3: it is somewhere in a name. */
+/** 0: equal to its name; 1: a name begins with it; 2: a word of a name begins with it; 3: a name contains it. */
 function fit(names: readonly string[], query: string): number | null {
   if (names.includes(query)) return 0;
   if (names.some((name) => name.startsWith(query))) return 1;

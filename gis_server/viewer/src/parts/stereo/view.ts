@@ -1,21 +1,21 @@
-/** One stereo pair, looked at with both eyes: its canvas, its controls, pointer and keys, and the shared cursor. */
+/** One stereo pair, looked at with both display: its canvas, its controls, pointer and keys, and the shared cursor. */
 
 import { h } from "../../page/dom";
 import { scopeTitle } from "../../page/format";
 import { projection } from "../../server/projection";
 import type { MapPoint } from "../../server/records";
-import { pairPictures } from "../../server/stereo";
+import { loadPairImages } from "../../server/stereo";
 import { type Context, identify } from "../../session/context";
 import { Latest } from "../../session/latest";
 import type { StereoSight } from "../../session/state";
-import { type Crosses, Eyes, type Way } from "./eyes";
+import { type Crosses, StereoDisplay, type Way } from "./stereo-display";
 import { moved, type Pair, type Sight, whole, zoomed } from "./fuse";
 import "./stereo.css";
 
 const WAYS: readonly (readonly [Way, string])[] = [
   ["anaglyph", "red and cyan"],
   ["parallel", "side by side"],
-  ["crossed", "side by side, eyes crossed"],
+  ["crossed", "side by side, display crossed"],
   ["wiggle", "one after the other"],
 ];
 const TURN_MS = 180;
@@ -29,14 +29,14 @@ export class StereoView {
   readonly element: HTMLElement;
   private readonly canvas = h("canvas", { tabindex: 0, role: "img" });
   private readonly host = h("div", { class: "stereo-view" }, this.canvas);
-  private readonly said = h("output", { class: "hint" });
+  private readonly status = h("output", { class: "hint" });
   private readonly choice: HTMLSelectElement;
   private readonly ways: HTMLSelectElement;
   private readonly slider: HTMLInputElement;
   private readonly shift = h("output", { class: "number" });
   private readonly closing = new AbortController();
   private readonly resized = new ResizeObserver(() => this.fit());
-  private eyes: Eyes | null = null;
+  private display: StereoDisplay | null = null;
   private sight: Sight = { scale: 1, x: 0, y: 0 };
   private way: Way = "anaglyph";
   private nudge = 0;
@@ -69,7 +69,7 @@ export class StereoView {
         "aria-label": "way of looking",
         name: "way",
         onchange: () => {
-          this.look(this.ways.value as Way);
+          this.setWay(this.ways.value as Way);
           this.tell();
         },
       },
@@ -104,7 +104,7 @@ export class StereoView {
           ),
         ),
         h("label", { class: "inline" }, "parallax on the screen", this.slider, this.shift),
-        this.said,
+        this.status,
       ),
     );
     this.resized.observe(this.host);
@@ -120,8 +120,8 @@ export class StereoView {
       this.isWhole = sight === null;
       if (sight)
         this.sight = { scale: sight.scale * this.pixelRatio, x: sight.sample, y: sight.line };
-      this.look(way);
-      this.put(parallax ?? this.eyes?.parallax ?? 0);
+      this.setWay(way);
+      this.put(parallax ?? this.display?.parallax ?? 0);
     };
     if (pair === this.pair) {
       place();
@@ -133,11 +133,11 @@ export class StereoView {
     this.element.dataset["settled"] = "false";
     this.canvas.setAttribute("aria-label", `stereo pair ${pair.left.id} and ${pair.right.id}`);
     this.context.waiting.run(async () => {
-      const pictures = await pairPictures(pair.left, pair.right, this.closing.signal);
+      const pictures = await loadPairImages(pair.left, pair.right, this.closing.signal);
       if (pair !== this.pair) return;
-      this.eyes?.dispose();
-      this.eyes = new Eyes(pictures);
-      this.open(this.eyes);
+      this.display?.dispose();
+      this.display = new StereoDisplay(pictures);
+      this.open(this.display);
       place();
       this.tell();
       this.element.dataset["settled"] = "true";
@@ -149,32 +149,32 @@ export class StereoView {
     this.questions.stop();
     this.closing.abort();
     this.resized.disconnect();
-    this.eyes?.dispose();
+    this.display?.dispose();
     this.context.signals.cursor.emit(null);
   }
 
-  private open(eyes: Eyes): void {
-    const most = Math.round(eyes.width / 2);
+  private open(display: StereoDisplay): void {
+    const most = Math.round(display.width / 2);
     Object.assign(this.slider, { min: String(-most), max: String(most), step: "1" });
-    this.said.textContent = eyes.isLinearised
+    this.status.textContent = display.isLinearised
       ? "Rows correspond exactly. Arrow keys: parallax; plus and minus, wheel: nearer; drag: move."
       : "This pair was not matched: its images are not epipolar, rows may differ.";
   }
 
   /** Records what is seen; the parallax and the part that a pair is shown with at first are not named. */
   private tell(): void {
-    const { pair, eyes, way, nudge, isWhole } = this;
-    if (!pair || !eyes) return;
+    const { pair, display, way, nudge, isWhole } = this;
+    if (!pair || !display) return;
     const { scale, x, y } = this.sight;
     this.write({
       left: pair.left.id,
       way,
-      parallax: nudge === eyes.parallax ? null : nudge,
+      parallax: nudge === display.parallax ? null : nudge,
       sight: isWhole ? null : { scale: scale / this.pixelRatio, sample: x, line: y },
     });
   }
 
-  /** Has points of that parallax, in pixels, lie on the screen. */
+  /** Places points of this parallax, in pixels, on the screen plane. */
   private put(nudge: number): void {
     this.nudge = nudge;
     this.slider.value = String(nudge);
@@ -182,7 +182,7 @@ export class StereoView {
     this.draw();
   }
 
-  private look(way: Way): void {
+  private setWay(way: Way): void {
     this.way = way;
     clearInterval(this.timer);
     if (way === "wiggle")
@@ -199,12 +199,12 @@ export class StereoView {
 
   private fit(): void {
     const { clientWidth, clientHeight } = this.host;
-    if (!this.eyes || clientWidth === 0 || clientHeight === 0) return;
+    if (!this.display || clientWidth === 0 || clientHeight === 0) return;
     this.canvas.width = Math.round(clientWidth * this.pixelRatio);
     this.canvas.height = Math.round(clientHeight * this.pixelRatio);
     const { width, height } = this.canvas;
     if (this.isWhole)
-      this.sight = whole(this.eyes.width, this.eyes.height, width / this.halves, height);
+      this.sight = whole(this.display.width, this.display.height, width / this.halves, height);
     this.draw();
   }
 
@@ -215,7 +215,7 @@ export class StereoView {
 
   private draw(): void {
     const { way, sight, nudge, phase, crosses } = this;
-    this.eyes?.draw(this.canvas, way, sight, { nudge, phase, crosses });
+    this.display?.draw(this.canvas, way, sight, { nudge, phase, crosses });
   }
 
   private see(sight: Sight): void {
@@ -227,23 +227,25 @@ export class StereoView {
 
   /** The pixel of the left image at a place of the canvas; null where that shows the other one. */
   private pixelAt({ offsetX, offsetY }: MouseEvent): readonly [number, number] | null {
-    const { eyes, canvas, sight, way } = this;
-    if (!eyes) return null;
+    const { display, canvas, sight, way } = this;
+    if (!display) return null;
     const width = canvas.clientWidth / this.halves;
     const left = way === "crossed" ? width : 0;
     const x = sight.x + ((offsetX - left - width / 2) * this.pixelRatio) / sight.scale - 0.5;
     const y = sight.y + ((offsetY - canvas.clientHeight / 2) * this.pixelRatio) / sight.scale - 0.5;
     const isOn = offsetX >= left && offsetX < left + width;
-    return isOn && x >= -0.5 && y >= -0.5 && x < eyes.width && y < eyes.height ? [x, y] : null;
+    return isOn && x >= -0.5 && y >= -0.5 && x < display.width && y < display.height
+      ? [x, y]
+      : null;
   }
 
   /** The ground at a pixel of the left image. */
   private async groundAt(at: readonly [number, number], signal?: AbortSignal) {
-    const { pair, eyes, context } = this;
-    if (!pair || !eyes) return null;
+    const { pair, display, context } = this;
+    if (!pair || !display) return null;
     const { mission } = context.mission;
     const { id } = pair.left;
-    const pixel = eyes.isLinearised ? await projection.stored(id, at, signal) : at;
+    const pixel = display.isLinearised ? await projection.stored(id, at, signal) : at;
     const { ground } = await projection.toGround(mission, id, pixel, signal);
     return ground && ([ground.east, ground.north] as const);
   }
@@ -280,10 +282,10 @@ export class StereoView {
       this.questions.ask(async (signal) => {
         const { mission } = this.context.mission;
         const { images } = await projection.toImages(mission, point, signal);
-        const { pair, eyes } = this;
+        const { pair, display } = this;
         const at = (id: string | undefined) => {
           const seen = images.find(({ image }) => image === id);
-          const [x, y] = eyes?.isLinearised
+          const [x, y] = display?.isLinearised
             ? [seen?.linearised_sample, seen?.linearised_line]
             : [seen?.sample, seen?.line];
           return typeof x === "number" && typeof y === "number" ? ([x, y] as const) : null;

@@ -1,4 +1,4 @@
-/** What is known of a stop: when, where and how well, how far telemetry was off, and what was made of it. */
+/** Card of a stop: time, position, precision, error of telemetry, and its products. */
 
 import { kindTitle } from "../../map/layers";
 import { facts, h } from "../../page/dom";
@@ -19,7 +19,7 @@ export interface StopFacts {
   readonly layers: readonly Layer[];
 }
 
-/** How far telemetry was off: on the map, and in space where both have an elevation. */
+/** Error of telemetry: on the map, and in space if both have an elevation. */
 export function telemetryError(row: TraverseRow): string {
   const { horizontal_m, sigma_horizontal_m, sigma_up_m, percent, offset_m } = row;
   const share = percent === null ? "" : ` (${percentText(row)} of the way)`;

@@ -1,6 +1,6 @@
 /**
  * Season and solar time on Mars (Allison and McEwen 2000, Planet. Space Sci. 48, 215-235; constants and perturbations
- * as NASA GISS's Mars24 has them).
+ * of NASA GISS's Mars24).
  *
  * With t the days since J2000 (TT), the sun's mean anomaly M and the angle a of the fictitious mean sun:
  *
@@ -20,7 +20,7 @@ export const SOL_DAYS = 1.0274912517;
 const UNIX_EPOCH = 2440587.5;
 const DAY_MS = 86400000;
 
-/** Amplitude in degrees, period in Julian years, phase in degrees: what the planets do to the orbit. */
+/** Amplitude in degrees, period in Julian years, phase in degrees: perturbations of the orbit by the planets. */
 const PERTURBATIONS = [
   [0.0071, 2.2353, 49.409],
   [0.0057, 2.7543, 168.173],
@@ -31,7 +31,7 @@ const PERTURBATIONS = [
   [0.0018, 32.8493, 49.095],
 ] as const;
 
-/** TT less UTC from 1999 on, seconds, and when a second was added. */
+/** TT minus UTC from 1999 on, seconds, and the dates of later leap seconds. */
 const TT_LESS_UTC_S = 64.184;
 const ADDED = ["2006-01-01", "2009-01-01", "2012-07-01", "2015-07-01", "2017-01-01"].map((day) =>
   Date.parse(`${day}T00:00:00Z`),
@@ -83,7 +83,7 @@ export function solarDays(julian: number, lonDeg: number): number {
   return (julian - EPOCH) / SOL_DAYS + (lonDeg + equationDeg) / 360;
 }
 
-/** When it is that many true solar days at an east longitude. */
+/** Julian date of a number of true solar days at an east longitude. */
 export function julianOf(days: number, lonDeg: number): number {
   let julian = EPOCH + (days - lonDeg / 360) * SOL_DAYS;
   for (let round = 0; round < 4; round += 1)
@@ -91,7 +91,7 @@ export function julianOf(days: number, lonDeg: number): number {
   return julian;
 }
 
-/** An image's moment, sol and local true solar time, as its label gives them. */
+/** Time, sol and local true solar time of an image's label. */
 export interface Dated {
   readonly sol: number;
   readonly start_time: string | null;
@@ -108,7 +108,7 @@ export function hoursOf(text: string | null): number | null {
 
 export const utc = (text: string) => new Date(/(Z|[+-]\d\d:?\d\d)$/.test(text) ? text : `${text}Z`);
 
-/** True solar days less the mission's sols, from images that have both; null where there are none. */
+/** True solar days minus the mission's sols, from images that have both; null where there are none. */
 export function solsBegin(images: readonly Dated[], lonDeg: number): number | null {
   const begins = images.flatMap(({ sol, start_time, local_solar_time }) => {
     const hours = hoursOf(local_solar_time);

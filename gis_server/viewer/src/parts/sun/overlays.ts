@@ -1,4 +1,4 @@
-/** What is painted over the map under the sun: relief, shadows, and ground that is steep or tilts to the north. */
+/** Layers painted over the map for the sun: relief, shadows, and ground that is steep or tilts to the north. */
 
 import TileLayer from "ol/layer/Tile";
 import { tileGrid } from "../../map/map-layers";
@@ -92,7 +92,7 @@ export class Overlays {
     this.shadow = null;
   }
 
-  /** Right over the uppermost raster that is shown. */
+  /** Height directly above the uppermost visible raster. */
   private base(): number {
     const { layers } = this.context;
     const rasters = layers.shown.filter(({ type }) => type === "raster");

@@ -1,4 +1,4 @@
-/** The tab of the sun: when it shines, where it stands, and what is shown of it on the map. */
+/** The tab of the sun: its time, its position, and its layers on the map. */
 
 import { legendOfColours, colouringOf } from "../../map/raster-style";
 import type { SunPlace } from "../../map/shading";
@@ -19,7 +19,7 @@ export interface SunActions {
 
 export interface SunPanel {
   readonly element: HTMLElement;
-  /** Puts all in the panel where the sun and the light are. */
+  /** Sets all controls by the sun and the light. */
   readonly follow: (state: SunState) => void;
 }
 
@@ -109,7 +109,7 @@ export function sunPanel(
   const elevation = slider("elevation of the sun", 0, 90, 0.5, (elevationDeg) =>
     place({ elevationDeg }),
   );
-  const [hoursText, azimuthText, elevationText, told] = [
+  const [hoursText, azimuthText, elevationText, details] = [
     h("output"),
     h("output"),
     h("output"),
@@ -146,7 +146,7 @@ export function sunPanel(
         ),
     h("label", { class: "inline" }, h("span", {}, "azimuth"), azimuth, azimuthText),
     h("label", { class: "inline" }, h("span", {}, "elevation"), elevation, elevationText),
-    told,
+    details,
     h("h2", {}, "Shading of the map"),
     h("div", { class: "inline" }, relief.element, strength),
     shadow.element,
@@ -167,7 +167,7 @@ export function sunPanel(
     [azimuth.value, elevation.value] = [String(azimuthDeg), String(Math.max(0, elevationDeg))];
     azimuthText.textContent = `${fixed(azimuthDeg, 1)}°`;
     elevationText.textContent = `${fixed(elevationDeg, 1)}°`;
-    told.replaceChildren(
+    details.replaceChildren(
       facts([
         ["Ls", now.day ? `${fixed(now.day.lsDeg, 1)}°` : null],
         ["UTC", now.day ? now.day.moment.toISOString().slice(0, 16).replace("T", " ") : null],

@@ -1,4 +1,4 @@
-/** The sun over the map: by sol and solar time or by hand, with what is seen of it. The link keeps it. */
+/** The sun over the map: by sol and solar time or set manually, with its layers. The link keeps it. */
 
 import { kindTitle } from "../../map/layers";
 import { hasValues, isElevation } from "../../map/raster-style";

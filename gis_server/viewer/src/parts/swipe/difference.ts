@@ -51,24 +51,24 @@ export const showDifference: Show = (context, comparison, [a, b], box, change) =
     }
     box.replaceChildren(differenceBox(pair, shown, found, setMost));
   };
-  const look = async () => {
+  const update = async () => {
     const sample = await sampleView(view.map, set, commonGround(pair), differences(pair, set));
     if (!isOver) draw(statistics(sample));
   };
   function setMost(chosen: number | null): void {
     most = chosen;
     change({ most });
-    waiting.run(look);
+    waiting.run(update);
   }
   let isOver = false;
-  const moved = () => waiting.run(look);
+  const moved = () => waiting.run(update);
   view.map.on("moveend", moved);
   const stop = signals.pointer.on((pointed) => {
     const here = box.querySelector(".here");
     if (here && pointed)
       void valueAt(context, pair, pointed.point).then((text) => (here.textContent = text));
   });
-  waiting.run(look);
+  waiting.run(update);
   return () => {
     isOver = true;
     stop();

@@ -39,7 +39,7 @@ function choice(
   return h("label", { class: "inline" }, h("b", {}, name), select);
 }
 
-/** `running` is what is compared now, if anything is; `offered` what would be. */
+/** `running` is the current comparison, if any; `offered` the proposed one. */
 export function comparisonPanel(
   layers: readonly Layer[],
   offered: Comparison | null,
@@ -77,7 +77,7 @@ export function comparisonPanel(
   );
 }
 
-/** Legend of a difference, what can be set of it, and what it amounts to. */
+/** Legend of a difference, its settings, and its statistics. */
 export function differenceBox(
   pair: Pair,
   most: number,

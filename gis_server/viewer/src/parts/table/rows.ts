@@ -13,7 +13,7 @@ import type { Query } from "../../session/state";
 export type Value = string | number | null;
 
 export interface Column {
-  /** Of the value, in files too. */
+  /** Unit of the value, in files too. */
   readonly key: string;
   readonly title: string;
   readonly unit?: string;
@@ -23,7 +23,7 @@ export interface Column {
   readonly resolution?: number;
   /** Whether rows can be chosen by one of its values. */
   readonly isChoice?: boolean;
-  /** Room for so many characters. */
+  /** Width in characters. */
   readonly width: number;
 }
 

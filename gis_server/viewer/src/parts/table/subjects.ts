@@ -1,4 +1,4 @@
-/** What tables are of: stops, images, tie points and annotations, their columns and where their rows come from. */
+/** Subjects of tables: stops, images, tie points and annotations, with their columns and the source of their rows. */
 
 import { HELD_M } from "../../page/format";
 import { api, ApiError } from "../../server/api";
@@ -16,7 +16,7 @@ export interface Subject {
   readonly columns: readonly Column[];
   /** Property of a feature on the map that names its row. */
   readonly named?: string;
-  /** `tell` hears how many rows have come so far. */
+  /** `tell` receives the number of rows loaded so far. */
   readonly load: (context: Context, tell: (count: number) => void) => Promise<readonly Row[]>;
 }
 
@@ -35,7 +35,7 @@ function placeOf({ geometry }: GeoJsonFeature) {
 const vectors = (layers: readonly Layer[]) => layers.filter((layer) => layer.type === "vector");
 /** The most features that the server sends at once without a bounding box. */
 const TOO_MANY = 413;
-/** A layer of more features comes in so many squares along each side. */
+/** A layer of more features is loaded in this number of squares along each side. */
 const SQUARES = 4;
 /** Features lie on the edge of their layer to the rounding of their file. */
 const EDGE_M = 0.01;

@@ -1,5 +1,5 @@
 /**
- * Tables of what is on the map: one at a time, with what chooses its rows; the chosen row and the map show each other.
+ * Tables of features on the map: one at a time, with its filters; selections of row and map are linked.
  */
 
 import GeoJSON from "ol/format/GeoJSON";
@@ -24,9 +24,9 @@ const Z_INDEX = 999;
 const TOUCH_PX = 6;
 /** Ground shown around the feature of a row, metres. */
 const AROUND_M = 6;
-/** From farther off the ground around a row is shown instead. */
+/** At coarser resolutions the map zooms to the ground around a row. */
 const COARSEST_M = 0.25;
-/** Names in one question. */
+/** Most names in one request. */
 const NAMES_AT_ONCE = 100;
 
 export class TableView {
@@ -96,7 +96,7 @@ export class TableView {
       signals.click.on((pointed) => this.clicked(pointed)),
       state.on("image", (image) => image && this.mark("image", image.id)),
       layers.replaced.on(() => this.load()),
-      signals.happened.on(({ kind, document }) => {
+      signals.serverEvent.on(({ kind, document }) => {
         const isOfEdits = kind === "edits.changed" && document.mission === mission.mission;
         if (isOfEdits && this.subject.key === "annotations") this.load();
       }),

@@ -1,4 +1,4 @@
-/** Two solutions of the traverse side by side: which ones, their table, their vectors on the map, their profile. */
+/** Comparison of two solutions of the traverse: choice, table, vectors on the map, profile. */
 
 import { h } from "../../page/dom";
 import { saveFile } from "../../page/save";

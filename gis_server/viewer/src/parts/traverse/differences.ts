@@ -11,18 +11,18 @@ export const TELEMETRY_NAME = "telemetry";
 /** `sol 157`, `sol 157, overall`; with the time it was made where several are of one sol. */
 export function solutionTitle(one: Solution, all: readonly Solution[]): string {
   const name = `sol ${one.sol}${one.is_overall ? ", overall" : ""}`;
-  const twins = all.filter(
+  const sameTitle = all.filter(
     ({ sol, is_overall }) => sol === one.sol && is_overall === one.is_overall,
   );
-  const made = twins.length > 1 ? `, made ${one.made_at.slice(0, 16).replace("T", " ")}` : "";
+  const made = sameTitle.length > 1 ? `, made ${one.made_at.slice(0, 16).replace("T", " ")}` : "";
   return `${name}${made}${one.is_latest ? " (on the map)" : ""}`;
 }
 
-/** Percent of the distance, as sure as the metres. */
+/** Percent of the distance, with the standard deviation of the metres. */
 export const percentText = ({ percent, sigma_horizontal_m, distance_m }: TraverseRow): string =>
   percent === null ? "–" : `${digits(percent, (100 * sigma_horizontal_m) / distance_m, HELD_M)} %`;
 
-/** What the paper reports of a traverse, in one sentence. */
+/** The result for a traverse in one sentence, as in the paper. */
 export function summaryText(answer: TraverseAnswer): string {
   const [end, worst] = [answer.rows[answer.end], answer.rows[answer.worst]];
   if (!end || !worst) return "";

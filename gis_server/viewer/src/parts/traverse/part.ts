@@ -1,4 +1,4 @@
-/** The tab of the traverse: how far telemetry strayed from it, its vertical profile, and its stops. */
+/** The tab of the traverse: differences of telemetry, vertical profile, and stops. */
 
 import type Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";

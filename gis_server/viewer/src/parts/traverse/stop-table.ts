@@ -1,4 +1,4 @@
-/** Table of stops: what the adjustment moved, and how sure it is. */
+/** Table of stops: corrections by the adjustment, and their precision. */
 
 import type { FeatureLike } from "ol/Feature";
 import type Point from "ol/geom/Point";

@@ -1,4 +1,4 @@
-/** Difference vectors on the map: from where a solution has a stop to where the other one has it. */
+/** Difference vectors on the map: from a stop's position in one solution to that in the other. */
 
 import Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";

@@ -23,7 +23,7 @@ function describe(link: string): string {
 
 export function viewsDialog({ open, now }: ViewActions): HTMLElement {
   const saved = new SavedViews();
-  const trouble = h("p", { class: "trouble", role: "alert" });
+  const error = h("p", { class: "error", role: "alert" });
   const list = h("ul", { class: "plain saved-views" });
   let deleted: SavedView | null = null;
 
@@ -31,9 +31,9 @@ export function viewsDialog({ open, now }: ViewActions): HTMLElement {
   const change = (make: (views: readonly SavedView[]) => readonly SavedView[], focus: string) => {
     try {
       saved.keep(make);
-      trouble.textContent = "";
+      error.textContent = "";
     } catch {
-      trouble.textContent = "The browser keeps nothing more: delete views or export them.";
+      error.textContent = "The browser keeps nothing more: delete views or export them.";
     }
     draw();
     element.querySelector<HTMLElement>(focus)?.focus();
@@ -123,7 +123,7 @@ export function viewsDialog({ open, now }: ViewActions): HTMLElement {
       const more = parseViews(text);
       change((views) => merged(views, more), ".import");
     } catch (reason) {
-      trouble.textContent = reason instanceof Error ? reason.message : String(reason);
+      error.textContent = reason instanceof Error ? reason.message : String(reason);
     }
   };
   const plain = (name: string, kind: string, run: () => void) =>
@@ -140,7 +140,7 @@ export function viewsDialog({ open, now }: ViewActions): HTMLElement {
     form(save, title, submit("Save this view")),
     list,
     none,
-    trouble,
+    error,
     h(
       "div",
       { class: "inline" },

@@ -22,7 +22,7 @@ export function freeName(wanted: string, views: readonly SavedView[]): string {
   return name;
 }
 
-/** The views and those of a file; what is there already is taken once. */
+/** The views together with those of a file, without duplicates. */
 export function merged(
   views: readonly SavedView[],
   more: readonly SavedView[],

@@ -58,14 +58,14 @@ def test_the_search_finds_shift_azimuth_and_drop():
     assert best.z > 20
 
 
-def test_the_middle_of_the_gate_may_be_turned():
+def test_the_middle_of_the_gate_may_be_rotated():
     later = seen_from(1, north=4.0, east=-3.0, azimuth=0.30)
     best = places(seen_from(1), later, 3.5, -2.5, 2.0, 0.03, 0.31)[0]
     assert best.azimuth == pytest.approx(0.30, abs=0.005)
 
 
 @pytest.mark.parametrize("light", ["another", "opposite", "none"])
-def test_heights_find_the_place_whatever_the_light(light):
+def test_heights_find_the_place_in_any_light(light):
     earlier, later = seen_from(1), seen_from(1, north=4.0, east=-3.0)
     under = {
         "another": seen_from(5, north=4.0, east=-3.0).grey,
@@ -79,19 +79,19 @@ def test_heights_find_the_place_whatever_the_light(light):
     assert best.z > 3 * wrong[0].z
 
 
-def test_grey_values_that_agree_let_the_peak_stand_out_more():
+def test_agreeing_grey_values_make_the_peak_more_distinct():
     earlier, later = seen_from(1), seen_from(1, north=4.0, east=-3.0)
     other_sun = replace(later, grey=seen_from(5, north=4.0, east=-3.0).grey)
     same, other = (places(earlier, k, 3.5, -2.5, 2.0, 0.02)[0].z for k in (later, other_sun))
     assert same > 1.2 * other
 
 
-def test_no_peak_stands_out_where_the_ground_is_another():
+def test_different_ground_has_no_distinct_peak():
     earlier, later = seen_from(1), seen_from(2, north=4.0, east=-3.0)
     assert places(earlier, later, 3.5, -2.5, 2.0, 0.03)[0].z < 5
 
 
-def test_what_is_usual_on_ground_that_repeats_itself_does_not_stand_out():
+def test_repetitive_ground_has_no_distinct_peak():
     rng = np.random.default_rng(3)
     row, col = np.mgrid[:101, :101]
     ripples = 5 * np.cos(2 * np.pi * row / 6) * (col < 50)
@@ -101,7 +101,7 @@ def test_what_is_usual_on_ground_that_repeats_itself_does_not_stand_out():
     assert z[:, :40].std() == pytest.approx(z[:, 60:].std(), rel=0.2)
 
 
-def test_peaks_lie_inside_the_gate_or_on_its_rim_and_apart():
+def test_peaks_are_inside_the_gate_or_on_its_rim_and_apart():
     fits = places(seen_from(1), seen_from(2), 3.0, 1.0, 2.0, 0.02)
     assert len(fits) == PARAMS.peaks
     for k, fit in enumerate(fits):
@@ -141,7 +141,7 @@ def test_a_halved_view_shows_the_same_ground():
     assert halved.elevation[row, col] == pytest.approx(mean, abs=1e-6)
 
 
-def test_a_birds_eye_view_shows_the_ground_where_it_is(first_stop):
+def test_a_birds_eye_view_has_the_ground_at_its_coordinates(first_stop):
     view = draw_birds_eye(first_stop, PARAMS, [PARAMS.cell_m])[0]
     row, col = np.nonzero(np.isfinite(view.elevation))
     half = (view.elevation.shape[0] - 1) / 2
@@ -157,9 +157,9 @@ def test_a_birds_eye_view_shows_the_ground_where_it_is(first_stop):
 def test_the_overlay_is_grey_where_both_views_agree():
     view = seen_from(1)
     fit = places(view, view, 0.0, 0.0, 1.0, 0.01)[0]
-    picture = draw_overlay(view, view, fit).astype(int)
-    shown = picture.any(axis=2)
-    assert np.abs(picture[shown][:, 0] - picture[shown][:, 1]).mean() < 10
+    image = draw_overlay(view, view, fit).astype(int)
+    shown = image.any(axis=2)
+    assert np.abs(image[shown][:, 0] - image[shown][:, 1]).mean() < 10
 
 
 def test_a_view_of_few_cells_is_refused():

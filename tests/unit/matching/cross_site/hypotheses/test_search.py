@@ -18,8 +18,8 @@ def found_between(one, other):
     return find_hypotheses(first, second, stages, BIRDS_EYE, LEAST_Z)
 
 
-def told(stop, north_m=0.0, east_m=0.0, turned=0.0):
-    """A stop as if telemetry were off by so much."""
+def reported(stop, north_m=0.0, east_m=0.0, turned=0.0):
+    """A stop with this error of telemetry."""
     pose = stop.lsl_from_rover
     turn = rotation_of_roll_pitch_yaw(0.0, 0.0, turned)
     place = pose.translation_m + np.array([north_m, east_m, 0.0])
@@ -39,7 +39,7 @@ def assert_right(found, one, other, first_stand, second_stand):
     assert found.highest > 2 * found.fits[1].z
 
 
-def test_a_stop_that_looks_back_is_found_in_the_narrow_gate(
+def test_a_stop_facing_back_is_found_in_the_narrow_gate(
     first_stop, second_stop, first_stand, second_stand
 ):
     found = found_between(first_stop, second_stop)
@@ -48,17 +48,17 @@ def test_a_stop_that_looks_back_is_found_in_the_narrow_gate(
 
 
 @pytest.mark.parametrize(("north_m", "east_m"), [(9.0, 3.0), (-3.0, 17.0)])
-def test_the_gate_widens_where_wheels_spun_and_the_heading_is_off(
+def test_the_gate_widens_after_wheel_slip_and_heading_errors(
     first_stop, second_stop, first_stand, second_stand, north_m, east_m
 ):
-    off = told(second_stop, north_m, east_m, np.deg2rad(6.0))
+    off = reported(second_stop, north_m, east_m, np.deg2rad(6.0))
     found = found_between(first_stop, off)
     assert_right(found, first_stop, off, first_stand, second_stand)
     narrow = search_stages(first_stop, off, GateParams(), 16.0)[0]
     assert np.trace(found.prior) > 4 * np.trace(narrow.prior)
 
 
-def test_on_other_ground_no_peak_stands_out_however_wide_the_gate(first_stop, foreign_stop):
+def test_different_ground_has_no_distinct_peak_in_any_gate(first_stop, foreign_stop):
     found = found_between(first_stop, foreign_stop)
     assert len(found.fits) <= BIRDS_EYE.peaks
     assert found.highest < LEAST_Z

@@ -41,7 +41,7 @@ def workspace(tmp_path: Path) -> Workspace:
     return workspace
 
 
-def test_a_restored_store_holds_every_byte_row_edit_and_token(tmp_path):
+def test_a_restored_store_has_every_byte_row_edit_and_token(tmp_path):
     root = unpack_old_store(tmp_path)
     report = back_up(Workspace.open(root), tmp_path / "backups")
     assert report.broken == ()
@@ -58,7 +58,7 @@ def test_a_restored_store_holds_every_byte_row_edit_and_token(tmp_path):
     assert faults(tmp_path / "new") == []
 
 
-def test_a_second_backup_copies_what_is_new_and_old_ones_go(workspace, tmp_path):
+def test_a_second_backup_copies_new_files_and_old_ones_are_removed(workspace, tmp_path):
     assert back_up(workspace, tmp_path / "backups").copied == 3
     workspace.catalogue.publish(pointers=[made(workspace, 9)])
     prune(workspace, PruningParams(versions=1, youngest=timedelta(0)))
@@ -72,7 +72,7 @@ def test_a_second_backup_copies_what_is_new_and_old_ones_go(workspace, tmp_path)
     assert len(list(products.rglob("*.tif"))) == 1
 
 
-def test_runs_go_on_during_a_backup_and_pruning_does_not(workspace, tmp_path, monkeypatch):
+def test_a_backup_permits_runs_and_refuses_pruning(workspace, tmp_path, monkeypatch):
     taken = backups._take
     seen = []
 
@@ -99,7 +99,7 @@ def test_a_broken_product_is_named_and_left_out(workspace, tmp_path):
     assert report.files == 4
 
 
-def test_a_backup_that_lost_bytes_restores_the_rest_and_says_so(workspace, tmp_path):
+def test_a_backup_with_lost_bytes_restores_the_rest_and_reports_it(workspace, tmp_path):
     back_up(workspace, tmp_path / "backups")
     victim = next((tmp_path / "backups" / "products").rglob("*.tif"))
     victim.write_text("slopes!")
@@ -116,7 +116,7 @@ def test_a_backup_with_a_broken_database_is_refused(workspace, tmp_path):
     assert not (tmp_path / "new").exists()
 
 
-def test_a_store_that_holds_something_is_replaced_only_when_told(workspace, tmp_path):
+def test_a_store_with_content_is_replaced_only_on_request(workspace, tmp_path):
     back_up(workspace, tmp_path / "backups")
     workspace.catalogue.append_event(RUN_CHANGED, {})
     with pytest.raises(ProductError, match="is not empty; name an empty folder, or use --replace"):
@@ -128,7 +128,7 @@ def test_a_store_that_holds_something_is_replaced_only_when_told(workspace, tmp_
     assert faults(workspace.store.root) == []
 
 
-def test_what_a_restore_replaces_is_kept_even_when_it_is_damaged(workspace, tmp_path):
+def test_a_replaced_store_is_kept_even_if_damaged(workspace, tmp_path):
     root = workspace.store.root
     back_up(workspace, tmp_path / "backups")
     RunRequests.of(root).add(RequestKind.OVERALL, "MER2", "ada")
@@ -147,9 +147,7 @@ def test_what_a_restore_replaces_is_kept_even_when_it_is_damaged(workspace, tmp_
     assert not list((tmp_path / "new").glob("before-*"))
 
 
-def test_a_store_that_was_not_restored_to_the_end_cannot_be_opened(
-    workspace, tmp_path, monkeypatch
-):
+def test_an_incompletely_restored_store_cannot_be_opened(workspace, tmp_path, monkeypatch):
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -164,7 +162,7 @@ def test_a_store_that_was_not_restored_to_the_end_cannot_be_opened(
     assert faults(tmp_path / "new") == []
 
 
-def test_backups_are_refused_where_they_would_lie_in_the_store(workspace, tmp_path):
+def test_backups_inside_the_store_are_refused(workspace, tmp_path):
     for wrong in (workspace.store.root / "backups", tmp_path):
         with pytest.raises(ProductError, match="contain each other"):
             back_up(workspace, wrong)
@@ -201,7 +199,7 @@ back_up(Workspace.open(Path(sys.argv[1])), Path(sys.argv[2]), None, progress)
 """
 
 
-def test_a_backup_that_was_killed_is_never_offered(workspace, tmp_path):
+def test_an_interrupted_backup_is_never_listed(workspace, tmp_path):
     command = [sys.executable, "-c", _BACK_UP, str(workspace.store.root), str(tmp_path / "backups")]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdout=pipe, stdin=pipe, text=True) as process:
@@ -247,16 +245,14 @@ def test_a_newer_backup_is_refused(workspace, tmp_path):
         restore(folder, tmp_path / "new")
 
 
-def test_two_backups_within_a_second_have_names_of_their_own(workspace, tmp_path):
+def test_two_backups_within_a_second_have_separate_names(workspace, tmp_path):
     began = time.monotonic()
     names = {back_up(workspace, tmp_path / "backups").folder for _ in range(2)}
     assert len(names) == 2 or time.monotonic() - began > 1.0
 
 
 @pytest.mark.parametrize("folder", ["drafts", "products", "backups"])
-def test_a_folder_with_something_else_in_it_is_not_made_a_backup_folder(
-    workspace, tmp_path, folder
-):
+def test_a_folder_with_other_files_does_not_become_a_backup_folder(workspace, tmp_path, folder):
     mine = tmp_path / "papers" / folder / "thesis.txt"
     mine.parent.mkdir(parents=True)
     mine.write_text("years of work")
@@ -277,7 +273,7 @@ def test_a_folder_with_something_else_in_it_is_not_made_a_backup_folder(
         ("own", "schema"),
     ],
 )
-def test_a_backup_cannot_have_other_files_overwritten(workspace, tmp_path, part, name):
+def test_a_backup_cannot_overwrite_other_files(workspace, tmp_path, part, name):
     report = back_up(workspace, tmp_path / "deep" / "backups")
     manifest = json.loads((report.folder / "manifest.json").read_text())
     given = (report.folder if part == "own" else tmp_path / "deep" / "backups") / name.lstrip("/")
@@ -301,7 +297,7 @@ def test_a_backup_with_a_damaged_manifest_is_refused(workspace, tmp_path, text):
         restore(tmp_path / "backups", tmp_path / "new")
 
 
-def test_restoring_leaves_no_log_of_a_database_that_the_backup_lacks(workspace, tmp_path):
+def test_restoring_removes_the_write_ahead_log(workspace, tmp_path):
     back_up(workspace, tmp_path / "backups")
     Tokens.of(workspace.store.root).add("later", Role.ANALYST)
     log = workspace.store.root / "access.sqlite-wal"

@@ -1,4 +1,4 @@
-"""What `solmap check` finds in a store, and what it mends."""
+"""What `solmap check` finds in a store, and what it repairs."""
 
 import json
 from datetime import UTC, datetime, timedelta
@@ -63,30 +63,30 @@ def texts(findings: list[Finding]) -> str:
 
 
 def repaired(workspace: Workspace) -> str:
-    """What repairing said; after it nothing that can be mended is left."""
-    assert not any(one.is_mended for one in check(workspace))
+    """Findings of a repair; after it nothing repairable remains."""
+    assert not any(one.is_repaired for one in check(workspace))
     found = list(check(workspace, repair=True))
-    assert not any(one.is_mended for one in check(workspace, repair=True))
+    assert not any(one.is_repaired for one in check(workspace, repair=True))
     return texts(found)
 
 
-def test_nothing_is_wrong_with_a_sound_store(workspace):
+def test_an_intact_store_has_no_faults(workspace):
     steps = []
     assert list(check(workspace, on_progress=lambda *step: steps.append(step))) == []
     assert steps[-1] == (8, 8)
     assert list(check(workspace, repair=True)) == []
 
 
-def test_a_broken_product_is_removed_and_the_catalogue_names_it_no_more(workspace):
+def test_a_broken_product_is_removed_from_store_and_catalogue(workspace):
     seen = workspace.catalogue.version()
     path_of(workspace, ProductKind.DTM).write_text("bits that rotted")
     assert "is broken: its checksum differs from its provenance; `solmap check" in texts(
         list(check(workspace))
     )
-    said = repaired(workspace)
-    assert "removed, the next run makes it again" in said
-    assert "withdrawn, the next run makes it again" in said
-    assert "products of the finished sol mer2-sol0155 are not in the store; forgotten" in said
+    message = repaired(workspace)
+    assert "removed, the next run makes it again" in message
+    assert "withdrawn, the next run makes it again" in message
+    assert "products of the finished sol mer2-sol0155 are not in the store; forgotten" in message
     assert workspace.catalogue.layers() == []
     assert workspace.catalogue.events_since(seen)[0].document["layers"] == [f"{STOP}/dtm"]
     with workspace.catalogue.engine.connect() as connection:
@@ -111,7 +111,7 @@ def test_a_store_whose_disk_is_not_mounted_loses_no_row(workspace):
     assert list(check(workspace)) == []
 
 
-def test_a_lost_image_has_to_be_delivered_again(workspace):
+def test_a_lost_image_must_be_delivered_again(workspace):
     path_of(workspace, ProductKind.IMAGE).unlink()
     assert "image 2N1 is not in the store; `solmap run` a folder" in repaired(workspace)
     assert len(workspace.catalogue.images()) == 1
@@ -138,14 +138,14 @@ def test_a_delivered_file_of_unknown_origin_is_moved_and_not_removed(workspace, 
         made(workspace, kind)
     path = path_of(workspace, kind)
     notes_of(path).unlink() if notes is None else notes_of(path).write_text(notes)
-    said, name = repaired(workspace), path.relative_to(workspace.store.root / "products")
-    assert f"its product was moved to broken/{name}; deliver its file again" in said
+    message, name = repaired(workspace), path.relative_to(workspace.store.root / "products")
+    assert f"its product was moved to broken/{name}; deliver its file again" in message
     assert (workspace.store.root / "broken" / name).read_text() == f"{kind} 0"
     assert not path.exists()
     assert not notes_of(path).exists()
 
 
-def test_lone_provenance_is_an_orphan_when_no_run_can_be_making_its_product(workspace):
+def test_provenance_without_a_product_is_removed_when_no_run_can_be_making_it(workspace):
     path = path_of(workspace, ProductKind.DTM)
     twin = notes_of(path).with_name("0123456789abcdef.provenance.json")
     twin.write_bytes(notes_of(path).read_bytes())
@@ -157,7 +157,7 @@ def test_lone_provenance_is_an_orphan_when_no_run_can_be_making_its_product(work
     assert not twin.exists()
 
 
-def test_drafts_go_when_nobody_can_be_working_on_them(workspace):
+def test_drafts_are_removed_when_no_process_can_be_writing_them(workspace):
     draft = workspace.store.root / "drafts" / "another-machine-7-abc"
     draft.mkdir()
     assert list(check(workspace)) == []
@@ -165,19 +165,19 @@ def test_drafts_go_when_nobody_can_be_working_on_them(workspace):
     assert not draft.exists()
 
 
-def test_strange_files_are_named_and_left_alone(workspace):
+def test_unknown_files_are_named_and_kept(workspace):
     for name in ("dtm/note.txt", "dtm/stop/.dtm.tif.swp", "cellar/stop/1.tif", "loose"):
         file = workspace.store.root / "products" / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text("mine")
-    said = repaired(workspace)
-    assert said.count("is not a product; it is left unchanged") == 4
+    message = repaired(workspace)
+    assert message.count("is not a product; it is left unchanged") == 4
     assert (workspace.store.root / "products" / "loose").exists()
     prune(workspace, NOW)
 
 
 @pytest.mark.parametrize("name", ["/.", "/..", "a/b", "..", "/", "\x1b[31m"])
-def test_odd_names_of_an_existing_store_stop_neither_pruning_nor_checking(workspace, name):
+def test_unusual_names_in_a_store_stop_neither_pruning_nor_checking(workspace, name):
     workspace.catalogue.publish(images=[image(workspace, name)])
     odd = Scope(ScopeLevel.STOP, name.lower())
     workspace.catalogue.publish(pointers=[made(workspace, ProductKind.TIES, odd)])
@@ -191,7 +191,7 @@ def test_odd_names_of_an_existing_store_stop_neither_pruning_nor_checking(worksp
     assert len(workspace.catalogue.layers()) == 1
 
 
-def test_rows_of_kinds_that_are_not_known_are_withdrawn(workspace):
+def test_rows_of_unknown_kinds_are_withdrawn(workspace):
     with workspace.catalogue.engine.begin() as connection:
         row = {"scope": "s", "kind": "crystal-ball", "digest": "0" * 16}
         connection.execute(LATEST.insert().values(**row))
@@ -206,13 +206,13 @@ def test_damaged_databases_are_named(workspace):
     )
 
 
-def test_half_documents_are_removed(workspace):
+def test_incomplete_documents_are_removed(workspace):
     workspace.store.write_document("stac/catalog.json", '{"half": ')
     assert "half of stac/catalog.json" in repaired(workspace)
     assert workspace.store.document("stac/catalog.json") is None
 
 
-def test_a_store_is_looked_at_beside_runs_and_repaired_alone(workspace):
+def test_a_store_is_checked_during_runs_and_repaired_exclusively(workspace):
     with shared_run_lock(workspace.store.root):
         assert list(check(workspace)) == []
         with pytest.raises(StoreBusyError, match="repair it when it has ended"):

@@ -1,4 +1,4 @@
-"""Old history goes, what is published stays, and who asks for old events is answered clearly."""
+"""Old history is removed, published layers stay, and requests for removed events are answered."""
 
 import os
 from datetime import UTC, datetime, timedelta
@@ -30,7 +30,7 @@ def age(workspace, table, up_to=None):
         connection.execute(rows.values(at=OLD))
 
 
-def test_old_events_go_and_numbers_go_on(workspace):
+def test_old_events_are_removed_and_numbering_continues(workspace):
     catalogue = workspace.catalogue
     for _ in range(4):
         catalogue.append_event(events.RUN_CHANGED, {})
@@ -68,7 +68,7 @@ def test_an_empty_history_is_trimmed_too(workspace):
     assert workspace.catalogue.version() == 0
 
 
-def test_old_runs_and_answered_requests_go_edits_and_outcomes_stay(workspace):
+def test_old_runs_and_answered_requests_are_removed_and_edits_and_outcomes_kept(workspace):
     records, requests = (
         RunRecords(workspace.catalogue.engine),
         RunRequests.of(workspace.store.root),
@@ -97,7 +97,7 @@ def test_old_runs_and_answered_requests_go_edits_and_outcomes_stay(workspace):
 
 
 @pytest.mark.parametrize("copies", ["before-schema-1", "before-restore-20261123T012000Z"])
-def test_rotated_logs_and_safety_copies_go_when_they_are_old(workspace, copies):
+def test_old_rotated_logs_and_safety_copies_are_removed(workspace, copies):
     root = workspace.store.root
     (root / "logs").mkdir()
     (root / copies).mkdir()

@@ -42,9 +42,9 @@ def publish(workspace: Workspace, *refs: ProductRef) -> None:
 
 
 def gone(workspace: Workspace, params: PruningParams = NOW) -> set[ProductRef]:
-    told = [one.ref for one in unreferenced_products(workspace, params)]
+    reported = [one.ref for one in unreferenced_products(workspace, params)]
     removed = [one.ref for one in prune(workspace, params)]
-    assert removed == told
+    assert removed == reported
     assert not any(workspace.store.has(ref) for ref in removed)
     return set(removed)
 
@@ -68,7 +68,7 @@ def mapped(workspace: Workspace) -> dict[str, ProductRef]:
     }
 
 
-def test_superseded_versions_go_and_what_the_published_were_made_from_stays(workspace, mapped):
+def test_superseded_versions_are_removed_and_inputs_of_published_ones_kept(workspace, mapped):
     assert gone(workspace) == {mapped["old"], mapped["old_slope"]}
     published = [layer.ref for layer in workspace.catalogue.layers()]
     assert set(published) == {mapped["dtm"], mapped["slope"]}
@@ -79,17 +79,17 @@ def test_superseded_versions_go_and_what_the_published_were_made_from_stays(work
     assert gone(workspace) == set()
 
 
-def test_as_many_versions_stay_as_are_asked_for(workspace, mapped):
+def test_the_requested_number_of_versions_is_kept(workspace, mapped):
     assert gone(workspace, PruningParams(versions=2, youngest=timedelta(0))) == set()
     assert mapped["old"].digest != mapped["dtm"].digest
 
 
 @pytest.mark.usefixtures("mapped")
-def test_what_is_young_stays_with_what_it_was_made_from(workspace):
+def test_recent_products_are_kept_with_their_inputs(workspace):
     assert gone(workspace, PruningParams(versions=1, youngest=timedelta(days=1))) == set()
 
 
-def test_pictures_of_what_is_needed_stay_and_those_of_what_is_not_go(workspace, mapped):
+def test_figures_are_kept_or_removed_with_their_products(workspace, mapped):
     stale = made(workspace, ProductKind.QUICKLOOK, STOP, mapped["old"])
     fresh = made(workspace, ProductKind.QUICKLOOK, STOP, mapped["dtm"])
     removed = gone(workspace)
@@ -97,7 +97,7 @@ def test_pictures_of_what_is_needed_stay_and_those_of_what_is_not_go(workspace, 
     assert fresh not in removed
 
 
-def test_what_a_parameter_names_is_needed(workspace):
+def test_a_product_named_by_a_parameter_is_kept(workspace):
     ties = made(workspace, ProductKind.CONTROL_FILE, Scope(ScopeLevel.REGION, "file"))
     recipe = Recipe(ProductKind.NETWORK, Scope(ScopeLevel.SOL, "mer2-sol0155"), (), (ties,))
     network = workspace.store.make(recipe, lambda path: path.write_text("network"))
@@ -105,7 +105,7 @@ def test_what_a_parameter_names_is_needed(workspace):
     assert gone(workspace) == set()
 
 
-def test_what_a_finished_sol_left_stays_though_a_later_one_mapped_it_again(workspace, mapped):
+def test_products_of_a_finished_sol_are_kept_after_a_later_one_mapped_it_again(workspace, mapped):
     standing = [f"{ref.kind}/stop/{ref.scope}/{ref.digest}" for ref in (mapped["matches"],)]
     layers = [f"{mapped['old'].kind}/stop/{STOP}/{mapped['old'].digest}"]
     book = FinishedSolRecords(workspace.catalogue.engine)
@@ -113,7 +113,7 @@ def test_what_a_finished_sol_left_stays_though_a_later_one_mapped_it_again(works
     assert gone(workspace) == {mapped["old_slope"]}
 
 
-def test_the_label_of_an_image_that_came_in_a_later_edition_goes_with_it(workspace):
+def test_the_label_of_a_superseded_edition_is_removed_with_it(workspace):
     of_image = Scope(ScopeLevel.IMAGE, "2n1l")
     old, new = (made(workspace, ProductKind.IMAGE, of_image, n=number) for number in (1, 2))
     publish(workspace, old)
@@ -127,7 +127,7 @@ def test_the_label_of_an_image_that_came_in_a_later_edition_goes_with_it(workspa
     assert kept == [f"{new.digest}/3"]
 
 
-def test_nothing_is_pruned_while_a_run_goes_on(workspace, mapped):
+def test_nothing_is_pruned_during_a_run(workspace, mapped):
     root = workspace.store.root
     with (
         shared_run_lock(root),
@@ -139,7 +139,7 @@ def test_nothing_is_pruned_while_a_run_goes_on(workspace, mapped):
     assert mapped["old"] in gone(workspace)
 
 
-def test_a_pruning_that_was_killed_is_ended_by_the_next(workspace, mapped, monkeypatch):
+def test_a_killed_pruning_is_completed_by_the_next(workspace, mapped, monkeypatch):
     removed: list[ProductRef] = []
 
     def killed(_store: object, ref: ProductRef) -> None:
@@ -155,6 +155,6 @@ def test_a_pruning_that_was_killed_is_ended_by_the_next(workspace, mapped, monke
     assert gone(workspace) == {mapped["old"], mapped["old_slope"]}
 
 
-def test_impossible_wishes_are_refused():
+def test_impossible_parameters_are_refused():
     with pytest.raises(ProductError, match="at least one version"):
         PruningParams(versions=0)

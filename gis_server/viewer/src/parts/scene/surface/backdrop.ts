@@ -1,5 +1,5 @@
 /**
- * What is seen beyond the data: a sky from the haze at the horizon to the zenith, and level ground at the lowest elevation
+ * The scene beyond the data: a sky from the haze at the horizon to the zenith, and level ground at the lowest elevation
  * of the data that fades into the haze with distance. One sphere around the eye, drawn before all else and without depth,
  * so that it covers nothing. Its colours are those of the style sheet (`.scene-tones`), of the light or the dark theme.
  */

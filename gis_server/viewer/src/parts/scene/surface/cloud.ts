@@ -87,12 +87,8 @@ export class Cloud {
       });
       this.ask();
     });
-    for (const happening of [
-      "needs-update",
-      "load-root-tileset",
-      "tile-visibility-change",
-    ] as const)
-      tiles.addEventListener(happening, this.ask);
+    for (const event of ["needs-update", "load-root-tileset", "tile-visibility-change"] as const)
+      tiles.addEventListener(event, this.ask);
     tiles.addEventListener("load-error", ({ error }) => this.onError(error));
     tiles.addEventListener("tiles-load-end", () => {
       this.ask();

@@ -71,13 +71,13 @@ export async function drapeOf(
   if (!common) return null;
   const set = mission.tile_matrix_set;
   const tile = tilesOf(layer, layers.state(layer).style, sun.value, set);
-  const { picture, bounds } = await loadMosaic(
+  const { canvas, bounds } = await loadMosaic(
     layer,
     set,
     mosaicPlan(layer, set, common, MOST_PX),
     tile,
   );
-  const texture = new CanvasTexture(picture);
+  const texture = new CanvasTexture(canvas);
   texture.colorSpace = SRGBColorSpace;
   texture.premultiplyAlpha = true;
   return { texture, bounds };

@@ -52,14 +52,14 @@ export class Partition {
       sources.map(async (layer) => {
         const of = layer as RasterLayer;
         const set = mission.tile_matrix_set;
-        const [{ picture, bounds }, { classes = [] }] = await Promise.all([
+        const [{ canvas, bounds }, { classes = [] }] = await Promise.all([
           loadMosaic(of, set, mosaicPlan(of, set, of.bounds, MOST_PX)),
           api.legend(of, legendQuery(of) ?? ""),
         ]);
         const colours = new Map<string, Rgb[]>();
         for (const { name, colour } of classes)
           colours.set(name, [...(colours.get(name) ?? []), rgbOf(colour)]);
-        return new Partition(context, bounds, picture, colours);
+        return new Partition(context, bounds, canvas, colours);
       }),
     );
   }

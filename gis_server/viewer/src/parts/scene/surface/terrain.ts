@@ -29,8 +29,8 @@ import type { Draped } from "./drape";
 import type { Join } from "./join";
 import type { Partition } from "./partition";
 
-/** As photographed; the photograph in another light besides its own; grey in that light alone. */
-export type Look = "photograph" | "lit" | "relief";
+/** As photographed; the photograph with additional light; grey in that light only. */
+export type Shading = "photograph" | "lit" | "relief";
 
 interface Ground {
   readonly model: Model;
@@ -38,7 +38,7 @@ interface Ground {
   readonly tiles: TilesRenderer | null;
 }
 
-interface Clothes {
+interface Materials {
   readonly photograph: Material;
   readonly lit: Material;
   readonly relief: Material;
@@ -51,22 +51,22 @@ interface Clothes {
   join: Join | null;
 }
 
-function clothesOf(mesh: Mesh, origin: Place3): Clothes {
-  const known = mesh.userData["clothes"] as Clothes | undefined;
+function materialsOf(mesh: Mesh, origin: Place3): Materials {
+  const known = mesh.userData["materials"] as Materials | undefined;
   if (known) return known;
-  const worn = mesh.material as MeshBasicMaterial;
+  const loaded = mesh.material as MeshBasicMaterial;
   const cover = new Cover(origin);
-  const clothes: Clothes = {
-    photograph: cover.put(new MeshBasicMaterial({ map: worn.map, side: worn.side })),
-    lit: cover.put(new MeshLambertMaterial({ map: worn.map, side: worn.side })),
-    relief: cover.put(new MeshLambertMaterial({ color: 0xb9a48f, side: worn.side })),
+  const materials: Materials = {
+    photograph: cover.put(new MeshBasicMaterial({ map: loaded.map, side: loaded.side })),
+    lit: cover.put(new MeshLambertMaterial({ map: loaded.map, side: loaded.side })),
+    relief: cover.put(new MeshLambertMaterial({ color: 0xb9a48f, side: loaded.side })),
     cover,
     places: mesh.geometry.getAttribute("position"),
     draped: "",
     join: null,
   };
-  mesh.userData["clothes"] = clothes;
-  return clothes;
+  mesh.userData["materials"] = materials;
+  return materials;
 }
 
 /** From a mesh to a group above it, whose coordinates are the map's; null: it is not shown there. */
@@ -87,7 +87,7 @@ function boundsOf(mesh: Mesh, map: Matrix4): Bounds {
 }
 
 /** Raises the vertices of a mesh so that it joins its neighbours; null: puts them back. */
-function raise({ geometry }: Mesh, { places }: Clothes, join: Join | null, map: Matrix4): void {
+function raise({ geometry }: Mesh, { places }: Materials, join: Join | null, map: Matrix4): void {
   const back = map.clone().invert();
   const place = new Vector3();
   const raised = Array.from({ length: places.count }, (_, k) => {
@@ -107,7 +107,7 @@ export class Terrain {
   private readonly draco = new DRACOLoader();
   private readonly grounds: Ground[] = [];
   private waiting = 0;
-  private worn: Look = "photograph";
+  private current: Shading = "photograph";
   private stop: string | null = null;
   private draping: { readonly name: string; readonly of: Draping } | null = null;
   private partitions: readonly Partition[] = [];
@@ -135,26 +135,26 @@ export class Terrain {
     this.stop = scope;
     for (const { group, model } of this.grounds)
       group.visible = scope === null || model.scope === scope;
-    this.dressAll();
+    this.updateMaterials();
   }
 
   /** Shows one surface at every place of some partitions when the ground of all stops is shown. */
   async part(coming: Promise<readonly Partition[]>): Promise<void> {
     await this.await(async () => {
       this.partitions = await coming;
-      this.dressAll();
+      this.updateMaterials();
     });
   }
 
-  set look(look: Look) {
-    this.worn = look;
-    this.dressAll();
+  set shading(shading: Shading) {
+    this.current = shading;
+    this.updateMaterials();
   }
 
-  /** Drapes a layer over the ground, under a name that is another for another layer; null takes it away. */
+  /** Drapes a layer over the ground, under a name unique to the layer; null removes it. */
   drape(name: string, of: Draping | null): void {
     this.draping = of && { name, of };
-    this.dressAll();
+    this.updateMaterials();
   }
 
   get isSettled(): boolean {
@@ -210,16 +210,16 @@ export class Terrain {
     const tiles = new TilesRenderer(new URL(model.open, location.href).toString());
     tiles.registerPlugin(new GLTFExtensionsPlugin({ dracoLoader: this.draco, autoDispose: false }));
     const ground: Ground = { model, group: tiles.group, tiles };
-    tiles.addEventListener("load-model", ({ scene }) => this.dressPart(ground, scene));
+    tiles.addEventListener("load-model", ({ scene }) => this.updateMaterialsBelow(ground, scene));
     tiles.addEventListener("dispose-model", ({ scene }) => {
       scene.traverse((thing) => {
-        if (thing instanceof Mesh) clothesOf(thing, this.origin).cover.drape(null, null);
+        if (thing instanceof Mesh) materialsOf(thing, this.origin).cover.drape(null, null);
       });
     });
     tiles.addEventListener("needs-update", this.ask);
     tiles.addEventListener("load-root-tileset", this.ask);
     tiles.addEventListener("tile-visibility-change", ({ scene, visible }) => {
-      if (visible && scene) this.dressPart(ground, scene);
+      if (visible && scene) this.updateMaterialsBelow(ground, scene);
       this.ask();
     });
     tiles.addEventListener("load-error", ({ error }) => this.onError(error));
@@ -245,7 +245,7 @@ export class Terrain {
       .then(({ scene }) => {
         scene.rotation.x = Math.PI / 2; // y up in the file, z up here
         group.add(scene);
-        this.dressPart(ground, scene);
+        this.updateMaterialsBelow(ground, scene);
       })
       .catch((reason: unknown) => this.onError(reason as Error))
       .finally(end);
@@ -263,34 +263,34 @@ export class Terrain {
     return (this.stop === null && this.partitions.find((one) => one.has(scope))) || null;
   }
 
-  private dressAll(): void {
-    for (const ground of this.grounds) this.dressPart(ground, ground.group);
+  private updateMaterials(): void {
+    for (const ground of this.grounds) this.updateMaterialsBelow(ground, ground.group);
   }
 
-  private dressPart(ground: Ground, part: Object3D): void {
+  private updateMaterialsBelow(ground: Ground, part: Object3D): void {
     part.traverse((thing) => {
-      if (thing instanceof Mesh) this.dress(thing, ground);
+      if (thing instanceof Mesh) this.updateMaterial(thing, ground);
     });
     this.ask();
   }
 
-  private dress(mesh: Mesh, { model: { scope }, group }: Ground): void {
-    const clothes = clothesOf(mesh, this.origin);
-    mesh.material = clothes[this.worn];
+  private updateMaterial(mesh: Mesh, { model: { scope }, group }: Ground): void {
+    const materials = materialsOf(mesh, this.origin);
+    mesh.material = materials[this.current];
     const map = toMap(mesh, group);
     const partition = this.partitionOf(scope);
-    clothes.cover.part(partition, scope);
+    materials.cover.part(partition, scope);
     const join = (partition && this.joinOf(partition, scope)) ?? null;
-    if (map && clothes.join !== join) {
-      clothes.join = join;
-      raise(mesh, clothes, join, map);
+    if (map && materials.join !== join) {
+      materials.join = join;
+      raise(mesh, materials, join, map);
     }
     const name = this.draping ? `${this.draping.name} ${this.stop === null}` : "";
-    if (clothes.draped === name) return;
+    if (materials.draped === name) return;
     if (!map) return;
-    clothes.draped = name;
-    if (!this.draping) clothes.cover.drape(null, null);
-    else void this.drapeOver(clothes, this.draping.of(scope, boundsOf(mesh, map)), name);
+    materials.draped = name;
+    if (!this.draping) materials.cover.drape(null, null);
+    else void this.drapeOver(materials, this.draping.of(scope, boundsOf(mesh, map)), name);
   }
 
   /** How a stop joins its neighbours; null until that is known. */
@@ -300,16 +300,16 @@ export class Terrain {
     this.joins.set(scope, null);
     void this.await(async () => {
       this.joins.set(scope, await partition.join(scope));
-      this.dressAll();
+      this.updateMaterials();
     });
     return null;
   }
 
-  private async drapeOver(clothes: Clothes, coming: Promise<Draped | null>, name: string) {
+  private async drapeOver(materials: Materials, coming: Promise<Draped | null>, name: string) {
     await this.await(async () => {
       const draped = await coming;
-      if (clothes.draped === name)
-        clothes.cover.drape(draped?.texture ?? null, draped?.bounds ?? null);
+      if (materials.draped === name)
+        materials.cover.drape(draped?.texture ?? null, draped?.bounds ?? null);
       else draped?.texture.dispose();
     });
   }

@@ -18,13 +18,13 @@ import {
   zoomed,
 } from "./viewport";
 
-/** From this magnification on pixels are shown as the squares they are. */
+/** From this magnification on pixels are shown as squares. */
 const SHARP_FROM = 3;
 const CLICK_PX = 4;
 const PAN_PX = 60;
 const WHEEL_STEP = 1.0015;
 
-export interface PictureListener {
+export interface ImageCanvasListener {
   /** The pointer is at a place of the image; null: it is not over the image. */
   readonly hover: (at: ImagePoint | null, screen: ScreenPoint) => void;
   readonly click: (at: ImagePoint) => void;
@@ -32,8 +32,8 @@ export interface PictureListener {
   readonly moved: (sight: ImageSight | null) => void;
 }
 
-export class Picture {
-  readonly element = h("canvas", { class: "picture", tabindex: 0, role: "application" });
+export class ImageCanvas {
+  readonly element = h("canvas", { class: "image-canvas", tabindex: 0, role: "application" });
   viewport: Viewport = { scale: 1, left: 0, top: 0 };
   private raw: ImageData | null = null;
   private shown: OffscreenCanvas | null = null;
@@ -44,7 +44,7 @@ export class Picture {
   private frame = 0;
   private grabbed: { readonly x: number; readonly y: number; isDrag: boolean } | null = null;
 
-  constructor(private readonly listener: PictureListener) {
+  constructor(private readonly listener: ImageCanvasListener) {
     const { element } = this;
     element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     element.addEventListener("pointerdown", (event) => this.down(event));
@@ -225,7 +225,7 @@ export class Picture {
   }
 }
 
-/** What Enter picks. */
+/** Picks the middle, for Enter. */
 function drawMiddle(paper: CanvasRenderingContext2D, x: number, y: number): void {
   const arms = new Path2D(
     `M${x - 12} ${y}H${x - 3}M${x + 3} ${y}H${x + 12}M${x} ${y - 12}V${y - 3}M${x} ${y + 3}V${y + 12}`,
@@ -240,13 +240,13 @@ function drawMiddle(paper: CanvasRenderingContext2D, x: number, y: number): void
   }
 }
 
-const KEYS: Readonly<Record<string, (picture: Picture) => void>> = {
-  ArrowLeft: (picture) => picture.step(1, 0),
-  ArrowRight: (picture) => picture.step(-1, 0),
-  ArrowUp: (picture) => picture.step(0, 1),
-  ArrowDown: (picture) => picture.step(0, -1),
-  "+": (picture) => picture.zoom(1.5),
-  "-": (picture) => picture.zoom(1 / 1.5),
-  "0": (picture) => picture.fit(),
-  Enter: (picture) => picture.pickMiddle(),
+const KEYS: Readonly<Record<string, (view: ImageCanvas) => void>> = {
+  ArrowLeft: (view) => view.step(1, 0),
+  ArrowRight: (view) => view.step(-1, 0),
+  ArrowUp: (view) => view.step(0, 1),
+  ArrowDown: (view) => view.step(0, -1),
+  "+": (view) => view.zoom(1.5),
+  "-": (view) => view.zoom(1 / 1.5),
+  "0": (view) => view.fit(),
+  Enter: (view) => view.pickMiddle(),
 };

@@ -5,14 +5,14 @@ import { headingDeg, onMap, sum, sunDirection } from "../geometry";
 import { mastHead } from "../rover";
 import type { Stage } from "../stage";
 
-/** What is "orbited" lies so near to the eye that orbiting is looking around. */
+/** The orbited target is this near to the eye, so that orbiting is looking around. */
 const NEAR_M = 0.02;
 const WIDE_DEG = 60;
 const [LEAST_DEG, MOST_DEG] = [10, 100];
 const STANDING_M = 1.5;
 const DIP_DEG = -12;
 
-/** Goes there; the answer goes back to flying around. */
+/** Moves the camera there; the returned function returns to flying. */
 export function standAt(stage: Stage, stop: SceneStop, body: Body | null): () => void {
   const { camera, controls, renderer } = stage;
   const eye = onMap(stop, body ? mastHead(body) : [0, 0, -STANDING_M]);

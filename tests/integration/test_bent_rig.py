@@ -1,4 +1,4 @@
-"""A stereo bar that is not as its labels have it is found from the images, and set right."""
+"""A stereo rig that differs from its labels is measured in the images and corrected."""
 
 from dataclasses import replace
 
@@ -85,7 +85,7 @@ def pooled(tmp_path):
     return pool
 
 
-def test_a_straight_bar_is_left_alone(pair, pooled):
+def test_a_straight_rig_is_not_corrected(pair, pooled):
     rows = measured(*pair)
     rig = pooled(rows)
     assert not rig.applied
@@ -93,7 +93,7 @@ def test_a_straight_bar_is_left_alone(pair, pooled):
     assert rig.toe_in_sigmas("stop")["NAVCAM"] < 1e-4
 
 
-def test_a_bent_bar_is_found_to_a_hundredth_of_a_row(bent, pooled):
+def test_a_bent_rig_is_measured_to_a_hundredth_of_a_row(bent, pooled):
     left, right = bent
     rows = measured(left, right)
     rig = pooled(rows)
@@ -108,7 +108,7 @@ def test_a_bent_bar_is_found_to_a_hundredth_of_a_row(bent, pooled):
     assert abs(vertical_parallax(images).median_px) < 0.01
 
 
-def test_images_that_do_not_belong_together_keep_their_labels(pair, pooled, rng):
+def test_images_of_different_exposures_keep_their_labels(pair, pooled, rng):
     left, right = pair
     noise = rng.normal(1000.0, 50.0, right.pixels.shape).astype(np.float32)
     rows = measured(left, replace(right, pixels=noise))
@@ -116,7 +116,7 @@ def test_images_that_do_not_belong_together_keep_their_labels(pair, pooled, rng)
     assert turn_of_pair(rows, pooled(rows)) == (None, False)
 
 
-def test_a_pair_that_contradicts_the_others_is_turned_as_its_own_rows_ask_for(pair, bent, pooled):
+def test_a_pair_that_contradicts_the_others_is_rotated_by_its_own_rows(pair, bent, pooled):
     odd = replace(measured(*bent), pair_id="odd")
     good = measured(*pair)
     others = [replace(good, pair_id=name) for name in ("one", "two", "three")]
@@ -128,7 +128,7 @@ def test_a_pair_that_contradicts_the_others_is_turned_as_its_own_rows_ask_for(pa
     np.testing.assert_allclose((odd.rover_from_pair.T @ turn)[::2], -BEND[::2], atol=5e-5)
 
 
-def test_later_stops_take_over_the_correction_and_do_not_change_it_for_nothing(bent, pooled):
+def test_later_stops_reuse_an_unchanged_correction(bent, pooled):
     rows = measured(*bent)
     first = pooled(rows)
     again = pooled(replace(rows, pair_id="later", stop="next"))
@@ -141,7 +141,7 @@ def test_later_stops_take_over_the_correction_and_do_not_change_it_for_nothing(b
     assert again.toe_in_sigmas("next")["NAVCAM"] < first.toe_in_sigmas("stop")["NAVCAM"]
 
 
-def test_what_is_known_of_rigs_comes_back_from_its_file(bent, pooled, tmp_path):
+def test_estimates_of_rigs_are_read_back_from_their_file(bent, pooled, tmp_path):
     rig = pooled(measured(*bent))
     write_rig(tmp_path / "again.json", rig)
     again = read_rig(tmp_path / "again.json")
@@ -190,7 +190,7 @@ def parallax_error_px(rows, rotation):
 
 
 def ties_of_stop(stop, rig):
-    """What the ties within a stop say, its pairs matched with the rotations that stand."""
+    """Information of ties within a stop whose pairs were matched with the applied rotations."""
     matched = stop.matched(rig)
     ties = weigh_by_cells(tie_inter_stereo(matched, InterStereoParams()).ties)
     network = Network(
@@ -211,8 +211,8 @@ def ties_of_stop(stop, rig):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-def test_parallaxes_of_a_bent_bar_are_right_after_two_stops(husband, pooled):
-    """As far as ties tell: a Pancam's toe-in, of two and four pairs, to 0.07 and then 0.04 px."""
+def test_parallaxes_of_a_bent_rig_are_correct_after_two_stops(husband, pooled):
+    """From ties: a Pancam's toe-in, of two and four pairs, to 0.07 and then 0.04 px."""
     bend = np.array([0.54e-3, 0.3e-3, -0.2e-3])  # 0.63 and 1.9 rows
     known = {}
     for sol, stated_px in (("sol0155", 0.08), ("sol0156", 0.05)):

@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
 import { rasterLayer } from "../fixtures";
-import { count, isPicture, percentiles, recolouring, shades } from "./picture-style";
+import { count, isImagery, percentiles, recolouring, shades } from "./imagery-style";
 import { formatStyle, linkedStyle, PLAIN } from "./raster-style";
 
 const photo = { ...rasterLayer("mer2", "orthophoto"), values: null };
@@ -32,7 +32,7 @@ test("a class that is hidden is not drawn, the others stay", () => {
   const pixels = new Uint8ClampedArray([0x44, 0xbb, 0x99, 255, 0xaa, 0x33, 0x77, 255]);
   recolouring(hazard, { ...PLAIN, hidden: [1] })?.(pixels);
   expect([pixels[3], pixels[7]]).toEqual([255, 0]);
-  expect(isPicture(hazard)).toBe(false);
+  expect(isImagery(hazard)).toBe(false);
   expect(recolouring(hazard, PLAIN)).toBeNull();
 });
 

@@ -8,7 +8,7 @@ import { hasValues, isPlain, type RasterStyle } from "./raster-style";
 /** Changes red, green, blue, opacity in place. */
 export type Recolour = (pixels: Uint8ClampedArray) => void;
 
-/** Shades of grey after stretch and gamma, for each before. */
+/** Shades of grey after stretch and gamma, by the shade before. */
 export function shades({ low, high, gamma }: Pick<RasterStyle, "low" | "high" | "gamma">) {
   const [black, white] = [low ?? 0, high ?? 255];
   const span = Math.max(1, white - black);
@@ -32,7 +32,7 @@ function stretched(style: RasterStyle): Recolour {
   };
 }
 
-/** Neighbouring classes do not blend in a tile: a colour is one of the legend's or none. */
+/** Classes do not blend in a tile: each colour is one of the legend or transparent. */
 function without(classes: NonNullable<Legend["classes"]>, hidden: readonly number[]): Recolour {
   const colours = new Set(
     hidden.map((one) => Number.parseInt((classes[one]?.colour ?? "#").slice(1), 16)),
@@ -47,13 +47,13 @@ function without(classes: NonNullable<Legend["classes"]>, hidden: readonly numbe
 
 export const classesOf = (layer: RasterLayer) => layer.legend?.classes ?? [];
 /** Whether its grey values can be stretched: an image, and not one of classes. */
-export const isPicture = (layer: RasterLayer) =>
+export const isImagery = (layer: RasterLayer) =>
   !hasValues(layer) && classesOf(layer).length === 0 && legendQuery(layer) === null;
 
 /** How a style changes a layer's tiles; null: not at all. */
 export function recolouring(layer: RasterLayer, style: RasterStyle | null): Recolour | null {
   if (!style || isPlain(style) || hasValues(layer)) return null;
-  if (isPicture(layer)) return stretched(style);
+  if (isImagery(layer)) return stretched(style);
   return style.hidden.length > 0 ? without(classesOf(layer), style.hidden) : null;
 }
 
@@ -70,7 +70,7 @@ export function percentiles(counts: readonly number[], share: number): [number, 
   return high > low ? [low, high] : [low, low + 1];
 }
 
-/** How many pixels have which shade. */
+/** Number of pixels by shade. */
 export function count(pixels: Uint8ClampedArray, into: number[]): void {
   for (let at = 0; at < pixels.length; at += 4) {
     const shade = pixels[at] ?? 0;

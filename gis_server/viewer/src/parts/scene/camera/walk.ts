@@ -1,16 +1,16 @@
-/** The way along the traverse: places from stop to stop, and the eye that is carried along it. */
+/** The path along the traverse, and the movement of the eye along it. */
 
 import type { Place3 } from "../../../server/scene";
 import { sum } from "../geometry";
 import type { Stage } from "../stage";
 
 const EYE_M = 1.5;
-/** What is looked at lies so far ahead on the way, and so much below the eye. */
+/** Position of the target: this far ahead on the path, and this much below the eye. */
 const AHEAD_M = 6;
 const DIP_M = 1;
-/** Heights of the ground are followed within this time, so that no stone is climbed at once. */
+/** Time constant of following the height of the ground, so that stones are climbed smoothly. */
 const SMOOTH_S = 0.6;
-/** A frame that came later than that counts as this: the page was hidden. */
+/** Longest time step of a frame: the page may have been hidden. */
 const LONGEST_S = 0.25;
 
 const along = (a: Place3, b: Place3, share: number): Place3 => [
@@ -19,7 +19,7 @@ const along = (a: Place3, b: Place3, share: number): Place3 => [
   a[2] + share * (b[2] - a[2]),
 ];
 
-/** The place so many metres along a way; beyond its ends the way goes straight on. */
+/** The place at a distance along a path, which continues straight beyond its ends. */
 export function placeOn(way: readonly Place3[], metres: number): Place3 {
   let left = metres;
   for (let k = 1; k < way.length; k += 1) {
@@ -48,7 +48,7 @@ export interface Walking {
   readonly arrived: () => void;
 }
 
-/** Carries the eye along a way; the answer stops it where it is. */
+/** Moves the eye along a path; the returned function stops it. */
 export function walk(stage: Stage, way: readonly Place3[], walking: Walking): () => void {
   const whole = lengthOf(way);
   let [gone, height, before] = [0, Number.NaN, performance.now()];
@@ -77,6 +77,6 @@ export function walk(stage: Stage, way: readonly Place3[], walking: Walking): ()
   };
 }
 
-/** The ground below the rovers that stood along a way. */
+/** The ground below the rovers along a path. */
 export const groundWay = (places: readonly Place3[], groundM: number): Place3[] =>
   places.map((place) => sum(place, [0, 0, -1], groundM));

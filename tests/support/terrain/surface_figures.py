@@ -1,6 +1,6 @@
 """Figures of the analyses of a simulated ground, for the documentation.
 
-python -m tests.support.terrain.surface_pictures crater 3 docs/figures
+python -m tests.support.terrain.surface_figures crater 3 docs/figures
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from solmap.gis_server.rendering.styles import (
     indices_of,
     palette_of,
 )
-from solmap.photogrammetry.arrays import Classes, Picture, Raster
+from solmap.photogrammetry.arrays import Classes, EightBits, Raster
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
@@ -75,7 +75,7 @@ def world_model(terrain: str, seed: int) -> Dtm:
     )
 
 
-def pictures(dtm: Dtm) -> dict[str, Picture]:
+def images(dtm: Dtm) -> dict[str, EightBits]:
     """One figure of each kind, over the hillshade."""
     light = _shown(hillshade(dtm.elevation, dtm.grid.cell_m, HillshadeParams()), dtm.grid)
     relief, relief_grid = relief_map(dtm, SlopeParams())
@@ -116,38 +116,38 @@ def _shown(values: Raster | Classes, grid: MapGrid) -> np.ndarray:
     return cv2.resize(part, (SIDE, SIDE), interpolation=cv2.INTER_NEAREST)
 
 
-def _over(light: np.ndarray, colour: np.ndarray, known: np.ndarray) -> Picture:
+def _over(light: np.ndarray, colour: np.ndarray, known: np.ndarray) -> EightBits:
     grey = np.repeat((255 * np.nan_to_num(light))[..., None], 3, axis=2)
     mixed = OPACITY * colour * (0.5 + 0.7 * np.nan_to_num(light))[..., None] + (1 - OPACITY) * grey
     return np.clip(np.where(known[..., None], mixed, grey), 0, 255).astype(np.uint8)
 
 
-def _ramp(light: np.ndarray, kind: ProductKind, values: np.ndarray) -> Picture:
+def _ramp(light: np.ndarray, kind: ProductKind, values: np.ndarray) -> EightBits:
     style = STYLES[kind]
     low, high = style.range or np.nanpercentile(values, (1, 99))
     colour = palette_of(style.colours)[indices_of(values, float(low), float(high))]
     return _over(light, colour, np.isfinite(values))
 
 
-def _classes(light: np.ndarray, classes: Sequence[RasterClass], codes: np.ndarray) -> Picture:
+def _classes(light: np.ndarray, classes: Sequence[RasterClass], codes: np.ndarray) -> EightBits:
     table = np.zeros((256, 3), np.uint8)
     for one in classes:
         table[one.value] = one.rgb
     return _over(light, table[codes], codes > 0)
 
 
-def _outlined(picture: Picture, havens: Sequence[Haven]) -> Picture:
+def _outlined(image: EightBits, havens: Sequence[Haven]) -> EightBits:
     scale = SIDE / (GRID.rows * GRID.cell_m)
     for haven in havens:
         for ring in (haven.outline, *haven.holes):
             pixels = np.column_stack([ring[:, 0] - GRID.west, GRID.north - ring[:, 1]]) * scale
-            cv2.polylines(picture, [np.rint(pixels).astype(np.int32)], True, (0, 255, 255), 1)  # noqa: FBT003
-    return picture
+            cv2.polylines(image, [np.rint(pixels).astype(np.int32)], True, (0, 255, 255), 1)  # noqa: FBT003
+    return image
 
 
 if __name__ == "__main__":
     terrain, seed, folder = sys.argv[1:4]
-    for name, picture in pictures(world_model(terrain, int(seed))).items():
+    for name, image in images(world_model(terrain, int(seed))).items():
         path = Path(folder) / f"ground-{name}.jpg"
         path.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(path), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
+        cv2.imwrite(str(path), image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])

@@ -1,4 +1,4 @@
-/** Where the view is seen from: over all of it, near a stop, from where a stop's cameras were, or along the traverse. */
+/** Positions of the camera: above all ground, near a stop, at a stop's cameras, or along the traverse. */
 
 import type { Object3D } from "three";
 import type { Body, Place3, SceneStop } from "../../../server/scene";
@@ -45,7 +45,7 @@ export class Flight {
     this.stage.look(sum(place, FROM, NEAR_M), place);
   }
 
-  /** Stands at a stop; the mast is out of the way of who looks from its top. */
+  /** Moves to the cameras of a stop; the mast is hidden so that it does not obstruct the view. */
   stand(stop: SceneStop, body: Body | null): void {
     this.land?.();
     const release = standAt(this.stage, stop, body);
@@ -92,7 +92,7 @@ export class Flight {
     this.land?.();
   }
 
-  /** From the ground back to flying; false for who flies already. */
+  /** Returns from the ground to flying; false if it flies already. */
   leave(): boolean {
     if (!this.isOnGround) return false;
     this.over();

@@ -6,12 +6,12 @@
 import OlMap from "ol/Map";
 import type View from "ol/View";
 
-/** Between two frames while nothing but data comes, milliseconds. */
+/** Least time between two frames while only data arrives, milliseconds. */
 const REST_MS = 60;
-/** Tiles on their way at a time: as many as come between two frames. */
+/** Tiles requested at a time: as many as arrive between two frames. */
 export const TILES_ON_THEIR_WAY = 32;
 
-export class CalmMap extends OlMap {
+export class ThrottledMap extends OlMap {
   private lastMs = 0;
   private timer: ReturnType<typeof setTimeout> | undefined;
 

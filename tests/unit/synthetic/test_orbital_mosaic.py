@@ -1,4 +1,4 @@
-"""The orbital image of a simulated world shows its ground, and is off by what it states."""
+"""The orbital image of a simulated world shows its ground, with the error it states."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from solmap.photogrammetry.orbital.records import GroundMap, OrbitalImage
 from solmap.photogrammetry.orbital.registration import register
 from solmap.photogrammetry.synthetic.lattice import Window
 from solmap.photogrammetry.synthetic.lighting import ground_radiance
-from solmap.photogrammetry.synthetic.orbital import MOST_CELLS, orbital_picture, resampled, turn
+from solmap.photogrammetry.synthetic.orbital import MOST_CELLS, orbital_mosaic, resampled, turn
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
@@ -20,8 +20,8 @@ def world():
     return make_world(WorldParams("hills", TraverseParams(stops=2)), 1)
 
 
-def test_registration_against_the_true_ground_finds_the_stated_error(world):
-    picture = orbital_picture(world)
+def test_registration_to_the_true_ground_finds_the_stated_error(world):
+    image = orbital_mosaic(world)
     grid = MapGrid(-32.0, 40.0, 0.25, 256, 256)
     patch = world.terrain.patch(Window.around(3, 0.0, 0.0, 48.0))
     window = patch.window
@@ -30,29 +30,29 @@ def test_registration_against_the_true_ground_finds_the_stated_error(world):
         resampled(nodes, window, grid, WHERE_IT_IS, (0.0, 0.0)) for nodes in (patch.elevation, lit)
     )
     found = register(
-        GroundMap(grid, elevation, brightness), OrbitalImage(picture.grid, picture.brightness)
+        GroundMap(grid, elevation, brightness), OrbitalImage(image.grid, image.brightness)
     ).correction
     assert found is not None
     middle = np.array([[0.0, 8.0]])
-    error = picture.error
+    error = image.error
     truly = middle @ turn(error.rotation_deg).T + [error.east_m, error.north_m]
     np.testing.assert_allclose(found.apply(middle), truly, atol=0.1)
     assert found.rotation_deg == pytest.approx(error.rotation_deg, abs=0.15)
 
 
 def test_a_world_has_one_orbital_image(world):
-    one, again = orbital_picture(world), orbital_picture(world)
+    one, again = orbital_mosaic(world), orbital_mosaic(world)
     np.testing.assert_array_equal(one.brightness, again.brightness)
     assert one.error == again.error
 
 
 @pytest.mark.parametrize("stops", [1, 60])
-def test_the_image_holds_all_stops_in_a_bounded_number_of_cells(stops):
+def test_the_image_contains_all_stops_in_a_bounded_number_of_cells(stops):
     world = make_world(WorldParams("plains", TraverseParams(stops=stops)), 3)
-    picture = orbital_picture(world)
-    west, south, east, north = picture.grid.bounds
+    image = orbital_mosaic(world)
+    west, south, east, north = image.grid.bounds
     places = np.array([stop.lsl_from_rover.translation_m[:2] for stop in world.stops])
     assert np.all(places > [south + 50, west + 50])
     assert np.all(places < [north - 50, east - 50])
-    assert max(picture.grid.shape) <= MOST_CELLS
-    assert np.isfinite(picture.brightness).all()
+    assert max(image.grid.shape) <= MOST_CELLS
+    assert np.isfinite(image.brightness).all()

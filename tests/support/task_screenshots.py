@@ -1,4 +1,4 @@
-"""Screenshots of the main tasks: `python -m tests.support.task_pictures STORE FOLDER`.
+"""Screenshots of the main tasks: `python -m tests.support.task_screenshots STORE FOLDER`.
 
 Every task is a link, and what a reader does next. Each is shown at the widths of phones to wall
 screens, light and dark, as `FOLDER/TASK-WIDTH-THEME.png`. `--tasks 3d --widths 1440` takes
@@ -128,15 +128,15 @@ def main() -> None:
     parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS))
     parser.add_argument("--widths", type=int, nargs="+", choices=HEIGHTS, default=list(HEIGHTS))
     parser.add_argument("--themes", nargs="+", choices=THEMES, default=list(THEMES))
-    asked = parser.parse_args()
-    asked.folder.mkdir(parents=True, exist_ok=True)
-    with serving(asked.store) as address, open_browser() as browser:
+    requested = parser.parse_args()
+    requested.folder.mkdir(parents=True, exist_ok=True)
+    with serving(requested.store) as address, open_browser() as browser:
         store = Store.at(address)
-        for name in asked.tasks:
+        for name in requested.tasks:
             task = TASKS[name]
             link = f"{address}/#m={store.mission}&{task.link(store)}"
-            for theme, width in itertools.product(asked.themes, asked.widths):
-                path = asked.folder / f"{name}-{width}-{theme}.png"
+            for theme, width in itertools.product(requested.themes, requested.widths):
+                path = requested.folder / f"{name}-{width}-{theme}.png"
                 path.write_bytes(show(browser, task, link, width, theme))
 
 

@@ -1,4 +1,4 @@
-"""Pictures and classes in other shades, colours, and without some classes."""
+"""Image layers in other shades and colours, and class layers without some classes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ WEST, EAST = (-10.0, 5.0), (10.0, 5.0)
 
 
 @pytest.fixture(scope="module")
-def pictures(tmp_path_factory):
+def images(tmp_path_factory):
     root = tmp_path_factory.mktemp("pictures") / "store"
     root.mkdir(parents=True)
     workspace = Workspace.open(root)
@@ -57,8 +57,8 @@ def shade(page, place, name: str = "pictures") -> float:
     return float(colour_at(screenshot(page, name), pixel_of(page, *place, RESOLUTION)).mean())
 
 
-def test_a_photograph_is_stretched_brightened_and_coloured_and_the_link_keeps_that(page, pictures):
-    row = opened(page, pictures, "orthophoto")
+def test_an_image_layer_is_stretched_and_recoloured_and_the_link_restores_it(page, images):
+    row = opened(page, images, "orthophoto")
     ends = sorted(shade(page, place) for place in (DARK, BRIGHT))
     assert ends == pytest.approx([90, 170], abs=4)
     row.locator(".stretch-percent").click()
@@ -90,13 +90,13 @@ def spread(page) -> float:
 
 def is_coloured(page) -> bool:
     ready(page)
-    picture = screenshot(page, "pictures")
-    colour = colour_at(picture, pixel_of(page, *DARK, RESOLUTION))
+    image = screenshot(page, "pictures")
+    colour = colour_at(image, pixel_of(page, *DARK, RESOLUTION))
     return bool(np.ptp(colour) > 60)
 
 
-def test_a_class_that_is_not_wanted_is_not_drawn_and_the_legend_says_so(page, pictures):
-    row = opened(page, pictures, "hazard")
+def test_a_hidden_class_is_not_drawn_and_the_legend_marks_it(page, images):
+    row = opened(page, images, "hazard")
     row.locator(".opacity input").first.fill("1")
     before = [seen(page, place) for place in (WEST, EAST)]
     colours = {one.name: rgb(one.colour) for one in HAZARD_CLASSES}

@@ -3,9 +3,9 @@
 import { h } from "../../page/dom";
 import { type Paper, PAPERS } from "./sheet";
 
-export type PictureFormat = "png" | "pdf";
+export type ImageFormat = "png" | "pdf";
 
-export interface PictureWish {
+export interface ImageSettings {
   readonly paper: Paper;
   readonly dpi: number;
   readonly scale: number;
@@ -13,10 +13,10 @@ export interface PictureWish {
   readonly credit: string;
 }
 
-/** `first` is what is offered. */
-export function pictureBox(
-  first: PictureWish,
-  take: (wish: PictureWish, format: PictureFormat) => void,
+/** `first` are the initial settings. */
+export function imageSettings(
+  first: ImageSettings,
+  take: (settings: ImageSettings, format: ImageFormat) => void,
 ): HTMLElement {
   const input = (name: string, value: string | number, type = "text") =>
     h("input", {
@@ -40,18 +40,18 @@ export function pictureBox(
     ofPaper.hidden = paper.value === "screen";
   };
   show();
-  const wish = (): PictureWish => ({
+  const settings = (): ImageSettings => ({
     paper: paper.value as Paper,
     dpi: Math.max(30, Number(dpi.value) || first.dpi),
     scale: Number(scale.value) > 0 ? Number(scale.value) : first.scale,
     title: title.value,
     credit: credit.value,
   });
-  const save = (format: PictureFormat, name: string) =>
-    h("button", { type: "button", class: "mode", onclick: () => take(wish(), format) }, name);
+  const save = (format: ImageFormat, name: string) =>
+    h("button", { type: "button", class: "mode", onclick: () => take(settings(), format) }, name);
   return h(
     "div",
-    { class: "map-picture" },
+    { class: "map-image" },
     h("label", { class: "inline" }, "size", paper),
     ofPaper,
     h("label", { class: "inline" }, "title", title),

@@ -127,13 +127,13 @@ RANDOM = sorted(set(COMMANDS) - SERVERS - {("simulate",)})
 
 
 @pytest.mark.parametrize("path", RANDOM, ids="-".join)
-def test_absurd_arguments(path, stores, paths):
+def test_invalid_arguments_are_refused(path, stores, paths):
     check_at_random(path, stores, paths, rounds=1)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", RANDOM, ids="-".join)
-def test_many_absurd_arguments(path, stores, paths):
+def test_many_invalid_arguments_are_refused(path, stores, paths):
     check_at_random(path, stores, paths, rounds=30)
 
 
@@ -175,7 +175,7 @@ SLIPS = [
 
 
 @pytest.mark.parametrize(("words", "code", "text"), SLIPS, ids=lambda one: str(one)[:40])
-def test_an_ordinary_slip_is_told_in_a_line(words, code, text, stores):
+def test_a_common_typing_error_is_reported_in_one_line(words, code, text, stores):
     has_store = "--store" in {name for one in COMMANDS[_path(words)].params for name in one.opts}
     ended = CLI.invoke(app, [*words, *["--store", str(stores / "whole")] * has_store])
     assert ended.exit_code == code, ended.output
@@ -210,7 +210,7 @@ def _path(words):
     ],
     ids=" ".join,
 )
-def test_what_reads_makes_no_store(words, tmp_path):
+def test_commands_that_read_create_no_store(words, tmp_path):
     (tmp_path / "empty").mkdir()
     for store in (tmp_path / "empty", tmp_path / "absent"):
         ended = CLI.invoke(app, [*words, "--store", str(store)])
@@ -229,7 +229,7 @@ def test_unknown_ground_is_named(terrain, tmp_path):
 
 
 def raising(error, monkeypatch):
-    """What comes of a command in which an error is raised."""
+    """Result of a command in which an error is raised."""
 
     def fail(*_):
         raise error
@@ -247,7 +247,7 @@ def test_an_unexpected_error_is_a_line(monkeypatch):
     )
 
 
-def test_its_traceback_is_shown_if_wanted(monkeypatch):
+def test_its_traceback_is_shown_on_request(monkeypatch):
     monkeypatch.setenv("SOLMAP_DEBUG", "1")
     error = KeyError("x")
     assert raising(error, monkeypatch).exception is error
@@ -276,13 +276,13 @@ def test_its_traceback_is_in_the_log_of_a_run(monkeypatch, tmp_path):
         (BrokenPipeError(32, "Broken pipe"), 1, ""),
     ],
 )
-def test_other_ends(error, code, text, monkeypatch):
+def test_other_exit_causes(error, code, text, monkeypatch):
     ended = raising(error, monkeypatch)
     assert (ended.exit_code, ended.stderr) == (code, text)
 
 
 @pytest.mark.parametrize("command", ["serve", "up"])
-def test_a_port_that_cannot_be_asked_for_is_refused(command):
+def test_an_invalid_port_is_refused(command):
     ended = CLI.invoke(app, [command, "--port", "0"])
     assert ended.exit_code == 2
     assert "equal to 1 " in ended.stderr

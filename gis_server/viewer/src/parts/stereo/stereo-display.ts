@@ -1,6 +1,6 @@
-/** Drawing of both eyes' images on a canvas: red and cyan, side by side, or one after the other. */
+/** Drawing of a stereo pair on a canvas: red and cyan, side by side, or one after the other. */
 
-import type { PairPictures } from "../../server/stereo";
+import type { PairImages } from "../../server/stereo";
 import type { StereoSight } from "../../session/state";
 import { bestParallax, type Grey, type Sight } from "./fuse";
 
@@ -41,22 +41,22 @@ function canvasOf(width: number, height: number): HTMLCanvasElement {
   return canvas;
 }
 
-function tinted(picture: ImageBitmap, colour: string): HTMLCanvasElement {
-  const canvas = canvasOf(picture.width, picture.height);
+function tinted(image: ImageBitmap, colour: string): HTMLCanvasElement {
+  const canvas = canvasOf(image.width, image.height);
   const context = pen(canvas);
-  context.drawImage(picture, 0, 0);
+  context.drawImage(image, 0, 0);
   context.globalCompositeOperation = "multiply";
   context.fillStyle = colour;
   context.fillRect(0, 0, canvas.width, canvas.height);
   return canvas;
 }
 
-function coarse(picture: ImageBitmap): Grey {
-  const [top, bottom] = [TOP * picture.height, BOTTOM * picture.height];
-  const width = Math.min(COARSE_PX, picture.width);
-  const height = Math.max(1, Math.round(((bottom - top) * width) / picture.width));
+function coarse(image: ImageBitmap): Grey {
+  const [top, bottom] = [TOP * image.height, BOTTOM * image.height];
+  const width = Math.min(COARSE_PX, image.width);
+  const height = Math.max(1, Math.round(((bottom - top) * width) / image.width));
   const context = pen(canvasOf(width, height));
-  context.drawImage(picture, 0, top, picture.width, bottom - top, 0, 0, width, height);
+  context.drawImage(image, 0, top, image.width, bottom - top, 0, 0, width, height);
   const { data } = context.getImageData(0, 0, width, height);
   return { width, height, values: data.filter((_, k) => k % 4 === 1) };
 }
@@ -77,7 +77,7 @@ function cross(
   context.stroke(arms);
 }
 
-export class Eyes {
+export class StereoDisplay {
   readonly width: number;
   readonly height: number;
   readonly isLinearised: boolean;
@@ -86,8 +86,8 @@ export class Eyes {
   private readonly red: HTMLCanvasElement;
   private readonly cyan: HTMLCanvasElement;
 
-  constructor(private readonly pictures: PairPictures) {
-    const { left, right, isLinearised } = pictures;
+  constructor(private readonly images: PairImages) {
+    const { left, right, isLinearised } = images;
     [this.width, this.height] = [left.width, left.height];
     this.isLinearised = isLinearised;
     const [a, b] = [coarse(left), coarse(right)];
@@ -105,11 +105,11 @@ export class Eyes {
     context.fillStyle = "#000";
     context.fillRect(0, 0, width, height);
     context.imageSmoothingEnabled = sight.scale < 2;
-    const { left, right } = this.pictures;
-    const put = (picture: CanvasImageSource, middle: number, eye: 0 | 1, colour: string) => {
+    const { left, right } = this.images;
+    const put = (image: CanvasImageSource, middle: number, eye: 0 | 1, colour: string) => {
       const x = middle + ((eye ? nudge : 0) - sight.x) * sight.scale;
       const y = height / 2 - sight.y * sight.scale;
-      context.drawImage(picture, x, y, this.width * sight.scale, this.height * sight.scale);
+      context.drawImage(image, x, y, this.width * sight.scale, this.height * sight.scale);
       const mark = crosses[eye];
       if (mark) cross(context, x, y, mark, sight.scale, colour);
     };
@@ -125,12 +125,12 @@ export class Eyes {
       case "parallel":
       case "crossed": {
         const [first, second] = way === "parallel" ? [left, right] : [right, left];
-        [first, second].forEach((picture, half) => {
+        [first, second].forEach((image, half) => {
           context.save();
           context.beginPath();
           context.rect((half * width) / 2, 0, width / 2, height);
           context.clip();
-          put(picture, ((2 * half + 1) * width) / 4, picture === right ? 1 : 0, MARK);
+          put(image, ((2 * half + 1) * width) / 4, image === right ? 1 : 0, MARK);
           context.restore();
         });
         return;
@@ -141,7 +141,7 @@ export class Eyes {
   }
 
   dispose(): void {
-    this.pictures.left.close();
-    this.pictures.right.close();
+    this.images.left.close();
+    this.images.right.close();
   }
 }

@@ -1,6 +1,6 @@
 /**
- * The 3D view by keyboard: arrows turn about what is looked at, with Shift they move it, + and - come nearer and go
- * away.
+ * The 3D view by keyboard: arrows turn about the target, with Shift they move it, + and -
+ * zoom.
  */
 
 import { Vector3 } from "three";

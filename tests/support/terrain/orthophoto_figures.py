@@ -1,6 +1,6 @@
 """Figures of orthophotos for the documentation.
 
-Run as `python -m tests.support.terrain.orthophoto_pictures STORE SCOPE FOLDER`.
+Run as `python -m tests.support.terrain.orthophoto_figures STORE SCOPE FOLDER`.
 
 The orthophoto of a stop, the same with the images it came from in colours, and a detail at full
 resolution, beside each other.
@@ -56,15 +56,15 @@ def main() -> None:
     parser.add_argument("--centre", type=float, nargs=2, default=(0.0, 0.0))
     arguments = parser.parse_args()
     workspace = Workspace.open(arguments.store)
-    picture, sources = (
+    image, sources = (
         workspace.store.path(workspace.catalogue.layer(arguments.scope, kind).ref)
         for kind in (ProductKind.ORTHOPHOTO, ProductKind.SOURCES)
     )
     east, north = arguments.centre
-    whole = np.dstack([grey(picture, (east, north), 30.0)] * 3)
+    whole = np.dstack([grey(image, (east, north), 30.0)] * 3)
     tinted = (0.55 * whole + 0.45 * colours(sources, (east, north), 30.0)).astype(np.uint8)
     tinted[~whole.any(axis=2)] = 0
-    detail = np.dstack([grey(picture, (east + 3.5, north + 3.5), 3.2)] * 3)
+    detail = np.dstack([grey(image, (east + 3.5, north + 3.5), 3.2)] * 3)
     sheet = np.hstack([whole, tinted, detail])[:, :, ::-1]
     arguments.folder.mkdir(parents=True, exist_ok=True)
     path = arguments.folder / "orthophoto.jpg"

@@ -1,16 +1,16 @@
 /**
- * Tiles that the server drew. They are decoded apart from the page: each `<img>` that is decoded the usual way makes
- * the browser put out a frame, which copies the whole map, and a first view has fifty of them.
+ * Tiles that the server drew. They are decoded outside the page: each `<img>` decoded in the usual way makes
+ * the browser produce a frame, which copies the whole map, and a first view has fifty of them.
  */
 
 import ImageTile from "ol/source/ImageTile";
 import type TileGrid from "ol/tilegrid/TileGrid";
 import type { LocalMap } from "./projection";
-import { count, type Recolour } from "./picture-style";
+import { count, type Recolour } from "./imagery-style";
 import { SIDE, tileUrl } from "./value-tiles";
 
 /** Tiles of an address with {z}, {x} and {y}; in other colours, if a style is given. */
-export function pictureTiles(
+export function imageTiles(
   template: string,
   grid: TileGrid,
   { projection }: LocalMap,
@@ -18,20 +18,20 @@ export function pictureTiles(
 ) {
   return new ImageTile({
     loader: async (z, x, y, { signal }) => {
-      const drawn = await pictureOf(tileUrl(template, z, x, y), signal);
+      const drawn = await loadTile(tileUrl(template, z, x, y), signal);
       if (!drawn) return emptyTile();
       return recolour ? recoloured(drawn, recolour) : drawn;
     },
     projection,
     tileGrid: grid,
     interpolate: true,
-    transition: 0, // to fade in takes seven frames a tile
+    transition: 0, // fading in takes seven frames per tile
     wrapX: false,
   });
 }
 
-/** What the server drew; null where nothing was measured. */
-export async function pictureOf(url: string, signal?: AbortSignal): Promise<ImageBitmap | null> {
+/** The tile that the server drew; null where nothing was measured. */
+export async function loadTile(url: string, signal?: AbortSignal): Promise<ImageBitmap | null> {
   const answer = await fetch(url, signal ? { signal } : {});
   if (answer.status === 204) return null;
   if (!answer.ok) throw new Error(`${url} was answered with ${answer.status}`);
@@ -46,7 +46,7 @@ export function emptyTile(): HTMLCanvasElement {
 
 function canvasOf(drawn: ImageBitmap): CanvasRenderingContext2D {
   const context = emptyTile().getContext("2d", { willReadFrequently: true });
-  if (!context) throw new Error("the browser gives no canvas to recolour a tile on");
+  if (!context) throw new Error("the browser provides no canvas for recolouring a tile");
   context.drawImage(drawn, 0, 0);
   return context;
 }
@@ -59,11 +59,11 @@ export function recoloured(drawn: ImageBitmap, recolour: Recolour): HTMLCanvasEl
   return context.canvas;
 }
 
-/** How many pixels of some tiles have which shade. */
+/** Number of pixels of some tiles by shade. */
 export async function shadesOf(addresses: readonly string[]): Promise<number[]> {
   const counts = Array.from({ length: 256 }, () => 0);
   for (const url of addresses) {
-    const drawn = await pictureOf(url);
+    const drawn = await loadTile(url);
     if (drawn) count(canvasOf(drawn).getImageData(0, 0, SIDE, SIDE).data, counts);
   }
   return counts;

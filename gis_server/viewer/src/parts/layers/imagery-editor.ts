@@ -1,6 +1,6 @@
 /** Style of images and classes: grey values, colours, and the classes that are drawn. */
 
-import { classesOf } from "../../map/picture-style";
+import { classesOf } from "../../map/imagery-style";
 import { RAMP_NAMES, type RampName } from "../../map/ramps";
 import { isPlain, PLAIN, type RasterStyle } from "../../map/raster-style";
 import { h } from "../../page/dom";
@@ -22,7 +22,7 @@ function changing(layer: RasterLayer, actions: LayerActions) {
 const text = (name: string, run: () => void, extra = "") =>
   h("button", { type: "button", class: `text ${extra}`, onclick: run }, name);
 
-export function pictureEditor(layer: RasterLayer, actions: LayerActions): Following {
+export function imageryEditor(layer: RasterLayer, actions: LayerActions): Following {
   const { style, change } = changing(layer, actions);
   const ramp = choice<RampName | "">(
     "colours",
@@ -39,14 +39,14 @@ export function pictureEditor(layer: RasterLayer, actions: LayerActions): Follow
     "aria-label": "gamma",
     oninput: () => change({ gamma: Number(gamma.value) === 1 ? null : Number(gamma.value) }),
   });
-  const said = h("output", {});
+  const readout = h("output", {});
   const reset = text("reset", () => actions.setStyle(layer, null));
   const follow = () => {
     const now = style();
     ramp.value = now.ramp ?? "";
     [low.value, high.value] = [String(now.low ?? 0), String(now.high ?? 255)];
     gamma.value = String(now.gamma ?? 1);
-    said.textContent = (now.gamma ?? 1).toFixed(2);
+    readout.textContent = (now.gamma ?? 1).toFixed(2);
     reset.hidden = isPlain(now);
   };
   follow();
@@ -55,12 +55,12 @@ export function pictureEditor(layer: RasterLayer, actions: LayerActions): Follow
     { class: "style-editor" },
     layer.kind === "colour" ? null : h("div", { class: "pair" }, ramp),
     h("div", { class: "pair" }, low, h("span", { class: "dim" }, "to"), high),
-    h("label", { class: "inline" }, "gamma", gamma, said),
+    h("label", { class: "inline" }, "gamma", gamma, readout),
     h(
       "div",
       { class: "actions" },
-      text("least to most", () => actions.stretchPicture(layer, 0), "stretch-all"),
-      text("2 % to 98 %", () => actions.stretchPicture(layer, PERCENT), "stretch-percent"),
+      text("least to most", () => actions.stretchImagery(layer, 0), "stretch-all"),
+      text("2 % to 98 %", () => actions.stretchImagery(layer, PERCENT), "stretch-percent"),
       reset,
     ),
   );

@@ -9,7 +9,7 @@ import type { Terrain } from "../surface/terrain";
 /** Half of the view. */
 export type Side = "left" | "right";
 
-export interface Hand {
+export interface PointerHandlers {
   /** The pointer is over a place of the ground; null: over none. */
   readonly over: (place: Place3 | null) => void;
   /** The camera of an image was clicked. */
@@ -24,14 +24,14 @@ export interface Hand {
 
 const NAME =
   "3D view: arrow keys turn it, with Shift they move it, plus and minus come nearer and go away, Enter clicks in the middle";
-/** A press that is let go so near is a click, pixels. */
+/** Largest movement of the pointer in a click, pixels. */
 const STILL_PX = 4;
 
-export function takeInHand(
+export function addPointerControls(
   stage: Stage,
   terrain: Terrain,
   sights: Sights,
-  hand: Hand,
+  handlers: PointerHandlers,
   signal: AbortSignal,
 ): void {
   const canvas = stage.renderer.domElement;
@@ -43,20 +43,20 @@ export function takeInHand(
     return hit ? stage.place(hit.point) : null;
   };
   const point = (event: PointerEvent) => {
-    if (!event.buttons) hand.over(ground(event));
+    if (!event.buttons) handlers.over(ground(event));
   };
   let pressedAt: readonly [number, number] = [0, 0];
   const press = ({ offsetX, offsetY }: PointerEvent) => {
     pressedAt = [offsetX, offsetY];
   };
   const act = (at: Pick<MouseEvent, "offsetX" | "offsetY">) => {
-    const image = hand.isMeasuring() ? null : sights.at(at.offsetX, at.offsetY);
+    const image = handlers.isMeasuring() ? null : sights.at(at.offsetX, at.offsetY);
     if (image) {
-      hand.image(image, at.offsetX < canvas.clientWidth / 2 ? "left" : "right");
+      handlers.image(image, at.offsetX < canvas.clientWidth / 2 ? "left" : "right");
       return;
     }
     const place = ground(at);
-    if (place) hand.ground(place);
+    if (place) handlers.ground(place);
   };
   const click = (event: MouseEvent) => {
     const moved = Math.hypot(event.offsetX - pressedAt[0], event.offsetY - pressedAt[1]);
@@ -65,7 +65,7 @@ export function takeInHand(
   /** Turns about the place that was double-clicked from now on. */
   const turnTo = (event: MouseEvent) => {
     const place = ground(event);
-    if (!place || hand.isOnGround()) return;
+    if (!place || handlers.isOnGround()) return;
     stage.controls.target.copy(stage.drawn(place));
     stage.controls.update();
     stage.ask();
@@ -75,13 +75,14 @@ export function takeInHand(
     const { clientWidth, clientHeight } = canvas;
     const isEnter = event.key === "Enter";
     if (isEnter) act({ offsetX: clientWidth / 2, offsetY: clientHeight / 2 });
-    const isKnown = isEnter || (event.key === "Escape" && hand.leave()) || pressed(stage, event);
+    const isKnown =
+      isEnter || (event.key === "Escape" && handlers.leave()) || pressed(stage, event);
     if (!isKnown) return;
     event.preventDefault();
     event.stopPropagation();
   };
   canvas.addEventListener("pointermove", point, { signal });
-  canvas.addEventListener("pointerleave", () => hand.over(null), { signal });
+  canvas.addEventListener("pointerleave", () => handlers.over(null), { signal });
   canvas.addEventListener("pointerdown", press, { signal });
   canvas.addEventListener("click", click, { signal });
   canvas.addEventListener("dblclick", turnTo, { signal });
