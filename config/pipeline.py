@@ -101,6 +101,9 @@ class PipelineConfig:
 
     adjustment_mode: AdjustmentMode = AdjustmentMode.SEQUENTIAL
     """How the sols of a mission are adjusted: set before the first table of the file."""
+    previews: bool = False
+    """Whether to draw previews of matches, ties, links and terrain below `quicklook/`: set before
+    the first table. Off: they check stages; another run with them draws those of all products."""
     sparse: SparseParams = field(default_factory=SparseParams)
     dense: DenseParams = field(default_factory=DenseParams)
     inter_stereo: InterStereoParams = field(default_factory=InterStereoParams)

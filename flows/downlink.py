@@ -30,6 +30,7 @@ from solmap.photogrammetry.archive.images.radiometry import Radiometry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, cause_of
 from solmap.products.model import Scope
+from solmap.products.store.process import return_free_memory
 from solmap.tasks.images.folders import NO_FILES
 from solmap.tasks.images.ingest import Delivery, ingest_downlink
 from solmap.tasks.images.manual_ties import EDITS_FILE, take_edits
@@ -211,6 +212,7 @@ def _process_map(
                 walks = True  # later sols publish maps of the same stops after this one
                 before = standings.get(name)
                 done = on_workers(flow_of_sol)(name, sol, workspace.store.root, pipeline, before)
+                return_free_memory()
                 reusable.note(scope, key, done)
             reports.append(done)
             report.failures += [f"{name} sol {sol}: {line}" for line in done.failures]

@@ -180,7 +180,9 @@ def panorama_jobs(inputs: SolInputs, orientations: ProductRef, matched: Matched)
 
 
 def preview_jobs(inputs: SolInputs, matched: Matched, mapped: Collection[StopId]) -> dict[Key, Job]:
-    """Jobs for previews, which are not layers: terrain of mapped stops, matches of all pairs."""
+    """Jobs for previews, if enabled: terrain of mapped stops, matches of all pairs."""
+    if not inputs.config.previews:
+        return {}
     stage, store = f"sol {inputs.sol}: preview terrain and matches", inputs.workspace.store
 
     def of_terrain(dtm: Key) -> Job:

@@ -97,7 +97,9 @@ def _refine_rig(
         if len(matched.get(name, ())) > 1
     }
     futures = {
-        name: tie_stop.submit(stop, telemetry[name], config.inter_stereo, store)
+        name: tie_stop.submit(
+            stop, telemetry[name], config.inter_stereo, store, previews=config.previews
+        )
         for name, stop in stops.items()
     }
     # reported after adjustment

@@ -58,7 +58,9 @@ def adjust_stops(
     ties, failed = wait_for(
         f"sol {sol}: tie pairs within stops",
         {
-            name: tie_stop.submit(stop, telemetry[name], config.inter_stereo, store)
+            name: tie_stop.submit(
+                stop, telemetry[name], config.inter_stereo, store, previews=config.previews
+            )
             for name, stop in stops.items()
         },
     )
@@ -100,7 +102,13 @@ def _link(inputs: SolInputs, stops: Mapping[StopId, StopProducts], report: SolRe
             f"sol {inputs.sol}: tie stops across sites",
             {
                 (one.stop, other.stop): link_stops.submit(
-                    one, other, telemetry[one.stop], telemetry[other.stop], params, store
+                    one,
+                    other,
+                    telemetry[one.stop],
+                    telemetry[other.stop],
+                    params,
+                    store,
+                    previews=inputs.config.previews,
                 )
                 for one, other in every
             },
@@ -161,7 +169,12 @@ def _tie_singles(
     report.add_failures("read the unpaired images of", unread)
     futures = {
         stop: tie_singles.submit(
-            stop, files, stops[stop].pairs if stop in stops else (), inputs.config.mono, store
+            stop,
+            files,
+            stops[stop].pairs if stop in stops else (),
+            inputs.config.mono,
+            store,
+            previews=inputs.config.previews,
         )
         for stop, files in singles.items()
         if stop in window and (len(files) > 1 or stop in stops)

@@ -56,12 +56,40 @@ function precompressed(): Plugin {
   };
 }
 
+/** Modules that the page begins with: those that its first script imports at once, itself or through others. */
+function startModules(infoOf: (id: string) => { importedIds: string[] } | null): Set<string> {
+  const found = new Set([resolve(import.meta.dirname, "src/main.ts")]);
+  for (const id of found) for (const next of infoOf(id)?.importedIds ?? []) found.add(next);
+  return found;
+}
+
+let start: Set<string> | null = null;
+
 const SERVER = process.env["SOLMAP_SERVER"] ?? "http://127.0.0.1:8765";
 
 export default defineConfig({
   base: "./",
   plugins: [swagger(), precompressed()],
-  build: { target: "es2022", chunkSizeWarningLimit: 800 },
+  build: {
+    target: "es2022",
+    chunkSizeWarningLimit: 800,
+    rolldownOptions: {
+      output: {
+        codeSplitting: {
+          groups: [
+            {
+              // One file, where those that later parts share would be files of their own.
+              debugName: "start",
+              name: (id, bundle) => {
+                start ??= startModules((one) => bundle.getModuleInfo(one));
+                return start.has(id) ? "start" : null;
+              },
+            },
+          ],
+        },
+      },
+    },
+  },
   server: {
     proxy: Object.fromEntries(
       ["/api", "/tiles", "/images", "/download", "/healthz"].map((path) => [path, SERVER]),

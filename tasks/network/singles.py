@@ -96,6 +96,8 @@ def tie_singles(
     pairs: Sequence[PairProducts],
     params: MonoParams,
     store: ProductStore,
+    *,
+    previews: bool = False,
 ) -> ProductRef:
     """Tie the single images of a stop with one another and with its pairs."""
 
@@ -118,7 +120,8 @@ def tie_singles(
     seen = (ref for pair in pairs for ref in pair.made)
     scope = Scope(ScopeLevel.STOP, f"{stop}-singles")
     ties = store.make(Recipe(ProductKind.TIES, scope, (*images, *seen), params), write)
-    store.make(Recipe(ProductKind.QUICKLOOK, scope, (ties,)), write_look)
+    if previews:
+        store.make(Recipe(ProductKind.QUICKLOOK, scope, (ties,)), write_look)
     return ties
 
 

@@ -81,7 +81,12 @@ class StopProducts:
 
 @stage(task_run_name="tie-{stop.stop}")
 def tie_stop(
-    stop: StopProducts, telemetry: StopPrior, params: InterStereoParams, store: ProductStore
+    stop: StopProducts,
+    telemetry: StopPrior,
+    params: InterStereoParams,
+    store: ProductStore,
+    *,
+    previews: bool = False,
 ) -> ProductRef:
     """Tie every two overlapping pairs of a stop."""
 
@@ -100,18 +105,21 @@ def tie_stop(
 
     scope = stop_scope(stop.stop)
     ties = store.make(Recipe(ProductKind.TIES, scope, stop.inputs, params), write)
-    store.make(Recipe(ProductKind.QUICKLOOK, scope, (ties,)), write_look)
+    if previews:
+        store.make(Recipe(ProductKind.QUICKLOOK, scope, (ties,)), write_look)
     return ties
 
 
 @stage(task_run_name="link-{earlier.stop}-{later.stop}")
-def link_stops(
+def link_stops(  # noqa: PLR0913 - two stops, each with telemetry
     earlier: StopProducts,
     later: StopProducts,
     earlier_telemetry: StopPrior,
     later_telemetry: StopPrior,
     params: CrossSiteParams,
     store: ProductStore,
+    *,
+    previews: bool = False,
 ) -> ProductRef:
     """Link two stops by their common ground, or give the reason why not."""
 
@@ -131,10 +139,11 @@ def link_stops(
 
     recipe = links_recipe(earlier, later, earlier_telemetry, later_telemetry, params)
     links = store.make(recipe, write)
-    store.make(
-        Recipe(ProductKind.QUICKLOOK, recipe.scope, (links,)),
-        lambda path: write_link_preview(path, *tie_sites(), params),
-    )
+    if previews:
+        store.make(
+            Recipe(ProductKind.QUICKLOOK, recipe.scope, (links,)),
+            lambda path: write_link_preview(path, *tie_sites(), params),
+        )
     return links
 
 

@@ -37,7 +37,7 @@ def spirit(shared_data, tmp_path_factory):
     ingest_downlink.fn(downlink, workspace)
     entries = workspace.catalogue.images()
     ((stop, files),) = singles_of(entries).items()
-    ties = tie_singles.fn(stop, files, (), MonoParams(), workspace.store)
+    ties = tie_singles.fn(stop, files, (), MonoParams(), workspace.store, previews=True)
     telemetry = read_telemetry(image_records(entries, workspace), ())
     step = NetworkStep(
         mission="MER2",

@@ -144,7 +144,6 @@ class _Maker:
                 ProductKind.TIES, _stop_scope(name), stop.inputs, inputs.config.inter_stereo
             )
             ties = store.make(recipe, lambda p, r=rows, h=header: self._write(p, r, h))
-            self._look(ties)
             stops[name] = replace(stop, ties=ties)
         links = {
             (old, new): self._linked(stops[old], stops[new], window[old], window[new])
@@ -170,16 +169,13 @@ class _Maker:
         store.make(unseen, lambda p: write_pair_rows(p, rows))
         sparse = Recipe(ProductKind.MATCHES, pair_scope(pair.id), pair.inputs, params.sparse)
         dense = Recipe(ProductKind.PARALLAX, pair_scope(pair.id), pair.inputs, params.dense)
-        products = PairProducts(
+        return PairProducts(
             pair,
             store.make(
                 sparse, lambda p: write_matches(p, known.geometry, matches, known.mast_in_rover)
             ),
             store.make(dense, lambda p: write_archive(p, {"step_px": 1.0})),
         )
-        look = Recipe(ProductKind.QUICKLOOK, pair_scope(pair.id), products.made, config.sparse)
-        store.make(look, lambda p: p.write_bytes(b"none"))
-        return products
 
     def _linked(self, earlier: Any, later: Any, *telemetry: Any) -> ProductRef:
         from solmap.tasks.network.tie import links_recipe  # noqa: PLC0415 - brings the engine
@@ -196,13 +192,7 @@ class _Maker:
         }
         recipe = links_recipe(earlier, later, *telemetry, self.inputs.config.cross_site)
         kept = rows if is_linked else rows[:0]
-        links = self.inputs.workspace.store.make(recipe, lambda p: self._write(p, kept, header))
-        self._look(links)
-        return links
-
-    def _look(self, ref: ProductRef) -> None:
-        recipe = Recipe(ProductKind.QUICKLOOK, ref.scope, (ref,))
-        self.inputs.workspace.store.make(recipe, lambda p: p.write_bytes(b"none"))
+        return self.inputs.workspace.store.make(recipe, lambda p: self._write(p, kept, header))
 
     def _write(self, path: Any, couples: np.ndarray, header: dict[str, Any]) -> None:
         write_ties(path, _ties_of(self.sols.mission.network.ties, couples), header)
