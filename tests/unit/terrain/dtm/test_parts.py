@@ -1,4 +1,4 @@
-"""Parts of a terrain model hold all of its elevations, each with the margin asked for."""
+"""Parts of a terrain model hold all of its elevations, each with the requested margin."""
 
 from __future__ import annotations
 
