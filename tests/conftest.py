@@ -23,8 +23,8 @@ hypothesis.settings.load_profile("patient")  # no test asserts a time: other wor
 ROOT = Path(__file__).resolve().parents[1]
 
 
-SHARED = ("mapped", "stereo", "true_images", "images_url")
-"""Fixtures of a session that take ten seconds and more to make."""
+SHARED = {"mapped": "mapped", "images_url": "images", "true_images": "images", "stereo": "stereo"}
+"""Fixtures of a session that take ten seconds and more to make, and what they share."""
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -32,14 +32,14 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """A file stays on one worker, and so do all files with a test that takes one of `SHARED`."""
     from xdist.scheduler import LoadFileScheduling  # noqa: PLC0415 - not installed everywhere
 
-    takes = re.compile(rf"def \w+\([^)]*\b({'|'.join(SHARED)})\b")
-
     class Scheduling(LoadFileScheduling):
         @cache  # noqa: B019 - as long as the run
         def _split_scope(self, nodeid: str) -> str:
             file = nodeid.partition("::")[0]
-            found = takes.search((ROOT / file).read_text())
-            return found[1] if found else file
+            taken = re.findall(r"def \w+\(([^)]*)\)", (ROOT / file).read_text())
+            words = set(re.findall(r"\w+", " ".join(taken)))
+            shared = next((group for fixture, group in SHARED.items() if fixture in words), None)
+            return f"{Path(file).parts[1]}/{shared}" if shared else file
 
     return Scheduling(config, log)
 
@@ -105,24 +105,30 @@ def _folder_of_the_tests() -> None:
 
 @pytest.fixture(scope="session")
 def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Prefect's embedded server with a database in a temporary folder, closed by a password."""
+    """Prefect's embedded server with a database in a temporary folder, closed by a password.
+
+    Each worker has its own. Commands that run in a test's process use it too: one that started
+    another would leave the address and password of that one to all tests after it.
+    """
     from solmap.flows.runtime.engine import password_file, prepare_engine  # noqa: PLC0415 - before Prefect is imported
 
     folder = tmp_path_factory.mktemp("engine")
-    prepare_engine(folder)
-    password = password_file(folder).read_text()
-    names = ("PREFECT_API_AUTH_STRING", "PREFECT_SERVER_API_AUTH_STRING")
-    os.environ |= dict.fromkeys(names, password)
-    from prefect import settings  # noqa: PLC0415
-    from prefect.testing.utilities import prefect_test_harness  # noqa: PLC0415
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("PREFECT_HOME", str(folder / "prefect"))
+        prepare_engine(folder)
+        password = password_file(folder).read_text()
+        names = ("PREFECT_API_AUTH_STRING", "PREFECT_SERVER_API_AUTH_STRING")
+        for name in names:
+            environment.setenv(name, password)
+        from prefect import settings  # noqa: PLC0415
+        from prefect.testing.utilities import prefect_test_harness  # noqa: PLC0415
 
-    with (
-        settings.temporary_settings({getattr(settings, name): password for name in names}),
-        prefect_test_harness(server_startup_timeout=300),
-    ):
-        yield
-    for name in names:
-        del os.environ[name]
+        with (
+            settings.temporary_settings({getattr(settings, name): password for name in names}),
+            prefect_test_harness(server_startup_timeout=300),
+        ):
+            environment.setenv("PREFECT_API_URL", settings.PREFECT_API_URL.value())
+            yield
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,7 @@
 """One synthetic downlink goes the whole way once, and the tests look at what came out."""
 
 import json
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -98,20 +99,24 @@ def page(browser: Any) -> Iterator[Any]:
 
 
 @pytest.fixture(scope="session")
-def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of a server over the store of the bowl."""
-    root = tmp_path_factory.mktemp("viewer") / "store"
+def bowl_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The store of the bowl, to be copied."""
+    root = tmp_path_factory.mktemp("bowl") / "store"
     fill(Workspace.open(root))
-    with Server(root) as server:
+    return root
+
+
+@pytest.fixture(scope="session")
+def url(bowl_store: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of a server over the store of the bowl."""
+    with Server(shutil.copytree(bowl_store, tmp_path_factory.mktemp("viewer") / "store")) as server:
         yield server.url
 
 
 @pytest.fixture
-def workspace(tmp_path: Path) -> Workspace:
+def workspace(bowl_store: Path, tmp_path: Path) -> Workspace:
     """The store of the bowl, for a test that changes it."""
-    workspace = Workspace.open(tmp_path / "store")
-    fill(workspace)
-    return workspace
+    return Workspace.open(shutil.copytree(bowl_store, tmp_path / "store"))
 
 
 @pytest.fixture

@@ -12,6 +12,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import cv2
 import numpy as np
@@ -34,6 +36,8 @@ ARGUMENTS = (
     "--no-first-run",
 )
 WAIT_MS = 60_000
+_CONTEXTS: WeakKeyDictionary[Any, dict[float, list[Any]]] = WeakKeyDictionary()
+"""Of a browser: contexts that no page uses, by their pixels per CSS pixel."""
 
 
 class Server:
@@ -116,11 +120,19 @@ def _installed(names: tuple[str, ...]) -> str:
 
 @contextmanager
 def open_page(browser, width: int = 1280, height: int = 800, scale: float = 1.0) -> Iterator:
-    """A page that must raise no error, get none from the server, and contact no other host."""
-    context = browser.new_context(
-        viewport={"width": width, "height": height}, device_scale_factor=scale
-    )
+    """A page that must raise no error, get none from the server, and contact no other host.
+
+    Its browser context was used by earlier pages if one is free. Nothing is stored or permitted
+    there, but scripts are cached, as long as the context has a page: it keeps an empty one.
+    """
+    free = _CONTEXTS.setdefault(browser, {}).setdefault(scale, [])
+    if free:
+        context = free.pop()
+    else:
+        context = browser.new_context(device_scale_factor=scale)
+        context.new_page()
     opened = context.new_page()
+    opened.set_viewport_size({"width": width, "height": height})
     opened.faults = []
     opened.on("pageerror", lambda error: opened.faults.append(str(error)))
     opened.on(
@@ -141,12 +153,19 @@ def open_page(browser, width: int = 1280, height: int = 800, scale: float = 1.0)
     yield opened
     assert opened.faults == []
     assert opened.elsewhere == []
-    context.close()
+    context.set_offline(offline=False)
+    context.clear_permissions()
+    if opened.url.startswith("http"):
+        opened.evaluate("localStorage.clear()")
+    for page in context.pages[1:]:
+        page.close()
+    free.append(context)
 
 
 def look(page, address: str) -> None:
     """Reload the viewer: it follows a link that differs only in its fragment without loading."""
-    page.goto("about:blank")
+    if page.url != "about:blank":
+        page.goto("about:blank")
     page.goto(address)
     ready(page)
 
@@ -175,8 +194,8 @@ def resolution_of(page) -> float:
     return float(page.url.split("at=")[1].split("&")[0].split(",")[2])
 
 
-def pixel_of(page, east: float, north: float, resolution: float) -> tuple[float, float]:
-    """Where on the page a place is, the map being centred on the landing point."""
+def pixel_of(page, east, north, resolution: float) -> tuple:
+    """Where on the page a place is, or many in arrays, the map centred on the landing point."""
     box = page.locator("div.map").bounding_box()
     x = box["x"] + box["width"] / 2 + east / resolution
     return x, box["y"] + box["height"] / 2 - north / resolution
