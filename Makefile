@@ -64,18 +64,18 @@ demo: setup viewer  ## A synthetic downlink through every stage to the map in th
 # `make test` tries the same examples each time; `make test-all` looks for more.
 REPEATABLE := --hypothesis-profile=repeatable
 
-# Units on both cores; the rest starts engines and browsers that use both by themselves.
+# Two workers, each with an engine, a database server and browsers of its own.
 PARALLEL := --numprocesses 2 --dist loadfile
 
 test: develop viewer  ## Everything that continuous integration asks for.
 	$(MAKE) --jobs 2 check test-viewer
 	$(BIN)/pytest -m "not slow" $(REPEATABLE) $(PARALLEL) tests/unit
-	$(BIN)/pytest -m "not slow" $(REPEATABLE) tests/integration tests/e2e
+	$(BIN)/pytest -m "not slow" $(REPEATABLE) $(PARALLEL) tests/integration tests/e2e
 
 test-all: develop viewer  ## Also what takes minutes: the rendered traverse, long simulations.
 	$(MAKE) --jobs 2 check test-viewer
 	$(BIN)/pytest $(PARALLEL) tests/unit
-	$(BIN)/pytest tests/integration tests/e2e
+	$(BIN)/pytest $(PARALLEL) tests/integration tests/e2e
 
 test-viewer: viewer
 	cd $(VIEWER) && $(NPM) test --silent
