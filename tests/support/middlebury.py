@@ -137,8 +137,10 @@ def seen_by_both(truth: np.ndarray) -> np.ndarray:
 def figures() -> Iterator[str]:
     """A line for every scene."""
     for scene in SCENES:
-        told = str(compared(scene)) if scene.is_here else f"needs {', '.join(scene.files)}"
-        yield f"{scene.name}: {told}"
+        figures_of_scene = (
+            str(compared(scene)) if scene.is_here else f"needs {', '.join(scene.files)}"
+        )
+        yield f"{scene.name}: {figures_of_scene}"
 
 
 if __name__ == "__main__":

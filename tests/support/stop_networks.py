@@ -5,6 +5,7 @@
 ties every stop and every two that follow each other, adjusts them together and prints for each stop
 its error, what is stated, and the squared error in units of the stated covariance over its 6
 freedoms. The number after a terrain is the seed of its world; `NEAR` to seed 63, `FAR` beyond.
+`realistic-hills7` is the world of `solmap simulate --stops 3 --seed 7 --realistic`.
 """
 
 import argparse
@@ -37,6 +38,8 @@ from solmap.photogrammetry.matching.inter_stereo import (
 from solmap.photogrammetry.matching.records import Ties
 from solmap.photogrammetry.matching.tracks import TrackParams, build_tie_points
 from solmap.photogrammetry.synthetic.rig import T_PMA_M
+from solmap.photogrammetry.synthetic.scene import WorldParams, realistic_params
+from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from tests.support.rendered_stops import rendered_stops
 from tests.support.simulated_stops import ROOT, SimulatedStop, WorldOfStops, simulated_stop
 from tests.support.site_pairs import FAR, NEAR, TERRAINS
@@ -44,6 +47,7 @@ from tests.support.site_pairs import FAR, NEAR, TERRAINS
 RENDERED_MAST_M = (0.42, 0.0, -1.4)
 """The mast head in the labels of rendered worlds."""
 STOPS = 3
+REALISTIC = "realistic-"
 LAST_NEAR = 63
 
 
@@ -130,12 +134,23 @@ def evaluated(
 
 def stops_of_world(name: str) -> list[SimulatedStop]:
     """The first stops of a world: `husband`, another rendered one's folder, or terrain and seed."""
+    if name.startswith(REALISTIC):
+        return realistic_stops(name.removeprefix(REALISTIC))
     folder = ROOT / ".cache" / "rendered_husband" if name == "husband" else Path(name)
     if folder.is_dir():
         return rendered_stops(folder)
     terrain = next(kind for kind in TERRAINS if name.startswith(kind))
     seed = int(name.removeprefix(terrain))
     world = WorldOfStops(terrain, NEAR if seed <= LAST_NEAR else FAR, seed)
+    return [simulated_stop(world, number) for number in range(STOPS)]
+
+
+def realistic_stops(name: str) -> list[SimulatedStop]:
+    """The stops of a realistic simulated traverse by terrain and seed."""
+    terrain = next(kind for kind in TERRAINS if name.startswith(kind))
+    seed, traverse = int(name.removeprefix(terrain)), TraverseParams(stops=STOPS)
+    like = realistic_params(WorldParams(terrain, traverse), seed)
+    world = WorldOfStops(terrain, traverse.spacing_m, seed, STOPS, like=like)
     return [simulated_stop(world, number) for number in range(STOPS)]
 
 

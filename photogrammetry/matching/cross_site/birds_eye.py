@@ -41,6 +41,10 @@ SEPARATION_M = 1.5
 """Distance below which two peaks count as one."""
 
 
+ROVER_M = 1.5
+"""What is nearer to the rover's origin may be the rover itself, which looks alike at all stops."""
+
+
 @dataclass(frozen=True, slots=True)
 class BirdsEyeParams:
     """How bird's-eye views are made and searched."""
@@ -120,6 +124,9 @@ class SearchGate:
     azimuth_reach: float
     azimuth: float = 0.0
     """Central azimuth, radians."""
+    apart_m: float = 0.0
+    """Least distance of both rovers: errors that both panoramas share, by dust on the optics and
+    where images meet, correlate where the rovers would stand at the same place."""
 
     def holds(self, fit: PlaneFit) -> bool:
         """Whether a fit lies in the gate."""
@@ -158,6 +165,7 @@ def _add_points(
     row = np.floor((radius_m - ground[:, 0]) / cell_m).astype(np.int32)
     col = np.floor((radius_m + ground[:, 1]) / cell_m).astype(np.int32)
     inside = (row >= 0) & (row < size) & (col >= 0) & (col < size)
+    inside &= (ground[:, :2] ** 2).sum(axis=1) > ROVER_M**2
     index = row[inside] * size + col[inside]
     for k, weight in enumerate((None, grey[inside], -ground[inside, 2])):
         sums[k] += np.bincount(index, weight, minlength=size * size)

@@ -11,7 +11,11 @@ from solmap.photogrammetry.arrays import Float64
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose, rotation_of_roll_pitch_yaw
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.matching.cross_site.birds_eye import PlaneFit, SearchGate
+from solmap.photogrammetry.matching.cross_site.birds_eye import (
+    SEPARATION_M,
+    PlaneFit,
+    SearchGate,
+)
 from solmap.photogrammetry.matching.records import MatchedStop
 from solmap.photogrammetry.ranges import Factor, FewOrZero, Metres, MetresOrZero, Radians, Share
 
@@ -104,6 +108,9 @@ class SearchStage:
     prior: PoseCovariance
 
 
+LEAST_WAY = 0.25
+"""Least true length of a drive, as a fraction of that by wheel odometry: a slip of 300 %."""
+
 WIDENED = (1.0, 4.0, 16.0)
 """Factors of the usual uncertainty of the position by telemetry: normal; with spinning wheels (four
 times 24 % of the drive is all of it); and anywhere with common ground. The uncertainty of the
@@ -123,7 +130,7 @@ def search_stages(
         gate, prior = search_gate(earlier, later, params, widened)
         apart_m = float(np.hypot(gate.north_m, gate.east_m))
         if gate.reach_m > 2 * radius_m:  # farther apart they share no ground
-            gate = SearchGate(0.0, 0.0, 2 * radius_m, gate.azimuth_reach)
+            gate = SearchGate(0.0, 0.0, 2 * radius_m, gate.azimuth_reach, apart_m=gate.apart_m)
         if apart_m - gate.reach_m < 2 * radius_m:
             stages.append(SearchStage(gate, prior))
     return stages
@@ -150,6 +157,7 @@ def search_gate(
         float(step[1]),
         params.sigmas * float(np.sqrt(variance[3:5].max())),
         params.sigmas * float(np.sqrt(variance[2])),
+        apart_m=min(SEPARATION_M, LEAST_WAY * distance_m),
     )
     axes = np.zeros((6, 6))
     axes[:3, :3] = axes[3:, 3:] = earlier.lsl_from_rover.rotation.T

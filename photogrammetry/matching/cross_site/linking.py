@@ -154,8 +154,10 @@ def tie_cross_site(
         if link is not None:
             return link
     tried = [trials.try_fit(fit) for fit in fits]
-    best = trials.settle(_best(tried, params.trials.separation_m))
-    if best.agreeing < params.link_test.least_ties:
+    is_clear = found.highest >= params.link_test.clear_z
+    best = tried[0] if is_clear else _best(tried, params.trials.separation_m)
+    best = trials.settle(best)
+    if best.agreeing < params.link_test.needed(trials.peak_of(best)):
         return _evaluate(trials, best, 0, params)
     return _evaluate(trials, best, _count_by_chance(trials, best, tried, wrong), params)
 
@@ -286,7 +288,8 @@ def _evaluate(trials: Trials, trial: Trial, by_chance: int, params: CrossSitePar
     if trial.alignment is None or fine.alignment is None:
         return refused_link(one, other, "the conjugates could not be aligned", trial.fit)
     figures = link_figures(one, other, fine.fit, fine.ties, fine.alignment)
-    figures = replace(figures, measured=len(trial.ties), by_chance=by_chance)
+    peak_z = trials.peak_of(trial)
+    figures = replace(figures, measured=len(trial.ties), by_chance=by_chance, peak_z=peak_z)
     linked, reason = evaluate_link(figures, params.link_test)
     if not linked:
         return refused_link(one, other, reason, trial.fit, figures)
@@ -359,6 +362,15 @@ class Trials:
     other: StopViews
     prior: PoseCovariance
     params: TrialParams
+
+    def peak_of(self, trial: Trial) -> float:
+        """The peak of the hypothesis whose position a test confirmed; 0 if it ended elsewhere."""
+        if trial.alignment is None:
+            return 0.0
+        pose = trial.alignment.first_from_second
+        level = level_pose(self.one.stop, self.other.stop, pose).translation_m
+        off_m = np.hypot(level[0] - trial.fit.north_m, level[1] - trial.fit.east_m)
+        return trial.fit.z if off_m <= self.params.separation_m else 0.0
 
     def try_fit(self, fit: PlaneFit) -> Trial:
         """Search for some conjugates under a hypothesis and align by them."""

@@ -25,7 +25,12 @@ class LinkTestParams:
     """Criteria for accepting a link."""
 
     least_ties: Count = 20
-    """The paper's example had 7 manual ones; 20 and more limit the drift."""
+    """With a peak that could be random, and"""
+    few_ties: Count = 8
+    """with one that could not: peak and ties then find the same position independently. The paper's
+    example had 7 manual ones."""
+    clear_z: FactorOrZero = 10.0
+    """Peak that cannot be random: stops with common ground have 8 to 48."""
     least_z: FactorOrZero = 6.5
     """The widest gate has about 10^6 independent positions: the largest random z is 5.2, and in one
     of 67 searches of stops without common ground it was 6.2."""
@@ -39,11 +44,15 @@ class LinkTestParams:
     """Standard deviation of the ties' positions across their longest direction."""
 
     def __post_init__(self) -> None:
-        if self.least_ties < LEAST_TO_ALIGN or self.chance_factor < 1:
+        if min(self.least_ties, self.few_ties) < LEAST_TO_ALIGN or self.chance_factor < 1:
             raise MatchingError(
-                f"a link needs more than {self.least_ties} ties and {self.chance_factor} times "
-                "those by chance"
+                f"a link needs more than {self.least_ties} ties, or {self.few_ties} at a clear "
+                f"peak, and {self.chance_factor} times those by chance"
             )
+
+    def needed(self, peak_z: float) -> int:
+        """Fewest ties of a link at a peak of this height."""
+        return self.few_ties if peak_z >= self.clear_z else self.least_ties
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +62,7 @@ class SiteLinkFigures:
     distance_m: float
     """Between the stops by telemetry."""
     peak_z: float = 0.0
+    """Of the search where the ties are; 0 if they are elsewhere."""
     overlap_m2: float = 0.0
     measured: int = 0
     """Conjugates with parallax in the last round."""
@@ -107,8 +117,9 @@ class SiteLink:
 def evaluate_link(figures: SiteLinkFigures, params: LinkTestParams) -> tuple[bool, str]:
     """(linked, reason)."""
     share = figures.ties / max(figures.measured, 1)
-    if figures.ties < params.least_ties:
-        return False, f"{figures.ties} ties, {params.least_ties} are needed"
+    needed = params.needed(figures.peak_z)
+    if figures.ties < needed:
+        return False, f"{figures.ties} ties, {needed} are needed"
     chance = figures.by_chance + params.chance_sigmas * figures.by_chance**0.5
     if figures.ties < max(chance, params.chance_factor * figures.by_chance):
         return (

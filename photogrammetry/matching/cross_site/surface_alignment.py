@@ -47,6 +47,7 @@ from scipy.spatial.transform import Rotation as ScipyRotation
 from solmap.photogrammetry.arrays import Flags, Float64, ObjectPoints, PerPoint, Raster
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
+from solmap.photogrammetry.matching.cross_site.birds_eye import ROVER_M
 from solmap.photogrammetry.matching.height_bias import (
     HeightBias,
     mean_of_known,
@@ -235,6 +236,7 @@ def _seen_well(
         facing = parallax / (normal * rays)
         good = (facing > np.minimum(LEAST_FACING, ahead[:, 2] / range_m)) & (range_m < farthest_m)
     places = ahead + level_from_rover @ g.rover_from_pair.translation_m
+    good &= (places[:, :2] ** 2).sum(axis=1) > ROVER_M**2
     return places[good], range_m[good]
 
 

@@ -69,7 +69,8 @@ HYPOTHESIS_SIGMAS = (0.0052, 0.0052, 0.0175, 0.3, 0.3, 0.3)
 RELIEF_M = 0.33
 """Correlation length of relief: an area has N = area / (4 pi r^2) independent samples, and chance
 correlation is N^-1/2. This was confirmed in 195 registrations from wrong starts between stops of
-four worlds, with 30 square metres and with 800 (RMS 1.0 N^-1/2)."""
+four worlds, with 30 square metres and with 800 (RMS 1.0 N^-1/2). Correlations of different areas
+are therefore compared in these standard deviations."""
 
 CERTAIN = 4.0
 """Standard deviations by which relief must correlate better than anywhere else; wrong starts
@@ -99,19 +100,19 @@ class SurfaceTieParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeTrial:
-    """The hypothesis with the best correlation of relief, after registration."""
+    """The hypothesis with the most significant correlation of relief, after registration."""
 
     found: Registration
     by_chance: float
-    """Largest correlation of relief at other positions, tested in the same way."""
+    """Most significant correlation of relief at other positions, tested in the same way; standard
+    deviations of chance."""
     at_peak: bool
     """Whether it is the position of the first hypothesis, a significant peak of the search."""
 
     @property
     def clearness(self) -> float:
         """Standard deviations by which relief correlates better than elsewhere."""
-        places = self.found.area_m2 / (4 * np.pi * RELIEF_M**2)
-        return (self.found.correlation - self.by_chance) * float(np.sqrt(places))
+        return significance(self.found) - self.by_chance
 
     @property
     def is_certain(self) -> bool:
@@ -120,8 +121,14 @@ class ShapeTrial:
 
     def __str__(self) -> str:
         return (
-            f"relief correlates by {self.found.correlation:.2f}, elsewhere by {self.by_chance:.2f}"
+            f"relief correlates by {self.found.correlation:.2f}, {significance(self.found):.1f} "
+            f"sigma, elsewhere by {self.by_chance:.1f}"
         )
+
+
+def significance(found: Registration) -> float:
+    """Correlation of relief in standard deviations of chance correlation."""
+    return found.correlation * float(np.sqrt(found.area_m2 / (4 * np.pi * RELIEF_M**2)))
 
 
 def try_shapes(
@@ -134,17 +141,17 @@ def try_shapes(
     """Register the later stop's ground to the earlier one's from hypotheses; return the best.
 
     Hypotheses that end further than `apart_m` from it, and positions without hypothesis, give the
-    correlation by chance. None where the stops share too little ground.
+    significance by chance. None where the stops share too little ground.
     """
     prior = np.diag(np.square(HYPOTHESIS_SIGMAS))
     laid = [register(*grids, pose, prior, params, RELIEF) for pose in (*starts, *elsewhere)]
     tried = [one for one in laid[: len(starts)] if one is not None]
     if not tried:
         return None
-    best = max(tried, key=lambda one: one.correlation)
+    best = max(tried, key=significance)
     place_m = best.pose.translation_m[:2]
     others = [
-        one.correlation
+        significance(one)
         for one in laid
         if one is not None and np.linalg.norm(one.pose.translation_m[:2] - place_m) > apart_m
     ]

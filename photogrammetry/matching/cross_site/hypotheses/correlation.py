@@ -140,6 +140,7 @@ def correlate_views(
     norths, easts = -(frame.start[0] + lags) * cell_m, (frame.start[1] + lags) * cell_m
     distance = np.hypot(norths[:, None] - gate.north_m, easts[None, :] - gate.east_m)
     z[:, distance > gate.reach_m + SEPARATION_M] = -np.inf
+    z[:, np.hypot(norths[:, None], easts[None, :]) < gate.apart_m] = -np.inf
     fits: list[PlaneFit] = []
     while len(fits) < most:
         k, i, j = (int(at) for at in np.unravel_index(int(np.argmax(z)), z.shape))

@@ -13,8 +13,10 @@ from solmap.photogrammetry.matching.cross_site.surface_alignment import (
     register,
 )
 from solmap.photogrammetry.matching.cross_site.surface_matching import (
+    CERTAIN,
     HYPOTHESIS_SIGMAS,
     SurfaceTieParams,
+    significance,
     tie_by_surface,
     try_shapes,
 )
@@ -63,8 +65,15 @@ def test_surface_matching_does_not_depend_on_its_start(grids, true, found):
 def test_relief_distinguishes_the_true_place_from_others(grids, true):
     wrong = [moved(true, 2.5, 0, 0), moved(true, 0, -2.5, 0)]
     trial = try_shapes(grids, [wrong[0], true], wrong[1:], 1.5, PARAMS.surface)
-    assert trial.found.correlation > trial.by_chance + 0.3
+    assert trial.is_certain
+    assert trial.clearness > CERTAIN
     assert np.linalg.norm(trial.found.pose.translation_m - true.translation_m) < 0.06
+
+
+def test_a_high_correlation_over_little_ground_does_not_count_as_more(found):
+    little = replace(found, correlation=0.5, area_m2=5.0)
+    much = replace(found, correlation=0.4, area_m2=300.0)
+    assert significance(little) < 1 < CERTAIN < significance(much)
 
 
 def test_blocks_become_ties_between_pairs_of_both_stops(stops, found):

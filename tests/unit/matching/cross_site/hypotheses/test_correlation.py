@@ -6,10 +6,12 @@ from scipy import fft, ndimage
 
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.matching.cross_site.birds_eye import (
+    ROVER_M,
     SEPARATION_M,
     BirdsEyeParams,
     BirdsEyeView,
     SearchGate,
+    _add_points,
     channels,
     draw_birds_eye,
 )
@@ -84,6 +86,27 @@ def test_agreeing_grey_values_make_the_peak_more_distinct():
     other_sun = replace(later, grey=seen_from(5, north=4.0, east=-3.0).grey)
     same, other = (places(earlier, k, 3.5, -2.5, 2.0, 0.02)[0].z for k in (later, other_sun))
     assert same > 1.2 * other
+
+
+def test_errors_common_to_both_panoramas_are_not_a_peak_where_the_rovers_would_coincide():
+    earlier = seen_from(1)
+    same, apart = (
+        correlate_views(
+            earlier, earlier, SearchGate(3.0, 0.0, 4.0, 0.02, apart_m=least_m), 1, 40.0
+        )[0]
+        for least_m in (0.0, SEPARATION_M)
+    )
+    assert np.hypot(same.north_m, same.east_m) < PARAMS.cell_m
+    assert same.z > 20
+    assert apart.z < 8
+
+
+def test_the_rover_itself_is_not_part_of_the_ground():
+    sums = np.zeros((3, CELLS * CELLS))
+    ground = np.array([[0.9 * ROVER_M, 0, -0.4], [0, 1.1 * ROVER_M, 0.3]], np.float32)
+    _add_points(sums, ground, np.ones(2, np.float32), PARAMS.radius_m, PARAMS.cell_m, CELLS)
+    assert sums[0].sum() == 1
+    assert sums[2].sum() == pytest.approx(-0.3)
 
 
 def test_different_ground_has_no_distinct_peak():
