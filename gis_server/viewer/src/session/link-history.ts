@@ -49,7 +49,8 @@ export class LinkHistory {
     else this.resting ??= setTimeout(() => this.write(), REST_MS);
   }
 
-  private flush(): void {
+  /** Writes what was not written yet. */
+  flush(): void {
     if (this.resting !== undefined) this.write();
   }
 

@@ -112,7 +112,10 @@ export class Session {
   private listen(): void {
     const { page, view, waiting, signals, keys, layers, state, drawing } = this.context;
     const { frames, coordinates, history } = this.context;
-    view.map.on("rendercomplete", () => waiting.settle());
+    view.map.on("rendercomplete", () => {
+      history.flush();
+      waiting.settle();
+    });
     view.map.on("loadstart", () => waiting.unsettle());
     layers.replaced.on(() => view.setLayers(layers.every));
     layers.versionsChanged.on(() => view.setLayers(layers.every));

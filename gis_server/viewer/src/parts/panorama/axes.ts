@@ -37,7 +37,7 @@ export function drawAxes(canvas: HTMLCanvasElement, grid: AngleGrid, shown: Show
     text(pen, azimuthLabel(azimuth, across), x, height - TICK_PX - 4, "center");
   }
   const down = stepFor(perPixel, LEAST_Y_PX);
-  for (const elevation of marks(top - height * perPixel, top, down)) {
+  for (const elevation of marks(Math.max(-90, top - height * perPixel), Math.min(90, top), down)) {
     const y = (top - elevation) / perPixel;
     if (y > height - 30) continue; // room for azimuths
     tick(pen, 0, y, TICK_PX, y);
