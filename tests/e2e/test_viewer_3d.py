@@ -331,10 +331,10 @@ def test_dense_points_have_their_brightness_and_the_chosen_size(scene):
     switch(scene, "ground")
     bare = settled_image(scene, "no-ground")
     switch(scene, "points", on=True)
-    told = lambda: int(scene.locator(".scene").get_attribute("data-points") or 0)  # noqa: E731
-    until(scene, lambda: told() > 2000)
+    points = lambda: int(scene.locator(".scene").get_attribute("data-points") or 0)  # noqa: E731
+    until(scene, lambda: points() > 2000)
     small = settled_image(scene, "points")
-    assert told() <= POINTS
+    assert points() <= POINTS
     adjust(scene, "pointSize", 6)
     large = settled_image(scene, "points-large")
     x, y, width, height = (round(value) for value in canvas(scene))

@@ -109,7 +109,7 @@ def test_at_200_percent_no_panel_clips_its_content(browser, url):
 
 def test_nothing_on_the_map_lies_over_anything_else(sized):
     sized.locator("div.map").focus()
-    sized.keyboard.press("m")  # a measurement begins: the line that says how appears
+    sized.keyboard.press("m")  # a measurement begins: the line with the instructions appears
     sized.locator(".ruler").wait_for()
     title = sized.locator(".map-title")
     assert title.inner_text().split("\n")[0] == "Spirit, Gusev crater"

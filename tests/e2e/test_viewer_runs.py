@@ -95,7 +95,7 @@ def test_only_an_operator_starts_a_run_after_one_confirmation(page, workspace, l
     assert len(RunRequests.of(workspace.store.root).requests()) == 1
 
 
-def test_a_server_without_an_engine_says_so_and_raises_no_alarm(page, workspace, live):
+def test_a_missing_engine_is_stated_without_an_alarm(page, workspace, live):
     look(page, live)
     page.locator('[data-tab="runs"]').click()
     sign_in(page, workspace, Role.OPERATOR)
@@ -234,7 +234,7 @@ def test_a_note_is_written_seen_by_others_deleted_and_restored(page, browser, wo
     other.get_by_text("Deleted annotations").click()
     until(other, lambda: "layered rock" in other.locator("[data-deleted]").inner_text())
     assert "deleted by Ann" in other.locator("[data-deleted]").inner_text()
-    assert other.get_by_role("button", name="Restore").count() == 0  # nobody has signed in there
+    assert other.get_by_role("button", name="Restore").count() == 0  # no account is signed in there
     page.get_by_text("Deleted annotations").click()
     page.locator("[data-deleted]").get_by_text("History").click()
     until(page, lambda: "written: layered rock" in page.locator("[data-deleted]").inner_text())

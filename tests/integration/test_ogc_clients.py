@@ -68,9 +68,9 @@ def debians(tool: str, *requested: str) -> str:
 
 def listed_by_debians_gdal(source: str) -> list[tuple[str, str]]:
     """Layers and the counts of their features."""
-    told = debians("ogrinfo", "-so", "-al", source)
+    printed = debians("ogrinfo", "-so", "-al", source)
     layer = re.compile(r"^Layer name: (\S+)$.*?^Feature Count: (\d+)$", re.MULTILINE | re.DOTALL)
-    return layer.findall(told)
+    return layer.findall(printed)
 
 
 def test_debians_gdal_lists_the_collections_of_all_missions_from_the_entry(server):

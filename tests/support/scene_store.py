@@ -283,7 +283,7 @@ def fill_overlapping_scene(workspace: Workspace) -> None:
     }
     for ref in (ref for refs in seen.values() for ref in refs):
         shop.show(ref)
-    terrains, pictures = (
+    terrains, orthophotos = (
         [
             RegionSource(name, places[name], workspace.store.path(refs[kind]))
             for name, refs in seen.items()
@@ -299,7 +299,7 @@ def fill_overlapping_scene(workspace: Workspace) -> None:
     shop.raster(ProductKind.REGION_DTM, write)
     shop.raster(
         ProductKind.REGION_ORTHOPHOTO,
-        lambda path: write_region_orthophoto(path, pictures, MergingParams(), CRS),
+        lambda path: write_region_orthophoto(path, orthophotos, MergingParams(), CRS),
     )
 
 

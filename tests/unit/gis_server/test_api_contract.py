@@ -70,8 +70,8 @@ def test_every_route_refuses_a_bad_question_with_a_problem_document(client, oper
         if path.endswith(OWN_REPORTS):
             continue
         address = re.sub(r"\{\w+\}", "0", path.replace("{mission}", "MER2"))
-        asked = [one["name"] for one in operation["parameters"] if is_checked(one)]
-        for query in [{name: "~"} for name in asked]:
+        checked = [one["name"] for one in operation["parameters"] if is_checked(one)]
+        for query in [{name: "~"} for name in checked]:
             answer = client.request(method, address, params=query)
             assert answer.status_code >= 400, (address, query)
             assert_is_problem(answer, address)

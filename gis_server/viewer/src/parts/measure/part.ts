@@ -101,8 +101,8 @@ class Measuring {
   between(mode: Mode, corners: readonly MapPoint[], box: HTMLElement): void {
     this.context.waiting.run(async () => {
       const { found } = await this.keep(mode, corners);
-      const told = found.quantities.filter(({ name }) => BETWEEN.includes(name));
-      box.replaceChildren(facts(told.map((one) => [one.name, quantityText(one)] as const)));
+      const between = found.quantities.filter(({ name }) => BETWEEN.includes(name));
+      box.replaceChildren(facts(between.map((one) => [one.name, quantityText(one)] as const)));
       if (found.note) box.append(found.note);
     });
   }
