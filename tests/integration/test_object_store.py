@@ -342,7 +342,7 @@ def test_a_connection_cut_during_an_upload_leaves_no_visible_product(url, wire, 
     wire.cut_after = LARGE // 2
     with pytest.raises(StoreAwayError, match=r"object store s3://.* does not respond"):
         store.make(image(1), writing(os.urandom(LARGE)))
-    wire.mend()
+    wire.repair()
     assert not store.has(image(1).ref)
     assert list(store.refs()) == []
     store.make(image(1), writing(b"x" * LARGE))
@@ -371,7 +371,7 @@ def test_the_server_reports_an_unreachable_store_and_recovers(worlds, wire):
         answer = client.get(address)
         assert answer.status_code == 503, (address, answer.text)
         assert "does not respond" in answer.json()["detail"]
-    wire.mend()
+    wire.repair()
     assert {client.get(address).status_code for address in requested} == {200}
 
 
