@@ -128,20 +128,20 @@ export interface MapLegend {
 }
 
 /** Pixels of a map that keeps room beside its legend. */
-const WIDE_PX = 600;
+const ROOM_PX = [600, 420] as const;
 
 /**
  * On the map: the legends of what is drawn. Layers of several stops that look alike share one. It folds when the map
- * becomes narrow, and opens when it becomes wide.
+ * becomes small, and opens when it becomes large.
  */
 export function mapLegend(actions: LayerActions, map: HTMLElement): MapLegend {
   const list = h("div", {});
   const element = h("details", { class: "map-legend" }, h("summary", {}, "Legend"), list);
-  let isWide = false;
+  let isLarge = false;
   const fit = () => {
-    const wasWide = isWide;
-    isWide = map.clientWidth >= WIDE_PX;
-    if (isWide !== wasWide) element.open = isWide;
+    const wasLarge = isLarge;
+    isLarge = map.clientWidth >= ROOM_PX[0] && map.clientHeight >= ROOM_PX[1];
+    if (isLarge !== wasLarge) element.open = isLarge;
   };
   new ResizeObserver(fit).observe(map);
   fit();
