@@ -135,7 +135,7 @@ test("stations of a profile keep their source, and gaps stay empty", () => {
 
 test("a profile is described in words", () => {
   expect(profileOptions(PROFILE, "elevation").summary).toBe(
-    "From Elevation (DTM), Mission. Elevation 1.00 ± 0.10 m to 3.00 ± 0.20 m. 67 % measured; the band is one sigma.",
+    "From Elevation (DTM): Mission. Elevation 1.00 ± 0.10 m to 3.00 ± 0.20 m. 67 % measured; the band is one sigma.",
   );
   expect(profileOptions(PROFILE, "slope").series[0]?.sigma).toEqual([0.1, null, 0.1]);
 });

@@ -186,8 +186,17 @@ export function zoneQuantities(found: ZoneMeasured): Quantity[] {
 const percentile = ({ percentiles }: ZoneMeasured, percent: string) =>
   Object.entries(percentiles).find(([name]) => Number(name) === Number(percent))?.[1];
 
-/** Terrain models that were used. */
-export const sourcesText = (layers: readonly LayerUsed[]): string =>
-  layers.length === 0
-    ? "no terrain model"
-    : layers.map(({ id, kind }) => `${kindTitle(kind)}, ${scopeTitle(id)}`).join("; ");
+/** Terrain models that were used, by kind. */
+export function sourcesText(layers: readonly LayerUsed[]): string {
+  if (layers.length === 0) return "no terrain model";
+  const kinds = new Set(layers.map(({ kind }) => kindTitle(kind)));
+  const of = (title: string) => layers.filter(({ kind }) => kindTitle(kind) === title);
+  return [...kinds]
+    .map(
+      (title) =>
+        `${title}: ${of(title)
+          .map(({ id }) => scopeTitle(id))
+          .join("; ")}`,
+    )
+    .join("; ");
+}
