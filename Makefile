@@ -70,12 +70,14 @@ PARALLEL := --numprocesses 2 --dist loadfile
 test: develop viewer  ## Everything that continuous integration asks for.
 	$(MAKE) --jobs 2 check test-viewer
 	$(BIN)/pytest -m "not slow" $(REPEATABLE) $(PARALLEL) tests/unit
-	$(BIN)/pytest -m "not slow" $(REPEATABLE) $(PARALLEL) tests/integration tests/e2e
+	$(BIN)/pytest -m "not slow" $(REPEATABLE) $(PARALLEL) tests/integration
+	$(BIN)/pytest -m "not slow" $(REPEATABLE) $(PARALLEL) tests/e2e
 
 test-all: develop viewer  ## Also what takes minutes: the rendered traverse, long simulations.
 	$(MAKE) --jobs 2 check test-viewer
 	$(BIN)/pytest $(PARALLEL) tests/unit
-	$(BIN)/pytest $(PARALLEL) tests/integration tests/e2e
+	$(BIN)/pytest $(PARALLEL) tests/integration
+	$(BIN)/pytest $(PARALLEL) tests/e2e
 
 test-viewer: viewer
 	cd $(VIEWER) && $(NPM) test --silent

@@ -51,7 +51,8 @@ def rows(page) -> list[str]:
 
 
 def centre(page) -> None:
-    """The origin in the middle; what was added is shown whole before."""
+    """Centre the origin, once the address states that the added file is shown whole."""
+    until(page, lambda: f"at=0,0,{RESOLUTION}" not in page.url)
     page.evaluate(
         "at => { location.hash = location.hash.replace(/at=[^&]*/, at); }",
         f"at=0,0,{RESOLUTION}",

@@ -132,6 +132,7 @@ export class MapView {
   }
 
   goTo({ east, north, resolution, rotationDeg }: Place): void {
+    this.view.cancelAnimations();
     this.view.setCenter([east, north]);
     this.view.setResolution(resolution);
     this.view.setRotation((rotationDeg * Math.PI) / 180);

@@ -162,11 +162,13 @@ export class Session {
 
   /** Shows the link that is now in the address; false if it is of another mission. */
   follow(): boolean {
-    const { mission, state, history } = this.context;
+    const { mission, state, history, view } = this.context;
     const { m } = parseLink(location.hash).state;
     if (m !== null && m !== mission.mission) return false;
     history.moved();
     state.restore(location.hash);
+    const place = state.get("at");
+    if (place) view.goTo(place); // the state has where the map was when it last stood still
     state.set("m", mission.mission);
     this.noteUnknown([]);
     return true;
