@@ -101,9 +101,10 @@ class PipelineConfig:
 
     adjustment_mode: AdjustmentMode = AdjustmentMode.SEQUENTIAL
     """How the sols of a mission are adjusted: set before the first table of the file."""
-    previews: bool = False
+    previews: bool = True
     """Whether to draw previews of matches, ties, links and terrain below `quicklook/`: set before
-    the first table. Off: they check stages; another run with them draws those of all products."""
+    the first table. They take a twentieth of a run; a later run with them draws those of all
+    products."""
     sparse: SparseParams = field(default_factory=SparseParams)
     dense: DenseParams = field(default_factory=DenseParams)
     inter_stereo: InterStereoParams = field(default_factory=InterStereoParams)

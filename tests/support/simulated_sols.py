@@ -144,6 +144,7 @@ class _Maker:
                 ProductKind.TIES, _stop_scope(name), stop.inputs, inputs.config.inter_stereo
             )
             ties = store.make(recipe, lambda p, r=rows, h=header: self._write(p, r, h))
+            self._keep_preview(ties)
             stops[name] = replace(stop, ties=ties)
         links = {
             (old, new): self._linked(stops[old], stops[new], window[old], window[new])
@@ -169,13 +170,16 @@ class _Maker:
         store.make(unseen, lambda p: write_pair_rows(p, rows))
         sparse = Recipe(ProductKind.MATCHES, pair_scope(pair.id), pair.inputs, params.sparse)
         dense = Recipe(ProductKind.PARALLAX, pair_scope(pair.id), pair.inputs, params.dense)
-        return PairProducts(
+        products = PairProducts(
             pair,
             store.make(
                 sparse, lambda p: write_matches(p, known.geometry, matches, known.mast_in_rover)
             ),
             store.make(dense, lambda p: write_archive(p, {"step_px": 1.0})),
         )
+        preview = Recipe(ProductKind.QUICKLOOK, pair_scope(pair.id), products.made, config.sparse)
+        store.make(preview, lambda p: p.write_bytes(b"none"))
+        return products
 
     def _linked(self, earlier: Any, later: Any, *telemetry: Any) -> ProductRef:
         from solmap.tasks.network.tie import links_recipe  # noqa: PLC0415 - brings the engine
@@ -192,7 +196,13 @@ class _Maker:
         }
         recipe = links_recipe(earlier, later, *telemetry, self.inputs.config.cross_site)
         kept = rows if is_linked else rows[:0]
-        return self.inputs.workspace.store.make(recipe, lambda p: self._write(p, kept, header))
+        links = self.inputs.workspace.store.make(recipe, lambda p: self._write(p, kept, header))
+        self._keep_preview(links)
+        return links
+
+    def _keep_preview(self, ref: ProductRef) -> None:
+        recipe = Recipe(ProductKind.QUICKLOOK, ref.scope, (ref,))
+        self.inputs.workspace.store.make(recipe, lambda p: p.write_bytes(b"none"))
 
     def _write(self, path: Any, couples: np.ndarray, header: dict[str, Any]) -> None:
         write_ties(path, _ties_of(self.sols.mission.network.ties, couples), header)

@@ -13,7 +13,6 @@ from solmap.photogrammetry.synthetic.scene import WorldParams
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 
 COARSE = """\
-previews = true
 [dtm]
 cell_m = 0.16
 [orthophoto]
