@@ -127,10 +127,10 @@ def served(environment: Path, tmp_path_factory: pytest.TempPathFactory) -> Itera
 
 def test_the_first_page_is_the_map(served):
     page = urlopen(f"{served}/").read().decode()
-    scripts = re.findall(r'src="(?:\./|/)?(assets/[^"]+\.js)"', page)
+    assert 'id="app"' in page
+    scripts = re.findall(r'(?:src|href)="(?:\./|/)?(assets/[^"]+\.js)"', page)
     assert scripts, page
-    for script in scripts:
-        assert len(urlopen(f"{served}/{script}").read()) > 1000
+    assert sum(len(urlopen(f"{served}/{script}").read()) for script in scripts) > 100_000
 
 
 def test_the_map_has_the_layers_of_the_stop(served):
