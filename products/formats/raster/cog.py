@@ -27,7 +27,7 @@ from typing import Any, Literal
 
 import rasterio
 from pyproj import CRS
-from rasterio.enums import ColorInterp
+from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import RasterioError
 from rasterio.shutil import copy as copy_raster
 from rasterio.transform import Affine
@@ -104,20 +104,23 @@ def create_cog(
         with rasterio.open(draft, "w", **_profile(grid, crs, description)) as dataset:
             yield dataset
             _describe(dataset, description, untied_origin(crs))
-        copy_raster(
-            draft,
-            path,
-            driver="COG",
-            PREDICTOR=_PREDICTOR[description.kind],
-            OVERVIEW_RESAMPLING=description.overview_resampling,
-            **_LOSSLESS,
-        )
+            # the driver COG would compress overviews twice, and keep those of empty blocks
+            with rasterio.Env(SPARSE_OK_OVERVIEW="TRUE"):
+                how = Resampling[description.overview_resampling.lower()]
+                dataset.build_overviews(_factors(grid), how)
+        copy_raster(draft, path, driver="COG", PREDICTOR=_PREDICTOR[description.kind], **_LOSSLESS)
     except RasterioError as error:  # GDAL only reports that writing failed
         if is_disk_full(path.parent, error):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
         raise
     finally:
         draft.unlink(missing_ok=True)
+
+
+def _factors(grid: MapGrid) -> list[int]:
+    """Of the overviews: down to one block."""
+    halvings = math.ceil(math.log2(max(grid.shape) / BLOCK))
+    return [2**k for k in range(1, halvings + 1)]
 
 
 def _profile(grid: MapGrid, crs: CRS, description: RasterDescription) -> dict[str, Any]:

@@ -218,10 +218,10 @@ def read_raster(
             if names is None or name in names
         }
         try:
-            bands = {name: dataset.read(number) for name, number in numbers.items()}
+            stack = dataset.read(list(numbers.values()))  # each block holds all bands
         except RasterioError as error:
             raise read_error(path, error) from error
-        return grid_of(dataset), bands
+        return grid_of(dataset), dict(zip(numbers, stack, strict=True))
 
 
 def band_names(dataset: rasterio.DatasetReader) -> list[str]:
@@ -324,11 +324,10 @@ class StoredDtm:
     def part(self, rows: slice, cols: slice) -> Dtm:
         """A window of the model, inside its grid."""
         window = Window.from_slices(rows, cols)
-        names = [*_DTM_UNITS, _POSE_DEVIATION]
         known = {name: k for k, name in enumerate(band_names(self._dataset), start=1)}
-        bands = {
-            name: self._dataset.read(known[name], window=window) for name in names if name in known
-        }
+        names = [name for name in (*_DTM_UNITS, _POSE_DEVIATION) if name in known]
+        stack = self._dataset.read([known[name] for name in names], window=window)
+        bands = dict(zip(names, stack, strict=True))  # one call: each block holds all bands
         return Dtm(
             self.grid.part(rows.start, cols.start, window.height, window.width),
             elevation=bands["elevation"],
