@@ -73,13 +73,15 @@ def _points_inside(view: TerrainView, body: RoverBody) -> Mask:
     with np.errstate(invalid="ignore"):
         line, sample = np.nonzero(view.parallax > geometry.focal_px * geometry.base_m / farthest)
     depth = geometry.focal_px * geometry.base_m / view.parallax[line, sample]
-    x = (sample - geometry.centre_px[0]) / geometry.focal_px
-    y = (line - geometry.centre_px[1]) / geometry.focal_px
-    points = geometry.rover_from_pair.apply(
-        np.column_stack([x, y, np.ones_like(x)]) * depth[:, None]
-    )
-    low, high = body.corners
-    shown[line, sample] = ((points > low) & (points < high)).all(axis=1)
+    x = (sample - geometry.centre_px[0]) / geometry.focal_px * depth
+    y = (line - geometry.centre_px[1]) / geometry.focal_px * depth
+    pose, inside = geometry.rover_from_pair, np.ones(len(depth), dtype=np.bool_)
+    for (right, below, ahead), origin, low, high in zip(
+        pose.rotation, pose.translation_m, *body.corners, strict=True
+    ):
+        place = right * x + below * y + ahead * depth + origin
+        inside &= (place > low) & (place < high)
+    shown[line, sample] = inside
     return shown
 
 
