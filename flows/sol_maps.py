@@ -32,7 +32,7 @@ from solmap.tasks.maps.far_ground import (
     match_wide_pair,
     wide_id,
 )
-from solmap.tasks.maps.models import make_points, map_dips, model_terrain, model_views, tile_terrain
+from solmap.tasks.maps.models import make_points, map_dips, model_terrain, model_views
 from solmap.tasks.maps.orthophoto import colour_frames, render_colour, render_orthophoto
 from solmap.tasks.maps.panorama import draw_panorama, oriented_frames
 from solmap.tasks.maps.suitability import highest_camera, map_hazards, map_insolation, map_viewshed
@@ -136,14 +136,14 @@ def _models_of_stop(
     """Models of a stop: name, function that submits the task, inputs, whether it is enabled."""
     ground = (stop, "dtm"), (stop, "orthophoto")
 
-    def on_ground(task: Task[..., Any], params: object) -> Callable[[Made], PrefectFuture[Any]]:
-        return lambda made: task.submit(made[ground[0]], made[ground[1]][0], params, landing, store)
+    def of_terrain(made: Made) -> PrefectFuture[Any]:
+        dtm, (orthophoto, *_) = (made[key] for key in ground)
+        return model_terrain.submit(dtm, orthophoto, models.terrain, models.tiles, landing, store)
 
     def of_pairs(task: Task[..., Any], params: object) -> Callable[[Made], PrefectFuture[Any]]:
         return lambda _: task.submit(stop, pairs, params, landing, store)
 
-    yield "model", on_ground(model_terrain, models.terrain), ground, models.of_terrain
-    yield "3D tiles", on_ground(tile_terrain, models.tiles), ground, models.of_terrain
+    yield "model", of_terrain, ground, models.of_terrain
     yield "model of what pairs see", of_pairs(model_views, models.views), (), models.of_views
     yield "points", of_pairs(make_points, models.points), (), models.of_points
     yield "dips", of_pairs(map_dips, models.facets), (), models.dips_of_facets

@@ -54,42 +54,37 @@ def model_terrain(
     dtm: ProductRef,
     orthophoto: ProductRef,
     params: ModelParams,
+    tiling: TilesetParams,
     landing: LandingPoint,
     store: ProductStore,
-) -> ProductRef:
-    """Model a stop's terrain, textured with its orthophoto, as one glTF binary."""
-    recipe = Recipe(ProductKind.MODEL, dtm.scope, (dtm, orthophoto), (params, landing))
+) -> tuple[ProductRef, ProductRef]:
+    """Model a stop's terrain, textured with its orthophoto: one glTF binary, and 3D Tiles.
 
-    def write(path: Path) -> None:
-        mesher = TerrainMesher.of(read_dtm(store.path(dtm)))
-        texture, bounds = read_texture(store.path(orthophoto), mesher.bounds, params.max_texture_px)
-        surface = mesher.surface(mesher.triangles.mesh(params.tolerance_m), bounds)
+    The tiles have levels of detail.
+    """
+    model = Recipe(ProductKind.MODEL, dtm.scope, (dtm, orthophoto), (params, landing))
+    tileset = Recipe(ProductKind.TILESET, dtm.scope, (dtm, orthophoto), (tiling, landing))
+
+    @cache
+    def mesher() -> TerrainMesher:
+        return TerrainMesher.of(read_dtm(store.path(dtm)))
+
+    def write_model(path: Path) -> None:
+        texture, bounds = read_texture(
+            store.path(orthophoto), mesher().bounds, params.max_texture_px
+        )
+        surface = mesher().surface(mesher().triangles.mesh(params.tolerance_m), bounds)
         mesh = TexturedMesh(str(dtm.scope), surface, texture)
-        notes = {"tolerance_m": params.tolerance_m, **notes_of(recipe, landing)}
+        notes = {"tolerance_m": params.tolerance_m, **notes_of(model, landing)}
         origin = origin_near(surface, bounds)
         path.write_bytes(write_glb([mesh], origin, jpeg_quality=params.jpeg_quality, notes=notes))
 
-    return store.make(recipe, write)
+    def write_tileset(path: Path) -> None:
+        with TilesetWriter(path, notes_of(tileset, landing)) as writer:
+            for tile in mesh_tiles(mesher(), tiling):
+                _add(writer, tile, store.path(orthophoto), tiling)
 
-
-@stage(task_run_name="tileset-{dtm.scope}")
-def tile_terrain(
-    dtm: ProductRef,
-    orthophoto: ProductRef,
-    params: TilesetParams,
-    landing: LandingPoint,
-    store: ProductStore,
-) -> ProductRef:
-    """Divide a stop's terrain and orthophoto into 3D Tiles with levels of detail."""
-    recipe = Recipe(ProductKind.TILESET, dtm.scope, (dtm, orthophoto), (params, landing))
-
-    def write(path: Path) -> None:
-        mesher = TerrainMesher.of(read_dtm(store.path(dtm)))
-        with TilesetWriter(path, notes_of(recipe, landing)) as writer:
-            for tile in mesh_tiles(mesher, params):
-                _add(writer, tile, store.path(orthophoto), params)
-
-    return store.make(recipe, write)
+    return store.make(model, write_model), store.make(tileset, write_tileset)
 
 
 def _add(writer: TilesetWriter, tile: MeshTile, orthophoto: Path, params: TilesetParams) -> None:

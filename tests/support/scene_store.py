@@ -249,7 +249,7 @@ def _publish_models(
     workspace: Workspace, stop: str = LAST, raised_m: float = 0.0, picture=None
 ) -> tuple[ProductRef, ProductRef]:
     """Tiles and model of the bowl as a stop sees it; its terrain model and orthophoto."""
-    from solmap.tasks.maps.models import model_terrain, tile_terrain  # noqa: PLC0415 - slow to import
+    from solmap.tasks.maps.models import model_terrain  # noqa: PLC0415 - slow to import
 
     store, scope = workspace.store, Scope(ScopeLevel.STOP, stop)
     seen = replace(dtm(), elevation=dtm().elevation + np.float32(raised_m))
@@ -257,11 +257,8 @@ def _publish_models(
     image = store.make(
         Recipe(ProductKind.ORTHOPHOTO, scope), lambda path: _orthophoto(path, picture)
     )
-    tiles = TilesetParams(texture_px=512, draco=True)
-    for ref in (
-        tile_terrain.fn(ground, image, tiles, LANDING, store),
-        model_terrain.fn(ground, image, ModelParams(max_texture_px=1024), LANDING, store),
-    ):
+    model, tiling = ModelParams(max_texture_px=1024), TilesetParams(texture_px=512, draco=True)
+    for ref in model_terrain.fn(ground, image, model, tiling, LANDING, store):
         workspace.catalogue.publish(layers=[_layer(ref, workspace)])
     return ground, image
 

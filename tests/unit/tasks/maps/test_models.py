@@ -16,7 +16,7 @@ from solmap.products.formats.mesh.tiles3d import read_member, read_tileset
 from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.formats.raster.raster import write_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
-from solmap.tasks.maps.models import model_terrain, tile_terrain
+from solmap.tasks.maps.models import model_terrain
 from solmap.tasks.mission.publish import layer_of
 from tests.support.gltf_validator import validate_glb
 
@@ -57,14 +57,19 @@ def inputs(workspace) -> tuple[ProductRef, ProductRef]:
 
 
 @pytest.fixture(scope="module")
-def model(inputs, workspace) -> ProductRef:
-    return model_terrain.fn(*inputs, ModelParams(), LANDING, workspace.store)
+def models(inputs, workspace) -> tuple[ProductRef, ProductRef]:
+    tiling = TilesetParams(texture_px=256)
+    return model_terrain.fn(*inputs, ModelParams(), tiling, LANDING, workspace.store)
 
 
 @pytest.fixture(scope="module")
-def tileset(inputs, workspace) -> ProductRef:
-    params = TilesetParams(texture_px=256)
-    return tile_terrain.fn(*inputs, params, LANDING, workspace.store)
+def model(models) -> ProductRef:
+    return models[0]
+
+
+@pytest.fixture(scope="module")
+def tileset(models) -> ProductRef:
+    return models[1]
 
 
 def test_the_model_agrees_with_the_terrain(model, workspace):
