@@ -1,6 +1,8 @@
 """Stages: the tasks of a flow, and their retries.
 
-A stage stores its result in the product store, not in Prefect; it may be called repeatedly.
+A stage stores its result in the product store, not in Prefect; it may be called repeatedly. If all
+of its products exist, submitting it only looks them up: most stages of a window are of earlier
+sols, and a task costs the engine as much as ten look-ups.
 Transient errors (`products.store.faults`) are retried after a doubling pause; others are not.
 """
 
@@ -9,17 +11,20 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from functools import wraps
-from inspect import signature
+from inspect import signature, unwrap
 from typing import Any, ParamSpec, TypeVar
 
 import httpx
-from prefect import Task, task
+from prefect import Task
 from prefect.cache_policies import NO_CACHE
 from prefect.client.schemas.objects import State, TaskRun
+from prefect.futures import PrefectFuture
 from prefect.tasks import exponential_backoff
 
+from solmap.products.errors import cause_of
 from solmap.products.store.faults import is_transient
 from solmap.products.store.process import ResourceMeter, collect_garbage_seldom
+from solmap.products.store.product_store import NotMadeError, looking_up
 
 log = logging.getLogger(__name__)
 P = ParamSpec("P")
@@ -32,20 +37,61 @@ _JITTER = 0.3
 """Random variation of pauses, so that two stages do not collide at the same lock again."""
 
 
-def stage(task_run_name: str) -> Callable[[Callable[P, R]], Task[P, R]]:
-    """A function as a task with a name for its runs, which may have parameters: `dtm-{stop}`."""
+class LookedUp(PrefectFuture[R]):
+    """Result of a stage whose products exist."""
+
+    def __init__(self, made: R) -> None:
+        self._made = made
+
+    def wait(self, timeout: float | None = None) -> None:
+        """Nothing is waited for."""
+
+    def result(self, timeout: float | None = None, raise_on_failure: bool = True) -> R:  # noqa: ARG002, FBT001, FBT002 - as Prefect has it
+        """The result."""
+        return self._made
+
+    def add_done_callback(self, fn: Callable[[PrefectFuture[R]], None]) -> None:
+        """Call at once."""
+        fn(self)
+
+
+class Stage(Task[P, R]):
+    """A task whose result is looked up where its products exist."""
+
+    def submit(self, *args: P.args, **kwargs: P.kwargs) -> PrefectFuture[R]:  # type: ignore[override]
+        """Look up the result, or submit the task."""
+        try:
+            with looking_up():
+                return LookedUp(unwrap(self.fn)(*args, **kwargs))
+        except NotMadeError:
+            pass
+        except Exception as error:  # noqa: BLE001 - the task meets and reports it
+            log.info("%s cannot be looked up: %s", self.name, cause_of(error))
+        return super().submit(*args, **kwargs)
+
+
+def stage(
+    task_run_name: str, *, makes_products: bool = True
+) -> Callable[[Callable[P, R]], Task[P, R]]:
+    """A function as a task.
+
+    Args:
+        task_run_name: Of its runs, may have parameters: `dtm-{stop}`.
+        makes_products: Whether it makes products and does nothing else, so that its result may be
+            looked up.
+    """
 
     def as_task(work: Callable[P, R]) -> Task[P, R]:
-        return run_as(_log_effort(work, task_run_name))
+        return (Stage if makes_products else Task)(
+            _log_effort(work, task_run_name),
+            task_run_name=task_run_name,
+            cache_policy=NO_CACHE,  # the store caches results
+            retries=RETRIES,
+            retry_delay_seconds=exponential_backoff(FIRST_PAUSE_S),
+            retry_jitter_factor=_JITTER,
+            retry_condition_fn=is_worth_retrying,
+        )
 
-    run_as = task(
-        task_run_name=task_run_name,
-        cache_policy=NO_CACHE,  # the store caches results
-        retries=RETRIES,
-        retry_delay_seconds=exponential_backoff(FIRST_PAUSE_S),
-        retry_jitter_factor=_JITTER,
-        retry_condition_fn=is_worth_retrying,
-    )
     return as_task
 
 

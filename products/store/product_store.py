@@ -19,6 +19,7 @@ import shutil
 import socket
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
+from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -149,12 +150,15 @@ class ProductStore:
         """Make the product of `recipe` with `write`, unless it exists.
 
         Raises:
+            NotMadeError: it does not exist, and products are only looked up here.
             StoreFullError: the disk is full; the draft is removed, finished products are kept.
             StoreAwayError: the object store does not respond; no part of the product is visible.
         """
         ref = recipe.ref
         if self.has(ref):
             return ref
+        if _only_looks_up.get():
+            raise NotMadeError(f"{ref} does not exist yet")
         name = _name(ref)
         effort = ResourceMeter()
         with (
@@ -265,6 +269,23 @@ def _digests(names: Iterable[str], kind: ProductKind) -> Iterator[str]:
         digest = name.rpartition("/")[2].removesuffix(kind.suffix)
         if name.endswith(kind.suffix) and "." not in digest:
             yield digest
+
+
+class NotMadeError(BaseException):
+    """A product is missing where products are only looked up; no handler of errors catches it."""
+
+
+_only_looks_up: ContextVar[bool] = ContextVar("solmap_only_looks_up", default=False)
+
+
+@contextlib.contextmanager
+def looking_up() -> Iterator[None]:
+    """In the block stores make no product: where one is missing, `make` raises `NotMadeError`."""
+    before = _only_looks_up.set(True)
+    try:
+        yield
+    finally:
+        _only_looks_up.reset(before)
 
 
 def _not_found(ref: ProductRef) -> ProductNotFoundError:

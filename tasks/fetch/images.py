@@ -29,7 +29,7 @@ class Arrival:
     failure: str = ""
 
 
-@stage(task_run_name="images-{volume.name}")
+@stage(task_run_name="images-{volume.name}", makes_products=False)
 def fetch_images(
     entries: Sequence[IndexEntry],
     volume: Volume,

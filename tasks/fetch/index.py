@@ -124,7 +124,7 @@ class Index:
         return find_in_index(read_index_rows(self.layout, _chunks(self.table)), selection)
 
 
-@stage(task_run_name="index-{folder}")
+@stage(task_run_name="index-{folder}", makes_products=False)
 def fetch_index(
     volume: Volume,
     folder: Path,

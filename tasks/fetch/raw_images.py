@@ -68,7 +68,7 @@ class RawFindings:
     first_fault: str = ""
 
 
-@stage(task_run_name="raw-list-{selection.mission}")
+@stage(task_run_name="raw-list-{selection.mission}", makes_products=False)
 def find_raw_images(
     url: str, selection: IndexSelection, folder: Path, transfer: Transfer
 ) -> RawFindings:
@@ -99,7 +99,7 @@ def find_raw_images(
     return RawFindings(tuple(paired), len(images) - len(paired), left_out, first_fault)
 
 
-@stage(task_run_name="raw-images")
+@stage(task_run_name="raw-images", makes_products=False)
 def fetch_raw_images(
     images: tuple[RawImage, ...],
     out_dir: Path,

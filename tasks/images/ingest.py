@@ -267,7 +267,7 @@ class Delivery:
     """Missions of its images, in the order of ingestion, then those of its vector files."""
 
 
-@stage(task_run_name="ingest-{downlink}")
+@stage(task_run_name="ingest-{downlink}", makes_products=False)
 def ingest_downlink(
     downlink: Path,
     workspace: Workspace,

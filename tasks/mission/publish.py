@@ -131,7 +131,7 @@ class Published:
             raise ProductError("; ".join(lines))
 
 
-@stage(task_run_name="publish")
+@stage(task_run_name="publish", makes_products=False)
 def publish(
     mission: MissionEntry,
     layers: Sequence[tuple[ProductRef, tuple[int, ...]]],

@@ -90,7 +90,7 @@ def run(store: ProductStore, attempts: list[int], write: Callable[[Path], object
 
     from solmap.tasks.stage import stage  # noqa: PLC0415
 
-    @stage(task_run_name="slope-{name}")
+    @stage(task_run_name="slope-{name}", makes_products=False)
     def make(name: str) -> ProductRef:  # noqa: ARG001 - names the run
         attempts.append(1)
         return store.make(RECIPE, write)

@@ -30,20 +30,20 @@ def stages() -> dict[str, Any]:
     from solmap.products.store.product_store import ProductStore  # noqa: PLC0415
     from solmap.tasks.stage import stage  # noqa: PLC0415
 
-    @stage(task_run_name="nothing")
+    @stage(task_run_name="nothing", makes_products=False)
     def nothing(number: int, store: ProductStore) -> tuple[int, int, str]:
         return number, os.getpid(), store.root.name
 
-    @stage(task_run_name="broken")
+    @stage(task_run_name="broken", makes_products=False)
     def broken(number: int, store: ProductStore) -> int:
         store.path(ProductRef(ProductKind.DTM, Scope(ScopeLevel.STOP, f"stop{number}"), "0" * 16))
         raise ProductError("found")
 
-    @stage(task_run_name="full")
+    @stage(task_run_name="full", makes_products=False)
     def full() -> int:
         raise StoreFullError("the disk is full")
 
-    @stage(task_run_name="kill")
+    @stage(task_run_name="kill", makes_products=False)
     def kill() -> int:
         os.kill(os.getpid(), signal.SIGKILL)
         return 0

@@ -320,12 +320,19 @@ def violations(clean: CleanRun, injection: Injection, *, from_nothing: bool = Fa
     Args:
         clean: What the run is compared with.
         injection: What is raised, and where.
-        from_nothing: Make all products again; else those of the clean run are looked up.
+        from_nothing: Make all products again; else those of the clean run are looked up, except
+            what the call makes: it would not come.
     """
+    from solmap.tasks.stage import Stage  # noqa: PLC0415 - after the engine's settings
+
     root = Path(tempfile.mkdtemp(prefix="faulty-", dir=clean.folder))
     try:
         if not from_nothing:
             shutil.copytree(clean.store / "products", root / "products")
+            if isinstance(stages()[injection.call.stage], Stage):
+                for name in injection.call.made:
+                    for file in (root / "products").glob(f"{name}.*"):
+                        file.unlink()
         return _violations(clean, injection, root)
     finally:
         shutil.rmtree(root)
