@@ -46,8 +46,21 @@ _EVENT_DAYS = 7
 """Events record every step of every task; old ones are not needed."""
 _NO_HARD_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS}
 """Error numbers of file systems without them, as CIFS and exFAT."""
-_RUN_ONLY = {"PREFECT_UI_ENABLED": "false"}
-"""The pages of a run's own server end with the run, so none are needed."""
+_IDLE_SERVICES = (
+    "CANCELLATION_CLEANUP",
+    "CLEANUP_RECONCILER",
+    "FOREMAN",
+    "LATE_RUNS",
+    "PAUSE_EXPIRATIONS",
+    "REPOSSESSOR",
+    "SCHEDULER",
+    "TRIGGERS",
+)
+_RUN_ONLY = {
+    "PREFECT_UI_ENABLED": "false",
+    **{f"PREFECT_SERVER_SERVICES_{name}_ENABLED": "false" for name in _IDLE_SERVICES},
+}
+"""The server of a run ends with it: it needs no pages, and has nothing to schedule or to watch."""
 
 
 def prepare_engine(store: Path) -> None:
@@ -176,11 +189,15 @@ def await_engine(child: Child, port: int) -> None:
         time.sleep(0.2)
 
 
-def start_engine(store: Path) -> None:
+def start_engine(store: Path, flows: str = "prefect.main") -> None:
     """Run a server until this process ends; call before the first import of a flow.
 
     The server in `PREFECT_API_URL` is used if set. The server is stopped after Prefect has sent its
     last messages: exit handlers run in reverse order.
+
+    Args:
+        store: Folder of products and catalogue.
+        flows: Module to import while the server starts, which takes as long.
 
     Raises:
         TimeoutError: it does not start.
@@ -197,9 +214,10 @@ def start_engine(store: Path) -> None:
     child = engine_child(store, port, has_pages=False)
     child.start()
     atexit.register(child.stop)
+    use_engine(store, port)
+    importlib.import_module(flows)
     await_engine(child, port)
     threading.Thread(target=_keep_alive, args=(child,), name="engine-watch", daemon=True).start()
-    use_engine(store, port)
 
 
 def _keep_alive(child: Child) -> None:
