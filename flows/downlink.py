@@ -34,6 +34,7 @@ from solmap.products.store.process import return_free_memory
 from solmap.tasks.images.folders import NO_FILES
 from solmap.tasks.images.ingest import Delivery, ingest_downlink
 from solmap.tasks.images.manual_ties import EDITS_FILE, take_edits
+from solmap.tasks.images.pairs import forget_pairs
 from solmap.tasks.images.poses import PoseSources, open_pose_sources, take_poses
 from solmap.tasks.network.orientations import Standing
 from solmap.tasks.scopes import network_scope
@@ -219,6 +220,8 @@ def _process_map(
             if done.standing is not None:
                 standings[name] = done.standing
     report.sols += reports
+    forget_pairs()
+    return_free_memory()
     return len(reports) == len(steps)
 
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence, Set
 from pathlib import Path
+from typing import Any
+
+from prefect import Task
 
 from solmap.config.landing import landing_site
 from solmap.config.pipeline import PipelineConfig, load_pipeline
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
 from solmap.flows.runtime.failures import clear_failure, isolate, keep_going
+from solmap.flows.runtime.jobs import Job, run_jobs
 from solmap.flows.runtime.run_record import record_run
 from solmap.flows.sol_inputs import read_map
 from solmap.photogrammetry.archive.missions import mission_id
@@ -116,18 +120,18 @@ def _map_region(
     store, landing = workspace.store, landing_site(mission, Settings().landing_sites).landing
     refs = [layer.ref for layer in stops]
     dtm, seams = fuse_region(mission, refs, config.region.fusion, landing, store)
-    made = [dtm, seams, *_surfaces(dtm, config, landing, store, failed)]
     scopes = {ref.scope for ref in refs}
     orthophotos = [
         layer.ref
         for layer in workspace.catalogue.layers(mission)
         if layer.ref.kind is ProductKind.ORTHOPHOTO and layer.ref.scope in scopes
     ]
-    if orthophotos:
-        with keep_going(failed, f"orthophoto of {dtm.scope}"):
-            made.append(
-                merge_orthophotos(dtm, orthophotos, config.region.orthophoto, landing, store)
-            )
+    jobs = _region_jobs(dtm, orthophotos, config, landing, store)
+    done, causes = run_jobs(jobs, most=Settings().task_workers)
+    failed |= {f"{what} of {dtm.scope}": cause for what, cause in causes.items()}
+    made = [dtm, seams]
+    for result in done.values():
+        made += [result] if isinstance(result, ProductRef) else result
     sols = tuple(sorted({sol for layer in stops for sol in layer.sols}))
     entry = workspace.catalogue.mission(mission)
     failed |= publish(entry, [(ref, sols) for ref in made], (), (), workspace).failures
@@ -159,27 +163,29 @@ def _regions(mission: str, workspace: Workspace, config: PipelineConfig) -> list
     ]
 
 
-def _surfaces(
+def _region_jobs(
     dtm: ProductRef,
+    orthophotos: Sequence[ProductRef],
     config: PipelineConfig,
     landing: LandingPoint,
     store: ProductStore,
-    failed: dict[str, str],
-) -> list[ProductRef]:
-    """Make the layers of a region that show relief and suitability for a rover."""
-    made: list[ProductRef] = []
-    with keep_going(failed, f"hillshade of {dtm.scope}"):
-        made.append(shade_relief(dtm, config.hillshade, landing, store))
-    with keep_going(failed, f"contours of {dtm.scope}"):
-        made.append(trace_contours(dtm, config.region.contour, landing, store))
-    with keep_going(failed, f"relief of {dtm.scope}"):
-        made += map_relief(dtm, config.slope, landing, store)
-    with keep_going(failed, f"insolation of {dtm.scope}"):
-        if landing.is_on_mars:  # insolation is modelled for Mars only
-            made += map_insolation(dtm, config.insolation, config.havens, landing, store)
-    with keep_going(failed, f"hazard of {dtm.scope}"):
-        made.append(map_hazards(dtm, config.hazard, landing, store))
-    return made
+) -> dict[str, Job]:
+    """Jobs for the layers of a region: relief, suitability for a rover, merged orthophoto."""
+
+    def job(task: Task[..., Any], *params: object) -> Job:
+        return Job("map the region", lambda _: task.submit(dtm, *params, landing, store))
+
+    jobs = {
+        "relief": job(map_relief, config.slope),
+        "hillshade": job(shade_relief, config.hillshade),
+        "contours": job(trace_contours, config.region.contour),
+        "hazard": job(map_hazards, config.hazard),
+    }
+    if landing.is_on_mars:  # insolation is modelled for Mars only
+        jobs["insolation"] = job(map_insolation, config.insolation, config.havens)
+    if orthophotos:
+        jobs["orthophoto"] = job(merge_orthophotos, orthophotos, config.region.orthophoto)
+    return jobs
 
 
 def refresh_regions(store: Path, pipeline: str, mission: str | None = None) -> list[str]:

@@ -37,7 +37,9 @@ class Job:
 
 
 def run_jobs(
-    jobs: Mapping[K, Job], settled: Callable[[K, Mapping[K, Any]], None] | None = None
+    jobs: Mapping[K, Job],
+    settled: Callable[[K, Mapping[K, Any]], None] | None = None,
+    most: int | None = None,
 ) -> tuple[dict[K, Any], dict[K, str]]:
     """Run jobs, each as soon as possible; returns results by key, and failures by key.
 
@@ -46,13 +48,14 @@ def run_jobs(
     Args:
         jobs: By key; of those that are ready the first listed is submitted first.
         settled: Called with the key of each job that has ended, and all results by then.
+        most: Number of jobs to submit at a time; by default one more than the flow has workers.
 
     Raises:
         StoreFullError: a task found the disk full, so all further work would fail too.
     """
     waiting, running = dict(jobs), dict[K, PrefectFuture[Any]]()
     results, failures = dict[K, Any](), dict[K, str]()
-    finished, most = SimpleQueue[K](), places()
+    finished, most = SimpleQueue[K](), most or places()
     of_stage, done = Counter(job.stage for job in jobs.values()), Counter[str]()
 
     def settle(key: K) -> None:

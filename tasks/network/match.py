@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
 
 from solmap.photogrammetry.adjustment.modes.rig_pooling import CameraRows
@@ -26,10 +25,10 @@ from solmap.products.formats.documents.rig import PairRows, write_pair_rows
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import (
-    PAIRS_KEPT,
     PairFiles,
     PairProducts,
     Turn,
+    keep_pairs,
     read_epipolar,
 )
 from solmap.tasks.scopes import pair_scope
@@ -105,7 +104,7 @@ def match_stereo_pair(
     )
 
 
-@lru_cache(maxsize=PAIRS_KEPT)
+@keep_pairs
 def find_candidates(
     pair: PairFiles, turn: Turn | None, params: SparseParams, store: ProductStore
 ) -> Candidates:

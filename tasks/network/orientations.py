@@ -13,7 +13,6 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +40,7 @@ from solmap.products.formats.documents.network import (
 from solmap.products.formats.documents.rig import RigProduct, read_rig
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.images.pairs import PAIRS_KEPT, PairProducts
+from solmap.tasks.images.pairs import PairProducts, keep_pairs
 from solmap.tasks.scopes import is_of_mission, sol_of
 from solmap.tasks.stage import stage
 
@@ -124,7 +123,7 @@ def _read_view(pair: OrientedPair, store: ProductStore) -> TerrainView:
     )
 
 
-@lru_cache(maxsize=PAIRS_KEPT)  # maps, models and points of a stop read the same
+@keep_pairs  # maps, models and points of a stop read the same
 def _read_in_place(products: PairProducts, store: ProductStore) -> tuple[TerrainView, ParallaxMap]:
     """The view of a pair at the origin, and the sigmas of its parallax; read-only.
 
