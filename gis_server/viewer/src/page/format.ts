@@ -1,5 +1,7 @@
 /** Numbers as a reader of maps expects them. */
 
+import type { TraverseRow } from "../server/network";
+
 const MINUS = "\u2212";
 
 const signed = (text: string) => text.replace("-", MINUS);
@@ -147,3 +149,7 @@ export function scopeTitle(scope: string): string {
   const sol = /sol0*(\d+)/i.exec(scope);
   return sol ? `Sol ${sol[1]}` : "Mission";
 }
+
+/** Percent of the distance, with the standard deviation of the metres. */
+export const percentText = ({ percent, sigma_horizontal_m, distance_m }: TraverseRow): string =>
+  percent === null ? "–" : `${digits(percent, (100 * sigma_horizontal_m) / distance_m, HELD_M)} %`;

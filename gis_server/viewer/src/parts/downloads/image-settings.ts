@@ -1,7 +1,7 @@
 /** Settings of the map's image: its size and scale, its title and credit. */
 
 import { h } from "../../page/dom";
-import { type Paper, PAPERS } from "./sheet";
+import { type Paper, PAPERS } from "../../sheet/sheet";
 
 export type ImageFormat = "png" | "pdf";
 

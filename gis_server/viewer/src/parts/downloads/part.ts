@@ -1,27 +1,21 @@
 /** All downloads: files, parts of them, URLs, and the map as an image. */
 
-import { kindTitle } from "../../map/layers";
-import { legendFor } from "../../map/raster-style";
 import { Sketch } from "../../map/sketch";
-import { titleOf } from "../../map/title";
 import { copyText } from "../../page/copy";
 import { h } from "../../page/dom";
-import { fixed, scopeTitle } from "../../page/format";
 import { saveFile } from "../../page/save";
 import { downloads } from "../../server/downloads";
-import type { Bounds, Layer, Legend, MapPoint } from "../../server/records";
+import type { Bounds, MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
 import "./downloads.css";
 import { filesPanel, type Offered } from "./panel";
 import { pdfOf } from "./pdf";
 import { imageSettings, type ImageFormat, type ImageSettings } from "./image-settings";
 import { withDensity } from "./png";
-import { drawSheet, type SheetTexts } from "./sheet-drawing";
-import { roundScale, sheetOf } from "./sheet";
-import { snapshot } from "./snapshot";
-
-/** Default credit on an image of the map. */
-export const CREDIT = "NASA/JPL-Caltech; map: solmap";
+import { drawSheet } from "../../sheet/sheet-drawing";
+import { roundScale, sheetOf } from "../../sheet/sheet";
+import { snapshot } from "../../sheet/snapshot";
+import { CREDIT, textsOf } from "../../sheet/texts";
 
 const JPEG_QUALITY = 0.95;
 
@@ -136,37 +130,4 @@ async function encoded(canvas: HTMLCanvasElement, type: string): Promise<Uint8Ar
   const blob = await new Promise<Blob | null>((done) => canvas.toBlob(done, type, JPEG_QUALITY));
   if (!blob) throw new Error("the browser could not make the image: choose a smaller one");
   return new Uint8Array(await blob.arrayBuffer());
-}
-
-/** The text below an image of the map. */
-export function textsOf(
-  { view, layers, mission, drawing }: Context,
-  settings: Pick<ImageSettings, "title" | "credit">,
-): SheetTexts {
-  const { east, north, rotationDeg } = view.place;
-  const [lon, lat] = view.local.toLonLat([east, north]);
-  const degrees = mission.landing.origin ? "" : ` (${fixed(lat, 6)}°, ${fixed(lon, 6)}° E)`;
-  const drawn = layers.shown.filter((layer) => layers.isDrawn(layer, drawing.sols));
-  const names = [...new Set(drawn.map(({ kind }) => kindTitle(kind)))].join(", ");
-  return {
-    title: settings.title,
-    lines: [
-      titleOf(mission, layers.all, drawing.sols).parts.join(" · "),
-      `centre: north ${fixed(north, 2)} m, east ${fixed(east, 2)} m of ${mission.landing.name}${degrees}`,
-      names,
-      `${settings.credit}, ${new Date().toISOString().slice(0, 10)}`,
-    ],
-    legends: drawn.flatMap((layer) => {
-      const legend = legendOf(layer, layers.state(layer).style);
-      return legend ? [[layerTitle(layer), legend] as const] : [];
-    }),
-    rotationDeg,
-  };
-}
-
-const layerTitle = ({ kind, scope, level }: Layer) =>
-  level === "region" ? kindTitle(kind) : `${kindTitle(kind)}, ${scopeTitle(scope)}`;
-
-function legendOf(layer: Layer, style: Parameters<typeof legendFor>[1]): Legend | null {
-  return layer.type === "raster" ? legendFor(layer, style) : null;
 }

@@ -3,7 +3,7 @@ import { expect, test } from "vitest";
 import { rasterLayer, vectorLayer } from "../../fixtures";
 import { clipUrl } from "../../server/downloads";
 import { crc32, withDensity } from "./png";
-import { roundScale, sheetOf } from "./sheet";
+import { roundScale, sheetOf } from "../../sheet/sheet";
 
 const text = (value: string) => new TextEncoder().encode(value);
 

@@ -11,7 +11,7 @@ import { projection } from "../../server/projection";
 import type { ImageEntry, MapPoint } from "../../server/records";
 import { type Predicted, ties } from "../../server/ties";
 import type { Context } from "../../session/context";
-import type { ImagePoint } from "../image-view/viewport";
+import type { ImagePoint } from "../../image/viewport";
 import {
   type Draft,
   EMPTY,

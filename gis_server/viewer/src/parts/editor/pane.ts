@@ -3,9 +3,9 @@
 import { h } from "../../page/dom";
 import { scopeTitle } from "../../page/format";
 import type { ImageEntry } from "../../server/records";
-import type { Overlay } from "../image-view/overlay";
-import { ImageCanvas } from "../image-view/image-canvas";
-import type { ImagePoint } from "../image-view/viewport";
+import type { Overlay } from "../../image/overlay";
+import { ImageCanvas } from "../../image/image-canvas";
+import type { ImagePoint } from "../../image/viewport";
 import { anaglyphUrl } from "./anaglyph";
 
 const LARGEST_NUDGE = 80;

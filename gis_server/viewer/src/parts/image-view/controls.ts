@@ -1,7 +1,7 @@
 /** The tools of the image viewer: zoom, contrast, tie points. */
 
 import { button, h } from "../../page/dom";
-import { NO_STRETCH, type Stretch } from "./stretch";
+import { NO_STRETCH, type Stretch } from "../../image/stretch";
 
 export const RESIDUAL_FACTORS = [0, 1, 10, 20, 50, 100, 200, 500] as const;
 /** A residual of a tenth of a pixel is drawn five pixels long. */

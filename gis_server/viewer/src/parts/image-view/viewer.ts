@@ -9,11 +9,11 @@ import { type Context, identify, openImage } from "../../session/context";
 import type { ImageSight } from "../../session/state";
 import { isRefusal, Latest } from "../../session/latest";
 import { type Controls, controls } from "./controls";
-import { tieAt, tieText } from "./overlay";
-import { ImageCanvas } from "./image-canvas";
+import { tieAt, tieText } from "../../image/overlay";
+import { ImageCanvas } from "../../image/image-canvas";
 import { Strip } from "./strip";
-import { percentileStretch } from "./stretch";
-import type { ImagePoint, ScreenPoint } from "./viewport";
+import { percentileStretch } from "../../image/stretch";
+import type { ImagePoint, ScreenPoint } from "../../image/viewport";
 
 const REST_MS = 90;
 

@@ -74,7 +74,7 @@ export function layersPart(context: Context): void {
     choose: (range) => state.set("sol", range),
     record: (steps) =>
       waiting.run(async () => {
-        const { recordingDialog } = await import("../playback/dialog");
+        const { recordingDialog } = await import("./playback/dialog");
         page.dialog("Save the playback", recordingDialog(context, steps));
       }),
   };

@@ -9,7 +9,7 @@ import type { MapPoint } from "../../server/records";
 import { type Model, type Place3, type SceneStops, sceneApi } from "../../server/scene";
 import { type Context, identify, openImage } from "../../session/context";
 import type { Viewpoint, Shown } from "../../session/state";
-import { rasterLegend } from "../layers/legend";
+import { rasterLegend } from "../../map/legend";
 import { Cloud } from "./surface/cloud";
 import { type ControlPanel, type Choices, controls } from "./controls";
 import { dots } from "./drawings";

@@ -2,10 +2,9 @@
 
 import { kindTitle } from "../../map/layers";
 import { facts, h } from "../../page/dom";
-import { HELD_M, measured, scopeTitle } from "../../page/format";
+import { HELD_M, measured, percentText, scopeTitle } from "../../page/format";
 import { urls } from "../../server/api";
 import type { TraverseRow } from "../../server/network";
-import { percentText } from "../traverse/differences";
 import type { ImageEntry, Layer } from "../../server/records";
 
 export interface StopFacts {

@@ -3,7 +3,7 @@
  */
 
 import { h } from "../../page/dom";
-import { digits, HELD_M, measured } from "../../page/format";
+import { digits, HELD_M, measured, percentText } from "../../page/format";
 import type { Solution, TraverseAnswer, TraverseRow } from "../../server/network";
 
 export const TELEMETRY_NAME = "telemetry";
@@ -17,10 +17,6 @@ export function solutionTitle(one: Solution, all: readonly Solution[]): string {
   const made = sameTitle.length > 1 ? `, made ${one.made_at.slice(0, 16).replace("T", " ")}` : "";
   return `${name}${made}${one.is_latest ? " (on the map)" : ""}`;
 }
-
-/** Percent of the distance, with the standard deviation of the metres. */
-export const percentText = ({ percent, sigma_horizontal_m, distance_m }: TraverseRow): string =>
-  percent === null ? "–" : `${digits(percent, (100 * sigma_horizontal_m) / distance_m, HELD_M)} %`;
 
 /** The result for a traverse in one sentence, as in the paper. */
 export function summaryText(answer: TraverseAnswer): string {

@@ -1,8 +1,8 @@
 /** What is drawn over an image: tie points with their residuals, and the place that the cursor marks. */
 
-import { measured, sigmaText } from "../../page/format";
-import type { ImageTie } from "../../server/network";
-import type { PixelEllipse, Sight } from "../../server/projection";
+import { measured, sigmaText } from "../page/format";
+import type { ImageTie } from "../server/network";
+import type { PixelEllipse, Sight } from "../server/projection";
 import { type ImagePoint, type ScreenPoint, toScreen, type Viewport } from "./viewport";
 
 export const TIE_COLOURS: Readonly<Record<string, string>> = {

@@ -1,8 +1,8 @@
 /** A map with its marginal information: title, scale, north, legend, place and credit. */
 
-import { scaleBar } from "../../map/scale";
-import { compact } from "../../page/format";
-import type { Legend } from "../../server/records";
+import { scaleBar } from "../map/scale";
+import { compact } from "../page/format";
+import type { Legend } from "../server/records";
 import type { Sheet } from "./sheet";
 
 export interface SheetTexts {

@@ -1,11 +1,11 @@
 /** The map at one range of sols after the other, as frames with title, scale and legends. */
 
-import { type Sols, solsTitle } from "../../map/sols";
-import type { Context } from "../../session/context";
-import { textsOf } from "../downloads/part";
-import { sheetOf } from "../downloads/sheet";
-import { drawSheet } from "../downloads/sheet-drawing";
-import { snapshot } from "../downloads/snapshot";
+import { type Sols, solsTitle } from "../../../map/sols";
+import type { Context } from "../../../session/context";
+import { textsOf } from "../../../sheet/texts";
+import { sheetOf } from "../../../sheet/sheet";
+import { drawSheet } from "../../../sheet/sheet-drawing";
+import { snapshot } from "../../../sheet/snapshot";
 
 /** Larger frames are made smaller. */
 const MOST_PX = 1280;

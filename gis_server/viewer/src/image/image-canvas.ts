@@ -1,7 +1,7 @@
 /** An image on a canvas: zoomed by wheel and keys, moved by dragging, stretched, and drawn over. */
 
-import { h } from "../../page/dom";
-import type { ImageSight } from "../../session/state";
+import { h } from "../page/dom";
+import type { ImageSight } from "../session/state";
 import { drawOverlay, type Overlay } from "./overlay";
 import { applied, lookUp, NO_STRETCH, type Stretch } from "./stretch";
 import {

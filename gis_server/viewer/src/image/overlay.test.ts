@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import type { ImageTie } from "../../server/network";
+import type { ImageTie } from "../server/network";
 import { BLUNDER, colourOf, residualEnd, tieAt, tieText } from "./overlay";
 
 const tie: ImageTie = {

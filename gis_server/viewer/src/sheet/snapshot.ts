@@ -1,6 +1,6 @@
 /** The map as one image, at the size and scale of a sheet. */
 
-import type { MapView } from "../../map/map-view";
+import type { MapView } from "../map/map-view";
 import type { Sheet } from "./sheet";
 
 /** Draws the map at the sheet's size, copies it, and puts it back as it was. */

@@ -1,11 +1,11 @@
 /** Dialog for saving the playback, with its progress. */
 
 import "./playback.css";
-import type { Sols } from "../../map/sols";
-import { h } from "../../page/dom";
-import { saveFile } from "../../page/save";
-import type { Context } from "../../session/context";
-import { CREDIT } from "../downloads/part";
+import type { Sols } from "../../../map/sols";
+import { h } from "../../../page/dom";
+import { saveFile } from "../../../page/save";
+import type { Context } from "../../../session/context";
+import { CREDIT } from "../../../sheet/texts";
 import { type Encoder, encoders } from "./encoders";
 import { framesOf } from "./frames";
 
