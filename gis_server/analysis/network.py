@@ -79,13 +79,39 @@ class Weak(BaseModel):
     why: str
 
 
+class Agreement(BaseModel):
+    """Mean difference between positions of the same points from two pairs."""
+
+    comparisons: int
+    mean_2d_px: float | None
+    mean_3d_m: float | None
+
+
+class Adjustment(BaseModel):
+    """Figures of the adjustment; ties and agreement by kind of tie point."""
+
+    converged: bool
+    iterations: int
+    sigma0: float | None
+    """Standard deviation of unit weight; 1 when all stated standard deviations are true."""
+    redundancy: int
+    pairs: int
+    ties: dict[str, int]
+    blunders: int
+    """Observations set aside."""
+    control: int
+    """Number of positions in control frames that were used."""
+    before: dict[str, Agreement]
+    after: dict[str, Agreement]
+    message: str
+
+
 class NetworkGraph(BaseModel):
     """All stops and the links between them."""
 
     units: str = UNITS
     network: NetworkUsed
-    summary: str
-    """The adjustment in one line."""
+    adjustment: Adjustment
     few_ties: int
     """A link with fewer ties is weak."""
     stops: list[StopNode]
@@ -146,7 +172,7 @@ def network_graph(ref: ProductRef, network: NetworkProduct) -> NetworkGraph:
     pairs = Counter(str(pair.stop) for pair in adjusted.pairs)
     return NetworkGraph(
         network=NetworkUsed.of(ref),
-        summary=str(network.report["summary"]),
+        adjustment=Adjustment.model_validate(network.report),
         few_ties=params.few_ties,
         stops=[
             StopNode(

@@ -1,8 +1,7 @@
 """State of the engine as written by `solmap up`: deployments, waiting runs, and whether it is up.
 
 The map does not communicate with the engine. `solmap up` does, and writes the state to the file
-`engine.json` of the store at intervals: an old state means that neither `solmap up` nor the engine
-is running.
+`engine.json` of the store at intervals: an old state means that the store is only served.
 """
 
 from __future__ import annotations
@@ -64,7 +63,7 @@ class EngineState:
     deployments: tuple[DeploymentState, ...] = ()
     queued: tuple[QueuedRun, ...] = ()
     is_known: bool = True
-    """Whether `solmap up` has ever run on the store; else it is only served."""
+    """Whether `solmap up` runs on the store; else it is only served."""
 
     def write(self, root: Path) -> None:
         """Write the state, replacing the previous one."""
@@ -80,7 +79,7 @@ def read_engine_state(root: Path) -> EngineState:
     try:
         document = json.loads((root / FILE).read_text())
     except FileNotFoundError:
-        trouble = "`solmap up` has not run on this store yet"
+        trouble = "`solmap up` has never run on this store"
         return EngineState(at, is_up=False, trouble=trouble, is_known=False)
     except (OSError, ValueError) as error:
         return EngineState(at, is_up=False, trouble=f"{FILE} cannot be read: {error}")
@@ -95,8 +94,6 @@ def read_engine_state(root: Path) -> EngineState:
         }
     )
     if (now - datetime.fromisoformat(found.at)).total_seconds() > OLD_S:
-        trouble = (
-            f"`solmap up` is not running; it last did at {found.at[:19].replace('T', ' ')} UTC"
-        )
-        return EngineState(found.at, is_up=False, trouble=trouble, deployments=found.deployments)
+        trouble = f"`solmap up` last ran at {found.at[:16].replace('T', ' ')} UTC"
+        return EngineState(found.at, is_up=False, trouble=trouble, is_known=False)
     return found

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import pytest
 
 from solmap.products.catalogue.edits import EditKind, EditLog, RequestKind, RunRequests
-from solmap.products.catalogue.engine_state import DeploymentState, EngineState
+from solmap.products.catalogue.engine_state import OLD_S, DeploymentState, EngineState
 from solmap.products.catalogue.events import ENGINE_CHANGED
 from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.tokens import Role, Tokens
@@ -58,8 +58,8 @@ def test_a_quality_report_opens_in_the_page(page, workspace, live):
     assert inner.inner_text() == "sigma0 0.97"
 
 
-def write_engine(workspace, **more):
-    at = datetime.now(UTC).isoformat(timespec="milliseconds")
+def write_engine(workspace, age_s=0.0, **more):
+    at = (datetime.now(UTC) - timedelta(seconds=age_s)).isoformat(timespec="milliseconds")
     weekly = DeploymentState(
         name="overall-adjustment/weekly",
         description="",
@@ -95,13 +95,19 @@ def test_only_an_operator_starts_a_run_after_one_confirmation(page, workspace, l
     assert len(RunRequests.of(workspace.store.root).requests()) == 1
 
 
-def test_a_missing_engine_is_stated_without_an_alarm(page, workspace, live):
+@pytest.mark.parametrize(
+    ("age", "stated"),
+    [(None, "`solmap up` has never run on this store"), (OLD_S + 1.0, "`solmap up` last ran at")],
+)
+def test_a_missing_engine_is_stated_without_an_alarm(page, workspace, live, age, stated):
+    if age is not None:
+        write_engine(workspace, age)
     look(page, live)
     page.locator('[data-tab="runs"]').click()
     sign_in(page, workspace, Role.OPERATOR)
     hint = page.locator(".runs [role=status]")
     until(page, lambda: hint.count() == 1)
-    assert hint.inner_text().startswith("Processing is not available from this server")
+    assert hint.inner_text().startswith(f"This server shows the map and runs nothing: {stated}")
     assert page.locator("[data-start]").count() == 0
     assert page.get_by_role("heading", name="Deployments").count() == 0
     assert page.locator(".status").inner_text().strip() == "Server up"

@@ -50,13 +50,9 @@ test("sols are a range where they follow each other", () => {
   expect(sols([155])).toBe("sol 155");
 });
 
-test("degrees and metres are shown by their signs", () => {
-  expect([unitSign("degree"), unitSign("m"), unitSign(null), unitSign("K")]).toEqual([
-    "°",
-    " m",
-    "",
-    " K",
-  ]);
+test("units are shown by their signs", () => {
+  const units = ["degree", "m", null, "K", "Wh/m2/sol"];
+  expect(units.map((unit) => unitSign(unit))).toEqual(["°", " m", "", " K", " Wh/m² per sol"]);
 });
 
 test("where a landing site is, in words", () => {

@@ -105,6 +105,8 @@ export function unitSign(unit: string | null | undefined): string {
     case "meter":
     case "m":
       return " m";
+    case "Wh/m2/sol":
+      return " Wh/m\u00b2 per sol";
     default:
       return ` ${unit}`;
   }

@@ -1,6 +1,7 @@
 /** What colours mean: a strip of them with values, or a swatch for each class. */
 
 import type { Legend } from "../server/records";
+import { unitSign } from "./format";
 import { h } from "./dom";
 import { fixed } from "./format";
 
@@ -43,7 +44,7 @@ export function colourLegend({ stops, unit, classes, note }: Legend): HTMLElemen
     { class: "legend" },
     h("div", { class: "ramp", style: `background:linear-gradient(90deg, ${parts.join(", ")})` }),
     h("div", { class: "ticks" }, ...ticks.map((tick) => h("span", {}, tick))),
-    unit ? h("div", { class: "unit" }, unit) : null,
+    unit ? h("div", { class: "unit" }, unitSign(unit)) : null,
     ...notes,
   );
 }

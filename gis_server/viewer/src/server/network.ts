@@ -73,9 +73,32 @@ export interface Weak {
   readonly why: string;
 }
 
+export type TieKind = "intra-stereo" | "inter-stereo" | "cross-site";
+
+export interface Agreement {
+  readonly comparisons: number;
+  readonly mean_2d_px: number | null;
+  readonly mean_3d_m: number | null;
+}
+
+export interface Adjustment {
+  readonly converged: boolean;
+  readonly iterations: number;
+  readonly sigma0: number | null;
+  /** 0: nothing but telemetry. */
+  readonly redundancy: number;
+  readonly pairs: number;
+  readonly ties: Readonly<Partial<Record<TieKind, number>>>;
+  readonly blunders: number;
+  readonly control: number;
+  readonly before: Readonly<Partial<Record<TieKind, Agreement>>>;
+  readonly after: Readonly<Partial<Record<TieKind, Agreement>>>;
+  readonly message: string;
+}
+
 export interface NetworkGraph {
   readonly network: { readonly scope: string; readonly digest: string };
-  readonly summary: string;
+  readonly adjustment: Adjustment;
   readonly few_ties: number;
   readonly stops: readonly StopNode[];
   readonly links: readonly LinkEdge[];

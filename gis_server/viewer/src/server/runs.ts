@@ -82,7 +82,7 @@ export interface QueuedRun {
 export interface Engine {
   readonly at: string;
   readonly is_up: boolean;
-  /** False: there is none, the server only shows the store. */
+  /** False: none runs, the server only shows the store. */
   readonly is_known: boolean;
   readonly trouble: string | null;
   readonly has_inbox: boolean;

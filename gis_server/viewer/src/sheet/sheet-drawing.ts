@@ -1,7 +1,7 @@
 /** A map with its marginal information: title, scale, north, legend, place and credit. */
 
 import { scaleBar } from "../map/scale";
-import { compact } from "../page/format";
+import { compact, unitSign } from "../page/format";
 import type { Legend } from "../server/records";
 import type { Sheet } from "./sheet";
 
@@ -85,7 +85,7 @@ function drawLegend(
 ): void {
   context.font = font(10, 600);
   context.fillStyle = INK;
-  context.fillText(unit && !classes?.length ? `${name}, ${unit}` : name, left, 42, RAMP);
+  context.fillText(unit && !classes?.length ? `${name},${unitSign(unit)}` : name, left, 42, RAMP);
   context.font = font(10);
   if (classes?.length) {
     const step = Math.min(12, 46 / classes.length);

@@ -7,6 +7,7 @@ import { type LinkEdge, type NetworkGraph, network } from "../../server/network"
 import { type Context, openImage } from "../../session/context";
 import { isRefusal } from "../../session/latest";
 import { addPane } from "../../session/pane";
+import { adjustmentSummary } from "./adjustment";
 import { linkText, pairsDrawing, stopsDrawing } from "./drawing";
 import { zoomable } from "./zoomable";
 
@@ -97,7 +98,7 @@ function networkPanel(graph: NetworkGraph, open: () => void, { view }: Context):
   return h(
     "div",
     { class: "network-panel" },
-    h("p", {}, graph.summary),
+    ...adjustmentSummary(graph),
     h(
       "div",
       { class: "actions" },

@@ -2,7 +2,7 @@
 
 import { h } from "../../page/dom";
 import { time } from "../../page/format";
-import type { Report, Run, RunAction, RunKind, Runs } from "../../server/runs";
+import type { Engine, Report, Run, RunAction, RunKind, Runs } from "../../server/runs";
 import { durationText, requestText, share, stageText } from "./progress";
 
 const ACTION_TEXTS: Readonly<Record<RunAction, string>> = {
@@ -48,17 +48,22 @@ function row(run: Run, mayStartRuns: boolean, actions: RunActions): HTMLElement 
   );
 }
 
-/** Where there is no engine. */
-const ONLY_SHOWN =
-  "Processing is not available from this server: it only shows the map. `solmap run` processes a downlink, `solmap up` processes and serves.";
+/** On a server without an engine. */
+const onlyShown = ({ trouble }: Engine): HTMLElement =>
+  h(
+    "p",
+    { class: "hint", role: "status" },
+    `This server shows the map and runs nothing: ${trouble}. `,
+    "`solmap run` processes a downlink; `solmap up` processes and serves.",
+  );
 
 function startButtons(
   kinds: readonly RunKind[],
   mayStartRuns: boolean,
   actions: RunActions,
-  hasEngine: boolean,
+  engine: Engine | null,
 ): HTMLElement {
-  if (!hasEngine) return h("p", { class: "hint", role: "status" }, ONLY_SHOWN);
+  if (engine?.is_known === false) return onlyShown(engine);
   if (!mayStartRuns)
     return h("p", { class: "hint" }, "Sign in as an operator to start runs from here.");
   const buttons = kinds.map((kind) =>
@@ -81,7 +86,7 @@ export function runsPanel(
   kinds: readonly RunKind[],
   mayStartRuns: boolean,
   actions: RunActions,
-  hasEngine: boolean,
+  engine: Engine | null,
 ): HTMLElement {
   const waiting = known.requests.filter(({ state }) => state !== "taken").slice(0, 5);
   const reports = known.reports.map((report) =>
@@ -103,7 +108,7 @@ export function runsPanel(
   return h(
     "div",
     { class: "runs" },
-    startButtons(kinds, mayStartRuns, actions, hasEngine),
+    startButtons(kinds, mayStartRuns, actions, engine),
     ...waiting.map((request) => h("p", { class: "request" }, requestText(request))),
     h("h2", {}, "Runs"),
     known.runs.length > 0

@@ -95,10 +95,9 @@ export function runsPart(context: Context): void {
     },
   };
   const draw = () => {
-    const hasEngine = engine?.is_known !== false;
-    const mayAsk = hasEngine && mayAct(account.value, "operator");
+    const mayAsk = engine?.is_known !== false && mayAct(account.value, "operator");
     const actions = { open, openReport, start, have };
-    panel.replaceChildren(runsPanel(known, kinds, mayAsk, actions, hasEngine));
+    panel.replaceChildren(runsPanel(known, kinds, mayAsk, actions, engine));
     if (engine?.is_known) panel.append(enginePanel(engine, mayAsk, engineActions));
     status(engine);
   };
