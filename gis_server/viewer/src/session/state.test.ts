@@ -131,6 +131,7 @@ function anyState(seed: number): State {
     traverse: maybe(() => true as const),
     table: maybe(() => ({
       subject: some(TABLES),
+      hasAllColumns: next() < 0.5,
       sort: "sol",
       isDescending: next() < 0.5,
       words: some(["", "a & b", "50 %"]),

@@ -139,6 +139,8 @@ export const NOTHING_SHOWN: Shown = { drape: "", stop: null, isStanding: false }
 
 /** What of a table is listed. */
 export interface Query {
+  /** Also columns that are out of view. */
+  readonly hasAllColumns: boolean;
   readonly sort: string | null;
   readonly isDescending: boolean;
   /** All of these words occur in a row. */
@@ -150,6 +152,7 @@ export interface Table extends Query {
   readonly subject: (typeof TABLES)[number];
 }
 export const ALL_ROWS: Query = {
+  hasAllColumns: false,
   sort: null,
   isDescending: false,
   words: "",
@@ -257,19 +260,20 @@ const look = as(
   ({ from: [a, b, c], to: [d, e, f] }) => [a, b, c, d, e, f] as const,
 );
 
-/** `of=images&sort=-sol&find=navcam&is.eye=left`. */
+/** `of=images&columns=all&sort=-sol&find=navcam&is.eye=left`. */
 const IS = "is.";
 const table: Codec<Table> = {
   read: (from, broken) => {
     const parts = new URLSearchParams(from);
     for (const key of parts.keys())
-      if (!["of", "sort", "find"].includes(key) && !key.startsWith(IS)) broken(key);
+      if (!["of", "columns", "sort", "find"].includes(key) && !key.startsWith(IS)) broken(key);
     const subject = or(TABLES[0], choice(TABLES)).read(parts.get("of") ?? "", broken);
     const sort = parts.get("sort");
     const choices = [...parts].filter(([key]) => key.startsWith(IS));
     return (
       subject && {
         subject,
+        hasAllColumns: parts.get("columns") === "all",
         sort: sort?.replace(/^-/, "") ?? null,
         isDescending: sort?.startsWith("-") ?? false,
         words: parts.get("find") ?? "",
@@ -277,8 +281,9 @@ const table: Codec<Table> = {
       }
     );
   },
-  write: ({ subject, sort, isDescending, words, choices }) => {
+  write: ({ subject, hasAllColumns, sort, isDescending, words, choices }) => {
     const parts = new URLSearchParams({ of: subject });
+    if (hasAllColumns) parts.set("columns", "all");
     if (sort) parts.set("sort", `${isDescending ? "-" : ""}${sort}`);
     if (words) parts.set("find", words);
     for (const [key, value] of choices) parts.set(`${IS}${key}`, value);

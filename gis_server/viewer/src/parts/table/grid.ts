@@ -7,9 +7,12 @@ import {
   Virtualizer,
 } from "@tanstack/virtual-core";
 import { h } from "../../page/dom";
+import type { Table } from "../../session/state";
 import { cellText, type Column, type Row } from "./rows";
 
 const ROW_PX = 26;
+/** Width of a digit, and what a cell has beside its text. */
+const [DIGIT_PX, PADDING_PX] = [6.8, 12];
 const OVERSCAN = 6;
 
 export interface GridActions {
@@ -19,9 +22,26 @@ export interface GridActions {
   readonly open: (row: Row) => void;
 }
 
-export interface Sorting {
-  readonly sort: string | null;
-  readonly isDescending: boolean;
+export type Shown = Pick<Table, "sort" | "isDescending" | "hasAllColumns">;
+
+const sum = (values: readonly number[]) => values.reduce((all, one) => all + one, 0);
+const widthPx = ({ width }: Column) => Math.ceil(width * DIGIT_PX + PADDING_PX);
+
+/** The columns that have room, the first ones first; the one that rows are sorted by is among them. */
+export function fitting(
+  columns: readonly Column[],
+  roomPx: number,
+  sort: string | null,
+): readonly Column[] {
+  const isFixed = ({ key }: Column, k: number) => k === 0 || key === sort;
+  let room = roomPx - sum(columns.filter(isFixed).map(widthPx));
+  let isFull = false;
+  return columns.filter((column, k) => {
+    if (isFixed(column, k)) return true;
+    isFull ||= widthPx(column) > room;
+    room -= widthPx(column);
+    return !isFull;
+  });
 }
 
 export class Grid {
@@ -31,10 +51,17 @@ export class Grid {
   private readonly virtual: Virtualizer<HTMLElement, HTMLElement>;
   private readonly unmount: () => void;
   private rows: readonly Row[] = [];
+  private all: readonly Column[] = [];
   private columns: readonly Column[] = [];
+  private asked: Shown = { sort: null, isDescending: false, hasAllColumns: false };
+  private readonly observer = new ResizeObserver(() => this.lay());
   private chosen = -1;
 
-  constructor(private readonly actions: GridActions) {
+  /** `fitted` receives the number of columns in view. */
+  constructor(
+    private readonly actions: GridActions,
+    private readonly fitted: (count: number) => void,
+  ) {
     this.element = h(
       "div",
       { role: "grid", class: "table-grid", tabindex: 0 },
@@ -49,6 +76,7 @@ export class Grid {
     });
     this.virtual = new Virtualizer<HTMLElement, HTMLElement>(this.options());
     this.unmount = this.virtual._didMount();
+    this.observer.observe(this.element);
   }
 
   /** The element is on the page now. */
@@ -58,21 +86,33 @@ export class Grid {
   }
 
   dispose(): void {
+    this.observer.disconnect();
     this.unmount();
   }
 
-  show(title: string, columns: readonly Column[], rows: readonly Row[], sorting: Sorting): void {
+  show(title: string, columns: readonly Column[], rows: readonly Row[], asked: Shown): void {
     const id = this.rows[this.chosen]?.id;
-    [this.columns, this.rows] = [columns, rows];
+    [this.all, this.rows, this.asked] = [columns, rows, asked];
     this.chosen = id === undefined ? -1 : rows.findIndex((row) => row.id === id);
     const { element } = this;
     element.setAttribute("aria-label", title);
     element.setAttribute("aria-rowcount", String(rows.length + 1));
-    element.style.setProperty("--columns", columns.map(({ width }) => `${width}ch`).join(" "));
-    this.head.replaceChildren(...columns.map((column) => this.heading(column, sorting)));
+    this.lay();
     this.virtual.setOptions(this.options());
     this.virtual.measure();
     this.body.style.height = `${this.virtual.getTotalSize()}px`;
+    this.draw();
+  }
+
+  /** Chooses columns by the width of the table. */
+  private lay(): void {
+    const { all, element, asked } = this;
+    this.columns = asked.hasAllColumns ? all : fitting(all, element.clientWidth, asked.sort);
+    const widths = this.columns.map((column) => `minmax(${widthPx(column)}px, ${column.width}fr)`);
+    element.style.setProperty("--columns", widths.join(" "));
+    element.style.setProperty("--least", `${sum(this.columns.map(widthPx))}px`);
+    this.head.replaceChildren(...this.columns.map((column) => this.heading(column)));
+    this.fitted(this.columns.length);
     this.draw();
   }
 
@@ -100,8 +140,9 @@ export class Grid {
     };
   }
 
-  private heading(column: Column, { sort, isDescending }: Sorting): HTMLElement {
+  private heading(column: Column): HTMLElement {
     const { key, title, unit } = column;
+    const { sort, isDescending } = this.asked;
     const isSorted = sort === key;
     const order = isDescending ? "descending" : "ascending";
     const arrow = isDescending ? " ▾" : " ▴";

@@ -23,7 +23,7 @@ export interface Column {
   readonly resolution?: number;
   /** Whether rows can be chosen by one of its values. */
   readonly isChoice?: boolean;
-  /** Width in characters. */
+  /** Least width in characters. */
   readonly width: number;
 }
 

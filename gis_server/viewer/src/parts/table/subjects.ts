@@ -13,6 +13,7 @@ import type { Column, Row, Value } from "./rows";
 export interface Subject {
   readonly key: Table["subject"];
   readonly title: string;
+  /** The most important first: as many are shown as have room. */
   readonly columns: readonly Column[];
   /** Property of a feature on the map that names its row. */
   readonly named?: string;
@@ -86,12 +87,7 @@ const STOPS: Subject = {
   named: "stop",
   columns: [
     { key: "stop", title: "stop", width: 25 },
-    { key: "site", title: "site", isChoice: true, width: 7 },
-    { key: "drive", title: "drive", width: 7 },
     SOL,
-    { ...NORTH, sigma: "sigma_north_m", resolution: HELD_M },
-    { ...EAST, sigma: "sigma_east_m", resolution: HELD_M },
-    { ...UP, sigma: "sigma_down_m", resolution: HELD_M },
     {
       key: "moved_m",
       title: "telemetry error",
@@ -100,6 +96,11 @@ const STOPS: Subject = {
       resolution: HELD_M,
       width: 18,
     },
+    { ...NORTH, sigma: "sigma_north_m", resolution: HELD_M },
+    { ...EAST, sigma: "sigma_east_m", resolution: HELD_M },
+    { ...UP, sigma: "sigma_down_m", resolution: HELD_M },
+    { key: "site", title: "site", isChoice: true, width: 7 },
+    { key: "drive", title: "drive", width: 7 },
     { key: "held_by", title: "held by", width: 36 },
   ],
   load: ({ layers }, tell) =>
@@ -165,13 +166,13 @@ const TIES: Subject = {
   columns: [
     { key: "point", title: "tie point", width: 10 },
     { key: "kind", title: "kind", isChoice: true, width: 14 },
-    { key: "sols", title: "sols", isChoice: true, width: 9 },
     { key: "residual_px", title: "residual", unit: "px", width: 13 },
     { key: "sigma_m", title: "position σ", unit: "m", width: 15, resolution: 0.001 },
+    { key: "sols", title: "sols", isChoice: true, width: 9 },
     { ...NORTH, sigma: "sigma_m" },
     { ...EAST, sigma: "sigma_m" },
     { ...UP, sigma: "sigma_m" },
-    { key: "pairs", title: "pairs", width: 60 },
+    { key: "pairs", title: "pairs", width: 40 },
   ],
   load: ({ layers }, tell) =>
     rowsOf(
@@ -197,9 +198,9 @@ const ANNOTATIONS: Subject = {
   title: "Annotations",
   columns: [
     { key: "number", title: "number", width: 9 },
+    { key: "text", title: "text", width: 26 },
     { key: "category", title: "category", isChoice: true, width: 14 },
     { key: "state", title: "state", isChoice: true, width: 11 },
-    { key: "text", title: "text", width: 50 },
     { key: "author", title: "author", isChoice: true, width: 14 },
     { key: "at", title: "written, UTC", width: 18 },
     { key: "shape", title: "shape", isChoice: true, width: 12 },

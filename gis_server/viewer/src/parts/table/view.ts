@@ -42,6 +42,11 @@ export class TableView {
   private readonly forget: readonly (() => void)[];
   private readonly count = h("output", { role: "status" });
   private readonly filters = h("span", { class: "inline" });
+  private readonly columns = h("button", {
+    type: "button",
+    class: "text",
+    onclick: () => this.change({ hasAllColumns: !this.query.hasAllColumns }),
+  });
   private readonly find = h("input", {
     type: "search",
     placeholder: "filter rows",
@@ -64,11 +69,14 @@ export class TableView {
     private readonly write: (table: Table) => void,
   ) {
     const { view, signals, layers, mission, state } = context;
-    this.grid = new Grid({
-      sort: (column) => this.sort(column),
-      choose: (row) => this.choose(row),
-      open: (row) => this.open(row),
-    });
+    this.grid = new Grid(
+      {
+        sort: (column) => this.sort(column),
+        choose: (row) => this.choose(row),
+        open: (row) => this.open(row),
+      },
+      (count) => this.offerColumns(count),
+    );
     const save = (name: string, run: () => void) =>
       h(
         "button",
@@ -85,6 +93,7 @@ export class TableView {
         this.find,
         this.filters,
         this.count,
+        this.columns,
         save("CSV", () => this.saveCsv()),
         save("GeoJSON", () => this.saveGeojson()),
       ),
@@ -163,6 +172,15 @@ export class TableView {
     const filters = this.subject.columns.flatMap((column) => this.filter(column) ?? []);
     this.filters.replaceChildren(...filters);
     this.drawRows();
+  }
+
+  /** Offers the columns that have no room. */
+  private offerColumns(count: number): void {
+    const all = this.subject.columns.length;
+    this.columns.hidden = count === all && !this.query.hasAllColumns;
+    this.columns.textContent = this.query.hasAllColumns
+      ? "columns that fit"
+      : `all columns (${count} of ${all} fit)`;
   }
 
   /** Null where there is nothing to choose from. */
