@@ -36,6 +36,15 @@ _NEAR_M = 2.0
 _MOST = 50
 _AREAS = (ProductKind.FOOTPRINTS, ProductKind.HAVENS, ProductKind.REGION_HAVENS)
 _NEARBY = (ProductKind.STOPS, ProductKind.TIE_POINTS, ProductKind.POINTING)
+_SLOPE_OF = {
+    kind: slope
+    for slope, kinds in {
+        ProductKind.SLOPE: (ProductKind.ASPECT, ProductKind.NORTHERLY_TILT),
+        ProductKind.REGION_SLOPE: (ProductKind.REGION_ASPECT, ProductKind.REGION_NORTHERLY_TILT),
+    }.items()
+    for kind in kinds
+}
+_ASPECTS = (ProductKind.ASPECT, ProductKind.REGION_ASPECT)
 _CELLS = 4_000_000
 """Most cells read; larger windows are read from an overview."""
 _KEPT = 100_000
@@ -111,6 +120,9 @@ def identify(
                 features += _features(layer, east, north, store)
         except ProductError as error:
             log.warning("%s", error)
+    for value in values:
+        if value.sigma is None:
+            value.sigma = derived_sigma(value, values)
     features.sort(key=lambda found: found.distance_m)
     longitude, latitude = (float(degrees[0]) for degrees in lon_lat(landing, east, north))
     elevation = _elevation(values)
@@ -124,6 +136,27 @@ def identify(
         layers=values,
         features=features[:_MOST],
     )
+
+
+def derived_sigma(value: ValueHere, values: Sequence[ValueHere]) -> float | None:
+    """Standard deviation of a value whose file has none, from what is known at the same place.
+
+    A difference is stated in its standard deviations too. Aspect and northerly tilt have the
+    gradient of the slope: with the same variance v of both of its components and a gradient g, the
+    variances of slope, aspect and northerly tilt are v / (1 + g^2)^2, v / g^2, v / (1 + g_n^2)^2.
+    """
+    in_sigmas = value.bands.get("disagreement_in_sigmas")
+    if in_sigmas is not None:
+        return abs(value.value / in_sigmas) if in_sigmas else None
+    wanted = _SLOPE_OF.get(ProductKind(value.kind))
+    slope = next((one for one in values if (one.scope, one.kind) == (value.scope, wanted)), None)
+    if slope is None or slope.sigma is None:
+        return None
+    gradient = math.tan(math.radians(slope.value))
+    component = slope.sigma * (1 + gradient**2)
+    if value.kind in _ASPECTS:
+        return component / gradient if gradient else None
+    return component / (1 + math.tan(math.radians(value.value)) ** 2)
 
 
 def _elevation(values: Sequence[ValueHere]) -> ValueHere | None:

@@ -337,13 +337,13 @@ def test_an_active_layer_takes_one_line_and_shows_its_opacity_on_request(page, u
 def test_the_map_frame_is_labelled_with_round_metres(page, url):
     look(page, url + at(0.1))
     frame = page.locator("div.map").bounding_box()
-    for label in page.locator(".frame-east span").all():
+    for label in page.locator(".frame.eastings span").all():
         box = label.bounding_box()
         east = (box["x"] + box["width"] / 2 - frame["x"] - frame["width"] / 2) * 0.1
         text = label.inner_text().replace("E ", "").replace("W ", "-").replace(" m", "")
         assert float(text) == pytest.approx(east, abs=0.11)
-    assert page.locator(".frame-east span").count() >= 2
-    assert page.locator(".frame-north span").count() >= 2
+    assert page.locator(".frame.eastings span").count() >= 2
+    assert page.locator(".frame.northings span").count() >= 2
 
 
 def centre(page) -> tuple[float, float]:

@@ -87,7 +87,7 @@ def test_only_an_operator_starts_a_run_after_one_confirmation(page, workspace, l
         assert page.locator('dialog [name="mission"]').input_value() == "MER2"
         page.locator('dialog button[type="submit"]').click()
         assert "merged to regions again" in page.locator("dialog").inner_text()
-        assert "kept until `solmap up` runs" in page.locator("dialog").inner_text()
+        assert "kept until solmap up runs" in page.locator("dialog").inner_text()
         page.locator("[data-confirm]").click()
         until(page, lambda: page.locator(".request").count() == 1)
         ready(page)
@@ -97,7 +97,7 @@ def test_only_an_operator_starts_a_run_after_one_confirmation(page, workspace, l
 
 @pytest.mark.parametrize(
     ("age", "stated"),
-    [(None, "`solmap up` has never run on this store"), (OLD_S + 1.0, "`solmap up` last ran at")],
+    [(None, "solmap up has never run on this store"), (OLD_S + 1.0, "solmap up last ran at")],
 )
 def test_a_missing_engine_is_stated_without_an_alarm(page, workspace, live, age, stated):
     if age is not None:

@@ -8,10 +8,9 @@ fewer.
 from __future__ import annotations
 
 import argparse
-import itertools
 import json
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -104,21 +103,17 @@ TASKS: dict[str, Task] = {
 }
 
 
-def show(browser, task: Task, link: str, width: int, theme: str) -> bytes:
-    """A PNG of a task on a page of a width."""
-    context = browser.new_context(
-        viewport={"width": width, "height": HEIGHTS[width]},
-        color_scheme=theme,
-    )
-    page = context.new_page()
+def show(page, task: Task, link: str, width: int, themes: list[str]) -> Iterator[tuple[str, bytes]]:
+    """PNGs of a task by theme, on a page of a width."""
+    page.set_viewport_size({"width": width, "height": HEIGHTS[width]})
     look(page, link)
     task.act(page)
     ready(page)
     page.mouse.move(width / 2, 5)
-    page.wait_for_timeout(300)  # what fades has faded
-    body = page.screenshot()
-    context.close()
-    return body
+    for theme in themes:
+        page.emulate_media(color_scheme=theme)
+        page.wait_for_timeout(300)  # what fades has faded
+        yield theme, page.screenshot()
 
 
 def main() -> None:
@@ -131,13 +126,13 @@ def main() -> None:
     requested = parser.parse_args()
     requested.folder.mkdir(parents=True, exist_ok=True)
     with serving(requested.store) as address, open_browser() as browser:
-        store = Store.at(address)
+        store, page = Store.at(address), browser.new_page()
         for name in requested.tasks:
             task = TASKS[name]
             link = f"{address}/#m={store.mission}&{task.link(store)}"
-            for theme, width in itertools.product(requested.themes, requested.widths):
-                path = requested.folder / f"{name}-{width}-{theme}.png"
-                path.write_bytes(show(browser, task, link, width, theme))
+            for width in requested.widths:
+                for theme, body in show(page, task, link, width, requested.themes):
+                    (requested.folder / f"{name}-{width}-{theme}.png").write_bytes(body)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from solmap.gis_server.analysis.layer_values import ValueHere, derived_sigma
 from solmap.gis_server.analysis.measures import true_azimuth
 from solmap.products.crs import LandingPoint, lon_lat
 from solmap.products.model import ProductKind
@@ -180,3 +181,26 @@ def test_a_nearly_closed_line_has_no_ends(client):
     body = client.post(f"{API}/measure-line", json={"line": line}).json()
     assert body["map_length_m"] == 6.0
     assert body["ends"] is None
+
+
+def here(kind, value, sigma=None, **bands):
+    fixed = {"id": kind, "scope": "a", "title": "", "unit": None, "cell_m": None, "label": None}
+    return ValueHere(kind=kind, value=value, sigma=sigma, bands=bands, **fixed)
+
+
+def test_aspect_and_northerly_tilt_have_the_standard_deviation_of_the_gradient(rng):
+    east, north = rng.normal([[0.2], [0.1]], 0.004, (2, 100_000))
+    slope = np.degrees(np.arctan(np.hypot(east, north)))
+    values = {
+        "aspect": np.degrees(np.arctan2(east, north)),
+        "northerly-tilt": np.degrees(np.arctan(north)),
+    }
+    known = here("slope", slope.mean(), slope.std())
+    for kind, all_values in values.items():
+        derived = derived_sigma(here(kind, all_values.mean()), [known])
+        assert derived == pytest.approx(all_values.std(), rel=0.02)  # of 100,000 draws: 0.2 %
+    assert derived_sigma(here("aspect", 60.0), []) is None
+
+
+def test_a_difference_of_stops_has_the_standard_deviation_that_it_was_divided_by():
+    assert derived_sigma(here("region-seams", 0.006, disagreement_in_sigmas=0.4), []) == 0.015

@@ -106,6 +106,7 @@ export const ON = new Set([
   "mission-traverse",
 ]);
 export const OPACITY: Readonly<Record<string, number>> = {
+  orbital: 0.6, // stays behind what the rover mapped
   ...Object.fromEntries(BANDS.map((kind) => [kind, 0.8])),
   orthophoto: 0.8,
   "region-orthophoto": 0.8,

@@ -1,7 +1,7 @@
 /** Legends of symbols and colours of layers. */
 
 import { h } from "../page/dom";
-import { scopeTitle } from "../page/format";
+import { metres, scopeTitle } from "../page/format";
 import { colourLegend, legend, swatch } from "../page/legend";
 import { api } from "../server/api";
 import type { Layer, Legend, RasterLayer, VectorLayer } from "../server/records";
@@ -42,11 +42,22 @@ const ties = () =>
     }),
   );
 
-/** Symbols of a layer of features; ellipses are drawn `factor` times as large, until another is chosen. */
+/** Metres between contours of some elevations; null: there are fewer than two. */
+export function contourInterval(elevations: Iterable<number>): number | null {
+  const levels = [...new Set(elevations)].toSorted((a, b) => a - b);
+  const steps = levels.slice(1).map((level, k) => level - (levels[k] ?? level));
+  return steps.length > 0 ? Math.min(...steps) : null;
+}
+
+/**
+ * Symbols of a layer of features; ellipses are drawn `factor` times as large, until another is chosen. Metres between
+ * contours, null: not known yet.
+ */
 export function symbolLegend(
   { kind }: Pick<VectorLayer, "kind">,
   factor: number,
   setFactor: (factor: number) => void,
+  interval: number | null,
 ): HTMLElement | null {
   switch (kind) {
     case "traverse":
@@ -61,7 +72,10 @@ export function symbolLegend(
     case "far-contours":
       return legend(
         swatch(stroke(2, "solid", CONTOUR), "index contour, labelled"),
-        swatch(stroke(1, "solid", CONTOUR), "contour"),
+        swatch(
+          stroke(1, "solid", CONTOUR),
+          interval === null ? "contour" : `contour every ${metres(interval)}`,
+        ),
       );
     case "havens":
     case "region-havens":

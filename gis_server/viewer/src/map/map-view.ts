@@ -5,6 +5,7 @@ import type Feature from "ol/Feature";
 import type Geometry from "ol/geom/Geometry";
 import DoubleClickZoom from "ol/interaction/DoubleClickZoom";
 import { defaults as defaultInteractions } from "ol/interaction/defaults";
+import BaseVectorLayer from "ol/layer/BaseVector";
 import OlVectorLayer from "ol/layer/Vector";
 import type OlMap from "ol/Map";
 import type MapBrowserEvent from "ol/MapBrowserEvent";
@@ -115,6 +116,13 @@ export class MapView {
   async featuresOf(layers: readonly Layer[]): Promise<Feature<Geometry>[]> {
     const sources = await Promise.all(layers.map(({ id }) => this.made(id)?.load()));
     return sources.flatMap((source) => source?.getFeatures() ?? []);
+  }
+
+  /** Values of a property of the features of a layer that were fetched. */
+  valuesOf({ id }: Layer, property: string): readonly unknown[] {
+    const { map } = this.onMap.get(id) ?? {};
+    const source = map instanceof BaseVectorLayer ? map.getSource() : null;
+    return source?.getFeatures().map((feature: Feature) => feature.get(property)) ?? [];
   }
 
   get view(): View {

@@ -22,6 +22,10 @@ export function h<K extends keyof HTMLElementTagNameMap>(
   return element;
 }
 
+/** A text whose parts between backticks are code. */
+export const withCode = (text: string): readonly Child[] =>
+  text.split("`").map((part, k) => (k % 2 === 1 ? h("code", {}, part) : part));
+
 /** A definition list of the known facts. */
 export function facts(rows: readonly (readonly [string, Child])[]): HTMLElement {
   const list = h("dl", { class: "facts" });

@@ -1,9 +1,8 @@
 /** What colours mean: a strip of them with values, or a swatch for each class. */
 
 import type { Legend } from "../server/records";
-import { unitSign } from "./format";
 import { h } from "./dom";
-import { fixed } from "./format";
+import { fixed, unitSign } from "./format";
 
 export const swatch = (style: string, text: string) =>
   h("div", { class: "swatch" }, h("i", { style }), text);
@@ -39,12 +38,12 @@ export function colourLegend({ stops, unit, classes, note }: Legend): HTMLElemen
     return `${colour} ${share.toFixed(1)}%`;
   });
   const ticks = tickTexts([0, 0.25, 0.5, 0.75, 1].map((share) => first[0] + share * span));
+  ticks.push(`${ticks.pop()}${unitSign(unit)}`);
   return h(
     "div",
     { class: "legend" },
     h("div", { class: "ramp", style: `background:linear-gradient(90deg, ${parts.join(", ")})` }),
     h("div", { class: "ticks" }, ...ticks.map((tick) => h("span", {}, tick))),
-    unit ? h("div", { class: "unit" }, unitSign(unit)) : null,
     ...notes,
   );
 }

@@ -42,7 +42,8 @@ export interface Shell {
   enterTab(name: Tab): void;
   /** Calls `shown` with the name of every tab that is shown from now on. */
   onTab(shown: (name: Tab) => void): void;
-  addTool(tool: HTMLElement): void;
+  /** `name` stands below its icon where there is room. */
+  addTool(tool: HTMLElement, name: string): void;
   /** Shows the panel of layers if it is folded away. */
   openLayers(): void;
   /** Takes away what the last session added. */
@@ -168,7 +169,10 @@ export function shell(root: HTMLElement): Shell {
       tabShown = shown;
     },
     openLayers: layersFold.open,
-    addTool: (tool) => toolbar.append(tool),
+    addTool(tool, name) {
+      tool.append(h("span", {}, name));
+      toolbar.append(tool);
+    },
     clear() {
       tabShown = () => undefined;
       right.clear();

@@ -85,9 +85,13 @@ export function addPane<K extends PaneName>(
     if (tool) state.set(key, isByHand ? tool.first() : (null as State[K]));
   };
   const toolButton =
-    tool && button(tool.name, tool.picture, toggle, { class: tool.class, "aria-pressed": "false" });
+    tool &&
+    button(`${tool.name} (${tool.key})`, tool.picture, toggle, {
+      class: tool.class,
+      "aria-pressed": "false",
+    });
   if (tool && toolButton) {
-    page.addTool(toolButton);
+    page.addTool(toolButton, tool.name);
     keys.add(tool.key, tool.does, toggle);
   }
   const write = state.follow(key, (value) => {

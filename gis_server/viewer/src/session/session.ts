@@ -95,7 +95,7 @@ export class Session {
         if (alive.aborted) return;
         for (const part of LATER_PARTS) part(this.context);
         const { page, state } = this.context;
-        if (state.get("tab") !== TABS[0]) page.showTab(state.get("tab"));
+        if (state.get("tab") !== TABS[0] || state.get("pt")) page.showTab(state.get("tab"));
         this.noteUnknown(unknown);
       } finally {
         waiting.whole();

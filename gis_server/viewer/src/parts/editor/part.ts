@@ -34,6 +34,7 @@ export function editorPart(context: Context): void {
   };
   page.addTool(
     button("edit tie points between stops (t)", "ties", toggle, { class: "editor-tool" }),
+    "tie points",
   );
   keys.add("t", "edit tie points between stops", toggle);
   keys.add("Escape", "close the editor", () => page.bench.close());

@@ -26,11 +26,17 @@ export function furniturePart(context: Context): void {
   layers.replaced.on(entitle);
   entitle();
   const everything = () => view.fit(firstBounds(layers.all) ?? mission.bounds);
-  page.addTool(button("zoom in (+)", "plus", () => view.zoomBy(0.5)));
-  page.addTool(button("zoom out (-)", "minus", () => view.zoomBy(2)));
-  page.addTool(button("show everything (f)", "fit", everything, { class: "fit" }));
+  page.addTool(
+    button("zoom in (+)", "plus", () => view.zoomBy(0.5)),
+    "zoom in",
+  );
+  page.addTool(
+    button("zoom out (-)", "minus", () => view.zoomBy(2)),
+    "zoom out",
+  );
+  page.addTool(button("show everything (f)", "fit", everything, { class: "fit" }), "everything");
   const copyLink = () => void copyText(page, "Link", new URL(state.link, location.href).href);
-  page.addTool(button("copy the link to this view (u)", "link", copyLink));
+  page.addTool(button("copy the link to this view (u)", "link", copyLink), "copy link");
   keys.add("Ctrl+z", "back to the view before", () => history.undo());
   keys.add("Ctrl+y", "forward to the view after", () => history.redo());
   keys.add("u", "copy the link to this view", copyLink);

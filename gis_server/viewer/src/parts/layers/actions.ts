@@ -20,6 +20,8 @@ export interface LayerActions {
   readonly showProvenance: (layer: Layer) => void;
   readonly ellipseFactor: () => number;
   readonly setEllipseFactor: (factor: number) => void;
+  /** Elevations of the contours of a layer that were fetched. */
+  readonly elevationsOf: (layer: Layer) => readonly number[];
   /** Puts a layer over the next one on the map, or below it. */
   readonly move: (layer: Layer, step: 1 | -1) => void;
   readonly place: (layer: Pick<Layer, "id">, beside: Layer, step: 1 | -1) => void;

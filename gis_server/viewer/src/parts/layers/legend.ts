@@ -2,7 +2,7 @@
 
 import { isBand } from "../../map/bands";
 import { kindTitle } from "../../map/layers";
-import { rasterLegend, symbolLegend } from "../../map/legend";
+import { contourInterval, rasterLegend, symbolLegend } from "../../map/legend";
 import { quantityTitle } from "../../map/raster-style";
 import { h } from "../../page/dom";
 import type { Layer } from "../../server/records";
@@ -11,7 +11,12 @@ import type { LayerActions } from "./actions";
 /** Of a layer as it is drawn now; null where there is no legend. */
 export function legendOf(layer: Layer, actions: LayerActions): HTMLElement | null {
   return layer.type === "vector"
-    ? symbolLegend(layer, actions.ellipseFactor(), actions.setEllipseFactor)
+    ? symbolLegend(
+        layer,
+        actions.ellipseFactor(),
+        actions.setEllipseFactor,
+        contourInterval(actions.elevationsOf(layer)),
+      )
     : rasterLegend(layer, actions.stateOf(layer).style);
 }
 

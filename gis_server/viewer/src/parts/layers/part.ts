@@ -36,6 +36,7 @@ export function layersPart(context: Context): void {
     waiting.run(async () => {
       await shown.load();
       here.add(shown);
+      drawLegend();
     });
   };
   const put = (layer: Layer) => {
@@ -179,6 +180,8 @@ function actionsOf(context: Context, flicker: Flicker, list: () => void): LayerA
     stretchImagery: (layer, share) => waiting.run(() => stretchImagery(context, layer, share)),
     zoomTo: (layer) => view.fit(layer.bounds),
     showProvenance: (layer) => waiting.run(() => showProvenance(context, layer)),
+    elevationsOf: (layer) =>
+      view.valuesOf(layer, "elevation_m").filter((value) => typeof value === "number"),
     ellipseFactor: () => drawing.ellipseFactor,
     setEllipseFactor: (factor) => {
       drawing.ellipseFactor = factor;

@@ -31,7 +31,7 @@ export function measurePart(context: Context): void {
     "aria-pressed": "false",
   });
   const measuring = new Measuring(context, panel, tool);
-  page.addTool(tool);
+  page.addTool(tool, "measure");
   const [distance, viewshed] = ["distance", "viewshed"].map((key) =>
     MODES.find((mode) => mode.key === key),
   );

@@ -10,7 +10,7 @@ export function panoramaPart(context: Context): void {
     title: "Panorama",
     side: "below",
     tool: {
-      name: "panorama (p)",
+      name: "panorama",
       picture: "panorama",
       key: "p",
       does: "panorama of the nearest stop",

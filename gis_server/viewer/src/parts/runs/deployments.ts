@@ -1,6 +1,6 @@
 /** The engine: whether it is up, what is scheduled, and what waits. */
 
-import { facts, h } from "../../page/dom";
+import { facts, h, withCode } from "../../page/dom";
 import { time } from "../../page/format";
 import type { Deployment, Engine, QueuedRun } from "../../server/runs";
 
@@ -63,7 +63,7 @@ export function enginePanel(engine: Engine, mayAct: boolean, actions: EngineActi
     h("h2", {}, "Deployments"),
     engine.is_up
       ? null
-      : h("p", { class: "error", role: "status" }, `Engine down: ${engine.trouble}.`),
+      : h("p", { class: "error", role: "status" }, ...withCode(`Engine down: ${engine.trouble}.`)),
     h("ul", { class: "plain" }, ...engine.deployments.map((one) => row(one, mayAct, actions))),
   );
 }

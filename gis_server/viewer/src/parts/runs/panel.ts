@@ -1,6 +1,6 @@
 /** The tab of runs, drawn from what is known of them. */
 
-import { h } from "../../page/dom";
+import { h, withCode } from "../../page/dom";
 import { time } from "../../page/format";
 import type { Engine, Report, Run, RunAction, RunKind, Runs } from "../../server/runs";
 import { durationText, requestText, share, stageText } from "./progress";
@@ -53,8 +53,9 @@ const onlyShown = ({ trouble }: Engine): HTMLElement =>
   h(
     "p",
     { class: "hint", role: "status" },
-    `This server shows the map and runs nothing: ${trouble}. `,
-    "`solmap run` processes a downlink; `solmap up` processes and serves.",
+    ...withCode(
+      `This server shows the map and runs nothing: ${trouble}. \`solmap run\` processes a downlink; \`solmap up\` processes and serves.`,
+    ),
   );
 
 function startButtons(
@@ -109,7 +110,7 @@ export function runsPanel(
     "div",
     { class: "runs" },
     startButtons(kinds, mayStartRuns, actions, engine),
-    ...waiting.map((request) => h("p", { class: "request" }, requestText(request))),
+    ...waiting.map((request) => h("p", { class: "request" }, ...withCode(requestText(request)))),
     h("h2", {}, "Runs"),
     known.runs.length > 0
       ? h("ul", { class: "plain" }, ...known.runs.map((run) => row(run, mayStartRuns, actions)))

@@ -1,6 +1,6 @@
 /** The dialog that starts a run: its parameters, then the resulting steps, then the request. */
 
-import { facts, h } from "../../page/dom";
+import { facts, h, withCode } from "../../page/dom";
 import type { Engine, ParameterSchema, Parameters, RunKind } from "../../server/runs";
 
 type Field = HTMLInputElement | HTMLSelectElement;
@@ -114,7 +114,7 @@ export function confirmation(
     "div",
     { class: "start-form" },
     facts(values),
-    ...sentences.map((sentence) => h("p", {}, sentence)),
+    ...sentences.map((sentence) => h("p", {}, ...withCode(sentence))),
     error,
     h(
       "div",

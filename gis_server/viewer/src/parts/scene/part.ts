@@ -18,7 +18,7 @@ export function scenePart(context: Context): void {
     title: "3D view",
     side: "beside",
     tool: {
-      name: "3D view (3)",
+      name: "3D view",
       picture: "cube",
       key: "3",
       does: "3D view",

@@ -11,7 +11,7 @@ export function stereoPart(context: Context): void {
     title: "Stereo pair",
     side: "beside",
     tool: {
-      name: "stereo pair (2)",
+      name: "stereo pair",
       picture: "eyes",
       key: "2",
       does: "stereo pair",

@@ -151,7 +151,7 @@ export class Grid {
       "div",
       {
         role: "columnheader",
-        class: unit ? "number" : null,
+        class: this.rows.some(({ values }) => typeof values[key] === "number") ? "number" : null,
         "aria-sort": isSorted ? order : "none",
       },
       h(

@@ -9,7 +9,7 @@ export function tablePart(context: Context): void {
     title: "Attribute table",
     side: "below",
     tool: {
-      name: "attribute table (a)",
+      name: "attribute table",
       picture: "table",
       key: "a",
       does: "attribute table",

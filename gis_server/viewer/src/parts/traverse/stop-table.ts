@@ -53,7 +53,7 @@ export function stopRows(features: readonly FeatureLike[]): readonly StopRow[] {
 
 export function stopPanel(rows: readonly StopRow[], zoomTo: (at: MapPoint) => void): HTMLElement {
   if (rows.length === 0) return h("p", { class: "hint" }, "No stop is published yet.");
-  const head = ["stop", "north", "east", "σ N", "σ E", "moved"];
+  const head = ["stop", "north", "east", "σ N", "σ E", "3D error"];
   const line = (row: StopRow) =>
     h(
       "tr",
@@ -79,7 +79,7 @@ export function stopPanel(rows: readonly StopRow[], zoomTo: (at: MapPoint) => vo
     h(
       "p",
       { class: "hint" },
-      "Site/drive, adjusted place, its 1σ, and how far telemetry was off; metres.",
+      "Adjusted position with 1σ, and error of telemetry in space; metres.",
     ),
     h(
       "table",

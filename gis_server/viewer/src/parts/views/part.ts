@@ -16,6 +16,6 @@ export function viewsPart({ page, keys, history, state, waiting }: Context): voi
       page.dialog("Saved views", dialog);
       dialog.querySelector("input")?.select();
     });
-  page.addTool(button("saved views (b)", "bookmark", show));
+  page.addTool(button("saved views (b)", "bookmark", show), "views");
   keys.add("b", "save and open views", show);
 }
