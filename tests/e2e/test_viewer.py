@@ -222,7 +222,7 @@ def test_a_layer_offers_legend_download_and_history(page, url):
     row.locator(".more").click()
     ready(page)
     screenshot(page, "slope")
-    assert row.locator(".ticks span").all_inner_texts() == ["0", "10", "20", "30", "40"]
+    assert row.locator(".ticks span").all_inner_texts() == ["0", "10", "20", "30", "40°"]
     file = page.request.get(url + row.locator("a.download").get_attribute("href"))
     assert file.body()[:2] in (b"II", b"MM")
     row.locator("button.provenance").click()

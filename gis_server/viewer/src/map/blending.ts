@@ -8,9 +8,6 @@ const BLENDS = ["multiply", "screen", "overlay", "darken", "lighten"] as const;
 export type Blend = (typeof BLENDS)[number];
 export const BLEND_NAMES: readonly Blend[] = BLENDS;
 
-export const blendNamed = (name: string | undefined): Blend | null =>
-  BLENDS.find((one) => one === name) ?? null;
-
 const KEY = "blend";
 
 /** Draws a layer by the blend that `setBlend` gives it. */

@@ -1,7 +1,7 @@
 /**
  * Panes beside and below the map, for what is looked at together with it. Beside it there are as many as there is room
  * for: side by side on a wide window, two one above the other on a laptop; below it they stand side by side. On a small
- * window there is one, below the map. Where there is no room the oldest one closes. Dividers before them give room from
+ * window there is one, beside the map if it is wider than high, else below it. Where there is no room the oldest one closes. Dividers before them give room from
  * one to the other; how much the map keeps is remembered in the browser.
  */
 
@@ -39,7 +39,8 @@ interface Opened extends Pane {
 /** What the map and every pane keep, pixels: across, and down where one is above the other. */
 const LEAST = { row: 320, column: 180 } as const;
 const MOST_ACROSS = 3;
-const WIDE = matchMedia("(min-width: 1100px)");
+/** A window that is wider than high has room beside the map, not below it. */
+const WIDE = matchMedia("(min-width: 1100px), (min-width: 700px) and (min-aspect-ratio: 5/4)");
 const LAPTOP = matchMedia("(min-width: 1400px)");
 /** Step of the arrow keys at a divider, pixels. */
 const STEP_PX = 24;

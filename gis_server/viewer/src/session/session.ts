@@ -128,7 +128,7 @@ export class Session {
     page.onTab((name) => state.set("tab", name));
     state.on("tab", (name) => page.showTab(name));
     for (const [key, name, title] of TAB_KEYS)
-      keys.add(key, `tab ${title}`, () => page.enterTab(name));
+      keys.add(key, `${title} tab`, () => page.enterTab(name));
     const moved = state.follow("at", (place) => place && view.goTo(place));
     view.map.on("moveend", () => moved(view.place));
     page.panes.onArranged(state.follow("panes", (places) => page.panes.arrange(places)));

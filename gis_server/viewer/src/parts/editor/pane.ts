@@ -100,12 +100,6 @@ export class Pane {
     await this.show(this.images.value);
   }
 
-  /** Goes to another stop. */
-  setStop(stop: string): void {
-    this.stops.value = stop;
-    this.fillImages();
-  }
-
   draw(overlay: Partial<Overlay>): void {
     this.imageCanvas.put(overlay);
     const pick = overlay.picks?.[0];

@@ -17,7 +17,7 @@ const named = (metres: number, [plus, minus]: string) =>
 
 export function mapFrame({ page, view, alive }: Context): void {
   const edge = (name: string) => h("div", { class: `frame ${name}`, "aria-hidden": "true" });
-  const [below, left, right] = [edge("eastings"), edge("northings"), edge("northings right")];
+  const [below, left, right] = [edge("eastings"), edge("northings"), edge("northings opposite")];
   page.map.append(below, left, right);
   /** Upper left corner of the legend; where there is none, the lower right one of the map. */
   const legendStart = () => {
@@ -27,7 +27,7 @@ export function mapFrame({ page, view, alive }: Context): void {
       : ([page.map.clientWidth, page.map.clientHeight] as const);
   };
   const draw = () => {
-    page.map.style.setProperty("--tools", `${page.toolbar.offsetWidth}px`);
+    page.toolbar.parentElement?.style.setProperty("--tools", `${page.toolbar.offsetWidth}px`);
     const [width = 0, height = 0] = view.map.getSize() ?? [];
     const { east, north, resolution, rotationDeg } = view.place;
     const isUpright = Math.abs(rotationDeg) < 0.05;

@@ -19,8 +19,10 @@ export function helpPart(context: Context): void {
     });
   };
   const show = () => {
-    const rows = keys.all.map(({ key, does }) =>
-      h("tr", {}, h("td", {}, h("kbd", {}, NAMES[key] ?? key)), h("td", {}, does)),
+    const uses = new Map<string, string[]>();
+    for (const { key, does } of keys.all) uses.set(key, [...(uses.get(key) ?? []), does]);
+    const rows = [...uses].map(([key, does]) =>
+      h("tr", {}, h("td", {}, h("kbd", {}, NAMES[key] ?? key)), h("td", {}, does.join(", "))),
     );
     page.dialog(
       "Keyboard shortcuts",

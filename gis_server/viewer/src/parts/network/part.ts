@@ -104,10 +104,10 @@ function networkPanel(graph: NetworkGraph, open: () => void, { view }: Context):
       { class: "actions" },
       h("button", { type: "button", class: "text graph", onclick: open }, "show the graph"),
     ),
-    h("h2", {}, `What is weak (${weak.length})`),
+    h("h2", {}, `Weak parts (${weak.length})`),
     weak.length > 0
       ? h("ul", { class: "weaknesses" }, ...weak)
-      : h("p", { class: "hint" }, "Nothing: every stop and pair is held by ties enough."),
+      : h("p", { class: "hint" }, "None: all stops and pairs have enough tie points."),
     h("h2", {}, `Links between stops (${graph.links.length})`),
     h(
       "table",

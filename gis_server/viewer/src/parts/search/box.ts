@@ -23,6 +23,7 @@ export function searchBox({ find, entered, go }: SearchActions): SearchBox {
   let found: readonly Entry[] = [];
   let chosen = 0;
   const list = h("ul", { id: "search-list", role: "listbox", "aria-label": "found", hidden: true });
+  const none = h("p", { class: "hint", role: "status", hidden: true }, "Nothing found.");
   const input = h("input", {
     type: "search",
     placeholder: "sol, stop, image, coordinates ( / )",
@@ -38,7 +39,10 @@ export function searchBox({ find, entered, go }: SearchActions): SearchBox {
       entered();
       search();
     },
-    onblur: () => show([]),
+    onblur: () => {
+      show([]);
+      none.hidden = true;
+    },
     onkeydown: (event) => pressed(event as KeyboardEvent),
   });
   const choose = (place: number) => {
@@ -79,7 +83,10 @@ export function searchBox({ find, entered, go }: SearchActions): SearchBox {
     );
     choose(0);
   };
-  const search = () => show(find(input.value));
+  const search = () => {
+    show(find(input.value));
+    none.hidden = input.value.trim() === "" || found.length > 0;
+  };
   const pressed = (event: KeyboardEvent) => {
     if (event.key === "ArrowDown" || event.key === "ArrowUp") {
       event.preventDefault();
@@ -92,7 +99,7 @@ export function searchBox({ find, entered, go }: SearchActions): SearchBox {
     }
   };
   return {
-    element: h("div", { class: "search", role: "search" }, input, list),
+    element: h("div", { class: "search", role: "search" }, input, list, none),
     refresh: () => {
       if (document.activeElement === input) search();
     },

@@ -58,13 +58,3 @@ export function sunAt(
   const hours = 24 * (days - Math.floor(days));
   return { sun: sunOver(site, seasonAt(julian).lsDeg, hours), hours };
 }
-
-/** Hours of sunrise and sunset over level ground; null where the sun does not rise or does not set. */
-export function dayOf(site: Site, lsDeg: number): readonly [number, number] | null {
-  const phi = Math.atan(Math.tan(site.latitude * DEG) / FLATNESS ** 2);
-  const d = Math.asin(SIN_OBLIQUITY * Math.sin(lsDeg * DEG));
-  const cosine = -Math.tan(phi) * Math.tan(d);
-  if (Math.abs(cosine) >= 1) return null;
-  const half = Math.acos(cosine) / DEG / 15;
-  return [12 - half, 12 + half];
-}
