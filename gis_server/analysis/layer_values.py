@@ -148,8 +148,10 @@ def derived_sigma(value: ValueHere, values: Sequence[ValueHere]) -> float | None
     in_sigmas = value.bands.get("disagreement_in_sigmas")
     if in_sigmas is not None:
         return abs(value.value / in_sigmas) if in_sigmas else None
-    wanted = _SLOPE_OF.get(ProductKind(value.kind))
-    slope = next((one for one in values if (one.scope, one.kind) == (value.scope, wanted)), None)
+    slope_kind = _SLOPE_OF.get(ProductKind(value.kind))
+    slope = next(
+        (one for one in values if (one.scope, one.kind) == (value.scope, slope_kind)), None
+    )
     if slope is None or slope.sigma is None:
         return None
     gradient = math.tan(math.radians(slope.value))

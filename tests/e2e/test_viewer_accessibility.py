@@ -49,10 +49,12 @@ def issues_of(page, name: str) -> list[str]:
 
 def test_no_tab_has_an_accessibility_issue(themed):
     issues = issues_of(themed, "first")
-    for tab in themed.locator("[data-tab]").all():
-        tab.click()
-        ready(themed)
-        issues += issues_of(themed, f"tab-{tab.get_attribute('data-tab')}")
+    for width in (1280, 390):
+        themed.set_viewport_size({"width": width, "height": 800})
+        for tab in themed.locator("[data-tab]").all():
+            tab.click()
+            ready(themed)
+            issues += issues_of(themed, f"tab-{tab.get_attribute('data-tab')}-{width}")
     assert issues == []
 
 

@@ -171,7 +171,7 @@ def test_colours_follow_the_chosen_limits_and_so_does_the_legend(page, url):
     ]
     page.wait_for_timeout(300)
     image = screenshot(page, "stretch")
-    for radius, colour in ((5.0, VIRIDIS[0]), (30.0, VIRIDIS[1])):
+    for radius, colour in ((5.0, VIRIDIS[0]), (25.0, VIRIDIS[1])):
         shown = colour_at(image, pixel_of(page, radius, 0.0, resolution))
         assert np.abs(shown - colour).max() <= 4
     assert "mer2/dtm~::1:4" in page.url

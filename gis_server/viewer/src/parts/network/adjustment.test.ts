@@ -20,7 +20,7 @@ const stops = [
   { ...stop, place: [1, 0, 0], is_tied: true },
 ] as const;
 
-test("the adjustment is told in words and with units", () => {
+test("the adjustment is described in words and with units", () => {
   expect(Object.fromEntries(adjustmentFacts({ stops, adjustment: ADJUSTMENT }))).toEqual({
     network: "2 stops, 30 pairs",
     "tie points used": "1,812 within pairs, 240 between pairs, 43 between stops",
