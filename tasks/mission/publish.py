@@ -19,7 +19,7 @@ from solmap.products.features.mission_features import MissionFeatures
 from solmap.products.formats.mesh.models import extent_of_model
 from solmap.products.formats.raster.panorama import panorama_bounds
 from solmap.products.formats.raster.raster import summarise
-from solmap.products.formats.vector.geojson import read_features
+from solmap.products.formats.vector.geojson import read_placed
 from solmap.products.model import Layer, ProductKind, ProductRef
 from solmap.products.reports.stac import AcquisitionTimes, write_catalogue, write_items
 from solmap.products.store.faults import is_disk_full, retry_transient
@@ -225,7 +225,7 @@ def _facts_of(ref: ProductRef, store: ProductStore) -> Mapping[str, Any]:
         bounds, value_range = extent_of_model(path)
         unit = "m"
     else:
-        bounds = read_features(path).bounds or (0.0, 0.0, 0.0, 0.0)
+        bounds = read_placed(path).bounds or (0.0, 0.0, 0.0, 0.0)
     return {
         "bounds": bounds,
         "cell_m": cell_m,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +29,18 @@ from solmap.products.catalogue.catalogue import ImageEntry
 from solmap.products.catalogue.images import image_record
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
-from solmap.products.errors import cause_of
-from solmap.products.formats.documents.network import NetworkProduct, cached_whole_network
-from solmap.products.formats.vector.geojson import Feature, write_features
+from solmap.products.errors import ProductError, cause_of
+from solmap.products.formats.documents.network import (
+    NetworkProduct,
+    cached_whole_network,
+    read_network,
+)
+from solmap.products.formats.vector.geojson import (
+    Feature,
+    WrittenFeature,
+    write_features,
+    written_features,
+)
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.tasks.scopes import region_scope
 from solmap.tasks.stage import stage
@@ -64,18 +75,18 @@ def draw_vectors(  # noqa: PLR0913 - all that features tell of
     pairing = tuple((entry.partner, entry.unpaired_because, entry.repeats) for entry in entries)
     made = []
     for kind, inputs, extra, features in (
-        (ProductKind.TRAVERSE, (), None, lambda: traverse_features(read.network)),
-        (ProductKind.STOPS, (), origins, lambda: stop_features(read.network, dict(origins))),
-        (ProductKind.TIE_POINTS, (), "sols", lambda: tie_point_features(read.network)),
-        (ProductKind.FOOTPRINTS, images, pairing, lambda: read.outlines(footprint_feature, params)),
-        (ProductKind.POINTING, images, pairing, lambda: read.outlines(pointing_feature, params)),
+        (ProductKind.TRAVERSE, (), None, lambda _: traverse_features(read.network)),
+        (ProductKind.STOPS, (), origins, lambda _: stop_features(read.network, dict(origins))),
+        (ProductKind.TIE_POINTS, (), "sols", lambda _: tie_point_features(read.network)),
+        (ProductKind.FOOTPRINTS, images, pairing, partial(read.outlines, footprint_feature)),
+        (ProductKind.POINTING, images, pairing, partial(read.outlines, pointing_feature)),
     ):
         if kind not in kinds:
             continue
         recipe = Recipe(kind, region_scope(mission), (network, *inputs), (params, landing, extra))
 
-        def write(path: Path, features: Any = features) -> None:  # noqa: ANN401 - a thunk
-            write_features(path, features(), landing, tags={"mission": mission})
+        def write(path: Path, features: Any = features, recipe: Recipe = recipe) -> None:  # noqa: ANN401 - a function
+            write_features(path, features(recipe), landing, tags={"mission": mission})
 
         made.append(workspace.store.make(recipe, write))
     return made
@@ -96,11 +107,17 @@ class _Reading:
             self._network = cached_whole_network(self._ref, self._workspace.store)
         return self._network
 
-    def outlines(self, draw: Any, params: FootprintParams) -> Iterator[Feature]:  # noqa: ANN401
+    def outlines(self, draw: Any, recipe: Recipe) -> Iterator[Feature | WrittenFeature]:  # noqa: ANN401
+        """Features of the images, those that the published layer has already as they stand."""
+        written = self._still_valid(recipe)
+        params = recipe.params[0]
         poses = {stop.stop: stop.lsl_from_rover for stop in self.network.adjusted.stops}
         pointings = {pair.pair_id: pair.pointing for pair in self.network.adjusted.pairs}
         for entry in self._entries:
             if entry.repeats is not None:  # drawn with the image that replaces it
+                continue
+            if entry.id in written:
+                yield {**written[entry.id], "properties": _image_properties(entry)}
                 continue
             try:
                 image = image_record(entry, self._workspace)
@@ -115,6 +132,37 @@ class _Reading:
                 continue
             if drawn is not None:
                 yield drawn
+
+    def _still_valid(self, recipe: Recipe) -> dict[str, WrittenFeature]:
+        """Features of the published layer whose image, orientation and parameters did not change.
+
+        A stop that two networks take from the same product has the same orientations in both.
+        """
+        store, document = self._workspace.store, recipe.document
+        latest = self._workspace.catalogue.latest(recipe.scope.name, recipe.kind)
+        if latest is None:
+            return {}
+        published = ProductRef(recipe.kind, recipe.scope, latest)
+        try:
+            old = store.provenance(published)["recipe"]
+            if (old["params"][:2], old["science"]) != (document["params"][:2], document["science"]):
+                return {}
+            _, name, digest = old["inputs"][0].split("/")
+            network = replace(self._ref, scope=replace(self._ref.scope, name=name), digest=digest)
+            before = read_network(network, store).references
+            features = written_features(store.path(published))
+        except (ProductError, LookupError, ValueError) as error:  # pruned, or of another version
+            log.info("%s is drawn anew: %s", recipe.kind, cause_of(error))
+            return {}
+        now = read_network(self._ref, store).references
+        stops = {name for name, ref in now.items() if before.get(name) == ref}
+        same = set(old["inputs"]) & set(document["inputs"])
+        images = {
+            entry.id
+            for entry, text in zip(self._entries, document["inputs"][1:], strict=True)
+            if entry.stop in stops and text in same
+        }
+        return {one["id"]: one for one in features if one["id"] in images}
 
 
 def traverse_features(network: NetworkProduct) -> list[Feature]:

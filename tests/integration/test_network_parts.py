@@ -7,15 +7,22 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from solmap.flows.sol_inputs import read_map
 from solmap.photogrammetry.adjustment.quality.weaknesses import shared_ties
+from solmap.photogrammetry.terrain.visibility.footprints import FootprintParams
+from solmap.products.catalogue.images import image_record
 from solmap.products.catalogue.maintenance.pruning import PruningParams, prune
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.formats.documents.network import read_network, whole_network
+from solmap.products.model import ProductKind
+from solmap.tasks.mission import vectors
+from solmap.tasks.mission.vectors import draw_vectors
 from tests.support.mission_growth import walked
 from tests.support.simulated_sols import SimulatedSols
 
 STOPS, PAIRS = 10, 2
+OUTLINES = (ProductKind.FOOTPRINTS, ProductKind.POINTING)
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +72,31 @@ def test_a_marginalised_stop_is_as_in_its_last_sol(traverse):
         parts = [read_network(one.network, workspace.store) for one in standings]
         last = [part for part in parts if stop in part.telemetry][-1].adjusted.stop(stop)
         np.testing.assert_array_equal(last.covariance, whole.stop(stop).covariance)
+
+
+def test_outlines_of_images_at_unchanged_stops_are_kept_as_they_stand(traverse, monkeypatch):
+    workspace, standings = traverse
+    (*_, before), (*_, last) = standings[:-1], standings
+    entries, landing = workspace.catalogue.images("MER2"), read_map("MER2", workspace).entry.landing
+
+    def draw(network, entries):
+        params, kinds = FootprintParams(), OUTLINES
+        return draw_vectors.fn("MER2", network, entries, params, landing, workspace, kinds=kinds)
+
+    anew = {ref: workspace.store.path(ref).read_bytes() for ref in draw(last.network, entries)}
+    for ref in anew:
+        workspace.store.remove(ref)
+    earlier = [entry for entry in entries if entry.sol < STOPS]
+    workspace.catalogue.publish(pointers=draw(before.network, earlier))
+    drawn = set()
+    monkeypatch.setattr(
+        vectors, "image_record", lambda *of: drawn.add(of[0].stop) or image_record(*of)
+    )
+    assert {r: workspace.store.path(r).read_bytes() for r in draw(last.network, entries)} == anew
+    old, new = (read_network(one.network, workspace.store).references for one in (before, last))
+    kept = {stop for stop, ref in new.items() if old.get(stop) == ref}
+    assert kept
+    assert drawn == {entry.stop for entry in entries} - kept
 
 
 def test_pruning_keeps_the_parts_of_the_latest_network(traverse):

@@ -42,6 +42,8 @@ from solmap.products.crs import (
 )
 from solmap.products.errors import ProductError, ProductNotFoundError
 
+WrittenFeature = Mapping[str, Any]
+"""A GeoJSON feature as it stands in a file."""
 Geometry = Literal["Point", "LineString", "Polygon"]
 _FEWEST = {"Point": 1, "LineString": 2, "Polygon": 3}
 _DECIMALS_DEGREES, _DECIMALS_M = 9, 4
@@ -142,14 +144,14 @@ class FeatureCollection:
 
 def write_features(
     path: Path,
-    features: Iterable[Feature],
+    features: Iterable[Feature | WrittenFeature],
     landing: LandingPoint,
     *,
     tags: Mapping[str, Any] | None = None,
 ) -> None:
     """Write features of the local map in Mars degrees, or in its metres where it is untied.
 
-    Equal input gives equal bytes.
+    Equal input gives equal bytes, also where features were written before.
     """
     document = {
         "type": "FeatureCollection",
@@ -174,8 +176,10 @@ def _crs_name(landing: LandingPoint) -> str:
     return local_crs(landing).to_wkt() if landing.origin else MARS_URN
 
 
-def _as_written(features: Sequence[Feature], landing: LandingPoint) -> list[dict[str, Any]]:
-    rings = [ring for feature in features for ring in feature.rings]
+def _as_written(
+    features: Sequence[Feature | WrittenFeature], landing: LandingPoint
+) -> list[WrittenFeature]:
+    rings = [ring for one in features if isinstance(one, Feature) for ring in one.rings]
     plane = [ring[:, :2] for ring in rings]
     points = np.concatenate(plane) if plane else np.empty((0, 2))
     if landing.origin:
@@ -186,7 +190,10 @@ def _as_written(features: Sequence[Feature], landing: LandingPoint) -> list[dict
         np.hstack([rows, np.round(ring[:, 2:], _DECIMALS_M)])
         for ring, rows in zip(rings, _split_like(plane, written), strict=True)
     )
-    return [as_geojson(feature, [next(placed) for _ in feature.rings]) for feature in features]
+    return [
+        as_geojson(one, [next(placed) for _ in one.rings]) if isinstance(one, Feature) else one
+        for one in features
+    ]
 
 
 def _split_like(parts: Sequence[np.ndarray], rows: np.ndarray) -> list[np.ndarray]:
@@ -238,6 +245,19 @@ def read_features(path: Path) -> FeatureCollection:
     return FeatureCollection(placed.landing, tuple(features), placed.tags)
 
 
+def written_features(path: Path) -> list[WrittenFeature]:
+    """The features as they stand in a file of `write_features`.
+
+    Raises:
+        ProductError: it is not such a file.
+    """
+    try:
+        features: list[WrittenFeature] = orjson.loads(path.read_bytes())["features"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ProductError(f"{path.name} is not a feature collection: {error!r}") from error
+    return features
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedFeatures:
     """The features of a file, and their positions on the local map.
@@ -265,6 +285,14 @@ class PlacedFeatures:
         )
         heights = (np.array([point[2:] for point in ring], dtype=np.float64) for ring in rings)
         return [np.hstack(both) for both in zip(places, heights, strict=True)]
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float] | None:
+        """(west, south, east, north) of all features, metres; None where there is none."""
+        if not len(self.items):
+            return None
+        (west, south), (east, north) = self.metres.min(axis=0), self.metres.max(axis=0)
+        return float(west), float(south), float(east), float(north)
 
     def boxes(self) -> np.ndarray:
         """West, south, east and north of every item: (items, 4)."""
