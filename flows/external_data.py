@@ -324,7 +324,7 @@ class TakenTies:
 
     name: str
     counts: dict[EditAction, int]
-    strangers: tuple[str, ...]
+    unknown: tuple[str, ...]
     """Images and stops named in it that the store does not have yet."""
 
     def __str__(self) -> str:

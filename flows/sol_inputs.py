@@ -27,8 +27,8 @@ from solmap.photogrammetry.imagery import RoverImage, StopId
 from solmap.photogrammetry.matching.cross_site.gate import link_candidates
 from solmap.photogrammetry.traverse.plausibility import (
     TelemetryStop,
+    implausible_poses,
     implausible_stops,
-    strays,
 )
 from solmap.products.catalogue.catalogue import ImageEntry, MissionEntry
 from solmap.products.catalogue.edits import EditLog
@@ -353,7 +353,7 @@ def _left_out(images: Sequence[tuple[ImageEntry, RoverImage]]) -> Iterator[tuple
     for entry, label in sorted(images, key=lambda both: (both[1].clock, both[0].id)):
         at_stops.setdefault(label.stop, []).append((entry, label))
     for of_stop in at_stops.values():
-        reasons = strays([label.site_from_rover for _, label in of_stop])
+        reasons = implausible_poses([label.site_from_rover for _, label in of_stop])
         for (entry, _), why in zip(of_stop, reasons, strict=True):
             if why:
                 yield (

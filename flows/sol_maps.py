@@ -266,8 +266,8 @@ def _one_finding_a_stop(
             found.setdefault(stop, []).append(why)
     tried = Counter(stop for stop, _ in requested)
     return causes | {
-        f"in {len(whys)} of {tried[stop]} wide-baseline pairs of {stop}, the first": whys[0]
-        for stop, whys in found.items()
+        f"in {len(reasons)} of {tried[stop]} wide-baseline pairs of {stop}, the first": reasons[0]
+        for stop, reasons in found.items()
     }
 
 

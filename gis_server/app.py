@@ -50,7 +50,7 @@ from solmap.gis_server.services import open_services
 from solmap.gis_server.workers import Worker, limit_arenas
 from solmap.products.store.backends import ObjectStorage
 from solmap.products.store.process import (
-    collect_garbage_seldom,
+    collect_garbage_rarely,
     exempt_objects_from_collection,
     log_to_store,
 )
@@ -198,7 +198,7 @@ def create_app_from_settings() -> FastAPI:
     """The server of the store that the environment names (`SOLMAP_STORE`), as a process."""
     settings = Settings()
     log_to_store(settings.store, "server")
-    collect_garbage_seldom()
+    collect_garbage_rarely()
     limit_arenas()
     return create_app(
         settings.store,

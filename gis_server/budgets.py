@@ -28,7 +28,14 @@ from cachetools import TTLCache
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from solmap.gis_server.errors import problem
-from solmap.gis_server.workers import LARGEST, Answer, UnkeptError, Worker, WorkerLostError, collect
+from solmap.gis_server.workers import (
+    LARGEST,
+    Answer,
+    AnswerStorageError,
+    Worker,
+    WorkerLostError,
+    collect,
+)
 
 ROUTE = "solmap.route"
 """Key in the scope of a request that another process answered: the template of its route."""
@@ -223,7 +230,7 @@ class LaneState:
         except TimeoutError:
             what = f"this took longer than {WORK_S:.0f} s; request less at once"
             raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, what) from None
-        except UnkeptError as error:
+        except AnswerStorageError as error:
             raise RefusedError(error.status, error.what) from None
         except WorkerLostError:
             what = "the process that worked on this has ended; request less at once, or try again"

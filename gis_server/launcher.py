@@ -24,7 +24,7 @@ _ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
 }
-_LOOK_S = 0.02
+_POLL_S = 0.02
 _START = "from solmap.gis_server.worker_process import launch; launch()"
 
 
@@ -71,7 +71,7 @@ class Launcher:
         """Wait until a worker has forked, that is until all modules are imported."""
         end = time.monotonic() + most_s
         while self.pid(number) is None and time.monotonic() < end:
-            time.sleep(_LOOK_S)
+            time.sleep(_POLL_S)
 
     def close(self) -> None:
         """End the process, which ends the remaining workers."""

@@ -22,9 +22,9 @@ from anyio import to_thread
 
 from solmap.gis_server.app import create_app
 from solmap.gis_server.errors import LACKED_MEMORY
-from solmap.gis_server.workers import Answer, UnkeptError, collect, resident_bytes
+from solmap.gis_server.workers import Answer, AnswerStorageError, collect, resident_bytes
 from solmap.products.store.process import (
-    collect_garbage_seldom,
+    collect_garbage_rarely,
     exempt_objects_from_collection,
     log_to_store,
     return_free_memory,
@@ -51,7 +51,7 @@ async def _answer_all(connection: Connection) -> None:
     arguments, memory_mb, folder = await to_thread.run_sync(connection.recv)
     with contextlib.suppress(OSError):  # a store that is only read keeps no log
         log_to_store(arguments[0], "server")
-    collect_garbage_seldom()
+    collect_garbage_rarely()
     app = create_app(*arguments)
     logging.getLogger("solmap").setLevel(logging.WARNING)  # the server logs the requests
     at_start = resident_bytes(os.getpid())
@@ -61,10 +61,10 @@ async def _answer_all(connection: Connection) -> None:
             request, body = await to_thread.run_sync(connection.recv)
         except EOFError:
             return
-        answer: Answer | UnkeptError
+        answer: Answer | AnswerStorageError
         try:
             answer = await collect(app, request, body, folder)
-        except UnkeptError as error:
+        except AnswerStorageError as error:
             answer = error
         return_free_memory()
         lacked_memory = request.get(LACKED_MEMORY, False)

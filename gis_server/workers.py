@@ -91,7 +91,7 @@ class Answer:
             await send({"type": "http.response.body", "body": b""})
 
 
-class UnkeptError(Exception):
+class AnswerStorageError(Exception):
     """The body of an answer could not be written to a file; has the status and the reason."""
 
     def __init__(self, status: HTTPStatus, what: str) -> None:
@@ -132,7 +132,7 @@ class _Body:
         """The collected body.
 
         Raises:
-            UnkeptError: a part could not be written; no file is left.
+            AnswerStorageError: a part could not be written; no file is left.
         """
         file = None
         if self.file is not None:
@@ -148,14 +148,14 @@ class _Body:
         if self.error.errno == errno.EFBIG:
             status = HTTPStatus.UNPROCESSABLE_ENTITY
             what = f"the answer has more than {LARGEST >> 20} MiB; request less at once"
-        raise UnkeptError(status, what)
+        raise AnswerStorageError(status, what)
 
 
 async def collect(app: ASGIApp, scope: Scope, body: bytes, folder: Path | None) -> Answer:
     """The whole answer of an application; a large body becomes a file of the folder, if any.
 
     Raises:
-        UnkeptError: the file would be larger than `LARGEST`, or the disk is full.
+        AnswerStorageError: the file would be larger than `LARGEST`, or the disk is full.
     """
     has_come, starts, kept = False, list[Message](), _Body(folder)
 
@@ -228,7 +228,7 @@ class Worker:
         Raises:
             TimeoutError: it took too long.
             WorkerLostError: the process ended, as one that takes too much memory does.
-            UnkeptError: the answer is too large.
+            AnswerStorageError: the answer is too large.
         """
         if (
             self._connection is None or self._connection.poll()
@@ -247,13 +247,13 @@ class Worker:
         if is_full:
             with anyio.CancelScope(shield=True):  # else the file of the answer would stay
                 await to_thread.run_sync(self.start, self._folder)
-        if isinstance(answer, UnkeptError):
+        if isinstance(answer, AnswerStorageError):
             raise answer
         return answer
 
     async def _answer_of(
         self, request: dict[str, Any], body: bytes
-    ) -> tuple[Answer | UnkeptError, bool]:
+    ) -> tuple[Answer | AnswerStorageError, bool]:
         try:
             answer, is_full, lacked_memory = await self._exchange(request, body)
         except (EOFError, OSError):  # it has ended: libraries of C do so where memory is lacking
@@ -285,14 +285,14 @@ class Worker:
 
     async def _exchange(
         self, request: dict[str, Any], body: bytes
-    ) -> tuple[Answer | UnkeptError, bool, bool]:
+    ) -> tuple[Answer | AnswerStorageError, bool, bool]:
         """Reply of the process: the response, whether it has grown, whether memory was lacking."""
         connection = self._connection
         assert connection is not None  # noqa: S101 - `answer` has started it
 
-        def exchange() -> tuple[Answer | UnkeptError, bool, bool]:
+        def exchange() -> tuple[Answer | AnswerStorageError, bool, bool]:
             connection.send((request, body))
-            result: tuple[Answer | UnkeptError, bool, bool] = connection.recv()
+            result: tuple[Answer | AnswerStorageError, bool, bool] = connection.recv()
             return result
 
         return await to_thread.run_sync(exchange, abandon_on_cancel=True, limiter=self._threads)

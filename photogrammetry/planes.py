@@ -166,8 +166,8 @@ def fit_plane(
     noise = _noise_part(covariances, n)
     N[:2, :2] -= noise
     N /= max(1.0, sigma0**2)
-    surely = N[:2, :2] - CHANCE * np.sqrt(2 / len(points)) * noise
-    if not np.linalg.eigvalsh(surely)[0] > 1 / LARGEST_SIGMA**2:
+    lower_bound = N[:2, :2] - CHANCE * np.sqrt(2 / len(points)) * noise
+    if not np.linalg.eigvalsh(lower_bound)[0] > 1 / LARGEST_SIGMA**2:
         raise TerrainError(
             f"{len(points)} points over {extent:.3g} m (root mean square) do not define a plane: "
             "it may rotate about the line along which they lie; pick points to the side of it"

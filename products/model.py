@@ -309,7 +309,7 @@ class Layer:
     @property
     def full_title(self) -> str:
         """Complete title: `Elevation, sol 156, site 10 drive 100, 4 cm`."""
-        place = _PLACE.sub(_spoken_place, _place_of(self.ref.scope, self.mission))
+        place = _PLACE.sub(_place_text, _place_of(self.ref.scope, self.mission))
         cell = re.sub(r"(\d)([a-z])", r"\1 \2", _size(self.cell_m))
         sols = "-".join(str(sol) for sol in _ends(self.sols))
         origin = " ".join(
@@ -354,5 +354,5 @@ def _short_place(found: re.Match[str]) -> str:
     return f"{found[1]}{int(found[2]):0{_DIGITS[found[1]]}d}"
 
 
-def _spoken_place(found: re.Match[str]) -> str:
+def _place_text(found: re.Match[str]) -> str:
     return f"{found[1]} {int(found[2])}"

@@ -26,5 +26,6 @@ class RecipeNames:
 RECIPE_NAMES: dict[str, RecipeNames] = {
     "CrossSiteParams": RecipeNames(fields={"link_test": "verdict"}),
     "LinkTestParams": RecipeNames("VerdictParams"),
+    "MonoParams": RecipeNames(fields={"first_points": "scouts"}),
 }
 """By class name in the code."""

@@ -23,7 +23,7 @@ from prefect.tasks import exponential_backoff
 
 from solmap.products.errors import cause_of
 from solmap.products.store.faults import is_transient
-from solmap.products.store.process import ResourceMeter, collect_garbage_seldom
+from solmap.products.store.process import ResourceMeter, collect_garbage_rarely
 from solmap.products.store.product_store import NotMadeError, looking_up
 
 log = logging.getLogger(__name__)
@@ -101,7 +101,7 @@ def _log_effort(work: Callable[P, R], name: str) -> Callable[P, R]:
 
     @wraps(work)
     def run_and_log(*args: P.args, **kwargs: P.kwargs) -> R:
-        collect_garbage_seldom()
+        collect_garbage_rarely()
         effort, failed = ResourceMeter(), "failed"
         try:
             made = work(*args, **kwargs)

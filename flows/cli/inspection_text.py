@@ -20,8 +20,8 @@ def _image_rows(finding: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("size", _size(finding["size"])),
         *(("note", note) for note in finding["notes"]),
         ("radiance", _radiance(finding["radiance"])),
-        ("looks", _looks(finding["pointing"], "image_centre", "the middle of the image")),
-        ("", _looks(finding["pointing"], "mast", "the mast")),
+        ("looks", _view_text(finding["pointing"], "image_centre", "the middle of the image")),
+        ("", _view_text(finding["pointing"], "mast", "the mast")),
         *_camera(finding["camera"]),
         *_rover(finding["rover"]),
         ("sun", _sun(finding["sun"])),
@@ -99,7 +99,7 @@ def _size(size: Mapping[str, Any]) -> str:
     return f"{size['samples']} x {size['lines']} pixels{share}"
 
 
-def _looks(pointing: Mapping[str, Any], which: str, what: str) -> str:
+def _view_text(pointing: Mapping[str, Any], which: str, what: str) -> str:
     if which not in pointing:
         return ""
     in_site, in_rover = pointing[which]["in_site_deg"], pointing[which]["in_rover_deg"]

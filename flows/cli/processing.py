@@ -197,7 +197,7 @@ def ties(
     from solmap.flows.external_data import take_ties_file  # noqa: PLC0415 - slow to import
 
     taken = take_ties_file(file, root)
-    for name in taken.strangers:
+    for name in taken.unknown:
         note("warning", f"{name} is not in the store (yet)")
     print_line(taken)
 
@@ -244,7 +244,7 @@ def up(
     from solmap.config.settings import Settings  # noqa: PLC0415 - `solmap --help` answers at once
     from solmap.flows.runtime.engine import password_file  # noqa: PLC0415
     from solmap.flows.runtime.stopping import end_on_signals  # noqa: PLC0415
-    from solmap.flows.service.machine import LOOK_EVERY_S, Machine  # noqa: PLC0415
+    from solmap.flows.service.machine import CHECK_EVERY_S, Machine  # noqa: PLC0415
     from solmap.products.store.locks import try_lock  # noqa: PLC0415
 
     settings = Settings()
@@ -268,8 +268,8 @@ def up(
             print_line(f"map at http://{settings.host}:{settings.port}/")
             print_line(f"runs at {machine.engine_url}/, password in {password_file(root)}")
             print_line("Ctrl-C stops both")
-            while not stopping.wait(LOOK_EVERY_S):
-                machine.tend()
+            while not stopping.wait(CHECK_EVERY_S):
+                machine.check()
         finally:
             machine.stop()
     print_line("stopped; what was made is kept")

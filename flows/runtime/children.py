@@ -86,7 +86,7 @@ class Child:
     log: Path
     """File to which its output is appended."""
     process: subprocess.Popen[bytes] | None = None
-    deaths: int = 0
+    failures: int = 0
     _started_at: float = 0.0
     _not_before: float = 0.0
     _stopping: bool = field(default=False)
@@ -119,15 +119,15 @@ class Child:
         if self not in _started:
             _started.append(self)
 
-    def revive(self) -> str | None:
+    def restart_if_ended(self) -> str | None:
         """Start it again if it died, after a pause that grows each time; returns a message."""
         self._shorten_log()
         if self.is_alive or self._stopping:
             return None
         now = time.monotonic()
         if self._not_before == 0.0:
-            self.deaths = 1 if now - self._started_at > _RESTED_S else self.deaths + 1
-            pause = min(_LONGEST_PAUSE_S, 2.0 ** (self.deaths - 1))
+            self.failures = 1 if now - self._started_at > _RESTED_S else self.failures + 1
+            pause = min(_LONGEST_PAUSE_S, 2.0 ** (self.failures - 1))
             self._not_before = now + pause
             code = self.process.returncode if self.process else None
             return f"{self.name} ended with {code}; started again in {pause:.0f} s, see {self.log}"

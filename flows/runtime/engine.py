@@ -39,7 +39,7 @@ from solmap.products.store.process import use_one_heap
 log = logging.getLogger(__name__)
 _START_S = 300.0
 """Includes making its database at the first start on a loaded machine."""
-_LOOK_S = 0.5
+_POLL_S = 0.5
 """Between checks that it runs."""
 _DAY_S = 86_400
 _EVENT_DAYS = 7
@@ -223,10 +223,10 @@ def start_engine(store: Path, flows: str = "prefect.main") -> None:
 def _keep_alive(child: Child) -> None:
     """Restart the server whenever it ends, until it is stopped."""
     while not child.is_stopping:
-        message = child.revive()
+        message = child.restart_if_ended()
         if message:
             log.warning("%s", message)
-        time.sleep(_LOOK_S)
+        time.sleep(_POLL_S)
 
 
 def _free_port() -> int:

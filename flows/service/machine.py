@@ -29,7 +29,7 @@ from solmap.flows.service.inbox import Inbox, InboxParams
 if TYPE_CHECKING:
     from solmap.flows.service.submission import SubmittedRun
 
-LOOK_EVERY_S = 2.0
+CHECK_EVERY_S = 2.0
 _STOP_S = 2.5
 """Seconds after which a stopping process is killed."""
 _STUCK_S = 300.0
@@ -46,8 +46,8 @@ class Machine:
     _inbox: Inbox | None = None
     _running: SubmittedRun | None = None
     _scheduler_died: bool = False
-    _looked_for_stuck_at: float = 0.0
-    _trouble: str = ""
+    _stuck_checked_at: float = 0.0
+    _problem: str = ""
 
     @property
     def store(self) -> Path:
@@ -83,21 +83,21 @@ class Machine:
             memory, params = self.store / "inbox.json", InboxParams(self.settings.inbox_settle_s)
             self._inbox = Inbox(self.settings.inbox.resolve(), memory, params)
 
-    def tend(self) -> None:
+    def check(self) -> None:
         """Check everything once: the children, the inbox, late runs."""
         for child in self._children.values():
-            if message := child.revive():
+            if message := child.restart_if_ended():
                 self.report(message)
                 self._scheduler_died = self._scheduler_died or child.name == "scheduler"
         try:
             self._end_dead_runs()
-            self._tend_inbox()
-            self._tend_requests()
-            self._tend_scheduler()
+            self._check_inbox()
+            self._check_requests()
+            self._check_scheduler()
         except Exception as error:  # noqa: BLE001 - the engine starts again, the inbox is away, ...
             self._report_once(f"{type(error).__name__}: {error}; retried until it works")
         else:
-            self._trouble = ""
+            self._problem = ""
         self._write_engine_state()
 
     def stop(self) -> None:
@@ -122,13 +122,13 @@ class Machine:
             )
         except Exception as error:  # noqa: BLE001 - as above
             with contextlib.suppress(Exception):  # the disk is full, the catalogue away
-                engine_watch.write_trouble(self.store, f"the engine does not answer: {error}")
+                engine_watch.write_problem(self.store, f"the engine does not answer: {error}")
 
-    def _report_once(self, trouble: str) -> None:
+    def _report_once(self, problem: str) -> None:
         """Print an error, once while it stays the same."""
-        if trouble != self._trouble:
-            self.report(trouble)
-        self._trouble = trouble
+        if problem != self._problem:
+            self.report(problem)
+        self._problem = problem
 
     def _child(self, name: str, *command: str) -> None:
         environment = {"PYTHONUNBUFFERED": "1"}
@@ -143,7 +143,7 @@ class Machine:
     def _address(self) -> tuple[str, ...]:
         return "--host", self.settings.host, "--port", str(self.settings.port)
 
-    def _tend_inbox(self) -> None:
+    def _check_inbox(self) -> None:
         if self._inbox is None:
             return
         from solmap.flows.service import submission  # noqa: PLC0415 - after the engine's settings
@@ -181,18 +181,18 @@ class Machine:
         submission.mark_crashed_runs()
         self._scheduler_died = False
 
-    def _tend_requests(self) -> None:
+    def _check_requests(self) -> None:
         """Pass requests from the map to the scheduler."""
         from solmap.flows.service.submission import submit_requests  # noqa: PLC0415 - after the engine's settings
 
         for line in submit_requests(self.store, has_inbox=self._inbox is not None):
             self.report(line)
 
-    def _tend_scheduler(self) -> None:
+    def _check_scheduler(self) -> None:
         now = time.monotonic()
-        if now - self._looked_for_stuck_at < _STUCK_S / 5:
+        if now - self._stuck_checked_at < _STUCK_S / 5:
             return
-        self._looked_for_stuck_at = now
+        self._stuck_checked_at = now
         from solmap.flows.service import submission  # noqa: PLC0415 - after the engine's settings
 
         scheduler = self._children["scheduler"]

@@ -121,12 +121,12 @@ def tie_inter_stereo(stop: MatchedStop, params: InterStereoParams) -> PairTies:
     """Tie every two pairs of a stop whose fields of view overlap."""
     views = [TieView.of(pair, params.conjugates.half_px) for pair in stop.pairs]
     pair_ids = tuple(pair.pair_id for pair in stop.pairs)
-    measured, looked = [], {}
+    measured, searched = [], {}
     for one, other in combinations(range(len(views)), 2):
         source, target, rows = _overlap(views[one], views[other], params)
         if len(rows) < params.least_overlap:
             continue
-        looked[source.pair.pair_id, target.pair.pair_id] = len(rows)
+        searched[source.pair.pair_id, target.pair.pair_id] = len(rows)
         measured.append(
             _tie_pair(
                 source,
@@ -139,7 +139,7 @@ def tie_inter_stereo(stop: MatchedStop, params: InterStereoParams) -> PairTies:
             )
         )
     ties = join_ties(measured, pair_ids)
-    return _verify(stop, ties, looked, params)
+    return _verify(stop, ties, searched, params)
 
 
 def _between(source: TieView, target: TieView) -> Pose:
@@ -277,7 +277,7 @@ def _assemble(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
 def _verify(
     stop: MatchedStop,
     ties: Ties,
-    looked: dict[tuple[str, str], int],
+    searched: dict[tuple[str, str], int],
     params: InterStereoParams,
 ) -> PairTies:
     """Keep the ties that agree with the geometry of the whole stop."""
@@ -295,7 +295,7 @@ def _verify(
         PairLink(
             first, second, n, counted.get((first, second), 0), agreeing.get((first, second), 0)
         )
-        for (first, second), n in looked.items()
+        for (first, second), n in searched.items()
     )
     return PairTies(stop.stop, kept, links, pointing, rms_px)
 

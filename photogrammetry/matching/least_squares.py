@@ -308,8 +308,8 @@ class _Step:
         n, m = self.residual.shape
         side = round(m**0.5)
         sigma0 = np.sqrt((self.residual**2).sum(axis=1) / (m - UNKNOWNS))
-        kinship = correlation_factor(self.residual.reshape(n, side, side))
-        return sigma0 * np.sqrt(self.variance * kinship)
+        factor = correlation_factor(self.residual.reshape(n, side, side))
+        return sigma0 * np.sqrt(self.variance * factor)
 
 
 def fit_patches(

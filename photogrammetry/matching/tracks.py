@@ -141,8 +141,8 @@ def _points(
     best = np.lexsort((measured.sigma_px, feature))
     rows = best[np.unique(feature[best], return_index=True)[1]]
     twice = Counter(zip(point[rows].tolist(), measured.pair[rows].tolist(), strict=True))
-    spoilt = {p for (p, _), count in twice.items() if count > 1}
-    good = ~np.isin(point[rows], list(spoilt))
+    ambiguous = {p for (p, _), count in twice.items() if count > 1}
+    good = ~np.isin(point[rows], list(ambiguous))
     rows = rows[good]
     _, renumbered = np.unique(point[rows], return_inverse=True)
     order = np.lexsort((measured.pair[rows], renumbered))

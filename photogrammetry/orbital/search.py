@@ -358,7 +358,7 @@ class _View:
         """Image values at the map's points, derivatives by `place`, and where they are known."""
         at = map_to_image(self.ground, place, east, north)
         value, d_e, d_n, shown = (
-            _looked_up(raster, *samples_of(self.image, *at)) for raster in self.rasters
+            _interpolated(raster, *samples_of(self.image, *at)) for raster in self.rasters
         )
         west, south, right, top = self.ground.bounds
         arm_e, arm_n = at[0] - place[0] - (west + right) / 2, at[1] - place[1] - (south + top) / 2
@@ -366,7 +366,7 @@ class _View:
         return value, (d_e, d_n, d_e * arm_n - d_n * arm_e, by_scale), shown
 
 
-def _looked_up(raster: np.ndarray, sample: np.ndarray, line: np.ndarray) -> np.ndarray:
+def _interpolated(raster: np.ndarray, sample: np.ndarray, line: np.ndarray) -> np.ndarray:
     """An image at some points, in rows of fewer than 32768, which OpenCV requires."""
     rows = -(-len(sample) // ROW)
     columns, lines = (
@@ -384,10 +384,10 @@ def clustered_covariance(
     cluster_m: float = CLUSTER_M,
 ) -> Float64[np.ndarray, "4 4"]:
     """Cluster-robust covariance of the position (Liang and Zeger 1986)."""
-    bread = np.linalg.inv(design.T @ design)
+    inverse = np.linalg.inv(design.T @ design)
     squares = np.column_stack([np.floor(east / cluster_m), np.floor(north / cluster_m)])
     _, cluster = np.unique(squares, axis=0, return_inverse=True)
     scores = np.zeros((cluster.max() + 1, design.shape[1]))
     np.add.at(scores, cluster.ravel(), design * residuals[:, None])
     few = len(scores) / max(1, len(scores) - design.shape[1])
-    return (bread @ (scores.T @ scores) @ bread)[:UNKNOWNS, :UNKNOWNS] * few
+    return (inverse @ (scores.T @ scores) @ inverse)[:UNKNOWNS, :UNKNOWNS] * few

@@ -67,7 +67,7 @@ def implausible_stops(stops: Sequence[TelemetryStop]) -> dict[StopId, str]:
     return reasons
 
 
-def strays(poses: Sequence[Pose]) -> list[str | None]:
+def implausible_poses(poses: Sequence[Pose]) -> list[str | None]:
     """The reason why the label of each image of a stop is impossible; None for valid ones.
 
     Args:

@@ -77,8 +77,8 @@ def trim_events(connection: sa.Connection, before: str) -> None:
 
     The remaining ones have no gaps, and the newest stays, so that numbering continues.
     """
-    young = connection.execute(sa.select(sa.func.min(EVENTS.c.id)).where(EVENTS.c.at >= before))
-    first = young.scalar_one() or last_event(connection)
+    recent = connection.execute(sa.select(sa.func.min(EVENTS.c.id)).where(EVENTS.c.at >= before))
+    first = recent.scalar_one() or last_event(connection)
     published = last_event(connection, PUBLICATIONS) or first
     connection.execute(EVENTS.delete().where(EVENTS.c.id < min(first, published)))
 

@@ -57,7 +57,7 @@ STEPS = sa.Table(
     sa.Column("at", sa.String, nullable=False),
 )
 """Every migration applied to the catalogue."""
-_WAIT_S, _LOOK_S = 60.0, 0.2
+_WAIT_S, _POLL_S = 60.0, 0.2
 """Waiting time for another process that migrates the same store."""
 
 
@@ -169,7 +169,7 @@ def _migrate_when_free(root: Path, engine: sa.Engine) -> None:
                 return
             if time.monotonic() > end:
                 raise
-        time.sleep(_LOOK_S)
+        time.sleep(_POLL_S)
 
 
 def _migrate(root: Path, engine: sa.Engine) -> None:

@@ -212,7 +212,7 @@ def _corners(bounds: Bounds) -> tuple[PerPoint, PerPoint]:
 
 
 FOLDER = "stac"
-_SOMEWHERE: Bounds = (-180.0, -90.0, 180.0, 90.0)
+_WHOLE_BODY: Bounds = (-180.0, -90.0, 180.0, 90.0)
 """Extent of a map that is not tied to the lander: the format requires one."""
 
 
@@ -269,7 +269,7 @@ def _collection(
     filled = [layer.bounds for layer in layers if any(layer.bounds)] or [(0.0, 0.0, 0.0, 0.0)]
     extent = union(degrees(bounds, mission.landing) for bounds in filled)
     if mission.landing.origin:
-        extent = _SOMEWHERE
+        extent = _WHOLE_BODY
     is_on_mars = mission.landing.is_on_mars
     collection = pystac.Collection(
         id=mission.mission,

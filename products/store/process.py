@@ -159,7 +159,7 @@ _OBJECTS = 50_000
 million lists without a cycle, and collecting would take twice as long as reading them."""
 
 
-def collect_garbage_seldom() -> None:
+def collect_garbage_rarely() -> None:
     """Let this process collect garbage less often than by default."""
     gc.set_threshold(_OBJECTS)
 

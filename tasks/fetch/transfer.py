@@ -35,7 +35,7 @@ from solmap.tasks.fetch.partial import PartialFile, Progress, Source
 
 log = logging.getLogger(__name__)
 
-FRUITFUL_BYTES = 1 << 16
+PROGRESS_BYTES = 1 << 16
 """An attempt with fewer new bytes counts as without progress."""
 Wait = Annotated[float, Interval(ge=0.0, le=3600.0)]
 
@@ -128,7 +128,7 @@ class Transfer:
         self, url: str, file: PartialFile, check: Callable[[Path], None], progress: Progress
     ) -> Fetched:
         """Repeated attempts, see the module."""
-        fruitless, best = 0, 0
+        failed, best = 0, 0
         while True:
             if unreachable := self._unreachable.get(urlsplit(url).netloc):
                 raise NextMirrorError(unreachable)
@@ -136,11 +136,11 @@ class Transfer:
                 return self._attempt(url, file, check, progress)
             except TryAgainError as error:
                 log.info("%s: %s", url, error)
-                fruitless = 1 if file.size >= best + FRUITFUL_BYTES else fruitless + 1
+                failed = 1 if file.size >= best + PROGRESS_BYTES else failed + 1
                 best = max(best, file.size)
-                if fruitless >= self.params.attempts:
+                if failed >= self.params.attempts:
                     raise
-                wait_s = self.params.first_wait_s * 2 ** (fruitless - 1)
+                wait_s = self.params.first_wait_s * 2 ** (failed - 1)
                 self._wait(min(max(wait_s, error.wait_s), self.params.longest_wait_s))
 
     def _attempt(

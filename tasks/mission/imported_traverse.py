@@ -76,7 +76,9 @@ def read_traverses(files: Sequence[Path], mission: str, landing: LandingPoint) -
         if re.match(r"\s*(<\?xml[^>]*>\s*)?<rmc_file", text):
             vectors.append(parse_vector_file(text, file.name))
         elif re.match(r"\s*<|[^\n]*landing_x", text, re.IGNORECASE):
-            places.append(parse_localisations(text, file.name, mission=mission, keep_unturned=True))
+            places.append(
+                parse_localisations(text, file.name, mission=mission, keep_without_attitude=True)
+            )
         else:
             tables.append(parse_mission_table(text, file.name))
     found = [traverse for table in tables for traverse in _of_table(table, landing)]

@@ -111,7 +111,7 @@ def tie_singles(
         read, _, found = tie()
         write_ties(path, found.ties, _header(found, read))
 
-    def write_look(path: Path) -> None:
+    def write_preview(path: Path) -> None:
         read, matched, found = tie()
         alone = [FigureImage(view.image_id, view.view.image, view.view.mask) for _, view in read]
         write_sheet(path, [*map(FigureImage.of, matched), *alone], found.ties, found.misfit)
@@ -121,7 +121,7 @@ def tie_singles(
     scope = Scope(ScopeLevel.STOP, f"{stop}-singles")
     ties = store.make(Recipe(ProductKind.TIES, scope, (*images, *seen), params), write)
     if previews:
-        store.make(Recipe(ProductKind.QUICKLOOK, scope, (ties,)), write_look)
+        store.make(Recipe(ProductKind.QUICKLOOK, scope, (ties,)), write_preview)
     return ties
 
 

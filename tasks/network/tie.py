@@ -99,14 +99,14 @@ def tie_stop(
         found = tie_pairs()[1]
         write_ties(path, found.ties, _figures_of_stop(found))
 
-    def write_look(path: Path) -> None:
+    def write_preview(path: Path) -> None:
         matched, found = tie_pairs()
         write_ties_preview(path, matched, found.ties, params.alignment)
 
     scope = stop_scope(stop.stop)
     ties = store.make(Recipe(ProductKind.TIES, scope, stop.inputs, params), write)
     if previews:
-        store.make(Recipe(ProductKind.QUICKLOOK, scope, (ties,)), write_look)
+        store.make(Recipe(ProductKind.QUICKLOOK, scope, (ties,)), write_preview)
     return ties
 
 

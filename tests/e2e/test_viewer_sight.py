@@ -52,7 +52,7 @@ def draw(page, mode, places, **numbers):
     """Choose heights, click the places, and wait for what is found."""
     page.locator(f'[data-mode="{mode}"]').click()
     for key, number in numbers.items():
-        page.locator(f'[data-asked="{key}"]').fill(str(number))
+        page.locator(f'[data-number="{key}"]').fill(str(number))
     for place in places:
         page.mouse.click(*pixel_of(page, *place, RESOLUTION))
         page.wait_for_timeout(350)  # two quick clicks would end the shape

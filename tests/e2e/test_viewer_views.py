@@ -106,9 +106,9 @@ def test_views_are_moved_between_browsers_in_a_file(bowl, browser, url, tmp_path
     assert box["x"] + box["width"] <= 390
     assert page.locator("dialog").evaluate("it => it.scrollWidth <= it.clientWidth")
     screenshot(page, "saved-views-narrow")
-    spoilt = tmp_path / "other.json"
-    spoilt.write_text('{"type": "FeatureCollection"}')
-    page.set_input_files("dialog input[type=file]", spoilt)
+    damaged = tmp_path / "other.json"
+    damaged.write_text('{"type": "FeatureCollection"}')
+    page.set_input_files("dialog input[type=file]", damaged)
     trouble = page.locator("dialog [role=alert]")
     until(page, lambda: "holds no saved views" in trouble.inner_text())
     assert names(page) == ["bowl"]

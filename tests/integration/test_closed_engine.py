@@ -49,7 +49,7 @@ class Engine:
         await_engine(self.child, self.port)
         user, _, password = password_file(store).read_text().partition(":")
         self.friend = httpx.Client(base_url=self.url, auth=(user, password), timeout=30)
-        self.stranger = httpx.Client(base_url=self.url, timeout=30)
+        self.anonymous = httpx.Client(base_url=self.url, timeout=30)
 
     @property
     def url(self) -> str:
@@ -78,7 +78,7 @@ def engine(tmp_path_factory):
         yield started
     finally:
         started.friend.close()
-        started.stranger.close()
+        started.anonymous.close()
         started.child.stop()
 
 
@@ -110,12 +110,12 @@ def test_an_unauthenticated_client_neither_changes_nor_starts_a_deployment(
     engine, deployment, tmp_path
 ):
     script = json.loads(json.dumps(SCRIPT).replace("MARK", str(tmp_path / "mark")))
-    one, stranger = f"/api/deployments/{deployment['id']}", engine.stranger
+    one, anonymous = f"/api/deployments/{deployment['id']}", engine.anonymous
     answers = [
-        stranger.post("/api/deployments/filter", json={}),
-        stranger.patch(one, json={"pull_steps": script}),
-        stranger.post(f"{one}/create_flow_run", json={}),
-        stranger.get(f"/api/flow_runs/{deployment['id']}"),
+        anonymous.post("/api/deployments/filter", json={}),
+        anonymous.patch(one, json={"pull_steps": script}),
+        anonymous.post(f"{one}/create_flow_run", json={}),
+        anonymous.get(f"/api/flow_runs/{deployment['id']}"),
     ]
     assert [answer.status_code for answer in answers] == [401] * 4
     kept = engine.friend.get(one).json()
@@ -123,12 +123,12 @@ def test_an_unauthenticated_client_neither_changes_nor_starts_a_deployment(
 
 
 def test_no_route_answers_an_unauthenticated_client(engine, deployment):
-    routes = engine.stranger.get("/openapi.json").json()["paths"]
+    routes = engine.anonymous.get("/openapi.json").json()["paths"]
     before = engine.rows()
     for path, methods in routes.items():
         url = re.sub(r"\{[^}]*\}", deployment["id"], f"/api{path}")
         for method in methods:
-            answer = engine.stranger.request(method, url, json={} if method in WRITES else None)
+            answer = engine.anonymous.request(method, url, json={} if method in WRITES else None)
             if method == "get" and url in OPEN:
                 assert len(answer.content) < 40
                 continue
@@ -160,9 +160,9 @@ def _listen(url, protocols, first):
 
 def test_pages_of_other_sites_are_not_answered(engine):
     requested = {"Origin": "https://evil.example", "Access-Control-Request-Method": "POST"}
-    answer = engine.stranger.options("/api/flows/filter", headers=requested)
+    answer = engine.anonymous.options("/api/flows/filter", headers=requested)
     assert "access-control-allow-origin" not in answer.headers
-    own = engine.stranger.options("/api/flows/filter", headers={**requested, "Origin": engine.url})
+    own = engine.anonymous.options("/api/flows/filter", headers={**requested, "Origin": engine.url})
     assert own.headers["access-control-allow-origin"] == engine.url
 
 

@@ -169,8 +169,8 @@ def test_the_file_of_deployments_deploys_and_every_deployment_runs(installation)
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 
-    stranger = httpx.post(f"{environment['PREFECT_API_URL']}/deployments/filter", json={})
-    assert stranger.status_code == 401
+    anonymous = httpx.post(f"{environment['PREFECT_API_URL']}/deployments/filter", json={})
+    assert anonymous.status_code == 401
     prefect("work-pool", "create", "solmap", "--type", "process")
     prefect("deploy", "--all")
     listed = prefect("deployment", "ls")

@@ -113,7 +113,7 @@ def test_runs_are_cancelled_with_their_processes_and_restarted(up):
     until(lambda: deployment(up, "downlink/inbox")["last_state"] == "completed", "the engine too")
 
     os.kill(scheduler, signal.SIGKILL)
-    until(lambda: "scheduler ended" in up.printed, "its death is noticed")
+    until(lambda: "scheduler ended" in up.printed, "its end is noticed")
     until(lambda: deployment(up, weekly)["is_ready"], "it is started again")
     time.sleep(10.0)  # its deployments have been applied again by now
     assert deployment(up, weekly)["is_paused"]

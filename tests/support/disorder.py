@@ -47,8 +47,8 @@ def deliveries(
 
 def broken(data: bytes, rng: np.random.Generator) -> bytes:
     """A file as a bad link leaves it."""
-    spoilt = (data[: len(data) // 2], b"", data[:200], rng.bytes(len(data)))
-    return spoilt[int(rng.integers(len(spoilt)))]
+    damaged = (data[: len(data) // 2], b"", data[:200], rng.bytes(len(data)))
+    return damaged[int(rng.integers(len(damaged)))]
 
 
 def _deliver(file: Path, target: Path) -> None:

@@ -98,7 +98,7 @@ FIELDS: dict[str, Sequence[str | None]] = {
 """Keyword -> values that no image can have."""
 
 
-def spoilt_labels(image: bytes) -> Made:
+def damaged_labels(image: bytes) -> Made:
     """The good image with one impossible value, under a name of its own."""
     for field, values in FIELDS.items():
         for number, value in enumerate(values):
@@ -516,7 +516,9 @@ def write_hostile_files(downlink: Path) -> list[str]:
     folder = downlink / "hostile"
     folder.mkdir()
     names: list[str] = []
-    for number, (name, data) in enumerate((*spoilt_labels(image), *cut_off(image), *vicar_files())):
+    for number, (name, data) in enumerate(
+        (*damaged_labels(image), *cut_off(image), *vicar_files())
+    ):
         names.append(_write(folder / f"{name}-{number:03d}.img", data))
     names += [_write(folder / name, data) for name, data in (*vector_files(), *manual_ties())]
     names += images(folder)

@@ -37,6 +37,8 @@ STORED = frozenset(
     {"contours_wanted", "handed_on", "is_mended", "picture", "said", "said_of_strike", "told_by"}
 )
 """Names in recipes, stores and answers of the server, which stay for those who read them."""
+LANGUAGE = frozenset({"Promise"})
+"""Names of TypeScript."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +82,16 @@ def faults(text: Text, words: dict[re.Pattern[str], str]) -> Iterator[Fault]:
             yield Fault(text, found[0], instead)
 
 
+def names(path: Path, found: dict[str, int]) -> Iterator[Text]:
+    """Names by their first line, as words."""
+    for name, line in found.items():
+        if name not in STORED | LANGUAGE:
+            words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name)
+            yield Text(path, line, "name", re.sub(r"[_.-]", " ", words))
+
+
 def names_of_python(path: Path, tree: ast.AST) -> Iterator[Text]:
-    """Names that a module defines, as words."""
+    """Names that a module defines."""
     found = {path.stem: 1}
     for node in ast.walk(tree):
         match node:
@@ -94,10 +104,7 @@ def names_of_python(path: Path, tree: ast.AST) -> Iterator[Text]:
             case _:
                 continue
         found.setdefault(name, node.lineno)
-    for name, line in found.items():
-        if name not in STORED:
-            words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name).replace("_", " ")
-            yield Text(path, line, "name", words)
+    yield from names(path, found)
 
 
 def texts_of_python(path: Path, source: str) -> Iterator[Text]:
@@ -128,10 +135,25 @@ def texts_of_python(path: Path, source: str) -> Iterator[Text]:
             yield Text(path, token.start[0], "comment", token.string)
 
 
+TYPESCRIPT_TEXT = re.compile(
+    r"/\*.*?\*/|//[^\n]*|\"(?:[^\"\\\n]|\\.)*\"|`(?:[^`\\]|\\.)*`", re.DOTALL
+)
+"""Comments and strings."""
+
+
+def blank(found: re.Match[str]) -> str:
+    """A text as spaces, so that positions after it stay; expressions in a template are kept."""
+    kept = {k for part in re.finditer(r"\$\{[^}]*\}", found[0]) for k in range(*part.span())}
+    return "".join(one if k in kept or one == "\n" else " " for k, one in enumerate(found[0]))
+
+
 def texts_of_typescript(path: Path, source: str) -> Iterator[Text]:
-    """Comments and strings of several words of a module of the viewer."""
-    pattern = r"/\*.*?\*/|//[^\n]*|\"(?:[^\"\\\n]|\\.)*\"|`(?:[^`\\]|\\.)*`"
-    for found in re.finditer(pattern, source, re.DOTALL):
+    """Names, comments and strings of several words of a module of the viewer."""
+    found_names = {path.stem: 1}
+    for found in re.finditer(r"\b[A-Za-z_]\w+", re.sub(TYPESCRIPT_TEXT, blank, source)):
+        found_names.setdefault(found[0], source.count("\n", 0, found.start()) + 1)
+    yield from names(path, found_names)
+    for found in TYPESCRIPT_TEXT.finditer(source):
         text = found[0]
         kind = "comment" if text.startswith("/") else "message"
         prose = text if kind == "comment" else re.sub(r"\$\{[^}]*\}|<[^>]*>", " _ ", text[1:-1])

@@ -8,7 +8,7 @@ import { Session } from "./session/session";
 import { parseLink } from "./session/state";
 import { type Shell, shell } from "./page/shell";
 
-const ASK_AGAIN_MS = 4000;
+const RETRY_MS = 4000;
 
 class App {
   private session: Session | null = null;
@@ -28,20 +28,20 @@ class App {
     } catch (reason) {
       if (!(reason instanceof UnreachableError || reason instanceof ApiError)) throw reason;
       this.page.banner(reason.message, () => void this.open());
-      if (reason instanceof UnreachableError) setTimeout(() => void this.retry(), ASK_AGAIN_MS);
+      if (reason instanceof UnreachableError) setTimeout(() => void this.retry(), RETRY_MS);
     }
   }
 
   private async retry(): Promise<void> {
     if (this.session) return;
     if (await api.isAlive()) await this.open();
-    else setTimeout(() => void this.retry(), ASK_AGAIN_MS);
+    else setTimeout(() => void this.retry(), RETRY_MS);
   }
 
-  private async load(asked: string | null): Promise<void> {
+  private async load(requested: string | null): Promise<void> {
     const begin = await api.start();
     const { missions } = begin;
-    const mission = missions.find((item) => item.mission === asked) ?? missions[0];
+    const mission = missions.find((item) => item.mission === requested) ?? missions[0];
     if (!mission) {
       throw new ApiError(
         "the store holds no mission yet: run `solmap run DOWNLINK_DIR --store STORE`",

@@ -76,7 +76,7 @@ def close_loops(
         return state, np.zeros(0, dtype=np.int64)
     found: list[tuple[int, int, np.ndarray, np.ndarray, np.ndarray]] = []
     loops: dict[int, np.ndarray] = {}
-    astray = []
+    contradicting = []
     for (a, b), (theirs, ours) in couples.items():
         points = RigidPoints(*overview.in_rover(theirs), *overview.in_rover(ours))
         if b - a <= REACH:
@@ -84,19 +84,19 @@ def close_loops(
         elif len(ours) >= LOOP_TIES:
             rotation, place, information, weights = rigid_motion(points, GROSS)
             right = weights > HALF
-            astray.append(ours[~right])
+            contradicting.append(ours[~right])
             if right.sum() >= LOOP_TIES:
                 loops[len(found)] = ours[right]
                 found.append((a, b, rotation, place, information))
             else:
-                astray.append(ours[right])
+                contradicting.append(ours[right])
         else:
-            astray.append(ours)
+            contradicting.append(ours)
     if loops:
         edges = _edges(found, np.array(list(loops)))
         state, weights = relax(state, telemetry, held, edges)
-        astray += [rows for k, rows in loops.items() if weights[k] <= HALF]
-    return state, _only_of_loops(np.concatenate(astray), couples)
+        contradicting += [rows for k, rows in loops.items() if weights[k] <= HALF]
+    return state, _only_of_loops(np.concatenate(contradicting), couples)
 
 
 def _as_aligned(

@@ -107,8 +107,8 @@ def initialise(  # noqa: PLR0913, PLR0917 - the network, where it stands, and wh
         fresh |= observations.stop_of(earlier[points]) < k - REACH
         fresh &= fits[ours]
         earlier[points[fresh]] = ours[fresh]
-    state, astray = close_loops(state, telemetry, held, overview)
-    fits[astray] = False
+    state, contradicting = close_loops(state, telemetry, held, overview)
+    fits[contradicting] = False
     views = Views.of(state, observations)
     points = weighted_mean_points(views, observations, seen, fits)
     return replace(state, points=points), views.at(points.T.copy()), fits

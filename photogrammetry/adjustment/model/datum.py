@@ -90,8 +90,8 @@ def with_remembered_frames(network: Network, adjusted: AdjustedNetwork) -> Netwo
     adjustment.
     """
     names = {frame.name for frame in network.frames}
-    spoken = set(adjusted.memory.frames) - names if adjusted.memory else set()
-    lost = tuple(one.frame for one in adjusted.frames if one.frame.name in spoken)
+    named = set(adjusted.memory.frames) - names if adjusted.memory else set()
+    lost = tuple(one.frame for one in adjusted.frames if one.frame.name in named)
     return replace(network, frames=(*network.frames, *lost)) if lost else network
 
 

@@ -83,10 +83,10 @@ def _covariances(
     distance2, across2 = np.einsum("cn,cn->n", points, points), across**2
     S = points[:, None] * points
     S *= along**2 - turn**2
-    swing2 = turn**2 * distance2
-    S[0, 0] += swing2 + across2
-    S[1, 1] += swing2 + across2
-    S[2, 2] += swing2
+    across2_of_turn = turn**2 * distance2
+    S[0, 0] += across2_of_turn + across2
+    S[1, 1] += across2_of_turn + across2
+    S[2, 2] += across2_of_turn
     return S, S[0, 0] + S[1, 1] + S[2, 2]
 
 

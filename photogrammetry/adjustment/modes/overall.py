@@ -218,9 +218,9 @@ def _frame_places(
 
 def _held_mask(network: Network, held: AbstractSet[StopId], *, has_datum: bool) -> np.ndarray:
     """Which stops are held; raises an error for a network without datum."""
-    strangers = sorted(set(held) - set(network.stop_ids))
-    if strangers:
-        raise AdjustmentError(f"{strangers[0]} cannot be held: it is not in the network")
+    missing = sorted(set(held) - set(network.stop_ids))
+    if missing:
+        raise AdjustmentError(f"{missing[0]} cannot be held: it is not in the network")
     if not (held or has_datum):
         raise AdjustmentError(
             f"the datum of the network of {len(network.stops)} stops is undefined: images and "

@@ -103,9 +103,9 @@ def _share_of_blunders(p: np.ndarray, tested: int, aside: int) -> float:
     `p` are the smallest probabilities of their tests, ascending; others are set `aside` already.
     """
     found = aside + np.arange(len(p) + 1)
-    surely = np.maximum(found - CERTAIN * np.sqrt(found), 0.0) / max(tested + aside, 1)
-    passed = np.flatnonzero(p <= FALSE_SHARE * surely[1:])
-    return float(surely[passed[-1] + 1 if len(passed) else 0])
+    lower_bound = np.maximum(found - CERTAIN * np.sqrt(found), 0.0) / max(tested + aside, 1)
+    passed = np.flatnonzero(p <= FALSE_SHARE * lower_bound[1:])
+    return float(lower_bound[passed[-1] + 1 if len(passed) else 0])
 
 
 def _chance(T: np.ndarray, coordinates: int) -> np.ndarray:

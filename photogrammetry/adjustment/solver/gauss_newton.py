@@ -69,7 +69,7 @@ SAME_SHARE = 1e-5
 """So do steps whose squared length is this fraction of the step before. If normal equations change
 by a over one step, steps shrink by at least the factor a; the last one then changes them by no more
 than this fraction; covariances of 60 stops added one by one, by 1.3e-6."""
-FORETOLD = 1e-2
+PREDICTED = 1e-2
 """Bound of a predicted step, in tolerances: lower, because a prediction is less certain."""
 SHRINKING = 1e-4
 """Factor by which the squared length of the last steps shrinks at least, whatever those before
@@ -126,8 +126,8 @@ def solve(
         length2 = float(x @ now.right[:-1])
         correction = Correction.of(problem, at, now.ties, x)
         at, cost, shortened = _step(problem, at, cost, correction, threshold)
-        foretold = not shortened and _is_foretold(length2, before, tolerance, robust=robust)
-        if length2 < tolerance or foretold:
+        is_converging = not shortened and _is_converging(length2, before, tolerance, robust=robust)
+        if length2 < tolerance or is_converging:
             same = length2 < max(SAME * tolerance, SAME_SHARE * before)
             kept = now.with_misclosures_at(at) if same and not robust else None
             return Solution(at.state, cost, converged=True, iterations=iteration, at=at, now=kept)
@@ -143,11 +143,11 @@ def solve(
                     message="iterations used up")  # fmt: skip
 
 
-def _is_foretold(length2: float, before: float, tolerance: float, *, robust: bool) -> bool:
+def _is_converging(length2: float, before: float, tolerance: float, *, robust: bool) -> bool:
     """Whether the step after one of squared length `length2` is predicted to be negligible."""
     if robust:
         return length2 * length2 < tolerance * before
-    return length2 * max(length2, SHRINKING * before) < FORETOLD * tolerance * before
+    return length2 * max(length2, SHRINKING * before) < PREDICTED * tolerance * before
 
 
 def _stands_out(at: LinearisationPoint, params: AdjustmentParams) -> bool:

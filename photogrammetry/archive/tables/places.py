@@ -69,17 +69,20 @@ PLACES_HEAD = (
 
 
 def parse_localisations(
-    text: str, source: str, *, mission: str = "MSL", keep_unturned: bool = False
+    text: str, source: str, *, mission: str = "MSL", keep_without_attitude: bool = False
 ) -> VectorFile:
     """A PLACES table or an MSL location file, distinguished by their first character.
 
-    `keep_unturned` includes stops of a location file without attitude, as in `parse_locations`.
+    `keep_without_attitude` includes stops of a location file without attitude, as in
+    `parse_locations`.
 
     Raises:
         VectorFileError: the text is neither, or one of its rows is broken.
     """
     if text.lstrip("\ufeff \t\r\n").startswith("<"):
-        return parse_locations(text, source, mission=mission, keep_unturned=keep_unturned)
+        return parse_locations(
+            text, source, mission=mission, keep_without_attitude=keep_without_attitude
+        )
     return parse_places(text, source, mission=mission)
 
 
@@ -145,7 +148,7 @@ def _pose_counter(row: Mapping[str, Any], where: str) -> tuple[int, ...]:
 
 
 def parse_locations(
-    text: str, source: str, *, mission: str, keep_unturned: bool = False
+    text: str, source: str, *, mission: str, keep_without_attitude: bool = False
 ) -> VectorFile:
     """The locations.xml of MSL.
 
@@ -153,7 +156,7 @@ def parse_locations(
         text: the file.
         source: its name.
         mission: its mission, which the file does not name.
-        keep_unturned: also include stops whose quaternion is the identity, as if measured.
+        keep_without_attitude: also include stops whose quaternion is the identity, as if measured.
 
     Raises:
         VectorFileError: the file is not one, lacks site 0, or has a broken element.
@@ -174,7 +177,7 @@ def parse_locations(
             solutions.append(
                 _solution(LOCALISED, FrameKind.SITE, (site,), offset_m, IDENTITY, where)
             )
-        if keep_unturned or not np.array_equal(np.abs(quaternion), IDENTITY):
+        if keep_without_attitude or not np.array_equal(np.abs(quaternion), IDENTITY):
             counter = (site, drive)
             solutions.append(
                 _solution(LOCALISED, FrameKind.ROVER, counter, offset_m, quaternion, where)

@@ -39,7 +39,7 @@ from solmap.photogrammetry.matching.stereo.interest_points import (
 from solmap.photogrammetry.matching.stereo.verification import VerificationParams
 from solmap.photogrammetry.ranges import Count, NearestMetres, PixelsOrZero, Radians, WholePixels
 
-FirstMatches = tuple[Float64[np.ndarray, "scouts 2"], Float64[np.ndarray, " scouts"]]
+FirstMatches = tuple[Float64[np.ndarray, "first 2"], Float64[np.ndarray, " first"]]
 """Image points found at the first search, and their inverse depth, per metre."""
 
 REACH_SIGMAS = 3.0
@@ -71,7 +71,7 @@ class MonoParams:
     """Radians (0.15 degrees) per axis and image, as in `alignment`."""
     nearest_m: NearestMetres = 1.5
     """Nearest ground: the height of the mast."""
-    scouts: Count = 400
+    first_points: Count = 400
     """Interest points of the first search, over all depths."""
     candidates: Count = 2500
     """Interest points of the overlap searched with known depth and rotation."""
@@ -84,10 +84,10 @@ class MonoParams:
     """Four times the three unknowns of the rotation: with fewer there is no link."""
 
     def __post_init__(self) -> None:
-        if not (self.candidates >= self.scouts >= self.least_ties > 2):  # noqa: PLR2004
+        if not (self.candidates >= self.first_points >= self.least_ties > 2):  # noqa: PLR2004
             raise MatchingError(
-                "single images need candidates >= scouts >= least_ties > 2, not "
-                f"{self.candidates}, {self.scouts}, {self.least_ties}"
+                "single images need candidates >= first_points >= least_ties > 2, not "
+                f"{self.candidates}, {self.first_points}, {self.least_ties}"
             )
         if not (self.pointing_sigma > 0 and self.nearest_m > 0):
             raise MatchingError("pointing_sigma and nearest_m must be above zero")

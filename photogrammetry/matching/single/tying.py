@@ -102,11 +102,11 @@ def tie_two(
     points = select_candidates(one, other, two_views, params)
     if len(points) < params.least_ties:
         return None
-    scouts = search_all_depths(one, other, two_views, points[: params.scouts], params)
+    first = search_all_depths(one, other, two_views, points[: params.first_points], params)
     found = (
         _no_conjugates(points)
-        if scouts is None
-        else search_near_depth(one, other, two_views, points, *scouts, params)
+        if first is None
+        else search_near_depth(one, other, two_views, points, *first, params)
     )
     nothing = np.full(len(points), np.nan)
     measured = MeasuredPoints(
@@ -155,8 +155,8 @@ def _evaluate(
 ) -> LinkedImages:
     """The conjugates that agree with the geometry, as ties, and the result of the search."""
     names, kept = (first.name, other.image_id), found.found
-    looked, measured = len(first.left), int(kept.sum())
-    link = MonoLink(*names, looked, measured, 0, NAN, NAN, NAN)
+    searched, measured = len(first.left), int(kept.sum())
+    link = MonoLink(*names, searched, measured, 0, NAN, NAN, NAN)
     none = LinkedImages(Ties.none(ids), link, np.zeros(0))
     if measured < params.least_ties:
         return none
@@ -170,7 +170,7 @@ def _evaluate(
         float(np.rad2deg(np.linalg.norm(checked.turn))),
     )
     rows = np.flatnonzero(kept)[good]
-    link = MonoLink(*names, looked, measured, len(rows), *figures)
+    link = MonoLink(*names, searched, measured, len(rows), *figures)
     floor_px = params.conjugates.parallax_floor_px
     ties = _assemble(first, names, found, rows, ids, floor_px)
     return LinkedImages(ties, link, checked.misfit[good])

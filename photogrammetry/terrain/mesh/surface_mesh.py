@@ -273,13 +273,13 @@ def add_skirts(
     a, b = a[border], b[border]
     single = ~np.isin(a * count + b, b * count + a)
     a, b = a[single], b[single]
-    hung, low = np.unique(np.concatenate([a, b]), return_inverse=True)
+    border_points, low = np.unique(np.concatenate([a, b]), return_inverse=True)
     low_a, low_b = np.split(low + count, 2)
     strips = [np.column_stack([b, a, low_a]), np.column_stack([b, low_a, low_b])]
-    lowered = surface.points[hung] - (0.0, 0.0, depth_m)
+    lowered = surface.points[border_points] - (0.0, 0.0, depth_m)
     return SurfaceMesh(
         points=np.concatenate([surface.points, lowered]),
-        normals=np.concatenate([surface.normals, surface.normals[hung]]),
+        normals=np.concatenate([surface.normals, surface.normals[border_points]]),
         triangles=np.concatenate([surface.triangles, *strips]).astype(np.int32),
-        texture_at=np.concatenate([surface.texture_at, surface.texture_at[hung]]),
+        texture_at=np.concatenate([surface.texture_at, surface.texture_at[border_points]]),
     )

@@ -263,7 +263,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         manifest: dict[str, Any] = json.loads((folder / MANIFEST).read_bytes())
         is_newer = manifest["schema"] > schema.latest_version()
         own = (_STAC, *schema.DATABASES, _INBOX)
-        strange = [
+        unknown = [
             *(name for name in manifest["files"] if not _is_below(name, (_PRODUCTS,))),
             *(name for name in manifest["own"] if not _is_below(name, own)),
         ]
@@ -274,9 +274,9 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
             f"{folder} has schema {manifest['schema']}, this solmap reads up to "
             f"{schema.latest_version()}: update solmap"
         )
-    if strange:  # a forged manifest could overwrite other files
+    if unknown:  # a forged manifest could overwrite other files
         raise ProductError(
-            f"{folder / MANIFEST} names {strange[0][:60]!a}, which is not part of a backup; "
+            f"{folder / MANIFEST} names {unknown[0][:60]!a}, which is not part of a backup; "
             "restore another"
         )
     for name, sha256 in manifest["own"].items():

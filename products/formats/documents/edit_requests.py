@@ -43,9 +43,9 @@ def parse_edit_requests(text: str, source: str) -> tuple[EditRequest, ...]:
 
 
 def _request(row: Row, where: str) -> EditRequest:
-    strange = sorted(set(row) - set(COLUMNS))
-    if strange:
-        raise MatchingError(f"there is no column {strange[0]!a}; there are {', '.join(COLUMNS)}")
+    unknown = sorted(set(row) - set(COLUMNS))
+    if unknown:
+        raise MatchingError(f"there is no column {unknown[0]!a}; there are {', '.join(COLUMNS)}")
     action = str(row.get("action") or "").lower()
     if action not in set(EditAction):
         raise MatchingError(f"action should be add, veto or move, not {action[:40]!a}")

@@ -57,7 +57,7 @@ _IN_PLACE = {
 """GDAL options: no sidecar files are searched, and the header is read in one request."""
 _LASTING = ("not recognized", "Access Denied", "AccessKeyId", "signature", "bucket does not exist")
 """GDAL's messages on objects that no retry opens: broken ones, wrong keys, no bucket."""
-_LOOK = 1 << 20
+_SAMPLED_CELLS = 1 << 20
 """Cells read for a summary: an overview of at most this many."""
 
 
@@ -238,15 +238,20 @@ def class_names(dataset: rasterio.DatasetReader) -> dict[int, str]:
 def summarise(path: Path) -> tuple[MapGrid, tuple[BandSummary, ...]]:
     """Grid, and name, unit and range of true values of every band, from an overview."""
     with open_raster(path) as dataset:
-        shrink = max(1.0, math.sqrt(dataset.width * dataset.height / _LOOK))
+        shrink = max(1.0, math.sqrt(dataset.width * dataset.height / _SAMPLED_CELLS))
         shape = (math.ceil(dataset.height / shrink), math.ceil(dataset.width / shrink))
-        looks = dataset.read(out_shape=(dataset.count, *shape), masked=True)
+        bands_read = dataset.read(out_shape=(dataset.count, *shape), masked=True)
         bands = zip(
-            band_names(dataset), dataset.units, looks, dataset.scales, dataset.offsets, strict=True
+            band_names(dataset),
+            dataset.units,
+            bands_read,
+            dataset.scales,
+            dataset.offsets,
+            strict=True,
         )
         return grid_of(dataset), tuple(
-            BandSummary(name, unit or "", _range_of(look, scale, offset))
-            for name, unit, look, scale, offset in bands
+            BandSummary(name, unit or "", _range_of(values, scale, offset))
+            for name, unit, values, scale, offset in bands
         )
 
 

@@ -31,7 +31,7 @@ from solmap.gis_server.budgets import (
     client_of,
     kind_of,
 )
-from solmap.gis_server.workers import Answer, UnkeptError, Worker, WorkerLostError, collect
+from solmap.gis_server.workers import Answer, AnswerStorageError, Worker, WorkerLostError, collect
 from solmap.products.model import ProductKind
 from tests.unit.gis_server.conftest import ref_of
 
@@ -323,7 +323,7 @@ def test_an_answer_that_is_too_large_is_refused_and_leaves_no_file(tmp_path, mon
     assert answer.file_bytes == 3 << 20
     answer.remove()
     monkeypatch.setattr(workers_module, "LARGEST", 2 << 20)
-    with pytest.raises(UnkeptError, match="more than 2 MiB") as refused:
+    with pytest.raises(AnswerStorageError, match="more than 2 MiB") as refused:
         large(whole, tmp_path)
     assert refused.value.status == 422
     assert copy.copy(refused.value).what == refused.value.what  # as the pipe copies it
@@ -333,7 +333,7 @@ def test_an_answer_that_is_too_large_is_refused_and_leaves_no_file(tmp_path, mon
 def test_a_too_large_answer_is_refused_with_advice_to_request_less():
     class Refusing:
         async def answer(self, *_request):
-            raise UnkeptError(HTTPStatus.UNPROCESSABLE_ENTITY, "request less at once")
+            raise AnswerStorageError(HTTPStatus.UNPROCESSABLE_ENTITY, "request less at once")
 
     app = HeavyRequests(Slow(), budgets := Budgets({FILES: Refusing()}))
     refused = asyncio.run(requested(app))
@@ -358,7 +358,7 @@ def test_an_answer_that_does_not_fit_the_disk_is_not_sent_in_part(tmp_path, monk
         return Full()
 
     monkeypatch.setattr(workers_module.tempfile, "NamedTemporaryFile", made)
-    with pytest.raises(UnkeptError, match="No space left") as refused:
+    with pytest.raises(AnswerStorageError, match="No space left") as refused:
         large(Response(bytes(3 << 20)), tmp_path)
     assert refused.value.status == 503
     assert not list(tmp_path.iterdir())

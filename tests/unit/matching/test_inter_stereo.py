@@ -50,10 +50,10 @@ def test_pointing_after_tying_leaves_less_than_half_a_pixel(tied):
 def test_ties_displaced_by_some_pixels_are_rejected(tied, first_stop):
     moved = np.zeros(len(tied.ties), dtype=bool)
     moved[::7] = True
-    spoilt = replace(tied.ties, second_left=tied.ties.second_left + 4.0 * moved[:, None])
+    damaged = replace(tied.ties, second_left=tied.ties.second_left + 4.0 * moved[:, None])
     geometries = {pair.pair_id: pair.images.geometry for pair in first_stop.pairs}
     rover = first_stop.stop.frame
-    found = align(spoilt, geometries, Pose.identity(rover, rover), None, AlignmentParams())
+    found = align(damaged, geometries, Pose.identity(rover, rover), None, AlignmentParams())
     assert not found.agrees[moved].any()
     assert found.agrees[~moved].mean() > 0.95
 

@@ -14,8 +14,8 @@ from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.mars import MARS_RADIUS_M
 from solmap.photogrammetry.traverse.plausibility import (
     TelemetryStop,
+    implausible_poses,
     implausible_stops,
-    strays,
 )
 from solmap.photogrammetry.traverse.records import Traverse
 from solmap.photogrammetry.traverse.sources import parse_mission_table, traverse_of_vectors
@@ -73,7 +73,7 @@ def test_an_overturned_rover_is_left_out_and_one_on_a_steep_slope_is_not():
     for degrees, is_out in ((35.0, False), (45.0, False), (75.0, True), (180.0, True)):
         turn = rotation_of_roll_pitch_yaw(np.radians(degrees), 0.0, 1.0)
         poses = [Pose(site_frame(10), frame, turn, np.zeros(3))] * 2
-        assert [reason is not None for reason in strays(poses)] == [is_out] * 2
+        assert [reason is not None for reason in implausible_poses(poses)] == [is_out] * 2
 
 
 def test_of_two_images_of_a_stop_that_disagree_by_metres_the_first_counts():
@@ -83,7 +83,7 @@ def test_of_two_images_of_a_stop_that_disagree_by_metres_the_first_counts():
         return Pose(site_frame(10), frame, LEVEL, np.array([0.0, east_m, 0.0]))
 
     for apart_m, is_out in ((0.4, False), (4.0, False), (60.0, True), (1e9, True)):
-        first, second = strays([label(1.0), label(1.0 + apart_m)])
+        first, second = implausible_poses([label(1.0), label(1.0 + apart_m)])
         assert first is None
         assert (second is not None) == is_out
 
@@ -98,11 +98,11 @@ def test_an_image_that_disagrees_with_most_of_its_stop_is_identified():
     good = [label(0.1 * k, 2.0 * k) for k in range(4)]
     for odd in (label(60.0), label(-1e5), label(yaw_deg=90.0), label(roll_deg=180.0)):
         for place in range(5):
-            found = strays([*good[:place], odd, *good[place:]])
+            found = implausible_poses([*good[:place], odd, *good[place:]])
             assert [k for k, reason in enumerate(found) if reason] == [place]
     for poses in (good, good[:1], [label(), label(60.0)], [label(), label(60.0), label(-60.0)]):
-        assert not strays(poses)[0]
-    divided = strays(
+        assert not implausible_poses(poses)[0]
+    divided = implausible_poses(
         [label(), label(60.0)] * 3
     )  # the first was taken before its place was corrected
     assert [reason is None for reason in divided] == [True, False] * 3
@@ -158,7 +158,7 @@ def test_the_whole_traverse_of_spirit_is_kept(shared_data, every):
 
 def test_the_traverse_of_curiosity_is_kept(shared_data):
     path = shared_data / "traverse" / "msl" / "locations.xml"
-    file = parse_locations(path.read_text(), path.name, mission="MSL", keep_unturned=True)
+    file = parse_locations(path.read_text(), path.name, mission="MSL", keep_without_attitude=True)
     traverse = traverse_of_vectors([file])
     assert len(traverse) > 100
     assert implausible_stops(stops_of(traverse, traverse.places_m)) == {}

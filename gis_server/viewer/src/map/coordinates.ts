@@ -125,9 +125,9 @@ function halves(text: string): readonly [string, string] | null {
 }
 
 /** The pair in the order north, east; `plainly` is the order of coordinates that name no axis. */
-function ordered(a: Component, b: Component, plainly: "north" | "east"): Ordered | null {
+function ordered(a: Component, b: Component, usualFirst: "north" | "east"): Ordered | null {
   if (a.axis !== null && a.axis === b.axis) return null;
-  const first = a.axis ?? (b.axis === null ? plainly : b.axis === "north" ? "east" : "north");
+  const first = a.axis ?? (b.axis === null ? usualFirst : b.axis === "north" ? "east" : "north");
   return first === "north" ? [a.value, b.value] : [b.value, a.value];
 }
 
@@ -285,13 +285,13 @@ export function inFrames(
   frames: Pick<SceneStops, "stops" | "sites">,
   decimals: number,
 ): readonly (readonly [frame: string, text: string])[] {
-  const away = ({ place }: { readonly place: Place3 }) =>
+  const distance2 = ({ place }: { readonly place: Place3 }) =>
     Math.hypot(place[0] - east, place[1] - north);
-  const [stop] = frames.stops.toSorted((a, b) => away(a) - away(b));
+  const [stop] = frames.stops.toSorted((a, b) => distance2(a) - distance2(b));
   if (!stop) return [];
-  const wanted = [siteTitle(stop.site), roverTitle(stop.site, stop.drive)];
+  const titles = [siteTitle(stop.site), roverTitle(stop.site, stop.drive)];
   return framesOf(frames)
-    .filter(({ title }) => wanted.includes(title))
+    .filter(({ title }) => titles.includes(title))
     .map(({ title, place, rows }) => {
       const off = [
         east - place[0],

@@ -18,13 +18,13 @@ export class ImageFeatures {
   of(image: string): Promise<Feature<Geometry>[]> {
     const known = this.kept.get(image);
     if (known) return known;
-    const asked = this.ask(image).catch((reason: unknown) => {
+    const loading = this.load(image).catch((reason: unknown) => {
       this.kept.delete(image);
       throw reason;
     });
     if (this.kept.size >= MOST_KEPT) this.forget();
-    this.kept.set(image, asked);
-    return asked;
+    this.kept.set(image, loading);
+    return loading;
   }
 
   /** Layers may have new products. */
@@ -32,7 +32,7 @@ export class ImageFeatures {
     this.kept.clear();
   }
 
-  private async ask(image: string): Promise<Feature<Geometry>[]> {
+  private async load(image: string): Promise<Feature<Geometry>[]> {
     const vectors = this.layers().filter((layer) => layer.type === "vector");
     const found = await Promise.all(vectors.map((layer) => api.featuresNamed(layer, [image])));
     return found.flatMap(readFeatures);

@@ -61,9 +61,9 @@ export function recolouring(layer: RasterLayer, style: RasterStyle | null): Reco
 export function percentiles(counts: readonly number[], share: number): [number, number] | null {
   const total = counts.reduce((sum, count) => sum + count, 0);
   if (total === 0) return null;
-  const at = (wanted: number) => {
+  const at = (target: number) => {
     let sum = 0;
-    const found = counts.findIndex((count) => (sum += count) > wanted);
+    const found = counts.findIndex((count) => (sum += count) > target);
     return found < 0 ? 255 : found;
   };
   const [low, high] = [at(share * total), at((1 - share) * total - 1e-9)];

@@ -241,10 +241,10 @@ export class MapView {
   claimClicks(): () => void {
     this.claims += 1;
     this.doubleClick.setActive(false);
-    let mine = true;
+    let isActive = true;
     return () => {
-      if (mine) this.claims -= 1;
-      mine = false;
+      if (isActive) this.claims -= 1;
+      isActive = false;
       this.doubleClick.setActive(!this.isClaimed);
     };
   }

@@ -32,11 +32,11 @@ export interface MosaicPlan {
 export function mosaicPlan(
   layer: Pick<RasterLayer, "bounds" | "minzoom" | "maxzoom">,
   set: TileMatrixSet,
-  asked: Bounds = layer.bounds,
+  extent: Bounds = layer.bounds,
   mostPx = MOST_PX,
 ): MosaicPlan {
   const finest = layer.maxzoom ?? set.cell_sizes.length - 1;
-  const longest = Math.max(asked[2] - asked[0], asked[3] - asked[1]);
+  const longest = Math.max(extent[2] - extent[0], extent[3] - extent[1]);
   const fits = (zoom: number) => longest / (set.cell_sizes[zoom] ?? 1) <= mostPx;
   let zoom = finest;
   while (zoom > (layer.minzoom ?? 0) && !fits(zoom)) zoom -= 1;
@@ -44,8 +44,8 @@ export function mosaicPlan(
   const [left, , , top] = set.extent;
   const cells = (metres: number, round: (value: number) => number) =>
     round(Number((metres / cellM).toFixed(3)));
-  const [west, north] = [cells(asked[0] - left, Math.floor), cells(top - asked[3], Math.floor)];
-  const [east, south] = [cells(asked[2] - left, Math.ceil), cells(top - asked[1], Math.ceil)];
+  const [west, north] = [cells(extent[0] - left, Math.floor), cells(top - extent[3], Math.floor)];
+  const [east, south] = [cells(extent[2] - left, Math.ceil), cells(top - extent[1], Math.ceil)];
   const side = set.tile_size;
   const tiles: TilePlace[] = [];
   for (let row = Math.floor(north / side); row * side < south; row += 1)

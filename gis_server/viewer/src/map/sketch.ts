@@ -64,7 +64,7 @@ export class Sketch {
   });
   private readonly draw: Draw;
   private readonly release: () => void;
-  private readonly life = new AbortController();
+  private readonly lifetime = new AbortController();
   private corners: readonly MapPoint[] = [];
 
   constructor(
@@ -83,11 +83,11 @@ export class Sketch {
     });
     this.draw.on("drawstart", ({ feature }) => {
       this.source.clear();
-      const tell = () => {
+      const notify = () => {
         this.corners = cornersOf(feature.getGeometry());
         change?.(this.corners);
       };
-      feature.getGeometry()?.on("change", tell);
+      feature.getGeometry()?.on("change", notify);
     });
     this.draw.on("drawend", ({ feature }) => {
       this.corners = [];
@@ -111,7 +111,7 @@ export class Sketch {
       if (event.key === "Backspace") this.draw.removeLastPoint();
     };
     if (shape !== "box")
-      document.addEventListener("keydown", pressed, { signal: this.life.signal });
+      document.addEventListener("keydown", pressed, { signal: this.lifetime.signal });
     view.map.getTargetElement()?.focus({ preventScroll: true });
   }
 
@@ -137,7 +137,7 @@ export class Sketch {
   }
 
   stop(): void {
-    this.life.abort();
+    this.lifetime.abort();
     this.view.map.removeInteraction(this.draw);
     this.view.map.removeLayer(this.layer);
     setTimeout(this.release, CLICK_MS);

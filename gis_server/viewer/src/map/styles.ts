@@ -171,7 +171,7 @@ function drawStop(
   const factor = resolution > DOTS_FROM_M ? NO_ELLIPSES : state.ellipseFactor;
   const known = stopStyles.get(feature);
   if (known?.factor === factor) return known.styles;
-  const styles = factor === NO_ELLIPSES ? [namedDot(feature)] : drawStopNearBy(feature, state);
+  const styles = factor === NO_ELLIPSES ? [namedDot(feature)] : drawStopEnlarged(feature, state);
   stopStyles.set(feature, { factor, styles });
   return styles;
 }
@@ -190,7 +190,7 @@ const stopName = (feature: FeatureLike): Text =>
     font: `600 ${FONT}`,
   });
 
-function drawStopNearBy(feature: FeatureLike, state: DrawingState): Style[] {
+function drawStopEnlarged(feature: FeatureLike, state: DrawingState): Style[] {
   const at = (feature.getGeometry() as Point).getCoordinates();
   const centre: MapPoint = [at[0] ?? 0, at[1] ?? 0];
   const dot = feature.get("held") ? HELD_DOT : FREE_DOT;

@@ -107,15 +107,15 @@ test("pixels have the colours of their values; nothing is drawn of what is unkno
 });
 
 test("a tile is requested once, and one without values is remembered", async () => {
-  let asked = 0;
+  let loading = 0;
   vi.stubGlobal("fetch", async () => {
-    asked += 1;
+    loading += 1;
     return new Response(null, { status: 204 });
   });
   const tiles = new ValueTiles(2);
   expect(await tiles.get("/a", 1)).toBeNull();
   expect(await tiles.get("/a", 1)).toBeNull();
-  expect([asked, tiles.peek("/a")]).toEqual([1, null]);
+  expect([loading, tiles.peek("/a")]).toEqual([1, null]);
   await tiles.get("/b", 1);
   await tiles.get("/c", 1);
   expect(tiles.peek("/a")).toBeUndefined();

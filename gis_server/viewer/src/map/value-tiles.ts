@@ -100,9 +100,9 @@ export class ValueTiles {
       this.kept.set(url, known);
       return known;
     }
-    const asked = fetchTile(url, cell_m);
-    this.kept.set(url, asked);
-    asked.then(
+    const loading = fetchTile(url, cell_m);
+    this.kept.set(url, loading);
+    loading.then(
       (tile) => this.here.set(url, tile),
       () => this.forget(url),
     );
@@ -110,7 +110,7 @@ export class ValueTiles {
       if (this.kept.size <= this.most) break;
       this.forget(old);
     }
-    return asked;
+    return loading;
   }
 
   /** A tile that has arrived; undefined if not. */

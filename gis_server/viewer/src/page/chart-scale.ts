@@ -94,15 +94,15 @@ export function bandPath(xs: Values, low: Values, high: Values, x: Scale, y: Sca
 }
 
 /** Value of a line at a place on the x axis, between its corners; null in gaps and beyond its ends. */
-export function valueAt(xs: Values, ys: Values, wanted: number): number | null {
+export function valueAt(xs: Values, ys: Values, target: number): number | null {
   for (const run of runs([xs, ys]))
     for (const [i, k] of run.entries()) {
       const [x, y] = [xs[k] ?? 0, ys[k] ?? 0];
-      if (x === wanted) return y;
+      if (x === target) return y;
       const before = run[i - 1];
       if (before === undefined) continue;
       const [x0, y0] = [xs[before] ?? 0, ys[before] ?? 0];
-      if (x0 < wanted && wanted < x) return y0 + ((wanted - x0) / (x - x0)) * (y - y0);
+      if (x0 < target && target < x) return y0 + ((target - x0) / (x - x0)) * (y - y0);
     }
   return null;
 }

@@ -17,9 +17,9 @@ export function dock(): Dock {
     if (element.hidden) return;
     element.hidden = true;
     element.replaceChildren();
-    const tell = closed;
+    const onClose = closed;
     closed = undefined;
-    tell?.();
+    onClose?.();
   };
   return {
     element,

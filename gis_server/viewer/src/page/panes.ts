@@ -33,7 +33,7 @@ interface Opened extends Pane {
   readonly name: string;
   readonly element: HTMLElement;
   readonly divider: HTMLElement;
-  readonly mover: HTMLElement;
+  readonly moveButton: HTMLElement;
 }
 
 /** What the map and every pane keep, pixels: across, and down where one is above the other. */
@@ -77,7 +77,7 @@ export function panes(): Panes {
     beside: h("div", { class: "panes beside", hidden: true }),
     below: h("div", { class: "panes below", hidden: true }),
   } as const;
-  let wanted: Arrangement = { beside: [], below: [] };
+  let arrangement: Arrangement = { beside: [], below: [] };
   let arranged: (arrangement: Arrangement) => void = () => undefined;
   /** In the order in which they were opened. */
   let opened: readonly Opened[] = [];
@@ -85,9 +85,9 @@ export function panes(): Panes {
 
   /** Where a pane is shown. */
   const sideOf = (name: string): Side =>
-    WIDE.matches && wanted.beside.includes(name) ? "beside" : "below";
+    WIDE.matches && arrangement.beside.includes(name) ? "beside" : "below";
   const on = (side: Side) => {
-    const order = [...wanted.beside, ...wanted.below];
+    const order = [...arrangement.beside, ...arrangement.below];
     const some = opened.filter(({ name }) => sideOf(name) === side);
     return some.toSorted((a, b) => order.indexOf(a.name) - order.indexOf(b.name));
   };
@@ -132,20 +132,20 @@ export function panes(): Panes {
       const parts = some.flatMap(({ divider, element }) => [divider, element]);
       if (parts.some((part, k) => area.children[k] !== part)) area.append(...parts);
       area.style.setProperty("--panes", `${Math.round(room(side) - mapSize(side))}px`);
-      some.forEach(({ name, divider, mover }, k) => {
+      some.forEach(({ name, divider, moveButton }, k) => {
         const isFirst = k === 0;
         const isUpright = isFirst ? side === "beside" : isAcross(side);
         divider.setAttribute("aria-orientation", isUpright ? "vertical" : "horizontal");
-        mover.hidden = !WIDE.matches;
+        moveButton.hidden = !WIDE.matches;
         const to = `move ${OTHER[sideOf(name)]} the map`;
-        mover.title = to;
-        mover.setAttribute("aria-label", to);
+        moveButton.title = to;
+        moveButton.setAttribute("aria-label", to);
       });
-      some.forEach((_, k) => tell(side, k));
+      some.forEach((_, k) => showSize(side, k));
     }
   };
   /** Sets the share before a divider in its ARIA value, percent. */
-  const tell = (side: Side, k: number) => {
+  const showSize = (side: Side, k: number) => {
     const [before, pane] = [on(side)[k - 1], on(side)[k]];
     const share =
       before && pane
@@ -172,14 +172,14 @@ export function panes(): Panes {
     sizes[at - 1] = moved;
     sizes[at] = first + second - moved;
     some.forEach((one, k) => one.element.style.setProperty("flex-grow", String(sizes[k])));
-    tell(side, at);
+    showSize(side, at);
   };
   /** Takes a pane out of the arrangement, and puts it at the end of a side. */
   const put = (name: string, side: Side | null) => {
-    const others = (one: Side) => wanted[one].filter((other) => other !== name);
-    wanted = { beside: others("beside"), below: others("below") };
-    if (side) wanted = { ...wanted, [side]: [...wanted[side], name] };
-    arranged(wanted);
+    const others = (one: Side) => arrangement[one].filter((other) => other !== name);
+    arrangement = { beside: others("beside"), below: others("below") };
+    if (side) arrangement = { ...arrangement, [side]: [...arrangement[side], name] };
+    arranged(arrangement);
   };
 
   const dividerOf = (title: string, pane: () => Opened) => {
@@ -214,15 +214,15 @@ export function panes(): Panes {
   const open = (name: string, side: Side, title: string, content: Node, closed: () => void) => {
     const heading = h("h2", {}, title);
     const element = h("section", { class: "dock pane", "aria-label": title, "data-pane": name });
-    const mover = button("", "panel", () => {
+    const moveButton = button("", "panel", () => {
       put(name, OTHER[sideOf(name)]);
       fit();
-      mover.focus();
+      moveButton.focus();
     });
     const pane: Opened = {
       name,
       element,
-      mover,
+      moveButton,
       divider: dividerOf(title, () => pane),
       title: (text) => {
         heading.textContent = text;
@@ -246,7 +246,7 @@ export function panes(): Panes {
         h(
           "span",
           { class: "inline" },
-          mover,
+          moveButton,
           button("close", "close", () => pane.close()),
         ),
       ),
@@ -255,7 +255,7 @@ export function panes(): Panes {
     opened = [...opened, pane];
     const main = areas.beside.parentElement;
     if (main) resized.observe(main);
-    if (!wanted.beside.includes(name) && !wanted.below.includes(name)) put(name, side);
+    if (!arrangement.beside.includes(name) && !arrangement.below.includes(name)) put(name, side);
     fit();
     element.dispatchEvent(new CustomEvent(OPENED, { bubbles: true, detail: "dock" }));
     return pane;
@@ -267,8 +267,8 @@ export function panes(): Panes {
   return {
     ...areas,
     open,
-    arrange: (arrangement) => {
-      wanted = arrangement;
+    arrange: (requested) => {
+      arrangement = requested;
       fit();
     },
     onArranged: (listener) => {
@@ -277,7 +277,7 @@ export function panes(): Panes {
     clear: () => {
       arranged = () => undefined;
       for (const pane of opened) pane.close();
-      wanted = { beside: [], below: [] };
+      arrangement = { beside: [], below: [] };
     },
   };
 }

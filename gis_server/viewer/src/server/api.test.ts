@@ -50,22 +50,25 @@ test("something else than a list is an error that shows it", async () => {
 });
 
 test("a list is read from its first page to its last", async () => {
-  const asked: string[] = [];
+  const requested: string[] = [];
   vi.stubGlobal("fetch", async (url: string) => {
-    asked.push(url);
+    requested.push(url);
     const link = '<?limit=2&offset=0>; rel="prev", <?limit=2&offset=2>; rel="next"';
-    return new Response(JSON.stringify([asked.length]), {
-      headers: asked.length === 1 ? { Link: link } : {},
+    return new Response(JSON.stringify([requested.length]), {
+      headers: requested.length === 1 ? { Link: link } : {},
     });
   });
   expect(await api.layers("MER2")).toEqual([1, 2]);
-  expect(asked).toEqual(["api/missions/MER2/layers", "api/missions/MER2/layers?limit=2&offset=2"]);
+  expect(requested).toEqual([
+    "api/missions/MER2/layers",
+    "api/missions/MER2/layers?limit=2&offset=2",
+  ]);
 });
 
 test("the layers that the start has no room for are read after it", async () => {
-  const asked: string[] = [];
+  const requested: string[] = [];
   vi.stubGlobal("fetch", async (url: string) => {
-    asked.push(url);
+    requested.push(url);
     if (url !== "api/start") return new Response('["second"]');
     return new Response(JSON.stringify({ missions: [], mission: "MER2", layers: ["first"] }), {
       headers: {
@@ -75,5 +78,5 @@ test("the layers that the start has no room for are read after it", async () => 
     });
   });
   expect(await api.start()).toMatchObject({ layers: ["first", "second"], lastEvent: "7" });
-  expect(asked[1]).toBe("api/missions/MER2/layers?limit=1&offset=1");
+  expect(requested[1]).toBe("api/missions/MER2/layers?limit=1&offset=1");
 });

@@ -81,13 +81,13 @@ export const urls = {
 };
 
 export function get<T>(url: string, signal?: AbortSignal): Promise<T> {
-  return ask<T>(url, { headers: authorization(), ...(signal ? { signal } : {}) });
+  return request<T>(url, { headers: authorization(), ...(signal ? { signal } : {}) });
 }
 
 /** Sends a request with a body, as JSON. */
 export function post<T>(url: string, body: unknown, signal?: AbortSignal): Promise<T> {
   const headers = { "content-type": "application/json", ...authorization() };
-  return ask<T>(url, {
+  return request<T>(url, {
     method: "POST",
     headers,
     body: JSON.stringify(body),
@@ -95,7 +95,7 @@ export function post<T>(url: string, body: unknown, signal?: AbortSignal): Promi
   });
 }
 
-async function ask<T>(url: string, options: RequestInit): Promise<T> {
+async function request<T>(url: string, options: RequestInit): Promise<T> {
   return (await (await answered(url, options)).json()) as T;
 }
 

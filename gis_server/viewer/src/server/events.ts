@@ -48,14 +48,14 @@ export const eventsUrl = (mission: string, since: string | null) =>
   withQuery("api/events", { mission, since });
 
 /**
- * Receives events until `alive` ends, from the one after `since`, the last that the page has. The browser reconnects by
+ * Receives events until `signal` is aborted, from the one after `since`, the last that the page has. The browser reconnects by
  * itself and sends the last event that it received; where the server answers with an error it gives up, and is
  * restarted here. `connected` is called when the connection opens or is lost.
  */
 export function listen(
   mission: string,
   since: string | null,
-  alive: AbortSignal,
+  signal: AbortSignal,
   receive: (one: ServerEvent) => void,
   connected: (isConnected: boolean) => void = () => undefined,
 ): void {
@@ -74,12 +74,12 @@ export function listen(
     }
     source.onopen = () => connected(true);
     source.onerror = () => {
-      if (!alive.aborted) connected(false);
+      if (!signal.aborted) connected(false);
       if (source?.readyState !== EventSource.CLOSED) return;
       again = setTimeout(open, AGAIN_MS);
     };
   };
-  alive.addEventListener("abort", () => {
+  signal.addEventListener("abort", () => {
     clearTimeout(again);
     source?.close();
   });

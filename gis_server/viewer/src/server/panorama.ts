@@ -51,7 +51,7 @@ export interface PlaceSeen {
   readonly hidden: boolean | null;
 }
 
-const asked = (mission: string, { scope, digest }: Panorama, what: string) =>
+const urlOf = (mission: string, { scope, digest }: Panorama, what: string) =>
   `${of(mission)}/panoramas/${encodeURIComponent(scope)}/${digest}/${what}`;
 
 export const panoramaApi = {
@@ -64,7 +64,7 @@ export const panoramaApi = {
     signal?: AbortSignal,
   ) =>
     get<DirectionSeen>(
-      withQuery(asked(mission, panorama, "direction"), { azimuth, elevation }),
+      withQuery(urlOf(mission, panorama, "direction"), { azimuth, elevation }),
       signal,
     ),
   place: (
@@ -72,5 +72,5 @@ export const panoramaApi = {
     panorama: Panorama,
     [east, north]: readonly [number, number],
     signal?: AbortSignal,
-  ) => get<PlaceSeen>(withQuery(asked(mission, panorama, "place"), { east, north }), signal),
+  ) => get<PlaceSeen>(withQuery(urlOf(mission, panorama, "place"), { east, north }), signal),
 };

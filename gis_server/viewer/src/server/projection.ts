@@ -67,9 +67,9 @@ export const projection = {
     [sample, line]: readonly [number, number],
     signal?: AbortSignal,
   ): Promise<readonly [number, number]> => {
-    const asked = { sample: sample.toFixed(3), line: line.toFixed(3), given: "linearised" };
+    const query = { sample: sample.toFixed(3), line: line.toFixed(3), given: "linearised" };
     const path = `images/${encodeURIComponent(image)}/point`;
-    const found = await get<PixelHere>(withQuery(path, asked), signal);
+    const found = await get<PixelHere>(withQuery(path, query), signal);
     return [found.stored_sample, found.stored_line];
   },
   toImages: (mission: string, place: MapPoint, signal?: AbortSignal) =>

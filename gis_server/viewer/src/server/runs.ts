@@ -107,7 +107,7 @@ export const runs = {
   one: (id: string) => get<Run>(`api/runs/${encodeURIComponent(id)}`),
   kinds: () => get<readonly RunKind[]>("api/run-kinds"),
   engine: () => get<Engine>("api/engine"),
-  ask: (kind: string, parameters: Parameters) =>
+  request: (kind: string, parameters: Parameters) =>
     post<RunRequest>("api/runs", { ...parameters, kind }),
   /** Cancels or restarts a run; a run that waits in the engine goes by its id there. */
   have: (id: string, action: RunAction) =>

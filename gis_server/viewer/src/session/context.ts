@@ -13,8 +13,8 @@ import type { Shell } from "../page/shell";
 import type { Account } from "../server/account";
 import type { ServerEvent } from "../server/events";
 import type { Layer, MapPoint, Mission } from "../server/records";
-import type { Kept } from "./kept";
-import type { LayerBook } from "./layer-book";
+import type { Observable } from "./observable";
+import type { LayerList } from "./layer-list";
 import type { LinkHistory } from "./link-history";
 import type { PlaceActions } from "./place-actions";
 import type { Shortcuts } from "./shortcuts";
@@ -60,27 +60,27 @@ export interface Signals {
 export interface Context {
   readonly page: Shell;
   readonly mission: Mission;
-  readonly layers: LayerBook;
+  readonly layers: LayerList;
   readonly view: MapView;
   readonly drawing: DrawingState;
   /** Position of the sun for all shading in the viewer. */
-  readonly sun: Kept<SunPlace>;
+  readonly sun: Observable<SunPlace>;
   /** What is shown, as links to it hold it. */
   readonly state: Store;
   readonly history: LinkHistory;
   /** The signed-in account; null: nobody, so nothing can be written. */
-  readonly account: Kept<Account | null>;
+  readonly account: Observable<Account | null>;
   readonly waiting: Waiting;
   readonly keys: Shortcuts;
   readonly places: PlaceActions;
   readonly frames: StopFrames;
   /** How longitude and latitude are shown; kept in the browser. */
-  readonly coordinates: Kept<CoordinateFormat>;
+  readonly coordinates: Observable<CoordinateFormat>;
   readonly signals: Signals;
   /** Number of the last event included when the page was loaded; null: unknown. */
   readonly lastEvent: string | null;
-  /** Ends when the session does: for listeners and requests. */
-  readonly alive: AbortSignal;
+  /** Aborted when the session ends; for listeners and requests. */
+  readonly signal: AbortSignal;
 }
 
 type Opening = Pick<Context, "page" | "state">;

@@ -4,7 +4,7 @@ import { ApiError } from "../server/api";
 
 export class Latest {
   private timer: ReturnType<typeof setTimeout> | undefined;
-  private asking: AbortController | null = null;
+  private running: AbortController | null = null;
 
   /** `fail` receives errors, except that the server has no value there. */
   constructor(
@@ -12,20 +12,20 @@ export class Latest {
     private readonly fail: (reason: unknown) => void,
   ) {}
 
-  ask(work: (signal: AbortSignal) => Promise<void>): void {
+  run(work: (signal: AbortSignal) => Promise<void>): void {
     this.stop();
-    const asking = new AbortController();
-    this.asking = asking;
+    const running = new AbortController();
+    this.running = running;
     this.timer = setTimeout(() => {
-      work(asking.signal).catch((reason: unknown) => {
-        if (!asking.signal.aborted && !isRefusal(reason)) this.fail(reason);
+      work(running.signal).catch((reason: unknown) => {
+        if (!running.signal.aborted && !isRefusal(reason)) this.fail(reason);
       });
     }, this.restMs);
   }
 
   stop(): void {
     clearTimeout(this.timer);
-    this.asking?.abort();
+    this.running?.abort();
   }
 }
 

@@ -44,7 +44,7 @@ test("the chart's cursor is a place on the map", () => {
   const { signals, link } = linked();
   const places: (MapPoint | null)[] = [];
   signals.cursor.on((place) => places.push(place));
-  link.tell(2.5);
+  link.setCursor(2.5);
   link.off();
   expect(places).toEqual([[2.5, 0], null]);
 });

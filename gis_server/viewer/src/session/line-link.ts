@@ -12,10 +12,10 @@ export class LineLink {
   private chart: Chart | null = null;
   private line: readonly MapPoint[] = [];
   private pointed: MapPoint | null = null;
-  private readonly forget: readonly (() => void)[];
+  private readonly unsubscribe: readonly (() => void)[];
 
   constructor(private readonly context: Pick<Context, "signals" | "view">) {
-    this.forget = [
+    this.unsubscribe = [
       context.signals.pointer.on((pointed) => this.markNear(pointed?.point ?? null)),
       context.signals.cursor.on((point) => this.markNear(point)),
     ];
@@ -29,12 +29,12 @@ export class LineLink {
   }
 
   off(): void {
-    for (const end of this.forget) end();
+    for (const end of this.unsubscribe) end();
     this.context.signals.cursor.emit(null);
   }
 
   /** The chart's cursor is at a distance along the line; null: it left. */
-  readonly tell = (distance_m: number | null): void => {
+  readonly setCursor = (distance_m: number | null): void => {
     const place = distance_m === null ? null : placeAt(this.line, distance_m);
     this.context.signals.cursor.emit(place);
   };

@@ -22,7 +22,7 @@ export class LinkHistory {
 
   /** `now` is the link to what is shown. */
   constructor(
-    private readonly alive: AbortSignal,
+    private readonly signal: AbortSignal,
     private readonly now: () => string,
   ) {
     const gesture = () => {
@@ -34,17 +34,17 @@ export class LinkHistory {
       if (now - this.turned > PAUSE_MS) gesture();
       this.turned = now;
     };
-    const listening = { capture: true, passive: true, signal: alive };
+    const listening = { capture: true, passive: true, signal };
     window.addEventListener("pointerdown", gesture, listening);
     window.addEventListener("keydown", gesture, listening);
     window.addEventListener("wheel", wheel, listening);
-    alive.addEventListener("abort", () => this.moved());
+    signal.addEventListener("abort", () => this.moved());
     this.last = this.view;
   }
 
   /** Something is shown otherwise: written with all that a gesture changes at once, then now and then. */
   changed(): void {
-    if (this.alive.aborted) return;
+    if (this.signal.aborted) return;
     if (this.hasGesture) queueMicrotask(() => this.hasGesture && this.write());
     else this.resting ??= setTimeout(() => this.write(), REST_MS);
   }

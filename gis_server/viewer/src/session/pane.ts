@@ -41,7 +41,7 @@ export function addPane<K extends PaneName>(
   key: K,
   { title, side, load, tool }: PaneKind<K>,
 ): void {
-  const { page, state, keys, waiting, alive } = context;
+  const { page, state, keys, waiting, signal } = context;
   let pane: Pane | null = null;
   let content: PaneContent<K> | null = null;
   let [isLoading, isByHand] = [false, false];
@@ -63,7 +63,7 @@ export function addPane<K extends PaneName>(
     isLoading = true;
     try {
       const made = await load((value) => write(value));
-      if (state.get(key) === null || alive.aborted) made?.dispose?.();
+      if (state.get(key) === null || signal.aborted) made?.dispose?.();
       else if (!made) state.set(key, null as State[K]);
       else {
         content = made;
@@ -99,5 +99,5 @@ export function addPane<K extends PaneName>(
     if (value === null) pane?.close();
     else waiting.run(content ? show : open);
   });
-  alive.addEventListener("abort", () => pane?.close());
+  signal.addEventListener("abort", () => pane?.close());
 }

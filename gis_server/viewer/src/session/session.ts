@@ -16,8 +16,8 @@ import type { Account } from "../server/account";
 import { isVersion } from "../server/versions";
 import type { Layer, Mission } from "../server/records";
 import type { Context, Part, Signals } from "./context";
-import { Kept } from "./kept";
-import { LayerBook } from "./layer-book";
+import { Observable } from "./observable";
+import { LayerList } from "./layer-list";
 import { LinkHistory } from "./link-history";
 import { PlaceActions } from "./place-actions";
 import { Shortcuts } from "./shortcuts";
@@ -46,7 +46,7 @@ const signals = (): Signals => ({
 });
 
 export class Session {
-  private readonly life = new AbortController();
+  private readonly lifetime = new AbortController();
   private readonly context: Context;
 
   constructor(page: Shell, mission: Mission, layers: readonly Layer[], lastEvent: string | null) {
@@ -60,21 +60,21 @@ export class Session {
     this.context = {
       page,
       mission,
-      layers: new LayerBook(layers, on, order),
+      layers: new LayerList(layers, on, order),
       view,
       drawing,
-      sun: new Kept(CARTOGRAPHERS_SUN),
+      sun: new Observable(CARTOGRAPHERS_SUN),
       state,
-      history: new LinkHistory(this.life.signal, () => state.link),
-      account: new Kept<Account | null>(null),
+      history: new LinkHistory(this.lifetime.signal, () => state.link),
+      account: new Observable<Account | null>(null),
       waiting: new Waiting(page, () => view.map.render()),
       keys: new Shortcuts(),
       places: new PlaceActions(),
-      frames: new StopFrames(mission.mission, this.life.signal),
-      coordinates: new Kept(keptFormat()),
+      frames: new StopFrames(mission.mission, this.lifetime.signal),
+      coordinates: new Observable(keptFormat()),
       signals: signals(),
       lastEvent,
-      alive: this.life.signal,
+      signal: this.lifetime.signal,
     };
     view.setLayers(this.context.layers.every);
     if (place) view.goTo(place);
@@ -86,13 +86,13 @@ export class Session {
   }
 
   private async addLaterParts(unknown: readonly string[]): Promise<void> {
-    const { waiting, alive } = this.context;
+    const { waiting, signal } = this.context;
     const late = new Promise((resolve) => setTimeout(resolve, LATEST_MS));
     await Promise.race([waiting.painted, late]);
     waiting.run(async () => {
       try {
         const { LATER_PARTS } = await import("./later-parts");
-        if (alive.aborted) return;
+        if (signal.aborted) return;
         for (const part of LATER_PARTS) part(this.context);
         const { page, state } = this.context;
         if (state.get("tab") !== TABS[0] || state.get("pt")) page.showTab(state.get("tab"));
@@ -104,7 +104,7 @@ export class Session {
   }
 
   dispose(): void {
-    this.life.abort();
+    this.lifetime.abort();
     this.context.waiting.stop();
     this.context.view.dispose();
   }
@@ -116,7 +116,7 @@ export class Session {
       history.flush();
       waiting.settle();
     });
-    view.map.on("loadstart", () => waiting.unsettle());
+    view.map.on("loadstart", () => waiting.markLoading());
     layers.replaced.on(() => view.setLayers(layers.every));
     layers.versionsChanged.on(() => view.setLayers(layers.every));
     layers.replaced.on(() => frames.forget());
@@ -139,7 +139,7 @@ export class Session {
       view.reloadTiles();
       waiting.answered();
     });
-    document.addEventListener("keydown", keys.pressed, { signal: this.life.signal });
+    document.addEventListener("keydown", keys.pressed, { signal: this.lifetime.signal });
   }
 
   /** The book of layers has more than links hold: how layers that are off were shown. */
@@ -177,8 +177,9 @@ export class Session {
   /** Lists the parts of a link that are not shown. */
   private noteUnknown(others: readonly string[]): void {
     const { layers, state, waiting } = this.context;
-    const layersUnknown = layers.awaited.filter((id) => !isVersion(id)).map((id) => `layer ${id}`);
+    const layersUnknown = layers.missing.filter((id) => !isVersion(id)).map((id) => `layer ${id}`);
     const unknown = [...others, ...state.unknown, ...layersUnknown];
-    if (unknown.length > 0) waiting.say(`Not shown, because unknown here: ${unknown.join(", ")}`);
+    if (unknown.length > 0)
+      waiting.notify(`Not shown, because unknown here: ${unknown.join(", ")}`);
   }
 }

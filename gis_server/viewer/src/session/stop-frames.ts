@@ -6,24 +6,24 @@ import { sceneApi, type SceneStops } from "../server/scene";
 const NONE: SceneStops = { network: null, body: null, stops: [], sites: [] };
 
 export class StopFrames {
-  private asked: Promise<SceneStops> | null = null;
+  private loading: Promise<SceneStops> | null = null;
 
   constructor(
     private readonly mission: string,
-    private readonly alive: AbortSignal,
+    private readonly signal: AbortSignal,
   ) {}
 
   /** Empty where the server has none. */
   load(): Promise<SceneStops> {
-    this.asked ??= sceneApi.stops(this.mission, this.alive).catch((reason: unknown) => {
+    this.loading ??= sceneApi.stops(this.mission, this.signal).catch((reason: unknown) => {
       this.forget();
       if (reason instanceof ApiError) return NONE;
       throw reason;
     });
-    return this.asked;
+    return this.loading;
   }
 
   forget(): void {
-    this.asked = null;
+    this.loading = null;
   }
 }

@@ -11,7 +11,7 @@ export async function bringVersions(
   const missing = ids.filter((id) => !layers.every.some((layer) => layer.id === id));
   for (const id of missing)
     try {
-      layers.bring((await versions.one(id)).layer);
+      layers.addVersion((await versions.one(id)).layer);
     } catch (reason) {
       waiting.fail(reason);
     }

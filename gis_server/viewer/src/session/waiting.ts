@@ -15,7 +15,7 @@ export class Waiting {
   readonly painted: Promise<void>;
   private paint: (() => void) | null = null;
   private pending = 0;
-  private settling: (() => void)[] = [];
+  private resolvers: (() => void)[] = [];
   private isWhole = false;
   private isAway = false;
   /** Failed requests, to be repeated when the server answers. */
@@ -44,7 +44,7 @@ export class Waiting {
 
   private await(work: () => Promise<void>, isRepeated: boolean): void {
     this.pending += 1;
-    this.unsettle();
+    this.markLoading();
     work()
       .catch((reason: unknown) => {
         if (isRepeated && reason instanceof UnreachableError) this.unanswered.add(work);
@@ -63,7 +63,7 @@ export class Waiting {
       this.page.banner(reason.message, () => void this.retry());
       clearTimeout(this.timer);
       this.timer = setTimeout(() => void this.retry(), this.pause_ms);
-    } else if (reason instanceof ApiError) this.say(reason.message);
+    } else if (reason instanceof ApiError) this.notify(reason.message);
     else throw reason;
   }
 
@@ -82,7 +82,7 @@ export class Waiting {
   }
 
   /** Shows a message that goes away when it was read. */
-  say(message: string): void {
+  notify(message: string): void {
     this.page.banner(message, () => this.page.banner(null), "Close");
   }
 
@@ -99,12 +99,12 @@ export class Waiting {
 
   /** Resolves when nothing is awaited and the map is drawn. */
   async settled(): Promise<void> {
-    const settled = new Promise<void>((resolve) => this.settling.push(resolve));
+    const settled = new Promise<void>((resolve) => this.resolvers.push(resolve));
     this.onDone(); // draws the map, because it may be drawn already
     await settled;
   }
 
-  unsettle(): void {
+  markLoading(): void {
     document.documentElement.dataset["ready"] = "false";
   }
 
@@ -121,7 +121,7 @@ export class Waiting {
       this.paint();
       this.paint = null;
     }
-    for (const tell of this.settling.splice(0)) tell();
+    for (const resolve of this.resolvers.splice(0)) resolve();
     if (this.isWhole) document.documentElement.dataset["ready"] = "true";
   }
 }

@@ -113,7 +113,7 @@ def test_the_location_file_of_curiosity_places_its_sites(locations):
 
 
 def test_localised_stops_have_no_attitude_and_are_used_only_on_request(locations):
-    file = parse_locations(locations, "locations.xml", mission="MSL", keep_unturned=True)
+    file = parse_locations(locations, "locations.xml", mission="MSL", keep_without_attitude=True)
     stops = [solution for solution in file.solutions if solution.kind is FrameKind.ROVER]
     assert len(stops) > 250
     assert file.kind == "rvf"

@@ -394,6 +394,6 @@ def test_a_damaged_label_raises_our_error_or_gives_a_layout(place, removed, inse
 @given(row=st.binary(max_size=500), at=st.integers(0, 356), removed=st.integers(0, 9))
 def test_a_damaged_row_is_counted_or_read(row, at, removed):
     good = image_row(151600000, "l")
-    spoilt = good[:at] + row + good[at + removed :]
-    findings = found([spoilt, good, image_row(151600000, "r")])
+    damaged = good[:at] + row + good[at + removed :]
+    findings = found([damaged, good, image_row(151600000, "r")])
     assert findings.pairs or findings.broken

@@ -54,7 +54,7 @@ def test_a_stopped_child_stays_stopped(tmp_path):
     assert child.is_alive
     child.stop()
     assert not child.is_alive
-    assert child.revive() is None
+    assert child.restart_if_ended() is None
     assert not child.is_alive
 
 
@@ -72,8 +72,8 @@ def test_a_child_that_ended_is_restarted_and_reported(tmp_path):
     first = child.process.pid
     os.kill(first, signal.SIGKILL)
     until(lambda: not child.is_alive)
-    assert "ended with -9" in child.revive()
-    until(lambda: child.revive() is None and child.is_alive)
+    assert "ended with -9" in child.restart_if_ended()
+    until(lambda: child.restart_if_ended() is None and child.is_alive)
     assert child.process.pid != first
     child.stop()
 
@@ -84,7 +84,7 @@ def test_a_child_that_ends_repeatedly_is_restarted_after_growing_waits(tmp_path)
     pauses = []
     while len(pauses) < 3:
         until(lambda: not child.is_alive)
-        if message := child.revive():
+        if message := child.restart_if_ended():
             pauses.append(message)
         time.sleep(0.02)
     assert [message.split(" in ")[1].split(" s")[0] for message in pauses] == ["1", "2", "4"]
@@ -119,7 +119,7 @@ def test_a_long_log_is_shortened_and_later_lines_are_kept(tmp_path, monkeypatch)
     child = child_of(tmp_path, (sys.executable, "-c", script))
     child.start()
     until(lambda: child.log.stat().st_size > 1000)
-    child.revive()
+    child.restart_if_ended()
     child.process.wait(30)
     assert child.log.read_text() == "later\n"
     assert child.log.with_suffix(".log.1").read_text().startswith("xxx")

@@ -25,7 +25,7 @@ def machine(tmp_path, engine):  # noqa: ARG001 - Prefect reads its settings at i
 
 def test_files_before_the_deployments_wait_without_a_message(machine):
     up, message = machine
-    up.tend()  # the engine of the tests has no deployment of this name
+    up.check()  # the engine of the tests has no deployment of this name
     assert message == []
     assert up._running is None
 
@@ -40,12 +40,12 @@ def test_an_error_is_logged_once_and_retried(machine, monkeypatch):
 
     with monkeypatch.context() as patched:
         patched.setattr(submission, "submit_inbox", trouble)
-        up.tend()
-        up.tend()
+        up.check()
+        up.check()
     assert message == ["RuntimeError: no luck; retried until it works"]
     run = submission.SubmittedRun("id", "a-run", "delivery")
     monkeypatch.setattr(submission, "submit_inbox", lambda *_: run)
-    up.tend()
+    up.check()
     assert message[1].startswith("files came: run a-run")
 
 
@@ -60,13 +60,13 @@ def test_a_failed_run_does_not_count_as_processed(machine, monkeypatch):
 
     monkeypatch.setattr(submission, "submit_inbox", submit)
     monkeypatch.setattr(submission, "final_state", lambda _: "FAILED")
-    up.tend()
-    up.tend()
+    up.check()
+    up.check()
     assert message[-1] == "the run of the inbox failed, see `solmap status`; tried again in 1 min"
     up._inbox._not_before = 0.0
-    up.tend()
+    up.check()
     monkeypatch.setattr(submission, "final_state", lambda _: "COMPLETED")
-    up.tend()
+    up.check()
     assert message[-1] == "the inbox was processed: completed"
-    up.tend()
+    up.check()
     assert up._running is None

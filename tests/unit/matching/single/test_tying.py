@@ -157,8 +157,8 @@ def test_images_of_different_ground_are_not_tied(first_stop, foreign_stop, views
         views[1].geometry,
         rover_from_pair=Pose(label.target, label.source, label.rotation, label.translation_m),
     )
-    stranger = SingleView("X", geometry, View.of(other.images.left, other.images.left_mask))
-    found = tie_single_images(first_stop.stop, [views[0], stranger], MonoParams())
+    unrelated = SingleView("X", geometry, View.of(other.images.left, other.images.left_mask))
+    found = tie_single_images(first_stop.stop, [views[0], unrelated], MonoParams())
     assert len(found.ties) == 0
     assert [link.ties for link in found.links] == [0]
 
@@ -176,7 +176,7 @@ def test_images_with_a_large_roll_between_them_are_tied(first_stop, views):
     assert len(found.ties) > 30
 
 
-@pytest.mark.parametrize("wrong", [{"least_ties": 2}, {"scouts": 5}, {"nearest_m": 0.0}])
+@pytest.mark.parametrize("wrong", [{"least_ties": 2}, {"first_points": 5}, {"nearest_m": 0.0}])
 def test_invalid_parameters_are_refused(wrong):
     with pytest.raises(MatchingError, match=r"must be above zero|single images need"):
         MonoParams(**wrong)

@@ -81,8 +81,8 @@ def test_a_manual_tie_with_a_sigma_of_401_digits(downlink, store):
 
 def test_a_sol_of_38_digits(downlink, store):
     image = min(downlink.rglob("*l0m1.img")).read_bytes()
-    spoilt = label_with(image, ("PLANET_DAY_NUMBER", "9" * 38))
-    (downlink / "2n140188888eff1000p1500l0m1.img").write_bytes(spoilt)
+    damaged = label_with(image, ("PLANET_DAY_NUMBER", "9" * 38))
+    (downlink / "2n140188888eff1000p1500l0m1.img").write_bytes(damaged)
     (line,) = take(downlink, store)
     assert "the sol should be from 0 to 100,000" in line
 

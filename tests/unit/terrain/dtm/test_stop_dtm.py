@@ -103,9 +103,9 @@ def test_a_single_blunder_makes_no_cell(scenes):
     clean = build_dtm([view], PARAMS)
     view.parallax[150, 100] *= 0.8
     view.parallax[200:202, 60:62] *= 1.3
-    spoilt = build_dtm([view], PARAMS)
-    assert np.nanmax(np.abs(spoilt.elevation)) < 1e-3
-    assert (spoilt.ground != UNSEEN).sum() > 0.99 * (clean.ground != UNSEEN).sum()
+    damaged = build_dtm([view], PARAMS)
+    assert np.nanmax(np.abs(damaged.elevation)) < 1e-3
+    assert (damaged.ground != UNSEEN).sum() > 0.99 * (clean.ground != UNSEEN).sum()
 
 
 def test_the_standard_deviation_agrees_with_the_noise(scenes, rng):

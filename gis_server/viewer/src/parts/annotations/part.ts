@@ -22,7 +22,7 @@ const Z_INDEX = 990;
 
 export function annotationsPart(context: Context): void {
   const annotations = new Annotations(context);
-  const { account, signals, waiting, keys, mission, places, alive } = context;
+  const { account, signals, waiting, keys, mission, places, signal } = context;
   account.changed.on(() => {
     annotations.draw();
     annotations.send();
@@ -38,7 +38,7 @@ export function annotationsPart(context: Context): void {
     if (concerns || kind === "reload") waiting.run(() => annotations.load());
   });
   signals.reconnected.on(() => annotations.send());
-  window.addEventListener("online", () => annotations.send(), { signal: alive });
+  window.addEventListener("online", () => annotations.send(), { signal });
   waiting.run(() => annotations.load());
   annotations.send();
 }
@@ -90,7 +90,7 @@ class Annotations {
           if (extent) view.fit([west - 2, south - 2, east + 2, north + 2]);
         },
         edit: (note) =>
-          this.ask(note, (filled) => this.save({ ...filled, geometry: note.geometry }, note)),
+          this.openForm(note, (filled) => this.save({ ...filled, geometry: note.geometry }, note)),
         redraw: (note) => this.start(shapeOf(note.geometry), note),
         remove: ({ id }) =>
           this.undo(Number(id), "The annotation was deleted; the list below restores it."),
@@ -126,10 +126,10 @@ class Annotations {
     this.stop();
     const geometry = geometryOf(shape, corners);
     if (note) this.save({ ...filledOf(note), geometry }, note);
-    else this.ask(null, (filled) => this.save({ ...filled, geometry }, null));
+    else this.openForm(null, (filled) => this.save({ ...filled, geometry }, null));
   }
 
-  private ask(note: AnnotationFeature | null, save: (filled: Filled) => void): void {
+  private openForm(note: AnnotationFeature | null, save: (filled: Filled) => void): void {
     const { page } = this.context;
     const form = annotationForm(note && filledOf(note), (filled) => {
       page.closeDialog();

@@ -5,7 +5,7 @@ import { h } from "../../page/dom";
 import type { Context, Pointed } from "../../session/context";
 import { type Tip, tipOf } from "./tip";
 
-export function cursorPart({ page, view, signals, alive }: Context): void {
+export function cursorPart({ page, view, signals, signal }: Context): void {
   const over = (pointed: Pointed) => {
     const { touched, pixel } = pointed;
     page.map.style.cursor = touched && CLICKABLE.has(touched.layer.kind) ? "pointer" : "";
@@ -35,7 +35,7 @@ export function cursorPart({ page, view, signals, alive }: Context): void {
       page.tip.hidden = true;
       signals.pointer.emit(null);
     },
-    { signal: alive },
+    { signal },
   );
   signals.cursor.on((point) => view.setCursor(point));
 }

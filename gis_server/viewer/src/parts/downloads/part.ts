@@ -20,7 +20,7 @@ import { CREDIT, textsOf } from "../../sheet/texts";
 const JPEG_QUALITY = 0.95;
 
 export function downloadsPart(context: Context): void {
-  const { page, layers, view, mission, waiting, keys, alive } = context;
+  const { page, layers, view, mission, waiting, keys, signal } = context;
   const tab = page.addTab("downloads");
   const files = h("div");
   let offered: Offered = {
@@ -75,7 +75,7 @@ export function downloadsPart(context: Context): void {
     show({ shown: layers.shown });
   });
   keys.add("Escape", "stop drawing a box", stop);
-  alive.addEventListener("abort", stop);
+  signal.addEventListener("abort", stop);
   tab.replaceChildren(imageSettings(firstSettings(context), saveMap), files);
   show({});
 }
@@ -122,7 +122,7 @@ async function saveImage(
       saveFile(name, "application/pdf", pdfOf(jpeg, [whole.width, whole.height], sheet.dpi));
     }
   } catch (reason) {
-    waiting.say(reason instanceof Error ? reason.message : String(reason));
+    waiting.notify(reason instanceof Error ? reason.message : String(reason));
   }
 }
 

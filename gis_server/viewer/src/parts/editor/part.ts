@@ -17,7 +17,7 @@ export function editorPart(context: Context): void {
     const left = images.filter(({ eye, partner }) => eye === "left" && partner);
     const [one, other] = [...new Set(left.map(({ stop }) => stop))].slice(-2);
     if (!one || !other) {
-      waiting.say("Ties join stops: this mission has stereo pairs of one stop at most.");
+      waiting.notify("Ties join stops: this mission has stereo pairs of one stop at most.");
       return;
     }
     const opened = new Editor(context, left, [one, other]);

@@ -53,8 +53,8 @@ export function mapFrame({ page, view, alive }: Context): void {
   view.map.on("change:size", draw);
   const resized = new ResizeObserver(draw); // tools come one by one
   resized.observe(page.toolbar);
-  page.legend.addEventListener("toggle", draw, { capture: true, signal: alive });
-  alive.addEventListener("abort", () => {
+  page.legend.addEventListener("toggle", draw, { capture: true, signal });
+  signal.addEventListener("abort", () => {
     resized.disconnect();
     for (const one of [below, left, right]) one.remove();
   });

@@ -48,7 +48,7 @@ const action = (title: string, run: () => void) =>
   h("button", { type: "button", class: "plain", onclick: run }, title);
 
 /** Offers the tour on the first visit, except to a program that controls the browser. */
-function offer({ page, alive }: Context, tour: () => void): void {
+function offer({ page, signal }: Context, tour: () => void): void {
   if (localStorage.getItem(SEEN) || navigator.webdriver) return;
   const close = () => {
     localStorage.setItem(SEEN, "declined");
@@ -66,5 +66,5 @@ function offer({ page, alive }: Context, tour: () => void): void {
     action("No, thanks", close),
   );
   page.map.after(note);
-  alive.addEventListener("abort", () => note.remove());
+  signal.addEventListener("abort", () => note.remove());
 }

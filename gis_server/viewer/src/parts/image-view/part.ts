@@ -26,9 +26,9 @@ export function imageViewPart(context: Context): void {
     load: async (write) => {
       const all = await images();
       const { state, waiting } = context;
-      const asked = state.get("image")?.id ?? "";
-      if (!all.has(asked)) {
-        waiting.say(`The server lists no image ${asked}.`);
+      const requested = state.get("image")?.id ?? "";
+      if (!all.has(requested)) {
+        waiting.notify(`The server lists no image ${requested}.`);
         return null;
       }
       const opened = new ImageViewer(context, write);

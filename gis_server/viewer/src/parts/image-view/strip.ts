@@ -28,7 +28,7 @@ export function seenText(seen: Seen): string {
 
 interface Thumb {
   readonly element: HTMLElement;
-  tell(seen: Seen, isChosen: boolean): void;
+  update(seen: Seen, isChosen: boolean): void;
 }
 
 /** Thumbnails of images that still see the place stay, so that they do not flicker under the pointer. */
@@ -51,7 +51,7 @@ export class Strip {
         : `${isSeen} of ${seen.length} images that look there see the place; dashed: hidden, or not known.`;
     const shown = seen.slice(0, MOST).map((one) => {
       const thumb = this.thumbs.get(one.image) ?? this.make(one);
-      thumb.tell(one, one.image === chosen);
+      thumb.update(one, one.image === chosen);
       return thumb.element;
     });
     this.list.replaceChildren(...shown);
@@ -75,7 +75,7 @@ export class Strip {
       mark.style.top = `${top}%`;
     };
     thumbnail.addEventListener("load", place);
-    const tell = (one: Seen, isChosen: boolean) => {
+    const update = (one: Seen, isChosen: boolean) => {
       seen = one;
       place();
       mark.className = `mark ${one.sight}`;
@@ -84,7 +84,7 @@ export class Strip {
       button.title = seenText(one);
       button.setAttribute("aria-label", seenText(one));
     };
-    const thumb = { element, tell };
+    const thumb = { element, update };
     this.thumbs.set(image, thumb);
     return thumb;
   }

@@ -23,7 +23,7 @@ export class ImageViewer {
   private readonly tools: Controls;
   private readonly strip: Strip;
   private readonly status = h("p", { class: "image-status", role: "status" });
-  private readonly questions: Latest;
+  private readonly queries: Latest;
   private image: ImageEntry | null = null;
   private ties: readonly ImageTie[] = [];
   private isPointing = false;
@@ -34,7 +34,7 @@ export class ImageViewer {
     private readonly write: (value: { id: string; sight: ImageSight | null }) => void,
   ) {
     const { waiting } = context;
-    this.questions = new Latest(REST_MS, (reason) => waiting.fail(reason));
+    this.queries = new Latest(REST_MS, (reason) => waiting.fail(reason));
     this.imageCanvas = new ImageCanvas({
       hover: (at, screen) => this.hover(at, screen),
       click: (at) => this.click(at),
@@ -80,7 +80,7 @@ export class ImageViewer {
   }
 
   close(): void {
-    this.questions.stop();
+    this.queries.stop();
     this.image = null;
     this.context.signals.cursor.emit(null);
   }
@@ -89,11 +89,11 @@ export class ImageViewer {
   mark(point: MapPoint | null): void {
     if (this.isPointing || !this.image) return;
     if (!point) {
-      this.questions.stop();
+      this.queries.stop();
       return;
     }
     const { mission } = this.context.mission;
-    this.questions.ask(async (signal) => {
+    this.queries.run(async (signal) => {
       const { images } = await projection.toImages(mission, point, signal);
       this.showSeen(images);
     });
@@ -139,7 +139,7 @@ export class ImageViewer {
     this.isPointing = at !== null;
     const { image } = this;
     if (!at || !image) {
-      this.questions.stop();
+      this.queries.stop();
       this.context.signals.cursor.emit(null);
       return;
     }
@@ -147,7 +147,7 @@ export class ImageViewer {
     const start = `sample ${fixed(at[0], 1)}, line ${fixed(at[1], 1)}, grey ${this.imageCanvas.grey(at) ?? "–"}`;
     this.status.textContent = tie ? tieText(tie) : start;
     const { mission } = this.context.mission;
-    this.questions.ask(async (signal) => {
+    this.queries.run(async (signal) => {
       const found = await projection.toGround(mission, image.id, at, signal);
       if (!tie) this.status.textContent = `${start}: ${groundText(found)}`;
       await this.followed(found, signal);
@@ -170,7 +170,7 @@ export class ImageViewer {
     waiting.run(async () => {
       const { ground } = await projection.toGround(mission.mission, image.id, at);
       if (ground) identify(this.context, [ground.east, ground.north]);
-      else waiting.say("This pixel shows no ground that was mapped.");
+      else waiting.notify("This pixel shows no ground that was mapped.");
     });
   }
 }

@@ -34,7 +34,7 @@ export interface LayerActions {
   readonly versions: (layer: Layer, from: number) => Promise<LayerVersions>;
   readonly isThere: (version: Layer) => boolean;
   /** Adds an earlier version to the map, and removes it. */
-  readonly bring: (version: Layer) => void;
+  readonly add: (version: Layer) => void;
   readonly dismiss: (version: Layer) => void;
   /** Compares an earlier version with the latest one. */
   readonly compare: (

@@ -6,7 +6,7 @@ import type { ImageEntry, Layer } from "../../server/records";
 import type { LayerFilter } from "../../session/state";
 
 /** Conditions of listed layers; null or no words: all. */
-export interface Wanted {
+export interface LayerCondition {
   /** In small letters, all of them in the names of the layer, its kind or its group. */
   readonly words: readonly string[];
   /** Title of its kind. */
@@ -15,12 +15,16 @@ export interface Wanted {
   readonly stops: ReadonlySet<string> | null;
 }
 
-export const ALL: Wanted = { words: [], kind: null, stops: null };
+export const ALL: LayerCondition = { words: [], kind: null, stops: null };
 
-export const isAll = ({ words, kind, stops }: Wanted) =>
+export const isAll = ({ words, kind, stops }: LayerCondition) =>
   words.length === 0 && kind === null && stops === null;
 
-export const isWanted = (layer: Layer, group: string, { words, kind, stops }: Wanted): boolean => {
+export const matches = (
+  layer: Layer,
+  group: string,
+  { words, kind, stops }: LayerCondition,
+): boolean => {
   const title = kindTitle(layer.kind);
   if (kind !== null && kind !== title) return false;
   if (stops !== null && !stops.has(layer.scope)) return false;
@@ -32,7 +36,7 @@ type Taken = Pick<ImageEntry, "instrument" | "stop">;
 
 export interface FilterBox {
   readonly element: HTMLElement;
-  readonly wanted: () => Wanted;
+  readonly condition: () => LayerCondition;
   readonly show: (chosen: LayerFilter) => void;
   readonly focus: () => void;
   /** Offers the kinds of these layers. */
@@ -42,7 +46,7 @@ export interface FilterBox {
 /** `imagesOf` fetches the images of the mission, of which the instruments are offered when one may be chosen. */
 export function layerFilter(
   chosen: (filter: LayerFilter) => void,
-  find: (wanted: Wanted) => void,
+  find: (condition: LayerCondition) => void,
   imagesOf: () => Promise<readonly Taken[]>,
 ): FilterBox {
   const now = (): LayerFilter => ({
@@ -52,7 +56,7 @@ export function layerFilter(
   });
   const change = () => {
     chosen(now());
-    find(wanted());
+    find(condition());
   };
   const search = h("input", {
     type: "search",
@@ -65,7 +69,7 @@ export function layerFilter(
   const kind = h("select", { "aria-label": "kind of layers", onchange: change });
   let images: Promise<readonly Taken[]> | null = null;
   let taken: readonly Taken[] = [];
-  const learn = () => {
+  const loadInstruments = () => {
     images ??= imagesOf();
     return images.then(
       (found) => {
@@ -79,12 +83,12 @@ export function layerFilter(
   const instrument = h("select", {
     "aria-label": "instrument of layers",
     title: "layers of stops that this instrument photographed",
-    onpointerenter: learn,
-    onfocus: learn,
+    onpointerenter: loadInstruments,
+    onfocus: loadInstruments,
     onchange: change,
   });
   fill(instrument, "all instruments", new Set());
-  const wanted = (): Wanted => {
+  const condition = (): LayerCondition => {
     const { words, kind, instrument } = now();
     const stops = taken.filter((image) => image.instrument === instrument).map(({ stop }) => stop);
     return {
@@ -100,14 +104,14 @@ export function layerFilter(
   };
   return {
     element: h("div", { class: "layer-filters" }, search, kind, instrument),
-    wanted,
+    condition,
     focus: () => search.focus(),
     show: (filter) => {
       search.value = filter.words;
       put(kind, filter.kind);
       put(instrument, filter.instrument);
-      find(wanted());
-      if (filter.instrument) void learn().then(() => find(wanted()));
+      find(condition());
+      if (filter.instrument) void loadInstruments().then(() => find(condition()));
     },
     setLayers: (layers) => {
       images = null; // there may be others

@@ -24,7 +24,7 @@ import { type SolActions, solFilter, solsByPlace, solsOf } from "./sol-filter";
 import { layerTree } from "./tree";
 
 export function layersPart(context: Context): void {
-  const { layers, mission, view, page, drawing, sun, signals, state, keys, waiting, alive } =
+  const { layers, mission, view, page, drawing, sun, signals, state, keys, waiting, signal } =
     context;
 
   const here = new WeakSet<Shown>();
@@ -82,8 +82,8 @@ export function layersPart(context: Context): void {
   let sols = solFilter([], solActions);
   const filter = layerFilter(
     (chosen) => filtered(chosen),
-    (wanted) => tree.find(wanted),
-    () => api.images(mission.mission, {}, alive),
+    (condition) => tree.find(condition),
+    () => api.images(mission.mission, {}, signal),
   );
   keys.add("l", "filter the list of layers", () => {
     page.openLayers();
@@ -99,7 +99,7 @@ export function layersPart(context: Context): void {
     page.legend.replaceChildren(legend.element);
     page.layers.replaceChildren(sols.element, onMap.element, filter.element, tree.element);
     filter.setLayers(layers.listed);
-    tree.find(filter.wanted());
+    tree.find(filter.condition());
     list();
     putAll();
   };
@@ -124,8 +124,8 @@ export function layersPart(context: Context): void {
     list();
     putAll();
   });
-  if (layers.awaited.some(isVersion))
-    waiting.run(() => bringVersions(context, layers.awaited.filter(isVersion)));
+  if (layers.missing.some(isVersion))
+    waiting.run(() => bringVersions(context, layers.missing.filter(isVersion)));
   view.map.on("moveend", () => view.shown.forEach(fetchIn));
   sun.changed.on(() => {
     for (const layer of layers.shown)
@@ -154,7 +154,7 @@ export function layersPart(context: Context): void {
     layers.of("stops").forEach((layer) => tree.follow(layer));
     drawLegend();
   });
-  alive.addEventListener("abort", () => flicker.stop());
+  signal.addEventListener("abort", () => flicker.stop());
   draw();
 }
 
@@ -166,8 +166,8 @@ function actionsOf(context: Context, flicker: Flicker, list: () => void): LayerA
     for (const one of layers.shown)
       view.shown.get(one.id)?.map.setVisible(layers.isDrawn(one, drawing.sols));
   };
-  const bring = (version: Layer) => {
-    layers.bring(version);
+  const add = (version: Layer) => {
+    layers.addVersion(version);
     layers.change(version, { visible: true });
   };
   return {
@@ -195,10 +195,10 @@ function actionsOf(context: Context, flicker: Flicker, list: () => void): LayerA
     toggleFlicker,
     versions: (layer, from) => versions.list(layer, from),
     isThere: ({ id }) => layers.every.some((one) => one.id === id),
-    bring,
+    add,
     dismiss: (version) => layers.dismiss(version),
     compare: (version, latest, how) => {
-      bring(version);
+      add(version);
       if (how !== "flicker") {
         page.showTab("compare");
         state.set("compare", { mode: how, a: latest.id, b: version.id, at: 0.5, most: null });
@@ -215,7 +215,7 @@ async function stretch(context: Context, layer: RasterLayer): Promise<void> {
   const { view, mission, layers, sun, waiting } = context;
   const style = layers.state(layer).style ?? PLAIN;
   const range = await rangeInView(view.map, mission.tile_matrix_set, layer, style, sun.value);
-  if (!range) waiting.say("no value of this layer is on the screen");
+  if (!range) waiting.notify("no value of this layer is on the screen");
   else layers.change(layer, { style: { ...style, low: range[0], high: range[1] } });
 }
 
@@ -234,7 +234,7 @@ async function stretchImagery(context: Context, layer: RasterLayer, share: numbe
       addresses.push(tileUrl(layer.tiles, z, x, y)),
     );
   const found = percentiles(await shadesOf(addresses.slice(0, MOST_TILES)), share);
-  if (!found) waiting.say("no part of this image is on the screen");
+  if (!found) waiting.notify("no part of this image is on the screen");
   else {
     const style = layers.state(layer).style ?? PLAIN;
     layers.change(layer, { style: { ...style, low: found[0], high: found[1] } });

@@ -8,7 +8,7 @@ import { h } from "../../page/dom";
 import { sols } from "../../page/format";
 import type { Layer } from "../../server/records";
 import type { Following, LayerActions } from "./actions";
-import { ALL, isAll, isWanted, type Wanted } from "./filter";
+import { ALL, isAll, matches, type LayerCondition } from "./filter";
 import { row } from "./row";
 
 export interface LayerTree {
@@ -18,7 +18,7 @@ export interface LayerTree {
   /** Lists only layers of some sols. */
   readonly setSols: (range: Sols) => void;
   /** Lists only the layers that match. */
-  readonly find: (wanted: Wanted) => void;
+  readonly find: (condition: LayerCondition) => void;
 }
 
 interface Group {
@@ -26,7 +26,7 @@ interface Group {
   readonly item: LayerGroup;
   readonly rows: Map<string, Following>;
   readonly setSols: (range: Sols) => void;
-  readonly find: (wanted: Wanted) => void;
+  readonly find: (condition: LayerCondition) => void;
 }
 
 function group(item: LayerGroup, open: boolean, actions: LayerActions): Group {
@@ -35,9 +35,9 @@ function group(item: LayerGroup, open: boolean, actions: LayerActions): Group {
   const list = h("ul");
   let only: Sols = null;
   let wasOpen = open;
-  let wanted = ALL;
+  let condition = ALL;
   const isListed = (layer: Layer) =>
-    areIn(layer.sols, only) && isWanted(layer, `${item.title} ${days}`, wanted);
+    areIn(layer.sols, only) && matches(layer, `${item.title} ${days}`, condition);
   const hide = () => {
     for (const layer of item.layers) {
       const made = rows.get(layer.id);
@@ -62,11 +62,11 @@ function group(item: LayerGroup, open: boolean, actions: LayerActions): Group {
     only = range;
     hide();
   };
-  const find = (now: Wanted) => {
-    if (!isAll(now) && isAll(wanted)) wasOpen = element.open;
-    wanted = now;
+  const find = (now: LayerCondition) => {
+    if (!isAll(now) && isAll(condition)) wasOpen = element.open;
+    condition = now;
     hide();
-    element.open = isAll(wanted) ? wasOpen : !element.hidden;
+    element.open = isAll(condition) ? wasOpen : !element.hidden;
     fill();
   };
   return { element, item, rows, setSols, find };
@@ -86,8 +86,8 @@ export function layerTree(layers: readonly Layer[], actions: LayerActions): Laye
     setSols: (range) => {
       for (const one of groups) one.setSols(range);
     },
-    find: (wanted) => {
-      for (const one of groups) one.find(wanted);
+    find: (condition) => {
+      for (const one of groups) one.find(condition);
     },
   };
 }

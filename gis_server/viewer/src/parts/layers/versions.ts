@@ -30,7 +30,7 @@ function entry(found: LayerVersion, latest: Layer, actions: LayerActions): HTMLE
   const box = h("input", {
     type: "checkbox",
     checked: actions.isThere(layer),
-    onchange: () => (box.checked ? actions.bring(layer) : actions.dismiss(layer)),
+    onchange: () => (box.checked ? actions.add(layer) : actions.dismiss(layer)),
   });
   const compare = (how: "swipe" | "difference" | "flicker") => () => {
     box.checked = true;

@@ -12,13 +12,13 @@ const AGAIN_MS = 2000;
 const RELOAD: ServerEvent = { kind: "reload", document: {} };
 
 export function livePart(context: Context): void {
-  const { mission, layers, page, waiting, signals, lastEvent, alive } = context;
+  const { mission, layers, page, waiting, signals, lastEvent, signal } = context;
   let isBehind = false;
   const refresh = async (ids: readonly string[]) => {
     try {
       layers.replace(await api.layers(mission.mission));
     } catch (reason) {
-      if (reason instanceof UnreachableError && !alive.aborted) {
+      if (reason instanceof UnreachableError && !signal.aborted) {
         isBehind = true;
         published.add(ids, AGAIN_MS);
       }
@@ -33,17 +33,17 @@ export function livePart(context: Context): void {
   const published = gathered<readonly string[]>(QUIET_MS, (all) =>
     waiting.act(() => refresh(all.flat())),
   );
-  alive.addEventListener("abort", published.cancel);
+  signal.addEventListener("abort", published.cancel);
   const receive = (event: ServerEvent) => {
     signals.serverEvent.emit(event);
     if (event.kind === "layers.published") published.add(event.document.layers);
     if (event.kind === "reload") published.add([]);
   };
   let wasLost = false;
-  listen(mission.mission, lastEvent, alive, receive, (isConnected) => {
+  listen(mission.mission, lastEvent, signal, receive, (isConnected) => {
     page.connection.hidden = isConnected;
     if (isConnected && wasLost) signals.reconnected.emit();
     wasLost = !isConnected;
   });
-  alive.addEventListener("abort", () => (page.connection.hidden = true));
+  signal.addEventListener("abort", () => (page.connection.hidden = true));
 }

@@ -31,7 +31,7 @@ export class LocalFiles {
     private readonly list: HTMLElement,
   ) {
     context.account.changed.on(() => this.follow());
-    context.signals.identified.on(({ point, box }) => this.tell(point, box));
+    context.signals.identified.on(({ point, box }) => this.showAttributes(point, box));
   }
 
   async add(files: readonly File[]): Promise<void> {
@@ -44,7 +44,7 @@ export class LocalFiles {
         if (!(reason instanceof RefusedFile)) throw reason;
         refused.push(reason.message);
       }
-    if (refused.length > 0) waiting.say(refused.join(" "));
+    if (refused.length > 0) waiting.notify(refused.join(" "));
   }
 
   private get mayPublish(): boolean {
@@ -88,7 +88,7 @@ export class LocalFiles {
   }
 
   /** Lists the attributes of the features at a place, the uppermost first. */
-  private tell(point: MapPoint, box: HTMLElement): void {
+  private showAttributes(point: MapPoint, box: HTMLElement): void {
     const { map } = this.context.view;
     const pixel = map.getPixelFromCoordinate([...point]);
     if (!pixel) return;
@@ -109,7 +109,7 @@ export class LocalFiles {
     if (layer.type !== "features") return;
     const drafts = annotationsOf(layer);
     if (drafts.length > MOST_PUBLISHED) {
-      waiting.say(
+      waiting.notify(
         `${layer.name} has ${drafts.length} features; at most ${MOST_PUBLISHED} become annotations: take fewer into the file.`,
       );
       return;

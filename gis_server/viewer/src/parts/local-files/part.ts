@@ -9,7 +9,7 @@ const ACCEPTED = ".geojson,.json,.gpkg,.zip,.tif,.tiff";
 const HINT = "Drop GeoJSON, GeoPackage, zipped shapefile or GeoTIFF";
 
 export function localFilesPart(context: Context): void {
-  const { page, waiting, alive } = context;
+  const { page, waiting, signal } = context;
   let files: Promise<LocalFiles> | null = null;
   const list = h("div");
   const load = () =>
@@ -42,11 +42,11 @@ export function localFilesPart(context: Context): void {
     list,
   );
   page.layers.after(section);
-  alive.addEventListener("abort", () => section.remove());
+  signal.addEventListener("abort", () => section.remove());
 
   const target = h("div", { class: "drop-target", hidden: true }, HINT);
   page.map.after(target);
-  alive.addEventListener("abort", () => target.remove());
+  signal.addEventListener("abort", () => target.remove());
   const hasFiles = ({ dataTransfer }: DragEvent) => dataTransfer?.types.includes("Files") ?? false;
   const over = (event: DragEvent) => {
     if (!hasFiles(event)) return;
@@ -62,7 +62,7 @@ export function localFilesPart(context: Context): void {
     target.hidden = true;
     take([...(event.dataTransfer?.files ?? [])]);
   };
-  const listening = { signal: alive };
+  const listening = { signal };
   document.addEventListener("dragover", over, listening);
   document.addEventListener("dragleave", left, listening);
   document.addEventListener("drop", drop, listening);

@@ -17,10 +17,10 @@ export function withoutRepeats(corners: readonly MapPoint[]): MapPoint[] {
 export async function orPlanar(
   mode: Mode,
   corners: readonly MapPoint[],
-  asked: Promise<Found>,
+  request: Promise<Found>,
 ): Promise<Found> {
   try {
-    return await asked;
+    return await request;
   } catch (reason) {
     if (!isRefusal(reason) || !["distance", "area"].includes(mode.key)) throw reason;
     const { length_m, azimuth_deg } = measure(corners);

@@ -131,13 +131,13 @@ export class DrawnMeasurements {
   }
 
   /** Overlays images on the layers, and removes those whose measurement was deleted. */
-  private showOverlays(wanted: readonly Overlay[]): void {
+  private showOverlays(shown: readonly Overlay[]): void {
     for (const [overlay, layer] of this.overlays) {
-      if (wanted.includes(overlay)) continue;
+      if (shown.includes(overlay)) continue;
       this.map.removeLayer(layer);
       this.overlays.delete(overlay);
     }
-    for (const overlay of wanted) {
+    for (const overlay of shown) {
       if (this.overlays.has(overlay)) continue;
       const layer = overlayLayer(overlay, this.map.getView().getProjection());
       this.overlays.set(overlay, layer);

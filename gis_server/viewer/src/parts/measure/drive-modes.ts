@@ -3,7 +3,7 @@
 import { countedSigma, measure, measuredText } from "../../map/measure";
 import { measured } from "../../page/format";
 import { driving, type Reachable, type Route } from "../../server/driving";
-import { found, type Found, type Mode, type NumberAsked } from "./mode";
+import { found, type Found, type Mode, type NumberField } from "./mode";
 import { cellOf, decimalsOn, type Quantity } from "./quantities";
 
 const GROUND = "#c2571b";
@@ -12,10 +12,10 @@ const DETOUR = 3;
 const LONGEST_M = 500;
 
 const metres = (key: string, title: string, usual: number, least: number, most: number) =>
-  ({ key, title, usual, least, most, step: least }) satisfies NumberAsked;
+  ({ key, title, usual, least, most, step: least }) satisfies NumberField;
 const FARTHEST = metres("farthest_m", "longest drive", 50, 1, LONGEST_M);
 const INTERVAL = metres("interval_m", "isochrones every", 5, 0.5, LONGEST_M);
-const GAP: NumberAsked = {
+const GAP: NumberField = {
   key: "gap_m",
   title: "unknown ground driven over",
   usual: 0.5,
@@ -101,7 +101,7 @@ export const DRIVE_MODES: readonly Mode[] = [
     most: 1,
     hint: "Click where the rover stands: how far it drives to the ground around it, past all hazards.",
     live: () => "click a place, Esc stops",
-    asksNumbers: [FARTHEST, INTERVAL, GAP],
+    numberFields: [FARTHEST, INTERVAL, GAP],
     find: async (mission, corners, { numbers }) => {
       const [place] = corners;
       if (!place) throw new Error("a reach is of a place");
@@ -121,7 +121,7 @@ export const DRIVE_MODES: readonly Mode[] = [
     most: 2,
     hint: "Click where the rover stands, then where it is to go: the shortest way past all hazards.",
     live: (corners) => measuredText(measure(corners)),
-    asksNumbers: [GAP],
+    numberFields: [GAP],
     find: async (mission, corners, { numbers }) => {
       const [from, to] = corners;
       if (!from || !to) throw new Error("a route has two ends");

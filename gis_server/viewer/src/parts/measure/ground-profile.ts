@@ -77,7 +77,7 @@ export class GroundProfile {
     const options = profile ? profileOptions(profile, shown) : along?.found.chart;
     if (!along || !options) return;
     this.title = `${profile ? "Profile" : options.title} ${along.number}`;
-    const drawn = chart({ ...options, onCursor: this.link.tell });
+    const drawn = chart({ ...options, onCursor: this.link.setCursor });
     this.link.on(along.corners, drawn);
     this.element.replaceChildren(
       ...(profile ? [this.choice({ of, shown })] : []),

@@ -33,7 +33,7 @@ export interface Found {
 }
 
 /** A number in metres that is entered before drawing. */
-export interface NumberAsked {
+export interface NumberField {
   readonly key: string;
   readonly title: string;
   readonly usual: number;
@@ -43,7 +43,7 @@ export interface NumberAsked {
 }
 
 /** What was chosen besides the corners. */
-export interface Asked {
+export interface Inputs {
   readonly layer: string | null;
   readonly numbers: Readonly<Record<string, number>>;
 }
@@ -59,9 +59,9 @@ export interface Mode {
   /** The text shown while the shape is drawn. */
   readonly live: (corners: readonly MapPoint[]) => string;
   /** Whether a raster layer is to be chosen for it. */
-  readonly asksLayer?: boolean;
-  readonly asksNumbers?: readonly NumberAsked[];
-  readonly find: (mission: string, corners: readonly MapPoint[], asked: Asked) => Promise<Found>;
+  readonly needsLayer?: boolean;
+  readonly numberFields?: readonly NumberField[];
+  readonly find: (mission: string, corners: readonly MapPoint[], inputs: Inputs) => Promise<Found>;
 }
 
 /** The result; `main` is the index of its main quantity. */
@@ -76,7 +76,7 @@ export function found(
 }
 
 /** The chosen number, limited to its range; else the default. */
-export function chosenNumber({ usual, least, most }: NumberAsked, chosen?: number): number {
+export function chosenNumber({ usual, least, most }: NumberField, chosen?: number): number {
   if (chosen === undefined || !Number.isFinite(chosen)) return usual;
   return Math.min(most, Math.max(least, chosen));
 }

@@ -110,7 +110,7 @@ export const MODES: readonly Mode[] = [
     least: 3,
     hint: "Choose a layer and outline an area: mean, spread and percentiles of the layer in it.",
     live: area,
-    asksLayer: true,
+    needsLayer: true,
     find: async (mission, corners, { layer }) => {
       const answer = await measuring.zone(mission, corners, layer ?? "");
       return found(zoneQuantities(answer), "mean", answer.layers);

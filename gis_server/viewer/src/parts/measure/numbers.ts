@@ -1,32 +1,32 @@
 /** Numbers that are entered before a measurement, as they were last chosen. */
 
 import { h } from "../../page/dom";
-import { chosenNumber, type Mode, type NumberAsked } from "./mode";
+import { chosenNumber, type Mode, type NumberField } from "./mode";
 
 export class ChosenNumbers {
   private readonly chosen = new Map<string, number>();
 
-  of({ key, asksNumbers = [] }: Mode): Record<string, number> {
+  of({ key, numberFields = [] }: Mode): Record<string, number> {
     return Object.fromEntries(
-      asksNumbers.map((one) => [one.key, chosenNumber(one, this.chosen.get(`${key} ${one.key}`))]),
+      numberFields.map((one) => [one.key, chosenNumber(one, this.chosen.get(`${key} ${one.key}`))]),
     );
   }
 
-  choose({ key }: Mode, { key: name }: NumberAsked, value: number): void {
+  choose({ key }: Mode, { key: name }: NumberField, value: number): void {
     this.chosen.set(`${key} ${name}`, value);
   }
 
   /** A field for each. */
   fields(mode: Mode): HTMLElement {
     const values = this.of(mode);
-    const field = (one: NumberAsked) => {
+    const field = (one: NumberField) => {
       const input = h("input", {
         type: "number",
         min: one.least,
         max: one.most,
         step: one.step,
         value: values[one.key],
-        "data-asked": one.key,
+        "data-number": one.key,
         onchange: () => {
           const value = chosenNumber(one, input.valueAsNumber);
           this.choose(mode, one, value);
@@ -35,6 +35,6 @@ export class ChosenNumbers {
       });
       return h("label", {}, h("span", {}, one.title), input, "m");
     };
-    return h("div", { class: "measure-numbers" }, ...(mode.asksNumbers ?? []).map(field));
+    return h("div", { class: "measure-numbers" }, ...(mode.numberFields ?? []).map(field));
   }
 }

@@ -121,8 +121,8 @@ export function measurePanel(
       { class: "hint" },
       active?.hint ?? "Choose what to measure, then draw it on the map. Esc stops.",
     ),
-    active?.asksLayer ? layerChoice(actions) : null,
-    active?.asksNumbers ? actions.numbers.fields(active) : null,
+    active?.needsLayer ? layerChoice(actions) : null,
+    active?.numberFields ? actions.numbers.fields(active) : null,
     active?.shape === "point" && active.most !== 1
       ? h(
           "button",

@@ -24,7 +24,7 @@ import { quantityText } from "./quantities";
 const BETWEEN = ["straight, in space", "length on the map", "rise", "slope"];
 
 export function measurePart(context: Context): void {
-  const { page, keys, places, signals, alive } = context;
+  const { page, keys, places, signals, signal } = context;
   const panel = page.addTab("measure");
   const tool = button("measure (m)", "ruler", () => measuring.toggle(), {
     class: "measure",
@@ -45,8 +45,8 @@ export function measurePart(context: Context): void {
     places.add({ title: "Viewshed from here", run: (point) => measuring.at(viewshed, point) });
   keys.add("m", "measure a distance", () => measuring.toggle());
   keys.add("Escape", "stop measuring", () => measuring.stop());
-  document.addEventListener("keydown", (event) => drawingKey(event, measuring), { signal: alive });
-  alive.addEventListener("abort", () => measuring.dispose());
+  document.addEventListener("keydown", (event) => drawingKey(event, measuring), { signal });
+  signal.addEventListener("abort", () => measuring.dispose());
 }
 
 /** Enter and Backspace for places that are picked one by one; what is drawn has its own. */
@@ -114,9 +114,9 @@ class Measuring {
     const { page, view } = this.context;
     page.ruler.hidden = false;
     this.tool.setAttribute("aria-pressed", "true");
-    this.tell([]);
+    this.update([]);
     const end = (corners: readonly MapPoint[]) => this.ended(corners);
-    const change = (corners: readonly MapPoint[]) => this.tell(corners);
+    const change = (corners: readonly MapPoint[]) => this.update(corners);
     this.sketch = new Sketch(view, mode.shape, { change, end }, mode);
     if (from) this.sketch.begin(from);
     page.showTab("measure");
@@ -173,10 +173,13 @@ class Measuring {
     const { corners, layer } = one;
     const { mission } = this.context.mission;
     const numbers = Object.fromEntries(
-      (mode.asksNumbers ?? []).map((asked, k) => [asked.key, chosenNumber(asked, one.numbers[k])]),
+      (mode.numberFields ?? []).map((inputs, k) => [
+        inputs.key,
+        chosenNumber(inputs, one.numbers[k]),
+      ]),
     );
-    const asked = { layer: layer ?? this.layer, numbers };
-    const found = await orPlanar(mode, corners, mode.find(mission, corners, asked));
+    const inputs = { layer: layer ?? this.layer, numbers };
+    const found = await orPlanar(mode, corners, mode.find(mission, corners, inputs));
     this.known.set(keyOf(one), found);
     return found;
   }
@@ -197,7 +200,7 @@ class Measuring {
 
   private async keep(mode: Mode, corners: readonly MapPoint[]): Promise<Measurement> {
     const numbers = Object.values(this.numbers.of(mode));
-    const one = { mode: mode.key, corners, numbers, layer: mode.asksLayer ? this.layer : null };
+    const one = { mode: mode.key, corners, numbers, layer: mode.needsLayer ? this.layer : null };
     const found = await this.find(mode, one);
     const { state } = this.context;
     const list = [...state.get("measure"), one];
@@ -214,13 +217,13 @@ class Measuring {
     state.set("profile", profile.of === number ? null : { ...profile, of: profile.of - 1 });
   }
 
-  private tell(corners: readonly MapPoint[]): void {
+  private update(corners: readonly MapPoint[]): void {
     this.context.page.ruler.textContent = this.mode?.live(corners) ?? "";
   }
 
   private pick(points: readonly MapPoint[]): void {
     this.picked = points;
-    this.tell(points);
+    this.update(points);
     this.context.view.setPicked(points);
   }
 
@@ -232,7 +235,7 @@ class Measuring {
       if (this.picked.length === mode.most) this.finish();
       return;
     }
-    this.tell(corners);
+    this.update(corners);
     this.measure(mode, withoutRepeats(corners));
   }
 

@@ -154,7 +154,7 @@ export const planeQuantities = (found: PlaneMeasured): Quantity[] => [
 ];
 
 /** Percentiles that a reader looks for, and what they are called. */
-const TOLD_PERCENTILES = [
+const LISTED_PERCENTILES = [
   ["5", "5 % are below"],
   ["50", "median"],
   ["95", "95 % are below"],
@@ -175,7 +175,7 @@ export function zoneQuantities(found: ZoneMeasured): Quantity[] {
     ...one("mean", found.mean),
     ...one("standard deviation", found.std),
     ...one("least", found.min),
-    ...TOLD_PERCENTILES.flatMap(([percent, name]) => one(name, percentile(found, percent))),
+    ...LISTED_PERCENTILES.flatMap(([percent, name]) => one(name, percentile(found, percent))),
     ...one("greatest", found.max),
     { name: "cells", value: found.count, resolution: 1, unit: "" },
     measuredShare(found.measured_share),

@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 import type { SightLine, Viewshed } from "../../server/sight";
 import { measurementsCsv } from "./export";
-import { chosenNumber, type NumberAsked } from "./mode";
+import { chosenNumber, type NumberField } from "./mode";
 import { quantityText } from "./quantities";
 import { SIGHT_MODES, sightChart, sightQuantities, viewshedQuantities } from "./sight-modes";
 
@@ -82,10 +82,10 @@ test("a viewshed states what is seen, hidden and not known", () => {
 });
 
 test("an entered number stays within its range", () => {
-  const asked: NumberAsked = { key: "k", title: "t", usual: 1.5, least: 0, most: 100, step: 0.1 };
-  expect(chosenNumber(asked)).toBe(1.5);
-  expect(chosenNumber(asked, Number.NaN)).toBe(1.5);
-  expect(chosenNumber(asked, -2)).toBe(0);
-  expect(chosenNumber(asked, 250)).toBe(100);
-  expect(chosenNumber(asked, 0)).toBe(0);
+  const field: NumberField = { key: "k", title: "t", usual: 1.5, least: 0, most: 100, step: 0.1 };
+  expect(chosenNumber(field)).toBe(1.5);
+  expect(chosenNumber(field, Number.NaN)).toBe(1.5);
+  expect(chosenNumber(field, -2)).toBe(0);
+  expect(chosenNumber(field, 250)).toBe(100);
+  expect(chosenNumber(field, 0)).toBe(0);
 });

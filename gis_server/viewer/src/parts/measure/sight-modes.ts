@@ -4,13 +4,13 @@ import { countedSigma, measure, measuredText } from "../../map/measure";
 import { measured } from "../../page/format";
 import { sight, type SightLine, type Viewshed } from "../../server/sight";
 import type { MapPoint } from "../../server/records";
-import { found, type Found, type Mode, type NumberAsked } from "./mode";
+import { found, type Found, type Mode, type NumberField } from "./mode";
 import { cellOf, decimalsOn, type Quantity } from "./quantities";
 
 const GROUND = "#c2571b";
 const LINE = "#1769e0";
 
-const height = (key: string, title: string, usual: number): NumberAsked => ({
+const height = (key: string, title: string, usual: number): NumberField => ({
   key,
   title,
   usual,
@@ -21,7 +21,7 @@ const height = (key: string, title: string, usual: number): NumberAsked => ({
 /** As the server assumes: the mast of MER, and a stone. */
 const EYE = height("eye_m", "eye above the ground", 1.5);
 const TARGET = height("target_m", "target above the ground", 0.1);
-const RADIUS: NumberAsked = {
+const RADIUS: NumberField = {
   key: "radius_m",
   title: "radius",
   usual: 50,
@@ -117,7 +117,7 @@ export const SIGHT_MODES: readonly Mode[] = [
     most: 2,
     hint: "Click where the eye is, then what it looks at: whether the ground between is in the way.",
     live: (corners) => measuredText(measure(corners)),
-    asksNumbers: [EYE, TARGET],
+    numberFields: [EYE, TARGET],
     find: async (mission, corners, { numbers }) => {
       const [eye, target] = corners;
       if (!eye || !target) throw new Error("a line of sight has two ends");
@@ -133,7 +133,7 @@ export const SIGHT_MODES: readonly Mode[] = [
     most: 1,
     hint: "Click the place of a mast: the ground visible from its top is overlaid on the map.",
     live: () => "click a place, Esc stops",
-    asksNumbers: [{ ...EYE, key: "mast_m", title: "mast above the ground" }, TARGET, RADIUS],
+    numberFields: [{ ...EYE, key: "mast_m", title: "mast above the ground" }, TARGET, RADIUS],
     find: async (mission, corners, { numbers }) => {
       const [place] = corners;
       if (!place) throw new Error("a viewshed is of a place");

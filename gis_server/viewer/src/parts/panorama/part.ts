@@ -5,7 +5,7 @@ import type { Context } from "../../session/context";
 import { addPane } from "../../session/pane";
 
 export function panoramaPart(context: Context): void {
-  const { alive, waiting, mission } = context;
+  const { signal, waiting, mission } = context;
   addPane(context, "panorama", {
     title: "Panorama",
     side: "below",
@@ -20,10 +20,12 @@ export function panoramaPart(context: Context): void {
     load: async (write) => {
       const [{ PanoramaView }, panoramas] = await Promise.all([
         import("./view"),
-        panoramaApi.all(mission.mission, alive),
+        panoramaApi.all(mission.mission, signal),
       ]);
       if (panoramas.length > 0) return new PanoramaView(context, panoramas, write);
-      waiting.say("no stop of this mission has a panorama yet: see `[panoramas]` of the pipeline");
+      waiting.notify(
+        "no stop of this mission has a panorama yet: see `[panoramas]` of the pipeline",
+      );
       return null;
     },
   });

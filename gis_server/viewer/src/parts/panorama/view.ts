@@ -33,7 +33,7 @@ export class PanoramaView {
   private readonly facts = h("small", {});
   private readonly rays = new VectorSource<Feature<LineString>>();
   private readonly layer = new VectorLayer({ source: this.rays, style: ray, zIndex: RAY_HEIGHT });
-  private readonly asking: Latest;
+  private readonly queries: Latest;
   private readonly stopListening: readonly (() => void)[];
   private readonly choice: HTMLSelectElement;
   private strip: Strip | null = null;
@@ -45,7 +45,7 @@ export class PanoramaView {
     private readonly write: (value: { stop: string; sight: PanoramaSight | null }) => void,
   ) {
     const { view, signals, waiting } = context;
-    this.asking = new Latest(REST_MS, (reason) => waiting.say(String(reason)));
+    this.queries = new Latest(REST_MS, (reason) => waiting.notify(String(reason)));
     this.choice = h(
       "select",
       {
@@ -76,15 +76,15 @@ export class PanoramaView {
   /** The panorama of a stop; without its name, of the one nearest to the middle of the map. */
   show({ stop, sight }: { stop: string; sight: PanoramaSight | null }): void {
     const named = this.panoramas.find((one) => one.scope === stop);
-    const wanted = named ?? nearest(this.panoramas, this.context.view.place);
-    if (!wanted) return;
-    if (wanted !== this.strip?.panorama) this.open(wanted.id, sight);
+    const chosen = named ?? nearest(this.panoramas, this.context.view.place);
+    if (!chosen) return;
+    if (chosen !== this.strip?.panorama) this.open(chosen.id, sight);
     else if (sight) this.strip.look(sight);
     else this.strip.whole();
   }
 
   dispose(): void {
-    this.asking.stop();
+    this.queries.stop();
     for (const stop of this.stopListening) stop();
     this.context.view.map.removeLayer(this.layer);
     this.strip?.dispose();
@@ -129,7 +129,7 @@ export class PanoramaView {
     const { mission } = this.context;
     this.rays.clear();
     if (!direction || !this.strip) {
-      this.asking.stop();
+      this.queries.stop();
       this.output.textContent = "";
       this.emit(null);
       return;
@@ -140,7 +140,7 @@ export class PanoramaView {
     const [east, north] = panorama.centre;
     this.output.textContent = readout;
     this.drawRay([east, north], rayEnd([east, north], azimuth, RAY_M));
-    this.asking.ask(async (signal) => {
+    this.queries.run(async (signal) => {
       const seen = await panoramaApi.direction(mission.mission, panorama, direction, signal);
       const { ground, shown } = seen;
       const where = ground
@@ -174,7 +174,7 @@ export class PanoramaView {
       return;
     }
     const { mission } = this.context.mission;
-    this.asking.ask(async (signal) => {
+    this.queries.run(async (signal) => {
       const seen = await panoramaApi.place(mission, strip.panorama, point, signal);
       strip.put(seen.inside ? [seen.azimuth_deg, seen.elevation_deg] : null, seen.hidden === true);
       const sight =

@@ -9,7 +9,7 @@ import type { MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
 
 export function placeMenuPart(context: Context): void {
-  const { page, view, places, keys, alive } = context;
+  const { page, view, places, keys, signal } = context;
   places.add({
     title: "Copy coordinates",
     run: (point) => void copyText(page, "Coordinates", coordinatesOf(context, point)),
@@ -29,17 +29,17 @@ export function placeMenuPart(context: Context): void {
     const [east, north] = view.map.getCoordinateFromPixel(pixel) ?? [];
     if (east !== undefined && north !== undefined) close = openMenu(context, [east, north], pixel);
   };
-  page.map.addEventListener("contextmenu", open, { signal: alive });
+  page.map.addEventListener("contextmenu", open, { signal });
   view.map.on("movestart", () => close());
   document.addEventListener(
     "pointerdown",
     ({ target }) => {
       if (!(target as HTMLElement).closest(".place-menu")) close();
     },
-    { signal: alive, capture: true },
+    { signal, capture: true },
   );
   keys.add("Escape", "close the menu", () => close());
-  alive.addEventListener("abort", () => close());
+  signal.addEventListener("abort", () => close());
 }
 
 /** Adds the menu to the page; the returned function removes it. */

@@ -35,7 +35,7 @@ export function pointPart(context: Context): void {
     view.setMark(null);
     panel.replaceChildren(...hints(context));
   };
-  const ask = (point: MapPoint) => {
+  const query = (point: MapPoint) => {
     view.setMark(point);
     for (const box of [about, beside]) box.replaceChildren();
     signals.identified.emit({ point, box: beside });
@@ -45,8 +45,8 @@ export function pointPart(context: Context): void {
     chosen = point;
     panel.replaceChildren(about, beside, h("p", { class: "hint", role: "status" }, "Loading…"));
     waiting.run(async () => {
-      const asked = [api.identify(mission.mission, point), frames.load()] as const;
-      const [found, known] = await Promise.all(asked);
+      const answers = [api.identify(mission.mission, point), frames.load()] as const;
+      const [found, known] = await Promise.all(answers);
       if (chosen !== point) return;
       shown = { found, frames: known };
       draw();
@@ -56,7 +56,7 @@ export function pointPart(context: Context): void {
     formatChoice(coordinates.value, (format) => coordinates.set(format)),
   );
   coordinates.changed.on(draw);
-  state.follow("pt", (point) => (point ? ask(point) : forget()));
+  state.follow("pt", (point) => (point ? query(point) : forget()));
   places.add({ title: "Identify", run: (point) => identify(context, point) });
   signals.click.on(({ point, touched }) => {
     if (typeof touched?.feature.get("image") === "string") return;
@@ -67,38 +67,38 @@ export function pointPart(context: Context): void {
 }
 
 function followPointer(context: Context): void {
-  const { page, view, layers, mission, waiting, signals, coordinates, alive } = context;
+  const { page, view, layers, mission, waiting, signals, coordinates, signal } = context;
   let timer: ReturnType<typeof setTimeout> | undefined;
-  let asking: AbortController | null = null;
+  let running: AbortController | null = null;
   const heightOf = (id: string) => {
     const layer = view.shown.get(id)?.layer;
     return layer && layers.state(layer).visible ? layers.height(layer) : null;
   };
-  const tell = (point: MapPoint, found: Identified | null) =>
+  const showReadout = (point: MapPoint, found: Identified | null) =>
     page.readout.replaceChildren(
       ...readout(point, view.resolution, view.local, coordinates.value, found, heightOf),
     );
   const stop = () => {
     clearTimeout(timer);
-    asking?.abort();
+    running?.abort();
   };
-  const ask = (point: MapPoint) => {
-    asking = new AbortController();
+  const query = (point: MapPoint) => {
+    running = new AbortController();
     api
-      .identify(mission.mission, point, asking.signal)
+      .identify(mission.mission, point, running.signal)
       .then((found) => {
         waiting.answered();
-        tell(point, found);
+        showReadout(point, found);
       })
       .catch((reason: unknown) => waiting.fail(reason));
   };
   signals.pointer.on((pointed) => {
     stop();
     if (!pointed) return;
-    tell(pointed.point, null);
-    timer = setTimeout(() => ask(pointed.point), HOVER_MS);
+    showReadout(pointed.point, null);
+    timer = setTimeout(() => query(pointed.point), HOVER_MS);
   });
-  alive.addEventListener("abort", stop);
+  signal.addEventListener("abort", stop);
 }
 
 function hints({ mission }: Context): HTMLElement[] {

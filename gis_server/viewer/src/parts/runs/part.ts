@@ -64,9 +64,9 @@ export function runsPart(context: Context): void {
       );
       const going = known.runs.filter(({ state }) => state === "running").length;
       const details = [kind.effect, ...(engine ? [whenText(engine, going)] : [])];
-      const ask = () => confirmed(runs.ask(kind.kind, parameters));
+      const request = () => confirmed(runs.request(kind.kind, parameters));
       const back = () => start(kind, parameters);
-      dialog(`${title}: confirm`, confirmation(details, values, "Start", ask, back));
+      dialog(`${title}: confirm`, confirmation(details, values, "Start", request, back));
     };
     dialog(title, startForm(kind, given, check));
   };
@@ -112,7 +112,7 @@ export function runsPart(context: Context): void {
     if (JSON.stringify({ ...engine, at: "" }) !== before) draw();
   };
   const timer = setInterval(() => void poll().catch(() => undefined), POLL_MS);
-  context.alive.addEventListener("abort", () => clearInterval(timer));
+  context.signal.addEventListener("abort", () => clearInterval(timer));
 
   account.changed.on(draw);
   signals.serverEvent.on(({ kind, document }) => {

@@ -6,7 +6,7 @@ import type { Context } from "../../session/context";
 
 /** Shows the state of server and engine; returns what is called with the engine's. */
 export function indicator(
-  { page, signals, alive }: Context,
+  { page, signals, signal }: Context,
   open: () => void,
 ): (engine: Engine | null) => void {
   const server = h("span", { "data-part": "server" });
@@ -27,7 +27,7 @@ export function indicator(
   const watch = new MutationObserver(draw);
   watch.observe(page.connection, { attributes: true, attributeFilter: ["hidden"] });
   signals.reconnected.on(draw);
-  alive.addEventListener("abort", () => watch.disconnect());
+  signal.addEventListener("abort", () => watch.disconnect());
   draw();
   return (found) => {
     last = found;

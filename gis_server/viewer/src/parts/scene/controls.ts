@@ -199,9 +199,9 @@ export function controls(
     name(walk, at === "walking" ? "stop walking" : "walk the traverse");
     if (isOnGround === (at !== "flying")) return;
     isOnGround = !isOnGround;
-    const wanted = other;
+    const requested = other;
     other = Object.fromEntries(OUTLINES.map((name) => [name, choices[name]]));
-    Object.assign(choices, wanted);
+    Object.assign(choices, requested);
     for (const { name, input } of toggles) input.checked = choices[name];
     actions.changed(choices, "cameras");
   };

@@ -32,7 +32,7 @@ export class Marker {
     this.shown = [];
     const ground = point && this.ground(point);
     if (ground) this.draw(ground);
-    this.stage.ask();
+    this.stage.requestFrame();
     return ground;
   }
 

@@ -18,7 +18,7 @@ const STYLE = new Style({
   fill: new Fill({ color: "rgba(44,62,102,0.15)" }),
 });
 
-export function showOutlines({ view, mission, waiting, layers, alive }: Context): void {
+export function showOutlines({ view, mission, waiting, layers, signal }: Context): void {
   const source = new VectorSource<Feature<Polygon>>();
   const layer = new OlVectorLayer({
     source,
@@ -27,22 +27,22 @@ export function showOutlines({ view, mission, waiting, layers, alive }: Context)
     maxResolution: MOST_M_PER_PX,
   });
   view.map.addLayer(layer);
-  let isAsked = false;
+  let isRequested = false;
   const load = async () => {
-    const { stops, body } = await sceneApi.stops(mission.mission, alive);
+    const { stops, body } = await sceneApi.stops(mission.mission, signal);
     source.clear();
     if (!body) return;
     const figures = stops.map((stop) => new Polygon([outline(stop, body).map((at) => [...at])]));
     source.addFeatures(figures.map((figure) => new Feature(figure)));
   };
   const update = () => {
-    if (isAsked || view.resolution > MOST_M_PER_PX) return;
-    isAsked = true;
+    if (isRequested || view.resolution > MOST_M_PER_PX) return;
+    isRequested = true;
     waiting.run(load);
   };
   view.view.on("change:resolution", update);
   layers.replaced.on(() => {
-    isAsked = false;
+    isRequested = false;
     update();
   });
   update();

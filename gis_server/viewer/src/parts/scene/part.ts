@@ -10,9 +10,9 @@ import { showOutlines } from "./outlines";
 import type { SceneView } from "./view";
 
 export function scenePart(context: Context): void {
-  const { mission, waiting, places, frames, state, alive } = context;
+  const { mission, waiting, places, frames, state, signal } = context;
   let shown: SceneView | null = null;
-  let wanted: MapPoint | null = null;
+  let requested: MapPoint | null = null;
   const writeShown = state.follow("show3d", (now) => shown?.show(now));
   addPane(context, "view3d", {
     title: "3D view",
@@ -28,19 +28,21 @@ export function scenePart(context: Context): void {
     load: async (write) => {
       const [{ SceneView: View }, models, stops] = await Promise.all([
         import("./view"),
-        sceneApi.models(mission.mission, alive),
+        sceneApi.models(mission.mission, signal),
         frames.load(),
       ]);
       const look = state.get("view3d")?.look ?? null;
       if (models.length === 0) {
-        waiting.say("no stop of this mission has a 3D model yet: see `[models]` of the pipeline");
+        waiting.notify(
+          "no stop of this mission has a 3D model yet: see `[models]` of the pipeline",
+        );
         return null;
       }
       const callbacks = { viewpoint: (now: Viewpoint) => write({ look: now }), shown: writeShown };
       const begin = { viewpoint: look, shown: state.get("show3d") };
       const view = build(() => new View(context, models, stops, begin, callbacks));
       shown = view;
-      if (wanted) view?.visit(wanted);
+      if (requested) view?.visit(requested);
       return {
         element: view?.element ?? withoutGraphics(),
         show: ({ look: now }) => {
@@ -48,14 +50,14 @@ export function scenePart(context: Context): void {
         },
         dispose: () => {
           view?.dispose();
-          [shown, wanted] = [null, null];
+          [shown, requested] = [null, null];
           writeShown(NOTHING_SHOWN);
         },
       };
     },
   });
   const visit = (point: MapPoint) => {
-    wanted = point;
+    requested = point;
     if (shown) shown.visit(point);
     else if (state.get("view3d") === null) state.set("view3d", { look: null });
   };

@@ -84,7 +84,7 @@ export class Sights {
       CHOSEN,
       4,
     );
-    this.stage.ask();
+    this.stage.requestFrame();
   }
 
   /** Where a camera's axis meets the ground. */

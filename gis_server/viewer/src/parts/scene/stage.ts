@@ -39,7 +39,7 @@ export class Stage {
   private readonly resized: ResizeObserver;
   private readonly backdrop: Backdrop;
   private anaglyph: AnaglyphEffect | null = null;
-  private asked = 0;
+  private frame = 0;
 
   constructor(
     readonly host: HTMLElement,
@@ -51,21 +51,21 @@ export class Stage {
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     const canvas = this.renderer.domElement;
     host.append(canvas);
-    this.backdrop = new Backdrop(host, this.ask);
+    this.backdrop = new Backdrop(host, this.requestFrame);
     this.scene.add(this.backdrop.sphere, this.world, this.sun, new AmbientLight(0xffffff, 0.55));
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, canvas);
-    this.controls.addEventListener("change", this.ask);
+    this.controls.addEventListener("change", this.requestFrame);
     this.resized = new ResizeObserver(() => this.fit());
     this.resized.observe(host);
     this.fit();
   }
 
   /** Requests a frame; several requests draw one frame. */
-  readonly ask = (): void => {
-    if (this.asked) return;
-    this.asked = requestAnimationFrame(() => {
-      this.asked = 0;
+  readonly requestFrame = (): void => {
+    if (this.frame) return;
+    this.frame = requestAnimationFrame(() => {
+      this.frame = 0;
       this.draw();
     });
   };
@@ -80,13 +80,13 @@ export class Stage {
     this.camera.position.z *= share;
     this.world.scale.z = factor;
     this.controls.update();
-    this.ask();
+    this.requestFrame();
   }
 
   /** Where the light comes from: azimuth clockwise from north, elevation above the horizon, degrees. */
   lightFrom(azimuthDeg: number, elevationDeg: number): void {
     this.sun.position.set(...sunDirection(azimuthDeg, elevationDeg));
-    this.ask();
+    this.requestFrame();
   }
 
   set isAnaglyph(on: boolean) {
@@ -118,7 +118,7 @@ export class Stage {
     this.camera.position.copy(this.drawn(from));
     this.controls.target.copy(this.drawn(to));
     this.controls.update();
-    this.ask();
+    this.requestFrame();
   }
 
   /** Turns about the target, or moves towards it. */
@@ -127,7 +127,7 @@ export class Stage {
     const offset = new Vector3(...orbited([x, y, z], turn));
     this.camera.position.copy(this.controls.target).add(offset);
     this.controls.update();
-    this.ask();
+    this.requestFrame();
   }
 
   /** Points a ray at a pixel of the canvas. */
@@ -139,8 +139,8 @@ export class Stage {
   }
 
   dispose(): void {
-    cancelAnimationFrame(this.asked);
-    this.asked = -1; // nothing is drawn any more
+    cancelAnimationFrame(this.frame);
+    this.frame = -1; // nothing is drawn any more
     this.resized.disconnect();
     this.anaglyph?.dispose();
     this.backdrop.dispose();
@@ -156,7 +156,7 @@ export class Stage {
     this.camera.updateProjectionMatrix();
     if (this.anaglyph) this.anaglyph.setSize(width, height);
     else this.renderer.setSize(width, height);
-    this.ask();
+    this.requestFrame();
   }
 
   private draw(): void {

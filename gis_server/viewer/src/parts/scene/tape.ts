@@ -26,7 +26,7 @@ export class Tape {
     this.isOn = !this.isOn;
     this.first = null;
     this.draw([]);
-    this.say(h("p", {}, "Click two places of the ground."));
+    this.show(h("p", {}, "Click two places of the ground."));
     this.card.hidden = !this.isOn;
   }
 
@@ -35,20 +35,20 @@ export class Tape {
     if (!first) {
       this.first = place;
       this.draw([place]);
-      this.say(h("p", {}, "Click the other place."));
+      this.show(h("p", {}, "Click the other place."));
       return;
     }
     this.first = null;
     this.draw([first, place]);
     const box = h("div", { role: "status" }, "Loading…");
-    this.say(box);
+    this.show(box);
     this.measure(
       [first, place].map(([east, north]) => [east, north] as const),
       box,
     );
   }
 
-  private say(what: HTMLElement): void {
+  private show(what: HTMLElement): void {
     this.card.classList.remove("at-left");
     this.card.replaceChildren(what);
     this.card.hidden = false;
@@ -67,6 +67,6 @@ export class Tape {
       this.drawn.push(ends);
     }
     if (this.drawn.length > 0) world.add(...this.drawn);
-    this.stage.ask();
+    this.stage.requestFrame();
   }
 }

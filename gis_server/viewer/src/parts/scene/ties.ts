@@ -3,9 +3,9 @@
 import { api } from "../../server/api";
 import type { VectorLayer } from "../../server/records";
 import type { Place3 } from "../../server/scene";
-import type { LayerBook } from "../../session/layer-book";
+import type { LayerList } from "../../session/layer-list";
 
-export async function tiePlaces(layers: LayerBook): Promise<readonly Place3[]> {
+export async function tiePlaces(layers: LayerList): Promise<readonly Place3[]> {
   const drawn = layers.widest("tie-points") as readonly VectorLayer[];
   const all = await Promise.all(drawn.map((layer) => api.features(layer)));
   return all.flatMap(({ features }) => features.map(placeOf));

@@ -62,7 +62,7 @@ export class SceneView {
   private readonly flight: Flight;
   private awaiting: ReturnType<typeof setTimeout> | undefined;
   private views: Terrain | null = null;
-  private wanted: MapPoint | null = null;
+  private requested: MapPoint | null = null;
   private cloud: Cloud | null = null;
   private ties: Points | null = null;
 
@@ -185,22 +185,22 @@ export class SceneView {
     legend.hidden = !drawn;
     legend.replaceChildren(...(drawn ? [h("h2", {}, kindTitle(layer.kind)), drawn] : []));
     this.element.dataset["settled"] = "false";
-    this.stage.ask();
+    this.stage.requestFrame();
     this.settled();
   }
 
   /** Looks at a place of the map, as soon as its ground is drawn. */
   visit(point: MapPoint): void {
-    this.wanted = point;
-    this.stage.ask();
+    this.requested = point;
+    this.stage.requestFrame();
   }
 
   /** Tiles that have come are part of the ground from the next frame on. */
   private fly(): void {
-    if (!this.wanted || this.element.dataset["settled"] !== "true") return;
-    const ground = this.marker.ground(this.wanted);
+    if (!this.requested || this.element.dataset["settled"] !== "true") return;
+    const ground = this.marker.ground(this.requested);
     if (!ground) return;
-    this.wanted = null;
+    this.requested = null;
     this.flight.near(ground);
     this.element.dataset["visited"] = "true";
   }
@@ -231,9 +231,9 @@ export class SceneView {
   private newTerrain(): Terrain {
     const terrain = new Terrain(
       this.stage.origin,
-      this.stage.ask,
+      this.stage.requestFrame,
       () => this.settled(),
-      (reason) => this.context.waiting.say(`a model cannot be shown: ${reason.message}`),
+      (reason) => this.context.waiting.notify(`a model cannot be shown: ${reason.message}`),
     );
     this.stage.world.add(terrain.group);
     return terrain;
@@ -244,7 +244,7 @@ export class SceneView {
     clearTimeout(this.awaiting);
     if (this.element.dataset["settled"] === "true") return;
     this.settled();
-    this.awaiting = setTimeout(this.stage.ask, REST_MS);
+    this.awaiting = setTimeout(this.stage.requestFrame, REST_MS);
   }
 
   private settled(): void {
@@ -257,7 +257,7 @@ export class SceneView {
     this.element.dataset["settled"] = "true";
     this.element.dataset["triangles"] = String(this.terrain.triangles);
     this.sights.draw();
-    this.stage.ask();
+    this.stage.requestFrame();
   }
 
   private changed(name: keyof Choices): void {
@@ -305,7 +305,7 @@ export class SceneView {
     this.sights.group.visible = this.choices.cameras;
     this.route.traverse.visible = this.choices.traverse;
     this.route.ellipsoids.visible = this.choices.ellipsoids;
-    this.stage.ask();
+    this.stage.requestFrame();
   }
 
   /** The stop whose rover and cameras are shown: the chosen one, else the last. */
@@ -338,14 +338,14 @@ export class SceneView {
       this.element.dataset["settled"] = "false";
       this.views.add(this.models.filter(({ kind }) => kind === "view-model"));
     }
-    this.stage.ask();
+    this.stage.requestFrame();
   }
 
   private showPoints(): void {
     const { stage, choices, context, element } = this;
     const models = this.models.filter(({ kind }) => kind === "point-tiles");
     if (models.length === 0) {
-      context.waiting.say(
+      context.waiting.notify(
         "no stop of this mission has its points kept: see `[models]` of the pipeline",
       );
       return;
@@ -357,14 +357,21 @@ export class SceneView {
         this.readout.textContent = `${this.cloud?.count.toLocaleString("en") ?? 0} points`;
       };
       const failed = (reason: Error) =>
-        context.waiting.say(`points cannot be shown: ${reason.message}`);
-      this.cloud = new Cloud(models, stage.origin, choices.pointSize, stage.ask, counted, failed);
+        context.waiting.notify(`points cannot be shown: ${reason.message}`);
+      this.cloud = new Cloud(
+        models,
+        stage.origin,
+        choices.pointSize,
+        stage.requestFrame,
+        counted,
+        failed,
+      );
       this.cloud.show(choices.stop);
       stage.world.add(this.cloud.group);
     }
     this.cloud.group.visible = choices.points;
     if (!choices.points) this.readout.textContent = "";
-    stage.ask();
+    stage.requestFrame();
   }
 
   private showTies(): void {
@@ -374,9 +381,9 @@ export class SceneView {
         const places = await tiePlaces(this.context.layers);
         this.ties = dots(places, this.stage.origin, TIE, 3);
         this.stage.world.add(this.ties);
-        this.stage.ask();
+        this.stage.requestFrame();
       });
-    this.stage.ask();
+    this.stage.requestFrame();
   }
 
   private listen(): void {

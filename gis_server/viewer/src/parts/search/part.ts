@@ -86,7 +86,7 @@ async function go(context: Context, goal: Goal): Promise<void> {
 
 function fitTo({ view, waiting }: Context, bounds: Bounds | null): void {
   if (bounds) view.fit(bounds);
-  else waiting.say("it is not on the map: no stop or footprint of it is published");
+  else waiting.notify("it is not on the map: no stop or footprint of it is published");
 }
 
 const around = ([east, north]: MapPoint): Bounds => [

@@ -25,7 +25,7 @@ export function stereoPart(context: Context): void {
       ]);
       const pairs = pairsOf(images);
       if (pairs.length === 0) {
-        waiting.say("no image of this mission has a stereo partner");
+        waiting.notify("no image of this mission has a stereo partner");
         return null;
       }
       const open = () => pairOf(images, state.get("image")?.id ?? "")?.left.id;

@@ -45,7 +45,7 @@ export class StereoView {
   private pair: Pair | null = null;
   private isWhole = true;
   private crosses: Crosses = [null, null];
-  private readonly questions: Latest;
+  private readonly queries: Latest;
   private isPointing = false;
 
   constructor(
@@ -55,11 +55,11 @@ export class StereoView {
     private readonly first: () => string | undefined,
     private readonly write: (value: StereoSight) => void,
   ) {
-    this.questions = new Latest(REST_MS, (reason) => context.waiting.fail(reason));
+    this.queries = new Latest(REST_MS, (reason) => context.waiting.fail(reason));
     const choose = () => {
       const left = pairs[Number(this.choice.value)]?.left.id ?? "";
       this.show({ left, way: this.way, parallax: null, sight: null });
-      this.tell();
+      this.update();
     };
     this.choice = h("select", { "aria-label": "pair", name: "pair", onchange: choose });
     this.choice.append(...pairs.map((pair, k) => h("option", { value: k }, titleOf(pair))));
@@ -70,7 +70,7 @@ export class StereoView {
         name: "way",
         onchange: () => {
           this.setWay(this.ways.value as Way);
-          this.tell();
+          this.update();
         },
       },
       ...WAYS.map(([value, title]) => h("option", { value }, title)),
@@ -81,7 +81,7 @@ export class StereoView {
       "aria-label": "parallax on the screen, pixels",
       oninput: () => {
         this.put(Number(this.slider.value));
-        this.tell();
+        this.update();
       },
     });
     const full = () => void this.element.requestFullscreen();
@@ -112,8 +112,8 @@ export class StereoView {
   }
 
   show({ left, way, parallax, sight }: StereoSight): void {
-    const wanted = left || this.first();
-    const pair = this.pairs.find((one) => one.left.id === wanted) ?? this.pairs[0];
+    const requested = left || this.first();
+    const pair = this.pairs.find((one) => one.left.id === requested) ?? this.pairs[0];
     if (!pair) return;
     this.ways.value = way;
     const place = () => {
@@ -133,20 +133,20 @@ export class StereoView {
     this.element.dataset["settled"] = "false";
     this.canvas.setAttribute("aria-label", `stereo pair ${pair.left.id} and ${pair.right.id}`);
     this.context.waiting.run(async () => {
-      const pictures = await loadPairImages(pair.left, pair.right, this.closing.signal);
+      const images = await loadPairImages(pair.left, pair.right, this.closing.signal);
       if (pair !== this.pair) return;
       this.display?.dispose();
-      this.display = new StereoDisplay(pictures);
+      this.display = new StereoDisplay(images);
       this.open(this.display);
       place();
-      this.tell();
+      this.update();
       this.element.dataset["settled"] = "true";
     });
   }
 
   dispose(): void {
     clearInterval(this.timer);
-    this.questions.stop();
+    this.queries.stop();
     this.closing.abort();
     this.resized.disconnect();
     this.display?.dispose();
@@ -162,7 +162,7 @@ export class StereoView {
   }
 
   /** Records what is seen; the parallax and the part that a pair is shown with at first are not named. */
-  private tell(): void {
+  private update(): void {
     const { pair, display, way, nudge, isWhole } = this;
     if (!pair || !display) return;
     const { scale, x, y } = this.sight;
@@ -222,7 +222,7 @@ export class StereoView {
     this.sight = sight;
     this.isWhole = false;
     this.draw();
-    this.tell();
+    this.update();
   }
 
   /** The pixel of the left image at a place of the canvas; null where that shows the other one. */
@@ -254,13 +254,13 @@ export class StereoView {
     const at = event && this.pixelAt(event);
     this.isPointing = at !== null;
     if (at)
-      this.questions.ask(async (signal) => {
+      this.queries.run(async (signal) => {
         const ground = await this.groundAt(at, signal);
         this.element.dataset["ground"] = ground?.join(",") ?? "";
         this.context.signals.cursor.emit(ground);
       });
     else {
-      this.questions.stop();
+      this.queries.stop();
       this.context.signals.cursor.emit(null);
     }
   }
@@ -277,9 +277,9 @@ export class StereoView {
   /** Marks a place of the map in both images. */
   private mark(point: MapPoint | null): void {
     if (this.isPointing) return;
-    if (!point) this.questions.stop();
+    if (!point) this.queries.stop();
     else
-      this.questions.ask(async (signal) => {
+      this.queries.run(async (signal) => {
         const { mission } = this.context.mission;
         const { images } = await projection.toImages(mission, point, signal);
         const { pair, display } = this;
@@ -336,7 +336,7 @@ export class StereoView {
     const step = event.shiftKey ? 10 : 1;
     if (event.key === "ArrowLeft" || event.key === "ArrowRight") {
       this.put(this.nudge + (event.key === "ArrowLeft" ? -step : step));
-      this.tell();
+      this.update();
     } else if (event.key === "+") this.see(zoomed(this.sight, STEP, 0, 0));
     else if (event.key === "-") this.see(zoomed(this.sight, 1 / STEP, 0, 0));
     else return;

@@ -10,13 +10,13 @@ import { stopCard } from "./card";
 import "./stop-card.css";
 
 export function stopCardPart(context: Context): void {
-  const { mission, layers, view, signals, waiting, alive } = context;
+  const { mission, layers, view, signals, waiting, signal } = context;
   signals.stop.on(({ stop, point, box }) =>
     waiting.run(async () => {
       const [row, images, panoramas, features] = await Promise.all([
-        rowOf(mission.mission, stop, alive),
-        api.images(mission.mission, { stop }, alive),
-        panoramaApi.all(mission.mission, alive),
+        rowOf(mission.mission, stop, signal),
+        api.images(mission.mission, { stop }, signal),
+        panoramaApi.all(mission.mission, signal),
         view.featuresOf(layers.widest("stops")),
       ]);
       const own = features.filter((feature) => feature.get("stop") === stop);
@@ -39,10 +39,10 @@ export function stopCardPart(context: Context): void {
 async function rowOf(
   mission: string,
   stop: string,
-  alive: AbortSignal,
+  signal: AbortSignal,
 ): Promise<TraverseRow | null> {
   try {
-    const { rows } = await network.traverse(mission, "latest", "telemetry", alive);
+    const { rows } = await network.traverse(mission, "latest", "telemetry", signal);
     return rows.find((row) => row.stop === stop) ?? null;
   } catch (reason) {
     if (isRefusal(reason)) return null;

@@ -63,10 +63,10 @@ function threshold(name: string, first: number, set: (degrees: number | null) =>
     step: 0.5,
     value: first,
     "aria-label": `least ${name}, degrees`,
-    onchange: () => tell(),
+    onchange: () => update(),
   });
-  const tell = () => set(on.input.checked ? Number(angle.value) : null);
-  const on = box(`${name} from`, tell);
+  const update = () => set(on.input.checked ? Number(angle.value) : null);
+  const on = box(`${name} from`, update);
   const legend = h("div");
   const put = (degrees: number | null) => {
     on.input.checked = degrees !== null;

@@ -16,7 +16,7 @@ import "./sun.css";
 import { type Daylight, daylight } from "./sun-place";
 
 export function sunPart(context: Context): void {
-  const { page, layers, state, sun, mission, waiting, alive } = context;
+  const { page, layers, state, sun, mission, waiting, signal } = context;
   const tab = page.addTab("sun");
   const overlays = new Overlays(context);
   const sky = (): Sky => state.get("sun") ?? { by: "hand", sun: CARTOGRAPHERS_SUN };
@@ -82,7 +82,7 @@ export function sunPart(context: Context): void {
     const now = sky();
     if (sols !== null && now.by === "time") setSky({ ...now, sol: sols[1] });
   });
-  alive.addEventListener("abort", () => overlays.clear());
+  signal.addEventListener("abort", () => overlays.clear());
   draw();
   waiting.run(load);
 }

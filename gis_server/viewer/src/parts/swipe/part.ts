@@ -23,7 +23,7 @@ export type Show = (
 ) => () => void;
 
 export function swipePart(context: Context): void {
-  const { page, layers, state, keys, waiting, alive } = context;
+  const { page, layers, state, keys, waiting, signal } = context;
   const panel = page.addTab("compare");
   const box = h("div");
   let running = state.get("compare");
@@ -102,7 +102,7 @@ export function swipePart(context: Context): void {
     else change({ mode: "swipe" });
     page.showTab("compare");
   });
-  alive.addEventListener("abort", () => undo());
+  signal.addEventListener("abort", () => undo());
   state.on("compare", (comparison) => {
     if (comparison === running) return;
     running = comparison;

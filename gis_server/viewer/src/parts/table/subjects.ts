@@ -18,7 +18,7 @@ export interface Subject {
   /** Property of a feature on the map that names its row. */
   readonly named?: string;
   /** `tell` receives the number of rows loaded so far. */
-  readonly load: (context: Context, tell: (count: number) => void) => Promise<readonly Row[]>;
+  readonly load: (context: Context, loaded: (count: number) => void) => Promise<readonly Row[]>;
 }
 
 const known = (value: unknown): Value =>
@@ -42,10 +42,10 @@ const SQUARES = 4;
 const EDGE_M = 0.01;
 
 async function* inPieces(layer: VectorLayer): AsyncGenerator<readonly GeoJsonFeature[]> {
-  const ask = async (bounds?: Bounds) =>
+  const query = async (bounds?: Bounds) =>
     (await api.features(layer, bounds)).features as readonly GeoJsonFeature[];
   try {
-    yield await ask();
+    yield await query();
     return;
   } catch (reason) {
     if (!(reason instanceof ApiError && reason.status === TOO_MANY)) throw reason;
@@ -54,7 +54,7 @@ async function* inPieces(layer: VectorLayer): AsyncGenerator<readonly GeoJsonFea
   const [width, height] = [(east - west) / SQUARES, (north - south) / SQUARES];
   for (let k = 0; k < SQUARES ** 2; k++) {
     const [w, s] = [west + (k % SQUARES) * width, south + Math.floor(k / SQUARES) * height];
-    yield await ask([w - EDGE_M, s - EDGE_M, w + width + EDGE_M, s + height + EDGE_M]);
+    yield await query([w - EDGE_M, s - EDGE_M, w + width + EDGE_M, s + height + EDGE_M]);
   }
 }
 
@@ -62,7 +62,7 @@ async function* inPieces(layer: VectorLayer): AsyncGenerator<readonly GeoJsonFea
 async function rowsOf(
   layers: readonly Layer[],
   row: (feature: GeoJsonFeature) => Row | null,
-  tell: (count: number) => void,
+  loaded: (count: number) => void,
 ): Promise<readonly Row[]> {
   const rows = new Map<string, Row>();
   for (const layer of vectors(layers))
@@ -71,7 +71,7 @@ async function rowsOf(
         const made = row(feature);
         if (made) rows.set(made.id, made);
       }
-      tell(rows.size);
+      loaded(rows.size);
     }
   return [...rows.values()];
 }
@@ -103,7 +103,7 @@ const STOPS: Subject = {
     { key: "drive", title: "drive", width: 7 },
     { key: "held_by", title: "held by", width: 36 },
   ],
-  load: ({ layers }, tell) =>
+  load: ({ layers }, loaded) =>
     rowsOf(
       layers.widest("stops"),
       (feature) => {
@@ -122,7 +122,7 @@ const STOPS: Subject = {
         const values = { ...more, ...sigma, ...placeOf(feature), sol: known(sol) };
         return { id: String(properties["stop"]), geometry, values };
       },
-      tell,
+      loaded,
     ),
 };
 
@@ -156,8 +156,8 @@ const IMAGES: Subject = {
     { key: "partner", title: "partner", width: 31 },
     { key: "unpaired_because", title: "without partner because", width: 40 },
   ],
-  load: async ({ mission, alive }) =>
-    (await api.images(mission.mission, {}, alive)).map((image) => imageRow(image)),
+  load: async ({ mission, signal }) =>
+    (await api.images(mission.mission, {}, signal)).map((image) => imageRow(image)),
 };
 
 const TIES: Subject = {
@@ -174,7 +174,7 @@ const TIES: Subject = {
     { ...UP, sigma: "sigma_m" },
     { key: "pairs", title: "pairs", width: 40 },
   ],
-  load: ({ layers }, tell) =>
+  load: ({ layers }, loaded) =>
     rowsOf(
       layers.widest("tie-points"),
       (feature) => {
@@ -189,7 +189,7 @@ const TIES: Subject = {
           values: { point: Number(id), sols, ...values, ...place, pairs: pairs.join(" ") },
         };
       },
-      tell,
+      loaded,
     ),
 };
 

@@ -123,10 +123,10 @@ export class TableView {
   }
 
   show({ subject, ...query }: Table): void {
-    const wanted = SUBJECTS.find(({ key }) => key === subject) ?? this.subject;
-    const isOther = wanted !== this.subject || this.loading === 0;
-    [this.subject, this.query] = [wanted, query];
-    this.subjects.value = wanted.key;
+    const requested = SUBJECTS.find(({ key }) => key === subject) ?? this.subject;
+    const isOther = requested !== this.subject || this.loading === 0;
+    [this.subject, this.query] = [requested, query];
+    this.subjects.value = requested.key;
     this.find.value = query.words;
     if (isOther) this.load();
     else this.draw();

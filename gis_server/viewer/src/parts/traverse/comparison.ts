@@ -51,7 +51,7 @@ export class Comparison {
         return { element: profile.element, dispose };
       },
     });
-    context.alive.addEventListener("abort", () => this.vectors.dispose());
+    context.signal.addEventListener("abort", () => this.vectors.dispose());
   }
 
   /** Requests the solutions and compares the chosen two. A mission without adjustment shows a message. */

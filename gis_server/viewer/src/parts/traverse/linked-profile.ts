@@ -34,16 +34,16 @@ export class LinkedProfile {
   }
 
   private chart(answer: TraverseAnswer, ground: Profile | null): void {
-    const drawn = profileChart(answer, ground, this.link.tell);
+    const drawn = profileChart(answer, ground, this.link.setCursor);
     this.link.on(this.line, drawn);
     this.element.replaceChildren(drawn.element);
   }
 
   /** The ground below the traverse; null where none of it was mapped. */
   private async ground(): Promise<Profile | null> {
-    const { mission, alive } = this.context;
+    const { mission, signal } = this.context;
     try {
-      return await measuring.profile(mission.mission, this.line, alive);
+      return await measuring.profile(mission.mission, this.line, signal);
     } catch (reason) {
       if (reason instanceof ApiError && reason.status === 422) return null;
       throw reason;

@@ -15,10 +15,10 @@ const isView = (one: unknown): one is SavedView => {
 };
 
 /** A name that none of the views has: with a number behind it if one does. */
-export function freeName(wanted: string, views: readonly SavedView[]): string {
+export function freeName(title: string, views: readonly SavedView[]): string {
   const isTaken = (name: string) => views.some((view) => view.name === name);
-  let name = wanted;
-  for (let n = 2; isTaken(name); n += 1) name = `${wanted} (${n})`;
+  let name = title;
+  for (let n = 2; isTaken(name); n += 1) name = `${title} (${n})`;
   return name;
 }
 

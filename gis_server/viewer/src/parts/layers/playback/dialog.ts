@@ -12,7 +12,7 @@ import { framesOf } from "./frames";
 const SECONDS = { least: 0.2, most: 10, first: 1 };
 
 export function recordingDialog(context: Context, steps: readonly Sols[]): HTMLElement {
-  const { mission, alive } = context;
+  const { mission, signal } = context;
   const known = encoders();
   const format = h(
     "select",
@@ -32,7 +32,7 @@ export function recordingDialog(context: Context, steps: readonly Sols[]): HTMLE
   const status = h("output", { role: "status" });
   const start = h("button", { type: "submit", class: "primary" }, "Save");
   const stopped = new AbortController();
-  alive.addEventListener("abort", () => stopped.abort());
+  signal.addEventListener("abort", () => stopped.abort());
 
   const run = async ({ encode, ending, type }: Encoder) => {
     let count = 0;

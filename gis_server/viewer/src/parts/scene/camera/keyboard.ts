@@ -20,7 +20,7 @@ function shift(stage: Stage, right: number, ahead: number): void {
   camera.position.add(move);
   controls.target.add(move);
   controls.update();
-  stage.ask();
+  stage.requestFrame();
 }
 
 /** Carries out the command of a key; false for keys without a command. */

@@ -68,7 +68,7 @@ export function addPointerControls(
     if (!place || handlers.isOnGround()) return;
     stage.controls.target.copy(stage.drawn(place));
     stage.controls.update();
-    stage.ask();
+    stage.requestFrame();
   };
   const key = (event: KeyboardEvent) => {
     if (event.ctrlKey || event.altKey || event.metaKey) return;

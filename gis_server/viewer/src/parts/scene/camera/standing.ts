@@ -26,7 +26,7 @@ export function standAt(stage: Stage, stop: SceneStop, body: Body | null): () =>
     const wider = camera.fov * Math.exp(event.deltaY / 800);
     camera.fov = Math.min(MOST_DEG, Math.max(LEAST_DEG, wider));
     camera.updateProjectionMatrix();
-    stage.ask();
+    stage.requestFrame();
   };
   renderer.domElement.addEventListener("wheel", zoom, { passive: false });
   camera.updateProjectionMatrix();

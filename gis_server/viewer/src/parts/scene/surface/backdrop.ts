@@ -56,7 +56,7 @@ export class Backdrop {
 
   constructor(
     host: HTMLElement,
-    private readonly ask: () => void,
+    private readonly requestFrame: () => void,
   ) {
     this.sphere.frustumCulled = false;
     this.sphere.renderOrder = -1;
@@ -88,6 +88,6 @@ export class Backdrop {
     this.uniforms.horizon.value.set(color);
     this.uniforms.zenith.value.set(backgroundColor);
     this.uniforms.ground.value.set(borderTopColor);
-    this.ask();
+    this.requestFrame();
   }
 }

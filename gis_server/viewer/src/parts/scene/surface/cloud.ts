@@ -25,7 +25,7 @@ export class Cloud {
     models: readonly Model[],
     origin: Place3,
     sizePx: number,
-    private readonly ask: () => void,
+    private readonly requestFrame: () => void,
     private readonly onSettled: () => void,
     private readonly onError: (reason: Error) => void,
   ) {
@@ -39,14 +39,14 @@ export class Cloud {
 
   set size(px: number) {
     this.material.size = px;
-    this.ask();
+    this.requestFrame();
   }
 
   /** Shows the points of one stop, or of all. */
   show(scope: string | null): void {
     for (const { model, tiles } of this.parts)
       tiles.group.visible = scope === null || model.scope === scope;
-    this.ask();
+    this.requestFrame();
   }
 
   get isSettled(): boolean {
@@ -85,13 +85,13 @@ export class Cloud {
       scene.traverse((thing) => {
         if (thing instanceof Points) thing.material = this.material;
       });
-      this.ask();
+      this.requestFrame();
     });
     for (const event of ["needs-update", "load-root-tileset", "tile-visibility-change"] as const)
-      tiles.addEventListener(event, this.ask);
+      tiles.addEventListener(event, this.requestFrame);
     tiles.addEventListener("load-error", ({ error }) => this.onError(error));
     tiles.addEventListener("tiles-load-end", () => {
-      this.ask();
+      this.requestFrame();
       this.onSettled();
     });
     tiles.group.position.set(-east, -north, -up);

@@ -116,7 +116,7 @@ export class Terrain {
 
   constructor(
     readonly origin: Place3,
-    private readonly ask: () => void,
+    private readonly requestFrame: () => void,
     private readonly onSettled: () => void,
     private readonly onError: (reason: Error) => void,
   ) {
@@ -127,7 +127,7 @@ export class Terrain {
   add(models: readonly Model[]): void {
     for (const model of models)
       this.grounds.push(model.kind === "tileset" ? this.tileset(model) : this.file(model));
-    this.ask();
+    this.requestFrame();
   }
 
   /** Shows the ground of one stop, or of all. */
@@ -216,15 +216,15 @@ export class Terrain {
         if (thing instanceof Mesh) materialsOf(thing, this.origin).cover.drape(null, null);
       });
     });
-    tiles.addEventListener("needs-update", this.ask);
-    tiles.addEventListener("load-root-tileset", this.ask);
+    tiles.addEventListener("needs-update", this.requestFrame);
+    tiles.addEventListener("load-root-tileset", this.requestFrame);
     tiles.addEventListener("tile-visibility-change", ({ scene, visible }) => {
       if (visible && scene) this.updateMaterialsBelow(ground, scene);
-      this.ask();
+      this.requestFrame();
     });
     tiles.addEventListener("load-error", ({ error }) => this.onError(error));
     tiles.addEventListener("tiles-load-end", () => {
-      this.ask();
+      this.requestFrame();
       this.onSettled();
     });
     return this.placed(ground);
@@ -237,7 +237,7 @@ export class Terrain {
     this.waiting += 1;
     const end = () => {
       this.waiting -= 1;
-      this.ask();
+      this.requestFrame();
       this.onSettled();
     };
     loader
@@ -271,7 +271,7 @@ export class Terrain {
     part.traverse((thing) => {
       if (thing instanceof Mesh) this.updateMaterial(thing, ground);
     });
-    this.ask();
+    this.requestFrame();
   }
 
   private updateMaterial(mesh: Mesh, { model: { scope }, group }: Ground): void {
@@ -323,7 +323,7 @@ export class Terrain {
       this.onError(reason as Error);
     } finally {
       this.waiting -= 1;
-      this.ask();
+      this.requestFrame();
       this.onSettled();
     }
   }

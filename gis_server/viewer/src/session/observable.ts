@@ -2,7 +2,7 @@
 
 import { Signal } from "./signal";
 
-export class Kept<T> {
+export class Observable<T> {
   readonly changed = new Signal<T>();
 
   constructor(private current: T) {}

@@ -12,7 +12,7 @@ const OFF: LayerState = { visible: false, opacity: 1, style: null, blend: null }
 /** Layers lie below this height on the map; highlights and marks above. */
 const TOP = 900;
 
-export class LayerBook {
+export class LayerList {
   /** A layer is shown otherwise than before. */
   readonly changed = new Signal<Layer>();
   /** Other layers lie on top, or another one is shown alone. */
@@ -31,7 +31,7 @@ export class LayerBook {
   private isStackedByUser = false;
   private soloed: string | null = null;
 
-  /** `on` are the layers of a link; null leaves the choice to the book. `stacked`: its order counts. */
+  /** `on` are the layers of a link; null leaves the choice to the list. `stacked`: its order counts. */
   constructor(
     layers: readonly Layer[],
     private linked: LinkedLayers | null,
@@ -73,9 +73,9 @@ export class LayerBook {
     const wasStackedByUser = this.isStackedByUser;
     for (const layer of this.every) {
       const [state, stateInLink] = [this.state(layer), linked.get(layer.id)];
-      const wanted = stateInLink ? { ...stateInLink, visible: true } : { ...state, visible: false };
-      if (JSON.stringify(wanted) === JSON.stringify({ ...wanted, ...state })) continue;
-      this.change(layer, wanted);
+      const target = stateInLink ? { ...stateInLink, visible: true } : { ...state, visible: false };
+      if (JSON.stringify(target) === JSON.stringify({ ...target, ...state })) continue;
+      this.change(layer, target);
     }
     if (!stacked && !wasStackedByUser) return;
     this.isStackedByUser = stacked;
@@ -84,12 +84,12 @@ export class LayerBook {
   }
 
   /** Ids in the link that are not in the server's list: of earlier versions, or unknown. */
-  get awaited(): readonly string[] {
+  get missing(): readonly string[] {
     return [...(this.linked?.keys() ?? [])].filter((id) => !this.states.has(id));
   }
 
   /** Adds an earlier version directly above the latest one; shown with the settings of the link, or like the latest. */
-  bring(version: Layer): void {
+  addVersion(version: Layer): void {
     if (this.versions.has(version.id)) return;
     const latest = this.list.find(
       ({ kind, scope }) => kind === version.kind && scope === version.scope,
@@ -211,9 +211,9 @@ export class LayerBook {
   private restack(first: readonly string[]): void {
     const usual = this.every.toSorted((a, b) => zIndex(a) - zIndex(b)).map(({ id }) => id);
     const known = new Set(usual);
-    const wanted = first.filter((id) => known.has(id));
-    const moved = new Set(wanted);
-    this.setStack(usual.map((id) => (moved.has(id) ? (wanted.shift() ?? id) : id)));
+    const target = first.filter((id) => known.has(id));
+    const moved = new Set(target);
+    this.setStack(usual.map((id) => (moved.has(id) ? (target.shift() ?? id) : id)));
   }
 
   private setStack(ids: readonly string[]): void {
