@@ -68,7 +68,7 @@ class Parameter:
     value: Any
     reason: str
     choices: tuple[str, ...] = ()
-    """Of an enumeration."""
+    """Values of an enumeration."""
     range: str = ""
     """Its permitted range."""
 

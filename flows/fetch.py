@@ -44,7 +44,7 @@ class FetchReport:
     already_here: int = 0
     received_bytes: int = 0
     files: list[str] = field(default_factory=list)
-    """In a dry run: the images found, one line per file."""
+    """Images found by a dry run, one line per file."""
     warnings: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
 

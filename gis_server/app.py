@@ -58,8 +58,8 @@ from solmap.products.store.process import (
 _THREADS = 8
 """Threads for light requests: with more, they and the event loop would wait for each other."""
 _SWITCH_S = 0.0005
-"""After this time a thread gives Python's lock to those that wait; with Python's 5 ms the loop of
-events, which gives the lock away at every reading and writing, waited 0.2 s for eight threads."""
+"""Time after which a waiting thread gets Python's lock. With Python's default of 5 ms the event
+loop, which releases the lock at every read and write, waited 0.2 s for eight threads."""
 
 
 def create_app(  # noqa: PLR0913, PLR0917 - all that differs from one server to the next
@@ -78,12 +78,10 @@ def create_app(  # noqa: PLR0913, PLR0917 - all that differs from one server to 
         viewer_dist: Folder of the built viewer; the one shipped by default.
         catalogue_url: Database of the catalogue; SQLite in the store's folder where there is
             none.
-        object_storage: Where products lie if not in the store's folder.
+        object_storage: Where products are if not in the store's folder.
         origins: Other sites whose pages may use this server.
-        public_url: Address that a reverse proxy serves the map at; that of each request
-            otherwise.
-        worker_memory_mb: What a process that answers heavy requests may take for one of them;
-            None: there are no such processes.
+        public_url: Address at which a reverse proxy serves the map; default: that of each request.
+        worker_memory_mb: Memory that a worker may use for one heavy request; None: no workers.
     """
     services = open_services(store_root, catalogue_url, object_storage)
     workers = {}

@@ -48,8 +48,8 @@ _LONGEST_RETRY_S = 60
 _START_S = 30.0
 """Longest time that the server waits for its workers before it answers the first request."""
 MOST_SPOOLED = 2 * LARGEST
-"""Bytes of the files of answers that are being sent, of all clients; one may have half of it.
-With the answer that each of two workers writes, temporary files take twice as much at most."""
+"""Most bytes of answer files that are being sent to all clients; half of it for one client. Two
+workers may each be writing another answer, so temporary files take at most twice as much."""
 _CLIENTS = 10_000
 """Most clients whose recent answers are recorded."""
 _LATEST = 10
@@ -62,11 +62,11 @@ class Lane:
 
     name: str
     per_client: int
-    """Places that one client may have."""
+    """Slots that one client may have."""
     places: int
-    """Of requests that wait, are worked on, or are being sent."""
+    """Slots of requests that wait, are being computed, or are being sent."""
     busy_s: float
-    """It is busy when those that wait will take longer."""
+    """The lane is busy when waiting requests are expected to take longer."""
 
 
 QUESTIONS = Lane("questions", per_client=8, places=64, busy_s=15.0)
@@ -117,7 +117,7 @@ def client_of(scope: Scope) -> str:
 
 
 class RefusedError(Exception):
-    """A request is rejected; the message is the reason, the status whether the client caused it."""
+    """A refused request: message with the reason, status by whether the client caused it."""
 
     def __init__(self, status: HTTPStatus, what: str, retry_s: int = 0) -> None:
         super().__init__(what)
@@ -132,7 +132,7 @@ class LaneState:
     worker: Worker | None
     turn: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
     places: Counter[str] = field(default_factory=Counter)
-    """Held, by client."""
+    """Slots in use, by client."""
     _usual_s: float = 1.0
     """Mean time that the latest requests took."""
     _answered: TTLCache[str, bool] = field(default_factory=lambda: TTLCache(_CLIENTS, SHARE_S))
@@ -150,17 +150,17 @@ class LaneState:
 
     @contextmanager
     def place_of(self, client: str) -> Iterator[None]:
-        """A place for a request of a client.
+        """A slot for a request of a client.
 
         Raises:
-            RefusedError: the client has had its share, or all places are taken.
+            RefusedError: the client has used its share, or all slots are taken.
         """
         lane = self.lane
         if self.places[client] >= lane.per_client:
             what = f"{lane.per_client} {lane.name} of yours are in progress, which is the limit"
             raise RefusedError(HTTPStatus.TOO_MANY_REQUESTS, what)
         if client in self._answered and self.ahead_s > lane.busy_s:
-            what = f"others wait for their {lane.name}, and you were answered recently"
+            what = f"other clients wait for their {lane.name}, and you were served recently"
             raise RefusedError(HTTPStatus.TOO_MANY_REQUESTS, what)
         if self.places.total() >= lane.places:
             what = f"{lane.places} {lane.name} are in progress, which is the limit"
@@ -244,9 +244,9 @@ class Budgets:
         """Lanes without a worker are answered in this process."""
         self.lanes = {lane: LaneState(lane, workers.get(lane)) for lane in LANES}
         self.answered: Counter[str] = Counter()
-        """By kind."""
+        """Answered requests by kind."""
         self.refused: Counter[tuple[str, int]] = Counter()
-        """By kind and status."""
+        """Refused requests by kind and status."""
         self.spooled: Counter[str] = Counter()
         """Bytes of the files of answers that are being sent, by client."""
 

@@ -50,8 +50,8 @@ STATUS: dict[type[Exception], HTTPStatus] = {
     MemoryError: HTTPStatus.UNPROCESSABLE_ENTITY,
 }
 HINT = {
-    HTTPStatus.UNAUTHORIZED: "reading takes no token; `solmap token add` makes one for writing",
-    HTTPStatus.FORBIDDEN: "reading takes no token; `solmap token add` makes one for writing",
+    HTTPStatus.UNAUTHORIZED: "reading needs no token; `solmap token add` makes one for writing",
+    HTTPStatus.FORBIDDEN: "reading needs no token; `solmap token add` makes one for writing",
     HTTPStatus.CONFLICT: "read the present state, and try again",
     HTTPStatus.TOO_MANY_REQUESTS: "wait for the time in Retry-After",
     HTTPStatus.SERVICE_UNAVAILABLE: "try again a little later",

@@ -37,7 +37,7 @@ class Launcher:
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _number: int = 0
     _pids: dict[int, int] = field(default_factory=dict)
-    """Of workers, as reported by the process."""
+    """Process ids of workers, as the launcher reports them."""
 
     def start(self) -> tuple[int, Connection]:
         """Number of a new worker, which is still starting, and the connection with it."""

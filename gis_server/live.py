@@ -29,7 +29,7 @@ _QUEUE = 256
 
 
 class TooManyListenersError(Exception):
-    """All places for listeners, or all of one client, are taken."""
+    """All slots for listeners, or all of one client, are taken."""
 
     def __init__(self, most: int, *, are_of_client: bool) -> None:
         whose = "of yours listen" if are_of_client else "listen"
@@ -58,7 +58,7 @@ class EventTail:
         """A queue of new events for a client; None in it means that events were left out.
 
         Raises:
-            TooManyListenersError: all places are taken.
+            TooManyListenersError: all slots are taken.
         """
         if list(self._listeners.values()).count(client) >= self.most_of_one:
             raise TooManyListenersError(self.most_of_one, are_of_client=True)

@@ -109,7 +109,7 @@ async def restore_head(request: Request) -> None:
 
 
 class ReadableRanges:
-    """Removes `Range` headers that violate RFC 9110; shortens endless numbers in them.
+    """Removes `Range` headers that violate RFC 9110, and limits their numbers to 64 bits.
 
     Ranges beyond the end of a file are answered with a problem document.
     """

@@ -24,7 +24,7 @@ Metres = Annotated[
 LAST_SOL = 1_000_000
 """Larger numbers are not sols; a catalogue counts in 64 bits."""
 LARGEST_ID = 2**63 - 1
-"""Of rows of a database."""
+"""Largest number of a database row."""
 Zoom = Annotated[int, Path(ge=0, le=MAX_ZOOM)]
 TileNumber = Annotated[int, Path(ge=0, le=LARGEST_ID)]
 """Column or row of the landing site's tile matrix set."""

@@ -37,7 +37,7 @@ log = logging.getLogger(__name__)
 GROWING = (ProductKind.FOOTPRINTS, ProductKind.POINTING, ProductKind.TIE_POINTS)
 _LAYERS = 1024
 _HEALTH_S = 1.0
-"""Age at which the known state of the catalogue is outdated."""
+"""Age in seconds above which the cached state of the catalogue is read again."""
 _SMALL_TILES = 32 << 20
 """Bytes; a first view has 0.5 MB of them."""
 _ENTRY = 512
@@ -78,10 +78,10 @@ class CatalogueHealth:
     catalogue: Catalogue
     _read_at: float = -math.inf
     _thread: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
-    """Waits for no other thread."""
+    """Does not wait for other threads."""
 
     async def check(self) -> None:
-        """Raise what reading it raises."""
+        """Raise the error of the last reading."""
         if time.monotonic() - self._read_at > _HEALTH_S:
             await to_thread.run_sync(self.catalogue.missions, limiter=self._thread)
             self._read_at = time.monotonic()
@@ -98,7 +98,7 @@ class Services:
     """A layer by scope, kind and digest, cached: it never changes, and a view of the map requests
     dozens of its tiles."""
     features: MissionFeatures
-    """All features of a mission, out of an index."""
+    """Index of all features of a mission."""
     tail: EventTail
     """Events of the store, for listeners."""
     ahead: ReadAhead
@@ -108,7 +108,7 @@ class Services:
     requests: RunRequests
     health: CatalogueHealth
     drawing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(_DRAWING))
-    """Of the threads that draw tiles."""
+    """Limiter of the threads that draw tiles."""
     small_tiles: LRUCache[tuple[str, bytes], bytes] = field(
         default_factory=lambda: LRUCache(_SMALL_TILES, lambda body: _ENTRY + len(body))
     )

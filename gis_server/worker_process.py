@@ -49,7 +49,7 @@ def _limit_memory(memory_mb: int) -> None:
 async def _answer_all(connection: Connection) -> None:
     """Answer requests until the server ends."""
     arguments, memory_mb, folder = await to_thread.run_sync(connection.recv)
-    with contextlib.suppress(OSError):  # a store that is only read keeps no log
+    with contextlib.suppress(OSError):  # a read-only store has no log
         log_to_store(arguments[0], "server")
     collect_garbage_rarely()
     app = create_app(*arguments)

@@ -186,7 +186,7 @@ class Worker:
     """The server's side of one worker process."""
 
     arguments: tuple[Any, ...]
-    """Of `create_app`."""
+    """Arguments of `create_app`."""
     memory_mb: int
     """Memory limit of a request, beyond that of the application."""
     launcher: Launcher = field(default_factory=Launcher)

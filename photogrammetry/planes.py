@@ -120,7 +120,7 @@ class PlaneFit:
     normal: Vector3
     """Unit normal, pointing up."""
     covariance: Covariance3
-    """Of the normal, square radians: singular along the normal itself."""
+    """Covariance of the normal, square radians: singular along the normal itself."""
     sigma_m: float
     """Standard deviation of the plane's position at its centre, along the normal."""
     rms_m: float

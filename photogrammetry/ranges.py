@@ -38,7 +38,7 @@ ShortMetres = Annotated[float, Interval(gt=0.0, le=100.0)]
 ShortMetresOrZero = Annotated[float, Interval(ge=0.0, le=100.0)]
 SquareMetres = Annotated[float, Interval(gt=0.0, le=1e6)]
 NearestMetres = Annotated[float, Interval(ge=0.1, le=1000.0)]
-"""From a camera to the nearest ground; limits the search range."""
+"""Distance from a camera to the nearest ground; limits the search range."""
 ContourInterval = Annotated[float, Interval(ge=0.001, le=1000.0)]
 
 Pixels = Annotated[float, Interval(gt=0.0, le=1000.0)]

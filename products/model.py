@@ -162,7 +162,7 @@ FAR_KINDS = _variants("far-")
 REGION_KINDS = _variants("region-")
 """The same for the map of all stops of a mission together."""
 _VARIANTS = {ProductKind.FAR_DTM: FAR_KINDS, ProductKind.REGION_DTM: REGION_KINDS}
-"""By the kind of the terrain model that a map is made from."""
+"""Kinds of maps by the kind of the terrain model that they are made from."""
 
 
 @dataclass(frozen=True, slots=True, order=True)

@@ -28,4 +28,4 @@ RECIPE_NAMES: dict[str, RecipeNames] = {
     "LinkTestParams": RecipeNames("VerdictParams"),
     "MonoParams": RecipeNames(fields={"first_points": "scouts"}),
 }
-"""By class name in the code."""
+"""Names in recipes by class name in the code."""

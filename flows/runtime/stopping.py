@@ -23,7 +23,7 @@ from typing import NoReturn
 from solmap.flows.runtime.children import kill_children
 
 GRACE_S = 6.0
-"""From the signal to the end of the process; children are killed with it."""
+"""Time from the signal to the end of the process; children are killed with it."""
 STOPPED = "stopped; what was made is kept; run again to continue"
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _GUARD = """

@@ -85,9 +85,9 @@ class RouteAnswer(BaseModel):
 
     units: str = UNITS
     drive_m: float
-    """Along the ground."""
+    """Length along the ground."""
     straight_m: float
-    """On the map, from end to end."""
+    """Length on the map, from end to end."""
     climb_m: float
     descent_m: float
     speed_m_h: float

@@ -63,7 +63,7 @@ class ValueHere(BaseModel):
     sigma: float | None
     unit: str | None
     cell_m: float | None
-    """Of the layer."""
+    """Cell size of the layer."""
     label: str | None
     """Meaning of the value, for classes: an image's name, a kind of ground."""
     bands: dict[str, float] = {}
@@ -162,7 +162,7 @@ def derived_sigma(value: ValueHere, values: Sequence[ValueHere]) -> float | None
 
 
 def _elevation(values: Sequence[ValueHere]) -> ValueHere | None:
-    """The elevation at a place, from the most comprehensive terrain model that has one.
+    """The elevation at a place, from the most comprehensive terrain model that has one there.
 
     Models of far ground are used last: close to the stops others are more accurate.
     """
@@ -285,7 +285,7 @@ class ClassShare(BaseModel):
     name: str
     area_m2: float
     share: float
-    """Of what is known."""
+    """Share of the known area."""
 
 
 class ZonalAnswer(BaseModel):
@@ -293,22 +293,22 @@ class ZonalAnswer(BaseModel):
 
     units: str = UNITS
     unit: str | None
-    """Of the values."""
+    """Unit of the values."""
     count: int
     """Cells with a value."""
     measured_share: float
     cell_m: float
-    """Of the cells that were looked at: larger than the layer's for a large polygon."""
+    """Size of the cells that were read: larger than the layer's for a large polygon."""
     mean: float | None = None
     std: float | None = None
     min: float | None = None
     max: float | None = None
     percentiles: dict[str, float] = {}
-    """By percent."""
+    """Values by percentage."""
     is_direction: bool = False
     """Mean and std are those of directions; there are no percentiles of them."""
     classes: list[ClassShare] = []
-    """Of layers of classes, instead of mean and percentiles."""
+    """Areas of classes, for class layers; they replace mean and percentiles."""
     layers: list[LayerUsed]
 
 

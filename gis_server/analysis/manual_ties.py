@@ -260,7 +260,7 @@ class TrialAnswer(BaseModel):
     held_stop: str
     moved_stop: str
     change: StopChange
-    """By the manual tie points alone."""
+    """Movement caused by the manual tie points alone."""
     before: TrialReport
     after: TrialReport
     ties: list[TieResidual]

@@ -42,12 +42,12 @@ from solmap.products.crs import LandingPoint, lon_lat
 from solmap.products.formats.documents.csv_table import csv_table
 
 _STEEP_PLACES = 10_000
-"""At which an area is read, five times each for its slope."""
+"""Sample points of an area; its slope is read at each of them and four around it."""
 _RIM_STEP_M = 0.1
 _STRETCH_M = 100.0
-"""Length over which the direction of the meridian is found."""
+"""Length over which the direction of the meridian is computed."""
 _USUAL_STATIONS = 1000
-"""Stations of a line without a given step; short lines have one per cell."""
+"""Number of stations on a line without a given step; short lines have one per cell."""
 
 
 class LineQuestion(Question):
@@ -56,7 +56,7 @@ class LineQuestion(Question):
     line: Line
     layer: LayerChoice = BEST
     step_m: Annotated[float, Field(gt=0, le=1000)] = 0.5
-    """Of the length along the ground: with shorter steps noise makes lines longer."""
+    """Step at which the length along the ground is measured: shorter steps include noise."""
 
 
 class RiseBody(BaseModel):
@@ -80,7 +80,7 @@ class LineAnswer(BaseModel):
     units: str = UNITS
     map_length_m: float
     surface_length_m: float
-    """Along the ground; over ground that was not measured, as on the map."""
+    """Length along the ground; the length on the map is used where the ground was not measured."""
     step_m: float
     measured_share: float
     leg_length_m: list[float | None]
@@ -103,21 +103,21 @@ class AreaAnswer(BaseModel):
     units: str = UNITS
     map_area_m2: float
     surface_area_m2: float | None
-    """Of the ground, by its slope over half a metre; gaps as the mean of the rest."""
+    """Area of the ground by its slope over half a metre; gaps have the mean slope of the rest."""
     perimeter_m: float
-    """On the map."""
+    """Perimeter on the map."""
     centre: tuple[float, float]
     """(east, north) of the centroid."""
     elevation_mean_m: float | None
     elevation_min_m: float | None
     elevation_max_m: float | None
     sigma_elevation_mean_m: float | None
-    """Of the mean elevation of what was measured; null: the model states none."""
+    """Standard deviation of the mean elevation; null: the model states none."""
     sigma_elevation_min_m: float | None
     sigma_elevation_max_m: float | None
     measured_share: float
     cell_m: float
-    """At which the ground was read."""
+    """Cell size at which the ground was read."""
     layers: list[LayerUsed]
 
 
@@ -143,7 +143,7 @@ class VolumeAnswer(BaseModel):
     map_area_m2: float
     measured_share: float
     highest_m: float
-    """Of the ground over the base."""
+    """Largest height of the ground above the base."""
     sigma_highest_m: float
     lowest_m: float
     sigma_lowest_m: float
@@ -232,7 +232,10 @@ def area_answer(question: AreaQuestion, ground: Ground) -> AreaAnswer:
 
 
 def _sigma_of_mean(read: GroundSamples, measured: Flags, area_m2: float) -> float | None:
-    """Of the mean elevation of an area: the poses shift all of it, own errors average out."""
+    """Standard deviation of an area's mean elevation.
+
+    Errors of poses shift the whole area, those of cells average out.
+    """
     if not np.isfinite(read.sigma_m[measured]).any():
         return None
     shift = float(np.nan_to_num(read.pose_sigma_m[measured]).mean())
@@ -305,11 +308,11 @@ class ProfileQuestion(Question):
 
 
 class ProfileAnswer(BaseModel):
-    """Columns of stations along the line, in its direction."""
+    """Values at stations along the line, in its direction; one list per quantity."""
 
     units: str = UNITS
     length_m: float
-    """On the map."""
+    """Length on the map."""
     step_m: float
     slope_baseline_m: float
     distance_m: list[float | None]
@@ -319,11 +322,12 @@ class ProfileAnswer(BaseModel):
     """Number of the leg of the line; a corner ends one."""
     elevation_m: list[float | None]
     sigma_m: list[float | None]
-    """Of the elevation, the part of the rover's poses included: the uncertainty band."""
+    """Standard deviation of the elevation, including that of the rover's poses: the uncertainty
+    band."""
     pose_sigma_m: list[float | None]
     """The part of the poses: an error common to neighbouring stations."""
     slope_deg: list[float | None]
-    """Along the line, positive uphill."""
+    """Slope along the line, positive uphill."""
     slope_sigma_deg: list[float | None]
     source: list[int | None]
     """Number of the layer, in `layers`, that the elevation is of."""

@@ -41,7 +41,7 @@ from solmap.products.formats.documents.network import NetworkProduct
 from solmap.products.model import ProductRef
 
 MOST_PAIRS = 2000
-"""Pairs and single images that one answer draws."""
+"""Most pairs and single images of one response."""
 _FAR_M = 1e4
 """Assumed range of a point without a position."""
 
@@ -128,7 +128,7 @@ class PairNode(BaseModel):
     instrument: str | None
     azimuth_deg: float
     elevation_deg: float
-    """Of its viewing direction."""
+    """Elevation of its viewing direction."""
     ties: int
     """Observations that join it to others."""
     blunders: int
@@ -195,7 +195,7 @@ def network_graph(ref: ProductRef, network: NetworkProduct) -> NetworkGraph:
 def _links(
     links: Links, tried: tuple[dict[str, Any], ...], weak: Sequence[Weak], few: int
 ) -> list[LinkEdge]:
-    """Links with ties, and those that were tried and found none."""
+    """Links with ties, and those that were searched without finding any."""
     reasons = {(row["earlier"], row["later"]): str(row["reason"]) for row in tried}
     counts = {(str(one), str(other)): count for (one, other), count in links.items()}
     names = list(counts) + [
@@ -385,7 +385,7 @@ def _ties(
 
 
 def _others(rows: np.ndarray, ties: AdjustedTies) -> dict[int, list[tuple[int, str]]]:
-    """By point: the used observations and the pairs they are in."""
+    """By point, the used observations and the pairs that contain them."""
     seen = ties.observations
     rows_of_points = np.flatnonzero(np.isin(seen.point, seen.point[rows]) & (ties.status == USED))
     found: dict[int, list[tuple[int, str]]] = {}

@@ -42,7 +42,7 @@ class ImagePixel(BaseModel):
 
     image: str
     sample: float | None
-    """None where the latest adjustment has the image elsewhere."""
+    """None if the latest adjustment moved the image."""
     line: float | None
 
 

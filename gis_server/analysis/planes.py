@@ -57,11 +57,11 @@ class PlaneAnswer(BaseModel):
     dip_deg: float
     sigma_dip_deg: float
     strike_deg: float | None
-    """With the dip to the right; null: the plane is level within its uncertainty."""
+    """Strike, with the dip to its right; null: the plane is level within its uncertainty."""
     sigma_strike_deg: float | None
     dip_direction_deg: float | None
     said_of_strike: str | None
-    """Why there is none."""
+    """Why there is no strike."""
     centre: tuple[float, float, float]
     """(east, north, elevation) on the plane."""
     normal: tuple[float, float, float]
@@ -69,7 +69,7 @@ class PlaneAnswer(BaseModel):
     rms_m: float
     """Distance of the points from the plane, root mean square."""
     sigma0: float
-    """Scatter of the points over what their standard deviations claim."""
+    """Scatter of the points divided by their stated standard deviations."""
     points: int
     layers: list[LayerUsed]
 
@@ -108,7 +108,7 @@ def _places(question: PlaneQuestion, ground: Ground) -> tuple[MapPoints, np.ndar
 def _covariances(
     question: PlaneQuestion, read: GroundSamples, on_ground: np.ndarray, ground: Ground
 ) -> Covariances3:
-    """Of every point: its own covariance, plus that of its cell's extent."""
+    """For each point, its own covariance plus that of its cell's extent."""
     cells = np.array([cell_of(layer) for layer in ground.models])
     aside = cells[np.where(read.source == NOWHERE, 0, read.source)] / math.sqrt(12.0)
     up = np.maximum(np.nan_to_num(read.own_sigma_m), _LEAST_SIGMA_M)

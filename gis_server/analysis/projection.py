@@ -169,7 +169,7 @@ class EllipseBody(BaseModel):
     semi_major_px: float
     semi_minor_px: float
     angle_deg: float
-    """Of the major axis, from the direction of samples towards that of lines (clockwise)."""
+    """Angle of the major axis, from the direction of samples towards that of lines (clockwise)."""
 
 
 class GroundBody(BaseModel):
@@ -182,18 +182,18 @@ class GroundBody(BaseModel):
     sigma_north_m: float
     sigma_up_m: float
     covariance_m2: list[list[float]]
-    """Of (east, north, up)."""
+    """Covariance of the place (east, north, up)."""
     ellipse_semi_major_m: float
     ellipse_semi_minor_m: float
     ellipse_azimuth_deg: float
-    """Of the error ellipse on the map."""
+    """Azimuth of the error ellipse on the map."""
     own_sigma_m: float
-    """Largest axis of the error against `measured_from` alone, without the uncertainty of that
-    stop's own position."""
+    """Largest axis of the error relative to `measured_from`, without the uncertainty of that stop's
+    own position."""
     measured_from: str
     """The stop that the place was measured from."""
     normal: list[float] | None
-    """Of the ground, (east, north, up)."""
+    """Normal of the ground, (east, north, up)."""
 
 
 class SeenBody(BaseModel):

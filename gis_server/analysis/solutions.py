@@ -59,18 +59,19 @@ class TraverseRow(BaseModel):
     label: str
     sol: int
     distance_m: float
-    """Travelled up to here in plan, along the compared solution."""
+    """Distance travelled up to here in plan, along the compared solution."""
     place: Place
     reference: Place
     """Position of the stop in the other solution."""
     offset_m: Place
-    """Reference less place, both traverses starting at the same stop."""
+    """Reference position minus this position, both traverses starting at the same stop."""
     horizontal_m: float
     """Accumulated difference in plan."""
     sigma_horizontal_m: float
-    """Of the difference along its direction; telemetry, which states none, is taken as exact."""
+    """Standard deviation of the difference in its direction; telemetry has none and is treated as
+    exact."""
     percent: float | None
-    """Of the distance; null at the start."""
+    """Difference as a percentage of the distance; null at the start."""
     leg_m: float | None
     """Difference of the last leg alone."""
     sigma_north_m: float
@@ -94,13 +95,13 @@ class TraverseAnswer(BaseModel):
     """`telemetry`, or another solution."""
     rows: list[TraverseRow]
     end: int
-    """Number of the row that is last."""
+    """Number of the last row."""
     worst: int
-    """Of the row with the greatest percentage, the first 20 m left out."""
+    """Number of the row with the greatest percentage, without the first 20 m."""
     farthest: int
-    """Of the row with the most metres."""
+    """Number of the row with the largest difference in metres."""
     by_sol: list[int]
-    """Of the last stop of every sol."""
+    """Numbers of the last stop of every sol."""
 
 
 def solutions(mission: str, catalogue: Catalogue, store: ProductStore) -> list[Solution]:

@@ -49,7 +49,7 @@ class SightAnswer(BaseModel):
     clearance_m: float | None
     """Least height of the line over known ground; negative below it."""
     obstruction: tuple[float, float, float] | None
-    """(east, north, elevation) of the ground that is most in the way."""
+    """(east, north, elevation) of the ground that obstructs the line most."""
     obstruction_distance_m: float | None
     unseen_m: float
     """Longest stretch of unmapped ground on the way."""
@@ -68,7 +68,7 @@ class LineEnd:
 
     place: tuple[float, float]
     elevation_m: float | None
-    """Of the ground; None: the map's."""
+    """Elevation of the ground; None: that of the map."""
     height_m: float
     """Above it."""
 

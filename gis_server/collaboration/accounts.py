@@ -70,7 +70,7 @@ def _token_of(
     if shown is None:
         raise HTTPException(
             401,
-            f"{request.method} takes a token: send the header `Authorization: Bearer solmap_...`",
+            f"{request.method} needs a token: send the header `Authorization: Bearer solmap_...`",
             _CHALLENGE,
         )
     token = services.tokens.verify(shown.credentials)
@@ -106,7 +106,7 @@ class Requires:
         """
         if token.role < self._role:
             raise HTTPException(
-                403, f"this takes the role {self._role}, and {token.name} has {token.role}"
+                403, f"this requires the role {self._role}, and {token.name} has {token.role}"
             )
         return token
 

@@ -120,7 +120,7 @@ def edits(
     services: ServicesOf,
     response: Response,
     kind: EditKind | None = None,
-    counting: Annotated[bool, Query(description="leave out revoked ones")] = False,  # noqa: FBT002
+    counting: Annotated[bool, Query(description="omit revoked edits")] = False,  # noqa: FBT002
 ) -> list[EditBody]:
     """All edits, oldest first."""
     response.headers.update(AGAIN)
@@ -189,7 +189,7 @@ def _conflicts_answered() -> Iterator[None]:
 def list_annotations(
     mission: MissionName, services: ServicesOf, response: Response
 ) -> dict[str, Any]:
-    """The annotations that count, as GeoJSON in metres of the local map."""
+    """The valid annotations, as GeoJSON in metres of the local map."""
     response.headers.update(AGAIN)
     services.catalogue.mission(mission)
     found = services.edits.effective(EditKind.ANNOTATION, mission)

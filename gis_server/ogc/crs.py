@@ -27,12 +27,12 @@ from solmap.products.reports.stac import degrees
 MARS_URI = "http://www.opengis.net/def/crs/IAU/2015/49900"
 _DEGREES_DECIMALS, _METRES_DECIMALS = 9, 4
 _EDGE_POINTS = 17
-"""Along an edge in degrees, which is bent on the map."""
+"""Points along an edge in degrees, which is a curve on the map."""
 _TURN = 360.0
 
 
 class Crs(StrEnum):
-    """The coordinate systems that are spoken."""
+    """The supported coordinate systems."""
 
     LON_LAT = "lon-lat"
     MARS = "mars"

@@ -104,7 +104,7 @@ class FeatureRequest:
     ) -> Selection | None:
         """The requested features; None where there cannot be any.
 
-        An area that holds all of them, each of which has a place, need not be looked for.
+        If all features have a place and the area contains them all, no search by area is needed.
         """
         area = None
         if self.box is not None:
@@ -157,7 +157,7 @@ class FeaturesQuery:
         self._given = (f, bbox, bbox_crs, crs, datetime, sol, limit, offset)
 
     def read(self, base: str, fields: Callable[[], Mapping[str, str]]) -> FeatureRequest:
-        """Check them all against what is spoken and what properties there are."""
+        """Check all parameters against the supported formats and existing properties."""
         f, bbox, bbox_crs, crs, datetime, sol, limit, offset = self._given
         form = form_of(self.request, f)
         box_crs = crs_named(bbox_crs, "bbox-crs", base)

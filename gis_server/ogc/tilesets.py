@@ -155,7 +155,7 @@ def finest_zoom(layer: Layer) -> int:
 
 
 def limits_at(zoom: int, bounds: Bounds) -> Limits:
-    """The first and last column and row of a zoom that hold ground inside some bounds."""
+    """The first and last column and row of the tiles of a zoom inside some bounds."""
     west, south, east, north = bounds
     side_m, middle = BLOCK * CELL_SIZES[zoom], 2**zoom / 2
     last = 2**zoom - 1

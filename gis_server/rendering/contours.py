@@ -1,7 +1,7 @@
 """Contours of a terrain model at any interval: as lines in a tile and as features.
 
-Elevations are smoothed as for the contours that are made once (`terrain`). With the elevation h of
-a pixel and the gradient |h'| a pixel, its distance from the nearest contour is
+Elevations are smoothed as for the contours that are made once (`terrain`). With the elevation h of a
+pixel and the gradient |h'| per pixel, its distance from the nearest contour is
 
     d = |h - i rint(h / i)| / |h'|        i the interval
 
@@ -41,9 +41,9 @@ from solmap.products.store.product_store import ProductStore
 _PARAMS = ContourParams()
 _LINE_PX, _INDEX_PX = 1.0, 2.0
 _LEVEL = 1e-6
-"""Rise a pixel, in intervals, below which ground is level and has no contour."""
+"""Rise per pixel, in intervals, below which ground is level and has no contour."""
 _CROWDED = 1 / 3
-"""Rise a pixel, in intervals, above which contours would touch."""
+"""Rise per pixel, in intervals, above which contours would touch."""
 _MOST_CELLS = 8_000_000
 """Cells to trace at once: two seconds of a processor."""
 _MOST_LEVELS = 500

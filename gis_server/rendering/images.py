@@ -88,7 +88,7 @@ class Stretch:
     white: float | None = None
     gamma: float = 1.0
     shift_px: float = 0.0
-    """Of an anaglyph: the parallax that coincides."""
+    """Parallax at which both images of an anaglyph coincide."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ class ImageView:
 
     style: Style
     planes: tuple[tuple[ImageEntry, str], ...]
-    """Red, green and blue are made of two, grey of one; with the digest of what made them."""
+    """One plane for grey, two for red, green and blue; with the digest of their source."""
     workspace: Workspace
 
     @classmethod
@@ -169,7 +169,7 @@ class ImageView:
         return np.stack([channels[0], channels[1], channels[1]], axis=-1)
 
     def _key(self, number: int) -> tuple[str, str, str]:
-        """Of grey values: both styles of linearised images share theirs."""
+        """Key of the grey values, which both styles of linearised images share."""
         entry, made_by = self.planes[number]
         flat = self.style in (Style.RAW, Style.STRETCHED)
         return entry.id, made_by, str(self.style) if flat else str(Style.LINEARISED)

@@ -135,9 +135,9 @@ class ImageFormat:
 
     media_type: str
     indexed: Callable[..., bytes]
-    """Of palette indices, a palette, and the opacity of the first indices."""
+    """Encode palette indices with a palette and the opacity of the first indices."""
     colour: Callable[[np.ndarray], bytes]
-    """Of red, green and blue."""
+    """Encode an image of red, green and blue."""
 
 
 PNG = ImageFormat("image/png", indexed_png, colour_png)

@@ -183,7 +183,7 @@ class StyleQuery(BaseModel):
     threshold: Annotated[
         _Finite, Field(ge=-90, le=90, description="least tilt towards north, degrees")
     ] = 5.0
-    """From which on ground counts as facing north."""
+    """Least northerly tilt that counts as facing north."""
     baseline: Annotated[
         _Finite | None,
         Field(gt=0, le=100, description="length over which slope is measured, metres"),

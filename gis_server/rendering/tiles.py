@@ -62,14 +62,14 @@ MEDIA_TYPE = "application/vnd.solmap.values"
 _HEADER = struct.Struct("<4sHHdd")
 _MAGIC = b"SMV1"
 _STEPS = 65534
-"""From k = 1 to k = 65535."""
+"""Number of steps from k = 1 to k = 65535."""
 _COARSEST_EXPONENT, _FINEST_EXPONENT = 100, -40
 PLAIN = StyleQuery()
 """Every layer as it is shown by default."""
 _SHADES = 256
 """Resolution of a gradient: one shade of grey."""
 _COLOURS = 4096
-"""Steps that a stretched range of a layer needs."""
+"""Number of steps that a stretched range of a layer needs."""
 
 
 def encode_values(values: np.ndarray, finest: float) -> bytes:

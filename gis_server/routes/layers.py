@@ -46,10 +46,10 @@ from solmap.products.model import Layer, ProductKind
 
 router = APIRouter(prefix="/api/layers", tags=["layers"])
 _MOST_AT_ONCE = 20_000
-"""Features: some 30 MB."""
+"""Most features sent at once: about 30 MB."""
 RequestedNames = Annotated[tuple[str, ...], Query(max_length=200)]
 _ZOOMS_OUT = 3
-"""Zooms below that at which a layer fills one tile: there it is 32 pixels, then a dot."""
+"""Zooms offered below the one at which a layer fills one tile; at the lowest it has 32 pixels."""
 _RUNS = 500
 Drawn = Annotated[StyleQuery, Query()]
 Interval = Annotated[
@@ -172,7 +172,7 @@ def _values_of(layer: Layer, place: str) -> str | None:
 
 
 class SolutionBehind(BaseModel):
-    """An adjustment that a version holds for."""
+    """An adjustment for which a version is valid."""
 
     id: str
     """As in `/solutions`."""
@@ -195,7 +195,7 @@ class LayerVersion(BaseModel):
     """Its `id` ends in `@` and the digest."""
     is_latest: bool
     solutions: list[SolutionBehind]
-    """Those that the version holds for, the one it was made for first; none where unknown."""
+    """The adjustments for which the version is valid, its own one first; empty if unknown."""
     run: RunBehind | None
     """Null where no record of a run covers the time when it was made."""
 
@@ -263,7 +263,7 @@ def _bodies(layers: list[Layer], services: Services) -> list[LayerVersion]:
 
 
 def _run_at(made_at: str, runs: list[Run]) -> RunBehind | None:
-    """The newest run that was going on then; times of products are whole seconds."""
+    """The newest run in progress at that time; times of products are whole seconds."""
     second = made_at[:19]
     for run in runs:
         ended = run.ended_at or run.changed_at

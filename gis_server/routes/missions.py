@@ -35,14 +35,14 @@ from solmap.products.reports.sol_report import sol_report
 
 router = APIRouter(prefix="/api", tags=["missions"])
 _NO_LAYERS: Bounds = (-50.0, -50.0, 50.0, 50.0)
-"""Shown of a mission with nothing on its map yet, metres."""
+"""Size of the map of a mission without layers, metres."""
 _FAST = 5
-"""Of gzip: twice as fast as 9, and hardly longer."""
+"""Level of gzip: twice as fast as 9, and hardly longer."""
 _CACHED_LISTS = 40
-"""Pages of layers, and of images; one of 500 is 0.4 and 0.2 MB, and compressed a tenth of it."""
+"""Cached pages of layers and of images; a page of 500 has 0.4 and 0.2 MB, compressed a tenth."""
 LAST_EVENT = "Last-Event-ID"
 _CACHED_STARTS = 2
-"""Answers; of 96 layers it is 50 kB."""
+"""Cached first answers; one of 96 layers has 50 kB."""
 
 
 class Landing(BaseModel):
@@ -234,7 +234,7 @@ def images(
 def _images(
     services: Services, mission: str, stop: str | None, sol: int | None, part: Part, _version: str
 ) -> CachedResponse:
-    """Of 500 images it takes 50 ms to write."""
+    """A list of images as JSON: writing 500 of them takes 50 ms."""
     found = [image_body(entry) for entry in services.catalogue.images(mission, stop, sol, part)]
     return CachedResponse.of(_IMAGES.dump_json(found))
 

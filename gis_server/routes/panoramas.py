@@ -65,7 +65,7 @@ class PanoramaBody(BaseModel):
     tiles: ServerPath
     tile_size: int
     max_zoom: int
-    """At which a pixel of a tile is one of the panorama; each zoom below halves it."""
+    """Zoom at which a pixel of a tile is one of the panorama; each zoom below halves it."""
     download: ServerPath
     provenance: ServerPath
 

@@ -1,10 +1,9 @@
 """Map tiles: images and values.
 
 A view of the map requests dozens of tiles, so these routes are lean: each request is checked by one
-model for its path and one for its query, from which the description of the API is written too;
-nothing but the drawing runs in a thread; and the app has these routes first. So they take less than
-1.3 times as long as the same tiles without routing and validation
-(`tests/benchmarks/test_tiles.py`).
+model for its path and one for its query, from which the API description is written too; only the
+drawing runs in a thread; and these routes are the first of the app. They take less than 1.3 times as
+long as the same tiles without routing and validation (`tests/benchmarks/test_tiles.py`).
 """
 
 from __future__ import annotations
@@ -146,7 +145,7 @@ async def _drawn(request: Request, form: ImageFormat) -> bytes | None:
 async def values(request: Request) -> Response:
     """The values of a tile and of the pixels around it; status 204 where nothing was measured.
 
-    The format is in the documentation of the stage "Serve".
+    The format is documented under "HTTP API", Tiles of values.
     """
     path = _validate(TilePath, request.path_params, "path")
     query = _checked_query(ValuesQuery, request.scope["query_string"])

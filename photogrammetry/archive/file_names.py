@@ -96,9 +96,9 @@ class FileName:
     frame: str = ""
     """As for MER: F or N whole, T thumbnail, S sub-frame, D down-sampled."""
     sol: int | None = None
-    """From the name (Mars 2020), or from its clock; None for test rovers."""
+    """Sol from the name (Mars 2020), or from its clock; None for test rovers."""
     part: str = ""
-    """Of Mars 2020: tile or focal length, and averaging."""
+    """Mars 2020: tile or focal length, and averaging."""
 
 
 def parse_file_name(name: str) -> FileName:

@@ -88,7 +88,7 @@ class Rig:
     images: Mapping[Eye, str]
     """File name patterns of each camera."""
     cameras: Mapping[Eye, CalibratedEye]
-    """In the rover frame."""
+    """Cameras in the rover frame."""
     source: str
 
 

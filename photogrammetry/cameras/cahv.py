@@ -33,7 +33,7 @@ Partials = Float64[np.ndarray, "n 2 3"]
 """d(sample, line)/dP in pixels per metre: one 2 x 3 matrix per point."""
 
 UNIT_TOLERANCE = 1e-3
-"""With the six digits of a label the length of a unit vector is within 1e-6; this is the limit."""
+"""Limit for the length of a unit vector: with the six digits of a label it is within 1e-6."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -159,7 +159,7 @@ class BrownConrady(CalibratedCamera):
         return plane, slopes @ ideal_by_d
 
     def _undistort(self, plane: PlanePoints) -> ObjectPoints:
-        """By Newton's method, starting from the plane points."""
+        """Undistort by Newton's method, starting from the plane points."""
         longest = NEAR_LIMIT * np.sqrt(self._largest_square())
         ideal, step = _shortened(plane, longest), np.full_like(plane, np.inf)
         for _ in range(NEWTON_STEPS):
@@ -236,7 +236,7 @@ class Fisheye(CalibratedCamera):
         return per_metre[:, None] * d[:, :2], partials
 
     def _undistort(self, plane: PlanePoints) -> ObjectPoints:
-        """By Newton's method for the angle."""
+        """Undistort by Newton's method for the angle."""
         radius, largest = np.linalg.norm(plane, axis=1), self._largest_angle()
         theta, step = np.minimum(radius, NEAR_LIMIT * largest), np.full_like(radius, np.inf)
         for _ in range(NEWTON_STEPS):

@@ -65,7 +65,8 @@ class Alignment:
 
     first_from_second: Pose
     covariance: Float64[np.ndarray, "6 6"]
-    """Of rotation vector (radians), then translation (metres), in the axes of the first rover."""
+    """Covariance of rotation vector (radians), then translation (metres), in the axes of the first
+    rover."""
     pointing: dict[str, Float64[np.ndarray, " 3"]]
     """Correction of every pair's pointing, a rotation vector in the pair's frame, radians."""
     mahalanobis2: PerPoint

@@ -140,7 +140,7 @@ class Conjugates:
 
     found: Flags
     points: ImagePoints
-    """In the target image."""
+    """Points in the target image."""
     sigma_px: PerPoint
     """Root mean square over both axes of the target."""
     correlation: PerPoint

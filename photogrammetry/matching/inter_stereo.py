@@ -109,7 +109,8 @@ class PairTies:
     pointing: dict[str, Float64[np.ndarray, " 3"]]
     """Pointing error found for each pair: a rotation vector in its frame, radians."""
     rms_px: float
-    """Of the left image residuals after pointing, over the ties kept; NaN without ties."""
+    """Root mean square of the left image residuals after pointing, over the ties kept; NaN without
+    ties."""
 
     @property
     def untied(self) -> tuple[PairLink, ...]:

@@ -257,7 +257,7 @@ class PatchFits:
     shift: Float64[np.ndarray, "n 2"]
     """Column and row."""
     sigma: PerPoint
-    """Of the shift, the mean of both axes."""
+    """Standard deviation of the shift, the mean of both axes."""
     affine: Float64[np.ndarray, "n 2 2"]
     correlation: PerPoint
     last_step: PerPoint

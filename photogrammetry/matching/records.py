@@ -68,7 +68,8 @@ class MatchedStop:
     pairs: tuple[MatchedPair, ...]
     lsl_from_rover: Pose
     covariance: Float64[np.ndarray, "6 6"]
-    """Of the pose: rotation vector in the LSL (radians), then position in the LSL (metres)."""
+    """Covariance of the pose: rotation vector in the LSL (radians), then position in the LSL
+    (metres)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

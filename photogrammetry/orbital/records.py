@@ -61,7 +61,7 @@ class Correction:
     rotation_deg: float
     centre_m: tuple[float, float]
     covariance: Float64[np.ndarray, "4 4"]
-    """Of (east m, north m, rotation rad, scale)."""
+    """Covariance of (east m, north m, rotation rad, scale)."""
     scale: float = 0.0
     """Change of scale."""
     up_m: float | None = None

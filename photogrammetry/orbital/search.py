@@ -76,7 +76,7 @@ class SearchParams:
     """Possible error of the georeference."""
 
     reach_m: float = 300.0
-    """In each direction; an uncontrolled mosaic may be hundreds of metres off."""
+    """Search distance in each direction; an uncontrolled mosaic may be hundreds of metres off."""
     around_m: tuple[float, float] = (0.0, 0.0)
     """Centre of the search: shift of the map in the image, (east, north)."""
 

@@ -54,7 +54,7 @@ class Exposure:
     eye: Eye
     pointing: Pointing
     camera: Cahvor
-    """In the rover frame, by mast angles and calibration."""
+    """Camera in the rover frame, by mast angles and calibration."""
     clock: int
     pma: int
     sequence: str

@@ -22,7 +22,7 @@ CELL_M = 0.25
 MARGIN_M = 60.0
 """Ground beyond what the stops see that the image shows."""
 MOST_CELLS = 2048
-"""Along a side; the image of a longer traverse has larger cells."""
+"""Most cells along a side; the image of a longer traverse has larger cells."""
 AFTERNOON = Sun(float(np.deg2rad(285.0)), float(np.deg2rad(40.0)))
 """At 15:00, when mapping orbiters pass."""
 NOISE = 0.01

@@ -166,7 +166,7 @@ class RigErrors:
     pointing: float = float(np.deg2rad(0.12))
     """Standard deviation of a pair's azimuth and elevation; its roll has half."""
     mast_zero: tuple[float, float] = (0.0, 0.0)
-    """Of azimuth and elevation, the same for all pairs."""
+    """Errors of the zeros of azimuth and elevation, the same for all pairs."""
     mast_axis: tuple[float, float] = (0.0, 0.0)
     """Roll and pitch of the mast's azimuth axis in the rover frame."""
     bend: tuple[float, float, float] = (0.0, 0.0, 0.0)

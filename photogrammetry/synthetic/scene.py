@@ -45,7 +45,7 @@ CLOCK_OF_SOL_0 = 126_322_960
 PAIR_S = 53
 """Time from one pair to the next, seconds."""
 MAST_ELEVATION = float(np.deg2rad(-18.0))
-"""Of the panorama's pairs."""
+"""Mast elevations of the panorama's pairs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,7 @@ class Shot:
     """Number of the pair at the stop."""
     instrument: Instrument
     pointing: Pointing
-    """By the motors."""
+    """Pointing as reported by the motors."""
     miss: tuple[float, float, float]
     """True roll, pitch, yaw of the mast head beyond that, radians."""
     clock: int

@@ -71,7 +71,7 @@ class TrackComparison:
     """Two tracks through the same stops, after georeferencing and with the same start."""
 
     differences_m: PerPoint
-    """In plan, at every point."""
+    """Differences in plan, at every point."""
     mean_m: float
     end_m: float
     end_percent: float
@@ -188,7 +188,7 @@ class SimulatedMosaic:
 
     @property
     def differences_m(self) -> Float64[np.ndarray, " points"]:
-        """Of both tracks, with a common start."""
+        """Differences of both tracks, with a common start."""
         return np.hypot(*(self.residuals_m - self.residuals_m[0]).T)
 
     @property

@@ -57,7 +57,7 @@ class Equirectangular:
     """The map of the corrected positions: x = R (longitude - meridian), y = R latitude."""
 
     central_meridian_deg: float = 175.5
-    """Of the Analyst's Notebook of Spirit."""
+    """Central meridian of the Analyst's Notebook of Spirit."""
     radius_m: float = MARS_RADIUS_M
 
     def degrees(self, x: float, y: float) -> tuple[float, float]:

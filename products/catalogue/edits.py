@@ -273,7 +273,7 @@ class RunRequest:
     id: int
     kind: RequestKind
     mission: str | None
-    """Of which mission; None: of all."""
+    """Mission to list; None: all."""
     author: str
     at: str
     """UTC, ISO 8601."""

@@ -42,7 +42,7 @@ class Solution:
     network: ProductRef
     made_at: str
     oriented: tuple[PairOrientations, ...]
-    """By stop, for the first of the network's stops."""
+    """Orientations by stop, for the first of the network's stops."""
 
     def has(self, orientations: PairOrientations) -> bool:
         """Whether stops were mapped with all of these orientations."""

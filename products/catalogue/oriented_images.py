@@ -49,7 +49,7 @@ class StereoPartners:
     pair_id: str
     geometry: EpipolarPair
     left: CameraModel
-    """Of the image as stored, in the rover frame, by its label."""
+    """Camera of the image as stored, in the rover frame, by its label."""
     right: CameraModel
     dense: DenseMatches
 

@@ -78,7 +78,7 @@ def _add_parameters_of_requests(root: Path, _connection: sa.Connection) -> None:
 Migration = Callable[[Path, sa.Connection], None]
 """Changes the folder of a store and its catalogue; must be repeatable after a kill."""
 MIGRATIONS: list[Migration] = [_add_missing_tables, _add_parameters_of_requests]
-"""In order: the first leads to version 1. Append to them, and never change one."""
+"""Migrations in order: the first leads to version 1. Append to them, and never change one."""
 OLDEST_READABLE = 0
 """Stores from this version on are read without migration if they are read-only."""
 

@@ -42,7 +42,7 @@ from solmap.products.crs import LandingPoint
 
 _FEWEST_VIEWS = 2
 _DARKEST = 1
-"""Of an image; 0 where it has no data."""
+"""Darkest grey value of an image; 0 is no data."""
 _PERCENTILES = (0.5, 99.5)
 """Percentiles of brightness, shown black and white."""
 
@@ -78,7 +78,7 @@ class CameraNetwork:
     views: tuple[CameraView, ...]
     points: ObjectPoints
     covariances: Covariances3
-    """Of the points, square metres; axes as of the points."""
+    """Covariances of the points, square metres; axes as of the points."""
     view: Int32[np.ndarray, " n"]
     point: Int32[np.ndarray, " n"]
     at: ImagePoints

@@ -67,7 +67,7 @@ class _Export:
     scratch: Path
     """Folder for files that are made for the export."""
     files: dict[str, ProductRef | Path]
-    """By their names."""
+    """Files by name."""
 
     def add(self, name: str, content: ProductRef | bytes | str) -> None:
         """Add a product, or a file with some content."""

@@ -67,7 +67,7 @@ class Selection:
     """Requested features; None selects all."""
 
     keys: Sequence[str]
-    """Of layers."""
+    """Keys of layers."""
     area: Area | None = None
     sols: tuple[int | None, int | None] | None = None
     times: tuple[str | None, str | None] | None = None

@@ -324,7 +324,7 @@ def _lines(
 
 
 def _misfit_colour(share: float) -> tuple[int, int, int]:
-    """From green (0) to red (1 and more); (blue, green, red)."""
+    """Colour (blue, green, red) of a misfit, from green (0) to red (1 and more)."""
     hue = round(GREEN_DEG / 2 * (1.0 - min(max(share, 0.0), 1.0)))  # OpenCV halves degrees
     blue, green, red = cv2.cvtColor(np.array([[[hue, 230, 255]]], np.uint8), cv2.COLOR_HSV2BGR)[
         0, 0

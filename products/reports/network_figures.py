@@ -186,7 +186,7 @@ def network_figure(
 
 
 def ellipse_scale(places: np.ndarray, quality: Quality) -> float:
-    """By what round number ellipses are enlarged: the largest to a tenth of the traverse."""
+    """Round factor that enlarges ellipses: the largest to a tenth of the traverse."""
     largest = max((stop.ellipse_m[0] for stop in quality.stops), default=0.0)
     extent = float(np.ptp(places[:, :2], axis=0).max(initial=0.0)) or 10.0
     if not largest > 0:

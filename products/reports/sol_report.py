@@ -58,7 +58,7 @@ class SolFacts:
 
     mission: str
     origin: str
-    """Of a map that is not tied to the lander; else empty."""
+    """Origin of a map that is not tied to the lander; else empty."""
     sol: int
     images: list[ImageEntry]
     pairs: list[SolPair]

@@ -47,7 +47,7 @@ _MEDIA = {
     ".glb": "model/gltf-binary",
 }
 _DECIMALS = 9
-"""Of degrees: 0.06 mm."""
+"""Decimals of degrees: 0.06 mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class AcquisitionTimes:
 
     @classmethod
     def of_images(cls, layer: Layer, images: Iterable[ImageEntry]) -> AcquisitionTimes:
-        """From the images of a layer: those of its sols and, where it has one, its stop."""
+        """Times of the images of a layer: those of its sols and, where it has one, its stop."""
         of_stop = layer.ref.scope.level is ScopeLevel.STOP
         return cls.of(
             layer,

@@ -20,7 +20,7 @@ from solmap.products.errors import printable
 MAX_FILE_BYTES = 256 << 20
 """Three bands of floats of the largest rover camera have 236 MB."""
 MAX_ROWS_BYTES = 4 << 20
-"""Of vector files and manual ties: 138 sites take 55 kB, 10,000 ties 1 MB."""
+"""Largest size of vector files and manual ties: 138 sites take 55 kB, 10,000 ties 1 MB."""
 _KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a FIFO",

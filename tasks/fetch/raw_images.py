@@ -48,7 +48,7 @@ class RawImage:
     record: RoverImage
     url: str
     name: str
-    """Of its file."""
+    """Name of its file."""
     item: dict[str, Any]
 
     def path(self, out_dir: Path) -> Path:

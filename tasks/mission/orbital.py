@@ -88,7 +88,7 @@ class FoundOrigin:
     place_m: tuple[float, float]
     """(east, north) on the lander's map, if the image is correct."""
     sigma_m: float
-    """Of each coordinate, within the image."""
+    """Standard deviation of each coordinate, within the image."""
 
 
 def find_origin(

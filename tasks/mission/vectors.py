@@ -281,7 +281,7 @@ def footprint_feature(
 def pointing_feature(
     image: RoverImage, entry: ImageEntry, lsl_from_rover: Pose, params: FootprintParams
 ) -> Feature:
-    """From the camera to the ground in the middle of the image."""
+    """Line from the camera to the ground in the middle of the image."""
     line = pointing_line(
         image.camera,
         (image.samples, image.lines),

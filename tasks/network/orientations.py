@@ -58,8 +58,8 @@ class Orientation:
     """`lsl_from_pair`, row by row."""
     translation_m: tuple[float, ...]
     covariance: tuple[float, ...] = ()
-    """Of rotation vector (radians) and position (metres) in the LSL, row by row: stop and pointing
-    together, relative to the held stop. Empty: the orientation is treated as exact."""
+    """Covariance of rotation vector (radians) and position (metres) in the LSL, row by row: stop
+    and pointing together, relative to the held stop. Empty: the orientation is treated as exact."""
     toe_in_sigma: float = 0.0
     """Standard deviation of the stereo rig's toe-in, radians, common to all pairs of a camera."""
     height_bias: HeightBias = NO_BIAS

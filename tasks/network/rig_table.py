@@ -54,7 +54,7 @@ class RigRow:
     pairs: int
     """Stereo pairs of the camera set in the network."""
     pairs_rotated_by_matching: int
-    """Of these, pairs whose right camera was rotated by matching."""
+    """Number of these whose right camera was rotated by matching."""
     component: str
     unit: str
     applied: float
@@ -69,7 +69,7 @@ class RigRow:
     parallax_px: float
     """Root mean square change of the parallaxes of the tie points."""
     sigma0_labelled: float
-    """Of the network with the rigs of the labels."""
+    """Sigma0 of the network with the rigs of the labels."""
     sigma0_corrected: float
 
 

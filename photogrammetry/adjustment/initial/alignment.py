@@ -84,7 +84,7 @@ class TruncatedLoss:
     """The truncated least-squares loss at its present sharpness."""
 
     weights: Float64[np.ndarray, " n"]
-    """Of squared misfits, 0 to 1."""
+    """Weights of squared misfits, 0 to 1."""
     mu: float = 0.0
     """Sharpness; zero before the first misfits are known."""
     is_settled: bool = False

@@ -20,7 +20,7 @@ placed."""
 
 
 KINDS = tuple(TieKind)
-"""From ties within a pair to ties between stops."""
+"""Kinds of tie points, from ties within a pair to ties between stops."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +30,8 @@ class AdjustedStop:
     stop: StopId
     lsl_from_rover: Pose
     covariance: Float64[np.ndarray, "6 6"]
-    """Of rotation vector (radians) and position (metres), both in the LSL, in this order."""
+    """Covariance of rotation vector (radians) and position (metres), both in the LSL, in this
+    order."""
     held: bool
     """Held fixed as the datum in its last adjustment."""
     is_tied: bool
@@ -56,8 +57,8 @@ class AdjustedPair:
     """Rotation vector in the rover frame that rotates the pair from its label's pointing to the
     adjusted one, radians."""
     covariance: Float64[np.ndarray, "6 6"]
-    """Of the pair's pose: rotation vector (radians), then position of the left camera (metres),
-    both in the LSL."""
+    """Covariance of the pair's pose: rotation vector (radians), then position of the left camera
+    (metres), both in the LSL."""
     pointing_covariance: Float64[np.ndarray, "3 3"]
     ties: int
     """Used observations of points that other pairs see too; none: its pointing is the label's."""
@@ -69,10 +70,10 @@ class AdjustedTies:
 
     observations: TiePoints
     points: ObjectPoints
-    """In the LSL, by point number; NaN where not placed."""
+    """Points in the LSL, by point number; NaN where not placed."""
     covariances: Covariances3
     kinds: tuple[TieKind, ...]
-    """By point number, counting only observations that were used."""
+    """Kinds of tie points by number, counting only observations that were used."""
     status: Int32[np.ndarray, " rows"]
     """Per observation: USED, BLUNDER or UNUSED."""
     residuals_px: Float64[np.ndarray, "rows 3"]
@@ -129,7 +130,7 @@ class AdjustedNetwork:
     pairs: tuple[AdjustedPair, ...]
     ties: AdjustedTies
     memory: Memory | None = None
-    """Of a sequential adjustment, once stops have been marginalised."""
+    """Marginal of a sequential adjustment, once stops have been marginalised."""
     control: tuple[AdjustedControl, ...] = ()
     frames: tuple[AdjustedFrame, ...] = ()
     components: VarianceComponents = field(default_factory=VarianceComponents)

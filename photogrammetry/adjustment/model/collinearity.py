@@ -64,7 +64,7 @@ class Observations:
     pair_stop: Int32[np.ndarray, " pairs"]
     rover_from_pair: Float64[np.ndarray, "pairs 3 3"]
     origin_in_rover: Float64[np.ndarray, "pairs 3"]
-    """From the label, before the pointing is corrected."""
+    """Projection centre by the label, before the pointing is corrected."""
     pivot_in_rover: Float64[np.ndarray, "pairs 3"]
     focal_px: Float64[np.ndarray, " pairs"]
     base_m: Float64[np.ndarray, " pairs"]
@@ -199,7 +199,7 @@ class PairBodies:
     rover_from_pair: Matrices
     pivot: Vectors
     lever: Vectors
-    """From the mast head to the pair, in the rover frame."""
+    """Vector from the mast head to the pair, in the rover frame."""
     lever_in_pair: Vectors
     optics: Float64[np.ndarray, "4 pairs"]
     """f, B, c_x, c_y."""
@@ -348,7 +348,7 @@ class Views:
         return Partials(by_point, product(crossed, K), X)
 
     def arm(self, X: Vectors, stop: np.ndarray) -> Vectors:
-        """From stops to points, in the LSL."""
+        """Vectors from stops to points, in the LSL."""
         return X - np.take(self.centres, stop, axis=1)
 
 
@@ -370,13 +370,13 @@ class Partials:
         return Partials(self.by_point * weight, self.by_pointing * weight, self.X)
 
     def by_stop(self, arm: Vectors) -> Float64[np.ndarray, "3 6 m"]:
-        """By (d, dc) of a stop `arm` away: a' [arm] = (a x arm)', a a row of `by_point`."""
+        """Derivatives by (d, dc) of a stop: a' [arm] = (a x arm)', a a row of `by_point`."""
         return np.concatenate([cross_rows(self.by_point, arm), -self.by_point], axis=1)
 
     def by_row(
         self, views: Views, stop: np.ndarray
     ) -> tuple[Float64[np.ndarray, "m 3 9"], Float64[np.ndarray, "m 3 3"]]:
-        """By (d, dc, dm) and by dX, observation by observation; `stop` is that of each."""
+        """Derivatives by (d, dc, dm) and by dX for each observation; `stop` is that of each."""
         by_stop = self.by_stop(views.arm(self.X, stop))
         by_orientation = np.concatenate([by_stop, self.by_pointing], axis=1)
         return by_orientation.transpose(2, 0, 1).copy(), self.by_point.transpose(2, 0, 1).copy()

@@ -88,7 +88,7 @@ class Control:
         return int(self.is_given[self.used].sum())
 
     def with_used(self, used: np.ndarray) -> Control:
-        """With other control set aside."""
+        """The same equations with other control set aside."""
         return replace(self, used=used)
 
     def misclosures(self, state: State) -> Float64[np.ndarray, "n 4"]:

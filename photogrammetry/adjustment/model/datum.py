@@ -31,7 +31,7 @@ from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.imagery import StopId
 
 TURN = 3
-"""Of a frame's unknowns, its rotation."""
+"""Index of the rotation among a frame's unknowns."""
 PLACE_SIGMA_M = 1e-3
 """Standard deviation of the first stop's position, which defines the map."""
 

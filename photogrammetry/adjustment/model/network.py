@@ -22,7 +22,8 @@ from solmap.photogrammetry.frames import LSL, Pose
 from solmap.photogrammetry.imagery import StopId, TiePoints
 
 FRAME_UNKNOWNS = 5
-"""Of a control frame: shift east, north and up (metres), rotation (radians) and change of scale."""
+"""Number of unknowns of a control frame: shift east, north and up (metres), rotation (radians) and
+change of scale."""
 SYMMETRIC = 1e-9
 
 
@@ -40,7 +41,7 @@ class ControlFrame:
     place: Float64[np.ndarray, " 5"]
     """Most likely (t_east, t_north, t_up, b, a)."""
     covariance: Float64[np.ndarray, "5 5"]
-    """Of the position; a component without variance is fixed, not an unknown."""
+    """Covariance of the position; a component without variance is fixed, not an unknown."""
 
     @classmethod
     def from_sigmas(
@@ -89,13 +90,13 @@ class StopControl:
     stop: StopId
     frame: str
     east_m: float
-    """Of the origin of the rover frame, in the control frame."""
+    """East coordinate of the origin of the rover frame, in the control frame."""
     north_m: float
     covariance: Float64[np.ndarray, "k k"]
-    """Of east, north, and of up (m) and azimuth (rad) if given, in this order."""
+    """Covariance of east, north, and of up (m) and azimuth (rad) if given, in this order."""
     up_m: float | None = None
     azimuth_deg: float | None = None
-    """Of the rover's x axis, clockwise from the frame's north."""
+    """Azimuth of the rover's x axis, clockwise from the frame's north."""
 
     def __post_init__(self) -> None:
         C, size = self.covariance, len(self.components)

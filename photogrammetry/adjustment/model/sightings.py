@@ -219,7 +219,7 @@ class WeightedSightings:
     weights: Matrices
     """Inverse covariances in the frames of the pairs."""
     numbers: np.ndarray
-    """Of the points that they see, ascending."""
+    """Numbers of the points that they see, ascending."""
     places: np.ndarray
     """Indices at which the 12 numbers of each sighting's normal equations are summed."""
 
@@ -312,7 +312,7 @@ def consistency(
 
 
 def _lengths(vectors: np.ndarray) -> np.ndarray:
-    """Of vectors, component by component."""
+    """Lengths of vectors given component by component."""
     return np.sqrt(np.einsum("cn,cn->n", vectors, vectors))
 
 

@@ -65,7 +65,7 @@ class Telemetry:
     before: np.ndarray = field(init=False)
     """Number of the stop before each stop; the first refers to itself, with zero weight."""
     steps: Float64[np.ndarray, "stops 3"] = field(init=False)
-    """From the stop before, in the frame of the rover there."""
+    """Vector from the stop before, in the frame of the rover there."""
 
     def __post_init__(self) -> None:
         before = np.maximum(np.arange(len(self.centres)) - 1, 0)

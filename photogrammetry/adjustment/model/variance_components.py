@@ -47,7 +47,7 @@ class Component(StrEnum):
 
 COMPONENTS = tuple(Component)
 TIES = COMPONENTS.index(Component.INTER_STEREO)
-"""From here on the components are kinds of ties, numbered as in `Observations.kind`."""
+"""First component of ties; from here on components are numbered as in `Observations.kind`."""
 SAME = 0.05
 """Factors that change by less, or by half of their own standard deviation, leave estimates and
 covariances unchanged."""
@@ -97,9 +97,9 @@ class VarianceComponents:
     )
     """Used in the adjustment."""
     scatter: Scatter = field(default_factory=Scatter)
-    """Of all observations so far."""
+    """Scatter of all observations so far."""
     past: Scatter = field(default_factory=Scatter)
-    """Of those among them that were marginalised."""
+    """Scatter of those among them that were marginalised."""
     priors: Float64[np.ndarray, " components"] = field(
         default_factory=lambda: np.ones(len(COMPONENTS))
     )
@@ -118,9 +118,9 @@ class VarianceComponents:
         return replace(self, priors=priors).update(params.sigma_freedoms)
 
     def update(self, freedoms: float, scatter: Scatter | None = None) -> VarianceComponents:
-        """With the factors of all observations: marginalised ones, and others if given.
+        """Set the factors of all observations: marginalised ones, and others if given.
 
-        Where `freedoms` is infinite factors stay as they are.
+        Where `freedoms` is infinite, factors stay unchanged.
         """
         total = self.past + scatter if scatter else self.scatter
         factors = self.factors if np.isinf(freedoms) else total.factors(freedoms)

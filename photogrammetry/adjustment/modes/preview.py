@@ -56,7 +56,8 @@ class Preview:
     report_before: AdjustmentReport
     report: AdjustmentReport
     residuals_px: Float64[np.ndarray, "n 2 3"]
-    """Of each manual tie point, in both pairs: sample, line, parallax; NaN where not measured."""
+    """Residuals of each manual tie point, in both pairs: sample, line, parallax; NaN where not
+    measured."""
     standardised: Float64[np.ndarray, "n 2 3"]
     status: Int32[np.ndarray, "n 2"]
     vetoed: int

@@ -52,7 +52,7 @@ temperature and years on Mars on archived camera models."""
 BASELINE_SIGMA_M = 0.001
 """Prior standard deviation of the baseline: half a per cent of the Navcam's."""
 UNKNOWNS = 4
-"""Of a camera set: three angles and a length."""
+"""Number of unknowns of a camera set: three angles and a length."""
 PASSES = 3
 """A wrong rig makes good ties look like blunders: they are tested again once it is corrected."""
 ROUNDS = 8
@@ -78,9 +78,9 @@ class RigCorrection:
     """Rotation vector of the right camera against the left, in the pair's frame (right, down,
     forward), radians."""
     baseline_m: float
-    """By how much the baseline is longer than calibrated."""
+    """Length of the baseline beyond its calibration."""
     covariance: Float64[np.ndarray, "4 4"]
-    """Of rotation (radians) and baseline (metres)."""
+    """Covariance of rotation (radians) and baseline (metres)."""
 
     @property
     def values(self) -> Float64[np.ndarray, " 4"]:
@@ -103,9 +103,9 @@ class RigCalibration:
     """The corrections of a network's camera sets, and the fit of the network with and without."""
 
     corrections: tuple[RigCorrection, ...]
-    """By name of the camera set."""
+    """Corrections by name of the camera set."""
     covariance: Float64[np.ndarray, "k k"]
-    """Of all their values together."""
+    """Covariance of all their values together."""
     as_labelled: AdjustmentReport
     corrected: AdjustmentReport
 

@@ -106,7 +106,7 @@ class StopRig:
     """All observations of a stop about the stereo rigs."""
 
     rows: Mapping[str, CameraRows]
-    """By camera set."""
+    """Rows by camera set."""
     ties: NormalEquations | None = None
 
     @property

@@ -177,7 +177,7 @@ def _tie_precision(ties: AdjustedTies) -> dict[TieKind, TiePrecision]:
 
 
 def _redundancy(ties: AdjustedTies) -> dict[TieKind, Redundancy]:
-    """By kind of tie, over the measured coordinates of used observations."""
+    """Redundancy by kind of tie, over the measured coordinates of used observations."""
     kinds = np.array([str(kind) for kind in ties.kinds], dtype=str)[ties.observations.point]
     measured = np.isfinite(ties.residuals_px) & (ties.status == USED)[:, None]
     found = {}

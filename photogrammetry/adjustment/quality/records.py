@@ -45,9 +45,9 @@ class Precision:
 
     pairs: int
     position_mm: Triple
-    """Of the left cameras."""
+    """Standard deviations of the left cameras' positions."""
     angles_arcmin: Triple
-    """Of the cameras' rotation."""
+    """Standard deviations of the cameras' rotation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,12 +122,12 @@ class StopQuality:
     ellipse_m: tuple[float, float]
     """Semi-axes of the 1-sigma error ellipse on the map."""
     ellipse_azimuth_deg: float
-    """Of the major axis, clockwise from north."""
+    """Azimuth of the major axis, clockwise from north."""
     sigma_down_m: float
     moved_m: float
     """Distance from its position by telemetry."""
     driven_m: float
-    """Along the adjusted traverse up to here."""
+    """Distance along the adjusted traverse up to here."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +212,7 @@ class Quality:
     """Tie points shared by two stops."""
     weaknesses: tuple[Weakness, ...] = ()
     control: tuple[ControlQuality, ...] = ()
-    """Of every stop in a control frame, except the datum."""
+    """Control of every stop that is in a control frame, except the datum."""
     frames: tuple[FrameQuality, ...] = ()
     components: tuple[ComponentQuality, ...] = ()
     mast: tuple[MastQuality, ...] = ()

@@ -73,13 +73,13 @@ class Start:
     control: Control | None = None
 
     def problem(self, used: np.ndarray) -> Problem:
-        """With the observations in use."""
+        """The problem with the observations in use."""
         return Problem.of(
             self.observations, self.telemetry, self.held, used, self.inherited, self.control
         )
 
     def with_control(self, numbers: np.ndarray, *, used: bool = True) -> Start:
-        """With some control used again, or set aside."""
+        """The same state with some control used again, or set aside."""
         if self.control is None or not len(numbers):
             return self
         return replace(
@@ -101,7 +101,7 @@ class Outcome:
     ties: tuple[EliminatedTies, ...]
     """At the last linearisation."""
     inverse: np.ndarray
-    """Of the normal equations, on their pattern."""
+    """Inverse of the normal equations, on their pattern."""
     placed: ControlTests
     """Tests of control."""
 
@@ -212,9 +212,9 @@ def _stand_out(problem: Problem, solution: Solution, params: AdjustmentParams) -
 def _with_fitting(
     start: Start, evaluation: _Evaluation, used: np.ndarray, params: AdjustmentParams, step: Step
 ) -> tuple[np.ndarray, Problem, State]:
-    """With observations that were set aside and fit now, while blunders are searched robustly.
+    """The state after using again set-aside observations that now fit, in the robust search.
 
-    Their points were in no adjustment while stops moved, and are placed again.
+    Their points took part in no adjustment while stops moved, and are placed again.
     """
     before = start.problem(used) if len(evaluation.fitting) and step.robust else evaluation.problem
     if not step.robust or used.all():

@@ -149,7 +149,7 @@ class Problem:
 
 
 def _nearest(observations: Observations, rows: np.ndarray) -> np.ndarray:
-    """Of rows (k, n) of n points the row with the largest parallax of each."""
+    """From rows (k, n) of n points, the row with the largest parallax of each."""
     parallax = observations.measured[rows, 2]
     return rows[len(rows) - 1 - parallax[::-1].argmax(axis=0), np.arange(rows.shape[1])]
 

@@ -261,12 +261,12 @@ class Holding:
     """Connections of the stops of a network by their used ties."""
 
     shared: tuple[dict[int, int], ...]
-    """Of every stop: number of ties it shares with each other stop."""
+    """Number of ties that each stop shares with each other stop."""
     held: Bool[np.ndarray, " stops"]
     reached: Bool[np.ndarray, " stops"]
     """Whether ties or control lead to a stop that is held, or known from before."""
     placed: dict[int, list[int]]
-    """Of stops with control: the numbers of the frames."""
+    """Numbers of the control frames that contain each stop."""
 
     @classmethod
     def of(

@@ -124,7 +124,7 @@ class DerivedRaster:
 
     kind: RasterKind
     bands: Float32[np.ndarray, "bands lines samples"]
-    """In the order of `band_names`; disparities 0-based. 0 outside the mask."""
+    """Bands in the order of `band_names`; disparities 0-based. 0 outside the mask."""
     mask: Mask
     """True where there is a value."""
     frame: Frame | None
@@ -139,7 +139,7 @@ class DerivedRaster:
 
     @property
     def unit(self) -> str | None:
-        """Of the values of all bands; None where they have none."""
+        """Unit of the values of all bands; None where they have none."""
         return UNITS.get(self.kind)
 
 

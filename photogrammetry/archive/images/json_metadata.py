@@ -53,7 +53,7 @@ OTHER_KEYS = {
 }
 """Alternative names in the lists -> the name used here."""
 _BAND = re.compile(r"ZCAM_[LR](\d)_", re.ASCII)
-"""In filter_name of Mastcam-Z: ZCAM_L6_442NM."""
+"""Pattern of the band in filter_name of Mastcam-Z: ZCAM_L6_442NM."""
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 

@@ -223,7 +223,7 @@ class Radiometry:
 
     companding: Companding = field(default_factory=Companding)
     flat_fields: Mapping[str, FlatField | RadialVignetting] = field(default_factory=dict)
-    """By INSTRUMENT_ID, for the full frame."""
+    """Flat fields by INSTRUMENT_ID, for the full frame."""
 
     @property
     def changes_nothing(self) -> bool:

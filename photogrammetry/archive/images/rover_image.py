@@ -43,7 +43,7 @@ LEAST_ELEVATION = math.radians(1.0)
 """Mast elevations nearer to the horizon do not determine the sign: six digits and 0.1 degree of
 lag."""
 DETECTOR_ON_MAST = re.compile(r"(?:NAV|PAN)[ _]CCD\Z", re.ASCII)
-"""In the names of temperatures: LEFT PAN CCD of MER, B_LEFT_NAV_CCD of MSL."""
+"""Pattern in the names of temperatures: LEFT PAN CCD of MER, B_LEFT_NAV_CCD of MSL."""
 MAX_CELSIUS = 150.0
 """Labels have 1e30 where nothing was measured, or zero."""
 DAY_HOURS = (6.5, 17.5)

@@ -44,7 +44,7 @@ from solmap.photogrammetry.imagery import StopId
 LOCALISED, ORBITAL, SPICE = "localised", "orbital", "spice"
 """Names of solutions: by people, by an orbital image registered here, from SPICE kernels."""
 PRIORITY = (LOCALISED, ORBITAL, "adjusted", SPICE, "telemetry")
-"""From the most to the least reliable."""
+"""Sources of positions, from the most to the least reliable."""
 MAX_TABLE = 1 << 26
 """Characters; rows are read one by one, and at most `MAX_ROWS` are kept."""
 MAX_ROWS = 200_000

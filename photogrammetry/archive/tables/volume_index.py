@@ -113,7 +113,7 @@ class IndexRow:
 
     layout: IndexLayout
     number: int
-    """From 1."""
+    """Number of the row, from 1."""
     line: bytes
 
     def text(self, name: str) -> str:

@@ -77,7 +77,7 @@ class CandidateParams:
     most: Count = 120
     """While a hypothesis is tested."""
     most_at_last: Count = 300
-    """In the final search for a hypothesis."""
+    """Most candidates of the final search for a hypothesis."""
     square_m: Metres = 0.2
     """Cells are square up to this length; longer ones are narrower, of the same area, as far as
     both images resolve it. Stops far apart see the ground between them along one line, with finer
@@ -100,11 +100,11 @@ class Plan:
     target_from_source: Pose
     """Between the level frames."""
     places: ObjectPoints
-    """In the level frame of the source."""
+    """Positions in the level frame of the source."""
     cells: Float64[np.ndarray, "n 2 2"]
     """G of the patch around every point, metres in the level axes of the source."""
     reach: PerPoint
-    """In cells."""
+    """Search radius in cells."""
 
     @property
     def cell_m(self) -> PerPoint:

@@ -20,7 +20,7 @@ from solmap.photogrammetry.matching.records import MatchedStop
 from solmap.photogrammetry.ranges import Factor, FewOrZero, Metres, MetresOrZero, Radians, Share
 
 PoseCovariance = Float64[np.ndarray, "6 6"]
-"""Of rotation vector (radians), then translation (metres)."""
+"""Covariance of rotation vector (radians), then translation (metres)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +56,10 @@ class GateParams:
             )
 
     def opened(self, position: float, azimuth: float, tilt: float) -> GateParams:
-        """With standard deviations multiplied by a factor estimated from the mission.
+        """The gate with standard deviations multiplied by a factor estimated from the mission.
 
-        Rounded to a power of two, so that a mission's links seldom have to be searched again, and
-        never below one, which would find nothing more.
+        The factor is rounded to a power of two, so that a mission's links rarely have to be
+        searched again, and is never below one, which would find nothing more.
         """
         place, heading, level = (
             2.0 ** max(0, round(float(np.log2(factor)))) for factor in (position, azimuth, tilt)
@@ -73,7 +73,7 @@ class GateParams:
         )
 
     def usual_sigma_m(self, distance_m: float) -> float:
-        """Of the position of a stop at this distance from another, by telemetry."""
+        """Usual standard deviation of telemetry positions of stops at this distance."""
         return self.slip_sigma * distance_m + self.position_sigma_m
 
 

@@ -123,7 +123,7 @@ class MatchedGround:
 
     places: ObjectPoints
     range_m: PerPoint
-    """Along the axis of the pair."""
+    """Range along the axis of the pair."""
     footprints: Float64[np.ndarray, "n 2 2"]
     """C of a pixel at every place, square metres; NaN where unknown."""
 

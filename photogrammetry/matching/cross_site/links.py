@@ -25,7 +25,7 @@ class LinkTestParams:
     """Criteria for accepting a link."""
 
     least_ties: Count = 20
-    """With a peak that could be random, and"""
+    """Least number of ties if the peak could be random, and"""
     few_ties: Count = 8
     """with one that could not: peak and ties then find the same position independently. The paper's
     example had 7 manual ones."""
@@ -62,14 +62,14 @@ class SiteLinkFigures:
     distance_m: float
     """Between the stops by telemetry."""
     peak_z: float = 0.0
-    """Of the search where the ties are; 0 if they are elsewhere."""
+    """Significance of the peak of the search where the ties are; 0 if they are elsewhere."""
     overlap_m2: float = 0.0
     measured: int = 0
     """Conjugates with parallax in the last round."""
     ties: int = 0
     """Conjugates that agree in space."""
     handed_on: int = 0
-    """Of these, the ties of the link, which are nearly independent."""
+    """Number of these that are ties of the link, which are nearly independent."""
     by_shape: int = 0
     """Further, surface-matched ties of the link."""
     height_bias_lines: float = float("nan")
@@ -100,7 +100,8 @@ class SiteLink:
     earlier_from_later: Pose
     """Rover to rover: by the link if accepted, else by telemetry."""
     covariance: Float64[np.ndarray, "6 6"]
-    """Of rotation vector (radians), then translation (metres), in the earlier rover's axes."""
+    """Covariance of rotation vector (radians), then translation (metres), in the earlier rover's
+    axes."""
     figures: SiteLinkFigures
     fit: PlaneFit | None
     """The best peak of the bird's-eye search, kept for figures."""

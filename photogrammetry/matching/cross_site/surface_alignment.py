@@ -117,7 +117,7 @@ class SurfaceParams:
     farthest_m: Metres = 25.0
     """Beyond it Navcam lines are more than 30 cm apart on level ground."""
     sigma_parallax_px: Pixels = 0.1
-    """Of dense parallax."""
+    """Standard deviation of dense parallax."""
     bias_parallax_px: PixelsOrZero = 0.03
     """c: standard deviation of the error common to all parallax of both stops,"""
     bias_line_px: Pixels = 1.0
@@ -245,9 +245,9 @@ class Cells:
     """Cells of the later stop's ground compared with the earlier one's, n of them."""
 
     places: ObjectPoints
-    """In the level frame of the earlier stop, metres."""
+    """Positions in the level frame of the earlier stop, metres."""
     arms: ObjectPoints
-    """From the later rover, in the same axes."""
+    """Vectors from the later rover to the places, in the same axes."""
     residual_m: PerPoint
     """r, with the ground of both stops corrected for the height bias."""
     by_shift: ObjectPoints
@@ -272,11 +272,12 @@ class Registration:
     pose: Pose
     """Later level frame to earlier one."""
     covariance: Float64[np.ndarray, "6 6"]
-    """Of rotation vector (radians), then translation (metres), in the earlier level frame."""
+    """Covariance of rotation vector (radians), then translation (metres), in the earlier level
+    frame."""
     correlation: float
-    """Of the common relief."""
+    """Correlation of the common relief."""
     area_m2: float
-    """Of the common ground."""
+    """Area of the common ground."""
     cells: Cells
     """Where the motion was found, with weights that allow for what cells share."""
     height_bias: HeightBias
@@ -290,17 +291,17 @@ class _Surfaces:
     earlier: HeightGrid
     later: HeightGrid
     there: Raster
-    """Of the earlier stop."""
+    """Surface of the earlier stop."""
     slopes: tuple[Raster, Raster]
     """Its derivatives by north and east."""
     points: ObjectPoints
-    """Of the later stop, in its level frame."""
+    """Points of the later stop, in its level frame."""
     relief: PerPoint | None
     """Mean heights of the later stop; None: heights are compared."""
     too_high_m: tuple[Raster, Raster] | None
     """Height bias of both for every line of b; None where relief is compared."""
     sigma_m: float
-    """Of the Gaussian."""
+    """Standard deviation of the Gaussian."""
     params: SurfaceParams
 
     @classmethod
@@ -379,7 +380,7 @@ class _Surfaces:
         return mean_of_known(raster, self.sigma_m / self.later.cell_m, LEAST_SHARED)
 
     def correlation(self, pose: Pose) -> float:
-        """Of the relief that both stops see."""
+        """Correlation of the relief that both stops see."""
         places = pose.apply(self.points)
         both = np.column_stack([self.earlier.at(self.there, places), np.asarray(self.relief)])
         both = both[np.isfinite(both).all(axis=1)]

@@ -169,7 +169,7 @@ class Blocks:
     places: ObjectPoints
     """A point of the earlier stop's ground in the middle, in its level frame."""
     arms: ObjectPoints
-    """From the later rover to it, in the same axes."""
+    """Vectors from the later rover to the points, in the same axes."""
     shift_m: ObjectPoints
     """Shift that moves the later stop's ground onto it."""
     covariance: Float64[np.ndarray, "n 3 3"]

@@ -185,7 +185,7 @@ def search_predicted(
 
 
 def _inverse_depth_of(two_views: TwoViews, parallax_px: PerPoint) -> PerPoint:
-    """From the parallax of the first image's pair."""
+    """Inverse depth by the parallax of the first image's pair."""
     return parallax_px / (two_views.one.focal_px * two_views.one.base_m)
 
 

@@ -51,7 +51,7 @@ class TwoViews:
 
     @property
     def other_from_one(self) -> Pose:
-        """By the labels' mast kinematics."""
+        """Relative pose by the labels' mast kinematics."""
         return self.other.rover_from_pair.inverse @ self.one.rover_from_pair
 
     def project(
@@ -118,7 +118,7 @@ class TwoViewCheck:
 
     agrees: Flags
     turn: Vector3
-    """Of the second camera relative to the first, rotation vector in its own frame, radians."""
+    """Rotation vector of the second camera relative to the first, in its own frame, radians."""
     across_px: PerPoint
     """Distance from the epipolar line of the labels."""
     left_px: PerPoint

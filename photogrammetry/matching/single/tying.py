@@ -61,7 +61,7 @@ class MonoTies:
     links: tuple[MonoLink, ...]
     """One for every two images that overlap."""
     misfit: PerPoint
-    """Of every tie: its distance from the epipolar line as a fraction of the limit."""
+    """Misfit of every tie: its distance from the epipolar line as a fraction of the limit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

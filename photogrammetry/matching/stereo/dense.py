@@ -149,9 +149,9 @@ class SharedSigma:
     """
 
     offset_px: float = 0.0
-    """By a rotation of one camera about the vertical."""
+    """Change of parallax by a rotation of one camera about the vertical."""
     stretch: float = 0.0
-    """By the length of the baseline, relative."""
+    """Relative change of parallax by the length of the baseline."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

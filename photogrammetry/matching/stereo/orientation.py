@@ -138,9 +138,10 @@ class RelativeOrientation:
     rotation: Vector3
     """Rotation vector about (right, down, forward), radians."""
     shift: Vector3
-    """Of the centre along (right, down, forward), in units of the baseline; the first is 0."""
+    """Shift of the centre along (right, down, forward), in units of the baseline; the first is
+    0."""
     covariance: Float64[np.ndarray, "6 6"]
-    """Of w_x, w_y, w_z, t_y, t_z and s in pixels."""
+    """Covariance of w_x, w_y, w_z, t_y, t_z and s in pixels."""
 
     unknowns: Float64[np.ndarray, " 6"]
     """Sum of all corrections added to the adjusted orientation, including this one; s is never
@@ -242,7 +243,7 @@ class RowCells:
 
     @classmethod
     def together(cls, cells: Sequence[RowCells]) -> RowCells:
-        """Of several pairs."""
+        """The correction of several pairs together."""
         tables = (np.column_stack([one.design, one.vertical_px]) for one in cells)
         weighted = (one.weight[:, None] * table for one, table in zip(cells, tables, strict=True))
         return cls._of_sums(np.sum([one.weight for one in cells], axis=0), sum(weighted))

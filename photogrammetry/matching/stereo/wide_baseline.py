@@ -94,7 +94,7 @@ class InstrumentLimits:
     least_base_m: MetresOrZero = 2.0
     """Shorter baselines do not improve on the rig for ground that it maps itself."""
     largest_base_m: Metres = 40.0
-    """With longer baselines the views of the requested ground differ too much."""
+    """Longest baseline; with longer ones the views of the requested ground differ too much."""
     least_angle: Radians = float(np.deg2rad(30.0))
     """Between the baseline and either view: at 30 degrees half of the baseline is effective."""
     largest_turn: Radians = float(np.deg2rad(30.0))

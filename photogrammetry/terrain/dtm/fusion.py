@@ -126,9 +126,9 @@ class Variances:
     """Variance of the elevation of every entry, square metres."""
 
     own: PerEntry
-    """By matching and by the roughness of the ground."""
+    """Variance by matching and by the roughness of the ground."""
     pose: PerEntry
-    """By the pose of the view, and by the common error of its parallaxes."""
+    """Variance by the pose of the view, and by the common error of its parallaxes."""
 
 
 def variances(

@@ -24,7 +24,7 @@ from solmap.photogrammetry.matching.stereo.dense import SharedSigma
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, MapGrid
 
 PoseCovariance = Float64[np.ndarray, "6 6"]
-"""Of a rotation vector (radians) and a position (metres), both in the LSL."""
+"""Covariance of a rotation vector (radians) and a position (metres), both in the LSL."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +43,7 @@ class TerrainView:
     shared: SharedSigma | None = None
     """The part of it common to all points of the view."""
     covariance: PoseCovariance | None = None
-    """Of the pose, relative to the held stop; None where treated as exact."""
+    """Covariance of the pose, relative to the held stop; None where treated as exact."""
     height_bias: HeightBias = NO_BIAS
     """Height bias of the ground around the stop."""
 

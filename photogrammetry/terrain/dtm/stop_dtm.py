@@ -105,9 +105,9 @@ class Gridding(StrEnum):
     """Filling of cells between the measured ones (paper, section 5)."""
 
     GRID = "grid"
-    """By the mesh of connected pixels in an image."""
+    """Interpolate by the mesh of connected pixels in an image."""
     TIN = "tin"
-    """By triangles between measured cells."""
+    """Interpolate by triangles between measured cells."""
 
 
 @dataclass(frozen=True, slots=True)

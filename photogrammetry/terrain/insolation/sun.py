@@ -87,7 +87,7 @@ class Season:
 
     @property
     def declination(self) -> float:
-        """Of the sun, radians north of the equator."""
+        """Declination of the sun, radians north of the equator."""
         return math.asin(
             math.sin(math.radians(OBLIQUITY_DEG)) * math.sin(math.radians(self.ls_deg))
         )

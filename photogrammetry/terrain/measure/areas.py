@@ -91,7 +91,7 @@ class BasePlane:
 
     @property
     def sigma_slope(self) -> float:
-        """Of the slope, radians; for a level plane along the worst direction."""
+        """Standard deviation of the slope, radians; for a level plane in the worst direction."""
         gradient = float(np.hypot(*self.parameters[1:]))
         if gradient == 0.0:
             return float(np.sqrt(max(np.linalg.eigvalsh(self.covariance[1:, 1:])[-1], 0.0)))
@@ -109,7 +109,7 @@ class Volume:
     sigma_above_m3: float
     sigma_below_m3: float
     sigma_m3: float
-    """Of the net volume."""
+    """Standard deviation of the net volume."""
     area_m2: float
     measured_share: float
     highest_m: float

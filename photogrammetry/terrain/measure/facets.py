@@ -266,7 +266,7 @@ class Facet:
     width_m: float
     """Extent across the longest one."""
     distance_m: float
-    """From the camera."""
+    """Distance from the camera."""
 
 
 def find_facets(view: TerrainView, params: FacetParams) -> list[Facet]:

@@ -46,7 +46,7 @@ from solmap.photogrammetry.terrain.measure.oriented_image import (
 from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 
 UP = np.array([0.0, 0.0, -1.0])
-"""In the LSL."""
+"""Upward unit vector in the LSL."""
 GRAZING = 0.02
 """Cosine to the normal below which a ray is parallel to the ground: one degree."""
 WIDEST_GAP_M = 0.5
@@ -202,10 +202,10 @@ class MatchedPixel:
     """A pixel with its parallax."""
 
     left: tuple[float, float]
-    """In the left epipolar image."""
+    """Point in the left epipolar image."""
     parallax_px: float
     sigma_px: float
-    """Of the parallax."""
+    """Standard deviation of the parallax."""
 
 
 def matched_pixel(

@@ -45,7 +45,7 @@ class Stations:
     """Stations along a line."""
 
     distance_m: PerPoint
-    """Along the line on the map, from its first corner."""
+    """Distance along the line on the map, from its first corner."""
     places: MapPoints
     leg: Int32[np.ndarray, " n"]
     """Number of the leg of each station; a leg ends at a corner."""
@@ -131,7 +131,7 @@ class LineMeasures:
 
     map_length_m: float
     surface_length_m: float
-    """Along the ground, by steps of the stations."""
+    """Length along the ground, by steps of the stations."""
     measured_share: float
     """Part of the line, on the map, whose steps have elevations at both ends."""
     leg_length_m: PerPoint
@@ -147,7 +147,7 @@ class Rise:
     rise_m: float
     sigma_rise_m: float
     straight_m: float
-    """In space."""
+    """Straight length in space."""
     slope: float
     """Radians, positive where the second point is higher."""
     sigma_slope: float

@@ -79,7 +79,7 @@ class OrientedImage:
     pivot_in_lsl: Vector3
     """The mast head, about which pointing errors rotate the camera."""
     pointing_covariance: Covariance3
-    """Of a rotation vector in the LSL."""
+    """Pointing covariance of a rotation vector in the LSL."""
 
     @classmethod
     def of(cls, image: RoverImage, pose: StopPose, pointing: Pointing) -> OrientedImage:

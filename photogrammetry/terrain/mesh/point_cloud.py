@@ -81,7 +81,7 @@ class CloudTile:
     place: TilePlace
     cloud: PointCloud
     spacing_m: float
-    """Of its level."""
+    """Spacing of the points of its level."""
 
 
 def point_cloud(views: Sequence[TerrainView], params: PointCloudParams) -> PointCloud:

@@ -114,7 +114,7 @@ class TerrainMesher:
     north: Float64[np.ndarray, " rows"]
     elevation: Raster
     gradient: Gradients
-    """From the terrain model, so that normals are the same on both sides of any border."""
+    """Gradient from the terrain model, so that normals are the same on both sides of any border."""
     seen: Float32[np.ndarray, "squares_down squares_across"]
     """Fraction of every square between four points with known cells of the terrain model."""
     triangles: RightTriangles
@@ -186,7 +186,7 @@ class TilesetParams:
     texture_px: WholePixels = 1024
     """Side of a tile's texture: that of the orthophoto itself at the finest level."""
     jpeg_quality: JpegQuality = 85
-    """Of the textures, percent."""
+    """JPEG quality of the textures, percent."""
     draco: bool = False
     """Whether to compress triangles with Draco: to a third of the size; viewers need its
     decoder."""

@@ -74,7 +74,7 @@ class ViewModelParams(SightParams):
     yield_to: FactorFromOne = 1.25
     """Ratio by which another pair must be better for this one to leave a block out."""
     jpeg_quality: JpegQuality = 90
-    """Of the textures, percent."""
+    """JPEG quality of the textures, percent."""
     draco: bool = True
     """Whether to compress triangles with Draco: to a fifth of the size; viewers need its
     decoder."""

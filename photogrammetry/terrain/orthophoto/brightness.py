@@ -85,7 +85,7 @@ class BrightnessSamples:
     smooth: Float32[np.ndarray, "views bands n"]
     """Averaged over some pixels."""
     best: Float32[np.ndarray, "bands n"]
-    """In the best view of each cell; NaN where it has none."""
+    """Brightness in the best view of each cell; NaN where it has none."""
     best_view: np.ndarray
 
     def balance(self) -> Float64[np.ndarray, "views bands 2"]:

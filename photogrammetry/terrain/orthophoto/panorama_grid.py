@@ -40,7 +40,7 @@ LEAST_GAP_DEG = 5.0
 north."""
 
 Span = tuple[float, float]
-"""From and to, degrees."""
+"""First and last angle, degrees."""
 NEAREST_M, FARTHEST_M = 0.3, 300.0
 GROWTH = 1.01
 LEVEL_M = 20.0

@@ -58,7 +58,7 @@ class OrthophotoBlock:
     row: int
     col: int
     brightness: Float32[np.ndarray, "bands rows cols"]
-    """In the units of the images, balanced; NaN where no view shows the ground."""
+    """Brightness in the units of the images, balanced; NaN where no view shows the ground."""
     sources: Sources
     """At the cells of the terrain model, `ratio` times coarser."""
 
@@ -76,7 +76,7 @@ class OrthophotoRendering:
     """Orthophoto cells along the side of a terrain cell."""
     pair_ids: tuple[str, ...]
     stretch: tuple[Stretch, ...]
-    """Of each band."""
+    """Stretch of each band."""
     balance: Float64[np.ndarray, "views bands 2"]
     """(gain, offset) of every view and band."""
 

@@ -85,7 +85,7 @@ def pointing_line(
     ground: Ground,
     max_range_m: float,
 ) -> Outline:
-    """From the camera to the ground in the middle of the image, two points on the map.
+    """Line from the camera to the ground in the middle of the image, two points on the map.
 
     The line has its largest length where the middle shows sky or ground beyond it.
     """

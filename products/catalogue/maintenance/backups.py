@@ -48,7 +48,7 @@ BACKUPS, MANIFEST = "backups", "manifest.json"
 _DRAFTS, _LOCK = "drafts", "backup.lock"
 _PRODUCTS, _STAC = "products", "stac"
 _FOLDERS = (_PRODUCTS, BACKUPS, _DRAFTS)
-"""Of a backup folder."""
+"""Subfolders of a backup."""
 _OWN = (edits.FILE, tokens.FILE)
 _INBOX = "inbox.json"
 _PROVENANCE = ".provenance.json"

@@ -37,7 +37,8 @@ _LEAST_SIGMA_PX, _SIGMA_STEP = 0.005, 0.03
 
 
 LEVEL = 1
-"""Of compression: 6, which numpy takes, needs three times as long for a few percent of the size."""
+"""Compression level: 6, the default of numpy, needs three times as long for a few percent of the
+size."""
 
 
 def write_archive(path: Path, header: dict[str, Any], **arrays: np.ndarray) -> None:

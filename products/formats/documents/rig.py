@@ -44,7 +44,7 @@ class RigProduct:
     stops: Mapping[str, StopRig] = field(default_factory=dict)
     """The last stops of the mission, by name."""
     found: Mapping[str, Mapping[str, RigRotation]] = field(default_factory=dict)
-    """By stop and camera set, of the same stops."""
+    """Rig corrections found, by stop and camera set, of the same stops."""
     applied: Mapping[str, Mapping[str, Vector3]] = field(default_factory=dict)
     """Rotation by stop and camera set, of all stops so far; without those that keep their
     labels."""

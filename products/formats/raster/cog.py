@@ -88,7 +88,7 @@ class RasterDescription:
     """Method of the overviews."""
     tags: Mapping[str, str] | None = None
     classes: tuple[RasterClass, ...] = ()
-    """Of the only band of a class layer."""
+    """Classes of the only band of a class layer."""
 
 
 @contextlib.contextmanager

@@ -34,7 +34,7 @@ RAMPS: dict[str, Ramp] = {
     "red-blue": RED_BLUE,
     "twilight": TWILIGHT,
 }
-"""By the name used in tile requests."""
+"""Colour ramps by the name used in tile requests."""
 
 
 @dataclass(frozen=True, slots=True)

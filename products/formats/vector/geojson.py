@@ -272,9 +272,9 @@ class PlacedFeatures:
     metres: np.ndarray
     """(n, 2): east and north of all points of all rings."""
     first_row: np.ndarray
-    """Of every ring, in `metres`; after the last, their number."""
+    """First row of every ring in `metres`, then the number of rows."""
     first_ring: np.ndarray
-    """Of every item; after the last, their number."""
+    """First ring of every item, then the number of rings."""
 
     def rings_of(self, number: int) -> list[np.ndarray]:
         """Rings of an item as in the file: (east, north) or (east, north, up), metres."""

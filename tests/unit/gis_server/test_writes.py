@@ -1,4 +1,4 @@
-"""Writing takes a token and a role; what is written is checked, logged and can be taken back."""
+"""Writing requires a token and a role; what is written is checked, logged and can be revoked."""
 
 from datetime import UTC, datetime, timedelta
 
@@ -79,7 +79,7 @@ def test_a_missing_a_wrong_and_an_insufficient_token_are_distinguished(
     assert "unknown, revoked or expired" in wrong.json()["description"]
     low = client.post(path, json=body, headers=viewer)
     assert low.status_code == 403
-    assert "takes the role" in low.json()["description"]
+    assert "requires the role" in low.json()["description"]
 
 
 def test_an_analyst_writes_and_revokes_edits_and_everybody_reads_the_log(
