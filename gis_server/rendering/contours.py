@@ -1,7 +1,7 @@
 """Contours of a terrain model at any interval: as lines in a tile and as features.
 
-Elevations are smoothed as for the contours that are made once (`terrain`). With the elevation h of a
-pixel and the gradient |h'| per pixel, its distance from the nearest contour is
+Elevations are smoothed as for the contours that are made once (`terrain`). With the elevation h of
+a pixel and the gradient |h'| per pixel, its distance from the nearest contour is
 
     d = |h - i rint(h / i)| / |h'|        i the interval
 

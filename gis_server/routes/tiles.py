@@ -2,8 +2,8 @@
 
 A view of the map requests dozens of tiles, so these routes are lean: each request is checked by one
 model for its path and one for its query, from which the API description is written too; only the
-drawing runs in a thread; and these routes are the first of the app. They take less than 1.3 times as
-long as the same tiles without routing and validation (`tests/benchmarks/test_tiles.py`).
+drawing runs in a thread; and these routes are the first of the app. They take less than 1.3 times
+as long as the same tiles without routing and validation (`tests/benchmarks/test_tiles.py`).
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ from solmap.products.crs import LandingPoint
 
 _FEWEST_VIEWS = 2
 _DARKEST = 1
-"""Darkest grey value of an image; 0 is no data."""
+"""Darkest grey value of an image; 0 means no data."""
 _PERCENTILES = (0.5, 99.5)
 """Percentiles of brightness, shown black and white."""
 

@@ -1,4 +1,4 @@
-/** An image on a canvas: zoomed by wheel and keys, moved by dragging, stretched, and drawn over. */
+/** An image on a canvas: zoomed by wheel and keys, moved by dragging, stretched, with marks drawn over it. */
 
 import { h } from "../page/dom";
 import type { ImageSight } from "../session/state";

@@ -1,4 +1,4 @@
-/** Contrast: which grey values become black and white, and how those between are bent. */
+/** Contrast: the grey values shown as black and white, and gamma for those between. */
 
 export interface Stretch {
   /** Grey values 0 to 255 of the image. */

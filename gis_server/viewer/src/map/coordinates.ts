@@ -124,7 +124,7 @@ function halves(text: string): readonly [string, string] | null {
   return middle ? divide(middle.index) : null;
 }
 
-/** The pair in the order north, east; `plainly` is the order of coordinates that name no axis. */
+/** The pair in the order north, east; `usualFirst` is the first one where no axis is named. */
 function ordered(a: Component, b: Component, usualFirst: "north" | "east"): Ordered | null {
   if (a.axis !== null && a.axis === b.axis) return null;
   const first = a.axis ?? (b.axis === null ? usualFirst : b.axis === "north" ? "east" : "north");

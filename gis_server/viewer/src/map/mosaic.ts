@@ -21,14 +21,14 @@ interface TilePlace {
 export interface MosaicPlan {
   readonly zoom: number;
   readonly cellM: number;
-  /** Of whole cells that contain all of the requested bounds. */
+  /** Bounds of the whole cells that contain the requested extent. */
   readonly bounds: Bounds;
   readonly width: number;
   readonly height: number;
   readonly tiles: readonly TilePlace[];
 }
 
-/** The tiles of the finest zoom at which bounds fit into an image of at most this number of pixels. */
+/** The tiles of the finest zoom at which an extent fits into an image of at most this number of pixels. */
 export function mosaicPlan(
   layer: Pick<RasterLayer, "bounds" | "minzoom" | "maxzoom">,
   set: TileMatrixSet,

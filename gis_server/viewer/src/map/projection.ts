@@ -29,7 +29,7 @@ export class ProjectionError extends Error {
 
 export interface LocalMap {
   readonly projection: Projection;
-  /** Not a number on a map that is not tied to the lander. */
+  /** NaN on a map that is not tied to the lander. */
   toLonLat(point: MapPoint): LonLat;
   fromLonLat(lonLat: LonLat): MapPoint;
 }

@@ -31,9 +31,9 @@ export interface RasterStyle {
   readonly floor: number | null;
   /** For images: above 1 dark ground is brighter; null: unchanged. */
   readonly gamma: number | null;
-  /** Of classes: those that are not drawn, by their numbers in the legend. */
+  /** Hidden classes, by their numbers in the legend. */
   readonly hidden: readonly number[];
-  /** Standard deviation from which on nothing is drawn, below in proportion; null: all is drawn. */
+  /** Standard deviation at which opacity has fallen to zero, in proportion; null: all is opaque. */
   readonly fade: number | null;
 }
 
@@ -124,10 +124,10 @@ const OWN: Readonly<Record<Exclude<Quantity, "value">, Own>> = {
   },
 };
 
-/** Of slopes; those of elevations are in metres. */
+/** Unit of slopes; elevations are in metres. */
 const SIGMA_DEG = [0, 5] as const;
 
-/** Band of a raster that holds a quantity; null: the first. */
+/** Band of a raster that contains a quantity; null: the first. */
 export const bandOf = (quantity: Quantity) =>
   quantity === "value" ? null : (OWN[quantity].band ?? null);
 
@@ -237,10 +237,10 @@ const written: Codec<RasterStyle> = record(":", {
   fade: positive,
 });
 
-/** Empty for the style that every layer has at first. */
+/** Text of a style in a link; empty for the default style. */
 export const formatStyle = written.write;
 
-/** The style in a link; null for that of every layer at first. */
+/** The style in a link; null for the default style. */
 export const linkedStyle = as(
   written,
   (style): RasterStyle | null => (isPlain(style) ? null : style),

@@ -35,7 +35,7 @@ const CLICK_MS = 300;
 
 const place = ([east = 0, north = 0]: readonly number[]): MapPoint => [east, north];
 
-/** Corners of what was drawn; those of a polygon without the one that closes it. */
+/** Corners of the drawn shape; of a polygon without the closing one. */
 export function cornersOf(geometry: Geometry | undefined): MapPoint[] {
   if (geometry instanceof Point) return [place(geometry.getCoordinates())];
   if (geometry instanceof LineString) return geometry.getCoordinates().map(place);

@@ -30,7 +30,7 @@ export const HAVEN = "#0aa3c2";
 export const VIEWING = "#0b8f86";
 export const UNPAIRED = "#b0359c";
 export const HIGHLIGHT = "#ffd400";
-/** Keeps contours apart from dark ground. */
+/** Light edge that separates contours from dark ground. */
 const CONTOUR_CASING = "rgba(255,255,255,0.4)";
 const CASING = "rgba(255,255,255,0.75)";
 const FONT = "11px system-ui, sans-serif";
@@ -41,7 +41,7 @@ export interface DrawingState {
   sols: Sols;
   /** Error ellipses are drawn this many times larger. */
   ellipseFactor: number;
-  /** Sols of the stops, by `placeKey`: a traverse is drawn as far as they go. */
+  /** Sols of the stops by `placeKey`: a traverse is drawn up to the last of them. */
   solsAt: ReadonlyMap<string, readonly number[]>;
 }
 
@@ -118,7 +118,7 @@ function drawTraverse(feature: FeatureLike, { sols, solsAt }: DrawingState): Sty
   });
 }
 
-/** The legs of a traverse that lead to stops which `isSeen` holds for. */
+/** The legs of a traverse that lead to stops accepted by `isSeen`. */
 export function drivenOn(
   line: LineString,
   isSeen: (place: readonly number[]) => boolean,

@@ -10,7 +10,7 @@ export const legend = (...rows: HTMLElement[]) => h("div", { class: "legend" }, 
 
 const MOST_DECIMALS = 6;
 
-/** Values with as few decimals as change none by more than a four-hundredth of their span, all with the same. */
+/** Values with the same number of decimals, the fewest that change none by more than 1/400 of their span. */
 function tickTexts(values: readonly number[]): string[] {
   const most = Math.abs((values.at(-1) ?? 0) - (values[0] ?? 0)) / 400;
   let decimals = 0;

@@ -36,7 +36,7 @@ interface Opened extends Pane {
   readonly moveButton: HTMLElement;
 }
 
-/** What the map and every pane keep, pixels: across, and down where one is above the other. */
+/** Least width of the map and of every pane, and least height where one is above another, pixels. */
 const LEAST = { row: 320, column: 180 } as const;
 const MOST_ACROSS = 3;
 /** A window that is wider than high has room beside the map, not below it. */
@@ -99,7 +99,7 @@ export function panes(): Panes {
   };
   const columns = () => (isRow ? on("beside").length : 1);
   const keyOf = (side: Side) => (side === "below" ? side : String(columns()));
-  /** What the map keeps, pixels. */
+  /** Size left for the map, pixels. */
   const mapSize = (side: Side) => {
     const [least, usual] =
       side === "beside"
@@ -119,7 +119,7 @@ export function panes(): Panes {
     for (const [side, room] of [["beside", most] as const, ["below", mostBelow] as const]) {
       const some = on(side);
       if (some.length > room) {
-        opened.find((one) => some.includes(one))?.close(); // fits again
+        opened.find((one) => some.includes(one))?.close(); // fits into the window again
         return;
       }
     }

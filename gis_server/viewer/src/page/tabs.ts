@@ -2,7 +2,7 @@
 
 import { h, icon, type IconName } from "./dom";
 
-/** Their titles, icons, and the keys that open them. */
+/** Titles and icons of tabs, and the keys that open them. */
 const KINDS = {
   point: ["Identify", "pin", "I"],
   images: ["Images", "image", "G"],

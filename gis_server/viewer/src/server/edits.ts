@@ -59,7 +59,7 @@ export const edits = {
   undo: (mission: string, id: number) => post<Edit>(`${of(mission)}/edits/${id}/undo`, {}),
   annotate: (mission: string, annotation: AnnotationEdit) =>
     post<Edit>(`${of(mission)}/edits/annotations`, annotation),
-  /** All that was ever edited, also what has no effect any more. */
+  /** All edits, including those without effect. */
   log: (mission: string) => get<readonly Edit[]>(`${of(mission)}/edits`),
   annotations: (mission: string) =>
     get<{ readonly features: readonly AnnotationFeature[] }>(`${of(mission)}/annotations`),

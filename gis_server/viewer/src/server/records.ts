@@ -45,7 +45,7 @@ export interface Legend {
 }
 
 interface LayerFacts {
-  /** Scope and kind: stable while the product behind it is remade. */
+  /** Scope and kind: unchanged when the product is made again. */
   readonly id: string;
   readonly scope: string;
   readonly level: Level;
@@ -125,7 +125,7 @@ export interface IdentifiedLayer {
 export interface Identified {
   readonly east: number;
   readonly north: number;
-  /** None on a map that is not tied to the lander. */
+  /** Absent on a map that is not tied to the lander. */
   readonly lon: number | null;
   readonly lat: number | null;
   readonly elevation_m: number | null;
@@ -142,7 +142,7 @@ export function propertiesOf(feature: Readonly<Record<string, unknown>>): Record
     : flat;
 }
 
-/** Ids of the images whose footprint holds the point, each once; pointing lines only pass by. */
+/** Ids of the images whose footprint contains the point, each once; pointing lines do not count. */
 export function imagesAt({ features }: Identified): string[] {
   const ids = features
     .filter(({ kind }) => kind === "footprints")

@@ -109,7 +109,7 @@ export const runs = {
   engine: () => get<Engine>("api/engine"),
   request: (kind: string, parameters: Parameters) =>
     post<RunRequest>("api/runs", { ...parameters, kind }),
-  /** Cancels or restarts a run; a run that waits in the engine goes by its id there. */
+  /** Cancels or restarts a run; a run that waits in the engine is named by its id there. */
   have: (id: string, action: RunAction) =>
     post<RunRequest>(`api/runs/${encodeURIComponent(id)}/${action}`, {}),
   pause: ({ name, is_paused }: Deployment) =>

@@ -10,7 +10,7 @@ export interface SightLine {
   readonly sight: "visible" | "hidden" | "unknown";
   /** Least height of the line over known ground; negative below it. */
   readonly clearance_m: number | null;
-  /** East, north and elevation of the ground that is most in the way. */
+  /** East, north and elevation of the ground that obstructs the line most. */
   readonly obstruction: readonly [east: number, north: number, elevation_m: number] | null;
   readonly obstruction_distance_m: number | null;
   /** Longest stretch of ground on the way that was not mapped. */

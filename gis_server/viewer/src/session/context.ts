@@ -45,11 +45,11 @@ export interface Signals {
     readonly point: MapPoint;
     readonly box: HTMLElement;
   }>;
-  /** A place is identified: `box` is room for what else is known of it. */
+  /** A place is identified: `box` receives further facts about it. */
   readonly identified: Signal<{ readonly point: MapPoint; readonly box: HTMLElement }>;
   /** The distance between places is to be measured: `box` receives the result. */
   readonly measure: Signal<{ readonly corners: readonly MapPoint[]; readonly box: HTMLElement }>;
-  /** Error ellipses are drawn so many times as large. */
+  /** Factor by which error ellipses are enlarged. */
   readonly ellipses: Signal<number>;
   /** The server sent an event of the store. */
   readonly serverEvent: Signal<ServerEvent>;
@@ -68,7 +68,7 @@ export interface Context {
   /** What is shown, as links to it hold it. */
   readonly state: Store;
   readonly history: LinkHistory;
-  /** The signed-in account; null: nobody, so nothing can be written. */
+  /** The signed-in account; null: signed out, nothing can be written. */
   readonly account: Observable<Account | null>;
   readonly waiting: Waiting;
   readonly keys: Shortcuts;
@@ -93,7 +93,7 @@ export function openImage({ page, state }: Opening, id: string): void {
 
 /** Identifies a place in its tab, and the stop there if one was clicked. */
 export function identify({ page, state }: Opening, at: MapPoint, stop: string | null = null): void {
-  page.showTab("point"); // at once: a tab that is chosen meanwhile stays
+  page.showTab("point"); // at once: a tab chosen meanwhile stays open
   state.set("stop", stop);
   state.set("pt", at);
 }

@@ -6,7 +6,7 @@ export class Latest {
   private timer: ReturnType<typeof setTimeout> | undefined;
   private running: AbortController | null = null;
 
-  /** `fail` receives errors, except that the server has no value there. */
+  /** `fail` receives errors other than missing values. */
   constructor(
     private readonly restMs: number,
     private readonly fail: (reason: unknown) => void,

@@ -6,7 +6,7 @@
 
 /** Turns of the wheel within this time are one gesture. */
 const PAUSE_MS = 700;
-/** What changes all the time is written so often: browsers allow some hundred entries in half a minute. */
+/** Least time between writes of continuous changes: browsers allow about a hundred entries in half a minute. */
 const REST_MS = 150;
 
 interface Entry {
@@ -42,14 +42,14 @@ export class LinkHistory {
     this.last = this.view;
   }
 
-  /** Something is shown otherwise: written with all that a gesture changes at once, then now and then. */
+  /** Called when the view changes: the first change of a gesture is written at once, later ones at intervals. */
   changed(): void {
     if (this.signal.aborted) return;
     if (this.hasGesture) queueMicrotask(() => this.hasGesture && this.write());
     else this.resting ??= setTimeout(() => this.write(), REST_MS);
   }
 
-  /** Writes what was not written yet. */
+  /** Writes changes that are not written yet. */
   flush(): void {
     if (this.resting !== undefined) this.write();
   }

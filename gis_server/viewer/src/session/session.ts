@@ -142,7 +142,7 @@ export class Session {
     document.addEventListener("keydown", keys.pressed, { signal: this.lifetime.signal });
   }
 
-  /** The book of layers has more than links hold: how layers that are off were shown. */
+  /** The list of layers has more than a link: also how hidden layers were shown. */
   private linkLayers(): void {
     const { layers, state } = this.context;
     const show = () => {
@@ -168,7 +168,7 @@ export class Session {
     history.moved();
     state.restore(location.hash);
     const place = state.get("at");
-    if (place) view.goTo(place); // the state has where the map was when it last stood still
+    if (place) view.goTo(place); // the state has the place of the map when it last stopped moving
     state.set("m", mission.mission);
     this.noteUnknown([]);
     return true;

@@ -81,12 +81,12 @@ export class Waiting {
     this.unanswered.clear();
   }
 
-  /** Shows a message that goes away when it was read. */
+  /** Shows a message that disappears by itself. */
   notify(message: string): void {
     this.page.banner(message, () => this.page.banner(null), "Close");
   }
 
-  /** The server answered: if it was away, it no longer is, and what failed is loaded. */
+  /** Called after an answer: if the server had been unreachable, failed requests are repeated. */
   answered(): void {
     clearTimeout(this.timer);
     if (this.isAway) this.page.banner(null);
@@ -97,7 +97,7 @@ export class Waiting {
     if (failed.length === 0) this.pause_ms = FIRST_AGAIN_MS;
   }
 
-  /** Resolves when nothing is awaited and the map is drawn. */
+  /** Resolves when no request is pending and the map is drawn. */
   async settled(): Promise<void> {
     const settled = new Promise<void>((resolve) => this.resolvers.push(resolve));
     this.onDone(); // draws the map, because it may be drawn already
@@ -113,7 +113,7 @@ export class Waiting {
     this.isWhole = true;
   }
 
-  /** The map is drawn; if nothing is awaited, the page may be complete. */
+  /** The map is drawn; if no request is pending, the page may be complete. */
   settle(): void {
     if (this.pending > 0) return;
     if (this.paint) {

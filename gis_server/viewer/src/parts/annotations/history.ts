@@ -16,7 +16,7 @@ export interface Change {
 export interface Deleted {
   readonly id: number;
   readonly annotation: AnnotationEdit;
-  /** The edit that deleted it: undoing that restores it. */
+  /** The edit that deleted it; undoing this edit restores it. */
   readonly deletion: Edit;
 }
 
@@ -36,7 +36,7 @@ export function deletedOf(log: readonly Edit[]): readonly Deleted[] {
     .reverse();
 }
 
-/** Of the annotation that an edit of the log wrote, the newest change first. */
+/** Changes of the annotation that an edit of the log wrote, the newest first. */
 export function historyOf(log: readonly Edit[], id: number): readonly Change[] {
   const edits = new Map(log.map((edit) => [edit.id, edit]));
   const changes: Change[] = [];
@@ -66,7 +66,7 @@ function differences(before: Partial<AnnotationEdit>, now: Partial<AnnotationEdi
 /** Lists that are open: they stay so when the panel is drawn again. */
 const opened = new Set<string>();
 
-/** A list that is loaded when it is opened, under a name that is another for another list. */
+/** A list that is loaded when it is opened; `name` is unique to it. */
 export function openList(
   name: string,
   title: string,

@@ -121,7 +121,7 @@ class Annotations {
     this.context.page.ruler.hidden = true;
   }
 
-  /** Requests the text for a place, line or area; an existing annotation is only moved. */
+  /** Opens the form for the text of a place, line or area; an existing annotation is only moved. */
   write(shape: Shape, corners: readonly MapPoint[], note: AnnotationFeature | null): void {
     this.stop();
     const geometry = geometryOf(shape, corners);

@@ -1,12 +1,12 @@
 /**
- * State of the editor, without drawing: the pick of a feature in two images, the planned ties, and the result
+ * State of the editor, independent of drawing: the pick of a feature in two images, the planned ties, and the result
  * of a preview with them. A preview is dropped when the ties change.
  */
 
 import type { PixelOf, Refined, TieRequest, Trial } from "../../server/ties";
 
 export interface Pick extends PixelOf {
-  /** Of one coordinate; null: as a person picks. */
+  /** Standard deviation of one coordinate; null: that of a manual pick. */
   readonly sigma_px: number | null;
 }
 
@@ -24,7 +24,7 @@ export interface Draft {
 
 export const EMPTY: Draft = { first: null, second: null, planned: [], trial: null };
 
-/** Another feature is picked: the second pick of the earlier one is dropped. */
+/** Picks another feature, and drops the second pick of the earlier one. */
 export const withFirst = (draft: Draft, first: PixelOf): Draft => ({
   ...draft,
   first: { ...first, sigma_px: null },

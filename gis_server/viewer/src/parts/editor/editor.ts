@@ -1,6 +1,6 @@
 /**
- * The tie-point editor: a feature is picked in an image of one stop and in one of another, measured, planned as a tie,
- * tried on both stops and saved for the next run. The paper's projection, overlay and anaglyph tools in one place.
+ * The tie-point editor: a feature is picked in images of two stops, measured, planned as a tie, previewed in an
+ * adjustment of both stops, and saved for the next run. It joins the paper's projection, overlay and anaglyph tools.
  */
 
 import "./editor.css";

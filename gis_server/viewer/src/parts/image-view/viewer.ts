@@ -117,7 +117,7 @@ export class ImageViewer {
       if (this.image?.id !== image.id) return;
       this.ties = ties;
     } catch (reason) {
-      if (!isRefusal(reason)) throw reason; // an image of no network has no ties
+      if (!isRefusal(reason)) throw reason; // an image outside the network has no ties
     }
     this.drawTies();
   }

@@ -12,9 +12,9 @@ export interface LayerActions {
   readonly setOpacity: (layer: Layer, opacity: number) => void;
   readonly setBlend: (layer: Layer, blend: Blend | null) => void;
   readonly setStyle: (layer: RasterLayer, style: RasterStyle | null) => void;
-  /** Spreads the colours over what is on the screen. */
+  /** Stretches the colours over the values on the screen. */
   readonly stretch: (layer: RasterLayer) => void;
-  /** Black and white where a share of the shades on the screen lies beyond. */
+  /** Black and white are percentiles of the shades on the screen. */
   readonly stretchImagery: (layer: RasterLayer, share: number) => void;
   readonly zoomTo: (layer: Layer) => void;
   readonly showProvenance: (layer: Layer) => void;

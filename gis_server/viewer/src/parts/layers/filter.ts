@@ -7,7 +7,7 @@ import type { LayerFilter } from "../../session/state";
 
 /** Conditions of listed layers; null or no words: all. */
 export interface LayerCondition {
-  /** In small letters, all of them in the names of the layer, its kind or its group. */
+  /** Lower-case words that must all occur in the names of the layer, its kind or its group. */
   readonly words: readonly string[];
   /** Title of its kind. */
   readonly kind: string | null;

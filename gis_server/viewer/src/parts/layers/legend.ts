@@ -25,7 +25,7 @@ export interface MapLegend {
   readonly draw: (layers: readonly Layer[]) => void;
 }
 
-/** Pixels of a map that keeps room beside its legend. */
+/** Least size of a map, in pixels, that has room beside its legend. */
 const ROOM_PX = [600, 420] as const;
 
 /**

@@ -68,7 +68,7 @@ export function solFilter(days: readonly number[], actions: SolActions): SolFilt
     if (from === 0 && to === last) return null;
     return [days[from] ?? 0, days[to] ?? 0];
   };
-  /** The other end gives way. */
+  /** The other end of the range is moved if necessary. */
   const chosen = (moved: HTMLInputElement) => {
     if (Number(first.value) > Number(final.value))
       for (const end of ends) if (end !== moved) end.value = moved.value;

@@ -25,7 +25,7 @@ export interface FileCrs {
   readonly fromMap: (place: readonly number[]) => readonly number[];
 }
 
-/** What coordinates are to be placed on. */
+/** The map that coordinates are converted to. */
 export interface Target {
   readonly mission: Pick<Mission, "crs" | "landing" | "bounds">;
   readonly local: Pick<LocalMap, "toLonLat" | "fromLonLat">;
@@ -34,11 +34,11 @@ export interface Target {
 const MARS_M = [3.3e6, 3.45e6] as const;
 /** Semi-axes of IAU 2015, metres. */
 const [IAU_A, IAU_B] = [3_396_190, 3_376_200];
-/** The local map of a file is that of the page if their origins are as near as that, degrees. */
+/** The local map of a file is that of the page if their origins are within this distance, degrees. */
 const SAME_DEG = 1e-6;
-/** Degrees that name no system are of Mars if they are as near to the landing site as that. */
+/** Degrees without a named system are of Mars within this distance of the landing site, degrees. */
 const NEAR_DEG = 5;
-/** Metres that name no system are of the map if they are as near to its ground as that. */
+/** Metres without a named system are of the map within this distance of its ground, metres. */
 const NEAR_M = 20_000;
 
 export const LOCAL: FileCrs = {
@@ -61,7 +61,7 @@ interface Parsed {
 const DEG = 180 / Math.PI;
 const scaledTan = (lat: number, factor: number) => DEG * Math.atan(factor * Math.tan(lat / DEG));
 
-/** By longitude and latitude, which `toLonLat` gives for the file's coordinates. */
+/** Conversion by longitude and latitude, which `toLonLat` gives for the file's coordinates. */
 function byDegrees(
   title: string,
   { mission, local }: Target,
@@ -92,7 +92,7 @@ export function marsDegrees(title: string, target: Target, squared = 1): FileCrs
   return { ...placed, isDegrees: true };
 }
 
-/** By a definition in WKT or of PROJ. */
+/** Conversion by a definition in WKT or of PROJ. */
 export function crsOf(named: string, target: Target): FileCrs {
   // The library has this projection under its short name only.
   const definition = named.replace(/(PROJECTION|METHOD)\["Orthographic"/i, '$1["ortho"');
@@ -138,7 +138,7 @@ const titleOf = (definition: string) =>
 const NO_SYSTEM = /CRS:?84|EPSG:{1,2}4326$/i;
 const IAU = /IAU[:_]{1,2}(?:2015)?:{1,2}(4990[0-2])$/i;
 
-/** By the name that a file gives its system; without one, or with the one of GeoJSON itself, by its numbers. */
+/** Conversion by the system that a file names; without one, or with the default of GeoJSON, by its numbers. */
 export function crsNamed(name: string | null, bounds: Bounds, target: Target): FileCrs {
   if (name === null || NO_SYSTEM.test(name)) return crsByNumbers(bounds, target);
   const iau = IAU.exec(name)?.[1];

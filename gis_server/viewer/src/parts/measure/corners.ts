@@ -5,7 +5,7 @@ import type { MapPoint } from "../../server/records";
 import { isRefusal } from "../../session/latest";
 import type { Found, Mode } from "./mode";
 
-/** Without repeated corners: a double-click sets two. */
+/** Corners without repetitions: a double-click sets two. */
 export function withoutRepeats(corners: readonly MapPoint[]): MapPoint[] {
   return corners.filter(([east, north], k) => {
     const before = corners[k - 1];

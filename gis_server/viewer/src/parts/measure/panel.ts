@@ -1,4 +1,4 @@
-/** The tab of measurements: what can be measured, and what was. */
+/** The tab of measurements: the kinds to choose from, and the results. */
 
 import { button, h } from "../../page/dom";
 import type { Measurement } from "./export";

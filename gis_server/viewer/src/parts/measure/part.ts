@@ -56,12 +56,12 @@ function drawingKey(event: KeyboardEvent, measuring: Measuring): void {
   if (event.key === "Backspace") measuring.undo();
 }
 
-/** The same for the same measurement in a link, which has it to the millimetre. */
+/** Equal for the same measurement in a link, which is rounded to the millimetre. */
 const keyOf = (one: Measured) => textOf("measure", [one]) ?? "";
 
 class Measuring {
   private readonly drawn: DrawnMeasurements;
-  /** What was found, by `keyOf`. */
+  /** Results by `keyOf`. */
   private readonly known = new Map<string, Found>();
   private measuring: Promise<void> = Promise.resolve();
   private mode: Mode | null = null;

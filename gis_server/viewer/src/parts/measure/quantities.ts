@@ -67,7 +67,7 @@ export function lineQuantities(found: LineMeasured, corners: readonly MapPoint[]
   ];
 }
 
-/** Areas are as good as the cells that their corners were placed on. */
+/** The resolution of an area follows from the cells at its corners. */
 const sigmaOf = (corners: readonly MapPoint[], layers: readonly LayerUsed[], of = areaSigma) => {
   const cell = cellOf(layers);
   return cell === null ? null : of(corners, cell);
@@ -153,7 +153,7 @@ export const planeQuantities = (found: PlaneMeasured): Quantity[] => [
   { name: "points", value: found.points, resolution: 1, unit: "" },
 ];
 
-/** Percentiles that a reader looks for, and what they are called. */
+/** Listed percentiles and their names. */
 const LISTED_PERCENTILES = [
   ["5", "5 % are below"],
   ["50", "median"],

@@ -18,7 +18,7 @@ const height = (key: string, title: string, usual: number): NumberField => ({
   most: 100,
   step: 0.1,
 });
-/** As the server assumes: the mast of MER, and a stone. */
+/** Defaults of the server: the mast of MER, and a stone. */
 const EYE = height("eye_m", "eye above the ground", 1.5);
 const TARGET = height("target_m", "target above the ground", 0.1);
 const RADIUS: NumberField = {
@@ -60,7 +60,7 @@ export function sightChart(line: SightLine): NonNullable<Found["chart"]> {
   const room =
     clearance_m === null
       ? "No ground is mapped on the way."
-      : `It runs ${measured(Math.abs(clearance_m), "m", null, cellOf(line.layers))} ${clearance_m < 0 ? "below" : "above"} the ground that is most in the way.`;
+      : `It runs ${measured(Math.abs(clearance_m), "m", null, cellOf(line.layers))} ${clearance_m < 0 ? "below" : "above"} the ground that obstructs it most.`;
   return {
     title: "Line of sight",
     summary: `The line of sight is ${SIGHT_WORDS[seen]}. ${room}`,
@@ -115,7 +115,7 @@ export const SIGHT_MODES: readonly Mode[] = [
     shape: "line",
     least: 2,
     most: 2,
-    hint: "Click where the eye is, then what it looks at: whether the ground between is in the way.",
+    hint: "Click the eye's place, then the target: the result states whether ground between obstructs the view.",
     live: (corners) => measuredText(measure(corners)),
     numberFields: [EYE, TARGET],
     find: async (mission, corners, { numbers }) => {

@@ -135,7 +135,7 @@ export class Strip {
     this.isWhole = true;
   }
 
-  /** Looks at a direction, and so wide; at once, or when the strip has its size. */
+  /** Shows a direction at a width; at once, or as soon as the strip has a size. */
   look(sight: PanoramaSight): void {
     const { azimuth, elevation, width } = sight;
     const [across = 0] = this.map.getSize() ?? [];
@@ -147,7 +147,7 @@ export class Strip {
 
   private refit(): void {
     if (this.seen)
-      this.look(this.seen); // as wide as before
+      this.look(this.seen); // keeps the width
     else if (this.isWhole) this.whole();
   }
 

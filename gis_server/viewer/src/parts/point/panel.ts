@@ -18,13 +18,13 @@ export function elevationText({ elevation_m, elevation_sigma_m, layers }: Identi
   return measured(elevation_m, "m", elevation_sigma_m, finestCell(layers));
 }
 
-/** Of the layers that have a value at a place; of none, a centimetre. */
+/** Smallest cell of the layers that have a value at a place; a centimetre if none has. */
 function finestCell(layers: readonly IdentifiedLayer[]): number {
   const cells = layers.flatMap(({ cell_m }) => cell_m ?? []);
   return cells.length > 0 ? Math.min(...cells) : 0.01;
 }
 
-/** An elevation without standard deviation is as good as its cell. */
+/** The resolution of an elevation without standard deviation is its cell size. */
 export const valueText = ({ value, sigma, unit, label, kind, cell_m }: IdentifiedLayer) =>
   label ?? measured(value, unit, sigma, isElevation({ kind }) ? cell_m : null);
 

@@ -27,7 +27,7 @@ const CANCEL =
   "The processes of the run are ended. What exists is kept; a later run continues from there.";
 const RESTART =
   "It runs again with the same parameters. Products that exist are not computed again: only what failed or was not reached is.";
-const PAUSE = "No scheduled run of it begins any more. A run that is going on is not stopped.";
+const PAUSE = "No scheduled run of it begins from now on. A run in progress is not stopped.";
 const RESUME = "Its scheduled runs begin again.";
 
 export function runsPart(context: Context): void {

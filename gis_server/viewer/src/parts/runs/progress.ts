@@ -9,7 +9,7 @@ export const share = ({ done, total }: Pick<Run, "done" | "total">): number | nu
 
 export function stageText({ stage, done, total, state }: Run): string {
   if (state === "cancelled") return "what was made is kept; a later run continues";
-  if (state === "lost") return "its process ended without a word; the next run continues";
+  if (state === "lost") return "its process ended without a message; the next run continues";
   if (state !== "running") return "";
   if (!stage) return "starting";
   return total > 0 ? `${stage}, ${done} of ${total}` : stage;

@@ -18,9 +18,9 @@ export interface Choices {
   views: boolean;
   ground: boolean;
   points: boolean;
-  /** Of a point, screen pixels. */
+  /** Size of a point, screen pixels. */
   pointSize: number;
-  /** Along the traverse, metres a second. */
+  /** Speed along the traverse, metres per second. */
   walkSpeed: number;
   anaglyph: boolean;
 }
@@ -64,7 +64,7 @@ export interface ControlPanel {
   readonly choices: Readonly<Choices>;
   /** The sun was moved elsewhere. */
   readonly putSun: (sun: SunPlace) => void;
-  /** Where the eye is from now on. */
+  /** Called with the new viewpoint. */
   readonly setCameraMode: (at: "flying" | "standing" | "walking") => void;
   readonly putMeasuring: (isMeasuring: boolean) => void;
   /** Chooses stop and layer without notifying listeners. */

@@ -31,7 +31,7 @@ export interface Stroke {
   readonly color: string;
   readonly width: number;
   readonly dashed?: boolean;
-  /** Also where the ground is in front of it. */
+  /** Drawn also where ground is in front of it. */
   readonly above?: boolean;
 }
 

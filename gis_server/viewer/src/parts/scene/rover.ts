@@ -27,7 +27,7 @@ interface Parts {
 }
 const SMALL: Parts = { wheel_m: 0.26, tread_m: 0.16, axles_m: 1.41, mast_m: 1.5 };
 const LARGE: Parts = { wheel_m: 0.5, tread_m: 0.4, axles_m: 2.2, mast_m: 2.1 };
-/** Bodies longer than that are of the second size. */
+/** Longer bodies have the wheels of the second size, metres. */
 const LONG_M = 2.5;
 /** Track of the wheels over the width of the panels: 1.06 m of 2.3 m. */
 const TRACK = 0.46;

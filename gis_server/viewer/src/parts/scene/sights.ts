@@ -1,4 +1,4 @@
-/** Cameras of a stop: pyramids of sight, and pointing lines from them to the ground. */
+/** Cameras of a stop: view pyramids, and pointing lines from them to the ground. */
 
 import { Group, Raycaster, Vector3 } from "three";
 import type { Place3, SceneCamera } from "../../server/scene";
@@ -8,7 +8,7 @@ import type { Stage } from "./stage";
 import type { Terrain } from "./surface/terrain";
 
 const REACH_M = 0.6;
-/** Where a camera looks over the ground, its line ends as that of the map does. */
+/** A camera that looks above the ground has a line as long as the map's pointing line. */
 const FAR_M = 40;
 const PAIRED = "#0b8f86";
 const UNPAIRED = "#b0359c";

@@ -107,7 +107,7 @@ export class Stage {
     return [x + e, y + n, z / this.exaggeration + u];
   }
 
-  /** The distance from which a ground of that size, seen obliquely, fills the view. */
+  /** The distance from which ground of a size, seen obliquely, fills the view. */
   distanceFor(size: number): number {
     const half = Math.tan((FIELD_DEG / 2) * (Math.PI / 180));
     return (FILLING * size) / half / Math.min(1, this.camera.aspect);

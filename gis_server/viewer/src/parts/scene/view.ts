@@ -70,7 +70,7 @@ export class SceneView {
     private readonly context: Context,
     private readonly models: readonly Model[],
     private readonly stops: SceneStops,
-    /** Where it is seen from at first, null: from above all of it; and what is shown. */
+    /** The first viewpoint (null: above all ground), and what is shown. */
     private readonly linked: { readonly viewpoint: Viewpoint | null; readonly shown: Shown },
     private readonly callbacks: {
       readonly viewpoint: (to: Viewpoint) => void;
@@ -165,7 +165,7 @@ export class SceneView {
     this.panel.putMeasuring(this.tape.isOn);
   }
 
-  /** Drapes the chosen kind of layer over the ground, with its legend; else the photograph of all stops together. */
+  /** Drapes the chosen kind of layer over the ground, with its legend; by default the merged orthophoto. */
   private drape(): void {
     const { context, choices, terrain, legend } = this;
     const { drape: chosen, stop, shading } = choices;
@@ -195,7 +195,7 @@ export class SceneView {
     this.stage.requestFrame();
   }
 
-  /** Tiles that have come are part of the ground from the next frame on. */
+  /** Loaded tiles are part of the ground from the next frame on. */
   private fly(): void {
     if (!this.requested || this.element.dataset["settled"] !== "true") return;
     const ground = this.marker.ground(this.requested);
@@ -346,7 +346,7 @@ export class SceneView {
     const models = this.models.filter(({ kind }) => kind === "point-tiles");
     if (models.length === 0) {
       context.waiting.notify(
-        "no stop of this mission has its points kept: see `[models]` of the pipeline",
+        "no stop of this mission has a point cloud: see `[models]` of the pipeline",
       );
       return;
     }

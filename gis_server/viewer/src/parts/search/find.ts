@@ -14,7 +14,7 @@ export type Goal =
 export interface Entry {
   readonly title: string;
   readonly detail: string;
-  /** Lower case: what it may be called. */
+  /** Its names in lower case. */
   readonly names: readonly string[];
   readonly goal: Goal;
 }
@@ -98,7 +98,7 @@ const places = (query: string, to: References): Entry[] =>
     goal: { to: "place", point },
   }));
 
-/** The entries that the letters mean, the best first; `to` reads coordinates. */
+/** The entries that match the text, the best first; `to` reads coordinates. */
 export function find(
   entries: readonly Entry[],
   text: string,

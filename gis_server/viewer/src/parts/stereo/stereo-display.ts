@@ -12,7 +12,7 @@ export type Crosses = readonly [
   right: readonly [number, number] | null,
 ];
 
-/** What is drawn of the pair: how far the right image is shifted, which eye is seen where they alternate, the marks. */
+/** What is drawn of the pair: the shift of the right image, the eye shown when they alternate, the marks. */
 export interface Drawn {
   readonly nudge: number;
   readonly phase: 0 | 1;
@@ -61,7 +61,7 @@ function coarse(image: ImageBitmap): Grey {
   return { width, height, values: data.filter((_, k) => k % 4 === 1) };
 }
 
-/** A cross at a pixel of an image that is drawn from a corner on. */
+/** A cross at a pixel of an image whose corner is given. */
 function cross(
   context: CanvasRenderingContext2D,
   left: number,

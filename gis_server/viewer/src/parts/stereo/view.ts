@@ -1,4 +1,4 @@
-/** One stereo pair, looked at with both display: its canvas, its controls, pointer and keys, and the shared cursor. */
+/** One stereo pair for both eyes: its canvas, its controls, pointer and keys, and the shared cursor. */
 
 import { h } from "../../page/dom";
 import { scopeTitle } from "../../page/format";
@@ -15,7 +15,7 @@ import "./stereo.css";
 const WAYS: readonly (readonly [Way, string])[] = [
   ["anaglyph", "red and cyan"],
   ["parallel", "side by side"],
-  ["crossed", "side by side, display crossed"],
+  ["crossed", "side by side, eyes crossed"],
   ["wiggle", "one after the other"],
 ];
 const TURN_MS = 180;
@@ -51,7 +51,7 @@ export class StereoView {
   constructor(
     private readonly context: Context,
     private readonly pairs: readonly Pair[],
-    /** The left image of the pair that is shown where none is named. */
+    /** The left image of the pair that is shown by default. */
     private readonly first: () => string | undefined,
     private readonly write: (value: StereoSight) => void,
   ) {
@@ -66,7 +66,7 @@ export class StereoView {
     this.ways = h(
       "select",
       {
-        "aria-label": "way of looking",
+        "aria-label": "display mode",
         name: "way",
         onchange: () => {
           this.setWay(this.ways.value as Way);
@@ -161,7 +161,7 @@ export class StereoView {
       : "This pair was not matched: its images are not epipolar, rows may differ.";
   }
 
-  /** Records what is seen; the parallax and the part that a pair is shown with at first are not named. */
+  /** Records what is seen in the link, except the parallax and the part that are shown at first. */
   private update(): void {
     const { pair, display, way, nudge, isWhole } = this;
     if (!pair || !display) return;

@@ -19,14 +19,14 @@ export interface SunActions {
 
 export interface SunPanel {
   readonly element: HTMLElement;
-  /** Sets all controls by the sun and the light. */
+  /** Sets all controls from the state of the sun and its layers. */
   readonly follow: (state: SunState) => void;
 }
 
 export interface SunState {
   readonly sky: Sky;
   readonly sun: SunPlace;
-  /** Null where the sun was placed by hand, or no image determines how sols are counted. */
+  /** Null if the sun was set manually, or no image relates sols to Mars time. */
   readonly day: Daylight | null;
   readonly light: Light;
 }
@@ -119,7 +119,7 @@ export function sunPanel(
   const strength = slider("strength of the relief", 0, 1, 0.05, (value) =>
     light({ strength: value }),
   );
-  const shadow = box("shadows that the ground throws", (on) => light({ shadow: on }));
+  const shadow = box("shadows cast by the ground", (on) => light({ shadow: on }));
   const tilt = threshold("ground that tilts north", 5, (tiltDeg) => light({ tiltDeg }));
   const slope = threshold("ground that is steep", 15, (slopeDeg) => light({ slopeDeg }));
   const ground = h(

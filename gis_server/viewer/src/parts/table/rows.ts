@@ -2,8 +2,7 @@
  * Rows of a table: which are listed, in which order, and the text of each cell.
  *
  * The rows are filtered and sorted here and not by a table library: TanStack's took 0.57 s of processor and 200 MB for
- * 150,000 rows, where this takes 5 ms and nothing.
- */
+ * 150,000 rows, where this takes 5 ms and no memory. */
 
 import { csvRow } from "../../page/csv";
 import type { GeoJsonFeature, GeoJsonGeometry } from "../../map/mars-geojson";

@@ -17,7 +17,7 @@ export interface Subject {
   readonly columns: readonly Column[];
   /** Property of a feature on the map that names its row. */
   readonly named?: string;
-  /** `tell` receives the number of rows loaded so far. */
+  /** `loaded` receives the number of rows loaded so far. */
   readonly load: (context: Context, loaded: (count: number) => void) => Promise<readonly Row[]>;
 }
 
@@ -38,7 +38,7 @@ const vectors = (layers: readonly Layer[]) => layers.filter((layer) => layer.typ
 const TOO_MANY = 413;
 /** A layer of more features is loaded in this number of squares along each side. */
 const SQUARES = 4;
-/** Features lie on the edge of their layer to the rounding of their file. */
+/** Margin for features on the edge of their layer, whose coordinates are rounded in the file. */
 const EDGE_M = 0.01;
 
 async function* inPieces(layer: VectorLayer): AsyncGenerator<readonly GeoJsonFeature[]> {
@@ -58,7 +58,7 @@ async function* inPieces(layer: VectorLayer): AsyncGenerator<readonly GeoJsonFea
   }
 }
 
-/** The rows of all features of some layers; what lies across the edge of a square is one row. */
+/** The rows of all features of some layers; a feature across the edge of a square is one row. */
 async function rowsOf(
   layers: readonly Layer[],
   row: (feature: GeoJsonFeature) => Row | null,

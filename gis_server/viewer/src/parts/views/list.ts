@@ -13,7 +13,7 @@ export interface ViewActions {
 const action = (name: string, of: string, run: () => void) =>
   h("button", { type: "button", class: "link", "aria-label": `${name} ${of}`, onclick: run }, name);
 
-/** What a link shows, in a line. Read without `session/state.ts`, which would become a file that the first view fetches. */
+/** The content of a link in one line, without `session/state.ts`, which the first view would then fetch. */
 function describe(link: string): string {
   const query = new URLSearchParams(link.slice(1));
   const [count, sol] = [query.get("on")?.split(",").filter(Boolean).length, query.get("sol")];

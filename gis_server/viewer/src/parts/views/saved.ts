@@ -14,7 +14,7 @@ const isView = (one: unknown): one is SavedView => {
   return typeof name === "string" && name !== "" && typeof link === "string" && link[0] === "#";
 };
 
-/** A name that none of the views has: with a number behind it if one does. */
+/** An unused name: with a number appended if a view has it already. */
 export function freeName(title: string, views: readonly SavedView[]): string {
   const isTaken = (name: string) => views.some((view) => view.name === name);
   let name = title;
@@ -61,7 +61,7 @@ export class SavedViews {
     try {
       return parseViews(this.storage.getItem(KEY) ?? formatViews([]));
     } catch {
-      return []; // something else wrote there
+      return []; // another program wrote there
     }
   }
 

@@ -67,5 +67,5 @@ async function gif(frames: Frames, hold_s: number): Promise<Uint8Array<ArrayBuff
 const WEBM = { title: "video (WebM)", ending: "webm", type: "video/webm", encode: video };
 const GIF = { title: "GIF", ending: "gif", type: "image/gif", encode: gif };
 
-/** Those that the browser has: it encodes video on pages by https or of its own machine only. */
+/** The encoders of the browser, which encodes video only on https or localhost pages. */
 export const encoders = (): readonly Encoder[] => ("VideoEncoder" in window ? [WEBM, GIF] : [GIF]);

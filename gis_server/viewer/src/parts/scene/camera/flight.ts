@@ -24,7 +24,7 @@ export class Flight {
     private readonly rover: Object3D,
     /** Diagonal of all ground, metres. */
     private readonly size: number,
-    /** Where the eye is from now on. */
+    /** Called with the new viewpoint. */
     private readonly placed: (at: "flying" | "standing" | "walking") => void,
   ) {}
 
@@ -84,10 +84,10 @@ export class Flight {
       this.placed("flying");
     };
     this.placed("walking");
-    this.rover.visible = false; // the way leads through it
+    this.rover.visible = false; // the path leads through it
   }
 
-  /** Ends standing and walking where the eye is. */
+  /** Ends standing and walking without moving the eye. */
   halt(): void {
     this.land?.();
   }

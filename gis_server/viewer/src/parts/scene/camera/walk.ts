@@ -40,9 +40,9 @@ export const lengthOf = (way: readonly Place3[]) =>
   }, 0);
 
 export interface Walking {
-  /** Metres a second. */
+  /** Speed, metres per second. */
   readonly speed: () => number;
-  /** The ground at a place of the way; null: none is known there. */
+  /** The ground at a place of the path; null: unknown. */
   readonly ground: (place: Place3) => Place3 | null;
   readonly at: (place: Place3) => void;
   readonly arrived: () => void;

@@ -74,7 +74,7 @@ export class Cover {
     return material;
   }
 
-  /** Leaves out what is not the stop's own in a partition; null: nothing. */
+  /** Hides ground that a partition assigns to other stops; null: hides nothing. */
   part(partition: Partition | null, scope: string): void {
     const { isParted, stops, stopsBox, own } = this.uniforms;
     isParted.value = partition !== null;

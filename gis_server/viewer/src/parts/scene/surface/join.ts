@@ -16,11 +16,11 @@ const MOST_PX = 384;
 export class Join {
   private constructor(
     private readonly plan: MosaicPlan,
-    /** To be added to the stop's elevation, metres. */
+    /** Correction to add to the stop's elevation, metres. */
     private readonly rises: Float32Array,
   ) {}
 
-  /** Of a stop in a partition; null where the stop has no terrain model in it. */
+  /** The corrections of a stop in a partition; null if the stop has no terrain model in it. */
   static async of(context: Context, partition: Partition, scope: string): Promise<Join | null> {
     const set = context.mission.tile_matrix_set;
     const [own, merged] = [true, false].map((isAlone) =>

@@ -1,6 +1,6 @@
 /**
- * Which stop's surface is shown where, when the ground of all stops is: that of the merged map, the nearest one that
- * saw it.
+ * Which stop's surface is shown at each place when the ground of all stops is shown: as in the merged map, the
+ * nearest stop that saw the place.
  */
 
 import { CanvasTexture, NearestFilter, NoColorSpace, type Texture } from "three";

@@ -45,9 +45,9 @@ interface Materials {
   readonly cover: Cover;
   /** Its vertices as the file has them. */
   readonly places: BufferAttribute | InterleavedBufferAttribute;
-  /** What the cover is draped with. */
+  /** Layer draped over it. */
   draped: string;
-  /** By which it joins its neighbours now. */
+  /** Correction by which it joins its neighbours now. */
   join: Join | null;
 }
 
@@ -111,7 +111,7 @@ export class Terrain {
   private stop: string | null = null;
   private draping: { readonly name: string; readonly of: Draping } | null = null;
   private partitions: readonly Partition[] = [];
-  /** By stop; null while they are on their way. */
+  /** Ground by stop; null while it is loading. */
   private readonly joins = new Map<string, Join | null>();
 
   constructor(
@@ -314,7 +314,7 @@ export class Terrain {
     });
   }
 
-  /** It is not settled until some work is done. */
+  /** The ground counts as loading until some work is done. */
   private async await(work: () => Promise<void>): Promise<void> {
     this.waiting += 1;
     try {
