@@ -53,7 +53,9 @@ A **pipeline** is a TOML file with one table per stage, with only the difference
     solmap config check FILE            # names wrong keys and values
     solmap run DOWNLINK --pipeline FILE
 
-A value outside its range is an error when the file is read, which names its table and key.
+A value outside its range is an error when the file is read, which names its table and key. Names
+end in their unit: `_m` metre, `_px` pixel, `_deg` degree, `_s` second. Ranges include the ends with
+square brackets. `config show` also gives the reasons.
 
 Locations are set by environment variables. A wrong value ends a command with a line that
 names the variable; a name with `SOLMAP_` that is not a setting gives a warning.
@@ -227,14 +229,27 @@ def _display_value(value: Any) -> Any:  # noqa: ANN401 - any setting
 
 
 def _rows(parameters: tuple[Parameter, ...]) -> str:
-    lines = ["| key | default | unit | range | meaning |", "| --- | --- | --- | --- | --- |"]
+    lines = ["| key | default; range | meaning |", "| --- | --- | --- |"]
     for one in parameters:
-        default = "" if one.value is None else f"`{toml_value(_plain(one.value))}`"
-        meaning = _prose(one.reason)
+        default = "none" if one.value is None else f"`{toml_value(_plain(one.value))}`"
+        values = "; ".join(filter(None, [default, _interval(one.range)]))
+        meaning = _prose(_SENTENCE_END.split(one.reason)[0])
         if one.choices:
             meaning = f"{meaning} One of {', '.join(f'`{choice}`' for choice in one.choices)}."
-        lines.append(f"| `{one.name}` | {default} | {one.unit} | {one.range} | {meaning.strip()} |")
+        lines.append(f"| `{one.name}` | {values} | {meaning.strip()} |")
     return "\n".join(lines)
+
+
+_SENTENCE_END = re.compile(r"(?<=[^l][a-z0-9)`%][.]) (?=[A-Z`])")
+"""Later sentences give reasons, which `solmap config show` prints; `et al.` ends no sentence."""
+
+
+def _interval(words: str) -> str:
+    """`at least 3, at most 101, odd` as `[3, 101], odd`, `more than 0` as `> 0`."""
+    both = re.sub(r"at least (\S+), at most ([^ ,]+)", r"[\1, \2]", words)
+    both = re.sub(r"more than (\S+), at most ([^ ,]+)", r"(\1, \2]", both)
+    both = both.replace("at least ", "≥ ").replace("at most ", "≤ ").replace("more than ", "> ")
+    return both.replace(">", "\\>")
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any setting

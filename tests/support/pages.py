@@ -9,6 +9,7 @@ rewrites the part below the marker in `docs/reference/commands.md` and `http-api
 from __future__ import annotations
 
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -34,17 +35,30 @@ def all_commands(
             yield f"{prefix} {name}", command
 
 
+HEAD = ["| argument or option | default | meaning |", "| --- | --- | --- |"]
+FEWEST_COMMANDS = 5
+"""An option that at least this many commands have alike is described once for all of them."""
+
+
 def commands_section() -> str:
-    """Heading, help, arguments and options of every command."""
-    return "\n".join(_described(name, command) for name, command in all_commands())
+    """Heading, help, arguments and options of every command; common options come first."""
+    commands = {name: (command, _parameters(command)) for name, command in all_commands()}
+    uses = Counter(row for _, rows in commands.values() for row in rows)
+    common = [row for row, count in uses.items() if count >= FEWEST_COMMANDS]
+    described = (_described(name, *one, common) for name, one in commands.items())
+    return "\n".join(["## Common options", "", *HEAD, *common, "", *described])
 
 
-def _described(name: str, command: TyperCommand) -> str:
-    rows = [_parameter(one) for one in command.params if not getattr(one, "hidden", False)]
-    head = ["| argument or option | default | meaning |", "| --- | --- | --- |"]
-    return "\n".join(
-        [f"## {name}", "", _line(command.help), "", *(head + rows if rows else []), ""]
-    )
+def _parameters(command: TyperCommand) -> list[str]:
+    return [_parameter(one) for one in command.params if not getattr(one, "hidden", False)]
+
+
+def _described(name: str, command: TyperCommand, rows: list[str], common: list[str]) -> str:
+    own = [row for row in rows if row not in common]
+    names = ", ".join(row.split("|")[1].strip() for row in rows if row in common)
+    shared = [f"Common options: {names}.", ""] if names else []
+    table = [*HEAD, *own, ""] if own else []
+    return "\n".join([f"## {name}", "", _line(command.help), "", *shared, *table])
 
 
 def _parameter(one: TyperOption | TyperArgument) -> str:
@@ -76,9 +90,9 @@ def routes_section() -> str:
         for method, operation in operations.items():
             text = operation.get("description") or operation.get("summary", "")
             tag = (operation.get("tags") or ["other"])[0]
-            row = f"| {method.upper()} | `{path}` | {_line(text.split(chr(10) * 2)[0])} |"
+            row = f"| `{method.upper()} {path}` | {_line(text.split(chr(10) * 2)[0])} |"
             tables.setdefault(tag, []).append(row)
-    head = ["| method | address | answer |", "| --- | --- | --- |"]
+    head = ["| request | answer |", "| --- | --- |"]
     return "\n".join("\n".join([f"## {tag}", "", *head, *rows, ""]) for tag, rows in tables.items())
 
 
