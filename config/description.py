@@ -229,27 +229,26 @@ def _display_value(value: Any) -> Any:  # noqa: ANN401 - any setting
 
 
 def _rows(parameters: tuple[Parameter, ...]) -> str:
-    lines = ["| key | default; range | meaning |", "| --- | --- | --- |"]
+    lines = []
     for one in parameters:
         default = "none" if one.value is None else f"`{toml_value(_plain(one.value))}`"
-        values = "; ".join(filter(None, [default, _interval(one.range)]))
+        values = ", ".join(filter(None, [default, _interval(one.range)]))
         meaning = _prose(_SENTENCE_END.split(one.reason)[0])
         if one.choices:
             meaning = f"{meaning} One of {', '.join(f'`{choice}`' for choice in one.choices)}."
-        lines.append(f"| `{one.name}` | {values} | {meaning.strip()} |")
+        lines.append(f"- **`{one.name}`** = {values}: {meaning.strip()}")
     return "\n".join(lines)
 
 
-_SENTENCE_END = re.compile(r"(?<=[^l][a-z0-9)`%][.]) (?=[A-Z`])")
+_SENTENCE_END = re.compile(r"(?<!al[.])(?<=[a-z0-9)`%][.]) (?=[A-Z`])")
 """Later sentences give reasons, which `solmap config show` prints; `et al.` ends no sentence."""
 
 
 def _interval(words: str) -> str:
-    """`at least 3, at most 101, odd` as `[3, 101], odd`, `more than 0` as `> 0`."""
+    """`at least 3, at most 101, odd` as `[3, 101], odd`, `more than 0` as `>0`."""
     both = re.sub(r"at least (\S+), at most ([^ ,]+)", r"[\1, \2]", words)
     both = re.sub(r"more than (\S+), at most ([^ ,]+)", r"(\1, \2]", both)
-    both = both.replace("at least ", "≥ ").replace("at most ", "≤ ").replace("more than ", "> ")
-    return both.replace(">", "\\>")
+    return both.replace("at least ", "≥").replace("at most ", "≤").replace("more than ", "\\>")
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any setting
@@ -257,5 +256,5 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - any setting
 
 
 def _prose(text: str) -> str:
-    """A docstring as Markdown for a table cell."""
+    """A docstring as Markdown in a line."""
     return re.sub(r"([|<>])", r"\\\1", " ".join(text.split()))

@@ -35,7 +35,6 @@ def all_commands(
             yield f"{prefix} {name}", command
 
 
-HEAD = ["| argument or option | default | meaning |", "| --- | --- | --- |"]
 FEWEST_COMMANDS = 5
 """An option that at least this many commands have alike is described once for all of them."""
 
@@ -46,7 +45,7 @@ def commands_section() -> str:
     uses = Counter(row for _, rows in commands.values() for row in rows)
     common = [row for row, count in uses.items() if count >= FEWEST_COMMANDS]
     described = (_described(name, *one, common) for name, one in commands.items())
-    return "\n".join(["## Common options", "", *HEAD, *common, "", *described])
+    return "\n".join(["## Common options", "", *common, "", *described])
 
 
 def _parameters(command: TyperCommand) -> list[str]:
@@ -55,10 +54,9 @@ def _parameters(command: TyperCommand) -> list[str]:
 
 def _described(name: str, command: TyperCommand, rows: list[str], common: list[str]) -> str:
     own = [row for row in rows if row not in common]
-    names = ", ".join(row.split("|")[1].strip() for row in rows if row in common)
-    shared = [f"Common options: {names}.", ""] if names else []
-    table = [*HEAD, *own, ""] if own else []
-    return "\n".join([f"## {name}", "", _line(command.help), "", *shared, *table])
+    shared = [row.split("**")[1] for row in rows if row in common]
+    lines = [*own, *([f"- {', '.join(shared)}"] if shared else [])]
+    return "\n".join([f"## {name}", "", _line(command.help), "", *lines, *([""] if lines else [])])
 
 
 def _parameter(one: TyperOption | TyperArgument) -> str:
@@ -68,21 +66,22 @@ def _parameter(one: TyperOption | TyperArgument) -> str:
         if is_option
         else (one.metavar or one.name).upper()
     )
-    return f"| `{name}` | {_default(one)} | {_line(one.help)} |"
+    parts = [f"- **`{name}`**{_default(one)}", _line(one.help)]
+    return ": ".join(filter(None, parts))
 
 
 def _default(one: TyperOption | TyperArgument) -> str:
     if one.required:
-        return "required"
-    return "" if one.default in {None, False} else f"`{one.default}`"
+        return " (required)"
+    return "" if one.default in {None, False} else f" = `{one.default}`"
 
 
 def _line(text: str | None) -> str:
-    return " ".join((text or "").split()).replace("|", "\\|")
+    return " ".join((text or "").split())
 
 
 def routes_section() -> str:
-    """A table of addresses for each tag of the API's description."""
+    """The requests of each tag of the API's description."""
     with tempfile.TemporaryDirectory() as folder:
         described = create_app(Path(folder) / "store").openapi()
     tables: dict[str, list[str]] = {}
@@ -90,10 +89,9 @@ def routes_section() -> str:
         for method, operation in operations.items():
             text = operation.get("description") or operation.get("summary", "")
             tag = (operation.get("tags") or ["other"])[0]
-            row = f"| `{method.upper()} {path}` | {_line(text.split(chr(10) * 2)[0])} |"
+            row = f"- `{method.upper()} {path}`: {_line(text.split(chr(10) * 2)[0])}"
             tables.setdefault(tag, []).append(row)
-    head = ["| request | answer |", "| --- | --- |"]
-    return "\n".join("\n".join([f"## {tag}", "", *head, *rows, ""]) for tag, rows in tables.items())
+    return "\n".join("\n".join([f"## {tag}", "", *rows, ""]) for tag, rows in tables.items())
 
 
 GENERATED: dict[str, Callable[[], str]] = {
