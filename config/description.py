@@ -99,7 +99,7 @@ class Table:
         return f"`[{self.key}]`" if self.key else "Before the first table"
 
     def unlike(self, other: Table) -> tuple[Parameter, ...]:
-        """The parameters with another default than in a table of the same class."""
+        """The parameters whose default differs from that in another table of the same class."""
         before = {one.name: one.value for one in other.parameters}
         return tuple(one for one in self.parameters if one.value != before[one.name])
 

@@ -74,7 +74,7 @@ class OrbitalOptions:
     control: FrameParams | None = field(default_factory=FrameParams)
     """Find every stop in it on its own, as control for the adjustment; None: do not."""
     heights: bool = False
-    """It is a terrain model: it gives control, and no image to draw."""
+    """Whether it is a terrain model, which gives control but no image to draw."""
     near_deg: tuple[float, float] | None = None
     """Longitude and latitude about which a map is looked for that is not tied to the lander; by
     default the middle of the image."""

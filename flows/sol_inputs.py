@@ -110,7 +110,7 @@ def gather(
 def gather_all(
     mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
 ) -> SolInputs:
-    """The same for the overall adjustment of all stops up to a sol."""
+    """Inputs of the overall adjustment of all stops up to a sol."""
     known = _Known.of(mission, sol, store, pipeline, previous)
     stops = known.telemetry.stops
     return SolInputs(

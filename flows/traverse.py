@@ -49,7 +49,7 @@ FILE_NAMES = {
     ProductKind.TRAVERSE_FIGURE_PNG: "{mission}_traverse.png",
     ProductKind.TRAVERSE_PACKAGE: "{mission}_traverse.gpkg",
 }
-"""As mission operations name them (facts 4.3)."""
+"""File names of mission operations (facts 4.3)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,7 +162,7 @@ class GeoreferencedMosaic:
         )
 
     def document(self) -> dict[str, Any]:
-        """The same for programs."""
+        """The report for programs."""
         fit, tracks = self.fit, self.tracks
         return {
             "transform": str(fit.transform),

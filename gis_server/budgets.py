@@ -72,7 +72,7 @@ class Lane:
 QUESTIONS = Lane("questions", per_client=8, places=64, busy_s=15.0)
 """Requests of a person on the map."""
 FILES = Lane("files", per_client=4, places=64, busy_s=15.0)
-"""What is written for a download."""
+"""Files for downloads."""
 IMAGES = Lane("images", per_client=64, places=512, busy_s=WAIT_S)
 """Many small ones at a time, drawn in the server's own process from its caches."""
 LANES = (QUESTIONS, FILES, IMAGES)

@@ -147,7 +147,7 @@ def _is_proper_rotation(matrix: Rotation) -> bool:
 
 
 def _are_proper_rotations(matrices: Float64[np.ndarray, "n 3 3"]) -> bool:
-    """The same for many rotations."""
+    """Whether each of many matrices is a proper rotation."""
     off = np.abs(matrices @ matrices.mT.copy() - np.eye(3))  # NaN where anything is not finite
     a, b, c, d, e, f, g, h, i = matrices.reshape(-1, 9).T
     volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)

@@ -305,7 +305,7 @@ def window_gradients(
 def gradient_blocks(
     elevation: Raster, cell_m: float, baseline_m: float, min_share: float = 0.5
 ) -> Iterator[tuple[tuple[slice, slice], Gradients]]:
-    """The same block by block, and where each lies; of blocks without elevation nothing."""
+    """Gradients and position of each block; blocks without elevation are omitted."""
     half = half_window(elevation.shape, cell_m, baseline_m)
     for block in _raster_blocks(elevation, half):
         sums = _Sums.of(elevation[block.around], half, min_share)
@@ -315,7 +315,7 @@ def gradient_blocks(
 def fit_window_planes(
     elevation: Raster, cell_m: float, baseline_m: float, min_share: float = 0.5
 ) -> WindowPlanes:
-    """The same planes with their scatter, and the shape of the cells they were fitted to."""
+    """Planes fitted to windows, their scatter, and the shape of the cells they were fitted to."""
     half = half_window(elevation.shape, cell_m, baseline_m)
     gradient, shape, scatter = (
         np.full((*bands, *elevation.shape), np.nan, np.float32) for bands in ((2,), (3,), ())

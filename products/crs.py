@@ -223,7 +223,7 @@ def east_north(
 
 
 def _nowhere(*places: PerPoint | float) -> tuple[PerPoint, PerPoint]:
-    """The same number of unknown points."""
+    """As many unknown points."""
     import numpy as np  # noqa: PLC0415 - as above
 
     shape = np.broadcast_shapes(*(np.shape(np.atleast_1d(one)) for one in places))

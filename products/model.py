@@ -160,7 +160,7 @@ def _variants(prefix: str) -> dict[ProductKind, ProductKind]:
 FAR_KINDS = _variants("far-")
 """Kinds of a stop's map, and of its map of far ground, which are separate layers."""
 REGION_KINDS = _variants("region-")
-"""The same for the map of all stops of a mission together."""
+"""Kinds of maps of all stops of a mission together."""
 _VARIANTS = {ProductKind.FAR_DTM: FAR_KINDS, ProductKind.REGION_DTM: REGION_KINDS}
 """Kinds of maps by the kind of the terrain model that they are made from."""
 

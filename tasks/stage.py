@@ -96,7 +96,7 @@ def stage(
 
 
 def _log_effort(work: Callable[P, R], name: str) -> Callable[P, R]:
-    """The same function with a log line of its time and memory."""
+    """Wrap a function to log its time and memory."""
     shape = signature(work)
 
     @wraps(work)

@@ -24,7 +24,7 @@ from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind
 
 RANGE_BANDS_M = ((0, 10), (10, 20), (20, 30), (30, 40))
-"""As the stereo range error is usually tabled."""
+"""Ranges for which stereo errors are usually tabulated."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,13 +18,13 @@ from solmap.products.crs import MARS, crs_text
 from solmap.products.model import Layer, ProductKind, ProductRef
 
 _Stops = dict[tuple[int, int], tuple[dict[str, Any], dict[str, Any]]]
-"""(site, drive) -> a stop as telemetry has it, and as adjusted."""
+"""Stops by (site, drive): telemetry and adjusted pose."""
 
 
 def position_rows(workspace: Workspace) -> list[dict[str, Any]]:
     """One row per stop, of every map of every mission, in the order of the traverse.
 
-    The LSL is that of the row's map: sites that nothing ties to the lander have another.
+    The LSL is that of the row's map; sites that are not tied to the lander have a separate one.
     Positions are (north, east, down) metres in the LSL; the quaternion turns the rover into the
     LSL, scalar first; the covariance is of rotation vector (radians) and position in the LSL.
     """
@@ -65,7 +65,7 @@ def _stops_in(document: dict[str, Any]) -> _Stops:
 
 
 def _name_of(stop: dict[str, Any]) -> str:
-    """As `StopId` has it."""
+    """Text of the identifier, as of `StopId`."""
     return f"{stop['mission'].lower()}-site{stop['site']:04d}-drive{stop['drive']:04d}"
 
 

@@ -113,7 +113,7 @@ class RefineAnswer(BaseModel):
     image: str
     sample: float
     line: float
-    """As picked where it was not found."""
+    """Line as picked if the point was not found."""
     moved_px: float
     sigma_px: float | None
     correlation: float | None

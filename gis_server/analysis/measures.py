@@ -149,7 +149,7 @@ class VolumeAnswer(BaseModel):
     sigma_lowest_m: float
     base: str
     base_elevation_m: float
-    """At the polygon's centroid."""
+    """Elevation of the base at the polygon's centroid."""
     base_slope_deg: float
     sigma_base_slope_deg: float
     cell_m: float

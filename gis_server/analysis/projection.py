@@ -100,7 +100,7 @@ def project_into(
 def add_visibility(
     seen: Sequence[ProjectedPoint], target: GroundPoint, mission: OrientedMission, ground: Ground
 ) -> list[ProjectedPoint]:
-    """The same with the visibility in each image.
+    """The image points with the visibility in each image.
 
     Visibility follows from the matched parallax of the pair, or from the terrain between. The
     terrain is read once for all images.
@@ -302,7 +302,7 @@ def seen_body(seen: ProjectedPoint) -> SeenBody:
 def predicted_body(
     seen: ProjectedPoint, curve: tuple[ImagePoints, Float64[np.ndarray, " k"]]
 ) -> PredictedBody:
-    """The same with its epipolar curve."""
+    """Response with a predicted point and its epipolar curve."""
     return PredictedBody(**_seen_fields(seen), epipolar=curve_body(curve))
 
 

@@ -51,7 +51,7 @@ class SceneStop(BaseModel):
     drive: int
     sols: tuple[int, ...]
     held: bool
-    """It defines the datum: its position is fixed."""
+    """Whether it defines the datum: its position is fixed."""
     place: Place
     telemetry: Place
     map_from_rover: tuple[Place, Place, Place]

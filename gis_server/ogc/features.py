@@ -63,7 +63,7 @@ _LONGEST = 256
 """Characters of the value of a property."""
 router = APIRouter(prefix="/ogc/{mission}", tags=["ogc features"])
 of_all = APIRouter(prefix="/ogc/collections/{mission}:{collection}", tags=["ogc features"])
-"""The same among the collections of all missions."""
+"""Path among the collections of all missions."""
 _PART_1 = "http://www.opengis.net/spec/ogcapi-features-1/1.0/conf"
 CONFORMANCE = (
     f"{_PART_1}/core",
@@ -91,7 +91,7 @@ class FeatureRequest:
     equal: Mapping[str, str]
 
     def on(self, landing: LandingPoint) -> FeatureRequest:
-        """The same of a map: in its metres where it is not tied to the lander.
+        """The query of a map: in its metres if it is not tied to the lander.
 
         Raises:
             HTTPException: 400, such a map is requested in degrees.

@@ -108,7 +108,7 @@ def profile(mission: MissionName, question: ProfileQuestion, services: ServicesO
 def profile_table(
     mission: MissionName, question: ProfileQuestion, services: ServicesOf
 ) -> Response:
-    """The same as a table for spreadsheets."""
+    """The profile as a CSV table."""
     answer = profile(mission, question, services)
     return Response(
         profile_csv(answer),
@@ -185,13 +185,13 @@ def viewshed(seen: ViewshedHere, request: Request, response: Response) -> Viewsh
 
 @router.get("/viewshed.png", response_class=Response)
 def viewshed_image(seen: ViewshedHere) -> Response:
-    """The same as an image on the bounds from /viewshed: visible blue, hidden brown."""
+    """The viewshed as an image on the bounds from /viewshed: visible blue, hidden brown."""
     return Response(viewshed_png(seen), media_type="image/png", headers=AGAIN)
 
 
 @router.get("/viewshed.tif", response_class=Response)
 def viewshed_geotiff(mission: MissionName, seen: ViewshedHere, services: ServicesOf) -> Response:
-    """The same as a GeoTIFF of classes in the local CRS."""
+    """The viewshed as a GeoTIFF of classes in the local CRS."""
     crs = local_crs(services.catalogue.mission(mission).landing)
     return geotiff(
         "viewshed.tif",
@@ -262,7 +262,7 @@ def reachable(
 
 @router.get("/reach.png", response_class=Response)
 def reach_image(drives: DrivesHere, interval_m: Interval = 5.0) -> Response:
-    """The same as an image on the bounds from /reach: near is yellow, far is blue."""
+    """The driving distances as an image on the bounds from /reach: near is yellow, far is blue."""
     interval_m = max(interval_m, drives.params.farthest_m / MOST_BANDS)
     return Response(reach_png(drives, interval_m), media_type="image/png", headers=AGAIN)
 

@@ -123,7 +123,7 @@ class MapLayer(BaseModel):
     sols: tuple[int, ...]
     made_at: str
     tiles: ServerPath | None
-    """As WebP; those that end in `.png` show the same without loss."""
+    """URL of WebP tiles; those that end in `.png` show the same without loss."""
     values: ServerPath | None
     """Tiles of values, for shading in the browser."""
     styles: ServerPath | None
@@ -175,7 +175,7 @@ class SolutionBehind(BaseModel):
     """An adjustment for which a version is valid."""
 
     id: str
-    """As in `/solutions`."""
+    """Identifier as in `/solutions`."""
     scope: str
     is_overall: bool
 
@@ -201,7 +201,7 @@ class LayerVersion(BaseModel):
 
 
 class LayerVersions(BaseModel):
-    """Some of the versions of a layer, newest first."""
+    """A page of the versions of a layer, newest first."""
 
     total: int
     versions: list[LayerVersion]

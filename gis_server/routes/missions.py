@@ -271,7 +271,7 @@ class Start(BaseModel):
     """Where the map begins."""
 
     missions: list[Mission]
-    """All of the store."""
+    """All missions of the store."""
     mission: str | None
     """The one whose layers these are: the first; null if there is none."""
     layers: list[MapLayer]

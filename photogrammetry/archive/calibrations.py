@@ -232,7 +232,7 @@ def _data(matrix: Any) -> Any:  # noqa: ANN401 - as a file has it
 
 
 def _numbers(values: Any, count: int | None, what: str) -> list[float]:  # noqa: ANN401 - as above
-    """That many finite numbers; None: any number of them."""
+    """A list of a number of finite values; None: any number of them."""
     given = list(values) if isinstance(values, list) else []
     try:
         numbers = [float(value) for value in given]

@@ -94,7 +94,7 @@ class FileName:
     version: str
     """Empty where the name omits it."""
     frame: str = ""
-    """As for MER: F or N whole, T thumbnail, S sub-frame, D down-sampled."""
+    """Letter of the frame, as for MER: F or N whole, T thumbnail, S sub-frame, D down-sampled."""
     sol: int | None = None
     """Sol from the name (Mars 2020), or from its clock; None for test rovers."""
     part: str = ""

@@ -407,7 +407,7 @@ def _number(table: Mapping[str, Any], key: str, where: str) -> float:
 
 
 def _list(table: Mapping[str, Any], key: str, count: int | None, where: str) -> list[float]:
-    """That many finite numbers; None: any number of them."""
+    """A list of a number of finite values; None: any number of them."""
     value = table.get(key)
     given = value if isinstance(value, list) else []
     numbers = [float(one) for one in given if type(one) in (int, float)]

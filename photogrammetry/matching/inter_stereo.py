@@ -89,7 +89,7 @@ class PairLink:
     measured: int
     """Conjugates found with their parallax."""
     ties: int
-    """Those consistent with the geometry of the stop."""
+    """Ties that are consistent with the geometry of the stop."""
 
     def __str__(self) -> str:
         return (

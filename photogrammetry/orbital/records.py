@@ -108,7 +108,7 @@ class Registration:
     """Fraction of the local orbital brightness explained by the rover's map at the best
     position."""
     runner_up: float
-    """The same at the best of the other positions."""
+    """Share explained at the best of the other positions."""
     halves_apart_m: float
     """Distance between the positions found separately by both halves of the ground."""
 

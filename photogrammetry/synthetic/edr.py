@@ -81,7 +81,7 @@ class Exposure:
 
     @property
     def file_name(self) -> str:
-        """As in the archive: lower case."""
+        """File name as in the archive: lower case."""
         return f"{self.product_id.lower().replace('#', '_')}.img"
 
 

@@ -48,7 +48,7 @@ class TelemetryErrors:
     mean_slip: float = 0.0
     """Slip of the wheels, as a fraction of each drive."""
     drive_slips: tuple[float, ...] = ()
-    """The same for every single drive, if not common to all."""
+    """Slip of each drive, if it is not common to all."""
     mast_deg: float = 0.0
     """Elevation zero and tilts of the azimuth axis, the same for all pairs of all stops."""
 

@@ -18,7 +18,7 @@ from solmap.photogrammetry.synthetic.scene import World
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 CELL_M = 0.25
-"""As HiRISE has."""
+"""Cell size, that of HiRISE."""
 MARGIN_M = 60.0
 """Ground beyond what the stops see that the image shows."""
 MOST_CELLS = 2048

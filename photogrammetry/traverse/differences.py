@@ -105,7 +105,7 @@ class Summary:
 
     stops: int
     end: Difference
-    """At the last stop."""
+    """Difference at the last stop."""
     worst: Difference
     """Where the percentage is largest, except for the first metres."""
     farthest: Difference

@@ -166,7 +166,7 @@ class MosaicPoints:
     """(east, north)."""
 
     def table(self) -> str:
-        """As CSV, to the tenth of a millimetre."""
+        """CSV, rounded to a tenth of a millimetre."""
         rows = np.hstack([self.mosaic_m, self.map_m])
         lines = [
             ",".join([name, *(f"{value:.4f}" for value in row)])

@@ -42,7 +42,7 @@ class Traverse:
         return float(leg_lengths(self.places_m).sum())
 
     def at(self, rows: Sequence[int] | np.ndarray) -> Traverse:
-        """Some of its stops, in the requested order."""
+        """A selection of its stops, in the requested order."""
         index = np.asarray(rows, dtype=np.intp)
         return Traverse(
             self.solution,
@@ -56,7 +56,7 @@ class Traverse:
         return self.at(np.flatnonzero((self.sols >= first_sol) & (self.sols <= last_sol)))
 
     def starting_at(self, place_m: np.ndarray) -> Traverse:
-        """The same moved as a whole so that its first stop lies at a place, (east, north, up)."""
+        """The traverse shifted so that its first stop is at a place, (east, north, up)."""
         shift = np.where(np.isfinite(place_m), place_m - self.places_m[0], 0.0)
         return replace(self, places_m=self.places_m + shift)
 

@@ -64,7 +64,7 @@ class MissionEntry:
     title: str
     landing: LandingPoint
     lsl_note: str | None
-    """What is missing to tie the map to the lander, if it is not tied."""
+    """Reason why the map is not tied to the lander; empty if it is."""
 
 
 @dataclass(frozen=True, slots=True)

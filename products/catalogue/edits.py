@@ -67,7 +67,7 @@ def transaction(path: Path) -> Iterator[sqlite3.Connection]:
 
 @contextmanager
 def _reading(path: Path) -> Iterator[sqlite3.Connection]:
-    """The same for readers, also without write permission."""
+    """A connection for reading, which needs no write permission."""
     if not is_read_only(path):
         with transaction(path) as connection:
             yield connection
@@ -77,7 +77,7 @@ def _reading(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 class EditKind(StrEnum):
-    """What is edited."""
+    """Subject of an edit."""
 
     TIE = "tie"
     """An edit request: a tie point to add, veto or move."""

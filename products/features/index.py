@@ -291,7 +291,7 @@ class FeatureIndex:
         return found
 
     def page(self, selection: Selection, limit: int, offset: int = 0) -> list[IndexedFeature]:
-        """Some of the selected features, in the order of their layers; `offset` are left out."""
+        """A page of the selected features in the order of their layers, from `offset` on."""
         with self._connection(selection.keys, selection.area) as connection:
             where, values = condition_of(selection)
             rows = connection.execute(

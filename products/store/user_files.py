@@ -18,7 +18,7 @@ from pathlib import Path
 from solmap.products.errors import printable
 
 MAX_FILE_BYTES = 256 << 20
-"""Three bands of floats of the largest rover camera have 236 MB."""
+"""Largest size of an image file: three bands of floats of the largest rover camera have 236 MB."""
 MAX_ROWS_BYTES = 4 << 20
 """Largest size of vector files and manual ties: 138 sites take 55 kB, 10,000 ties 1 MB."""
 _KINDS = {
@@ -95,5 +95,5 @@ def plain_name(name: str) -> str:
 
 def _check_regular(path: Path, facts: os.stat_result) -> None:
     if not stat.S_ISREG(facts.st_mode):
-        kind = _KINDS.get(stat.S_IFMT(facts.st_mode), "of a kind of its own")
+        kind = _KINDS.get(stat.S_IFMT(facts.st_mode), "of an unknown type")
         raise OSError(errno.EINVAL, f"it is {kind}; only regular files are read", str(path))

@@ -96,7 +96,7 @@ class Telemetry:
         return math.hypot(slip * driven_m, found_m)
 
     def until(self, sol: int) -> Telemetry:
-        """The same without the stops and sols after one."""
+        """The telemetry without the stops and sols after one."""
         stops = tuple(
             replace(known, sols=tuple(day for day in known.sols if day <= sol))
             for known in self.stops

@@ -123,7 +123,7 @@ class SiteFrames:
         return cls(origin, {site: tree.pose(LSL, site_frame(site)) for site in sorted(set(sites))})
 
     def document(self) -> dict[str, Any]:
-        """As plain JSON, for the recipe."""
+        """The localisations as plain JSON, for the recipe."""
         poses = {str(site): pose_document(pose) for site, pose in self.lsl_from_site.items()}
         return {"origin": self.origin, "sites": poses}
 

@@ -63,7 +63,7 @@ class RegistrationMethod:
 
     registration: RegistrationParams = field(default_factory=RegistrationParams)
     heights: bool = False
-    """It is a terrain model: heights are compared with heights."""
+    """Whether it is a terrain model, whose heights are compared."""
 
     @property
     def settings(self) -> tuple[RegistrationParams | str, ...]:

@@ -54,7 +54,7 @@ VECTORS = (*POSITIONS, ProductKind.TIE_POINTS, ProductKind.FOOTPRINTS, ProductKi
 
 
 @stage(task_run_name="vectors-{mission}")
-def draw_vectors(  # noqa: PLR0913 - all that features tell of
+def draw_vectors(  # noqa: PLR0913 - all that features describe
     mission: str,
     network: ProductRef,
     entries: Sequence[ImageEntry],

@@ -130,7 +130,7 @@ def _only_of_loops(
     rows: np.ndarray,
     couples: dict[Couple, tuple[np.ndarray, np.ndarray]],
 ) -> np.ndarray:
-    """Those of some rows whose stop has no tie with a neighbour."""
+    """The rows whose stop has no tie with a neighbour."""
     near = [np.concatenate(both) for (a, b), both in couples.items() if b - a <= REACH]
     tied = np.unique(np.concatenate([*near, np.zeros(0, dtype=np.int64)]))
     return np.setdiff1d(rows, tied)

@@ -37,7 +37,8 @@ class AdjustedStop:
     is_tied: bool
     """Whether cross-site ties or control join it, directly or through others, to the datum."""
     held_by: str
-    """As text: the datum, how many ties with which stops, or the telemetry increment."""
+    """What holds the stop, as text: the datum, the number of ties with other stops, or
+    telemetry."""
 
     @property
     def sigma_ned_m(self) -> Vector3:
@@ -95,7 +96,7 @@ class Memory:
     window: tuple[StopId, ...]
     """The stops that are not marginalised yet."""
     stops: tuple[StopId, ...]
-    """Those of them that occur in the marginal."""
+    """Stops that occur in the marginal."""
     pair_ids: tuple[str, ...]
     rotations: Float64[np.ndarray, "stops 3 3"]
     centres: Float64[np.ndarray, "stops 3"]

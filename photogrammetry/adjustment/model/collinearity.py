@@ -2,9 +2,9 @@
 
 A stop has rotation R and centre c in the LSL (of the rover frame). Pair j of that stop is a rigid
 body: the label gives rover_from_pair = (R_j, t_j), the mast turns it by a small unknown rotation
-m_j about the mast head v_j. (The lever is short, 0.1 degrees move a camera by 0.3 mm; but hundreds
-of near ties show it, and with another pivot they would tilt a whole panorama by 0.06 degrees.) A
-point X of the LSL is
+m_j about the mast head v_j. (The lever is short: 0.1 degrees move a camera by 0.3 mm. It matters
+nevertheless: with another pivot, hundreds of ties on near ground would tilt a whole panorama by
+0.06 degrees.) A point X of the LSL is
 
     g = R' (X - c)                            in the rover frame
     h = g - v_j                               from the mast head
@@ -74,9 +74,9 @@ class Observations:
     by_shape: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
     """Whether surface-matched; if not given, none is."""
     bodies: PairBodies = field(init=False)
-    """The same geometry, component by component."""
+    """The geometry of the pairs, component by component."""
     sights: Sights = field(init=False)
-    """The same observations, component by component."""
+    """The observations, component by component."""
     stop: Int32[np.ndarray, " n"] = field(init=False)
     """Stop of each observation."""
     is_stereo: Flags = field(init=False)
@@ -136,7 +136,7 @@ class Observations:
         return len(self.point)
 
     def select(self, rows: np.ndarray) -> Observations:
-        """Some of the observations."""
+        """A selection of the observations."""
         return replace(
             self,
             point=self.point[rows],
@@ -192,7 +192,7 @@ class Sights:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairBodies:
-    """Those quantities of the pairs that stops and masts do not change, component by component."""
+    """Quantities of the pairs that do not depend on stops and masts, component by component."""
 
     to_pair: Matrices
     """pair_from_rover."""
@@ -206,7 +206,7 @@ class PairBodies:
 
     @classmethod
     def of(cls, observations: Observations) -> PairBodies:
-        """Of all pairs of a network."""
+        """The quantities of all pairs of a network."""
         rover_from_pair = by_component(observations.rover_from_pair)
         to_pair, pivot = rover_from_pair.swapaxes(0, 1), observations.pivot_in_rover.T
         lever = observations.origin_in_rover.T - pivot
@@ -217,7 +217,7 @@ class PairBodies:
 
 
 def distinct(found: np.ndarray) -> np.ndarray:
-    """Which numbers occur, ascending."""
+    """The numbers that occur, ascending."""
     return np.flatnonzero(np.bincount(found))
 
 
@@ -274,7 +274,7 @@ class Views:
 
     @classmethod
     def of(cls, state: State, observations: Observations) -> Views:
-        """At a state."""
+        """The quantities at a state."""
         bodies, stop = observations.bodies, observations.pair_stop
         of_stop = np.take(by_component(state.rotations), stop, axis=2)
         by_mast = product(of_stop, by_component(rotation_of_vector(state.pointings)))
@@ -362,11 +362,11 @@ class Partials:
     """The points, in the LSL."""
 
     def of(self, part: slice) -> Partials:
-        """Those of some consecutive observations."""
+        """The derivatives of some consecutive observations."""
         return Partials(self.by_point[..., part], self.by_pointing[..., part], self.X[:, part])
 
     def apply_weight(self, weight: Float64[np.ndarray, " m"]) -> Partials:
-        """All of an observation times a weight."""
+        """The equations of observations times their weights."""
         return Partials(self.by_point * weight, self.by_pointing * weight, self.X)
 
     def by_stop(self, arm: Vectors) -> Float64[np.ndarray, "3 6 m"]:

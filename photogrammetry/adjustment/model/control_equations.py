@@ -46,7 +46,7 @@ class Control:
     """W; rows and columns of zeros for what is not observed."""
     is_given: Bool[np.ndarray, "n 4"]
     used: Bool[np.ndarray, " n"]
-    """Those not set aside as blunders."""
+    """Control that is not set aside as blunders."""
     centres: Float64[np.ndarray, "frames 2"]
     """Centre about which frames are rotated, (east, north)."""
     likely: Float64[np.ndarray, "frames 5"]
@@ -105,7 +105,7 @@ class Control:
         return np.where(self.is_given, l, 0.0)
 
     def whitened_misclosures(self, state: State) -> Float64[np.ndarray, "n 4"]:
-        """The same in standard deviations."""
+        """Misclosures in standard deviations."""
         return (self.whiten @ self.misclosures(state)[:, :, None])[:, :, 0]
 
     def partials(self, state: State) -> tuple[np.ndarray, np.ndarray]:

@@ -142,9 +142,9 @@ class Overview:
     observations: Observations
     seen: Sightings
     best: list[np.ndarray]
-    """As of `best_sightings`."""
+    """Result of `best_sightings`."""
     couples: dict[Couple, tuple[np.ndarray, np.ndarray]]
-    """As of `shared_sightings`."""
+    """Result of `shared_sightings`."""
     rover_from_pair: Float64[np.ndarray, "pairs 3 3"]
     origins_in_rover: Float64[np.ndarray, "pairs 3"]
 
@@ -165,7 +165,7 @@ class Overview:
         return self.origins_in_rover[pair] + from_pair
 
     def in_rover(self, rows: np.ndarray) -> tuple[Float64[np.ndarray, "m 3"], Covariances3]:
-        """The same with their covariances."""
+        """Points and covariances in the rover frame."""
         R = self.rover_from_pair[self.observations.pair[rows]]
         S = self.seen.covariances[:, :, rows].transpose(2, 0, 1).copy()
         return self.places_in_rover(rows), R @ S @ R.mT
@@ -225,7 +225,7 @@ class WeightedSightings:
 
     @classmethod
     def of(cls, observations: Observations, seen: Sightings, rows: np.ndarray) -> WeightedSightings:
-        """Those of some observations."""
+        """The sums of some observations."""
         number = observations.point[rows]
         there = np.zeros(observations.points, dtype=bool)
         there[number] = True

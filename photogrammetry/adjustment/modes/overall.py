@@ -96,7 +96,7 @@ def adjust_with_outcome(
     name: str = "adjust",
     inherited: Marginal | None = None,
 ) -> tuple[AdjustedNetwork, AdjustmentReport, Outcome]:
-    """The same, with all results of the iteration."""
+    """`adjust`, with all results of the iteration."""
     stated, components = params, start.components if start else VarianceComponents()
     components = components.begin(stated)
     params = components.apply(stated)

@@ -92,7 +92,7 @@ class NormalEquations:
     n: Float64[np.ndarray, " k"]
 
     def placed_in(self, cameras: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-        """The same among more camera sets."""
+        """These equations among more camera sets."""
         at = np.concatenate(
             [UNKNOWNS * cameras.index(name) + np.arange(UNKNOWNS) for name in self.cameras]
         )

@@ -274,7 +274,7 @@ def _gates(
     control: Control,
     params: AdjustmentParams,
 ) -> Float64[np.ndarray, " n"]:
-    """As for ties (`gates`): alpha of `critical_value`, widened where all fit worse than stated."""
+    """Thresholds of control: alpha of `critical_value`, wider if all of it fits badly."""
     gate = np.empty(len(T))
     chance = float(gammaincc(0.5, params.critical_value**2 / 2))
     median = np.array([CHI_MEDIAN[k] for k in count.tolist()])

@@ -71,7 +71,7 @@ class EliminatedTies:
         return by_point.transpose(2, 1, 0).reshape(3, -1)
 
     def with_misclosures(self, l: np.ndarray) -> EliminatedTies:
-        """The same with other whitened misclosures (3, k n), those of a nearby state."""
+        """The same elimination with whitened misclosures (3, k n) of a nearby state."""
         by_point = (
             l.reshape(3, self.group.seen, -1).transpose(2, 1, 0).reshape(len(self.free), -1, 1)
         )

@@ -99,7 +99,7 @@ class Outcome:
     used: np.ndarray
     residuals: Residuals
     ties: tuple[EliminatedTies, ...]
-    """At the last linearisation."""
+    """Ties at the last linearisation."""
     inverse: np.ndarray
     """Inverse of the normal equations, on their pattern."""
     placed: ControlTests
@@ -120,7 +120,7 @@ class Outcome:
         )
 
     def with_all_points(self, seen: Sightings) -> Outcome:
-        """The same with the positions of points that only one pair sees."""
+        """The result with the positions of points that only one pair sees."""
         points = all_points(self.problem, self.views, self.used, seen)
         state = replace(self.solution.state, points=points)
         views = self.views.at(points.T.copy())

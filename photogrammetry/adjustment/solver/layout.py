@@ -197,7 +197,7 @@ class TieGroup:
         return _by_column(of_stop[self.stops], of_pair[pairs][:, :, : self.per_pair])
 
     def of_points(self, numbers: np.ndarray) -> TieGroup:
-        """Some of the points, each with a signature of its own."""
+        """The layout of some points, each with its own signature."""
         of = self.signature[numbers]
         return replace(
             self,

@@ -243,7 +243,7 @@ class Marginal:
         return cls(chart, memory.root, memory.right, grounded, memory.spent, memory.surplus)
 
     def memory(self, network: Network, window: tuple[StopId, ...]) -> Memory:
-        """The same by name, for storage."""
+        """The marginal by names, for storage."""
         chart, names = self.chart, network.stop_ids
         return Memory(
             window,

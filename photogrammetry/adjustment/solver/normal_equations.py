@@ -136,7 +136,7 @@ def normal_equations(
 def _reduced_normals(
     problem: Problem, at: LinearisationPoint, threshold: float | None
 ) -> tuple[np.ndarray, np.ndarray, tuple[EliminatedTies, ...]]:
-    """The same, only the lower triangle of the matrix."""
+    """The reduced normal equations, with only the lower triangle of the matrix."""
     flat, right, ties = sum_normals(problem, _eliminate_groups(problem, at, threshold))
     _add_telemetry(problem, at, flat, right)
     _add_inherited(problem, at, flat, right)
@@ -251,7 +251,7 @@ class Linearisation:
     ties: tuple[EliminatedTies, ...]
 
     def with_misclosures_at(self, at: LinearisationPoint) -> Linearisation:
-        """The same with the misclosures of a nearby linearisation point."""
+        """These equations with the misclosures of a nearby linearisation point."""
         ties, end = [], 0
         for tie in self.ties:
             part = slice(end, end := end + tie.group.rows.size)

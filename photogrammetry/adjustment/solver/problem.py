@@ -19,7 +19,7 @@ from solmap.photogrammetry.adjustment.solver.layout import TieGroup, Unknowns, t
 from solmap.photogrammetry.adjustment.solver.marginal import Marginal
 
 LINK_TRIANGLE = np.tril_indices(2 * STOP_UNKNOWNS)
-"""Lower triangle of the active columns of a telemetry increment: the stop before, and the stop."""
+"""Lower triangle of the active columns of a telemetry increment: the previous stop and the stop."""
 CONTROL_SLOTS = np.repeat([0, 1], [FRAME_UNKNOWNS, STOP_UNKNOWNS])
 """Active columns of control: its frame, and the stop."""
 
@@ -51,13 +51,13 @@ class Problem:
     bases: np.ndarray
     """Base stop of each of these points."""
     anchors: np.ndarray
-    """The pair nearest to each of them."""
+    """The pair nearest to each of these points."""
     pointing_places: np.ndarray
     """(pairs, 3) indices of mast pointings on the diagonal of the flat normal matrix."""
     mast_places: np.ndarray
-    """(pairs, 3, k) indices of pointings against systematic errors of the mast."""
+    """(pairs, 3, k) indices of the block of pointings and the k systematic errors of the mast."""
     mast_own: np.ndarray
-    """(k, k) indices of the latter."""
+    """(k, k) indices of the systematic errors of the mast."""
     inherited_places: tuple[np.ndarray, np.ndarray]
     """Indices of the marginal in the flat normal matrix, and in the vector of unknowns."""
     inherited: Marginal | None = None
@@ -149,7 +149,7 @@ class Problem:
 
 
 def _nearest(observations: Observations, rows: np.ndarray) -> np.ndarray:
-    """From rows (k, n) of n points, the row with the largest parallax of each."""
+    """For each of n points with rows (k, n), the row with the largest parallax."""
     parallax = observations.measured[rows, 2]
     return rows[len(rows) - 1 - parallax[::-1].argmax(axis=0), np.arange(rows.shape[1])]
 

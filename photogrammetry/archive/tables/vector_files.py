@@ -79,7 +79,7 @@ class Solution:
     sigma_m: float | None = None
     """Standard deviation of each coordinate of the offset, if given."""
     sigma_deg: float | None = None
-    """The same of each rotation."""
+    """Standard deviation of each rotation."""
 
     @property
     def frame(self) -> Frame:

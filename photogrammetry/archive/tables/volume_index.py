@@ -306,14 +306,14 @@ class IndexEntry:
 
     name: FileName
     file_name: str
-    """As in the index, with its extension."""
+    """File name as in the index, with its extension."""
     path_name: str
     """Folder of the file as in the index; empty where not given."""
     sol: int
     instrument: str
     eye: Eye
     clock: float
-    """At the start of the exposure, seconds."""
+    """Clock at the start of the exposure, seconds."""
     place: tuple[str, ...]
     """Spacecraft, instrument, sequence and motion counter: equal for frames of one exposure."""
 

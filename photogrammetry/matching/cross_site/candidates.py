@@ -64,7 +64,7 @@ search: a cell of 0.16 m, and half a degree over some metres."""
 
 
 LAST_GAP_M = 0.05
-"""The same after a first alignment: its own uncertainty and the pointing errors of pairs."""
+"""Search radius after a first alignment: its uncertainty and the pointing errors of pairs."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,7 +50,7 @@ class Part:
 
     @property
     def stops(self) -> list[StopId]:
-        """All of them."""
+        """All stops."""
         return [self.stop, *self.beside]
 
 

@@ -175,7 +175,7 @@ class Blocks:
     covariance: Float64[np.ndarray, "n 3 3"]
 
     def select(self, rows: np.ndarray) -> Blocks:
-        """Some of them."""
+        """A selection of the ties."""
         columns = (self.places, self.arms, self.shift_m, self.covariance)
         return Blocks(*(column[rows] for column in columns))
 
@@ -270,7 +270,7 @@ class _Seen:
     """Derivative of (sample, line, parallax) by the position in the rover frame."""
 
     def select(self, rows: np.ndarray) -> _Seen:
-        """Some of them."""
+        """A selection of the ties."""
         columns = (self.pair, self.left, self.parallax_px, self.by_place)
         return _Seen(*(column[rows] for column in columns))
 

@@ -63,7 +63,7 @@ class EditPoint:
     """Product identifier, upper case; or a stop (`mer2-site0010-drive0064`); empty: any."""
     point: tuple[float, float] | None = None
     right: tuple[float, float] | None = None
-    """The same feature in the right image of the pair."""
+    """The feature's point in the right image of the pair."""
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.image):

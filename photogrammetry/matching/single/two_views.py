@@ -122,7 +122,7 @@ class TwoViewCheck:
     across_px: PerPoint
     """Distance from the epipolar line of the labels."""
     left_px: PerPoint
-    """The same after the rotation."""
+    """Image points after the rotation."""
     along_px: PerPoint
     """Distance from infinity along that line, after the rotation."""
     misfit: PerPoint

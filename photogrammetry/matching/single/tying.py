@@ -192,7 +192,7 @@ def _assemble(
     ids: tuple[str, ...],
     floor_px: float,
 ) -> Ties:
-    """Some of the conjugates as columns of ties."""
+    """A selection of conjugates as columns of ties."""
     one, other = (np.full(len(rows), ids.index(name), np.int32) for name in names)
     parallax, unknown = first.parallax_px[rows], np.full(len(rows), np.nan)
     stereo = np.isfinite(parallax)

@@ -49,7 +49,7 @@ class Part:
     own: Window
     """Its cells in the whole model."""
     inner: Window
-    """The same in `dtm`."""
+    """Place of the block in `dtm`."""
     dtm: Dtm
 
     @property

@@ -104,7 +104,7 @@ class RegionBlock:
     seam_m: Raster
     """Largest difference between two stops; NaN where fewer than two have mapped the cell."""
     seam_sigmas: Raster
-    """The same in standard deviations of the difference."""
+    """Differences at seams in standard deviations of the difference."""
 
 
 def fuse_block(stops: Sequence[StopTerrain], params: RegionParams) -> RegionBlock:

@@ -114,7 +114,7 @@ class Insolation:
     received: tuple[Raster, ...]
     """Wh/m^2 per sol, one raster per season."""
     level: tuple[float, ...]
-    """The same on level ground with a free horizon."""
+    """Insolation of level ground with a free horizon."""
     sky: Raster
     """Visible fraction of the sky, V."""
     normal: Normals

@@ -175,7 +175,7 @@ def image_covariance(image: OrientedImage, point: Vector3, covariance: Covarianc
 def image_covariance_from(
     image: OrientedImage, point: Vector3, own: Covariance3, frame: StopPose
 ) -> Covariance2:
-    """The same where the covariance `own` of the object point is relative to the stop `frame`."""
+    """Covariance in the image if `own`, of the object point, is relative to the stop `frame`."""
     return image_covariance(image, point, own + relative_covariance(frame, image.pose, point))
 
 

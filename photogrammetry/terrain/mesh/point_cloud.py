@@ -68,7 +68,7 @@ class PointCloud:
         return len(self.points)
 
     def part(self, chosen: np.ndarray) -> PointCloud:
-        """Some of the points: by a mask, or by their indices in this order."""
+        """A selection of the points: by a mask, or by their indices in this order."""
         return PointCloud(
             self.points[chosen], self.grey[chosen], self.sigma_m[chosen], self.spacing_m
         )

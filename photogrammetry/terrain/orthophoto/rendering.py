@@ -60,7 +60,7 @@ class OrthophotoBlock:
     brightness: Float32[np.ndarray, "bands rows cols"]
     """Brightness in the units of the images, balanced; NaN where no view shows the ground."""
     sources: Sources
-    """At the cells of the terrain model, `ratio` times coarser."""
+    """Sources at the cells of the terrain model, `ratio` times coarser."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

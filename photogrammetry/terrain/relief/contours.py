@@ -113,7 +113,7 @@ class RegionContourParams(ContourParams):
     """Parameters of contours of a region: many stops, seen from farther away."""
 
     interval_m: ContourInterval | None = 1.0
-    """As on the paper's maps of regions."""
+    """Contour interval, that of the paper's maps of regions."""
     smoothing_m: ShortMetresOrZero = 0.5
     """Rocks of a metre are not drawn."""
     min_length_m: MetresOrZero = 5.0

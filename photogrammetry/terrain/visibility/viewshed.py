@@ -54,7 +54,7 @@ class Sight(IntEnum):
     """Visibility of a cell of the map."""
 
     UNKNOWN = 0
-    """It has no elevation, or lies behind a long stretch of unknown ground."""
+    """Ground without elevation, or behind a long stretch of unknown ground."""
     VISIBLE = 1
     """No known ground hides it."""
     HIDDEN = 2

@@ -43,7 +43,7 @@ UNPUBLISHED = {
 
 @dataclass(frozen=True, slots=True)
 class PruningParams:
-    """What is kept besides needed products."""
+    """Products that are kept besides those needed."""
 
     versions: int = 2
     """Number per kind and scope: the published one, and those before it."""

@@ -35,7 +35,7 @@ References = dict[str, ProductRef]
 
 
 def references_document(references: Mapping[str, ProductRef]) -> dict[str, str]:
-    """As plain JSON, in the order of the stops."""
+    """References as plain JSON, in the order of the stops."""
     return {name: ref.text for name, ref in sorted(references.items())}
 
 
@@ -70,7 +70,7 @@ class NetworkPart:
 
     @property
     def settled(self) -> NetworkPart:
-        """The same without what steps pass on: marginal, control, sigmas."""
+        """The document without what steps pass on: marginal, control, sigmas."""
         alone = replace(self.adjusted, memory=None, control=(), frames=())
         alone = replace(alone, components=VarianceComponents(), mast=AdjustedMast())
         return replace(self, adjusted=alone)

@@ -1,6 +1,6 @@
 /**
- * The stage: renderer, camera and light. The world hangs below one group in (east, north, up) metres from a nearby
- * origin, because a graphics card has seven digits; its z axis may be exaggerated. A frame is drawn on request.
+ * The stage: renderer, camera and light. All objects are children of one group in (east, north, up) metres from a nearby
+ * origin, because graphics cards compute with seven digits; its z axis may be exaggerated. Frames are drawn on request.
  */
 
 import {
@@ -21,7 +21,7 @@ import { orbited, sunDirection } from "./geometry";
 import { Backdrop } from "./surface/backdrop";
 
 const FIELD_DEG = 45;
-/** Half of the diagonal of a ground that is empty at its corners. */
+/** Radius of the ground as a share of its diagonal: the corners of its box are empty. */
 const FILLING = 0.3;
 /** Distance of the eyes as a share of the distance to the target, comfortable for viewing. */
 const EYES = 1 / 30;
@@ -101,7 +101,7 @@ export class Stage {
     return new Vector3(east - e, north - n, (up - u) * this.exaggeration);
   }
 
-  /** The place of the map that is drawn there. */
+  /** The place of the map for a point of the drawing. */
   place({ x, y, z }: Vector3): Place3 {
     const [e, n, u] = this.origin;
     return [x + e, y + n, z / this.exaggeration + u];
@@ -140,7 +140,7 @@ export class Stage {
 
   dispose(): void {
     cancelAnimationFrame(this.frame);
-    this.frame = -1; // nothing is drawn any more
+    this.frame = -1; // no frame is drawn from now on
     this.resized.disconnect();
     this.anaglyph?.dispose();
     this.backdrop.dispose();
