@@ -25,7 +25,7 @@ class MissionArchive:
     volumes: Mapping[str, str]
     """Instrument, lower case -> volume."""
     index: str = "index/edrindex.lbl"
-    """Below a volume: label of its index table, or inventory (.csv) of a PDS4 collection."""
+    """Path below a volume: label of its index table, or inventory (.csv) of a PDS4 collection."""
     raw_images: str = ""
     """Address of the public site's list of raw images; empty where there is none."""
 

@@ -31,7 +31,7 @@ from solmap.tasks.mission.publish import publish, withdraw
 from solmap.tasks.mission.vectors import VECTORS, draw_vectors
 
 LEAST_STOPS = 2
-"""A region is more than the map of one stop."""
+"""Fewest stops of a region, which is more than the map of one stop."""
 
 
 def draw_mission(

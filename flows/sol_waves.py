@@ -42,7 +42,7 @@ class Waves:
     """Products that are not layers: networks, reports, matches."""
     layers: dict[StopId, list[ProductRef]] = field(default_factory=dict)
     _waiting: list[tuple[set[Key], list[Key]]] = field(default_factory=list)
-    """Per wave: the jobs that have not ended, and all jobs."""
+    """For each wave, the jobs that have not ended, and all jobs."""
     _failed: dict[str, str] = field(default_factory=dict)
 
     @classmethod

@@ -43,7 +43,7 @@ _METHODS = {"GET", "POST"}
 WAIT_S, WORK_S = 90.0, 120.0
 """Longest time that a request waits for its turn, and longest time of work."""
 SHARE_S = 120.0
-"""A busy lane refuses clients that were answered within this many seconds."""
+"""Time for which a busy lane refuses a client after its last answer."""
 _LONGEST_RETRY_S = 60
 _START_S = 30.0
 """Longest time that the server waits for its workers before it answers the first request."""

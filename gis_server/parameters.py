@@ -22,7 +22,7 @@ Metres = Annotated[
     Query(ge=-HALF_SIDE_M, le=HALF_SIDE_M, allow_inf_nan=False, description="metres, local map"),
 ]
 LAST_SOL = 1_000_000
-"""Larger numbers are not sols; a catalogue counts in 64 bits."""
+"""Largest number that is a sol; a catalogue counts in 64 bits."""
 LARGEST_ID = 2**63 - 1
 """Largest number of a database row."""
 Zoom = Annotated[int, Path(ge=0, le=MAX_ZOOM)]

@@ -24,7 +24,7 @@ MAX_CLOCK = 1 << 32
 MAX_PIXELS = 1 << 25
 """Nearly twice the 5120 x 3840 pixels of the largest rover camera."""
 MAX_FROM_SITE_M = 100_000.0
-"""For stops and other sites: twice as far as any rover has driven."""
+"""Largest distance of stops and other sites from a site: twice as far as any rover has driven."""
 MAX_IN_ROVER_M = 10.0
 """Every camera or mast of a rover is nearer to its origin between the wheels."""
 _IDENTIFIER = re.compile(r"[A-Z0-9][A-Z0-9_.()+ -]{0,99}", re.ASCII)

@@ -433,7 +433,7 @@ class _Solution:
     """The plane of every window, and the centred sums from which it follows."""
 
     gradient: np.ndarray
-    """Towards east and north."""
+    """Gradient towards east and north."""
     spread: tuple[np.ndarray, np.ndarray, np.ndarray]
     """C_ee, C_en and C_nn."""
     rise: tuple[np.ndarray, np.ndarray]

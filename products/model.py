@@ -41,7 +41,7 @@ class ProductKind(StrEnum):
 
     suffix: str
     level: ScopeLevel | None
-    """None: the scope differs from product to product."""
+    """Level of its scopes; None: it differs from product to product."""
 
     def __new__(cls, name: str, suffix: str = "", level: ScopeLevel | None = None) -> Self:
         """A kind; its value is its name."""

@@ -32,7 +32,7 @@ R = TypeVar("R")
 
 RETRIES = 4
 FIRST_PAUSE_S = 1.0
-"""Before the second attempt; doubled for each further one, 15 s in total."""
+"""Pause before the second attempt; doubled for each further one, 15 s in total."""
 _JITTER = 0.3
 """Random variation of pauses, so that two stages do not collide at the same lock again."""
 

@@ -25,7 +25,7 @@ from pathlib import Path
 _NICENESS = 10
 _PR_SET_PDEATHSIG = 1
 _RESTED_S = 60.0
-"""A child that ran this long has started well; its earlier failures no longer count."""
+"""Running time after which a child has started well: its earlier failures no longer count."""
 _LONGEST_PAUSE_S = 30.0
 _LARGEST_LOG_BYTES = 16_000_000
 _PASSED_ON = re.compile(

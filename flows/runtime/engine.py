@@ -38,14 +38,14 @@ from solmap.products.store.process import use_one_heap
 
 log = logging.getLogger(__name__)
 _START_S = 300.0
-"""Includes making its database at the first start on a loaded machine."""
+"""Longest time of a start, which at first makes a database, on a loaded machine."""
 _POLL_S = 0.5
-"""Between checks that it runs."""
+"""Pause between checks that the server runs."""
 _DAY_S = 86_400
 _EVENT_DAYS = 7
 """Events record every step of every task; old ones are not needed."""
 _NO_HARD_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS}
-"""Error numbers of file systems without them, as CIFS and exFAT."""
+"""Error numbers of file systems without hard links, such as CIFS and exFAT."""
 _IDLE_SERVICES = (
     "CANCELLATION_CLEANUP",
     "CLEANUP_RECONCILER",
@@ -88,12 +88,12 @@ def prepare_engine(store: Path) -> None:
         os.environ.setdefault(name, value)
     home = Path(os.environ["PREFECT_HOME"]).expanduser().absolute()
     os.environ["PREFECT_HOME"] = str(home)
-    # Prefect makes the folder itself but not its parents, and then waits for its server in vain.
+    # Prefect creates the folder but not its parents; without them its server does not start.
     home.mkdir(parents=True, exist_ok=True)
 
 
 def leave_folder(store: Path) -> None:
-    """Work in a folder of the store; settings that name files from here on name them in full."""
+    """Change to a folder of the store; relative paths in settings are made absolute first."""
     for name, value in Settings().model_dump().items():
         variable = f"{PREFIX}{name.upper()}"
         if variable in os.environ and (isinstance(value, Path) or str(value).endswith(".toml")):

@@ -33,7 +33,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 log = logging.getLogger(__name__)
 _AT_MOST_EVERY_S = 0.5
-"""A stage of many quick parts is not written down part by part."""
+"""Least time between two records of a stage, which may have many quick parts."""
 
 
 class RunRecord:

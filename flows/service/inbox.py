@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any
 
 _PAUSES_S = (60.0, 300.0, 900.0, 3600.0)
-"""Between attempts at a delivery whose run failed; after the last it waits for other files."""
+"""Pauses between attempts at a delivery whose run failed; after the last it waits for other
+files."""
 _ON_THE_WAY = (".part", ".partial", ".tmp", ".filepart", ".crdownload")
 
 

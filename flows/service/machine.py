@@ -33,7 +33,7 @@ CHECK_EVERY_S = 2.0
 _STOP_S = 2.5
 """Seconds after which a stopping process is killed."""
 _STUCK_S = 300.0
-"""A run this late while none runs shows that the scheduler does not work."""
+"""Delay of a run, while none is in progress, that shows that the scheduler does not work."""
 
 
 @dataclass(slots=True)

@@ -36,7 +36,7 @@ MOST_CELLS = 1 << 20
 """Most cells of a search, one second of work; larger areas get cells of twice the size."""
 MOST_BANDS = 50
 USUAL_SPEED_M_H = 36.0
-"""A centimetre per second: mean speed of MER with hazard detection."""
+"""Usual speed, a centimetre per second: the mean of MER with hazard detection."""
 _OPACITY = 0xA0
 
 

@@ -87,7 +87,7 @@ class Place(BaseModel):
     east: float
     north: float
     lon: float | None
-    """None on a map that is not tied to the lander."""
+    """Longitude; null on a map that is not tied to the lander."""
     lat: float | None
     elevation_m: float | None
     elevation_sigma_m: float | None

@@ -42,7 +42,7 @@ class ImagePixel(BaseModel):
 
     image: str
     sample: float | None
-    """None if the latest adjustment moved the image."""
+    """Sample of the pixel; null if the latest adjustment moved the image."""
     line: float | None
 
 
@@ -52,7 +52,7 @@ class DirectionSeen(BaseModel):
     azimuth_deg: float
     elevation_deg: float
     ground: GroundSeen | None
-    """None in the sky, and on ground outside all terrain models."""
+    """Ground seen; null in the sky, and on ground outside all terrain models."""
     shown: ImagePixel | None
 
 

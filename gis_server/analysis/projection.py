@@ -209,7 +209,7 @@ class SeenBody(BaseModel):
     ellipse: EllipseBody
     range_m: float
     incidence_deg: float | None
-    """Between the line of sight and the normal of the ground: 90 is grazing."""
+    """Angle between the line of sight and the normal of the ground: 90 is grazing."""
     sight: str
     """visible, hidden or unknown."""
     told_by: str

@@ -85,7 +85,7 @@ class SceneStops(BaseModel):
     network: str | None
     """Digest of the adjusted network; null while none has been adjusted."""
     body: Body | None
-    """Null for a rover of unknown dimensions."""
+    """Box of the rover; null for a rover of unknown dimensions."""
     stops: list[SceneStop]
     sites: list[SceneSite] = []
     """The sites of the stops whose frames are known."""

@@ -78,7 +78,7 @@ class TraverseRow(BaseModel):
     sigma_east_m: float
     sigma_up_m: float | None
     reference_sigma_up_m: float | None
-    """Null for telemetry, which states none."""
+    """Standard deviation of the reference's height; null for telemetry."""
     ellipse_semi_major_m: float
     ellipse_semi_minor_m: float
     ellipse_azimuth_deg: float

@@ -70,7 +70,7 @@ class LineEnd:
     elevation_m: float | None
     """Elevation of the ground; None: that of the map."""
     height_m: float
-    """Above it."""
+    """Height above the ground."""
 
 
 def line_of_sight(
@@ -162,7 +162,7 @@ class ViewshedAnswer(BaseModel):
     visible_m2: float
     hidden_m2: float
     unknown_m2: float
-    """Within the radius: not mapped, or behind a long unmapped stretch."""
+    """Unknown area within the radius: not mapped, or behind a long unmapped stretch."""
     bounds: Bounds
     """(west, south, east, north) of the image and the GeoTIFF."""
     picture: str

@@ -61,7 +61,7 @@ TILE = 256
 _DEPTHS = (255.0, 4095.0, 65535.0)
 """Largest values of 8, 12 and 16 bits."""
 _CACHE = ArrayCache(128 << 20)
-"""Some fifteen Navcam pairs with their smaller copies."""
+"""Bytes of the cache: some fifteen Navcam pairs with their smaller copies."""
 
 
 class Style(StrEnum):

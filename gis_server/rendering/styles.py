@@ -168,7 +168,7 @@ class StyleQuery(BaseModel):
     colours: Annotated[str | None, Field(pattern=_NAME, description="name of a ramp")] = None
     """The style's own by default."""
     low: Annotated[_Finite | None, Field(description="value of the first colour")] = None
-    """In the layer's unit; the style's own by default."""
+    """Value of the first colour, in the layer's unit; by default the style's own."""
     high: Annotated[_Finite | None, Field(description="value of the last colour")] = None
     azimuth: Annotated[
         _Finite, Field(ge=-360, le=360, description="of the sun, degrees clockwise from north")

@@ -125,7 +125,7 @@ class Address(BaseModel):
     program: Program
     """A program that opens it so."""
     how: str
-    """Where to paste it."""
+    """Place to paste it."""
 
 
 @router.get(

@@ -197,7 +197,7 @@ class LayerVersion(BaseModel):
     solutions: list[SolutionBehind]
     """The adjustments for which the version is valid, its own one first; empty if unknown."""
     run: RunBehind | None
-    """Null where no record of a run covers the time when it was made."""
+    """The run that made it; null if no record covers that time."""
 
 
 class LayerVersions(BaseModel):

@@ -64,7 +64,7 @@ class LocalCrs(BaseModel):
 
     wkt: str
     proj4: str | None
-    """None of a map that is not tied to the lander."""
+    """PROJ string; null for a map that is not tied to the lander."""
 
 
 class TileMatrixSet(BaseModel):

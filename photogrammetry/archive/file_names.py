@@ -82,7 +82,7 @@ class FileName:
     clock: int
     product_type: str
     site: int | None
-    """None where only the label gives it: 1296 and more."""
+    """Site; None if only the label gives it: 1296 and more."""
     drive: int | None
     sequence: str
     """Lower case, as in labels."""
@@ -92,7 +92,7 @@ class FileName:
     """0 where the camera has no filter wheel of its own."""
     producer: str
     version: str
-    """Empty where the name omits it."""
+    """Version; empty if the name omits it."""
     frame: str = ""
     """Letter of the frame, as for MER: F or N whole, T thumbnail, S sub-frame, D down-sampled."""
     sol: int | None = None

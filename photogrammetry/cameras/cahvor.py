@@ -51,7 +51,8 @@ from solmap.photogrammetry.frames import Pose
 
 NEWTON_STEPS = 50
 NEWTON_STOP = 1e-14
-"""Relative; JPL stops at 1e-8, which costs a round trip 7e-8 px."""
+"""Relative change at which the iteration stops; JPL stops at 1e-8, which costs a round trip 7e-8
+px."""
 CHUNK = 16_384
 """Points projected at a time, so that the intermediate arrays stay in the processor's cache."""
 

@@ -51,7 +51,7 @@ from solmap.photogrammetry.ranges import HalfWindow, PixelsOrZero, Share
 PYRAMID_LEVELS = 5
 """Number of images, each half as wide as the one before."""
 MOST_SAMPLES = 8
-"""A cell of the grid is the mean of at most 8 x 8 samples of a finer image."""
+"""Most samples of a finer image, each way, whose mean is a cell of the grid."""
 
 LARGEST_CELL_PX = 24.0
 """Most source pixels in a cell: a coarser one is not used."""

@@ -22,7 +22,7 @@ CELL_M = (0.04, 0.07)
 """Solar cells, along and across the rover, with a bright line between."""
 LINE_M = 0.004
 ANTENNA_ALBEDO, CELL_ALBEDO, LINE_ALBEDO = 0.9, 0.35, 0.8
-"""Relative to the soil's: panels are dark and dusty."""
+"""Albedo relative to the soil's: panels are dark and dusty."""
 PANEL_TOP_M = -0.306
 
 Vectors = Float32[np.ndarray, "n 3"]

@@ -58,12 +58,12 @@ GAP_DRIVES = 2
 FINE_EVERY = 10
 """Interval in stops of sun sightings."""
 CONTROL_SIGMA_M = 0.25
-"""A pixel of HiRISE."""
+"""Standard deviation of control: a pixel of HiRISE."""
 MISSION = "MER2"
 SITE, DRIVES = 0, 2
 """The site of all stops, and the increment of their drive counter."""
 MOST_STOPS = 500
-"""Beyond a drive counter of 1295 file names cannot distinguish stops."""
+"""Most stops: beyond a drive counter of 1295 file names cannot distinguish them."""
 FIRST_CLOCK, SOL_S, PAIR_S = 126_000_000, 88_775, 60
 HOUR = 12.0
 SEQUENCE = "P0703"
@@ -76,7 +76,7 @@ class SimulatedControl:
     frame: ControlFrame
     control: tuple[StopControl, ...]
     place: Float64[np.ndarray, " 5"]
-    """The true one."""
+    """True position of the image."""
 
 
 def simulate_control(  # noqa: PLR0913 - one keyword for each thing that a test may vary
@@ -95,13 +95,13 @@ def simulate_control(  # noqa: PLR0913 - one keyword for each thing that a test 
 
     Args:
         rng: source of all randomness.
-        network: of which `truth` is true.
+        network: simulated network.
         truth: true poses of its stops.
-        stops: numbers of those in the image.
+        stops: numbers of the stops in the image.
         frame: prior of the image's position; its true position is drawn from it.
-        sigma_m: of each coordinate of a position.
-        sigma_up_m: of heights, if there are any.
-        sigma_azimuth_deg: of azimuths, if there are any.
+        sigma_m: standard deviation of each coordinate of a position.
+        sigma_up_m: standard deviation of heights; None: there are none.
+        sigma_azimuth_deg: standard deviation of azimuths; None: there are none.
         noise: multiplies the errors of positions, not those of the image's own position.
     """
     centres = np.array([pose.translation_m for pose in truth.lsl_from_rover])

@@ -24,7 +24,7 @@ MARGIN_M = 60.0
 MOST_CELLS = 2048
 """Most cells along a side; the image of a longer traverse has larger cells."""
 AFTERNOON = Sun(float(np.deg2rad(285.0)), float(np.deg2rad(40.0)))
-"""At 15:00, when mapping orbiters pass."""
+"""Time of day at which mapping orbiters pass: 15:00."""
 NOISE = 0.01
 """Standard deviation of the noise; the ground's radiance is about 0.9, its own deviation 0.07."""
 

@@ -107,9 +107,9 @@ class Summary:
     end: Difference
     """Difference at the last stop."""
     worst: Difference
-    """Where the percentage is largest, except for the first metres."""
+    """Stop with the largest percentage, except for the first metres."""
     farthest: Difference
-    """Where the distance is largest."""
+    """Stop with the largest distance."""
 
 
 def differences(telemetry: Traverse, corrected: Traverse) -> Differences:

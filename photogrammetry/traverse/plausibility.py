@@ -38,8 +38,8 @@ MOST_FROM_ORIGIN_M = 200_000.0
 MOST_TILT_DEG = 60.0
 """Rovers are kept below 30 degrees and tip over at 45."""
 MOST_APART_M = 10.0
-"""A rover does not move between the images of one stop; labels before and after a localisation
-differ by the slip since its site was declared, some metres."""
+"""Largest distance between the images of one stop, at which a rover does not move; labels before
+and after a localisation differ by the slip since its site was declared, some metres."""
 
 MOST_TURN = 0.35
 """Difference of an element of the rotation matrix: about 20 degrees, more than a new sun sighting

@@ -96,7 +96,7 @@ class ImageEntry:
     notes: tuple[str, ...] = ()
     """Notes on its pixels, one per line."""
     created: str | None = None
-    """When its file was made on Earth, according to its label."""
+    """Time at which its file was made on Earth, according to its label."""
     repeats: str | None = None
     """The image of the same exposure that is used instead: both differ in processing, version or
     size, and are one observation."""

@@ -53,7 +53,7 @@ _WAIT_S = 30
 """Waiting time for another writer."""
 _CONNECT_S = 10
 _PRIMARY_CODE = 0xFF
-"""The rest of an error code of SQLite is detail."""
+"""Mask of the primary part of an SQLite error code; the rest is detail."""
 _SPARE = 20
 """Connections beyond the pool's five, while so many requests are answered at once."""
 

@@ -82,7 +82,7 @@ class ImageFile:
 
     image: ProductRef
     radiometry: ProductRef | None = None
-    """None: the pixels as they are stored."""
+    """Radiometric tables; None: the pixels as they are stored."""
 
     @property
     def inputs(self) -> tuple[ProductRef, ...]:

@@ -96,7 +96,7 @@ class MapFile:
     path: Path
     """A local file to read its bands and classes from."""
     href: str
-    """Relative to the project."""
+    """Path relative to the project."""
 
 
 def project_bytes(title: str, landing: LandingPoint, files: Sequence[MapFile]) -> bytes:

@@ -55,7 +55,7 @@ class Selection:
     kinds: frozenset[str] = frozenset()
     """Kinds of layers, and words for several: `maps`, `traverse`, `reports` and `EXCHANGE`."""
     since: datetime | None = None
-    """Only products made at this time or later."""
+    """Earliest time of production."""
 
     def __post_init__(self) -> None:
         known = {*BY_DEFAULT, *EXCHANGE, *map(str, ProductKind)}

@@ -106,7 +106,7 @@ class Part:
     """Identifies its version in the index."""
     family: str
     layer: Layer | None
-    """None: annotations."""
+    """The layer; None: annotations."""
 
 
 def temporary_folder(root: Path) -> Path:

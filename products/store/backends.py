@@ -24,7 +24,7 @@ class ObjectStorage:
     """An object store for products."""
 
     url: str
-    """For example `s3://bucket/prefix`."""
+    """URL, for example `s3://bucket/prefix`."""
     cache_gb: float = 20.0
     """Limit of local copies."""
 

@@ -49,7 +49,7 @@ TRANSIENT_ERRNOS = {
 """Error numbers of the system that are transient."""
 _TRANSIENT_SQLITE = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_IOERR}
 _PRIMARY_CODE = 0xFF
-"""The rest of an error code of SQLite is detail."""
+"""Mask of the primary part of an SQLite error code; the rest is detail."""
 _PARSED_AT_ONCE = "recursion depth mismatch"
 """Python 3.11 raises it, rarely, when two threads parse the headers of NumPy archives at once."""
 _FULL_DISK = "53100"

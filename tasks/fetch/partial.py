@@ -20,7 +20,7 @@ import httpx
 from solmap.tasks.fetch.answers import NextMirrorError, TryAgainError, WrongContentError
 
 MAX_FILE_BYTES = 1 << 30
-"""Three times the largest index; a transfer of unknown length is stopped there."""
+"""Size at which a transfer of unknown length is stopped: three times the largest index."""
 
 Progress = Callable[[int, int | None], None]
 """Called with the local bytes of a file, and its length if the server gives it."""

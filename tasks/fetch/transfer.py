@@ -49,11 +49,11 @@ class TransferParams:
     attempts: Few = 5
     """Consecutive attempts without progress, per file and mirror."""
     first_wait_s: Wait = 1.0
-    """Before the second attempt; doubled for each further one."""
+    """Pause before the second attempt; doubled for each further one."""
     longest_wait_s: Wait = 60.0
-    """Also the limit of a server's Retry-After."""
+    """Longest pause, also if the server's Retry-After is longer."""
     timeout_s: Annotated[float, Interval(gt=0.0, le=3600.0)] = 60.0
-    """Without receiving a byte."""
+    """Longest time without receiving a byte."""
 
     def __post_init__(self) -> None:
         if min(self.connections, self.attempts) < 1 or self.timeout_s <= 0:

@@ -112,7 +112,7 @@ class ColourFrame:
 
     pair: OrientedPair
     filters: Triple | None
-    """None for a left image that is in colour itself."""
+    """Filters of the bands; None for a left image that is in colour itself."""
     images: tuple[ImageFile, ...]
     """Red, green and blue, or the left image."""
 

@@ -55,8 +55,8 @@ class FrameParams:
     """
 
     shift_m: float = 300.0
-    """For an uncontrolled mosaic; a controlled one is accurate to about 5 m, on older maps to
-    50 m."""
+    """Standard deviation of the shift of an uncontrolled mosaic; a controlled one is accurate to
+    about 5 m, on older maps to 50 m."""
     rotation_deg: float = 3.0
     """The same: an uncontrolled mosaic was turned by 1.3 degrees (Di et al. 2008, section 4), an
     orthoimage of HiRISE or CTX has errors of a few metres over kilometres, 0.1 degrees. An image

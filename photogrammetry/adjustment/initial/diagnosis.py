@@ -36,8 +36,7 @@ from solmap.photogrammetry.imagery import StopId
 
 FULL = 6
 MANY = 12
-"""With this many ties, their spread across their line is enough to show that the rotation about it
-is determined."""
+"""Number of ties whose spread across their line shows that the rotation about it is determined."""
 MOSTLY = 0.5
 SAME_M, SAME_RAD = 1e-3, 1e-4
 """Telemetry is rounded to a millimetre; two stops closer than that are the same."""

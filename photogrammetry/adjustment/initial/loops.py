@@ -56,7 +56,7 @@ LOOP_TIES = 5
 
 
 GATE = float(np.sqrt(chdtri(6, 0.001)))
-"""A loop is wrong beyond this misfit: 99.9 % of the chi distribution, six degrees of freedom."""
+"""Misfit above which a loop is wrong: 99.9 % of the chi distribution, six degrees of freedom."""
 STEPS = 20
 """Gauss-Newton steps of the graph for each sharpness of the loss."""
 HALVINGS = 8

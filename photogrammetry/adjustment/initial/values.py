@@ -63,7 +63,7 @@ them."""
 
 
 FURTHEST_BASES = 1000.0
-"""At this distance the parallax of a Navcam is one pixel."""
+"""Distance in baselines at which the parallax of a Navcam is one pixel."""
 LEAST_BASE_M = 1e-3
 STIFFNESS = 1e-13
 """Keeps the system of parallel rays solvable; their points are set to the furthest distance."""

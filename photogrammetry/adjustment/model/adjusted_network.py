@@ -76,7 +76,7 @@ class AdjustedTies:
     kinds: tuple[TieKind, ...]
     """Kinds of tie points by number, counting only observations that were used."""
     status: Int32[np.ndarray, " rows"]
-    """Per observation: USED, BLUNDER or UNUSED."""
+    """Status of each observation: USED, BLUNDER or UNUSED."""
     residuals_px: Float64[np.ndarray, "rows 3"]
     """Observed minus computed sample, line, parallax."""
     standardised: Float64[np.ndarray, "rows 3"]

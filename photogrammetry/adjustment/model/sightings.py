@@ -37,7 +37,7 @@ from solmap.photogrammetry.arrays import Bool, Covariances3, Flags, Float64, Int
 from solmap.photogrammetry.imagery import TieKind
 
 FAR_PARALLAX_PX = 3.0
-"""Below this parallax the error of a point is not ellipsoidal: it cannot align stops rigidly."""
+"""Parallax below which the error of a point is not ellipsoidal: it cannot align stops rigidly."""
 
 
 Couple = tuple[int, int]

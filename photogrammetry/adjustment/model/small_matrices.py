@@ -17,7 +17,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import Bool, Covariances3, Float64
 
 SERIES = 1e-3
-"""Below this angle the series of the trigonometric terms is exact to rounding."""
+"""Angle below which the series of the trigonometric terms is exact to rounding."""
 _LEAST = 1e-300
 """An angle treated as zero."""
 _UNIT = np.eye(3)

@@ -40,9 +40,9 @@ class Veto:
 
     pair_id: str
     left: Float64[np.ndarray, " 2"] | None
-    """Where, in the left epipolar image; None: everywhere."""
+    """Area in the left epipolar image; None: all of it."""
     other: str
-    """Only of points that this pair sees too; empty: of all."""
+    """Pair that must see the points too; empty: any."""
     tolerance_px: float
 
 

@@ -54,10 +54,11 @@ BASELINE_SIGMA_M = 0.001
 UNKNOWNS = 4
 """Number of unknowns of a camera set: three angles and a length."""
 PASSES = 3
-"""A wrong rig makes good ties look like blunders: they are tested again once it is corrected."""
+"""Number of passes: a wrong rig makes good ties look like blunders, so they are tested again once
+it is corrected."""
 ROUNDS = 8
 NEGLIGIBLE = 1e-3
-"""A step shorter than this, in its own standard deviations, ends the iteration."""
+"""Length of a step, in its own standard deviations, that ends the iteration."""
 PROBE = 0.02
 """Step of the differences, in standard deviations of the prior: a hundredth of a pixel or two.
 Rotations of a whole pixel would change which ties are placed, and with them the network."""
@@ -195,7 +196,7 @@ class _Border:
     """The reduced normal equations of theta, after elimination of all other unknowns."""
 
     network: Network
-    """Without what was set aside as blunders, rigs as calibrated."""
+    """The network without excluded blunders, rigs as calibrated."""
     held: AbstractSet[StopId]
     sets: tuple[str, ...]
     instruments: Mapping[str, str]

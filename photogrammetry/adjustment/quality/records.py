@@ -118,7 +118,7 @@ class StopQuality:
     held_by: str
     is_tied: bool
     precision: Precision | None
-    """None at a stop without pairs in this network."""
+    """Precision of the stop; None if it has no pairs in this network."""
     ellipse_m: tuple[float, float]
     """Semi-axes of the 1-sigma error ellipse on the map."""
     ellipse_azimuth_deg: float

@@ -52,7 +52,7 @@ class BlockPattern:
     order: tuple[int, ...]
     """Elimination order of the blocks that have unknowns."""
     later: dict[int, tuple[int, ...]]
-    """For each block its neighbours that are eliminated after it, with fill."""
+    """Neighbours of each block that are eliminated after it, with fill."""
     keys: np.ndarray
     """Sorted codes s * n + t of the blocks."""
     starts: np.ndarray

@@ -58,13 +58,12 @@ from solmap.photogrammetry.adjustment.solver.residuals import (
 from solmap.photogrammetry.arrays import Float64, PerPoint
 
 FALSE_SHARE = 0.1
-"""Where many observations are wrong, the gate is lowered until this fraction of those set aside may
-be good."""
+"""Share of good ones among excluded observations down to which the gate is lowered where many are
+wrong."""
 
 
 LINEAR = 0.1
-"""A prediction is valid only if its relative depth error is below a tenth: then errors propagate
-linearly."""
+"""Relative depth error up to which a prediction is valid, because errors propagate linearly."""
 CHI_MEDIAN = {2: 1.177, 3: 1.538, 4: 1.832}
 """Median length of a standard normal vector by its number of coordinates."""
 ALONE = 0.05

@@ -33,8 +33,7 @@ from solmap.photogrammetry.adjustment.model.small_matrices import cross_matrix, 
 from solmap.photogrammetry.adjustment.solver.layout import TieGroup
 
 NEGLIGIBLE = 1e-13
-"""A column of A_t is rounding error if it is shorter than this fraction of itself after
-orthogonalisation."""
+"""Fraction of its length below which a column of A_t is rounding error after orthogonalisation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

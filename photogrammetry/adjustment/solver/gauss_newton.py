@@ -66,9 +66,9 @@ SAME = 10.0
 of 1e-5, covariances differ by less than 1e-5 of themselves, in networks of 5 stops by 3e-7 and of
 500 loosely tied ones by 6e-6."""
 SAME_SHARE = 1e-5
-"""So do steps whose squared length is this fraction of the step before. If normal equations change
-by a over one step, steps shrink by at least the factor a; the last one then changes them by no more
-than this fraction; covariances of 60 stops added one by one, by 1.3e-6."""
+"""Steps whose squared length is this fraction of the step before also leave them unchanged. If
+normal equations change by a over one step, steps shrink by at least the factor a; the last one then
+changes them by no more than this fraction; covariances of 60 stops added one by one, by 1.3e-6."""
 PREDICTED = 1e-2
 """Bound of a predicted step, in tolerances: lower, because a prediction is less certain."""
 SHRINKING = 1e-4

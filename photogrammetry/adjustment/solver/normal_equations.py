@@ -19,8 +19,8 @@ from solmap.photogrammetry.adjustment.solver.problem import LINK_TRIANGLE, Probl
 from solmap.photogrammetry.arrays import Float64
 
 HUBER = 2.8
-"""Where the robust loss becomes linear, in standard deviations of an observation of three
-coordinates: the 95 % point of the chi distribution with three degrees of freedom."""
+"""Threshold at which the robust loss becomes linear, in standard deviations of an observation of
+three coordinates: the 95 % point of the chi distribution with three degrees of freedom."""
 CHI3_MEDIAN = 1.538
 """Median length of a standard normal vector of three coordinates."""
 CACHED = 4096

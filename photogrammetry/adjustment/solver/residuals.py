@@ -29,7 +29,8 @@ from solmap.photogrammetry.adjustment.solver.problem import Problem
 from solmap.photogrammetry.robust import MAD_TO_SIGMA
 
 UNCHECKED = 1e-6
-"""A redundancy number below this is rounding error: no other observation checks the coordinate."""
+"""Redundancy number below which it is rounding error: no other observation checks the
+coordinate."""
 
 CERTAIN = 2.0
 """Deviations of a spread or count up to this many standard deviations are not significant."""

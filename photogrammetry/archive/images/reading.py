@@ -70,7 +70,7 @@ class DescribedImage:
 
     image: RoverImage
     label: Label | None
-    """None where JSON replaces it: metadata, or the record of an own stereo rig's image."""
+    """The label; None if JSON replaces it: metadata, or the record of an own stereo rig's image."""
     data: bytes
     """The file with the pixels."""
 

@@ -75,7 +75,7 @@ class CandidateParams:
     """At most one candidate in every cell of the ground."""
     farthest_m: Metres = 30.0
     most: Count = 120
-    """While a hypothesis is tested."""
+    """Most candidates while a hypothesis is tested."""
     most_at_last: Count = 300
     """Most candidates of the final search for a hypothesis."""
     square_m: Metres = 0.2
@@ -98,7 +98,7 @@ class Plan:
     source: GroundView
     target: GroundView
     target_from_source: Pose
-    """Between the level frames."""
+    """Motion between the level frames."""
     places: ObjectPoints
     """Positions in the level frame of the source."""
     cells: Float64[np.ndarray, "n 2 2"]

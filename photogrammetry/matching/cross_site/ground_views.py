@@ -68,7 +68,7 @@ class GroundSurface:
     cell_m: float
     elevation: Raster
     rise: Float32[np.ndarray, "2 rows cols"]
-    """Towards north and east."""
+    """Gradient towards north and east."""
 
     @classmethod
     def of(cls, view: BirdsEyeView) -> GroundSurface:

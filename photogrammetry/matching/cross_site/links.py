@@ -60,7 +60,7 @@ class SiteLinkFigures:
     """Figures on which the decision about a link is based."""
 
     distance_m: float
-    """Between the stops by telemetry."""
+    """Distance between the stops by telemetry."""
     peak_z: float = 0.0
     """Significance of the peak of the search where the ties are; 0 if they are elsewhere."""
     overlap_m2: float = 0.0

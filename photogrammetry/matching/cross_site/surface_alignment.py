@@ -72,7 +72,7 @@ FOOTPRINT = 4 * np.pi
 """Number of cells, one Gaussian's standard deviation apart, with the information of one."""
 
 LEAST_CELLS = 200
-"""Some square metres of common ground."""
+"""Fewest cells of common ground: some square metres."""
 
 SETTLED_M = 5e-4
 """Length of the last step."""
@@ -279,7 +279,7 @@ class Registration:
     area_m2: float
     """Area of the common ground."""
     cells: Cells
-    """Where the motion was found, with weights that allow for what cells share."""
+    """Cells at which the motion was found, with weights that allow for their common errors."""
     height_bias: HeightBias
     """Height bias of both stops in lines; estimated where heights are compared."""
 

@@ -48,7 +48,7 @@ from solmap.photogrammetry.ranges import Count, Metres
 from solmap.photogrammetry.robust import robust_sigma
 
 DEFINED_PX = 0.02
-"""A point of the earlier stop defines the tie and has no error."""
+"""Standard deviation of the earlier stop's point, which defines the tie and has no error."""
 
 LOOSE_M = 0.3
 """Prior standard deviation of a block's shift, for undetermined directions."""

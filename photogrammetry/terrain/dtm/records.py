@@ -56,9 +56,9 @@ class GroundClass(IntEnum):
     MEASURED = 1
     """The cell contains matched points."""
     INTERPOLATED = 2
-    """Between neighbouring pixels of one continuous surface, closer than the set gap."""
+    """Ground between neighbouring pixels of one continuous surface, closer than the set gap."""
     OCCLUDED = 3
-    """Within reach and in the field of a pair, but hidden by nearer ground: no elevation."""
+    """Ground within reach and in the field of a pair, but hidden by nearer ground: no elevation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

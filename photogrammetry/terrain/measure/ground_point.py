@@ -68,7 +68,7 @@ class GroundPoint:
 
     point: Vector3
     covariance: Covariance3
-    """Relative to `frame`."""
+    """Covariance relative to `frame`."""
     frame: StopPose
     """The stop from which it was measured."""
     normal: Vector3 | None = None

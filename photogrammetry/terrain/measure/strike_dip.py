@@ -40,7 +40,7 @@ class Attitude:
     strike: float
     """Azimuth, clockwise from north, with the dip to the right."""
     dip: float
-    """Below the horizontal, 0 to pi/2."""
+    """Dip below the horizontal, 0 to pi/2."""
     sigma_strike: float
     sigma_dip: float
 

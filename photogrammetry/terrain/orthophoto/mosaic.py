@@ -141,7 +141,7 @@ class ViewShares:
     cells: list[ProjectedCells]
     weights: list[Raster]
     shown: Bool[np.ndarray, "rows cols"]
-    """Where any view has weight."""
+    """Cells in which any view has weight."""
 
     def sources(self, seen: Bool[np.ndarray, "block_rows block_cols"]) -> Sources:
         """The view with the largest weight in every cell of the block, without margin."""

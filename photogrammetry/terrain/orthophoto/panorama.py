@@ -189,9 +189,9 @@ class PanoramaBlock:
     brightness: Raster
     """Balanced; NaN where no image shows it."""
     sources: Sources
-    """At nodes: the image with the largest weight; `NO_SOURCE` where there is none."""
+    """At each node, the image with the largest weight; `NO_SOURCE` where there is none."""
     ranges: GroundRanges
-    """At nodes."""
+    """Range at each node."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

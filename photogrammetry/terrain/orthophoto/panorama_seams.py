@@ -49,7 +49,7 @@ class Registration:
 
     seams: tuple[Seam, ...]
     median_px: float
-    """Over all patches; NaN where no two images overlap."""
+    """Median shift over all patches; NaN where no two images overlap."""
     p90_px: float
 
 

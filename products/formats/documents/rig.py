@@ -34,7 +34,8 @@ class PairRows:
     summary: str
     rover_from_pair: Rotation
     rows: CameraRows | None
-    """None where they do not determine the rig: few points, or rows that no rotation corrects."""
+    """Correction by rows; None if they do not determine the rig: few points, or rows that no
+    rotation corrects."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

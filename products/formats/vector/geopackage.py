@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import geopandas
 
 _DATE = {"OGR_CURRENT_DATE": "2004-01-04T04:35:00.000Z"}
-"""For the column `last_change`, which the format requires: the landing of Spirit."""
+"""Date in the column `last_change`, which the format requires: the landing of Spirit."""
 
 
 def write_geopackage(path: Path, collection: FeatureCollection, layer: str) -> None:

@@ -30,7 +30,7 @@ export function fade(
 ): Uint8ClampedArray<ArrayBuffer> {
   for (let at = 3; at < pixels.length; at += 4) {
     const share = 1 - (sigmas?.[at >> 2] ?? Number.NaN) / most;
-    pixels[at] = share > 0 ? (pixels[at] as number) * Math.min(1, share) : 0; // NaN is none
+    pixels[at] = share > 0 ? (pixels[at] as number) * Math.min(1, share) : 0; // NaN: no standard deviation
   }
   return pixels;
 }
