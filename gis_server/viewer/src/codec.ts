@@ -10,7 +10,7 @@ export interface Codec<T> {
 
 /** A value with a key of its own in the link. */
 export interface Field<T> {
-  /** Without that key. */
+  /** Value without the key. */
   readonly first: T;
   readonly read: (text: string, broken: Broken) => T | undefined;
   /** Null: the key is left out. */
@@ -24,7 +24,7 @@ export const initially = <T>(first: T, { read, write }: Codec<T>): Field<T> => (
   write: (value) => (write(value) === write(first) ? null : write(value)),
 });
 
-/** Null without the key, which may have an empty text. */
+/** A codec whose value is null without the key; the text may be empty. */
 export const maybe = <T>({ read, write }: Codec<T>): Field<T | null> => ({
   first: null,
   read,
@@ -54,7 +54,7 @@ export function number(
   };
 }
 
-/** With a number of significant digits. */
+/** A number rounded to some significant digits. */
 export const significant = (digits: number, least?: number): Codec<number> => ({
   read: number(0, least).read,
   write: (value) => String(Number(value.toPrecision(digits))),
@@ -99,7 +99,7 @@ export function tuple<T extends readonly unknown[]>(
   };
 }
 
-/** The same with names. */
+/** A record whose values have names. */
 export function record<T extends object>(separator: string, parts: Codecs<T>): Codec<T> {
   const keys = Object.keys(parts) as (keyof T)[];
   const codecs = keys.map((key) => parts[key]) as unknown as readonly Codec<unknown>[];

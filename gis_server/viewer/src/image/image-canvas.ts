@@ -18,7 +18,7 @@ import {
   zoomed,
 } from "./viewport";
 
-/** From this magnification on pixels are shown as squares. */
+/** Magnification from which on pixels are shown as squares. */
 const SHARP_FROM = 3;
 const CLICK_PX = 4;
 const PAN_PX = 60;
@@ -28,7 +28,7 @@ export interface ImageCanvasListener {
   /** The pointer is at a place of the image; null: it is not over the image. */
   readonly hover: (at: ImagePoint | null, screen: ScreenPoint) => void;
   readonly click: (at: ImagePoint) => void;
-  /** Null: the whole image is shown. */
+  /** Called with the visible part; null: the whole image. */
   readonly moved: (sight: ImageSight | null) => void;
 }
 

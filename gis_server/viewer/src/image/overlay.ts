@@ -1,4 +1,4 @@
-/** What is drawn over an image: tie points with their residuals, and the place that the cursor marks. */
+/** Drawings over an image: tie points with their residuals, and the place that the cursor marks. */
 
 import { measured, sigmaText } from "../page/format";
 import type { ImageTie } from "../server/network";
@@ -27,7 +27,7 @@ export interface Overlay {
   /** Factor of drawn residuals; 0: none are drawn. */
   readonly residualFactor: number;
   readonly cross: Cross | null;
-  /** Where a point of another image may lie in this one. */
+  /** Curve on which a point of another image may lie in this one. */
   readonly curve?: readonly ImagePoint[];
   /** Points that a person picked. */
   readonly picks?: readonly ImagePoint[];

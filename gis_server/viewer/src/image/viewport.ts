@@ -1,5 +1,5 @@
 /**
- * Which part of an image is on the screen.
+ * The part of an image on the screen.
  *
  * Image points are (sample, line), (0, 0) being the centre of the first pixel; screen points are in CSS pixels from the
  * upper left corner of the view, which is where the corner (-0.5, -0.5) of the image lies when nothing is shifted.

@@ -28,7 +28,7 @@ export interface Reading {
   readonly point: MapPoint;
 }
 
-/** What coordinates may refer to. */
+/** Reference systems that coordinates may be in. */
 export interface References {
   readonly local: Pick<LocalMap, "toLonLat" | "fromLonLat"> | null;
   /** Bounds of the mapped ground. */

@@ -1,5 +1,5 @@
 /**
- * Which layers are fetched and drawn in a view: a mission of 500 stops has a layer of contours for each of them, ten
+ * Layers that are fetched and drawn in a view: a mission of 500 stops has a layer of contours for each of them, ten
  * thousand footprints and a hundred thousand tie points, and a view of the whole shows none of their shapes.
  */
 

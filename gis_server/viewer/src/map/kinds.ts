@@ -7,7 +7,7 @@ const BANDS = ["region-dtm", "dtm"].flatMap((kind) =>
   [...QUALITIES, "source"].map((band) => `${kind}-${band}`),
 );
 
-/** From the bottom of the map to its top: features lie above rasters of the ground. */
+/** Kinds from the bottom of the map to its top: features lie above rasters of the ground. */
 export const STACK = [
   "orbital",
   "far-hillshade",

@@ -87,7 +87,7 @@ function isIn(layer: Layer, wider: Layer): boolean {
 }
 
 /**
- * What is shown at first: relief, image, contours, stops and traverse, each from the widest products there
+ * Layers shown at first: relief, image, contours, stops and traverse, each from the widest products there
  * are, merged ones before those of the stops; footprints and pointing lines if there is no mapped ground.
  */
 export function firstState(layer: Layer, all: readonly Layer[]): LayerState {

@@ -15,7 +15,7 @@ export interface GeoJsonFeature {
   readonly properties: Readonly<Record<string, unknown>>;
 }
 
-/** As in the server's downloads: longitude and latitude are those of Mars, IAU 2015. */
+/** CRS as in the server's downloads: longitude and latitude are those of Mars, IAU 2015. */
 const MARS_CRS = {
   type: "name",
   properties: { name: "urn:ogc:def:crs:IAU:2015:49900" },

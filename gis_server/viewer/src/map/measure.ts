@@ -5,7 +5,7 @@ import type { MapPoint } from "../server/records";
 
 export interface Measured {
   readonly length_m: number;
-  /** Of the last leg; null before there is one. */
+  /** Length of the last leg; null before there is one. */
   readonly leg_m: number | null;
   readonly azimuth_deg: number | null;
 }

@@ -1,4 +1,4 @@
-/** From values to the colours of pixels. */
+/** Converts values to the colours of pixels. */
 
 import { lookup } from "./ramps";
 import type { Colouring } from "./raster-style";

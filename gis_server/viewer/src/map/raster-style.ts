@@ -22,14 +22,14 @@ export type Quantity = (typeof QUANTITIES)[number];
 
 export interface RasterStyle {
   readonly quantity: Quantity;
-  /** Null: the quantity's own colours. */
+  /** Colours; null: the quantity's own. */
   readonly ramp: RampName | null;
   /** Value at the first and at the last colour; null: the quantity's own. */
   readonly low: number | null;
   readonly high: number | null;
   /** Values below are not drawn; null: all are. */
   readonly floor: number | null;
-  /** For images: above 1 dark ground is brighter; null: unchanged. */
+  /** Gamma of images: above 1 dark ground is brighter; null: unchanged. */
   readonly gamma: number | null;
   /** Hidden classes, by their numbers in the legend. */
   readonly hidden: readonly number[];
@@ -61,7 +61,7 @@ interface Own {
   readonly title: string;
   readonly ramp: RampName;
   readonly range: readonly [number, number];
-  /** Null: that of the layer. */
+  /** Unit; null: that of the layer. */
   readonly unit: string | null;
   /** Name of the band that holds it; none: it is computed here. */
   readonly band?: string;

@@ -16,7 +16,7 @@ import type { SunPlace } from "./shading";
 const DEG = Math.PI / 180;
 
 export interface Ground {
-  /** From the north-west, row by row; NaN where not measured. */
+  /** Heights row by row from the north-west; NaN where not measured. */
   readonly heights: Float32Array;
   readonly columns: number;
   readonly rows: number;

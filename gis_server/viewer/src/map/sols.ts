@@ -13,7 +13,7 @@ export const areIn = (sols: readonly number[], range: Sols): boolean =>
 
 export const isSame = (a: Sols, b: Sols): boolean => a?.[0] === b?.[0] && a?.[1] === b?.[1];
 
-/** In a link: `156` or `150-156`. */
+/** Sols in a link: `156` or `150-156`. */
 export const linkedSols: Codec<readonly [number, number]> = {
   read: (text) => {
     const [, from, to = from] = /^(\d+)(?:-(\d+))?$/.exec(text) ?? [];

@@ -10,7 +10,7 @@ export interface Statistics {
 
 const SHARE = 0.98;
 
-/** Of the known values; null without any. */
+/** Statistics of the known values; null if there are none. */
 export function statistics(values: readonly number[]): Statistics | null {
   const known = values.filter(Number.isFinite);
   const count = known.length;

@@ -150,7 +150,7 @@ const stopDot = (fill: string, stroke: string, width: number) =>
     declutterMode: "none", // labels avoid each other, symbols do not
   });
 const [FREE_DOT, HELD_DOT] = [stopDot(ADJUSTED, "#fff", 1.5), stopDot("#fff", ADJUSTED, 2.5)];
-/** From this resolution on stops are dots, and only the first of every site is named: 12 m are 24 pixels. */
+/** Resolution from which on stops are dots, and only the first of every site is named: 12 m are 24 pixels. */
 const DOTS_FROM_M = 0.5;
 const NO_ELLIPSES = 0;
 /** Styles of a stop and the factor they were made for: a moving map requests them in every frame. */

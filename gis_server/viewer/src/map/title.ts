@@ -1,4 +1,4 @@
-/** What a map is of: its mission, and the sols, sites and the landing site below. */
+/** The subject of a map: its mission, and the sols, sites and the landing site below. */
 
 import type { Layer, Mission } from "../server/records";
 import { areIn, type Sols, solsTitle } from "./sols";
@@ -11,7 +11,7 @@ export interface MapTitle {
 
 const SITE = /-site(\d+)-/;
 
-/** Of the layers of a mission, when only those of some sols are shown. */
+/** Title for the layers of a mission, when only those of some sols are shown. */
 export function titleOf(
   { title, landing }: Pick<Mission, "title" | "landing">,
   layers: readonly Pick<Layer, "scope" | "sols">[],

@@ -55,7 +55,7 @@ export function valuesText({ series, y }: ChartOptions, x: number): string {
   return series.map(one).join(", ");
 }
 
-/** Where a key moves the cursor; undefined if it is not the chart's key. */
+/** Position to which a key moves the cursor; undefined if it is not a key of the chart. */
 export function keyed(
   key: string,
   current: number | null,

@@ -1,5 +1,5 @@
 /**
- * Which of the two side panels are open: both on a wide window; on a narrow one neither at first, and one at a time.
+ * The open side panels: both on a wide window; on a narrow one neither at first, and one at a time.
  */
 
 import { button, type IconName } from "./dom";

@@ -1,4 +1,4 @@
-/** What colours mean: a strip of them with values, or a swatch for each class. */
+/** The meaning of colours: a strip of them with values, or a swatch for each class. */
 
 import type { Legend } from "../server/records";
 import { h } from "./dom";

@@ -79,11 +79,11 @@ export function panes(): Panes {
   } as const;
   let arrangement: Arrangement = { beside: [], below: [] };
   let arranged: (arrangement: Arrangement) => void = () => undefined;
-  /** In the order in which they were opened. */
+  /** Panes in the order in which they were opened. */
   let opened: readonly Opened[] = [];
   let isRow = true;
 
-  /** Where a pane is shown. */
+  /** Side on which a pane is shown. */
   const sideOf = (name: string): Side =>
     WIDE.matches && arrangement.beside.includes(name) ? "beside" : "below";
   const on = (side: Side) => {

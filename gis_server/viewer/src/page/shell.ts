@@ -16,13 +16,13 @@ export interface Shell {
   readonly layers: HTMLElement;
   readonly missionBox: HTMLElement;
   readonly searchBox: HTMLElement;
-  /** At the end of the head: help, who has signed in. */
+  /** Box at the end of the head: help, the signed-in account. */
   readonly accountBox: HTMLElement;
   readonly toolbar: HTMLElement;
   readonly readout: HTMLElement;
-  /** At the end of the line below the map: the format of coordinates. */
+  /** Box at the end of the line below the map: the format of coordinates. */
   readonly formatBox: HTMLElement;
-  /** In the line below the map: whether server and engine are up. */
+  /** Box in the line below the map: state of server and engine. */
   readonly statusBox: HTMLElement;
   /** Shown while the server is not connected. */
   readonly connection: HTMLElement;

@@ -16,7 +16,7 @@ const KINDS = {
   runs: ["Runs", "run", "R"],
 } as const satisfies Record<string, readonly [string, IconName, string]>;
 export type Tab = keyof typeof KINDS;
-/** In their order; the first is open at first. */
+/** Tabs in their order; the first is open at the beginning. */
 export const TABS = Object.keys(KINDS) as readonly Tab[];
 export const TAB_KEYS = TABS.map((name) => [KINDS[name][2], name, KINDS[name][0]] as const);
 

@@ -22,7 +22,7 @@ export class ApiError extends Error {
 
   constructor(
     message: string,
-    /** Of HTTP; null where the answer itself is not understood. */
+    /** Status of HTTP; null if the answer is not understood. */
     readonly status: number | null = null,
   ) {
     super(message);
@@ -139,7 +139,7 @@ function list<T>(
   throw new ApiError(`expected a list of ${key}, got ${JSON.stringify(answer).slice(0, 120)}`);
 }
 
-/** Where the next page of an answer is, if there is one (RFC 8288). */
+/** URL of the next page of an answer, if there is one (RFC 8288). */
 function nextOf(answer: Response, url: string): string | null {
   const link = /<([^>]*)>; rel="next"/.exec(answer.headers.get("Link") ?? "")?.[1];
   if (link === undefined) return null;
@@ -185,7 +185,7 @@ export const api = {
     get<FeatureCollection>(
       `${layer.features}?${new URLSearchParams(names.map((name) => ["ids", name]))}`,
     ),
-  /** Of classes that the layer's file names. */
+  /** Legend of classes that the layer's file names. */
   legend: ({ provenance }: Layer, query: string) =>
     get<Legend>(provenance.replace(/provenance$/, "legend") + query),
   provenance: (layer: Layer) => get<unknown>(layer.provenance),

@@ -14,7 +14,7 @@ export interface Reachable {
   readonly longest_drive_m: number;
   readonly longest_drive_h: number;
   readonly speed_m_h: number;
-  /** Of the image. */
+  /** Bounds of the image. */
   readonly bounds: Bounds;
   readonly picture: string;
   readonly geotiff: string;
@@ -22,7 +22,7 @@ export interface Reachable {
 }
 
 export interface Route {
-  /** Along the ground. */
+  /** Length along the ground. */
   readonly drive_m: number;
   readonly straight_m: number;
   readonly climb_m: number;

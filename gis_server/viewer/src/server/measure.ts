@@ -102,7 +102,7 @@ export interface ZoneMeasured {
   readonly std: number | null;
   readonly min: number | null;
   readonly max: number | null;
-  /** By percent. */
+  /** Values by percentage. */
   readonly percentiles: Readonly<Record<string, number>>;
   readonly classes: readonly {
     readonly name: string;

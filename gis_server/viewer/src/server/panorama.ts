@@ -28,7 +28,7 @@ export interface Panorama {
 }
 
 export interface DirectionSeen {
-  /** Null in the sky and on ground outside all terrain models. */
+  /** Ground seen; null in the sky and on ground outside all terrain models. */
   readonly ground: {
     readonly east: number;
     readonly north: number;
@@ -47,7 +47,7 @@ export interface PlaceSeen {
   readonly elevation_deg: number;
   readonly distance_m: number;
   readonly inside: boolean;
-  /** Null where it is not known. */
+  /** Whether nearer ground hides it; null: unknown. */
   readonly hidden: boolean | null;
 }
 

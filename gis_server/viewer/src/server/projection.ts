@@ -6,7 +6,7 @@ import type { MapPoint } from "./records";
 export interface PixelEllipse {
   readonly semi_major_px: number;
   readonly semi_minor_px: number;
-  /** Of the major axis, from the direction of samples towards that of lines. */
+  /** Angle of the major axis, from the direction of samples towards that of lines. */
   readonly angle_deg: number;
 }
 
@@ -34,7 +34,7 @@ export interface Seen {
   readonly incidence_deg: number | null;
   readonly sight: Sight;
   readonly told_by: string;
-  /** In the image as it is matched, epipolar with its partner; null where the pair was not matched. */
+  /** Sample in the linearised image used for matching; null if the pair was not matched. */
   readonly linearised_sample: number | null;
   readonly linearised_line: number | null;
   readonly browse: string;
@@ -42,7 +42,7 @@ export interface Seen {
 
 export interface GroundToImage {
   readonly ground: Ground;
-  /** Those that see the place first, then the nearest. */
+  /** Images, those that see the place first, then by distance. */
   readonly images: readonly Seen[];
 }
 

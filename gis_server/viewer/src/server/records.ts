@@ -38,7 +38,7 @@ export type Level = "stop" | "sol" | "region";
 export interface Legend {
   readonly stops: readonly (readonly [value: number, colour: string])[];
   readonly unit: string | null;
-  /** What classes mean, where values are classes; else empty. */
+  /** Names of classes, for a layer of classes; else empty. */
   readonly classes?: readonly { readonly name: string; readonly colour: string }[];
   /** Further properties that a reader needs. */
   readonly note?: string;
@@ -82,7 +82,7 @@ export interface VectorLayer extends LayerFacts {
 /** Distinguished by `type`. */
 export type Layer = RasterLayer | VectorLayer;
 
-/** What the first view of the map needs. */
+/** Data of the first view of the map. */
 export interface Start {
   readonly missions: readonly Mission[];
   /** The mission whose layers these are; null if the store holds none. */

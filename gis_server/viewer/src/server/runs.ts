@@ -15,7 +15,7 @@ export interface Run {
   readonly stage: string | null;
   readonly done: number;
   readonly total: number;
-  /** Its log; only of a single run, else empty. */
+  /** Log of a single run; empty in lists. */
   readonly lines: readonly string[];
   readonly parameters: Parameters;
   /** Actions that an operator may request. */

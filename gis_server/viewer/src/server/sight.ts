@@ -29,7 +29,7 @@ export interface Viewshed {
   readonly visible_m2: number;
   readonly hidden_m2: number;
   readonly unknown_m2: number;
-  /** Of the image. */
+  /** Bounds of the image. */
   readonly bounds: Bounds;
   readonly picture: string;
   readonly geotiff: string;

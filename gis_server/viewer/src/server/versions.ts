@@ -5,7 +5,7 @@ import { get, withQuery } from "./api";
 import type { Layer } from "./records";
 
 export interface LayerVersion {
-  /** Its id ends in `@` and the digest. */
+  /** The layer; its id ends in `@` and the digest. */
   readonly layer: Layer;
   readonly is_latest: boolean;
   /** Adjustments it holds for, the one it was made for first. */

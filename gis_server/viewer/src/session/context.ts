@@ -1,5 +1,5 @@
 /**
- * What the parts of a session share. A part is a function that is called once with it: it adds its tab, tools and keys
+ * Resources that the parts of a session share. A part is a function that is called once with it: it adds its tab, tools and keys
  * to the page and listens to the signals of others. Parts do not import each other.
  */
 
@@ -65,7 +65,7 @@ export interface Context {
   readonly drawing: DrawingState;
   /** Position of the sun for all shading in the viewer. */
   readonly sun: Observable<SunPlace>;
-  /** What is shown, as links to it hold it. */
+  /** State of the view, as it is written in links. */
   readonly state: Store;
   readonly history: LinkHistory;
   /** The signed-in account; null: signed out, nothing can be written. */

@@ -19,7 +19,7 @@ export class LayerList {
   readonly rearranged = new Signal<void>();
   /** The server published new layers, or new products of layers. */
   readonly replaced = new Signal<readonly Layer[]>();
-  /** An earlier version of a layer was brought in, or one was dismissed. */
+  /** An earlier version of a layer was added or removed. */
   readonly versionsChanged = new Signal<void>();
   private readonly versions = new Map<string, Layer>();
   private readonly states = new Map<string, LayerState>();
@@ -62,7 +62,7 @@ export class LayerList {
     return [...this.list, ...this.bands];
   }
 
-  /** Those, and the earlier versions that were brought in. */
+  /** All layers, and the earlier versions that were added. */
   get every(): readonly Layer[] {
     return [...this.listed, ...this.versions.values()];
   }

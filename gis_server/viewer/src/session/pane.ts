@@ -14,7 +14,7 @@ export interface PaneContent<K extends PaneName> {
   readonly title?: string;
   /** Shows a value that was not written by this pane. */
   readonly show?: (value: Value<K>) => void | Promise<void>;
-  /** When it was opened by its button or key. */
+  /** Called when it was opened by its button or key. */
   readonly focus?: () => void;
   readonly dispose?: () => void;
 }
@@ -31,7 +31,7 @@ export interface PaneKind<K extends PaneName> {
     readonly key: string;
     readonly does: string;
     readonly class: string;
-    /** What it opens with. */
+    /** State with which it opens. */
     readonly first: () => Value<K>;
   };
 }

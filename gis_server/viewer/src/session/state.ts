@@ -1,5 +1,5 @@
 /**
- * What the viewer shows: one record, and how each of its fields is written in the URL's fragment,
+ * State of the viewer: one record, and how each of its fields is written in the URL's fragment,
  * `#m=MER2&at=12.5,-3.25,0.02&on=scope/kind*0.6&tab=sun`. Keys of the link are the names of the fields.
  *
  * Layers are named without their digest, so that a link shows the newest product. A pane is open while its field is not
@@ -52,31 +52,31 @@ export interface Place {
 /** How layers are shown that are on: from the bottom of the map to its top. */
 export type LinkedLayers = ReadonlyMap<string, Pick<LayerState, "opacity" | "style" | "blend">>;
 
-/** Which layers are listed. */
+/** Filter of the listed layers. */
 export interface LayerFilter {
   readonly words: string;
   /** Title of their kind; empty: all. */
   readonly kind: string;
-  /** By which the stop was photographed that they are of; empty: all. */
+  /** Instrument that photographed their stop; empty: all. */
   readonly instrument: string;
 }
 
 export interface Measured {
   readonly mode: (typeof MEASURES)[number];
   readonly corners: readonly MapPoint[];
-  /** Of its mode, in the order of `asksNumbers`; none: the usual ones. */
+  /** Numbers of its mode, in the order of `numberFields`; empty: the defaults. */
   readonly numbers: readonly number[];
-  /** Of modes with `asksLayer`; null: the first one. */
+  /** Layer of modes with `needsLayer`; null: the first one. */
   readonly layer: string | null;
 }
 
-/** What is compared with what. */
+/** The compared layers. */
 export interface Comparison {
   readonly mode: (typeof COMPARISONS)[number];
   /** Ids of layers. */
   readonly a: string;
   readonly b: string;
-  /** Where the divider stands, as a share of the map's width. */
+  /** Position of the divider, as a share of the map's width. */
   readonly at: number;
   /** Difference at the ends of the colours; null: what fits the view. */
   readonly most: number | null;
@@ -87,7 +87,7 @@ export type Sky =
   | { readonly by: "hand"; readonly sun: SunPlace }
   | { readonly by: "time"; readonly sol: number; readonly hours: number };
 
-/** What is shown under the sun. */
+/** Layers of the sun. */
 export interface Light {
   /** Relief under the sun, over all rasters. */
   readonly relief: boolean;
@@ -100,7 +100,7 @@ export interface Light {
   readonly slopeDeg: number | null;
 }
 
-/** What an image is looked at: its place in the middle of the pane, and screen pixels for each of its own. */
+/** Visible part of an image: the image point in the middle of the pane, and screen pixels per image pixel. */
 export interface ImageSight {
   readonly sample: number;
   readonly line: number;
@@ -122,13 +122,13 @@ export interface PanoramaSight {
   readonly width: number;
 }
 
-/** Where the eye is in 3D, and what it looks at. */
+/** Eye and target in 3D. */
 export interface Viewpoint {
   readonly from: Place3;
   readonly to: Place3;
 }
 
-/** What 3D shows: a kind of layer over the ground, a stop if one is chosen, whether the eye is at that stop. */
+/** Content of the 3D view: a kind of layer over the ground, a stop if one is chosen, whether the eye is at that stop. */
 export interface Shown {
   readonly drape: string;
   readonly stop: string | null;
@@ -137,7 +137,7 @@ export interface Shown {
 
 export const NOTHING_SHOWN: Shown = { drape: "", stop: null, isStanding: false };
 
-/** What of a table is listed. */
+/** Query of a table. */
 export interface Query {
   /** Also columns that are out of view. */
   readonly hasAllColumns: boolean;
@@ -299,7 +299,7 @@ const open: Codec<true> = {
 
 const PANE_FIELDS = {
   image: maybe(record("~", { id: word, sight: inImage })),
-  /** With the left image of a pair. */
+  /** Stereo view, named by the left image of a pair. */
   stereo: maybe<StereoSight>(
     record("~", {
       left: text,
@@ -308,7 +308,7 @@ const PANE_FIELDS = {
       sight: inImage,
     }),
   ),
-  /** With the stop that it is of; none: the nearest. */
+  /** Panorama of a stop; without a stop, the nearest. */
   panorama: maybe(
     record("~", {
       stop: text,
@@ -389,7 +389,7 @@ const FIELDS = {
     record(",", { solution: word, reference: word }),
   ),
   compare: maybe(comparison),
-  /** Null: where cartographers have it. */
+  /** Sun; null: in the north-west, as on printed maps. */
   sun: maybe(sky),
   live: initially(DARK, light),
   /** The terrain model that is lit; null: the widest. */

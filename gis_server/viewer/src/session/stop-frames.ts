@@ -13,7 +13,7 @@ export class StopFrames {
     private readonly signal: AbortSignal,
   ) {}
 
-  /** Empty where the server has none. */
+  /** Frames of the stops; empty if the server has none. */
   load(): Promise<SceneStops> {
     this.loading ??= sceneApi.stops(this.mission, this.signal).catch((reason: unknown) => {
       this.forget();

@@ -37,7 +37,7 @@ export class Waiting {
     this.await(work, true);
   }
 
-  /** The same for writing: it is done once, whether or not the server answers. */
+  /** Runs code that writes: once, whether or not the server answers. */
   act(work: () => Promise<void>): void {
     this.await(work, false);
   }

@@ -1,4 +1,4 @@
-/** What was drawn, as GeoJSON in metres of the map. */
+/** The drawn shape, as GeoJSON in metres of the map. */
 
 import type { Shape } from "../../map/sketch";
 import type { AnnotationEdit } from "../../server/edits";

@@ -36,7 +36,7 @@ export function imageTip(properties: Properties): Tip {
   return { title, facts, caution: `without partner: ${reason ?? "no reason recorded"}` };
 }
 
-/** Of any feature of a layer. */
+/** Text for any feature of a layer. */
 export function tipOf(
   layer: { readonly kind: string; readonly title: string },
   of: Properties,

@@ -19,7 +19,7 @@ const turned = ([east, north]: MapPoint, degrees: number): MapPoint => {
   return [c * east + s * north, -s * east + c * north];
 };
 
-/** Where a place of the moved orthophoto lies on the other one. */
+/** Position of a place of the moved orthophoto on the other one. */
 export function placedAt(
   placement: Placement,
   middle: MapPoint,

@@ -5,7 +5,7 @@ import { h } from "../../page/dom";
 import type { Context } from "../../session/context";
 
 const NAMES: Readonly<Record<string, string>> = { Escape: "Esc" };
-/** In the browser's storage once the tour was seen or declined. */
+/** Key in the browser's storage, set when the tour was seen or declined. */
 const SEEN = "solmap-tour";
 
 export function helpPart(context: Context): void {

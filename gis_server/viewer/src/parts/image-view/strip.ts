@@ -13,7 +13,7 @@ const SIGHTS: Readonly<Record<Sight, string>> = {
   unknown: "not known if seen",
 };
 
-/** Where a mark lies on a thumbnail, percent of its sides. */
+/** Position of a mark on a thumbnail, percent of its sides. */
 export function markAt(
   { sample, line }: Pick<Seen, "sample" | "line">,
   [samples, lines]: readonly [number, number],

@@ -129,7 +129,7 @@ export class ImageViewer {
     this.element.dataset["ties"] = String(hasTies ? this.ties.length : 0);
   }
 
-  /** Null: the whole image, as it fits any pane. */
+  /** Stores the visible part; null: the whole image, which fits any pane. */
   private moved(sight: ImageSight | null): void {
     this.element.dataset["scale"] = this.imageCanvas.viewport.scale.toFixed(4);
     if (this.image && this.isLoaded) this.write({ id: this.image.id, sight });

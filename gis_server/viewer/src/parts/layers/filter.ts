@@ -1,4 +1,4 @@
-/** Which layers the tree lists: by words, by kind, and by the instrument that took the images of a stop. */
+/** Filter of the layers that the tree lists: by words, by kind, and by the instrument that took the images of a stop. */
 
 import { kindTitle } from "../../map/layers";
 import { h } from "../../page/dom";

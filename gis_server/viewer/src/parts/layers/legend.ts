@@ -29,7 +29,7 @@ export interface MapLegend {
 const ROOM_PX = [600, 420] as const;
 
 /**
- * On the map: the legends of what is drawn. Layers of several stops that look alike share one. It folds when the map
+ * Legends of the drawn layers, on the map. Layers of several stops that look alike share one. It folds when the map
  * becomes small, and opens when it becomes large.
  */
 export function mapLegend(actions: LayerActions, map: HTMLElement): MapLegend {

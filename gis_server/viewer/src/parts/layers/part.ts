@@ -1,4 +1,4 @@
-/** Which layers the map shows, how, and the lists in which that is chosen. */
+/** The layers on the map, how they are shown, and the lists in which this is chosen. */
 
 import { getIntersection, isEmpty } from "ol/extent";
 import { setBlend } from "../../map/blending";

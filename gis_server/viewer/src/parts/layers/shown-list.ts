@@ -1,4 +1,4 @@
-/** What is on the map, the uppermost first: here the order is changed, by buttons or by dragging. */
+/** Layers on the map, the uppermost first; their order is changed here, by buttons or by dragging. */
 
 import { kindTitle } from "../../map/layers";
 import { button, h } from "../../page/dom";

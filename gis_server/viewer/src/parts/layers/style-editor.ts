@@ -1,4 +1,4 @@
-/** What of a raster's values is drawn, in which colours, and over which range. */
+/** Choice of the drawn quantity of a raster, its colours and its range. */
 
 import { kindTitle } from "../../map/layers";
 import { RAMP_NAMES, type RampName } from "../../map/ramps";

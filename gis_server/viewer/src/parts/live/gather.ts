@@ -25,7 +25,7 @@ export function gathered<T>(usual_ms: number, work: (all: readonly T[]) => void)
   };
 }
 
-/** What was published, in words: kinds and scopes, not every product. */
+/** Published layers in words: kinds and scopes, not every product. */
 export function publishedText(ids: readonly string[]): string {
   const unique = [...new Set(ids)];
   const scopes = new Set(unique.map((id) => id.slice(0, id.lastIndexOf("/"))));

@@ -25,7 +25,7 @@ const Z_FEATURES = 950;
 
 export interface Drawn {
   readonly map: BaseLayer;
-  /** Null: it has colours of its own. */
+  /** Sets the colour; null: it has its own colours. */
   readonly setColour: ((colour: string) => void) | null;
 }
 

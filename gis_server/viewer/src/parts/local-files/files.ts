@@ -122,7 +122,7 @@ export class LocalFiles {
   }
 }
 
-/** Of the corners on the map. */
+/** Bounds of the corners on the map. */
 function imageBounds({ extent, crs }: Extract<FileLayer, { type: "image" }>): Bounds {
   const [west, south, east, north] = extent;
   const corners = [

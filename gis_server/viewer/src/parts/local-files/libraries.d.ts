@@ -1,4 +1,4 @@
-/** What of libraries without types is used here. */
+/** Types of the used parts of libraries without types. */
 
 declare module "shpjs" {
   import type { GeoJsonFeature } from "../../map/mars-geojson";

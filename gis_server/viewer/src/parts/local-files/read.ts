@@ -9,7 +9,7 @@ export interface FileFeatures {
   readonly type: "features";
   readonly name: string;
   readonly crs: FileCrs;
-  /** In metres of the map. */
+  /** Features in metres of the map. */
   readonly features: readonly GeoJsonFeature[];
 }
 
@@ -17,7 +17,7 @@ export interface FileImage {
   readonly type: "image";
   readonly name: string;
   readonly crs: FileCrs;
-  /** In coordinates of the file. */
+  /** Extent in coordinates of the file. */
   readonly extent: Bounds;
   readonly url: string;
   /** Further properties that a reader needs. */

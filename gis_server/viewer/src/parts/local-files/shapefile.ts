@@ -7,7 +7,7 @@ import { RefusedFile } from "./crs";
 
 export interface Shapefile {
   readonly name: string;
-  /** In coordinates of the file. */
+  /** Features in coordinates of the file. */
   readonly features: readonly GeoJsonFeature[];
   /** WKT of its coordinate system; null if there is no `.prj`. */
   readonly prj: string | null;

@@ -14,7 +14,7 @@ type Drawn = Omit<ChartOptions, "onCursor">;
 type ProfileShown = NonNullable<State["profile"]>;
 const COLOUR = "#c2571b";
 
-/** What the chart of a profile shows. */
+/** Options of the chart of a profile. */
 export function profileOptions(profile: Profile, shown: ProfileShown["shown"]): Drawn {
   const { distance_m: xs, layers, slope_baseline_m } = profile;
   const known = profile.elevation_m.filter((value) => value !== null);

@@ -11,7 +11,7 @@ import type { Quantity } from "./quantities";
 export interface Overlay {
   readonly url: string;
   readonly bounds: Bounds;
-  /** The same as a GeoTIFF. */
+  /** URL of the result as a GeoTIFF. */
   readonly geotiff: string;
 }
 
@@ -42,7 +42,7 @@ export interface NumberField {
   readonly step: number;
 }
 
-/** What was chosen besides the corners. */
+/** Choices besides the corners. */
 export interface Inputs {
   readonly layer: string | null;
   readonly numbers: Readonly<Record<string, number>>;

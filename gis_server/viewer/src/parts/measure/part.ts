@@ -208,7 +208,7 @@ class Measuring {
     return { number: list.length, mode, corners, found };
   }
 
-  /** Those after it have other numbers then. */
+  /** Removes a measurement; those after it get other numbers. */
   private remove({ number }: Measurement): void {
     const { state } = this.context;
     const profile = state.get("profile");

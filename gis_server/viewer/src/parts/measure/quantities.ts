@@ -38,7 +38,7 @@ const measuredShare = (share: number): Quantity => ({
   resolution: 1,
   unit: "%",
 });
-/** Of the finest model; null: no model was used. */
+/** Cell size of the finest model; null: no model was used. */
 export const cellOf = ([layer]: readonly LayerUsed[]) => layer?.cell_m ?? null;
 /** Decimals of lengths that were read from terrain models. */
 export const decimalsOn = (layers: readonly LayerUsed[]) => decimalsFor(cellOf(layers) ?? 0.01);

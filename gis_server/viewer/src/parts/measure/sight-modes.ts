@@ -1,4 +1,4 @@
-/** What can be seen: a line of sight between two places, and the ground that is seen from one. */
+/** Visibility: a line of sight between two places, and the ground that is seen from one. */
 
 import { countedSigma, measure, measuredText } from "../../map/measure";
 import { measured } from "../../page/format";

@@ -1,4 +1,4 @@
-/** Where the nodes of the network stand: stops as on the map, pairs by the direction in which they look. */
+/** Positions of the nodes of the network: stops as on the map, pairs by their viewing direction. */
 
 import type { PairGraph, StopNode } from "../../server/network";
 

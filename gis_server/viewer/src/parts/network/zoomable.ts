@@ -8,7 +8,7 @@ interface Box {
   readonly side: number;
 }
 
-/** From this scale on (screen pixels per unit of the drawing) all names are shown. */
+/** Scale (screen pixels per unit of the drawing) from which on all names are shown. */
 const NAMES_FROM = 1.1;
 const [CLOSEST, WIDEST] = [1 / 16, 1.5];
 

@@ -9,7 +9,7 @@ const TICK_PX = 7;
 const FONT = "11px system-ui, sans-serif";
 
 export interface Shown {
-  /** Of the upper left corner of the screen, in the plane of the panorama. */
+  /** Upper left corner of the screen, in the plane of the panorama. */
   readonly left: number;
   readonly top: number;
   /** Columns a screen pixel. */

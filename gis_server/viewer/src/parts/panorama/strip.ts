@@ -65,7 +65,7 @@ export class Strip {
   private readonly map: OlMap;
   private readonly view: View;
   private isWhole = true;
-  /** Null: the whole. */
+  /** Visible part; null: the whole. */
   private seen: PanoramaSight | null = null;
 
   constructor(

@@ -1,4 +1,4 @@
-/** What lies at the clicked point: elevation, value of every layer, images that see it. */
+/** Facts of the clicked point: elevation, value of every layer, images that see it. */
 
 import { type CoordinateFormat, inFrames, lonLatText } from "../../map/coordinates";
 import { button, facts, h } from "../../page/dom";

@@ -1,4 +1,4 @@
-/** What is at a place: the line below the map follows the pointer, the tab describes the clicked point. */
+/** Values at a place: the line below the map follows the pointer, the tab describes the clicked point. */
 
 import { formatChoice } from "../../page/coordinate-format";
 import { copyText } from "../../page/copy";

@@ -46,7 +46,7 @@ function valueOf(element: Field): unknown {
   return element.type === "number" ? element.valueAsNumber : element.value.trim();
 }
 
-/** When a run would begin, in words. */
+/** The time when a run would begin, in words. */
 export function whenText(engine: Engine, going: number): string {
   if (!engine.is_up)
     return "The engine is down: the request is kept until `solmap up` runs on this store.";

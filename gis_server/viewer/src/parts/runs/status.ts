@@ -1,4 +1,4 @@
-/** Below the map: whether the server answers and the engine is up. */
+/** State of server and engine, below the map. */
 
 import { h } from "../../page/dom";
 import type { Engine } from "../../server/runs";

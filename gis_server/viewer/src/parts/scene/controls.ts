@@ -59,7 +59,7 @@ export interface Actions {
 export interface ControlPanel {
   /** A line below the view. */
   readonly element: HTMLElement;
-  /** What is opened over the view on demand. */
+  /** Panel that is opened over the view on demand. */
   readonly options: HTMLElement;
   readonly choices: Readonly<Choices>;
   /** The sun was moved elsewhere. */

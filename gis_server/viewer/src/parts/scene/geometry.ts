@@ -34,7 +34,7 @@ export function turned({ map_from_rover }: Pick<SceneStop, "map_from_rover">, x:
 /** A point of the rover frame on the map. */
 export const onMap = (stop: SceneStop, x: Place3): Place3 => sum(stop.place, turned(stop, x));
 
-/** Where the rover looks ahead, degrees clockwise from north. */
+/** Heading of the rover, degrees clockwise from north. */
 export function headingDeg(stop: Pick<SceneStop, "map_from_rover">): number {
   const [east, north] = turned(stop, [1, 0, 0]);
   return ((Math.atan2(east, north) * 180) / Math.PI + 360) % 360;

@@ -65,7 +65,7 @@ export function scenePart(context: Context): void {
   showOutlines(context);
 }
 
-/** Null where the browser draws no triangles. */
+/** The result of `make`; null if the browser draws no triangles. */
 function build<T>(make: () => T): T | null {
   try {
     return make();

@@ -50,7 +50,7 @@ function box(
   return mesh;
 }
 
-/** Between the cameras on the mast, in the rover frame. */
+/** The point between the cameras on the mast, in the rover frame. */
 export function mastHead(body: Body): Place3 {
   return [0.5 * body.front_m, 0, body.ground_m - partsOf(body).mast_m];
 }

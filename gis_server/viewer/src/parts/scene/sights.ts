@@ -87,7 +87,7 @@ export class Sights {
     this.stage.requestFrame();
   }
 
-  /** Where a camera's axis meets the ground. */
+  /** The point in which a camera's axis meets the ground. */
   private end({ centre, axis }: SceneCamera): Place3 {
     const far = sum(centre, axis, FAR_M);
     const from = this.stage.drawn(centre);

@@ -83,7 +83,7 @@ export class Stage {
     this.requestFrame();
   }
 
-  /** Where the light comes from: azimuth clockwise from north, elevation above the horizon, degrees. */
+  /** Sets the direction of the light: azimuth clockwise from north, elevation above the horizon, degrees. */
   lightFrom(azimuthDeg: number, elevationDeg: number): void {
     this.sun.position.set(...sunDirection(azimuthDeg, elevationDeg));
     this.requestFrame();

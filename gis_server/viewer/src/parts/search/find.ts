@@ -14,7 +14,7 @@ export type Goal =
 export interface Entry {
   readonly title: string;
   readonly detail: string;
-  /** Its names in lower case. */
+  /** Names in lower case. */
   readonly names: readonly string[];
   readonly goal: Goal;
 }

@@ -66,7 +66,7 @@ function correlation(left: Grey, right: Grey, parallax: number): number {
   return n > 0 && spread > 0 ? (ab - (a * b) / n) / Math.sqrt(spread) : Number.NEGATIVE_INFINITY;
 }
 
-/** Which part of the images is seen: `scale` pixels of the screen per pixel, its middle at (x, y). */
+/** The visible part of the images: `scale` pixels of the screen per pixel, its middle at (x, y). */
 export interface Sight {
   readonly scale: number;
   readonly x: number;

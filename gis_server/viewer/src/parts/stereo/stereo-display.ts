@@ -12,7 +12,7 @@ export type Crosses = readonly [
   right: readonly [number, number] | null,
 ];
 
-/** What is drawn of the pair: the shift of the right image, the eye shown when they alternate, the marks. */
+/** State of the drawing: the shift of the right image, the eye shown when they alternate, the marks. */
 export interface Drawn {
   readonly nudge: number;
   readonly phase: 0 | 1;

@@ -11,7 +11,7 @@ export interface StopFacts {
   readonly mission: string;
   readonly stop: string;
   readonly sols: readonly number[];
-  /** Null before the first adjustment. */
+  /** Row of the traverse; null before the first adjustment. */
   readonly row: TraverseRow | null;
   readonly images: readonly ImageEntry[];
   /** Layers of this stop alone. */

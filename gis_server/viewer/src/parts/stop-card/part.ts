@@ -35,7 +35,7 @@ export function stopCardPart(context: Context): void {
   );
 }
 
-/** Null where the stop is in no adjustment. */
+/** The stop's row of the traverse; null if it is in no adjustment. */
 async function rowOf(
   mission: string,
   stop: string,

@@ -53,7 +53,7 @@ export function momentOf(julian: number): Date {
 export interface Season {
   /** Areocentric longitude of the sun, 0 to 360. */
   readonly lsDeg: number;
-  /** True less mean solar time, degrees. */
+  /** Equation of time: true minus mean solar time, degrees. */
   readonly equationDeg: number;
 }
 

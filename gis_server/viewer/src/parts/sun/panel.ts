@@ -26,7 +26,7 @@ export interface SunPanel {
 export interface SunState {
   readonly sky: Sky;
   readonly sun: SunPlace;
-  /** Null if the sun was set manually, or no image relates sols to Mars time. */
+  /** Daylight; null if the sun was set manually, or no image relates sols to Mars time. */
   readonly day: Daylight | null;
   readonly light: Light;
 }

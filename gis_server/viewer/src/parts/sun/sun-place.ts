@@ -1,5 +1,5 @@
 /**
- * Where the sun stands over a place, as in `photogrammetry/terrain/insolation/sun.py`: with the declination d of the season, the
+ * Position of the sun over a place, as in `photogrammetry/terrain/insolation/sun.py`: with the declination d of the season, the
  * planetographic latitude phi (up is the plumb line) and the hour angle w, 0 at true noon,
  *
  *     sin d = sin 25.19 sin Ls
@@ -48,7 +48,7 @@ export function daylight(site: Site, begin: number, sol: number, hours: number):
   return { moment: momentOf(julian), lsDeg, sun: sunOver(site, lsDeg, hours) };
 }
 
-/** Where the sun stands at a moment, and the local true solar time then. */
+/** Position of the sun at a moment, and the local true solar time. */
 export function sunAt(
   site: Site,
   moment: Date,

@@ -1,4 +1,4 @@
-/** What is compared where nothing was chosen. */
+/** Default comparison. */
 
 import { isElevation } from "../../map/raster-style";
 import type { Layer } from "../../server/records";

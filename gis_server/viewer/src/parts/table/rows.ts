@@ -29,7 +29,7 @@ export interface Column {
 export interface Row {
   readonly id: string;
   readonly values: Readonly<Record<string, Value>>;
-  /** In metres of the local map; null: none, or it is fetched when it is needed. */
+  /** Geometry in metres of the local map; null: none, or fetched when needed. */
   readonly geometry: GeoJsonGeometry | null;
 }
 
@@ -81,7 +81,7 @@ export function cellText({ values }: Row, { key, sigma, resolution }: Column): s
 const keysOf = (columns: readonly Column[]) =>
   columns.flatMap(({ key, sigma }) => (sigma ? [key, sigma] : [key]));
 
-/** With standard deviations in columns of their own, and all digits. */
+/** Rows as CSV, standard deviations in separate columns, all digits. */
 export function tableCsv(rows: readonly Row[], columns: readonly Column[]): string {
   const keys = keysOf(columns);
   const lines = rows.map(({ values }) => csvRow(keys.map((key) => values[key])));

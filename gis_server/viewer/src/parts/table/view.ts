@@ -24,7 +24,7 @@ const Z_INDEX = 999;
 const TOUCH_PX = 6;
 /** Ground shown around the feature of a row, metres. */
 const AROUND_M = 6;
-/** At coarser resolutions the map zooms to the ground around a row. */
+/** Resolution above which the map zooms to the ground around a row. */
 const COARSEST_M = 0.25;
 /** Most names in one request. */
 const NAMES_AT_ONCE = 100;

@@ -1,4 +1,4 @@
-/** What of `gifenc` is used here; it comes without types. */
+/** Types of the used parts of `gifenc`, which has none. */
 declare module "gifenc" {
   type Palette = readonly (readonly number[])[];
   export function quantize(rgba: Uint8ClampedArray, colours: number): Palette;

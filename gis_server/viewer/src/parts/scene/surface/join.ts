@@ -36,7 +36,7 @@ export class Join {
     );
   }
 
-  /** What is added to the stop's elevation at a place, metres. */
+  /** Correction of the stop's elevation at a place, metres. */
   rise([east, north]: MapPoint): number {
     const { bounds, cellM, width, height } = this.plan;
     const [x, y] = [(east - bounds[0]) / cellM - 0.5, (bounds[3] - north) / cellM - 0.5];

@@ -1,5 +1,5 @@
 /**
- * Which stop's surface is shown at each place when the ground of all stops is shown: as in the merged map, the
+ * The stop whose surface is shown at each place when the ground of all stops is shown: as in the merged map, the
  * nearest stop that saw the place.
  */
 
@@ -44,7 +44,7 @@ export class Partition {
     this.pixels = paper.getImageData(0, 0, canvas.width, canvas.height);
   }
 
-  /** Of every merged map of a mission. */
+  /** The partitions of all merged maps of a mission. */
   static async all(context: Context): Promise<readonly Partition[]> {
     const { layers, mission } = context;
     const sources = layers.listed.filter(({ kind }) => kind === SOURCE_STOP);

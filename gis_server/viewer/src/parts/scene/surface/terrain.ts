@@ -29,7 +29,7 @@ import type { Draped } from "./drape";
 import type { Join } from "./join";
 import type { Partition } from "./partition";
 
-/** As photographed; the photograph with additional light; grey in that light only. */
+/** Photograph; photograph with additional light; grey in that light only. */
 export type Shading = "photograph" | "lit" | "relief";
 
 interface Ground {
@@ -43,7 +43,7 @@ interface Materials {
   readonly lit: Material;
   readonly relief: Material;
   readonly cover: Cover;
-  /** Its vertices as the file has them. */
+  /** Vertices as in the file. */
   readonly places: BufferAttribute | InterleavedBufferAttribute;
   /** Layer draped over it. */
   draped: string;
@@ -69,7 +69,7 @@ function materialsOf(mesh: Mesh, origin: Place3): Materials {
   return materials;
 }
 
-/** From a mesh to a group above it, whose coordinates are the map's; null: it is not shown there. */
+/** Matrix from a mesh to a group above it in map coordinates; null: it is not shown there. */
 function toMap(mesh: Mesh, group: Object3D): Matrix4 | null {
   const map = new Matrix4();
   let part: Object3D | null = mesh;
@@ -99,7 +99,7 @@ function raise({ geometry }: Mesh, { places }: Materials, join: Join | null, map
   geometry.boundingBox = geometry.boundingSphere = null;
 }
 
-/** What is draped over a mesh of a stop's ground; null: nothing. */
+/** Image draped over a mesh of a stop's ground; null: none. */
 export type Draping = (scope: string, bounds: Bounds) => Promise<Draped | null>;
 
 export class Terrain {
