@@ -128,7 +128,7 @@ def prune(
         typer.Option(help="Days; younger products stay", min=0.0, max=36_500),
     ] = 7.0,
     versions: Annotated[
-        int, typer.Option(help="Kept of each product, the published one counted", min=1)
+        int, typer.Option(help="Versions kept of each product, including the published one", min=1)
     ] = 2,
     *,
     yes: Annotated[bool, typer.Option("--yes", help="Delete them; else they are listed.")] = False,

@@ -40,10 +40,10 @@ RotationSigma = Annotated[
     typer.Option(
         min=0,
         max=180,
-        help="The same of its rotation, degrees; use less than 1 only for a controlled image",
+        help="Standard deviation of its rotation, degrees; use less than 1 only for a controlled image",
     ),
 ]
-ScaleSigma = Annotated[float, typer.Option(min=0, max=1, help="The same of its scale")]
+ScaleSigma = Annotated[float, typer.Option(min=0, max=1, help="Standard deviation of its scale")]
 poses = typer.Typer(
     name="poses", help="Where sites and stops are, by other sources.", no_args_is_help=True
 )

@@ -118,13 +118,13 @@ def georeference_track(
 @app.command("simulate-mosaic")
 def simulate_points(
     file: Annotated[Path, typer.Argument(help="Where to write the points, CSV")],
-    seed: Annotated[int, typer.Option(min=0, help="Repeats the points")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random points")] = 1,
     rotation: Annotated[
         float,
-        typer.Option(min=-360, max=360, help="Of the mosaic against the map, degrees"),
+        typer.Option(min=-360, max=360, help="Rotation of the mosaic against the map, degrees"),
     ] = 1.3,
 ) -> None:
-    """Points of a track in a simulated mosaic, with the answer to them beside (.truth.json)."""
+    """Simulate points of a track in a mosaic, with the true result beside them (.truth.json)."""
     from solmap.flows.traverse import write_simulated  # noqa: PLC0415 - slow to import
 
     truth = write_simulated(file, seed, rotation)

@@ -159,6 +159,26 @@ def test_rows_are_selected_by_mission_sol_and_kind(store):
     assert {row["kind"] for row in kinds} == {"dtm", "slope"}
 
 
+def test_a_token_is_valid_until_it_is_revoked(tmp_path):
+    store = unpack_old_store(tmp_path)
+    where = ["--store", str(store)]
+    made = CLI.invoke(app, ["token", "add", "Ada", "--role", "analyst", *where])
+    assert made.exit_code == 0, made.output
+    (token,) = (one for one in rows(store, "token", "list") if one["name"] == "Ada")
+    assert token["state"] == "valid"
+    assert CLI.invoke(app, ["token", "revoke", token["id"], *where]).exit_code == 0
+    assert {**token, "state": "revoked"} in rows(store, "token", "list")
+
+
+def test_poses_of_a_file_are_taken_into_the_store(tmp_path):
+    store = unpack_old_store(tmp_path)
+    file = tmp_path / "poses.csv"
+    file.write_text("site,drive,x_m,y_m,z_m\n10,0,0,0,0\n")
+    ended = CLI.invoke(app, ["poses", "add", str(file), "--store", str(store)])
+    assert ended.exit_code == 0, ended.output
+    assert "poses.csv" in ended.output
+
+
 def test_the_store_of_the_environment_is_used(store, monkeypatch):
     monkeypatch.setenv("SOLMAP_STORE", str(store))
     assert len(json.loads(CLI.invoke(app, ["positions", "--json"]).stdout)) > 0
