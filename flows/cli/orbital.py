@@ -40,7 +40,7 @@ RotationSigma = Annotated[
     typer.Option(
         min=0,
         max=180,
-        help="Standard deviation of its rotation, degrees; use less than 1 only for a controlled image",
+        help="Standard deviation of its rotation, degrees; below 1 only for a controlled image",
     ),
 ]
 ScaleSigma = Annotated[float, typer.Option(min=0, max=1, help="Standard deviation of its scale")]
