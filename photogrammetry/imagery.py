@@ -247,12 +247,12 @@ class TiePoints:
     sigma_px: PerPoint
     sigma_parallax_px: PerPoint
     sigma_line_px: PerPoint
-    by_shape: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    surface_matched: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
     """Whether surface-matched rather than image-matched; if not given, none is."""
 
     def __post_init__(self) -> None:
-        if not len(self.by_shape):
-            object.__setattr__(self, "by_shape", np.zeros(len(self.point), dtype=bool))
+        if not len(self.surface_matched):
+            object.__setattr__(self, "surface_matched", np.zeros(len(self.point), dtype=bool))
 
     def __len__(self) -> int:
         return len(self.point)

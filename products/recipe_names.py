@@ -24,7 +24,7 @@ class RecipeNames:
 
 
 RECIPE_NAMES: dict[str, RecipeNames] = {
-    "CrossSiteParams": RecipeNames(fields={"link_test": "verdict"}),
+    "CrossSiteParams": RecipeNames(fields={"link_test": "verdict", "surface_matching": "by_shape"}),
     "LinkTestParams": RecipeNames("VerdictParams"),
     "MonoParams": RecipeNames(fields={"first_points": "scouts"}),
 }

@@ -93,12 +93,12 @@ class Ties:
     second_sigma_parallax_px: PerPoint
     first_sigma_line_px: PerPoint
     second_sigma_line_px: PerPoint
-    by_shape: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    surface_matched: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
     """Whether surface-matched rather than image-matched; if not given, none is."""
 
     def __post_init__(self) -> None:
-        if not len(self.by_shape):
-            object.__setattr__(self, "by_shape", np.zeros(len(self.first), dtype=bool))
+        if not len(self.surface_matched):
+            object.__setattr__(self, "surface_matched", np.zeros(len(self.first), dtype=bool))
         lengths = {f.name: len(getattr(self, f.name)) for f in fields(self)[1:]}
         if len(set(lengths.values())) > 1:
             raise MatchingError(f"the columns of ties differ in length: {lengths}")

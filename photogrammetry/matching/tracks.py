@@ -52,7 +52,7 @@ class _Measurements:
 
     pair: Int32[np.ndarray, " n"]
     left: ImagePoints
-    by_shape: Flags
+    surface_matched: Flags
     parallax_px: PerPoint
     sigma_px: PerPoint
     sigma_parallax_px: PerPoint
@@ -88,7 +88,7 @@ def build_tie_points(
         np.concatenate([sigma, *(m.sigma_px for m in alone)]),
         np.concatenate([sigma_parallax, *(m.sigma_px for m in alone)]),
         np.concatenate([sigma_line, *(m.sigma_px for m in alone)]),
-        np.concatenate([measured.by_shape[keep], np.zeros(sum(counts), dtype=bool)]),
+        np.concatenate([measured.surface_matched[keep], np.zeros(sum(counts), dtype=bool)]),
     )
 
 
@@ -105,14 +105,14 @@ def _measurements(ties: Sequence[Ties], pair_ids: tuple[str, ...]) -> _Measureme
     pairs: list[np.ndarray] = []
     lefts: list[np.ndarray] = []
     columns: dict[str, list[np.ndarray]] = {name: [] for name in MEASURED}
-    by_shape: list[np.ndarray] = []
+    surface_matched: list[np.ndarray] = []
     for some in ties:
         index = np.array([place.get(name, -1) for name in some.pair_ids] or [-1])
         pair = np.column_stack([index[some.first], index[some.second]])
         known = (pair >= 0).all(axis=1)
         pairs.append(pair[known].ravel())
         lefts.append(np.stack([some.first_left, some.second_left], axis=1)[known].reshape(-1, 2))
-        by_shape.append(np.repeat(some.by_shape[known], 2))
+        surface_matched.append(np.repeat(some.surface_matched[known], 2))
         for name, column in columns.items():
             both = [getattr(some, f"first_{name}"), getattr(some, f"second_{name}")]
             column.append(np.column_stack(both)[known].ravel())
@@ -120,7 +120,7 @@ def _measurements(ties: Sequence[Ties], pair_ids: tuple[str, ...]) -> _Measureme
     return _Measurements(
         np.concatenate(pairs or [np.zeros(0)]).astype(np.int32),
         np.concatenate(lefts or [np.zeros((0, 2))]),
-        np.concatenate(by_shape or [np.zeros(0, dtype=bool)]),
+        np.concatenate(surface_matched or [np.zeros(0, dtype=bool)]),
         *measured,
     )
 

@@ -85,12 +85,13 @@ def test_a_stop_is_linked_after_total_wheel_slip(world, earlier, later, off_m):
 
 
 @pytest.mark.parametrize(
-    ("least_z", "by_shape"), [(LinkTestParams().least_z, True), (0.0, True), (0.0, False)]
+    ("least_z", "surface_matching"), [(LinkTestParams().least_z, True), (0.0, True), (0.0, False)]
 )
-def test_stops_without_common_ground_are_not_linked(least_z, by_shape):
+def test_stops_without_common_ground_are_not_linked(least_z, surface_matching):
     # with a least z of 0 every pair is tried in the images: the last test decides
     params = CrossSiteParams(
-        link_test=LinkTestParams(least_z=least_z), by_shape=SurfaceTieParams(enabled=by_shape)
+        link_test=LinkTestParams(least_z=least_z),
+        surface_matching=SurfaceTieParams(enabled=surface_matching),
     )
     foreign = outcomes(negative_pairs(NEAR_WORLDS), params)
     assert len(foreign) >= 12

@@ -59,9 +59,9 @@ def link_errors(one: SimulatedStop, other: SimulatedStop) -> Iterator[str]:
     """A line for the surfaces and one for the images."""
     stops, true = (one.matched, other.matched), one.true.inverse @ other.true
     start = Pose(one.stop.frame, other.stop.frame, true.rotation, true.translation_m)
-    grids = [HeightGrid.of(stop, PARAMS.by_shape.surface) for stop in stops]
+    grids = [HeightGrid.of(stop, PARAMS.surface_matching.surface) for stop in stops]
     prior = np.diag(np.square(HYPOTHESIS_SIGMAS))
-    found = register(*grids, level_pose(*stops, start), prior, PARAMS.by_shape.surface)
+    found = register(*grids, level_pose(*stops, start), prior, PARAMS.surface_matching.surface)
     if found is not None:
         level, turn = found.pose, one.matched.lsl_from_rover.rotation.T
         rotation = turn @ level.rotation @ other.matched.lsl_from_rover.rotation

@@ -89,13 +89,13 @@ class StopError:
         )
 
 
-def network_of(stops: Sequence[SimulatedStop], *, by_shape: bool = True) -> Network:
+def network_of(stops: Sequence[SimulatedStop], *, surface_matching: bool = True) -> Network:
     """Stops in the order of their traverse, each tied within and with the next.
 
     The first stands where it truly stood.
     """
     ties: list[Ties] = [tie_inter_stereo(s.matched, InterStereoParams()).ties for s in stops]
-    params = CrossSiteParams(by_shape=SurfaceTieParams(enabled=by_shape))
+    params = CrossSiteParams(surface_matching=SurfaceTieParams(enabled=surface_matching))
     alignment = params.trials.alignment
     views = [
         StopViews.of(point_pairs(stop.matched, own, alignment), params.birds_eye)
@@ -120,10 +120,12 @@ def network_of(stops: Sequence[SimulatedStop], *, by_shape: bool = True) -> Netw
 
 
 def evaluated(
-    stops: Sequence[SimulatedStop], *, by_shape: bool = True
+    stops: Sequence[SimulatedStop], *, surface_matching: bool = True
 ) -> tuple[AdjustmentReport, list[StopError]]:
     """The report of the overall adjustment, and the errors of all stops but the held one."""
-    adjusted, report = adjust_overall(network_of(stops, by_shape=by_shape), AdjustmentParams())
+    adjusted, report = adjust_overall(
+        network_of(stops, surface_matching=surface_matching), AdjustmentParams()
+    )
     places = np.array([stop.true.translation_m for stop in stops])
     driven_m = np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)).tolist()
     return report, [
@@ -163,7 +165,9 @@ def main() -> None:
     )
     arguments = parser.parse_args()
     for name in arguments.worlds:
-        report, errors = evaluated(stops_of_world(name), by_shape=not arguments.image_matched_alone)
+        report, errors = evaluated(
+            stops_of_world(name), surface_matching=not arguments.image_matched_alone
+        )
         print(f"{name}: {report}", *errors, sep="\n", flush=True)  # noqa: T201
 
 

@@ -176,7 +176,7 @@ def _take_rows(
         column("sigma_px"),
         column("sigma_parallax_px"),
         column("sigma_line_px"),
-        column("by_shape"),
+        column("surface_matched"),
     )
     return AdjustedTies(
         seen,

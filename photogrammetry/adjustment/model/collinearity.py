@@ -71,7 +71,7 @@ class Observations:
     centre_px: Float64[np.ndarray, "pairs 2"]
     points: int
     """Number of points."""
-    by_shape: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    surface_matched: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
     """Whether surface-matched; if not given, none is."""
     bodies: PairBodies = field(init=False)
     """The geometry of the pairs, component by component."""
@@ -92,8 +92,10 @@ class Observations:
         in_front = (self.weight[:, 2] > 0) & (self.measured[:, 2] > 0)
         object.__setattr__(self, "is_stereo", in_front)
         joins = seen_from_several(self.point, self.stop, self.points)[self.point]
-        by_shape = self.by_shape if len(self.by_shape) else np.zeros(len(self), dtype=bool)
-        object.__setattr__(self, "kind", (joins * (1 + by_shape)).astype(np.int32))
+        surface_matched = (
+            self.surface_matched if len(self.surface_matched) else np.zeros(len(self), dtype=bool)
+        )
+        object.__setattr__(self, "kind", (joins * (1 + surface_matched)).astype(np.int32))
 
     @classmethod
     def of(cls, network: Network) -> Observations:
@@ -129,7 +131,7 @@ class Observations:
                 per_pair, 2
             ),
             points=int(ties.point.max()) + 1 if len(ties) else 0,
-            by_shape=ties.by_shape,
+            surface_matched=ties.surface_matched,
         )
 
     def __len__(self) -> int:
@@ -143,7 +145,9 @@ class Observations:
             pair=self.pair[rows],
             measured=self.measured[rows],
             weight=self.weight[rows],
-            by_shape=self.by_shape[rows] if len(self.by_shape) else self.by_shape,
+            surface_matched=self.surface_matched[rows]
+            if len(self.surface_matched)
+            else self.surface_matched,
         )
 
     def stop_of(self, rows: np.ndarray) -> Int32[np.ndarray, " m"]:

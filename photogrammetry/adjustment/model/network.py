@@ -275,5 +275,5 @@ def select(ties: TiePoints, rows: np.ndarray) -> TiePoints:
         ties.sigma_px[rows],
         ties.sigma_parallax_px[rows],
         ties.sigma_line_px[rows],
-        ties.by_shape[rows],
+        ties.surface_matched[rows],
     )

@@ -153,7 +153,7 @@ def with_ties(points: TiePoints, manual: Ties) -> TiePoints:
         column("sigma_px"),
         column("sigma_parallax_px"),
         column("sigma_line_px"),
-        np.concatenate([points.by_shape, np.repeat(manual.by_shape, 2)]),
+        np.concatenate([points.surface_matched, np.repeat(manual.surface_matched, 2)]),
     )
 
 

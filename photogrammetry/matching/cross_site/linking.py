@@ -121,7 +121,7 @@ class CrossSiteParams:
     gate: GateParams = field(default_factory=GateParams)
     birds_eye: BirdsEyeParams = field(default_factory=BirdsEyeParams)
     trials: TrialParams = field(default_factory=TrialParams)
-    by_shape: SurfaceTieParams = field(default_factory=SurfaceTieParams)
+    surface_matching: SurfaceTieParams = field(default_factory=SurfaceTieParams)
     link_test: LinkTestParams = field(default_factory=LinkTestParams)
     apart: FactorOrZero = 0.75
     """Least distance of returned ties, in widths of their patches: they share at most a quarter of
@@ -149,8 +149,8 @@ def tie_cross_site(
         return refused_link(one, other, f"no significant peak (z = {found.highest:.1f})", fits[0])
     trials = Trials(one, other, found.prior, params.trials)
     wrong = decoys(gate, fits, params.trials.decoys, 2 * SEPARATION_M)
-    if params.by_shape.enabled:
-        link = _link_by_shape(trials, fits, wrong, params)
+    if params.surface_matching.enabled:
+        link = _link_by_surfaces(trials, fits, wrong, params)
         if link is not None:
             return link
     tried = [trials.try_fit(fit) for fit in fits]
@@ -162,21 +162,21 @@ def tie_cross_site(
     return _evaluate(trials, best, _count_by_chance(trials, best, tried, wrong), params)
 
 
-def _link_by_shape(
+def _link_by_surfaces(
     trials: Trials, fits: Sequence[PlaneFit], wrong: Sequence[PlaneFit], params: CrossSiteParams
 ) -> SiteLink | None:
     """The link of stops whose surfaces agree beyond doubt; None otherwise."""
-    one, other, by_shape = trials.one, trials.other, params.by_shape
+    one, other, surfaces = trials.one, trials.other, params.surface_matching
     stops = (one.stop, other.stop)
-    first, second = (HeightGrid.of(stop, by_shape.surface) for stop in stops)
+    first, second = (HeightGrid.of(stop, surfaces.surface) for stop in stops)
     starts, elsewhere = (
         [level_pose(*stops, pose_from_fit(*stops, fit)) for fit in some] for some in (fits, wrong)
     )
-    shape = try_shapes((first, second), starts, elsewhere, SEPARATION_M, by_shape.surface)
+    shape = try_shapes((first, second), starts, elsewhere, SEPARATION_M, surfaces.surface)
     if shape is None or not shape.is_certain:
         return None
     found = shape.found
-    ties = tie_by_surface(stops, found, by_shape)
+    ties = tie_by_surface(stops, found, surfaces)
     if not len(ties):
         return None
     turn = one.stop.lsl_from_rover.rotation.T

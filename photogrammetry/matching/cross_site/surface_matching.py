@@ -254,7 +254,7 @@ def tie_by_surface(
         sigma[:, 2],
         defined,
         sigma[:, 1],
-        by_shape=np.ones(len(rows), dtype=bool),
+        surface_matched=np.ones(len(rows), dtype=bool),
     )
 
 

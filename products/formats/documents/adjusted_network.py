@@ -269,7 +269,7 @@ def _ties_document(ties: AdjustedTies) -> Document:
         "sigma_px": _numbers(seen.sigma_px),
         "sigma_parallax_px": _numbers(seen.sigma_parallax_px),
         "sigma_line_px": _numbers(seen.sigma_line_px),
-        "by_shape": seen.by_shape.tolist(),
+        "by_shape": seen.surface_matched.tolist(),
         "points": _numbers(ties.points),
         "covariances": _numbers(ties.covariances),
         "kinds": [str(kind) for kind in ties.kinds],

@@ -210,16 +210,22 @@ def _parallax(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Parallax
     return np.where(steps > 0, steps * np.float32(header["step_px"]), np.nan).astype(np.float32)
 
 
+_COLUMNS = {"surface_matched": "by_shape"}
+"""Columns of ties that have another name in files."""
+
+
 def write_ties(path: Path, ties: Ties, header: dict[str, Any]) -> None:
     """Write ties between stereo pairs with a header of figures."""
-    columns = {f.name: getattr(ties, f.name) for f in fields(ties)[1:]}
+    columns = {_COLUMNS.get(f.name, f.name): getattr(ties, f.name) for f in fields(ties)[1:]}
     write_archive(path, {**header, "pair_ids": list(ties.pair_ids)}, **columns)
 
 
 def read_ties(path: Path) -> tuple[Ties, dict[str, Any]]:
     """The inverse of `write_ties`."""
     header, arrays = read_archive(path)
-    return Ties(tuple(header.pop("pair_ids")), **arrays), header
+    names = {stored: name for name, stored in _COLUMNS.items()}
+    columns = {names.get(stored, stored): array for stored, array in arrays.items()}
+    return Ties(tuple(header.pop("pair_ids")), **columns), header
 
 
 def radiometry_digest(radiometry: Radiometry) -> str:

@@ -115,16 +115,16 @@ def test_kinds_of_ties_have_separate_sizes(params):
     """Of what matching adds for errors that ties have in common residuals show nothing."""
     network, _ = simulated(6)
     ties = network.ties
-    by_shape = (ties.point % 2).astype(bool)
-    wider = np.where(by_shape, 10.0, 1.0)
+    surface_matched = (ties.point % 2).astype(bool)
+    wider = np.where(surface_matched, 10.0, 1.0)
     ties = replace(
-        ties, by_shape=by_shape, sigma_line_px=wider * ties.sigma_line_px,
+        ties, surface_matched=surface_matched, sigma_line_px=wider * ties.sigma_line_px,
         sigma_parallax_px=wider * ties.sigma_parallax_px,
     )  # fmt: skip
     found = adjust_overall(replace(network, ties=ties), params)[0].components.sigmas
     assert found[Component.SURFACE_MATCHED] == pytest.approx(1.0, abs=0.35)
     assert found[Component.IMAGE_MATCHED] == pytest.approx(1.0, abs=0.25)
-    assert select(ties, by_shape).by_shape.all()
+    assert select(ties, surface_matched).surface_matched.all()
 
 
 def test_ties_between_stops_are_never_better_than_stated(params):

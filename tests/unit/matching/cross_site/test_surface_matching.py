@@ -79,7 +79,7 @@ def test_a_high_correlation_over_little_ground_does_not_count_as_more(found):
 def test_blocks_become_ties_between_pairs_of_both_stops(stops, found):
     ties = tie_by_surface(stops, found, PARAMS)
     assert len(ties) >= PARAMS.least
-    assert ties.by_shape.all()
+    assert ties.surface_matched.all()
     ids = np.array(ties.pair_ids)
     assert set(ids[ties.first]) <= {pair.pair_id for pair in stops[0].pairs}
     assert set(ids[ties.second]) <= {pair.pair_id for pair in stops[1].pairs}
