@@ -19,7 +19,7 @@ def machine(tmp_path, engine):  # noqa: ARG001 - Prefect reads its settings at i
     made = Machine(Settings(store=tmp_path / "store", inbox=inbox), message.append)
     made.store.mkdir()
     made._inbox = Inbox(inbox, tmp_path / "inbox.json", InboxParams(settle_s=0.0))
-    made._looked_for_stuck_at = time.monotonic()
+    made._stuck_checked_at = time.monotonic()
     return made, message
 
 
