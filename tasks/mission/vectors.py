@@ -152,7 +152,7 @@ class _Reading:
             before = read_network(network, store).references
             features = written_features(store.path(published))
         except (ProductError, LookupError, ValueError) as error:  # pruned, or of another version
-            log.info("%s is drawn anew: %s", recipe.kind, cause_of(error))
+            log.info("%s is drawn again: %s", recipe.kind, cause_of(error))
             return {}
         now = read_network(self._ref, store).references
         stops = {name for name, ref in now.items() if before.get(name) == ref}

@@ -83,8 +83,8 @@ def test_outlines_of_images_at_unchanged_stops_are_kept_as_they_stand(traverse, 
         params, kinds = FootprintParams(), OUTLINES
         return draw_vectors.fn("MER2", network, entries, params, landing, workspace, kinds=kinds)
 
-    anew = {ref: workspace.store.path(ref).read_bytes() for ref in draw(last.network, entries)}
-    for ref in anew:
+    redrawn = {ref: workspace.store.path(ref).read_bytes() for ref in draw(last.network, entries)}
+    for ref in redrawn:
         workspace.store.remove(ref)
     earlier = [entry for entry in entries if entry.sol < STOPS]
     workspace.catalogue.publish(pointers=draw(before.network, earlier))
@@ -92,7 +92,7 @@ def test_outlines_of_images_at_unchanged_stops_are_kept_as_they_stand(traverse, 
     monkeypatch.setattr(
         vectors, "image_record", lambda *of: drawn.add(of[0].stop) or image_record(*of)
     )
-    assert {r: workspace.store.path(r).read_bytes() for r in draw(last.network, entries)} == anew
+    assert {r: workspace.store.path(r).read_bytes() for r in draw(last.network, entries)} == redrawn
     old, new = (read_network(one.network, workspace.store).references for one in (before, last))
     kept = {stop for stop, ref in new.items() if old.get(stop) == ref}
     assert kept

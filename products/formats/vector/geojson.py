@@ -43,7 +43,7 @@ from solmap.products.crs import (
 from solmap.products.errors import ProductError, ProductNotFoundError
 
 WrittenFeature = Mapping[str, Any]
-"""A GeoJSON feature as it stands in a file."""
+"""A GeoJSON feature as it is in a file."""
 Geometry = Literal["Point", "LineString", "Polygon"]
 _FEWEST = {"Point": 1, "LineString": 2, "Polygon": 3}
 _DECIMALS_DEGREES, _DECIMALS_M = 9, 4
@@ -246,7 +246,7 @@ def read_features(path: Path) -> FeatureCollection:
 
 
 def written_features(path: Path) -> list[WrittenFeature]:
-    """The features as they stand in a file of `write_features`.
+    """The features as they are in a file of `write_features`.
 
     Raises:
         ProductError: it is not such a file.

@@ -15,7 +15,7 @@ const endOf = (element: HTMLElement, from: "Left" | "Top", size: "Width" | "Heig
 const named = (metres: number, [plus, minus]: string) =>
   metres === 0 ? "0 m" : `${metres > 0 ? plus : minus} ${Math.abs(metres)} m`;
 
-export function mapFrame({ page, view, alive }: Context): void {
+export function mapFrame({ page, view, signal }: Context): void {
   const edge = (name: string) => h("div", { class: `frame ${name}`, "aria-hidden": "true" });
   const [below, left, right] = [edge("eastings"), edge("northings"), edge("northings opposite")];
   page.map.append(below, left, right);

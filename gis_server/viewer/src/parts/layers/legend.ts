@@ -8,7 +8,7 @@ import { h } from "../../page/dom";
 import type { Layer } from "../../server/records";
 import type { LayerActions } from "./actions";
 
-/** Of a layer as it is drawn now; null where there is no legend. */
+/** Legend of a layer as it is drawn now; null if it has none. */
 export function legendOf(layer: Layer, actions: LayerActions): HTMLElement | null {
   return layer.type === "vector"
     ? symbolLegend(

@@ -95,10 +95,10 @@ export function runsPart(context: Context): void {
     },
   };
   const draw = () => {
-    const mayAsk = engine?.is_known !== false && mayAct(account.value, "operator");
+    const mayRequest = engine?.is_known !== false && mayAct(account.value, "operator");
     const actions = { open, openReport, start, have };
-    panel.replaceChildren(runsPanel(known, kinds, mayAsk, actions, engine));
-    if (engine?.is_known) panel.append(enginePanel(engine, mayAsk, engineActions));
+    panel.replaceChildren(runsPanel(known, kinds, mayRequest, actions, engine));
+    if (engine?.is_known) panel.append(enginePanel(engine, mayRequest, engineActions));
     status(engine);
   };
   const load = async () => {

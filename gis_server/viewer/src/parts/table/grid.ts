@@ -53,7 +53,7 @@ export class Grid {
   private rows: readonly Row[] = [];
   private all: readonly Column[] = [];
   private columns: readonly Column[] = [];
-  private asked: Shown = { sort: null, isDescending: false, hasAllColumns: false };
+  private requested: Shown = { sort: null, isDescending: false, hasAllColumns: false };
   private readonly observer = new ResizeObserver(() => this.lay());
   private chosen = -1;
 
@@ -90,9 +90,9 @@ export class Grid {
     this.unmount();
   }
 
-  show(title: string, columns: readonly Column[], rows: readonly Row[], asked: Shown): void {
+  show(title: string, columns: readonly Column[], rows: readonly Row[], requested: Shown): void {
     const id = this.rows[this.chosen]?.id;
-    [this.all, this.rows, this.asked] = [columns, rows, asked];
+    [this.all, this.rows, this.requested] = [columns, rows, requested];
     this.chosen = id === undefined ? -1 : rows.findIndex((row) => row.id === id);
     const { element } = this;
     element.setAttribute("aria-label", title);
@@ -106,8 +106,10 @@ export class Grid {
 
   /** Chooses columns by the width of the table. */
   private lay(): void {
-    const { all, element, asked } = this;
-    this.columns = asked.hasAllColumns ? all : fitting(all, element.clientWidth, asked.sort);
+    const { all, element, requested } = this;
+    this.columns = requested.hasAllColumns
+      ? all
+      : fitting(all, element.clientWidth, requested.sort);
     const widths = this.columns.map((column) => `minmax(${widthPx(column)}px, ${column.width}fr)`);
     element.style.setProperty("--columns", widths.join(" "));
     element.style.setProperty("--least", `${sum(this.columns.map(widthPx))}px`);
@@ -142,7 +144,7 @@ export class Grid {
 
   private heading(column: Column): HTMLElement {
     const { key, title, unit } = column;
-    const { sort, isDescending } = this.asked;
+    const { sort, isDescending } = this.requested;
     const isSorted = sort === key;
     const order = isDescending ? "descending" : "ascending";
     const arrow = isDescending ? " ▾" : " ▴";

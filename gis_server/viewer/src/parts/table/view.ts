@@ -183,7 +183,7 @@ export class TableView {
       : `all columns (${count} of ${all} fit)`;
   }
 
-  /** Null where there is nothing to choose from. */
+  /** Filter of a column; null if there is nothing to choose from. */
   private filter(column: Column): HTMLElement | null {
     const { key, title, isChoice } = column;
     const chosen = this.query.choices.get(key) ?? "";
