@@ -34,9 +34,9 @@ from solmap.products.store.process import return_free_memory
 from solmap.tasks.images.folders import NO_FILES
 from solmap.tasks.images.ingest import Delivery, ingest_downlink
 from solmap.tasks.images.manual_ties import EDITS_FILE, take_edits
-from solmap.tasks.images.pairs import forget_pairs
+from solmap.tasks.images.pairs import read_epipolar
 from solmap.tasks.images.poses import PoseSources, open_pose_sources, take_poses
-from solmap.tasks.network.orientations import Standing
+from solmap.tasks.network.orientations import Standing, forget_views
 from solmap.tasks.scopes import network_scope
 
 
@@ -213,6 +213,7 @@ def _process_map(
                 walks = True  # later sols publish maps of the same stops after this one
                 before = standings.get(name)
                 done = on_workers(flow_of_sol)(name, sol, workspace.store.root, pipeline, before)
+                forget_views()
                 return_free_memory()
                 reusable.note(scope, key, done)
             reports.append(done)
@@ -220,7 +221,7 @@ def _process_map(
             if done.standing is not None:
                 standings[name] = done.standing
     report.sols += reports
-    forget_pairs()
+    read_epipolar.cache_clear()  # 10 MB a pair: links of a later sol would need them
     return_free_memory()
     return len(reports) == len(steps)
 

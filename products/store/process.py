@@ -138,12 +138,9 @@ def use_one_heap() -> None:
     """Let all threads of this process allocate from one heap; call before there are any.
 
     The heaps of glibc, one a thread, each keep what they once held: a run of three stops kept 3 GB.
-    Large arrays, too, come from the heap, which keeps its memory until `return_free_memory`: the
-    system would clear new memory for each of them, a sixth of the time of a terrain model.
     """
     with suppress(OSError, AttributeError):  # another C library
-        for option, value in _HEAP.items():
-            ctypes.CDLL(None).mallopt(option, value)
+        ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)
 
 
 def return_free_memory() -> None:
@@ -152,8 +149,7 @@ def return_free_memory() -> None:
         ctypes.CDLL(None).malloc_trim(0)
 
 
-_ARENA_MAX, _MMAP_THRESHOLD, _TRIM_THRESHOLD = -8, -3, -1
-_HEAP = {_ARENA_MAX: 1, _MMAP_THRESHOLD: 1 << 30, _TRIM_THRESHOLD: 1 << 30}
+_ARENA_MAX = -8
 _OBJECTS = 50_000
 """New objects before a collection; Python's default is 700. Documents of a long mission are a
 million lists without a cycle, and collecting would take twice as long as reading them."""

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -32,9 +31,6 @@ CAMERAS = ("NAVCAM", "PANCAM", "MASTCAM", "FRONT_HAZCAM", "REAR_HAZCAM")
 """Instruments in the order that numbers a pair's frame."""
 PAIRS_KEPT = 20
 """Pairs that a process keeps the images of, 10 MB each: those of two stops that are linked."""
-F = TypeVar("F", bound=Callable[..., Any])
-_kept: list[Any] = []
-"""Functions that keep their results, to be cleared."""
 Turn = tuple[float, float, float]
 """A rotation vector in the rover frame, radians."""
 
@@ -133,20 +129,7 @@ def resample_pair(left: ReadImage, right: ReadImage, geometry: EpipolarPair) -> 
     )
 
 
-def keep_pairs(read: F) -> F:
-    """The function with its results for the last pairs kept, until `forget_pairs`."""
-    keeper: Any = lru_cache(maxsize=PAIRS_KEPT)(read)
-    _kept.append(keeper)
-    return cast("F", keeper)
-
-
-def forget_pairs() -> None:
-    """Free the memory of all pairs that are kept."""
-    for keeper in _kept:
-        keeper.cache_clear()
-
-
-@keep_pairs
+@lru_cache(maxsize=PAIRS_KEPT)
 def read_epipolar(
     pair: PairFiles, turn: Turn | None, store: ProductStore
 ) -> tuple[RoverImage, EpipolarImages]:

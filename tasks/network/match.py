@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 
 from solmap.photogrammetry.adjustment.modes.rig_pooling import CameraRows
@@ -25,10 +26,10 @@ from solmap.products.formats.documents.rig import PairRows, write_pair_rows
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import (
+    PAIRS_KEPT,
     PairFiles,
     PairProducts,
     Turn,
-    keep_pairs,
     read_epipolar,
 )
 from solmap.tasks.scopes import pair_scope
@@ -104,7 +105,7 @@ def match_stereo_pair(
     )
 
 
-@keep_pairs
+@lru_cache(maxsize=PAIRS_KEPT)
 def find_candidates(
     pair: PairFiles, turn: Turn | None, params: SparseParams, store: ProductStore
 ) -> Candidates:
