@@ -106,9 +106,12 @@ def main() -> None:
     given.add_argument("--requests", type=int, default=10_000)
     given.add_argument("--plot", type=Path)
     requested = given.parse_args()
-    with running([sys.executable, "-c", SERVE, str(requested.store)]) as server:
+    with (
+        httpx.Client() as client,
+        running([sys.executable, "-c", SERVE, str(requested.store)]) as server,
+    ):
         started = time.perf_counter()
-        httpx.get(f"{server.address}/api/start").raise_for_status()
+        client.get(f"{server.address}/api/start").raise_for_status()
         sys.stdout.write(f"first request: {1000 * (time.perf_counter() - started):.0f} ms\n")
         held, statuses = asyncio.run(request_all(server, requested.requests))
     sys.stdout.write(
