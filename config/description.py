@@ -197,6 +197,7 @@ def configuration_page() -> str:
     """The page of the documentation: all parameters of the pipeline, and all settings."""
     parts = [PAGE, "## Pipeline\n"]
     described: dict[type, Table] = {}
+    known: dict[Parameter, str] = {}
     for table in tables_of(PipelineConfig()):
         if not table.parameters:
             continue
@@ -206,7 +207,12 @@ def configuration_page() -> str:
         else:
             rows = table.unlike(first)
             text = f"The parameters of {first.heading}" + (" with other defaults:" if rows else ".")
-        body = f"\n\n{_rows(rows)}" if rows else ""
+        new = tuple(one for one in rows if known.setdefault(one, table.heading) == table.heading)
+        lines = [_rows(new)] if new else []
+        for before in dict.fromkeys(known[one] for one in rows if one not in new):
+            names = (f"`{one.name}`" for one in rows if known[one] == before)
+            lines.append(f"- as in {before}: {', '.join(names)}")
+        body = "\n\n" + "\n".join(lines) if lines else ""
         parts.append(f"### {table.heading}\n\n{text}{body}\n")
     descriptions = reasons(Settings)
     variables = (

@@ -51,7 +51,8 @@ class FarGround:
     """Whether two linked stops are used for wide-baseline stereo, and how."""
 
     enabled: bool = True
-    """A link of two panoramas takes about four seconds of processor time."""
+    """Whether far ground is mapped: two linked panoramas take about four seconds of processor
+    time."""
     matching: WideParams = field(default_factory=WideParams)
     dtm: FarDtmParams = field(default_factory=FarDtmParams)
     contour: FarContourParams = field(default_factory=FarContourParams)
@@ -82,6 +83,7 @@ class Panoramas:
     """Panoramas of stops."""
 
     enabled: bool = True
+    """Whether panoramas are made."""
     drawing: PanoramaParams = field(default_factory=PanoramaParams)
 
 
@@ -90,6 +92,7 @@ class Region:
     """Whether the stops of a mission are mapped together as well, and how."""
 
     enabled: bool = True
+    """Whether merged maps are made."""
     fusion: RegionParams = field(default_factory=RegionParams)
     orthophoto: MergingParams = field(default_factory=MergingParams)
     contour: RegionContourParams = field(default_factory=RegionContourParams)

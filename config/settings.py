@@ -58,6 +58,7 @@ class Settings(BaseSettings):
     host: str = "127.0.0.1"
     """Address the server listens on; by default only this machine can connect."""
     port: int = Field(default=8765, ge=1, le=65535)
+    """Port the server listens on."""
     cors_origins: str = ""
     """Other sites whose pages may use this server, as `https://a.example https://b.example`; none
     by default."""

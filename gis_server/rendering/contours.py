@@ -64,7 +64,7 @@ def interval_of(layer: Layer, requested_m: float | None) -> float:
     if requested_m is not None:
         return requested_m
     low, high = layer.range or (0.0, 1.0)
-    return interval_by_relief(np.array([low, high]), _PARAMS.contours_wanted)
+    return interval_by_relief(np.array([low, high]), _PARAMS.most_contours)
 
 
 def contour_cover(patch: Patch, interval_m: float) -> np.ndarray:

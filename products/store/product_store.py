@@ -209,7 +209,7 @@ class ProductStore:
             return ScopeLevel.REGION
 
     def admit(self, name: str, chunks: Iterable[bytes], sha256: str) -> bool:
-        """Take a file of a backup under its name, unless its checksum is another; whether it was.
+        """Take a file of a backup under its name if its checksum fits; returns whether it did.
 
         Raises:
             StoreFullError: the disk is full.

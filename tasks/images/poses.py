@@ -87,7 +87,7 @@ class PoseSources:
         return tuple(dict.fromkeys(named)) if is_all and all(named) else ()
 
     def beside(self, vectors: Iterable[ProductRef], workspace: Workspace) -> PoseSources:
-        """These, and vector files: those just delivered, and those in the catalogue."""
+        """These poses together with delivered vector files and those in the catalogue."""
         refs = [*vectors, *workspace.catalogue.pointers(ProductKind.VECTORS)]
         found: list[VectorFile] = []
         for ref in dict.fromkeys(ref for ref in refs if ref.kind is ProductKind.VECTORS):

@@ -34,8 +34,7 @@ SKIPPED = (
 FEWEST_WORDS = 3
 """Of a string that is a message and not a key or a pattern."""
 STORED = frozenset(
-    {"by_shape", "contours_wanted", "handed_on", "is_mended", "picture", "said", "said_of_strike"}
-    | {"told_by"}
+    {"by_shape", "handed_on", "is_mended", "picture", "said", "said_of_strike"} | {"told_by"}
 )
 """Names in recipes, stores and answers of the server, which stay for those who read them."""
 LANGUAGE = frozenset({"Promise"})

@@ -65,7 +65,8 @@ class AdjustmentParams:
     max_iterations: Few = 50
     """Gauss-Newton steps per solution; a network from the alignment needs about six."""
     tolerance: Tolerance = 1e-6
-    """Converged when the squared length of a step, in its own standard deviations, is below."""
+    """Squared length of a step, in its own standard deviations, at which the adjustment has
+    converged."""
     max_rounds: FewOrZero = 12
     """Rounds of data snooping per step."""
     sigma_freedoms: Freedoms = 3.0

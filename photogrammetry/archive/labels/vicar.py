@@ -5,8 +5,9 @@
 The system items come first and give the storage of the pixels; each PROPERTY opens a group with the
 keywords of the PDS3 label, each TASK a part of the history. Units are in KEY__UNIT, pointers in
 KEY__PTR. EOL=1 marks a second part after the pixels, which also starts with LBLSIZE and continues
-the first part. Read into the same `Label` as PDS3: properties become groups, the one named
-IDENTIFICATION the keywords outside of groups, the system items the object IMAGE.
+the first part. The label is read into the same `Label` as PDS3: properties become groups,
+the property IDENTIFICATION becomes the keywords outside of groups, and the system items become the
+object IMAGE.
 """
 
 from __future__ import annotations

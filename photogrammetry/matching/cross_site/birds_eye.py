@@ -50,12 +50,13 @@ class BirdsEyeParams:
     """How bird's-eye views are made and searched."""
 
     cell_m: CellSize = 0.16
-    """The footprint of a Navcam pixel along the ground is 0.15 m at 15 m range."""
+    """Side of a cell: the footprint of a Navcam pixel along the ground is 0.15 m at 15 m range."""
     surface_cell_m: CellSize = 0.08
-    """For the elevations of patches of ground."""
+    """Side of a cell for the elevations of patches of ground."""
     radius_m: Metres = 30.0
-    """Beyond it the range error of a Navcam exceeds a metre."""
+    """Farthest ground: beyond it the range error of a Navcam exceeds a metre."""
     min_overlap_m2: SquareMetres = 40.0
+    """Least common ground of two views."""
     peaks: Few = 4
     """Number of hypotheses of the later stop's position that are tested."""
 

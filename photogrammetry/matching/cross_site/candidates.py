@@ -72,8 +72,9 @@ class CandidateParams:
     """Selection of candidates."""
 
     cell_m: CellSize = 0.75
-    """At most one candidate in every cell of the ground."""
+    """Side of the ground cells that contain one candidate each at most."""
     farthest_m: Metres = 30.0
+    """Farthest ground from either camera."""
     most: Count = 120
     """Most candidates while a hypothesis is tested."""
     most_at_last: Count = 300

@@ -40,7 +40,8 @@ class GateParams:
     slip_sigma: Share = 0.08
     """Fraction of the distance between the stops: 3 sigma cover wheel slip of 4-20 %."""
     position_sigma_m: Metres = 0.3
-    """For even the shortest drive: about a wheel's width, as the first motion is a turn."""
+    """Standard deviation of even the shortest drive: about a wheel's width, as the first motion is
+    a turn."""
     azimuth_sigma: Radians = 0.026
     """Radians (1.5 degrees): drift of the heading over a drive."""
     tilt_sigma: Radians = 0.0052

@@ -103,6 +103,7 @@ class TrialParams:
     ground: GroundMatchingParams = field(default_factory=GroundMatchingParams)
     alignment: AlignmentParams = field(default_factory=AlignmentParams)
     decoys: FewOrZero = 2
+    """Number of wrong positions that are tested too, to count ties by chance."""
     separation_m: Metres = 0.75
     """Distance below which two tests ended at the same position."""
 

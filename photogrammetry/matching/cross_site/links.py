@@ -25,19 +25,19 @@ class LinkTestParams:
     """Criteria for accepting a link."""
 
     least_ties: Count = 20
-    """Least number of ties if the peak could be random, and"""
+    """Fewest ties of a link if its peak could be random."""
     few_ties: Count = 8
-    """with one that could not: peak and ties then find the same position independently. The paper's
-    example had 7 manual ones."""
+    """Fewest ties at a peak that cannot be random: both then give the same position independently.
+    The paper's example had 7 manual ones."""
     clear_z: FactorOrZero = 10.0
     """Peak that cannot be random: stops with common ground have 8 to 48."""
     least_z: FactorOrZero = 6.5
-    """The widest gate has about 10^6 independent positions: the largest random z is 5.2, and in one
-    of 67 searches of stops without common ground it was 6.2."""
+    """Least significance of a peak: the widest gate has about 10^6 independent positions, whose
+    largest random z is 5.2; in one of 67 searches of stops without common ground it was 6.2."""
     chance_factor: FactorFromOne = 2.0
-    """Least ratio of a link's ties to those of a wrong hypothesis,"""
+    """Least ratio of a link's ties to those of a wrong hypothesis."""
     chance_sigmas: FactorOrZero = 4.0
-    """plus this many standard deviations of a random count."""
+    """Standard deviations of a random count by which the ties must exceed that ratio."""
     least_share: Share = 0.5
     """Least fraction of the conjugates of the final search that agree in space."""
     least_spread_m: MetresOrZero = 1.0

@@ -114,14 +114,15 @@ class SurfaceParams:
     """How surfaces are compared."""
 
     cell_m: CellSize = 0.05
+    """Side of a cell."""
     farthest_m: Metres = 25.0
-    """Beyond it Navcam lines are more than 30 cm apart on level ground."""
+    """Farthest ground: beyond it Navcam lines are more than 30 cm apart on level ground."""
     sigma_parallax_px: Pixels = 0.1
     """Standard deviation of dense parallax."""
     bias_parallax_px: PixelsOrZero = 0.03
-    """c: standard deviation of the error common to all parallax of both stops,"""
+    """c: standard deviation of the error common to all parallaxes of both stops."""
     bias_line_px: Pixels = 1.0
-    """b: and prior standard deviation of the height bias, in lines."""
+    """b: prior standard deviation of the height bias, in lines."""
     rounds: Few = 12
     """Most rounds for each Gaussian."""
 

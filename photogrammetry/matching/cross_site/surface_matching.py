@@ -82,10 +82,12 @@ class SurfaceTieParams:
     """Selection of blocks of ground for ties."""
 
     enabled: bool = True
+    """Whether surfaces are matched."""
     surface: SurfaceParams = field(default_factory=SurfaceParams)
     block_m: Metres = 1.5
     """Side of a block."""
     least_cells: Count = 30
+    """Fewest common cells of a block."""
     least: Count = 8
     """Fewest blocks; with fewer there are no surface-matched ties."""
     most: Count = 80

@@ -126,7 +126,7 @@ class OrientationParams:
     position_sigma_m: Metres = 0.05
     """Standard deviation of a relative position: adjusted neighbours are accurate to
     centimetres."""
-    bar_sigma_px: Pixels = 0.03
+    rig_sigma_px: Pixels = 0.03
     """Standard deviation common to all parallaxes of a rig: the accuracy of its rows after
     calibration, which its parallax cannot exceed."""
 
@@ -167,7 +167,7 @@ class MeasuredOffsets:
     rows: VerticalParallax
     predicted_px: PerPoint | None = None
     """Parallax predicted from the rig; None if not available."""
-    bar_ratio: float = 1.0
+    rig_ratio: float = 1.0
     """Parallax of the pair over that of the rig."""
 
 
@@ -312,7 +312,7 @@ def relative_orientation(
         observed.append((along, rows.parallax_px - measured.predicted_px))
     shift_sigma = params.position_sigma_m / rows.geometry.base_m
     sigmas = np.r_[np.full(3, params.rotation_sigma), np.full(2, shift_sigma)]
-    prior = np.r_[sigmas, params.bar_sigma_px * measured.bar_ratio] ** -2
+    prior = np.r_[sigmas, params.rig_sigma_px * measured.rig_ratio] ** -2
     so_far = applied.unknowns if applied else np.zeros(6)
     solution, inverse = np.zeros(6), np.eye(6)
     for _ in range(STEPS):

@@ -92,13 +92,15 @@ class InstrumentLimits:
     """Which two pairs are used as a wide-baseline pair."""
 
     least_base_m: MetresOrZero = 2.0
-    """Shorter baselines do not improve on the rig for ground that it maps itself."""
+    """Shortest baseline: shorter ones do not improve on the rig for ground that it maps itself."""
     largest_base_m: Metres = 40.0
     """Longest baseline; with longer ones the views of the requested ground differ too much."""
     least_angle: Radians = float(np.deg2rad(30.0))
-    """Between the baseline and either view: at 30 degrees half of the baseline is effective."""
+    """Least angle between the baseline and either view: at 30 degrees half of the baseline is
+    effective."""
     largest_turn: Radians = float(np.deg2rad(30.0))
-    """Between the views: two thirds of a Navcam's field, of which a third is then shared."""
+    """Largest angle between the views: two thirds of a Navcam's field, of which a third is then
+    shared."""
 
 
 SMOOTHING_PX = 6.0
@@ -114,7 +116,7 @@ class WideParams:
     nearest_bases: Factor = 2.0
     """Nearest ground in units of the baseline: rays intersect at 27 degrees there. The prediction
     compensates the effect on the image of the ground, though not of rocks."""
-    bar_error_px: PixelsOrZero = 0.5
+    rig_error_px: PixelsOrZero = 0.5
     """Error of the rig's parallax, three standard deviations: limits the search."""
     orientation: OrientationParams = field(default_factory=OrientationParams)
     dense: DenseParams = field(default_factory=DenseParams)
@@ -258,7 +260,7 @@ class _PredictedPair:
 
     images: EpipolarImages
     predicted: ParallaxMap
-    bar_ratio: float
+    rig_ratio: float
     """Parallax of the pair over that of the rig."""
     search: int
     """Search range in pixels to either side of the prediction."""
@@ -277,7 +279,7 @@ class _PredictedPair:
         grey_r, mask_r = resample(right.image, right.mask, right.camera, geometry, Eye.RIGHT)
         images = EpipolarImages(geometry, grey_l, mask_l & far[rows], grey_r, mask_r)
         ratio = geometry.focal_px * geometry.base_m / (left.rig.focal_px * left.rig.base_m)
-        search = int(np.ceil(params.bar_error_px * ratio))
+        search = int(np.ceil(params.rig_error_px * ratio))
         return cls(images, predicted[rows], ratio, search)
 
     def measure(self) -> MeasuredOffsets:
@@ -295,7 +297,7 @@ class _PredictedPair:
         there = np.rint(found.left[:, 0] - found.parallax_px).astype(int)
         partner = self.predicted[y, there.clip(0, self.images.geometry.samples - 1)]
         rows = replace(found, parallax_px=found.parallax_px + partner)
-        return MeasuredOffsets(rows, self.predicted[y, x].astype(np.float64), self.bar_ratio)
+        return MeasuredOffsets(rows, self.predicted[y, x].astype(np.float64), self.rig_ratio)
 
 
 def _rows_with(far: Mask) -> slice:
@@ -328,10 +330,10 @@ def predict_parallax(
     f = np.float32(eye.rig.focal_px)
     u, v = eye.rig.centre_px[0] + f * X / Z, eye.rig.centre_px[1] + f * Y / Z
     at = (u.astype(np.float32), v.astype(np.float32))
-    bar = cv2.remap(smooth, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    parallax = cv2.remap(smooth, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     seen = cv2.remap(known.astype(np.uint8), *at, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
     ratio = geometry.focal_px * geometry.base_m / (eye.rig.focal_px * eye.rig.base_m)
-    return (bar * np.float32(ratio) * Z).astype(np.float32), seen > 0
+    return (parallax * np.float32(ratio) * Z).astype(np.float32), seen > 0
 
 
 def _smooth(parallax: ParallaxMap, sigma_px: float) -> tuple[ParallaxMap, Mask]:

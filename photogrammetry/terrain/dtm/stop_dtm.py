@@ -115,8 +115,8 @@ class DtmParams(FusionParams):
     """How to build a terrain model."""
 
     method: Gridding = Gridding.GRID
-    """The mesh follows jumps of the image and takes less than half of the time; elevations between
-    triangles are a tenth to a fifth more accurate (docs/reference/measurements/terrain.md)."""
+    """How gaps are filled: `grid`, by the mesh of pixels, which follows jumps of the image; or
+    `tin`, by triangles, a tenth to a fifth more accurate in more than twice the time."""
 
     cell_m: CellSize = 0.04
     """Side of a cell: four orthophoto cells, and the spacing of Navcam samples at 50 m."""

@@ -168,9 +168,11 @@ class PanoramaParams:
     """Parameters of panoramas."""
 
     eye: Eye = Eye.LEFT
+    """Images that the panorama is made from."""
     pixel_deg: PanoramaPixel = 0.0
     """Width of a pixel; 0: that of the coarsest images, which usually cover the full circle."""
     block_px: WholePixels = 512
+    """Side of the blocks that are drawn at a time."""
 
     def __post_init__(self) -> None:
         if self.block_px < NODE or self.block_px % NODE or self.pixel_deg < 0:

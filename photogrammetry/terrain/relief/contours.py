@@ -90,7 +90,7 @@ class ContourParams:
 
     interval_m: ContourInterval | None = None
     """Difference in elevation between contours; chosen by the relief when absent."""
-    contours_wanted: Few = 15
+    most_contours: Few = 15
     """Most contours when the interval is chosen: lines stay apart on a screen."""
     index_every: Few = 5
     """Every fifth contour is an index contour, as on printed maps."""
@@ -177,7 +177,7 @@ def _trace(nodes: Raster, grid: MapGrid, step: int, params: ContourParams) -> tu
     known = nodes[np.isfinite(nodes)]
     if not len(known) or min(nodes.shape) < 2:  # noqa: PLR2004 - a cell has two sides
         return ()
-    interval_m = params.interval_m or interval_by_relief(known, params.contours_wanted)
+    interval_m = params.interval_m or interval_by_relief(known, params.most_contours)
     east, north = grid.centres()
     tracer: Any = contourpy.contour_generator(
         x=east[::step],

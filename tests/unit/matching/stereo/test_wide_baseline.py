@@ -54,12 +54,12 @@ def points_seen_by(turn: np.ndarray, shift: np.ndarray, rng) -> MeasuredOffsets:
     right = f * seen[:, :2] / seen[:, 2:] + 511.5
     offset = right - left
     rows = VerticalParallax(left, offset[:, 1], -offset[:, 0], geometry)
-    return MeasuredOffsets(rows, f * base_m / z, bar_ratio=50.0)
+    return MeasuredOffsets(rows, f * base_m / z, rig_ratio=50.0)
 
 
 def test_a_rotation_and_a_shift_of_the_right_camera_are_found(rng):
     turn, shift = np.array([1e-3, -2e-3, 1.5e-3]), np.array([0.0, 3e-3, -2e-3])
-    loose = OrientationParams(rotation_sigma=0.1, position_sigma_m=1.0, bar_sigma_px=1e-3)
+    loose = OrientationParams(rotation_sigma=0.1, position_sigma_m=1.0, rig_sigma_px=1e-3)
     found = relative_orientation(points_seen_by(turn, shift, rng), loose)
     np.testing.assert_allclose(found.rotation, turn, atol=3e-5)  # second order of 2 mrad, and noise
     np.testing.assert_allclose(found.shift, shift, atol=3e-4)
@@ -69,7 +69,7 @@ def test_undetermined_parameters_stay_as_adjusted(rng):
     """Without a trusted bar, a turn about the vertical and an error of the bar look alike."""
     turn = np.array([0.0, 2e-3, 0.0])
     measured = points_seen_by(turn, np.zeros(3), rng)
-    rigid = OrientationParams(rotation_sigma=1e-6, bar_sigma_px=1.0)
+    rigid = OrientationParams(rotation_sigma=1e-6, rig_sigma_px=1.0)
     found = relative_orientation(measured, rigid)
     assert np.abs(found.rotation).max() < 1e-5
     again = relative_orientation(measured, OrientationParams(), found)

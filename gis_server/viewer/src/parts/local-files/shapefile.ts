@@ -24,7 +24,7 @@ export async function shapefiles(archive: Uint8Array): Promise<readonly Shapefil
   const read = found.map(async ([key, { name, bytes }]) => {
     const beside = (ending: string) => files.get(key.replace(/shp$/, ending))?.bytes;
     const [dbf, cpg, prj] = [beside("dbf"), beside("cpg"), beside("prj")];
-    // Without its .prj the library leaves coordinates as they are; it would take Mars for the Earth.
+    // Without the .prj the library leaves coordinates unchanged; with it, it would assume the Earth.
     const parts = { shp: bytes, ...(dbf ? { dbf } : {}), ...(cpg ? { cpg: strFromU8(cpg) } : {}) };
     const { features } = await shp(parts);
     return {
