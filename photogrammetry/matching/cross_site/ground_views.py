@@ -267,7 +267,7 @@ class GroundView:
             width = (2 ** level[0], 2 ** level[1])
             self.averaged[level] = (
                 self.view.left.image if level == (0, 0) else cv2.blur(self.view.left.image, width)
-            ).astype(np.float32)
+            ).astype(np.float32, copy=False)
         # an even box is centred half a pixel too early
         shift = [0.5 if k else 0.0 for k in level]
         n, size = left.shape[:2]
