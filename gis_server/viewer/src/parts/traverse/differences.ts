@@ -36,7 +36,7 @@ export function rowsOf(answer: TraverseAnswer, bySol: boolean): readonly Travers
   return answer.by_sol.flatMap((k) => answer.rows[k] ?? []);
 }
 
-const COLUMNS = ["stop", "sol", "distance", "horizontal", "percent", "vertical"] as const;
+const COLUMNS = ["stop", "sol", "distance", "2D error", "percent", "vertical"] as const;
 
 export function differenceTable(
   answer: TraverseAnswer,
