@@ -46,7 +46,7 @@ const LAPTOP = matchMedia("(min-width: 1400px)");
 const STEP_PX = 24;
 const KEPT = "solmap-panes";
 /** Share of the map above the panes that are below it: on a small window those have no other place. */
-const above = () => (WIDE.matches ? 0.68 : 0.42);
+const above = () => (WIDE.matches ? 0.6 : 0.42);
 const OTHER: Readonly<Record<Side, Side>> = { beside: "below", below: "beside" };
 
 /** Shares of the map beside one, two and three columns of panes, and above those below. */
