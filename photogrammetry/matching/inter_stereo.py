@@ -69,8 +69,9 @@ class InterStereoParams:
     """Most matches of a pair that are searched for in another one."""
     cell_px: WholePixels = 40
     """One candidate, the most certain, in every cell of this size."""
-    least_overlap: Count = 12
-    """Matches that must fall into another pair before the two count as overlapping."""
+    least_overlap: Count = 4
+    """Matches that must fall into another pair before the two count as overlapping. A single tie
+    fixes two of three angles; bland ground leaves ten matches or fewer in an overlap."""
     farthest_m: Metres = 100.0
     """Beyond it the range of a Navcam match is nearly unknown."""
 

@@ -8,6 +8,8 @@ from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.alignment import AlignmentParams, align
 from solmap.photogrammetry.matching.inter_stereo import InterStereoParams, tie_inter_stereo
 
+MATCHES = ("left", "parallax_px", "sigma_px")
+
 
 @pytest.fixture(scope="module")
 def tied(first_stop):
@@ -20,6 +22,19 @@ def test_all_neighbouring_pairs_of_a_panorama_are_tied(tied):
     assert neighbours == {frozenset({f"P00{k}", f"P00{k + 1}"}) for k in range(3)}
     assert tied.untied == ()
     assert min(link.ties for link in tied.links) >= 6
+
+
+def test_bland_ground_with_a_dozen_matches_a_pair_ties_all_pairs(first_stop):
+    def thinned(pair):
+        rows = np.arange(0, len(pair.matches), 25)
+        few = {name: getattr(pair.matches, name)[rows] for name in MATCHES}
+        return replace(pair, matches=replace(pair.matches, **few))
+
+    bland = replace(first_stop, pairs=tuple(map(thinned, first_stop.pairs)))
+    found = tie_inter_stereo(bland, InterStereoParams())
+    assert len(found.links) == 3
+    assert min(link.candidates for link in found.links) < 12
+    assert found.untied == ()
 
 
 def test_ties_show_the_same_ground_in_both_pairs(tied, first_stop):

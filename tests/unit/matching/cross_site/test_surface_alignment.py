@@ -1,5 +1,7 @@
 """Two stops on made-up ground: what the registration makes of errors that both stops share."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ PARAMS = SurfaceParams(farthest_m=15.0)
 FRAMES = [StopId("MER2", 1, drive).frame for drive in (0, 8)]
 AWAY = Pose(*FRAMES, np.eye(3), np.array([11.0, 4.0, 0.0]))
 LOOSE = np.diag(np.square([0.005, 0.005, 0.02, 0.3, 0.3, 0.3]))
+SUN = np.array([0.6, 0.0, -0.8])
 MAST_M, FOCAL_PX, SCALE_PX_M = 1.5, 1200.0, 240.0
 
 
@@ -57,9 +60,12 @@ def seen_from(ground, north_m, east_m, lines=0.0):
     return HeightGrid(cell_m, up.astype(np.float32), MAST_M, SCALE_PX_M, FOCAL_PX)
 
 
-def registered(ground, lines=0.0):
+def registered(ground, lines=0.0, suns=(SUN, SUN)):
     """(error of the place in metres, error of the attitude in degrees, registration)."""
-    grids = (seen_from(ground, *place, lines) for place in ((0.0, 0.0), (11.0, 4.0)))
+    grids = (
+        replace(seen_from(ground, *place, lines), sun=sun)
+        for place, sun in zip(((0.0, 0.0), (11.0, 4.0)), suns, strict=True)
+    )
     found = register(*grids, AWAY, LOOSE, PARAMS)
     turn = np.degrees(Rotation.from_matrix(found.pose.rotation).as_rotvec())
     return found.pose.translation_m - AWAY.translation_m, turn, found
@@ -95,3 +101,16 @@ def test_the_range_between_stops_has_the_uncertainty_of_a_parallax_bias(exact):
     half_m = np.linalg.norm(AWAY.translation_m) / 2
     least_m = 2 * PARAMS.bias_parallax_px / SCALE_PX_M * half_m**2
     assert least_m < along_m < 3 * least_m
+
+
+def test_suns_from_opposite_sides_add_an_error_of_all_ground(ground, exact):
+    across = registered(ground, suns=(SUN, SUN * [-1.0, 1.0, 1.0]))[2]
+    added = across.covariance - exact[2].covariance
+    share, cells = 0.6, across.cells  # half the difference of the two directions
+    arm = np.average(cells.arms, axis=0, weights=cells.weight)
+    middle = np.hstack([np.cross(np.eye(3), arm).T, np.eye(3)])  # motion of the middle
+    shift2 = (share * PARAMS.shared_shift_m) ** 2
+    np.testing.assert_allclose(middle @ added @ middle.T, np.diag([shift2, shift2, 0.0]), atol=1e-8)
+    assert added[2, 2] == pytest.approx((share * PARAMS.shared_turn) ** 2)
+    unknown = registered(ground, suns=(None, SUN))[2]
+    assert unknown.covariance[2, 2] > across.covariance[2, 2]
