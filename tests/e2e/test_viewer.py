@@ -26,6 +26,7 @@ from tests.support.browsing import (
     at,
     colour_at,
     field,
+    keep_screenshot,
     look,
     pixel_of,
     ready,
@@ -39,7 +40,7 @@ from tests.support.browsing import (
 @pytest.mark.both_browsers
 def test_relief_image_contours_stops_and_traverse_are_shown_at_first(page, url):
     look(page, url)
-    screenshot(page, "first")
+    keep_screenshot(page, "first")
     shown = {
         box.get_attribute("data-kind") for box in page.locator("li.layer:has(input:checked)").all()
     }
@@ -131,7 +132,7 @@ def test_a_click_lists_every_layer_and_the_images_that_see_the_place(page, url):
     page.mouse.click(*pixel_of(page, *there, resolution))
     page.wait_for_selector(".point table")
     ready(page)
-    screenshot(page, "identify")
+    keep_screenshot(page, "identify")
     kinds = {row.get_attribute("data-layer") for row in page.locator(".point tr[data-layer]").all()}
     assert kinds == {f"mer2/{kind}" for kind in ("dtm", "orthophoto", "slope", "hillshade")}
     seen = page.locator(".image-ids button").all_inner_texts()
@@ -151,7 +152,7 @@ def test_a_click_on_a_pointing_line_opens_its_image(page, url):
     page.mouse.click(*pixel_of(page, *there, resolution))
     page.wait_for_selector("section.image")
     ready(page)
-    screenshot(page, "image")
+    keep_screenshot(page, "image")
     section = page.locator("section.image")
     assert section.get_attribute("data-image") == "2N140200002EFFA000P1600L0M1"
     assert UNPAIRED in section.inner_text()
@@ -181,7 +182,7 @@ def test_the_sol_slider_keeps_the_images_of_one_sol(page, url):
     assert "sol=155" in page.url
     page.locator("input.sol").press("ArrowRight")
     assert page.locator(".count").inner_text() == "5 images, 1 without partner"
-    screenshot(page, "sol")
+    keep_screenshot(page, "sol")
 
 
 def test_a_measured_distance_equals_the_distance_on_the_ground(page, url):
@@ -192,7 +193,7 @@ def test_a_measured_distance_equals_the_distance_on_the_ground(page, url):
     page.wait_for_timeout(400)  # two quick clicks would end the line
     page.mouse.move(*pixel_of(page, 15.0, 10.0, resolution))
     page.mouse.dblclick(*pixel_of(page, 15.0, 20.0, resolution))
-    screenshot(page, "measure")
+    keep_screenshot(page, "measure")
     text = page.locator(".ruler").inner_text()
     assert float(text.split(" m")[0]) == pytest.approx(25.0, abs=2 * resolution)
     azimuth = float(text.split("azimuth ")[1].split("°")[0])
@@ -221,7 +222,7 @@ def test_a_layer_offers_legend_download_and_history(page, url):
     row.locator("input").first.check()
     row.locator(".more").click()
     ready(page)
-    screenshot(page, "slope")
+    keep_screenshot(page, "slope")
     assert row.locator(".ticks span").all_inner_texts() == ["0", "10", "20", "30", "40°"]
     file = page.request.get(url + row.locator("a.download").get_attribute("href"))
     assert file.body()[:2] in (b"II", b"MM")
@@ -233,7 +234,7 @@ def test_a_layer_offers_legend_download_and_history(page, url):
 def test_the_table_of_stops_gives_the_error_of_telemetry(page, url):
     look(page, url)
     page.locator('[data-tab="stops"]').click()
-    screenshot(page, "stops")
+    keep_screenshot(page, "stops")
     rows = page.locator("[data-stop]").all()
     assert [row.locator("td").first.inner_text() for row in rows] == ["10/64", "10/102", "11/0"]
     moved = [float(row.locator("td").last.inner_text()) for row in rows]

@@ -15,7 +15,16 @@ import pytest
 from solmap.products.catalogue.workspace import Workspace
 from tests.e2e.test_viewer_layout import CUT_OFF
 from tests.support.bowl_store import STOPS, elevation_at
-from tests.support.browsing import Server, at, look, pixel_of, ready, screenshot, until
+from tests.support.browsing import (
+    Server,
+    at,
+    keep_screenshot,
+    look,
+    pixel_of,
+    ready,
+    screenshot,
+    until,
+)
 from tests.support.scene_store import POINT_GREYS, POINTS, fill_scene, heading, place_of
 
 pytestmark = pytest.mark.slow  # draws in three dimensions without a graphics card
@@ -138,7 +147,7 @@ def test_the_controls_leave_the_view_its_room_and_cut_nothing_off(scene):
             box = scene.locator(".scene-options").bounding_box()
             assert box["y"] >= pane["y"]
             assert scene.evaluate(CUT_OFF) == []
-            screenshot(scene, f"3d-options-{width}")
+            keep_screenshot(scene, f"3d-options-{width}")
     scene.locator('.scene button[name="options"]').click()
     scene.locator(".scene-options input").first.press("Escape")
     assert scene.locator(".scene-options").is_hidden()

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from solmap.products.catalogue.workspace import Workspace
-from tests.support.browsing import ROOT, Server, at, look, open_page, ready, screenshot
+from tests.support.browsing import ROOT, Server, at, keep_screenshot, look, open_page, ready
 from tests.support.scene_store import fill_scene
 
 AXE = ROOT / "gis_server" / "viewer" / "node_modules" / "axe-core" / "axe.min.js"
@@ -38,7 +38,7 @@ def themed(request, browser, full_url):
 def issues_of(page, name: str) -> list[str]:
     """One line an element that breaks a rule."""
     page.wait_for_timeout(200)
-    screenshot(page, f"axe-{page.theme}-{name}")
+    keep_screenshot(page, f"axe-{page.theme}-{name}")
     found = page.evaluate(RUN)
     return [
         f"{name}: {issue['id']} ({issue['impact']}): {node['target']}: {node['failureSummary']}"

@@ -10,7 +10,7 @@ import pytest
 from rasterio.io import MemoryFile
 
 from tests.support.bowl_store import GRID, elevation_at
-from tests.support.browsing import at, look, pixel_of, screenshot, until
+from tests.support.browsing import at, keep_screenshot, look, pixel_of, until
 
 STRIP = 92
 """Height of what stands below the map at 96 dots an inch."""
@@ -96,7 +96,7 @@ def test_a_box_cuts_a_part_out_of_a_layer(page, url):
     page.mouse.click(*pixel_of(page, 10.0, -6.0, resolution))
     link = page.locator('a[href*="/dtm/"][href*="clip"]')
     link.wait_for()
-    screenshot(page, "downloads")
+    keep_screenshot(page, "downloads")
     assert page.locator('a[href*="/stops/"][href*="clip"]').count() == 2
     body = page.request.get(url + link.get_attribute("href")).body()
     with MemoryFile(body) as file, file.open() as part:
@@ -116,7 +116,7 @@ def test_feature_files_and_service_urls_are_offered_and_answer(page, url):
     stops = page.locator('a[href*="/collections/stops/items?f=fgb"]')
     assert page.request.get(stops.evaluate("a => a.href")).body()[:3] == b"fgb"
     page.get_by_text("Addresses for QGIS").click()
-    screenshot(page, "addresses")
+    keep_screenshot(page, "addresses")
     values = [box.input_value() for box in page.locator('input[aria-label^="address"]').all()]
     maps = next(value for value in values if "WMTS" in value)
     assert b"<Capabilities" in page.request.get(maps).body()

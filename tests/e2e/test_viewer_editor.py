@@ -14,7 +14,7 @@ from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind
-from tests.support.browsing import Server, look, ready, screenshot, until
+from tests.support.browsing import Server, keep_screenshot, look, ready, screenshot, until
 
 Point = tuple[float, float]
 
@@ -107,7 +107,7 @@ def test_a_pick_is_predicted_measured_previewed_saved_and_undone(page, own):
     (mission,) = (entry.mission for entry in workspace.catalogue.missions())
     open_editor(page, url)
     plan_a_tie(page, url, mission)
-    screenshot(page, "editor-picked")
+    keep_screenshot(page, "editor-picked")
     predicted = [float(v) for v in pane(page, "second").get_attribute("data-predicted").split(",")]
     picked = [float(v) for v in pane(page, "second").get_attribute("data-pick").split(",")]
     assert np.hypot(*np.subtract(predicted, picked)) < 2.0  # the prediction is in the middle
@@ -118,7 +118,7 @@ def test_a_pick_is_predicted_measured_previewed_saved_and_undone(page, own):
     page.locator('[data-act="trial"]').click()
     until(page, lambda: "would move by" in page.locator(".editor-status").inner_text())
     assert page.locator("[data-planned]").get_attribute("data-status") == "used"
-    screenshot(page, "editor-tried")
+    keep_screenshot(page, "editor-tried")
     for width in (390, 768, 1280, 1920):
         page.set_viewport_size({"width": width, "height": 800})
         table, beside = (
@@ -188,11 +188,11 @@ def test_overlaid_orthophotos_give_picks_in_both(page, mapped):
         assert east > 0
         assert north == pytest.approx(0.4 * east, rel=0.02)
         assert turn == 0.0
-        screenshot(page, "editor-overlay")
+        keep_screenshot(page, "editor-overlay")
         page.get_by_role("button", name="as mapped").click()
         page.mouse.click(x, y)
         until(page, lambda: "sample" in page.locator('[data-pick="second"]').inner_text())
-        screenshot(page, "editor-overlay-picked")
+        keep_screenshot(page, "editor-overlay-picked")
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from tests.support.browsing import (
     Server,
     at,
     colour_at,
+    keep_screenshot,
     look,
     pixel_of,
     ready,
@@ -63,7 +64,7 @@ def test_an_image_layer_is_stretched_and_recoloured_and_the_link_restores_it(pag
     assert ends == pytest.approx([90, 170], abs=4)
     row.locator(".stretch-percent").click()
     until(page, lambda: spread(page) > 230)
-    screenshot(page, "pictures-stretched")
+    keep_screenshot(page, "pictures-stretched")
     row.get_by_label("white at").fill("250")
     row.get_by_label("white at").press("Enter")
     row.get_by_label("gamma").fill("2")
@@ -71,7 +72,7 @@ def test_an_image_layer_is_stretched_and_recoloured_and_the_link_restores_it(pag
     until(page, lambda: max(both(page)) == pytest.approx(expected, abs=5))
     row.get_by_label("colours").select_option("viridis")
     until(page, lambda: is_coloured(page))
-    screenshot(page, "pictures-coloured")
+    keep_screenshot(page, "pictures-coloured")
     address = page.url
     assert "::90:250::2" in address or "viridis:" in address
     page.goto("about:blank")
@@ -106,7 +107,7 @@ def test_a_hidden_class_is_not_drawn_and_the_legend_marks_it(page, images):
     ground = (0xCF, 0xCB, 0xC4)
     until(page, lambda: seen(page, EAST) == pytest.approx(ground, abs=6))
     assert seen(page, WEST) == pytest.approx(before[0], abs=2)
-    screenshot(page, "classes-hidden")
+    keep_screenshot(page, "classes-hidden")
     address = page.url
     page.goto("about:blank")
     look(page, address)

@@ -7,7 +7,16 @@ import pytest
 
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.products.catalogue.oriented_images import OrientedMission
-from tests.support.browsing import ROOT, field, look, pixel_of, ready, screenshot, until
+from tests.support.browsing import (
+    ROOT,
+    field,
+    keep_screenshot,
+    look,
+    pixel_of,
+    ready,
+    screenshot,
+    until,
+)
 from tests.support.stereo_viewer import RESIDUAL_PX
 
 RESOLUTION = 0.03
@@ -82,7 +91,7 @@ def test_a_pointing_line_opens_its_image_beside_the_map(page, images_url, orient
     ready(page)
     opened = view_of(page).get_attribute("data-image")
     assert opened in (entry.id, entry.partner)  # their lines are a stereo base apart
-    screenshot(page, "image_opened")
+    keep_screenshot(page, "image_opened")
 
 
 def test_the_place_under_the_pointer_is_marked_in_the_image(viewer, oriented, entry, ground):
@@ -97,7 +106,7 @@ def test_the_place_under_the_pointer_is_marked_in_the_image(viewer, oriented, en
     np.testing.assert_allclose(cross_of(viewer)[:2], expected, atol=3.0)
     seen = viewer.locator('.strip li[data-sight="visible"]')
     assert entry.id in [item.get_attribute("data-image") for item in seen.all()]
-    screenshot(viewer, "image_cursor")
+    keep_screenshot(viewer, "image_cursor")
 
 
 def test_the_pixel_under_the_pointer_is_marked_on_the_map(viewer, oriented, entry, ground):
@@ -184,10 +193,10 @@ def test_the_graph_shows_the_ties_of_stops_and_pairs(page, images_url, entry):
     drawn = page.locator(f'[data-link="{link["one"]} {link["other"]}"]')
     assert drawn.locator(".edge-count").text_content() == str(link["ties"])
     assert page.locator("[data-stop-node]").count() == 2
-    screenshot(page, "network_stops")
+    keep_screenshot(page, "network_stops")
     page.locator(f'[data-stop-node="{entry.stop}"]').click()
     page.wait_for_selector(f'[data-pair="{entry.id}"]')
-    screenshot(page, "network_pairs")
+    keep_screenshot(page, "network_pairs")
     page.locator(f'[data-pair="{entry.id}"]').press("Enter")
     page.wait_for_selector(f'.image-view[data-image="{entry.id}"]')
 

@@ -17,6 +17,7 @@ from tests.support.browsing import (
     Server,
     at,
     colour_at,
+    keep_screenshot,
     look,
     pixel_of,
     ready,
@@ -303,7 +304,7 @@ def test_layers_are_listed_by_kind_and_by_instrument(page, url):
     instrument.select_option("PANCAM")
     assert [one.get_attribute("data-layer") for one in listed.all()] == [f"{STOP}/dtm"]
     page.wait_for_timeout(200)
-    screenshot(page, "kind-and-instrument")
+    keep_screenshot(page, "kind-and-instrument")
     page.get_by_label("kind of layers").select_option("")
     instrument.select_option("")
     until(page, lambda: listed.count() > 3)
@@ -364,7 +365,7 @@ def test_search_opens_a_stop_and_an_image(page, url):
     page.keyboard.press("/")
     page.keyboard.type("10/102")
     page.wait_for_selector("#search-list li")
-    screenshot(page, "search")
+    keep_screenshot(page, "search")
     page.keyboard.press("Enter")
     until(page, lambda: math.dist(centre(page), (2.0, -3.0)) < 0.5)  # bars make it off centre
     page.keyboard.press("/")

@@ -20,6 +20,7 @@ from tests.support.bowl_store import CRS
 from tests.support.browsing import (
     at,
     colour_at,
+    keep_screenshot,
     look,
     open_page,
     pixel_of,
@@ -129,7 +130,7 @@ def test_attributes_of_a_local_feature_are_shown_on_click(page, url, features, t
     rows = [row.inner_text().split("\t") for row in reported.locator("tr").all()]
     assert rows == [["name", "keep out"], ["depth_cm", "20"]]
     page.locator(".point").wait_for()
-    screenshot(page, "file-attributes")
+    keep_screenshot(page, "file-attributes")
     page.mouse.click(*pixel_of(page, 10.0, -8.0, RESOLUTION))
     until(page, lambda: reported.count() == 0)
 
@@ -215,7 +216,7 @@ def test_features_of_a_local_file_are_published_as_drafts(
     page.locator(".note-row").nth(2).wait_for()
     drafts = page.locator('.note-row[data-state="draft"] > button').all_inner_texts()
     assert sorted(drafts) == ["keep out", "rock", "way"]
-    screenshot(page, "files-published")
+    keep_screenshot(page, "files-published")
 
 
 def test_the_list_of_files_fits_a_phone(browser, url, features, tmp_path):
@@ -225,4 +226,4 @@ def test_the_list_of_files_fits_a_phone(browser, url, features, tmp_path):
         page.set_input_files('[aria-label="files for the map"]', write_geojson(features, tmp_path))
         box = page.locator(".local-file").bounding_box()
         assert box["x"] + box["width"] <= 390
-        screenshot(page, "files-narrow")
+        keep_screenshot(page, "files-narrow")

@@ -11,7 +11,16 @@ import pytest
 
 from solmap.products.crs import east_north
 from tests.support.bowl_store import LANDING, elevation_at
-from tests.support.browsing import at, colour_at, look, pixel_of, ready, screenshot, until
+from tests.support.browsing import (
+    at,
+    colour_at,
+    keep_screenshot,
+    look,
+    pixel_of,
+    ready,
+    screenshot,
+    until,
+)
 
 RESOLUTION = 0.1
 CLICKED = ("slope", "plane", "sight", "viewshed")
@@ -55,7 +64,7 @@ def saved(page, name):
 
 def test_rise_and_slope_equal_those_of_the_ground_with_their_errors(measuring):
     item = draw(measuring, "slope", [(10.0, 0.0), (20.0, 0.0)])
-    screenshot(measuring, "measure_slope")
+    keep_screenshot(measuring, "measure_slope")
     length, _ = value(item, "length on the map")
     assert length == pytest.approx(10.0, abs=2 * RESOLUTION)
     rise, sigma = value(item, "rise")
@@ -76,7 +85,7 @@ def test_a_square_has_its_area_and_the_bowl_its_volume(measuring):
     item = draw(measuring, "volume", square)
     # The rim's mean is 4/3, the ground's 2/3 of a^2 / 100: a hollow of 8 a^4 / 300.
     assert value(item, "net")[0] == pytest.approx(-8 * 10.0**4 / 300, rel=0.03)
-    screenshot(measuring, "measure_volume")
+    keep_screenshot(measuring, "measure_volume")
 
 
 def test_strike_and_dip_equal_those_of_the_plane_through_the_points(measuring):

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from tests.support.browsing import Server, look, open_page, ready, screenshot, until
+from tests.support.browsing import Server, keep_screenshot, look, open_page, ready, until
 
 TABS = {
     "point": r"\d",
@@ -65,7 +65,7 @@ def walk_tabs(page, theme: str) -> None:
         requested = TABS.get(name, r"\w")
         until(page, lambda p=panel, w=requested: re.search(w, p.inner_text()) is not None)
         assert not panel.locator('[role="alert"]').count()
-        screenshot(page, f"panel-{theme}-{name}")
+        keep_screenshot(page, f"panel-{theme}-{name}")
 
 
 def walk_tools(page, theme: str) -> None:
@@ -82,7 +82,7 @@ def walk_tools(page, theme: str) -> None:
         for dock in page.locator("section.dock:visible").all():
             until(page, lambda d=dock: d.locator("img, canvas, svg").count() > 0)
         slug = re.sub(r"\W+", "-", name.lower()).strip("-")[:40]
-        screenshot(page, f"tool-{theme}-{number}-{slug}")
+        keep_screenshot(page, f"tool-{theme}-{number}-{slug}")
         for close in page.locator('section.dock:visible button[aria-label="close"]').all():
             close.click()
         page.keyboard.press("Escape")

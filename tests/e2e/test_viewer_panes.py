@@ -8,7 +8,7 @@ import urllib.request
 import pytest
 
 from tests.e2e.test_viewer_layout import CUT_OFF
-from tests.support.browsing import at, look, open_page, ready, screenshot, until
+from tests.support.browsing import at, keep_screenshot, look, open_page, ready, until
 
 LEAST_PX = 320
 
@@ -47,7 +47,7 @@ def test_image_and_stereo_panes_are_open_beside_the_map_together(browser, images
         else:
             assert first["x"] + first["width"] <= second["x"]
         assert page.evaluate(CUT_OFF) == []
-        screenshot(page, f"panes-{size[0]}")
+        keep_screenshot(page, f"panes-{size[0]}")
         page.locator(".pane").first.get_by_role("button", name="close").click()
         assert page.locator(".pane").count() == 1
         assert page.locator(".stereo-view").is_visible()

@@ -14,6 +14,7 @@ from tests.support.browsing import (
     at,
     colour_at,
     field,
+    keep_screenshot,
     look,
     pixel_of,
     ready,
@@ -94,7 +95,7 @@ def test_the_3d_view_turns_to_the_chosen_place(page, scene_url):
     look(page, scene_url + at(RESOLUTION))
     open_menu(page, 6.0, 4.0).get_by_role("menuitem", name="3D here").click()
     page.wait_for_selector('.scene[data-visited="true"]')
-    screenshot(page, "places_3d")
+    keep_screenshot(page, "places_3d")
 
 
 def test_the_coordinate_format_is_chosen_and_remembered(page, url):
@@ -104,7 +105,7 @@ def test_the_coordinate_format_is_chosen_and_remembered(page, url):
     until(page, lambda: page.locator('[data-field="lat"]').count() == 1)
     assert field(page, "lat").startswith("14°34′09.")
     assert field(page, "lat").endswith("S")
-    screenshot(page, "places_dms")
+    keep_screenshot(page, "places_dms")
     page.reload()
     ready(page)
     assert page.get_by_label("coordinate format").input_value() == "dms"
@@ -114,7 +115,7 @@ def test_the_place_menu_identifies_and_copies_coordinates_that_search_accepts(pa
     page.add_init_script(PLAIN_HTTP)
     look(page, url + at(RESOLUTION))
     menu = open_menu(page, 6.0, 4.0)
-    screenshot(page, "places_menu")
+    keep_screenshot(page, "places_menu")
     offered = menu.get_by_role("menuitem").all_inner_texts()
     assert offered == [
         "Identify",
@@ -143,7 +144,7 @@ def test_the_place_menu_identifies_and_copies_coordinates_that_search_accepts(pa
     open_menu(page, 6.0, 4.0).get_by_role("menuitem", name="Identify").click()
     page.wait_for_selector("#panel-point .coordinates")
     assert "elevation" in page.locator("#panel-point").inner_text()
-    screenshot(page, "places_identified")
+    keep_screenshot(page, "places_identified")
 
 
 def test_the_place_menu_works_by_keyboard(page, url):

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.support.browsing import at, look, screenshot, until
+from tests.support.browsing import at, keep_screenshot, look, until
 
 
 def shown(page) -> str:
@@ -42,7 +42,7 @@ def footprints(page, url):
 
 def test_a_gif_has_one_frame_per_sol(footprints, tmp_path):
     open_dialog(footprints)
-    screenshot(footprints, "playback-dialog")
+    keep_screenshot(footprints, "playback-dialog")
     path = save(footprints, "gif", tmp_path)
     assert shown(footprints) == "all sols"
     film = cv2.VideoCapture(str(path))

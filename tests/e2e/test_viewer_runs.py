@@ -13,7 +13,7 @@ from solmap.products.catalogue.runs import Run, RunRecords, RunState
 from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.model import ProductKind, Recipe
 from tests.support.bowl_store import REGION
-from tests.support.browsing import at, look, pixel_of, ready, screenshot, until
+from tests.support.browsing import at, keep_screenshot, look, pixel_of, ready, until
 
 RESOLUTION = 0.1
 
@@ -38,7 +38,7 @@ def test_the_progress_of_a_run_is_shown(page, workspace, live):
     assert float(row.locator("progress").get_attribute("value")) == 0.25
     book.write(run.with_progress("adjust", 1, 2))
     until(page, lambda: "adjust, 1 of 2" in row.inner_text())
-    screenshot(page, "runs")
+    keep_screenshot(page, "runs")
     book.write(run.with_lines(["failed: one pair has no common light"]).with_end(RunState.FAILED))
     until(page, lambda: row.get_attribute("data-state") == "failed")
     row.get_by_role("button").click()
@@ -126,7 +126,7 @@ def test_invalid_parameters_do_not_reach_the_confirmation(page, workspace, live)
     page.locator('dialog button[type="submit"]').click()
     assert page.locator("[data-confirm]").count() == 0
     page.locator('dialog [name="sols"]').fill("155-157")
-    screenshot(page, "run-form")
+    keep_screenshot(page, "run-form")
     page.locator('dialog button[type="submit"]').click()
     page.locator("[data-confirm]").click()
     until(page, lambda: page.locator(".request").count() == 1)
@@ -149,7 +149,7 @@ def test_runs_are_cancelled_and_retried_and_deployments_paused(page, workspace, 
     row = page.locator('[data-deployment="overall-adjustment/weekly"]')
     assert "2026-11-29 03:00 UTC" in row.inner_text()
     assert "failed, 2026-11-22 03:10 UTC" in row.inner_text()
-    screenshot(page, "run-control")
+    keep_screenshot(page, "run-control")
     requests = RunRequests.of(workspace.store.root)
     for place in (
         f'[data-run="{going.id}"] [data-action]',
@@ -232,7 +232,7 @@ def test_a_note_is_written_seen_by_others_deleted_and_restored(page, browser, wo
     assert edit.document["geometry"]["coordinates"] == pytest.approx([6.0, -4.0], abs=0.06)
     assert edit.author == "Ann"
     until(other, lambda: "layered rock" in other.locator("[data-note]").inner_text())
-    screenshot(page, "note")
+    keep_screenshot(page, "note")
     page.get_by_role("button", name="Delete").click()
     until(page, lambda: page.locator("[data-note]").count() == 0)
     until(other, lambda: other.locator("[data-note]").count() == 0)
@@ -244,7 +244,7 @@ def test_a_note_is_written_seen_by_others_deleted_and_restored(page, browser, wo
     page.get_by_text("Deleted annotations").click()
     page.locator("[data-deleted]").get_by_text("History").click()
     until(page, lambda: "written: layered rock" in page.locator("[data-deleted]").inner_text())
-    screenshot(page, "note-deleted")
+    keep_screenshot(page, "note-deleted")
     page.get_by_role("button", name="Restore").click()
     until(page, lambda: "layered rock" in page.locator("[data-note]").inner_text())
     until(page, lambda: page.locator("[data-deleted]").count() == 0)
@@ -284,7 +284,7 @@ def test_an_annotation_has_a_category_and_is_a_draft_until_it_is_published(page,
     assert changes.first.inner_text().startswith("text: loose sand, 20 cm deep, published")
     assert changes.last.inner_text().startswith("written: loose sand")
     assert "UTC" in changes.last.inner_text()
-    screenshot(page, "history")
+    keep_screenshot(page, "history")
     page.get_by_role("button", name="Redraw").click()
     page.keyboard.press("Escape")
     assert len(EditLog.of(workspace.store.root).edits("MER2")) == 3

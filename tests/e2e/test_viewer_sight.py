@@ -12,6 +12,7 @@ from tests.support.browsing import (
     Server,
     at,
     colour_at,
+    keep_screenshot,
     look,
     pixel_of,
     ready,
@@ -231,7 +232,7 @@ def test_a_tie_point_under_the_pointer_shows_residual_kind_and_images(
     until(page, lambda: reported in tip.inner_text())
     for part in ("cross-site", "0.03 m", "2N1400L0M1", "2N1401L0M1"):
         assert part in tip.inner_text()
-    screenshot(page, f"ties_tip_{number}")
+    keep_screenshot(page, f"ties_tip_{number}")
     page.mouse.move(*pixel_of(page, 0.0, -10.0, RESOLUTION))
     until(page, lambda: not tip.is_visible())
 

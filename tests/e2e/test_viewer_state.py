@@ -8,7 +8,7 @@ from urllib.parse import unquote
 import pytest
 
 from solmap.products.catalogue.workspace import Workspace
-from tests.support.browsing import Server, at, look, open_page, ready, screenshot, until
+from tests.support.browsing import Server, at, keep_screenshot, look, open_page, ready, until
 from tests.support.scene_store import fill_scene
 
 SIZE = (1920, 1080)
@@ -126,12 +126,12 @@ def test_a_copied_link_restores_all_that_is_shown(browser, images_url):
         assert len(expected["panes"]) == 5
         assert len({side for side, _ in expected["panes"]}) == 2
         link = copied(page)
-        screenshot(page, "state-made")
+        keep_screenshot(page, "state-made")
         with open_page(browser, *SIZE) as other:
             look(other, link)
             until(other, lambda: other.locator("section.pane").count() == 5)
             settled(other)
-            screenshot(other, "state-restored")
+            keep_screenshot(other, "state-restored")
             assert fragment(other) == unquote(link[link.index("#") :])
             assert seen(other) == expected
             assert other.locator(".banner").is_hidden()
@@ -182,7 +182,7 @@ def test_panes_are_moved_below_the_map_and_beside_it(browser, images_url):
         boxes = [page.locator(one).bounding_box() for one in ("div.map", ".stereo", ".panorama")]
         assert all(one["x"] + one["width"] <= other["x"] for one, other in pairwise(boxes))
         until(page, lambda: "panes=stereo,panorama" in fragment(page))
-        screenshot(page, "state-beside")
+        keep_screenshot(page, "state-beside")
         link = page.url
         look(page, link)
         until(page, lambda: page.locator(".panes.beside section.pane").count() == 2)
@@ -212,7 +212,7 @@ def test_one_cursor_is_in_all_panes(browser, images_url):
         until(page, lambda: image.get_attribute("data-cross"))
         until(page, lambda: panorama.get_attribute("data-marked"))
         east, north = (float(one) for one in stereo.get_attribute("data-ground").split(","))
-        screenshot(page, "state-cursor-stereo")
+        keep_screenshot(page, "state-cursor-stereo")
         box = page.locator("div.map").bounding_box()
         middle = [float(one) for one in fragment(page).split("at=")[1].split("&")[0].split(",")]
         x = box["x"] + box["width"] / 2 + (east - middle[0]) / middle[2]
@@ -220,7 +220,7 @@ def test_one_cursor_is_in_all_panes(browser, images_url):
         page.mouse.move(x + 2, y)
         page.mouse.move(x, y)
         until(page, lambda: (stereo.get_attribute("data-crosses") or "").count(",") == 2)
-        screenshot(page, "state-cursor-map")
+        keep_screenshot(page, "state-cursor-map")
         left, right = (
             [float(one) for one in cross.split(",")]
             for cross in stereo.get_attribute("data-crosses").split(";")

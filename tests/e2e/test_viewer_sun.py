@@ -9,7 +9,7 @@ import pytest
 
 from solmap.photogrammetry.terrain.insolation.sun import Season, sun_directions
 from tests.support.bowl_store import LANDING
-from tests.support.browsing import at, colour_at, look, pixel_of, screenshot, until
+from tests.support.browsing import at, colour_at, keep_screenshot, look, pixel_of, screenshot, until
 
 NOTHING = np.array([0xCF, 0xCB, 0xC4])
 """Colour of the page where no layer is, `--ground` of the light page."""
@@ -63,7 +63,7 @@ def test_the_sun_position_at_a_solar_time_equals_the_library(page, url):
     look(page, url + at(0.1) + "&sun=sol:155,15.5&live=relief")
     page.locator('[data-tab="sun"]').click()
     until(page, lambda: "Ls" in page.locator(".sun dl").inner_text())
-    screenshot(page, "sun")
+    keep_screenshot(page, "sun")
     solar_longitude = float(page.locator(".sun dl dd").first.inner_text().rstrip("°"))
     assert solar_longitude == pytest.approx(46.5, abs=1.0)  # of the images' date, 2004-06-11
     flatness = 3376.2 / 3396.19

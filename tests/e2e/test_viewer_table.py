@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.support.bowl_store import STOPS, UNPAIRED
-from tests.support.browsing import Server, at, look, open_page, pixel_of, screenshot, until
+from tests.support.browsing import Server, at, keep_screenshot, look, open_page, pixel_of, until
 from tests.support.large_mission import write_mission
 
 IMAGE_COLUMNS = 11
@@ -72,7 +72,7 @@ def test_stops_have_their_uncertainty_and_sort_by_the_error_of_telemetry(page, u
     page.reload()
     page.locator(".table-body .table-row").first.wait_for()
     assert column(page, 1) == telemetry_order
-    screenshot(page, "table-stops")
+    keep_screenshot(page, "table-stops")
 
 
 def test_images_are_filtered_by_words_and_by_sol_and_saved_as_listed(page, url, tmp_path):
@@ -140,7 +140,7 @@ def test_only_visible_rows_are_in_the_page(page, large_url, subject):
     page.keyboard.press("End")
     until(page, lambda: page.locator(f'[aria-rowindex="{total + 1}"]').is_visible())
     assert page.locator(".table-body .table-row").count() < 60
-    screenshot(page, f"table-{subject}-end")
+    keep_screenshot(page, f"table-{subject}-end")
 
 
 def test_the_table_fits_a_phone(browser, url):
@@ -149,7 +149,7 @@ def test_the_table_fits_a_phone(browser, url):
         page.locator(".table-body .table-row").first.wait_for()
         assert page.evaluate("document.documentElement.scrollWidth") == 390
         assert page.locator(".table-grid").bounding_box()["height"] > 150
-        screenshot(page, "table-narrow")
+        keep_screenshot(page, "table-narrow")
         headings = page.get_by_role("columnheader")
         for width in (390, 1280):
             page.set_viewport_size({"width": width, "height": 844})

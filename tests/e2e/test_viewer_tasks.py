@@ -17,7 +17,7 @@ from solmap.products.catalogue.tokens import Role, Tokens
 from solmap.products.catalogue.workspace import Workspace
 from tests.e2e.test_viewer_editor import click_pixel, pane, shared_pixel, size_of
 from tests.support.bowl_store import STOPS, azimuth_of
-from tests.support.browsing import ROOT, Server, at, look, pixel_of, ready, screenshot, until
+from tests.support.browsing import ROOT, Server, at, keep_screenshot, look, pixel_of, ready, until
 from tests.support.scene_store import fill_scene
 
 RESOLUTION = 0.1
@@ -280,7 +280,7 @@ def test_add_a_tie_and_preview_the_adjustment(hand, true_images, tmp_path):
         hand.click(page.locator('[data-act="plan"]'))
         hand.click(page.locator('[data-act="trial"]'))
         until(page, lambda: "would move by" in page.locator(".editor-status").inner_text())
-        screenshot(page, f"task-tie-{hand.name}")
+        keep_screenshot(page, f"task-tie-{hand.name}")
     done("tie point between two stops, and preview of the adjustment", hand)
 
 
@@ -292,7 +292,7 @@ def test_draw_a_keep_out_area_and_publish_it(hand, workspace, live):
     hand.click(page.locator('[data-shape="area"]'))
     for place in ((0.0, 0.0), (12.8, 0.0), (12.8, 12.8)):
         hand.place(*place)
-    screenshot(page, f"task-draw-{hand.name}")
+    keep_screenshot(page, f"task-draw-{hand.name}")
     hand.press("Enter")
     hand.choose(page.locator("dialog select"), "keep-out")
     hand.count += 1

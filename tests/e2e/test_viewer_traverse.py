@@ -12,7 +12,15 @@ import pytest
 
 from solmap.photogrammetry.terrain.dtm.ground import MAP_FROM_LSL
 from solmap.products.catalogue.oriented_images import OrientedMission
-from tests.support.browsing import colour_at, look, pixel_of, ready, screenshot, until
+from tests.support.browsing import (
+    colour_at,
+    keep_screenshot,
+    look,
+    pixel_of,
+    ready,
+    screenshot,
+    until,
+)
 from tests.support.stereo_viewer import OLDER_STEP_NED_M
 
 RESOLUTION = 0.02
@@ -62,7 +70,7 @@ def test_accumulated_differences_are_in_metres_and_percent(traverse, places):
     assert number(height) == pytest.approx(away[2], abs=6e-4)
     summary = traverse.locator(".comparison .summary").inner_text()
     assert f"{100 * math.hypot(*away[:2]) / way:.2f} %" in summary
-    screenshot(traverse, "traverse_table")
+    keep_screenshot(traverse, "traverse_table")
 
 
 def test_an_older_solution_is_compared_with_the_latest(traverse):
@@ -132,7 +140,7 @@ def test_a_clicked_stop_shows_the_error_of_telemetry(page, images_url, places):
     for name, length in (("horizontal", math.hypot(*away[:2])), ("3D", np.linalg.norm(away))):
         reported_m, sign = text.split(f"{name} ")[1].split()[:2]
         assert (float(reported_m), sign) == (pytest.approx(length, abs=6e-4), "±")
-    screenshot(page, "stop_card")
+    keep_screenshot(page, "stop_card")
     card.get_by_role("button", name="Images").click()
     until(page, lambda: page.locator("#panel-images").is_visible())
     stop = page.locator("#panel-images select").first.input_value()

@@ -7,7 +7,17 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
-from tests.support.browsing import Server, at, colour_at, look, pixel_of, ready, screenshot, until
+from tests.support.browsing import (
+    Server,
+    at,
+    colour_at,
+    keep_screenshot,
+    look,
+    pixel_of,
+    ready,
+    screenshot,
+    until,
+)
 from tests.support.versions_store import GREYS, OFF_M, STEP_NED_M, TILT, fill_versions
 
 RESOLUTION = 0.1
@@ -50,7 +60,7 @@ def test_the_difference_of_two_solutions_is_the_difference_put_in(page, twice):
     earlier(page, versions.moved, "dtm").get_by_text("difference").click()
     until(page, lambda: page.locator(".difference .amounts").count() == 1)
     ready(page)
-    screenshot(page, "versions-difference")
+    keep_screenshot(page, "versions-difference")
     amounts = page.locator(".difference .amounts").inner_text().replace("\u2212", "-")
     assert float(amounts.split("mean ")[1].split(" ")[0]) == pytest.approx(-OFF_M, abs=0.005)
     here = page.locator(".difference .here")

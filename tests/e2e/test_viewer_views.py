@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from tests.support.browsing import at, look, ready, screenshot, until
+from tests.support.browsing import at, keep_screenshot, look, ready, until
 
 
 def on_plain(page, url: str) -> None:
@@ -93,7 +93,7 @@ def test_views_are_moved_between_browsers_in_a_file(bowl, browser, url, tmp_path
         bowl.get_by_role("button", name="Export").click()
     path = tmp_path / "views.json"
     download.value.save_as(path)
-    screenshot(bowl, "saved-views")
+    keep_screenshot(bowl, "saved-views")
     context = browser.new_context(viewport={"width": 390, "height": 844})
     page = context.new_page()
     on_plain(page, url)
@@ -105,7 +105,7 @@ def test_views_are_moved_between_browsers_in_a_file(bowl, browser, url, tmp_path
     assert box["x"] >= 0
     assert box["x"] + box["width"] <= 390
     assert page.locator("dialog").evaluate("it => it.scrollWidth <= it.clientWidth")
-    screenshot(page, "saved-views-narrow")
+    keep_screenshot(page, "saved-views-narrow")
     damaged = tmp_path / "other.json"
     damaged.write_text('{"type": "FeatureCollection"}')
     page.set_input_files("dialog input[type=file]", damaged)

@@ -210,6 +210,12 @@ def screenshot(page, name: str) -> np.ndarray:
     return cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
 
 
+def keep_screenshot(page, name: str) -> None:
+    """Draw the page for people, only where SOLMAP_SCREENSHOTS names a folder."""
+    if os.environ.get("SOLMAP_SCREENSHOTS"):
+        screenshot(page, name)
+
+
 def colour_at(image: np.ndarray, place: tuple[float, float]) -> np.ndarray:
     x, y = (round(value) for value in place)
     return image[y, x].astype(int)
