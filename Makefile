@@ -18,7 +18,7 @@ export PYTHONDONTWRITEBYTECODE =
 
 PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-deps
 
-.PHONY: setup cluster develop viewer demo test test-all test-viewer test-wheel check audit bench accuracy peers fuzz screenshots docs wheel clean
+.PHONY: setup cluster develop viewer demo test test-all unit integration e2e test-viewer test-wheel check audit bench accuracy peers fuzz screenshots docs wheel clean
 
 setup: $(VENV)/.installed  ## What a user needs.
 
@@ -64,20 +64,21 @@ demo: setup viewer  ## A synthetic downlink through every stage to the map in th
 # `make test` tries the same examples each time; `make test-all` looks for more.
 REPEATABLE := --hypothesis-profile=repeatable
 
-# Two workers, each with an engine, a database server and browsers of its own.
+# Two workers each with an engine, a database server and browsers of its own. The three suites run
+# at once: where one waits, another uses the processor.
 PARALLEL := --numprocesses 2 --dist loadfile
+SUITES := unit integration e2e
 
 test: develop viewer  ## Everything that continuous integration asks for.
 	$(MAKE) --jobs 2 check test-viewer
-	$(BIN)/pytest -m "not slow" $(REPEATABLE) $(PARALLEL) tests/unit
-	$(BIN)/pytest -m "not slow" $(REPEATABLE) $(PARALLEL) tests/integration
-	$(BIN)/pytest -m "not slow" $(REPEATABLE) $(PARALLEL) tests/e2e
+	$(MAKE) --jobs 3 $(SUITES) PYTEST='-m "not slow" $(REPEATABLE)'
 
 test-all: develop viewer  ## Also what takes minutes: the rendered traverse, long simulations.
 	$(MAKE) --jobs 2 check test-viewer
-	$(BIN)/pytest $(PARALLEL) tests/unit
-	$(BIN)/pytest $(PARALLEL) tests/integration
-	$(BIN)/pytest $(PARALLEL) tests/e2e
+	$(MAKE) --jobs 3 $(SUITES)
+
+$(SUITES): develop viewer  ## One of the suites of tests; PYTEST has further options.
+	$(BIN)/pytest $(PARALLEL) $(PYTEST) tests/$@
 
 test-viewer: viewer
 	cd $(VIEWER) && $(NPM) test --silent
