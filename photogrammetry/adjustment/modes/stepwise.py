@@ -10,11 +10,10 @@ and held (h) unknowns, an error e_h moves the estimate by S e_h, so that
 
     S = -N_ff^-1 N_fh              C_f = N_ff^-1 + S C_hh S'
 
-(consider covariance, Schmidt 1966). Of the held stops only the covariance of each by itself is
-known; between two of them, the later one is taken to have the error of the earlier one rigidly. A
-control frame was placed by control of stops that are held now, so it shares their errors: the part
-of its error that moves rigidly with the stop held last is taken over with that stop's; the step
-estimates the rest.
+(consider covariance, Schmidt 1966). Covariances between held stops are not known; the later of two
+stops is assumed to move rigidly with the error of the earlier one. Control frames were placed by
+stops that are held now, so they share their errors: a frame is assumed to move rigidly with the
+error of the last held stop, and the step estimates the rest of its error.
 """
 
 from __future__ import annotations
@@ -58,7 +57,7 @@ def adjust_stepwise(
     """Add new stops to an adjusted traverse with the earlier ones held.
 
     `network` holds old and new stops; `previous` is the result of earlier steps for the old ones,
-    or None at the first stop, which is held where telemetry has it. The result covers both. The
+    or None at the first stop, which is held at its telemetry pose. The result covers both. The
     pointing of pairs of held stops is estimated again, because new ties determine it too. The
     covariance of the new stops includes the errors taken over from the held ones.
     """

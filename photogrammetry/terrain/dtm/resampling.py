@@ -6,8 +6,8 @@ no resampling.
 
 Elevation at a point is bilinear between known cell centres, if these have more than half of the
 weight: gaps are not filled. Where several models cover a point, the one with the finest cells is
-used. Standard deviations are averaged with the same weights, as for correlated neighbouring cells,
-which is never too small.
+used. Standard deviations are averaged with the same weights, as if the cells were fully correlated;
+the result is never too small.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
 CoarseRaster = Float32[np.ndarray, "coarse_rows coarse_cols"]
 """Values of larger cells."""
 LEAST_SHARE = 0.25
-"""Least fraction of a coarse cell's area with elevations. A quarter: of 4 x 4 cells, one row."""
+"""Least fraction of a coarse cell's area with elevations: one row of 4 x 4 cells."""
 MapPoints = Float64[np.ndarray, "n 2"]
 """(east, north) in metres of the local map."""
 LEAST_KNOWN = 0.5

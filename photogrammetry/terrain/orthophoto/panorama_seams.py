@@ -21,13 +21,13 @@ from solmap.photogrammetry.terrain.orthophoto.panorama import (
 from solmap.photogrammetry.terrain.orthophoto.panorama_grid import NODE
 
 PATCHES_ACROSS = 16
-"""Fraction of an image: neighbours in a panorama overlap by a fifth of it."""
+"""Width of an image in patches: neighbours in a panorama overlap by a fifth of it."""
 LEAST_PATCH, LARGEST_PATCH = 32, 64
-"""Sides, pixels."""
+"""Smallest and largest side of a patch, pixels."""
 MOST_PATCHES = 12
-"""Patches that two images are compared in."""
+"""Most patches in which two images are compared."""
 INSIDE = 0.1
-"""Fade that a patch must have in both images: a twentieth of the image off its border."""
+"""Least fade weight of a patch in both images, reached a twentieth of an image from its border."""
 LEAST_CORRELATION = 0.8
 """Least correlation: bare sand and sky do not correlate."""
 
