@@ -172,12 +172,13 @@ def _region_jobs(
 ) -> dict[str, Job]:
     """Jobs for the layers of a region: relief, suitability for a rover, merged orthophoto."""
 
-    def job(task: Task[..., Any], *params: object, after: Sequence[str] = ()) -> Job:
+    def job(task: Task[..., Any], *params: object, after: Sequence[str] = ("relief",)) -> Job:
         return Job(
             "map the region", lambda _: task.submit(dtm, *params, landing, store), after=after
         )
 
     jobs = {
+        "relief": job(map_relief, config.slope, after=()),  # takes 0.7 GB, so it runs alone
         "hillshade": job(shade_relief, config.hillshade),
         "contours": job(trace_contours, config.region.contour),
         "hazard": job(map_hazards, config.hazard),
@@ -186,8 +187,7 @@ def _region_jobs(
         jobs["insolation"] = job(map_insolation, config.insolation, config.havens)
     if orthophotos:
         jobs["orthophoto"] = job(merge_orthophotos, orthophotos, config.region.orthophoto)
-    # takes 0.7 GB, so nothing runs beside it
-    return jobs | {"relief": job(map_relief, config.slope, after=tuple(jobs))}
+    return jobs
 
 
 def refresh_regions(store: Path, pipeline: str, mission: str | None = None) -> list[str]:
