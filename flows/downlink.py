@@ -79,7 +79,7 @@ def process_downlink(
             line = f"{mission}: {{}}"
             with (
                 isolate(mission.lower(), workspace, report.failures, line),
-                workspace.mission_turn(mission, partial(_log_waiting, mission)),
+                workspace.exclusive_mission(mission, partial(_log_waiting, mission)),
             ):
                 _process_mission(mission, workspace, pipeline, report)
                 clear_failure(mission.lower(), workspace)

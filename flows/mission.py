@@ -31,7 +31,7 @@ from solmap.tasks.mission.publish import publish, withdraw
 from solmap.tasks.mission.vectors import VECTORS, draw_vectors
 
 LEAST_STOPS = 2
-"""Fewest stops of a region, which is more than the map of one stop."""
+"""Minimum number of stops in a region."""
 
 
 def draw_mission(
@@ -41,9 +41,10 @@ def draw_mission(
     pipeline: str,
     failed: dict[str, str],
 ) -> str | None:
-    """Draw and publish them; returns notes on the mission's frame.
+    """Draw and publish a mission's vector layers and traverse.
 
-    `failed` gains each failure and its cause.
+    Returns the reason why its map is not tied to the lander, if any. Each failure is added to
+    `failed` with its cause.
     """
     read = read_map(mission, workspace)
     layers: list[tuple[ProductRef, tuple[int, ...]]] = []
@@ -54,12 +55,15 @@ def draw_mission(
         traverse = localise(network, read.telemetry, read.entry.landing, workspace.store)
     published = publish(read.entry, layers, traverse, (), workspace)
     failed |= published.failures
-    made = {(ref.kind, ref.scope) for ref in traverse}
-    gone = [
-        r for r in traverse_products(mission, workspace.catalogue) if (r.kind, r.scope) not in made
+    current = {(ref.kind, ref.scope) for ref in traverse}
+    # products of sites that have moved to another map
+    outdated = [
+        ref
+        for ref in traverse_products(mission, workspace.catalogue)
+        if (ref.kind, ref.scope) not in current
     ]
-    if traverse and gone:  # sites that are on another map now
-        workspace.catalogue.withdraw((), gone)
+    if traverse and outdated:
+        workspace.catalogue.withdraw((), outdated)
     return read.entry.lsl_note
 
 
@@ -91,18 +95,19 @@ def draw_network(
 def map_regions(
     mission: str, workspace: Workspace, pipeline: str, failed: dict[str, str]
 ) -> list[str]:
-    """Fuse, map and publish the regions of a mission; returns the disagreement of their stops.
+    """Fuse, map and publish the regions of a mission.
 
-    Unchanged regions are looked up. `failed` gains each failure and its cause.
+    Returns one line per pair of overlapping stops with their height disagreement. Products of
+    unchanged regions are reused. Each failure is added to `failed` with its cause.
     """
     config = load_pipeline(pipeline)
     if not config.region.enabled:
         return []
     notes: list[str] = []
     scopes: set[Scope] = set()
-    for stops in _regions(mission, workspace, config):
-        with keep_going(failed, f"region of {stops[0].ref.scope}"):
-            scope, seams = _map_region(mission, stops, workspace, config, failed)
+    for models in _regions(mission, workspace, config):
+        with keep_going(failed, f"region that starts at {models[0].ref.scope}"):
+            scope, seams = _map_region(mission, models, workspace, config, failed)
             scopes.add(scope)
             notes += seams
     if not failed:
@@ -112,13 +117,13 @@ def map_regions(
 
 def _map_region(
     mission: str,
-    stops: Sequence[Layer],
+    models: Sequence[Layer],
     workspace: Workspace,
     config: PipelineConfig,
     failed: dict[str, str],
 ) -> tuple[Scope, list[str]]:
     store, landing = workspace.store, landing_site(mission, Settings().landing_sites).landing
-    refs = [layer.ref for layer in stops]
+    refs = [layer.ref for layer in models]
     dtm, seams = fuse_region(mission, refs, config.region.fusion, landing, store)
     scopes = {ref.scope for ref in refs}
     orthophotos = [
@@ -132,14 +137,17 @@ def _map_region(
     made = [dtm, seams]
     for result in done.values():
         made += [result] if isinstance(result, ProductRef) else result
-    sols = tuple(sorted({sol for layer in stops for sol in layer.sols}))
+    sols = tuple(sorted({sol for layer in models for sol in layer.sols}))
     entry = workspace.catalogue.mission(mission)
     failed |= publish(entry, [(ref, sols) for ref in made], (), (), workspace).failures
     return dtm.scope, seam_notes(seams, store)
 
 
 def _withdraw_others(mission: str, scopes: Set[Scope], workspace: Workspace) -> None:
-    """Withdraw regions that late stops replaced: a region is named after its first stop."""
+    """Withdraw published regions that no longer exist.
+
+    A region is named after its first stop, so a stop added later may rename it.
+    """
     published = workspace.catalogue.layers(mission)
     kinds = {*REGION_KINDS.values(), ProductKind.REGION_SEAMS}
     gone = [one for one in published if one.ref.kind in kinds and one.ref.scope not in scopes]
@@ -148,18 +156,24 @@ def _withdraw_others(mission: str, scopes: Set[Scope], workspace: Workspace) -> 
 
 
 def _regions(mission: str, workspace: Workspace, config: PipelineConfig) -> list[list[Layer]]:
-    """The terrain models that are fused together: those of two stops or more."""
+    """The terrain models to fuse, one list per region of at least two stops.
+
+    Far models are included.
+    """
     published = workspace.catalogue.layers(mission)
     near = sorted(
         (layer for layer in published if layer.ref.kind is ProductKind.DTM),
         key=lambda layer: layer.ref.scope.name,
     )
     far = {layer.ref.scope: layer for layer in published if layer.ref.kind is ProductKind.FAR_DTM}
-    numbers = regions_of([layer.bounds for layer in near], config.region.fusion.largest_m)
-    stops = [[near[k] for k in members] for members in numbers if len(members) >= LEAST_STOPS]
+    regions = regions_of([layer.bounds for layer in near], config.region.fusion.largest_m)
+    models = [[near[k] for k in members] for members in regions if len(members) >= LEAST_STOPS]
     return [
-        [*of_one, *(far[layer.ref.scope] for layer in of_one if layer.ref.scope in far)]
-        for of_one in stops
+        [
+            *models_of_region,
+            *(far[layer.ref.scope] for layer in models_of_region if layer.ref.scope in far),
+        ]
+        for models_of_region in models
     ]
 
 
@@ -174,11 +188,14 @@ def _region_jobs(
 
     def job(task: Task[..., Any], *params: object, after: Sequence[str] = ("relief",)) -> Job:
         return Job(
-            "map the region", lambda _: task.submit(dtm, *params, landing, store), after=after
+            "map the region's layers",
+            lambda _: task.submit(dtm, *params, landing, store),
+            after=after,
         )
 
     jobs = {
-        "relief": job(map_relief, config.slope, after=()),  # takes 0.7 GB, so it runs alone
+        # relief takes 0.7 GB of memory, so it runs before all others
+        "relief": job(map_relief, config.slope, after=()),
         "hillshade": job(shade_relief, config.hillshade),
         "contours": job(trace_contours, config.region.contour),
         "hazard": job(map_hazards, config.hazard),
@@ -191,7 +208,7 @@ def _region_jobs(
 
 
 def refresh_regions(store: Path, pipeline: str, mission: str | None = None) -> list[str]:
-    """Join the stops of every mission, or of one, into regions again where any changed.
+    """Rebuild the regions whose stops have changed, for all missions or one.
 
     Args:
         store: Folder of products and catalogue.
@@ -201,11 +218,11 @@ def refresh_regions(store: Path, pipeline: str, mission: str | None = None) -> l
     workspace = open_workspace(store)
     notes: list[str] = []
     failures: list[str] = []
-    for name in missions_of(store, mission):
+    for name in maps_of(store, mission):
         subject = f"{name.lower()}-regions"
         with (
             isolate(subject, workspace, failures, f"{name} failed: {{}}") as failed,
-            workspace.mission_turn(name),
+            workspace.exclusive_mission(name),
             record_run("region", name, workspace) as record,
         ):
             seams = map_regions(name, workspace, pipeline, failed)
@@ -221,15 +238,15 @@ def all_notes(notes: list[str], failures: list[str]) -> list[str]:
     """Notes of a run over missions, failures last.
 
     Raises:
-        ProductError: there are only failures, so the run failed.
+        ProductError: everything failed.
     """
     if failures and not notes:
         raise ProductError("; ".join(failures))
     return notes + failures
 
 
-def missions_of(store: Path, mission: str | None) -> list[str]:
-    """The maps of the named mission, or all maps of a store."""
+def maps_of(store: Path, mission: str | None) -> list[str]:
+    """Names of the maps of a mission, or of all maps in the store."""
     known = [entry.mission for entry in open_workspace(store).catalogue.missions()]
     if mission is None:
         return known

@@ -7,7 +7,7 @@ from pathlib import Path
 from prefect import flow
 
 from solmap.config.workspace import open_workspace
-from solmap.flows.mission import all_notes, draw_mission, map_regions, missions_of
+from solmap.flows.mission import all_notes, draw_mission, map_regions, maps_of
 from solmap.flows.runtime.failures import clear_failure, isolate, keep_going
 from solmap.flows.runtime.run_page import write_adjustments
 from solmap.flows.runtime.run_record import record_run
@@ -49,7 +49,7 @@ def readjust(mission: str, store: Path, pipeline: str = "default") -> SolReport:
     """
     workspace = open_workspace(store)
     with (
-        workspace.mission_turn(mission),
+        workspace.exclusive_mission(mission),
         record_run("overall adjustment", mission, workspace) as record,
     ):
         take_edits(workspace)
@@ -104,7 +104,7 @@ def adjust_all(store: Path, pipeline: str, mission: str | None = None) -> list[s
     workspace = open_workspace(store)
     notes: list[str] = []
     failures: list[str] = []
-    for name in missions_of(store, mission):
+    for name in maps_of(store, mission):
         subject, line = f"{name.lower()}-overall", f"{name} failed: {{}}"
         with isolate(subject, workspace, failures, line):
             report = readjust(name, store, pipeline)

@@ -49,7 +49,7 @@ FILE_NAMES = {
     ProductKind.TRAVERSE_FIGURE_PNG: "{mission}_traverse.png",
     ProductKind.TRAVERSE_PACKAGE: "{mission}_traverse.gpkg",
 }
-"""File names of mission operations (facts 4.3)."""
+"""File names of mission operations as VICAR reads them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

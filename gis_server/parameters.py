@@ -30,7 +30,7 @@ TileNumber = Annotated[int, Path(ge=0, le=LARGEST_ID)]
 """Column or row of the landing site's tile matrix set."""
 FOREVER = {"Cache-Control": "public, max-age=31536000, immutable"}
 """The digest in the address changes with the content."""
-AGAIN = {"Cache-Control": "no-cache"}
+REVALIDATE = {"Cache-Control": "no-cache"}
 """Revalidate each time."""
 
 

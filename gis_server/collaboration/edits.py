@@ -11,7 +11,7 @@ from fastapi import APIRouter, HTTPException, Path, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from solmap.gis_server.collaboration.accounts import Analyst
-from solmap.gis_server.parameters import AGAIN, LARGEST_ID, MissionName
+from solmap.gis_server.parameters import LARGEST_ID, REVALIDATE, MissionName
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.products.catalogue.edits import Edit, EditConflictError, EditKind
 from solmap.products.catalogue.events import EDITS_CHANGED
@@ -123,7 +123,7 @@ def edits(
     counting: Annotated[bool, Query(description="omit revoked edits")] = False,  # noqa: FBT002
 ) -> list[EditBody]:
     """All edits, oldest first."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     services.catalogue.mission(mission)
     return [
         _body(edit)
@@ -190,7 +190,7 @@ def list_annotations(
     mission: MissionName, services: ServicesOf, response: Response
 ) -> dict[str, Any]:
     """The valid annotations, as GeoJSON in metres of the local map."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     services.catalogue.mission(mission)
     found = services.edits.effective(EditKind.ANNOTATION, mission)
     return {"type": "FeatureCollection", "features": [_feature(edit) for edit in found]}

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, HTTPException, Path, Response
 
 from solmap.gis_server.collaboration.accounts import Operator
-from solmap.gis_server.parameters import AGAIN
+from solmap.gis_server.parameters import REVALIDATE
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.products.catalogue.edits import RequestKind, RunRequest
 from solmap.products.catalogue.engine_state import (
@@ -28,7 +28,7 @@ Name = Annotated[str, Path(pattern=r"^[A-Za-z0-9-]{1,64}$")]
 @router.get("")
 def engine(services: ServicesOf, response: Response) -> EngineState:
     """Whether the engine is up, its deployments with their schedules, and the runs that wait."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     return read_engine_state(services.store.root)
 
 

@@ -12,7 +12,7 @@ from solmap.config.run_parameters import RUN_KINDS, DownlinkRun, RunKind, RunSpe
 from solmap.gis_server.addresses import ServerPath
 from solmap.gis_server.collaboration.accounts import Operator
 from solmap.gis_server.collaboration.engine import add_request, require_engine
-from solmap.gis_server.parameters import AGAIN, FOREVER, Digest, ScopeName
+from solmap.gis_server.parameters import FOREVER, REVALIDATE, Digest, ScopeName
 from solmap.gis_server.services import ServicesOf
 from solmap.products.catalogue.edits import RequestKind, RunRequest
 from solmap.products.catalogue.engine_state import read_engine_state
@@ -83,7 +83,7 @@ def runs(
     services: ServicesOf, response: Response, limit: Annotated[int, Query(ge=1, le=500)] = 50
 ) -> Runs:
     """The newest runs with state and progress; requests that wait; reports."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     reports = services.catalogue.pointers(ProductKind.REPORT)
     return Runs(
         runs=[_run_body(run).model_copy(update={"lines": ()}) for run in services.runs.runs(limit)],
@@ -102,14 +102,14 @@ def runs(
 @router.get("/runs/{run}")
 def run(run: RunName, services: ServicesOf, response: Response) -> RunBody:
     """One run with all its messages."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     return _run_body(services.runs.run(run))
 
 
 @router.get("/run-kinds")
 def run_kinds(response: Response) -> list[RunKindBody]:
     """Kinds of runs that may be requested: descriptions, and the schema of their parameters."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     return [
         RunKindBody(
             kind=name,

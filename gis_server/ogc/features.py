@@ -44,7 +44,7 @@ from solmap.gis_server.ogc.formats import (
     feature_text,
     geojson,
 )
-from solmap.gis_server.parameters import AGAIN, BaseOf, MissionName
+from solmap.gis_server.parameters import REVALIDATE, BaseOf, MissionName
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.photogrammetry.terrain.dtm.grid import Bounds
 from solmap.products.catalogue.catalogue import MissionEntry
@@ -300,7 +300,7 @@ def queryables(
         "title": known.title,
         "properties": {name: {"title": name, "type": kind} for name, kind in fields.items()},
     }
-    return JSONResponse(body, headers=AGAIN, media_type="application/schema+json")
+    return JSONResponse(body, headers=REVALIDATE, media_type="application/schema+json")
 
 
 @router.get("/collections/{collection}/items", response_class=Response)
@@ -317,7 +317,7 @@ def items(
     features_request = query.read(base, lambda: _fields(known, mission, services)).on(entry.landing)
     found, matched = _select(known, entry, services, features_request)
     page = _page(found, known, entry, features_request.crs, query.request)
-    headers = {**AGAIN, "Content-Crs": f"<{uri_of(features_request.crs, base)}>"}
+    headers = {**REVALIDATE, "Content-Crs": f"<{uri_of(features_request.crs, base)}>"}
     media_type = MEDIA_TYPES[features_request.form]
     if features_request.form in FILES:
         name = f"{mission}_{known.id}.{features_request.form}"
@@ -358,7 +358,7 @@ def item(
         link("alternate", f"{here}/items/{feature}?f=html", HTML, "As a page"),
         link("collection", here, JSON, known.title),
     ]
-    headers = {**AGAIN, "Content-Crs": f"<{uri_of(features_request.crs, base)}>"}
+    headers = {**REVALIDATE, "Content-Crs": f"<{uri_of(features_request.crs, base)}>"}
     if form_of(query.request, query.request.query_params.get("f")) is Format.HTML:
         return Response(feature_page(known, page, links), headers=headers, media_type=HTML)
     linked = json.dumps({"links": links})

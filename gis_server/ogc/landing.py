@@ -27,7 +27,7 @@ from solmap.gis_server.ogc.features import Known, form_of
 from solmap.gis_server.ogc.formats import Format
 from solmap.gis_server.ogc.tiles import raster_named
 from solmap.gis_server.ogc.tilesets import collection_document, collection_id
-from solmap.gis_server.parameters import AGAIN, BaseOf, MissionName, base_of
+from solmap.gis_server.parameters import REVALIDATE, BaseOf, MissionName, base_of
 from solmap.gis_server.services import ServicesOf
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.crs import MARS, local_crs
@@ -271,12 +271,12 @@ def crs(
     crs = local_crs(entry.landing)
     if f == Format.JSON:
         return _json(crs.to_json_dict())
-    return Response(crs.to_wkt(), headers=AGAIN, media_type="text/plain; charset=utf-8")
+    return Response(crs.to_wkt(), headers=REVALIDATE, media_type="text/plain; charset=utf-8")
 
 
 def _json(body: dict[str, Any]) -> JSONResponse:
-    return JSONResponse(body, headers=AGAIN)
+    return JSONResponse(body, headers=REVALIDATE)
 
 
 def _page(text: str) -> Response:
-    return Response(text, headers=AGAIN, media_type=f"{HTML}; charset=utf-8")
+    return Response(text, headers=REVALIDATE, media_type=f"{HTML}; charset=utf-8")

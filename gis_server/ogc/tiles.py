@@ -25,7 +25,7 @@ from solmap.gis_server.ogc.tilesets import (
     tms_document,
     tms_id,
 )
-from solmap.gis_server.parameters import AGAIN, BaseOf, MissionName
+from solmap.gis_server.parameters import REVALIDATE, BaseOf, MissionName
 from solmap.gis_server.rendering.styles import (
     DEFAULT,
     StyleQuery,
@@ -43,7 +43,7 @@ from solmap.products.formats.raster.tiling import MAX_ZOOM, TileAddress
 from solmap.products.model import Layer, ProductKind
 
 Number = Annotated[int, Path(ge=0)]
-Known = Annotated[str, Header(alias="if-none-match", include_in_schema=False)]
+ClientEtag = Annotated[str, Header(alias="if-none-match", include_in_schema=False)]
 router = APIRouter(prefix="/ogc/{mission}", tags=["ogc tiles"])
 _PART = "http://www.opengis.net/spec/ogcapi-tiles-1/1.0/conf"
 _TILE = "/map/tiles/{tms}/{zoom}/{row}/{column}"
@@ -133,7 +133,7 @@ def latest_tile(
     """
     drawn = hashlib.sha256(f"{address} {query}".encode()).hexdigest()[:16]
     tag = f'"{layer.ref.digest}-{drawn}"'
-    headers = {**AGAIN, "ETag": tag}
+    headers = {**REVALIDATE, "ETag": tag}
     if tag in known:
         return Response(status_code=HTTPStatus.NOT_MODIFIED, headers=headers)
     body = render_tile(layer, address, services.store, services.pool, query)
@@ -234,11 +234,11 @@ def tile(
     services: ServicesOf,
     style: StyleName,
     query: Annotated[_TileQuery, Query()],
-    known: Known = "",
+    known: ClientEtag = "",
 ) -> Response:
     """A tile of the latest version of a layer."""
     return latest_tile(layer, address, in_style(style, query), services, known)
 
 
 def _json(body: dict[str, Any]) -> JSONResponse:
-    return JSONResponse(body, headers=AGAIN)
+    return JSONResponse(body, headers=REVALIDATE)

@@ -1,13 +1,15 @@
-"""WMTS 1.0.0 (OGC 07-057r7): the same tiles for QGIS, GDAL and others without OGC API.
+"""WMTS 1.0.0 (OGC 07-057r7): the tiles of OGC API - Tiles, also for clients that support only WMTS.
 
     /ogc/{mission}/wmts/1.0.0/WMTSCapabilities.xml
-    /ogc/{mission}/wmts?service=WMTS&request=GetCapabilities    and GetTile
+    /ogc/{mission}/wmts?service=WMTS&request=GetCapabilities
+    /ogc/{mission}/wmts?service=WMTS&request=GetTile&layer=...&tilematrix=...
 
-Names of parameters may be written in any case. Faults are answered with an exception report.
+Names of parameters may be written in any case. Errors in requests with query parameters return an
+OWS exception report.
 
-The CRS is given as a PROJ string: GDAL accepts that, WKT or a URN of an authority, but no web
-address, and no authority lists the map of a landing site. Scale denominators count pixels of 0.28
-mm, as in the standard.
+The CRS is given as a PROJ string: GDAL accepts PROJ strings, WKT and authority URNs but not URLs,
+and no authority has registered a landing site's CRS. Scale denominators assume pixels of 0.28 mm,
+as in the standard.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from fastapi import APIRouter, Query, Request, Response
 
 from solmap.gis_server.ogc.documents import Link, link
 from solmap.gis_server.ogc.tiles import (
-    Known,
+    ClientEtag,
     Matrix,
     Raster,
     StyleName,
@@ -39,7 +41,7 @@ from solmap.gis_server.ogc.tilesets import (
     limits_at,
     tms_id,
 )
-from solmap.gis_server.parameters import AGAIN, BaseOf, MissionName
+from solmap.gis_server.parameters import REVALIDATE, BaseOf, MissionName
 from solmap.gis_server.rendering.styles import DEFAULT, StyleQuery, UnknownStyleError, styles_of
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, Bounds
@@ -60,7 +62,7 @@ _WMTS, _OWS = "http://www.opengis.net/wmts/1.0", "http://www.opengis.net/ows/1.1
 _XLINK = "http://www.w3.org/1999/xlink"
 _PIXEL_M = 0.00028
 _ZOOMS_OUT = 3
-"""Zooms offered below the one at which a layer fills one tile."""
+"""Number of coarser zooms offered beyond the finest one at which the layer fits into one tile."""
 router = APIRouter(prefix="/ogc/{mission}/wmts", tags=["ogc tiles"])
 CONFORMANCE: tuple[str, ...] = ()
 _XML = "application/xml"
@@ -73,8 +75,8 @@ def capabilities(mission: MissionEntry, layers: Iterable[Layer], base: str) -> b
     root = ET.Element(f"{{{_WMTS}}}Capabilities", version="1.0.0")
     service = ET.SubElement(root, f"{{{_OWS}}}ServiceIdentification")
     _ows(service, "Title", f"Maps of {mission.title}")
-    body = "Mars, metres" if mission.landing.is_on_mars else "Metres"
-    _ows(service, "Abstract", f"{body} east and north of {mission.landing.name}")
+    start = "Mars; coordinates" if mission.landing.is_on_mars else "Coordinates"
+    _ows(service, "Abstract", f"{start} in metres east and north of {mission.landing.name}")
     _ows(service, "ServiceType", "OGC WMTS")
     _ows(service, "ServiceTypeVersion", "1.0.0")
     _operations(root, f"{base}/wmts")
@@ -88,11 +90,11 @@ def capabilities(mission: MissionEntry, layers: Iterable[Layer], base: str) -> b
 
 
 def exception_report(code: str, text: str, locator: str = "") -> bytes:
-    """Exception report of a request."""
+    """OWS exception report, as XML."""
     root = ET.Element(f"{{{_OWS}}}ExceptionReport", version="1.1.0")
     attributes = {"exceptionCode": code, **({"locator": locator} if locator else {})}
-    found = ET.SubElement(root, f"{{{_OWS}}}Exception", attributes)
-    _ows(found, "ExceptionText", text)
+    exception = ET.SubElement(root, f"{{{_OWS}}}Exception", attributes)
+    _ows(exception, "ExceptionText", text)
     return _bytes(root)
 
 
@@ -107,22 +109,23 @@ def _operations(root: ET.Element, address: str) -> None:
 
 
 def _layer(contents: ET.Element, layer: Layer, mission: MissionEntry, base: str) -> None:
-    found = ET.SubElement(contents, f"{{{_WMTS}}}Layer")
-    _ows(found, "Title", layer.full_title)
-    _box(found, "BoundingBox", layer.bounds, crs_text(mission.landing))
+    element = ET.SubElement(contents, f"{{{_WMTS}}}Layer")
+    _ows(element, "Title", layer.full_title)
+    _box(element, "BoundingBox", layer.bounds, crs_text(mission.landing))
     if not mission.landing.origin:
-        _box(found, "WGS84BoundingBox", degrees(layer.bounds, mission.landing))  # degrees of Mars
-    _ows(found, "Identifier", collection_id(layer))
+        # the standard has no Mars variant; these are degrees on Mars
+        _box(element, "WGS84BoundingBox", degrees(layer.bounds, mission.landing))
+    _ows(element, "Identifier", collection_id(layer))
     for name, style in styles_of(layer.ref.kind).items():
-        one = ET.SubElement(
-            found, f"{{{_WMTS}}}Style", isDefault="true" if name == DEFAULT else "false"
+        style_element = ET.SubElement(
+            element, f"{{{_WMTS}}}Style", isDefault="true" if name == DEFAULT else "false"
         )
-        _ows(one, "Title", style.title or layer.title)
-        _ows(one, "Identifier", name)
+        _ows(style_element, "Title", style.title or layer.title)
+        _ows(style_element, "Identifier", name)
         address = {f"{{{_XLINK}}}href": legend_address(layer, name, base)}
-        ET.SubElement(one, f"{{{_WMTS}}}LegendURL", address, format="image/png")
-    _wmts(found, "Format", "image/png")
-    link = ET.SubElement(found, f"{{{_WMTS}}}TileMatrixSetLink")
+        ET.SubElement(style_element, f"{{{_WMTS}}}LegendURL", address, format="image/png")
+    _wmts(element, "Format", "image/png")
+    link = ET.SubElement(element, f"{{{_WMTS}}}TileMatrixSetLink")
     _wmts(link, "TileMatrixSet", tms_id(mission.landing))
     limits = ET.SubElement(link, f"{{{_WMTS}}}TileMatrixSetLimits")
     for zoom in range(max(0, whole_zoom_of(layer.bounds) - _ZOOMS_OUT), finest_zoom(layer) + 1):
@@ -134,7 +137,7 @@ def _layer(contents: ET.Element, layer: Layer, mission: MissionEntry, base: str)
         "{TileRow}/{TileCol}.png"
     )
     ET.SubElement(
-        found,
+        element,
         f"{{{_WMTS}}}ResourceURL",
         format="image/png",
         resourceType="tile",
@@ -143,13 +146,13 @@ def _layer(contents: ET.Element, layer: Layer, mission: MissionEntry, base: str)
 
 
 def _tile_matrix_set(contents: ET.Element, mission: MissionEntry) -> None:
-    found = ET.SubElement(contents, f"{{{_WMTS}}}TileMatrixSet")
-    _ows(found, "Identifier", tms_id(mission.landing))
+    element = ET.SubElement(contents, f"{{{_WMTS}}}TileMatrixSet")
+    _ows(element, "Identifier", tms_id(mission.landing))
     crs = crs_text(mission.landing)
-    _box(found, "BoundingBox", EXTENT, crs)
-    _ows(found, "SupportedCRS", crs)
+    _box(element, "BoundingBox", EXTENT, crs)
+    _ows(element, "SupportedCRS", crs)
     for zoom, cell_m in enumerate(CELL_SIZES):
-        matrix = ET.SubElement(found, f"{{{_WMTS}}}TileMatrix")
+        matrix = ET.SubElement(element, f"{{{_WMTS}}}TileMatrix")
         _ows(matrix, "Identifier", str(zoom))
         _wmts(matrix, "ScaleDenominator", repr(cell_m / _PIXEL_M))
         _wmts(matrix, "TopLeftCorner", f"{-HALF_SIDE_M!r} {HALF_SIDE_M!r}")
@@ -195,7 +198,7 @@ def landing_links(base: str) -> list[Link]:
 def document(mission: MissionName, services: ServicesOf, base: BaseOf) -> Response:
     """All layers, their styles and the tile matrix set."""
     body = _capabilities(mission, services, base, services.catalogue.published_version())
-    return Response(body, media_type=_XML, headers=AGAIN)
+    return Response(body, media_type=_XML, headers=REVALIDATE)
 
 
 @router.get("/1.0.0/{collection}/{style}/{tms}/{zoom}/{row}/{column}.png", response_class=Response)
@@ -205,7 +208,7 @@ def tile(
     address: Matrix,
     services: ServicesOf,
     query: Annotated[StyleQuery, Query()],
-    known: Known = "",
+    known: ClientEtag = "",
 ) -> Response:
     """A tile of the latest version of a layer."""
     return latest_tile(layer, address, in_style(style, query), services, known)
@@ -217,7 +220,7 @@ def by_parameters(
     request: Request,
     services: ServicesOf,
     base: BaseOf,
-    known: Known = "",
+    known: ClientEtag = "",
 ) -> Response:
     """GetCapabilities and GetTile, by parameters in the query."""
     parameters = {name.lower(): value for name, value in request.query_params.items()}
@@ -232,7 +235,7 @@ def by_parameters(
 
 @lru_cache(maxsize=4)
 def _capabilities(mission: str, services: Services, base: str, _version: int) -> bytes:
-    """Written again after each publication: for 5500 layers it takes seconds."""
+    """The document, cached until the next publication: it takes seconds for 5500 layers."""
     entry = services.catalogue.mission(mission)
     return capabilities(entry, rasters(mission, services), base)
 
@@ -258,24 +261,32 @@ def _tile(mission: str, parameters: Mapping[str, str], services: Services, known
         return latest_tile(layer, address, query, services, known)
     except OutsideCoverageError as error:
         raise _RequestError("TileOutOfRange", str(error), "tilematrix") from error
-    except (ProductNotFoundError, UnknownStyleError) as error:
+    except UnknownStyleError as error:
+        raise _RequestError("InvalidParameterValue", str(error), "style") from error
+    except ProductNotFoundError as error:
         raise _RequestError("InvalidParameterValue", str(error), "layer") from error
 
 
 def _check_format(parameters: Mapping[str, str]) -> None:
-    found = parameters.get("format", "image/png")
-    if found != "image/png":
-        raise _RequestError("InvalidParameterValue", f"format={found} is not image/png", "format")
+    value = parameters.get("format", "image/png")
+    if value != "image/png":
+        raise _RequestError(
+            "InvalidParameterValue", f"format={value} is not supported; use image/png", "format"
+        )
 
 
 def _required_parameter(parameters: Mapping[str, str], name: str) -> str:
     if not parameters.get(name):
-        raise _RequestError("MissingParameterValue", f"GetTile needs {name}", name)
+        raise _RequestError("MissingParameterValue", f"GetTile requires the parameter {name}", name)
     return parameters[name]
 
 
 def _number(parameters: Mapping[str, str], name: str) -> int:
     text = _required_parameter(parameters, name)
     if not (text.isascii() and text.isdigit() and len(text) < 10):  # noqa: PLR2004 - digits
-        raise _RequestError("InvalidParameterValue", f"{name}={text} is not a number", name)
+        raise _RequestError(
+            "InvalidParameterValue",
+            f"{name}={text} is not a whole number of at most 9 digits",
+            name,
+        )
     return int(text)

@@ -1,11 +1,11 @@
 """The rover's images in eight bits: raw, stretched, linearised, and as anaglyphs.
 
-They are divided into tiles of 256 pixels: at the highest zoom a pixel of the tile is one of the
-image, each zoom below halves it, and zoom 0 is one tile. Grey values are kept in memory up to a
-number of bytes, so that tiles and stretches of one image cost little; nothing is written.
+They are divided into tiles of 256 pixels: at the highest zoom a tile pixel is an image pixel; each
+lower zoom halves the resolution, and zoom 0 is one tile. Grey values are cached in memory up to a
+size limit, so that further tiles or stretches of an image are cheap; nothing is written to disk.
 
 An anaglyph holds the left image in red and the right one in green and blue. Ground whose parallax
-equals the shift falls together in both, and lies in the plane of the screen.
+equals `Stretch.shift_px` coincides in both and appears in the screen plane.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from solmap.products.errors import OutsideCoverageError, ProductNotFoundError
 
 
 class ArrayCache:
-    """The arrays used last, up to a number of bytes."""
+    """A cache of the most recently used arrays, limited in bytes."""
 
     def __init__(self, limit: int) -> None:
         """Hold at most `limit` bytes."""
@@ -41,7 +41,7 @@ class ArrayCache:
         self._lock = threading.Lock()
 
     def get(self, key: Hashable, make: Callable[[], np.ndarray]) -> np.ndarray:
-        """The array of a key, made if it is not there."""
+        """The array of a key, computed if it is not cached."""
         with self._lock:
             if key in self._arrays:
                 self._arrays.move_to_end(key)
@@ -61,25 +61,25 @@ TILE = 256
 _DEPTHS = (255.0, 4095.0, 65535.0)
 """Largest values of 8, 12 and 16 bits."""
 _CACHE = ArrayCache(128 << 20)
-"""Bytes of the cache: some fifteen Navcam pairs with their smaller copies."""
+"""128 MiB: about fifteen Navcam pairs with their reduced levels."""
 
 
 class Style(StrEnum):
     """How an image is shown."""
 
     RAW = "raw"
-    """Raw values, with the full range of their bits."""
+    """Raw values: black is 0, white the largest value of the bit depth."""
     STRETCHED = "stretched"
     """Radiometrically corrected values between two percentiles, or between two values."""
     LINEARISED = "linearised"
-    """Resampled with its partner so that rows correspond, as used for matching."""
+    """Resampled so that its rows match its partner's, as used for matching."""
     ANAGLYPH = "anaglyph"
     """Both linearised images of a pair, for red and cyan glasses."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """From grey values to brightness."""
+    """How grey values become brightness."""
 
     low_percent: float = 1.0
     high_percent: float = 99.0
@@ -93,32 +93,34 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class ImageView:
-    """An image in a style: its grey planes, by name."""
+    """An image prepared for a style: its source planes."""
 
     style: Style
     planes: tuple[tuple[ImageEntry, str], ...]
-    """One plane for grey, two for red, green and blue; with the digest of their source."""
+    """One plane (grey), or two: the left for red, the right for green and blue.
+
+    Each with the digest of its source."""
     workspace: Workspace
 
     @classmethod
     def of(cls, entry: ImageEntry, style: Style, workspace: Workspace) -> ImageView:
-        """An image in a style.
+        """The view of an image in a style.
 
         Raises:
-            ProductNotFoundError: it has no partner, or was not matched, and the style needs it.
+            ProductNotFoundError: the style needs a matched partner, and there is none.
         """
         if style in (Style.RAW, Style.STRETCHED):
             return cls(style, ((entry, entry.ref.digest),), workspace)
         matches = matches_of(entry, workspace)
         if matches is None or entry.partner is None:
             why = entry.unpaired_because or "its pair has not been matched"
-            raise ProductNotFoundError(f"{entry.id} is not available {style}: {why}")
-        made_by = f"{entry.ref.digest}-{matches.digest}"
+            raise ProductNotFoundError(f"{entry.id} is not available as {style} image: {why}")
+        source_digest = f"{entry.ref.digest}-{matches.digest}"
         if style is Style.LINEARISED:
-            return cls(style, ((entry, made_by),), workspace)
+            return cls(style, ((entry, source_digest),), workspace)
         other = workspace.catalogue.image(entry.partner)
         both = (entry, other) if entry.eye == Eye.LEFT else (other, entry)
-        return cls(style, tuple((eye, made_by) for eye in both), workspace)
+        return cls(style, tuple((one_image, source_digest) for one_image in both), workspace)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -137,7 +139,7 @@ class ImageView:
         return self._draw((0, 0, samples, lines), 0, stretch)
 
     def tile(self, zoom: int, column: int, row: int, stretch: Stretch) -> EightBits:
-        """A tile of the image; smaller at its right and lower edge.
+        """A tile of the image; tiles at the image's right and lower edges are smaller.
 
         Raises:
             OutsideCoverageError: the image has no such tile.
@@ -147,8 +149,8 @@ class ImageView:
         left, top = column * TILE, row * TILE
         if halvings < 0 or left >= samples or top >= lines:
             raise OutsideCoverageError(
-                f"the image has zooms 0 to {self.max_zoom}, and at zoom {zoom} no tile {column}, "
-                f"{row}"
+                f"there is no tile: column {column}, row {row} at zoom {zoom} "
+                f"(zooms 0 to {self.max_zoom})"
             )
         box = (left, top, min(left + TILE, samples), min(top + TILE, lines))
         return self._draw(box, halvings, stretch)
@@ -169,10 +171,11 @@ class ImageView:
         return np.stack([channels[0], channels[1], channels[1]], axis=-1)
 
     def _key(self, number: int) -> tuple[str, str, str]:
-        """Key of the grey values, which both styles of linearised images share."""
-        entry, made_by = self.planes[number]
-        flat = self.style in (Style.RAW, Style.STRETCHED)
-        return entry.id, made_by, str(self.style) if flat else str(Style.LINEARISED)
+        """Key of the grey values, shared by the linearised and anaglyph styles."""
+        entry, source_digest = self.planes[number]
+        is_unmatched_style = self.style in (Style.RAW, Style.STRETCHED)
+        values = self.style if is_unmatched_style else Style.LINEARISED
+        return entry.id, source_digest, str(values)
 
     def _plane(self, number: int) -> GreyImage:
         entry = self.planes[number][0]
@@ -214,7 +217,7 @@ class ImageView:
 
 
 def linearised_image(entry: ImageEntry, workspace: Workspace) -> GreyImage:
-    """The linearised image, as it is matched; NaN where it was not measured.
+    """The linearised image, as used for matching; NaN where it has no valid pixel.
 
     Raises:
         ProductNotFoundError: it has no partner, or was not matched.
@@ -223,12 +226,12 @@ def linearised_image(entry: ImageEntry, workspace: Workspace) -> GreyImage:
 
 
 def _raw(entry: ImageEntry, workspace: Workspace) -> GreyImage:
-    """Values as stored; tables and flat fields are not used."""
+    """Values as stored, without decoding tables and flat-field correction."""
     return read_product_image(ImageFile(entry.ref), workspace.store).pixels
 
 
 def _grey(entry: ImageEntry, style: Style, workspace: Workspace) -> GreyImage:
-    """Grey values, NaN where the image was not measured."""
+    """Grey values; NaN where the image has no valid pixel."""
     read = read_product_image(image_file(entry), workspace.store)
     if style is Style.STRETCHED:
         return np.where(read.mask, read.pixels, np.float32(np.nan))
@@ -250,6 +253,6 @@ def _brightness(values: np.ndarray, low: float, high: float, gamma: float) -> Ei
 
 
 def png_of(pixels: EightBits) -> bytes:
-    """An image of grey, or of red, green and blue, as PNG."""
+    """A grey or RGB image as PNG."""
     colours = pixels if pixels.ndim == 2 else pixels[:, :, ::-1]  # noqa: PLR2004 - OpenCV's order
     return cv2.imencode(".png", colours, [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()

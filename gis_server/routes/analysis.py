@@ -54,7 +54,7 @@ from solmap.gis_server.analysis.visibility import (
     viewshed_answer,
     viewshed_png,
 )
-from solmap.gis_server.parameters import AGAIN, Metres, MissionName, ground_of
+from solmap.gis_server.parameters import REVALIDATE, Metres, MissionName, ground_of
 from solmap.gis_server.services import ServicesOf, map_layers
 from solmap.photogrammetry.terrain.traversability.driving import DrivingParams
 from solmap.photogrammetry.terrain.visibility.viewshed import ViewshedParams
@@ -94,7 +94,7 @@ def geotiff(name: str, write: Callable[[Path], None]) -> Response:
         write(path)
         body = path.read_bytes()
     disposition = {"content-disposition": f'attachment; filename="{name}"'}
-    return Response(body, media_type="image/tiff", headers={**AGAIN, **disposition})
+    return Response(body, media_type="image/tiff", headers={**REVALIDATE, **disposition})
 
 
 @router.post("/profile")
@@ -179,14 +179,14 @@ ViewshedHere = Annotated[Viewshed, Depends(_viewshed)]
 @router.get("/viewshed")
 def viewshed(seen: ViewshedHere, request: Request, response: Response) -> ViewshedAnswer:
     """The ground that can be seen from an eye on a mast: areas, and what is visible as GeoJSON."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     return viewshed_answer(seen, request.url.query, request.url.path)
 
 
 @router.get("/viewshed.png", response_class=Response)
 def viewshed_image(seen: ViewshedHere) -> Response:
     """The viewshed as an image on the bounds from /viewshed: visible blue, hidden brown."""
-    return Response(viewshed_png(seen), media_type="image/png", headers=AGAIN)
+    return Response(viewshed_png(seen), media_type="image/png", headers=REVALIDATE)
 
 
 @router.get("/viewshed.tif", response_class=Response)
@@ -255,7 +255,7 @@ def reachable(
 
     There are at most 50 isochrones; ground beyond the last belongs to it.
     """
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     interval_m = max(interval_m, drives.params.farthest_m / MOST_BANDS)
     return reach_answer(drives, interval_m, speed_m_h, request.url.query, request.url.path)
 
@@ -264,7 +264,7 @@ def reachable(
 def reach_image(drives: DrivesHere, interval_m: Interval = 5.0) -> Response:
     """The driving distances as an image on the bounds from /reach: near is yellow, far is blue."""
     interval_m = max(interval_m, drives.params.farthest_m / MOST_BANDS)
-    return Response(reach_png(drives, interval_m), media_type="image/png", headers=AGAIN)
+    return Response(reach_png(drives, interval_m), media_type="image/png", headers=REVALIDATE)
 
 
 @router.get("/reach.tif", response_class=Response)
@@ -287,5 +287,5 @@ def route(
     speed_m_h: Speed = USUAL_SPEED_M_H,
 ) -> RouteAnswer:
     """The shortest way between two places that keeps to ground free of hazards."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     return route_answer(drives, (to_east, to_north), speed_m_h)

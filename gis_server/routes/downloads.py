@@ -21,8 +21,8 @@ from pydantic import BaseModel
 from starlette.background import BackgroundTask
 
 from solmap.gis_server.parameters import (
-    AGAIN,
     FOREVER,
+    REVALIDATE,
     BBox,
     Digest,
     ImageName,
@@ -187,7 +187,7 @@ def addresses(
     mission: MissionName, services: ServicesOf, request: Request, response: Response
 ) -> list[Address]:
     """URLs of a mission's data that QGIS, GDAL and other programs open."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     entry = services.catalogue.mission(mission)
     root = str(request.base_url).rstrip("/")
     layers = [layer for layer in services.catalogue.layers(mission) if layer.type == "raster"]
@@ -326,4 +326,4 @@ def _document(name: str, services: Services, media_type: str) -> JSONResponse:
     body = services.store.document(f"{FOLDER}/{name}")
     if body is None:
         raise ProductNotFoundError(f"the STAC catalogue has no {name}; publishing writes it")
-    return JSONResponse(json.loads(body), headers=AGAIN, media_type=media_type)
+    return JSONResponse(json.loads(body), headers=REVALIDATE, media_type=media_type)

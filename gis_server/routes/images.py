@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from solmap.gis_server.addresses import ServerPath
 from solmap.gis_server.analysis.bodies import UnanswerableError, json_numbers
-from solmap.gis_server.parameters import AGAIN, ImageName
+from solmap.gis_server.parameters import REVALIDATE, ImageName
 from solmap.gis_server.rendering.images import TILE, ImageView, Stretch, Style, png_of
 from solmap.gis_server.services import ServicesOf
 from solmap.photogrammetry.matching.manual.editing import epipolar_point
@@ -87,7 +87,7 @@ StretchOf = Annotated[Stretch, Depends(_stretch)]
 @router.get("/{image}/info")
 def info(image: ImageName, services: ServicesOf, response: Response) -> ImageInfo:
     """The styles that an image can be shown in, their sizes and addresses."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     workspace = Workspace(services.store, services.catalogue)
     entry = services.catalogue.image(image)
     matches = matches_of(entry, workspace) if entry.partner else None
@@ -147,7 +147,7 @@ def point(
 def browse(image: ImageName, services: ServicesOf) -> FileResponse:
     """The image stretched to eight bits."""
     path = services.store.path(services.catalogue.image(image).browse)
-    return FileResponse(path, media_type="image/png", headers=AGAIN)
+    return FileResponse(path, media_type="image/png", headers=REVALIDATE)
 
 
 @router.get("/{image}/{style}.png", response_class=Response)
@@ -190,7 +190,7 @@ def original(image: ImageName, services: ServicesOf) -> FileResponse:
         path,
         media_type="application/octet-stream",
         filename=f"{entry.id}{path.suffix}",
-        headers=AGAIN,
+        headers=REVALIDATE,
     )
 
 
@@ -207,4 +207,4 @@ def _tag(shown: ImageView, request: Request) -> str:
 
 
 def _png(body: bytes, tag: str) -> Response:
-    return Response(body, media_type="image/png", headers={**AGAIN, "ETag": tag})
+    return Response(body, media_type="image/png", headers={**REVALIDATE, "ETag": tag})

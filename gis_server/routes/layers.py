@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from solmap.gis_server.addresses import ServerPath
 from solmap.gis_server.analysis.solutions import OVERALL
-from solmap.gis_server.parameters import AGAIN, FOREVER, BBox, LayerPath, ScopeName
+from solmap.gis_server.parameters import FOREVER, REVALIDATE, BBox, LayerPath, ScopeName
 from solmap.gis_server.rendering.contours import contours_in, interval_of
 from solmap.gis_server.rendering.painting import classes_in
 from solmap.gis_server.rendering.styles import (
@@ -217,7 +217,7 @@ def versions(
     offset: Annotated[int, Query(ge=0)] = 0,
 ) -> LayerVersions:
     """All published versions of a layer, with their solutions."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     found = versions_of(scope, kind, services.catalogue)
     if not found or found[0].type == "model":
         raise ProductNotFoundError(f"no {kind} of {scope} is a layer of the map")
@@ -228,7 +228,7 @@ def versions(
 @router.get("/{scope}/{kind}/{digest}")
 def version(layer: LayerPath, services: ServicesOf, response: Response) -> LayerVersion:
     """One version of a layer."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     if layer.type == "model":
         raise ProductNotFoundError(f"{layer.id} is a model, which is not a layer of the map")
     return _bodies([layer], services)[0]

@@ -1,7 +1,6 @@
 """Missions, their layers and images, values at a point, and all data of the first view.
 
-Answers that are long and the same for everybody until something is published are cached, plain and
-compressed.
+Long responses that change only with a publication are cached, plain and gzipped.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from solmap.gis_server.analysis.layer_values import (
     identify,
 )
 from solmap.gis_server.paging import PAGE, Page, PageOf
-from solmap.gis_server.parameters import AGAIN, LAST_SOL, Metres, MissionName
+from solmap.gis_server.parameters import LAST_SOL, REVALIDATE, Metres, MissionName
 from solmap.gis_server.routes.layers import MapLayer, layer_body
 from solmap.gis_server.services import ON_THE_MAP, Services, ServicesOf, map_layers
 from solmap.photogrammetry.terrain.dtm.grid import BLOCK, Bounds
@@ -35,18 +34,23 @@ from solmap.products.reports.sol_report import sol_report
 
 router = APIRouter(prefix="/api", tags=["missions"])
 _NO_LAYERS: Bounds = (-50.0, -50.0, 50.0, 50.0)
-"""Size of the map of a mission without layers, metres."""
+"""Bounds of the map of a mission without layers, metres."""
 _FAST = 5
-"""Level of gzip: twice as fast as 9, and hardly longer."""
+"""Level of gzip: twice as fast as 9, and its output is hardly larger."""
 _CACHED_LISTS = 40
-"""Cached pages of layers and of images; a page of 500 has 0.4 and 0.2 MB, compressed a tenth."""
+"""Cached pages of layers and of images: 500 layers take 0.4 MB, 500 images 0.2 MB; compressed, a
+tenth of that."""
 LAST_EVENT = "Last-Event-ID"
 _CACHED_STARTS = 2
-"""Cached first answers; one of 96 layers has 50 kB."""
+"""Number of cached `/start` responses; one with 96 layers takes 50 kB."""
 
 
 class Landing(BaseModel):
-    """Whether the map is tied to Mars, and else its approximate place."""
+    """The landing point.
+
+    If the map is not tied to the lander, `origin` names where it starts and the position is only
+    approximate.
+    """
 
     name: str
     origin: str
@@ -56,7 +60,7 @@ class Landing(BaseModel):
     radius_m: float
     source: str
     sigma_m: float
-    """Standard deviation of its place on Mars, of each coordinate."""
+    """Standard deviation of each coordinate of its position on Mars."""
 
 
 class LocalCrs(BaseModel):
@@ -76,19 +80,20 @@ class TileMatrixSet(BaseModel):
 
 
 class Mission(BaseModel):
-    """A mission and its map; `bounds` hold all its layers, metres."""
+    """A mission and its map; `bounds` enclose all its layers, metres."""
 
     mission: str
     title: str
     landing: Landing
     crs: LocalCrs
     lsl_note: str | None
+    """Reason why the map is not tied to the lander."""
     tile_matrix_set: TileMatrixSet
     bounds: Bounds
 
 
 class Image(BaseModel):
-    """An image of the rover and the addresses of its files."""
+    """An image taken by the rover, and the addresses of its files."""
 
     id: str
     mission: str
@@ -104,7 +109,9 @@ class Image(BaseModel):
     partner: str | None
     unpaired_because: str | None
     browse: ServerPath
+    """Address of the reduced PNG."""
     original: ServerPath
+    """Address of the original file."""
 
 
 def mission_body(entry: MissionEntry, extent: Bounds | None) -> Mission:
@@ -139,21 +146,21 @@ class CachedResponse:
 
     @classmethod
     def of(cls, body: bytes) -> CachedResponse:
-        """The response of a body."""
+        """A cached response with this body."""
         tag = f'W/"{blake2b(body, digest_size=8).hexdigest()}"'
         return cls(body, gzip.compress(body, _FAST, mtime=0), tag)
 
 
 @dataclass(frozen=True, slots=True)
 class CacheState:
-    """ETag in the browser's cache, and its accepted encodings."""
+    """The client's cached ETags and whether it accepts gzip."""
 
     known: str
     has_gzip: bool
 
     def respond(self, cached: CachedResponse) -> Response:
-        """The answer, or status 304 if the browser has it."""
-        headers = {**AGAIN, "ETag": cached.tag, "Vary": "Accept-Encoding"}
+        """The response, or status 304 if the client's copy is current."""
+        headers = {**REVALIDATE, "ETag": cached.tag, "Vary": "Accept-Encoding"}
         if cached.tag in self.known:
             return Response(status_code=HTTPStatus.NOT_MODIFIED, headers=headers)
         if self.has_gzip:
@@ -170,14 +177,14 @@ async def _cache_state(
 
 
 CacheStateOf = Annotated[CacheState, Depends(_cache_state)]
-"""ETag in the client's cache, and its accepted encodings."""
+"""The client's cached ETags and whether it accepts gzip."""
 _IMAGES, _LAYERS = TypeAdapter(list[Image]), TypeAdapter(list[MapLayer])
 
 
 @router.get("/missions")
 def missions(services: ServicesOf, response: Response) -> list[Mission]:
     """All missions, with the place of their maps on Mars and their tile matrix sets."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     return missions_of(services)
 
 
@@ -221,7 +228,10 @@ def images(
     sol: Annotated[int | None, Query(ge=0, le=LAST_SOL)] = None,
     stop: Annotated[str | None, Query(max_length=128)] = None,
 ) -> Response:
-    """The images of a mission, sol or stop, with partner or why there is none; page by page."""
+    """The images of a mission, sol or stop, a page at a time.
+
+    Each with the stereo partner, or the reason why there is none.
+    """
     services.catalogue.mission(mission)
     version = services.catalogue.images_version(mission)
     part = Part(page.limit, page.offset)
@@ -234,7 +244,7 @@ def images(
 def _images(
     services: Services, mission: str, stop: str | None, sol: int | None, part: Part, _version: str
 ) -> CachedResponse:
-    """A list of images as JSON: writing 500 of them takes 50 ms."""
+    """A list of images as JSON; cached, because 500 images take 50 ms."""
     found = [image_body(entry) for entry in services.catalogue.images(mission, stop, sol, part)]
     return CachedResponse.of(_IMAGES.dump_json(found))
 
@@ -245,7 +255,7 @@ def sol_page(
 ) -> HTMLResponse:
     """Report of a sol on one page: images, matches, adjustment, layers, times."""
     workspace = Workspace(services.store, services.catalogue)
-    return HTMLResponse(sol_report(mission, sol, workspace), headers=AGAIN)
+    return HTMLResponse(sol_report(mission, sol, workspace), headers=REVALIDATE)
 
 
 @router.get("/missions/{mission}/identify")
@@ -253,7 +263,7 @@ def identify_place(
     mission: MissionName, east: Metres, north: Metres, services: ServicesOf, response: Response
 ) -> Place:
     """Values of all layers at a point: coordinates, elevation, values, stops and images."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     landing = services.catalogue.mission(mission).landing
     layers = map_layers(mission, services)
     return identify(layers, landing, east, north, services.store, services.pool)
@@ -268,24 +278,25 @@ def missions_of(services: Services) -> list[Mission]:
 
 
 class Start(BaseModel):
-    """Where the map begins."""
+    """What the viewer needs to open."""
 
     missions: list[Mission]
     """All missions of the store."""
     mission: str | None
-    """The one whose layers these are: the first; null if there is none."""
+    """The first mission, to which `layers` belong; null if the store has none."""
     layers: list[MapLayer]
-    """The first page of its list; `Link` names the next."""
+    """First page of that mission's layers; the `Link` header gives the next."""
 
 
 @router.get("/start", response_model=Start)
 def start(services: ServicesOf, cache: CacheStateOf) -> Response:
-    """All missions, and the layers of the first; written again only after a publication.
+    """All missions, and the layers of the first; cached until something is published.
 
-    The header `Last-Event-ID` names the last event included: `/api/events` with this `since` misses
-    none.
+    The header `Last-Event-ID` is the number of the last event included; request
+    `/api/events?since=` with this number to miss no event.
     """
-    seen = services.catalogue.version()  # before all else: later events are sent again
+    # read first, so that events during this request are sent again, not lost
+    seen = services.catalogue.version()
     body, more = _start_body(services, services.catalogue.published_version())
     answer = cache.respond(body)
     answer.headers[LAST_EVENT] = str(seen)

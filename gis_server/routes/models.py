@@ -16,7 +16,7 @@ from solmap.gis_server.analysis.scene import (
     scene_stops,
     site_frames,
 )
-from solmap.gis_server.parameters import AGAIN, FOREVER, Digest, MissionName, ScopeName
+from solmap.gis_server.parameters import FOREVER, REVALIDATE, Digest, MissionName, ScopeName
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.photogrammetry.archive.tables.vector_files import VectorFile, parse_vector_file
 from solmap.photogrammetry.terrain.mesh.solid import SolidParams, build_solid
@@ -62,7 +62,7 @@ class Model(BaseModel):
 @router.get("/api/missions/{mission}/models")
 def models(mission: MissionName, services: ServicesOf, response: Response) -> list[Model]:
     """The latest models of every stop."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     services.catalogue.mission(mission)
     return [_body(layer) for layer in services.catalogue.layers(mission) if layer.type == "model"]
 
@@ -70,7 +70,7 @@ def models(mission: MissionName, services: ServicesOf, response: Response) -> li
 @router.get("/api/missions/{mission}/tileset.json")
 def region(mission: MissionName, services: ServicesOf, response: Response) -> dict[str, Any]:
     """The tilesets of all stops as one, in (east, north, up) metres of the mission's local map."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     landing = services.catalogue.mission(mission).landing
     tilesets = [
         layer
@@ -151,7 +151,7 @@ def _body(layer: Layer) -> Model:
 @router.get("/api/missions/{mission}/scene/stops")
 def stops(mission: MissionName, services: ServicesOf, response: Response) -> SceneStops:
     """Places, attitudes and error ellipsoids of all stops, as last adjusted; frames of sites."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     landing = services.catalogue.mission(mission).landing
     published = published_networks(mission, services.catalogue)
     if not published:
@@ -178,7 +178,7 @@ def cameras(
     response: Response,
 ) -> SceneCameras:
     """Projection centres and viewing rays of the images of a stop, their pointing corrected."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     services.catalogue.mission(mission)
     published = published_networks(mission, services.catalogue)
     if not published:

@@ -31,7 +31,7 @@ from solmap.gis_server.analysis.solutions import (
     network_named,
     solutions,
 )
-from solmap.gis_server.parameters import AGAIN, ImageName, MissionName
+from solmap.gis_server.parameters import REVALIDATE, ImageName, MissionName
 from solmap.gis_server.services import Services, ServicesOf
 from solmap.products.catalogue.oriented_images import OrientedMission
 from solmap.products.catalogue.workspace import Workspace
@@ -53,7 +53,7 @@ ReferenceName = Annotated[
 @router.get("/solutions", tags=["network"])
 def all_solutions(mission: MissionName, services: ServicesOf, response: Response) -> list[Solution]:
     """Every adjustment that the store holds, newest sol first."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     services.catalogue.mission(mission)
     return solutions(mission, services.catalogue, services.store)
 
@@ -67,7 +67,7 @@ def traverse(
     reference: ReferenceName = TELEMETRY,
 ) -> TraverseAnswer:
     """Accumulated differences of a solution from telemetry or from another one, stop by stop."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     services.catalogue.mission(mission)
     catalogue, store = services.catalogue, services.store
     named = network_named(mission, solution, catalogue, store)
@@ -83,7 +83,7 @@ def network(
     solution: SolutionName = LATEST,
 ) -> NetworkGraph:
     """Stops and the tie points they share, with weaknesses."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     services.catalogue.mission(mission)
     return network_graph(*network_named(mission, solution, services.catalogue, services.store))
 
@@ -97,7 +97,7 @@ def pairs(
     solution: SolutionName = LATEST,
 ) -> PairGraph:
     """The pairs of a stop and the tie points they share with any other pair."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     services.catalogue.mission(mission)
     named = network_named(mission, solution, services.catalogue, services.store)
     if stop not in {str(one.stop) for one in named[1].adjusted.stops}:
@@ -111,7 +111,7 @@ def ties(
     mission: MissionName, image: ImageName, services: ServicesOf, response: Response
 ) -> ImageTies:
     """The tie points of an image with their residuals, in pixels of the image as stored."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     services.catalogue.mission(mission)
     workspace = Workspace(services.store, services.catalogue)
     oriented = OrientedMission.latest(mission, workspace)

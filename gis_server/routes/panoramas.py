@@ -20,8 +20,8 @@ from solmap.gis_server.analysis.panoramas import (
     tile_of,
 )
 from solmap.gis_server.parameters import (
-    AGAIN,
     FOREVER,
+    REVALIDATE,
     Digest,
     Metres,
     MissionName,
@@ -73,7 +73,7 @@ class PanoramaBody(BaseModel):
 @router.get("/api/missions/{mission}/panoramas")
 def panoramas(mission: MissionName, services: ServicesOf, response: Response) -> list[PanoramaBody]:
     """The latest panorama of every stop."""
-    response.headers.update(AGAIN)
+    response.headers.update(REVALIDATE)
     services.catalogue.mission(mission)
     layers = services.catalogue.layers(mission)
     return [_body(layer, services) for layer in layers if layer.type == "panorama"]

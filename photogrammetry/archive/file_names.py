@@ -1,18 +1,24 @@
-"""Parse archive file names: spacecraft, instrument, clock, product, site and drive.
+"""Parse archive file names: spacecraft, instrument, spacecraft clock, product, site and drive.
 
-MER names have 27 characters, 2N292280938EFFB100P0703L0M1: spacecraft, instrument, clock (9),
+MER names have 27 characters, e.g. 2N292280938EFFB100P0703L0M1: spacecraft, instrument, clock (9),
 product type (3), site (2), drive (2), sequence (5), eye, filter, producer, version. Site and drive
-are coded: 00-99; A0-ZZ = 100 + 36 letter + digit (10 + letter); 0A-9Z = 1036 + 26 digit + letter;
-## and __ are 1296 and more, which only the label gives.
+are coded, with A = 0:
 
-MSL names have 36, NLB_517261274EDR_F0541610CCAM15900M1: camera and eye, clock, product type,
-geometry (L linearised), frame, site (3), drive (4), sequence (9), producer, version.
+    00-99
+    A0-ZZ = 100 + 36 x first letter + second character (digit, or 10 + letter)
+    0A-9Z = 1036 + 26 x digit + letter
 
-Those of Mars 2020 have 54, NLF_0629_0722782785_631ECM_N0301344NCAM00427_06_095J01: camera and eye,
-colour, sol, clock with its thousandths, product type, geometry (L linearised), frame, site, drive,
-sequence, four characters with a meaning for each camera (Navcam and Hazcam: tile and averaging,
-Mastcam-Z: focal length in millimetres and averaging), compression, producer, version. The public
-site and PDS4 identifiers omit the version.
+## and __ mean 1296 or more; the exact number is only in the label.
+
+MSL names have 36 characters, e.g. NLB_517261274EDR_F0541610CCAM15900M1: camera, eye, computer
+string (A or B), clock, product type, geometry (L linearised), frame type (full, sub-frame,
+thumbnail ...), site (3), drive (4), sequence (9), producer, version.
+
+Mars 2020 names have 54 characters, e.g. NLF_0629_0722782785_631ECM_N0301344NCAM00427_06_095J01:
+camera, eye, colour, sol, clock with its thousandths, product type, geometry (L linearised), frame
+type, site, drive, sequence, four characters with a meaning for each camera (Navcam and Hazcam: tile
+and averaging, Mastcam-Z: focal length in millimetres and averaging), compression, producer,
+version. Names on the public image website and PDS4 identifiers omit the version.
 """
 
 from __future__ import annotations
@@ -39,15 +45,17 @@ _MSL = re.compile(
 _M2020 = re.compile(
     r"(?P<instrument>[NFRZ])(?P<eye>[LR])(?P<colour>[A-Z0-9_])_(?P<sol>\d{4})_(?P<clock>\d{10})_\d{3}"
     r"(?P<product>[A-Z0-9]{3})(?P<geometry>[A-Z_])(?P<frame>[A-Z])(?P<site>[A-Z0-9]{3})"
-    r"(?P<drive>[A-Z0-9]{4})(?P<sequence>[A-Z0-9_]{9})_(?P<part>[A-Z0-9_]{3})"
+    r"(?P<drive>[A-Z0-9]{4})(?P<sequence>[A-Z0-9_]{9})_(?P<tile_or_zoom>[A-Z0-9_]{3})"
     r"(?P<averaging>[A-Z0-9_])[A-Z0-9_]{2}"
     r"(?P<producer>[A-Z_])(?P<version>[A-Z0-9_]{2}|)\Z",
     re.ASCII,
 )
 
 SOL_S = 88775.42064
+"""Length of a sol, seconds."""
 SOL_ZERO = {"MER1": 128141132, "MER2": 126322960, "MSL": 397446400}
-"""Spacecraft clock at the beginning of sol 0, seconds (MER: facts 6.2; MSL: of five labels)."""
+"""Spacecraft clock at the beginning of sol 0, seconds (MER: public AI4Mars scripts, checked on
+labels; MSL: derived from five labels)."""
 
 SPACECRAFT = {"1": "MER1", "2": "MER2", "3": "MER1-TEST", "4": "MER2-TEST"}
 MER_INSTRUMENTS = {
@@ -82,23 +90,24 @@ class FileName:
     clock: int
     product_type: str
     site: int | None
-    """Site; None if only the label gives it: 1296 and more."""
+    """None for 1296 or more, which the name does not encode."""
     drive: int | None
     sequence: str
     """Lower case, as in labels."""
     eye: str
-    """L, R, M or N."""
+    """L left, R right, M monoscopic, N not an imaging instrument."""
     filter_number: int
-    """0 where the camera has no filter wheel of its own."""
+    """0 if the camera has no filter wheel, or the name gives no filter."""
     producer: str
     version: str
     """Version; empty if the name omits it."""
     frame: str = ""
-    """Letter of the frame, as for MER: F or N whole, T thumbnail, S sub-frame, D down-sampled."""
+    """Image type (MSL, Mars 2020): F or N whole frame, T thumbnail, S sub-frame, D down-sampled;
+    empty for MER."""
     sol: int | None = None
     """Sol from the name (Mars 2020), or from its clock; None for test rovers."""
-    part: str = ""
-    """Mars 2020: tile or focal length, and averaging."""
+    tile_or_zoom: str = ""
+    """Mars 2020: detector tile or focal length, and averaging; else empty."""
 
 
 def parse_file_name(name: str) -> FileName:
@@ -157,7 +166,7 @@ def parse_file_name(name: str) -> FileName:
             version=match["version"],
             frame=match["frame"],
             sol=int(match["sol"]),
-            part=match["part"] + match["averaging"],
+            tile_or_zoom=match["tile_or_zoom"] + match["averaging"],
         )
     raise LabelError(
         f"{name[:100]!a} matches no known pattern of image names; expected one like "
@@ -166,41 +175,44 @@ def parse_file_name(name: str) -> FileName:
 
 
 def _sol(mission: str, clock: int) -> int | None:
-    """The sol of a clock, good to an hour."""
+    """The sol of a spacecraft clock, correct to about an hour."""
     zero = SOL_ZERO.get(mission)
     return None if zero is None else int((clock - zero) // SOL_S)
 
 
 def camera_string(product_id: str) -> str:
-    """Distinguishes the rigs of one instrument; empty where there is only one.
+    """Code that distinguishes the stereo rigs of one instrument; empty if there is only one.
 
     A or B of Curiosity's two sets of engineering cameras; for Mastcam-Z the focal length in
-    millimetres (026 to 110), because each has its own interior orientation.
+    millimetres (026 to 110), because each focal length has its own interior
+    orientation.
     """
     stem = _stem(product_id)
     if (zoom := _M2020.match(stem)) and zoom["instrument"] == "Z":
-        return zoom["part"]
+        return zoom["tile_or_zoom"]
     match = re.match(r"[NFR][LR]([AB])_\d{9}", stem, re.ASCII)
     return match[1] if match else ""
 
 
 def tile_number(product_id: str) -> int:
-    """Part of the detector in an image of Perseverance's Navcam or Hazcam, from 1.
+    """Number (from 1) of the detector tile in a Perseverance Navcam or Hazcam image.
 
-    0 where the image is the whole frame or of another camera.
+    0 for whole frames and other cameras.
     """
     match = _M2020.match(_stem(product_id))
     if match is None or match["instrument"] == "Z":
         return 0
-    digits = match["part"].strip("_")
+    digits = match["tile_or_zoom"].strip("_")
     return int(digits) if digits.isdigit() else 0
 
 
 def decode_counter(code: str) -> int | None:
-    """Site or drive from its two-character code; None for 1296 and more (## or __)."""
+    """Site or drive from its two-character code; None for 1296 or more (## or __)."""
     code = code.upper()
     if not re.fullmatch(_CODE, code, re.ASCII):
-        raise LabelError(f"{code!a} is not a site or drive code: expected two of 0-9, A-Z, or ##")
+        raise LabelError(
+            f"{code!a} is not a site or drive code: expected two characters 0-9 or A-Z, ## or __"
+        )
     if code in {"##", "__"}:
         return None
     first, second = code[0], code[1]
@@ -215,7 +227,7 @@ def encode_counter(counter: int) -> str:
     """Two-character code of a site or drive; the inverse of `decode_counter`."""
     if counter < 0:
         raise LabelError(f"a site or drive counter must not be negative, but is {counter}")
-    if counter < 100:  # noqa: PLR2004 - the limits of the code, see the module
+    if counter < 100:  # noqa: PLR2004 - see the module docstring
         return f"{counter:02d}"
     if counter < 1036:  # noqa: PLR2004
         letter, rest = divmod(counter - 100, 36)
@@ -227,7 +239,10 @@ def encode_counter(counter: int) -> str:
 
 
 def _plain_counter(code: str) -> int | None:
-    """A counter in digits; None for the codes of larger ones, which only the label gives."""
+    """The counter if it is written in digits.
+
+    None for letter codes of larger values, which only the label resolves.
+    """
     return int(code) if code.isdigit() else None
 
 

@@ -20,7 +20,7 @@ _PRODUCTS = frozenset(
     # radiometric and I/F, science
     | {"RFD", "RFL", "IOF", "IOL", "IFF", "IFL", "CCD", "CCL", "CFD", "CFL"}
 )
-"""Product types of MER whose pixels are grey values, of the camera SIS (facts 1.3)."""
+"""Product types of MER whose pixels are grey values, of the camera SIS."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ MER = Mission(
     edr_types=("EFF", "ESF", "EDN"),
     leaves_out_half_pixel=True,
 )
-"""Spirit (MER2) and Opportunity (MER1); product types from the camera SIS (facts 1.3)."""
+"""Spirit (MER2) and Opportunity (MER1); product types from the camera SIS."""
 
 MSL = Mission(
     hosts=("MSL",),

@@ -16,7 +16,8 @@ A sub-frame that starts at pixel (i, j), and averaging of blocks of n x m pixels
 
     H -> H - i A,   V -> V - j A,        H -> (H + A/2) / n - A/2,   V -> (V + A/2) / m - A/2,
 
-because integer coordinates are pixel centres. MER labels omit the halves (facts 1.6).
+because integer coordinates are pixel centres. MER labels omit the halves, as an archived
+sub-frame shows.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from its own random stream: files are the same whether made one by one, in threa
 
 The downlink includes vector files with the telemetry solution, as in the archive: one SVF per rover
 with the origin of every site in the previous one; one RVF per site with the pose of the rover at
-every motion counter (facts 4.3). The first site is given in site 0 with no offset, so that the
+every motion counter. The first site is given in site 0 with no offset, so that the
 origin of the LSL is the first stop. Numbers have six digits, as in the archive.
 """
 

@@ -41,7 +41,7 @@ from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 
 SOL_S = 88_775.42064
 CLOCK_OF_SOL_0 = 126_322_960
-"""Spirit's clock at the start of sol 0, seconds (facts 6.2)."""
+"""Spirit's clock at the start of sol 0, seconds (public AI4Mars scripts)."""
 PAIR_S = 53
 """Time from one pair to the next, seconds."""
 MAST_ELEVATION = float(np.deg2rad(-18.0))

@@ -7,7 +7,7 @@ motion d, slip s and the accumulated azimuth drift a, telemetry gives
     t_k = t_{k-1} + Rz(a_k) (1 + s_k) d_k + noise,      q_k = Rz(a_k) Ry(pitch) Rx(roll) q_true,
 
 including small pitch and roll errors of the inertial unit. The first stop is exact. A new site is
-declared every few stops, with its origin at the rover's position by telemetry (facts 4.3).
+declared every few stops, with its origin at the rover's position by telemetry.
 
 The sun follows from the local solar time, the latitude and the solar longitude L_s, which grows by
 0.524 degrees per sol from 327.7 at Spirit's landing; declination: sin(25.19 deg) sin(L_s).

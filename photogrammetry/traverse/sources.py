@@ -4,7 +4,7 @@ Tables are those of the Analyst's Notebook of MER. The path table has a row per 
 START_SOL, END_SOL, RAW_X, RAW_Y, RAW_Z (telemetry: east, north, elevation in metres from the
 lander) and CORRECTED_X, CORRECTED_Y, the localised position on an equirectangular map. Tables and
 GeoJSON files of sites and drives give the localised positions as longitude and latitude, beside the
-same map coordinates. Pitfalls (facts 4.7):
+same map coordinates. Pitfalls:
 
 - rows are duplicated, and a stop has a row for every sol that the rover stayed;
 - some are separated by tabs and have decimal commas, or another separator in the header;

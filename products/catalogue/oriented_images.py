@@ -33,13 +33,15 @@ from solmap.products.formats.documents.archives import (
 from solmap.products.formats.documents.network import NetworkProduct, cached_whole_network
 from solmap.products.model import ProductKind, ProductRef, Scope, ScopeLevel
 
-_NETWORKS = 2
-_MATCHED = 20
+_CACHED_NETWORKS = 2
+_CACHED_MATCHES = 20
 """Pairs whose dense matches are kept in memory, about 8 MB each."""
-_IMAGES = 4096
-"""Oriented images kept in memory, 4 kB each: a network and an image never change."""
+_CACHED_IMAGES = 4096
+"""Oriented images kept in memory, 4 kB each; never invalidated, because networks and images never
+change."""
 _ORIENTED: dict[tuple[Path, ProductRef, ImageEntry], OrientedImage] = {}
-_POINTED = float(np.radians(AdjustmentParams().pointing_deg))
+_LABEL_POINTING_SIGMA = float(np.radians(AdjustmentParams().pointing_deg))
+"""Standard deviation of a pointing from a label, radians."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,8 +51,9 @@ class StereoPartners:
     pair_id: str
     geometry: EpipolarPair
     left: CameraModel
-    """Camera of the image as stored, in the rover frame, by its label."""
+    """Camera model of the stored left image from its label, in the rover frame."""
     right: CameraModel
+    """The same for the right image, with its correction from matching."""
     dense: DenseMatches
 
     def camera(self, eye: str) -> CameraModel:
@@ -60,10 +63,10 @@ class StereoPartners:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrientedMission:
-    """The images of a mission by its latest network."""
+    """The images of a mission, oriented with the latest network."""
 
     ref: ProductRef
-    """The network."""
+    """Reference to the network product."""
     network: NetworkProduct
     stops: Mapping[StopId, StopPose]
     """Poses of the stops, in the order of the traverse."""
@@ -73,7 +76,7 @@ class OrientedMission:
 
     @classmethod
     def latest(cls, mission: str, workspace: Workspace) -> OrientedMission:
-        """The mission by its latest adjustment.
+        """The mission with its latest adjustment.
 
         Raises:
             ProductNotFoundError: it has not been adjusted yet.
@@ -87,11 +90,14 @@ class OrientedMission:
         return self.pairs.get(entry.id) or self.pairs.get(entry.partner or "")
 
     def record(self, entry: ImageEntry) -> RoverImage:
-        """The image's label; the right camera of a pair with its correction from matching."""
+        """The image's record.
+
+        If it is a right image, its camera is corrected by the rotation found in matching.
+        """
         return matched_record(entry, self.workspace)
 
     def oriented_image(self, entry: ImageEntry) -> OrientedImage:
-        """The image on the map.
+        """The image with its camera in the LSL, oriented by the latest network.
 
         Raises:
             ProductNotFoundError: its stop is not in the network.
@@ -100,7 +106,7 @@ class OrientedMission:
         known = _ORIENTED.get(key)
         if known is None:
             known = _ORIENTED[key] = self._orient(entry)
-            while len(_ORIENTED) > _IMAGES:
+            while len(_ORIENTED) > _CACHED_IMAGES:
                 _ORIENTED.pop(next(iter(_ORIENTED)), None)
         return known
 
@@ -109,32 +115,37 @@ class OrientedMission:
         if pose is None:
             raise ProductNotFoundError(
                 f"{entry.id} was taken at {entry.stop}, which is not in the latest network of "
-                f"{entry.mission}; run its sol"
+                f"{entry.mission}; process sol {entry.sol} of the mission (`solmap run`)"
             )
         pair = self.pair_of(entry)
         if pair is None:
-            return OrientedImage.of(self.record(entry), pose, Pointing.of_label(_POINTED))
+            return OrientedImage.of(
+                self.record(entry), pose, Pointing.of_label(_LABEL_POINTING_SIGMA)
+            )
         pointing = Pointing(pair.pointing, pair.pointing_covariance)
         return OrientedImage.of(self.record(entry), pose, pointing)
 
     def stereo_partners(self, entry: ImageEntry) -> StereoPartners | None:
-        """The matched pair of an image; None without partner or matches."""
+        """The matched pair of an image; None if it has no partner or was not matched."""
         return stereo_partners(entry, self.workspace)
 
 
 def matched_record(entry: ImageEntry, workspace: Workspace) -> RoverImage:
-    """An image's label; the right camera of a pair with its correction from matching."""
+    """An image's record.
+
+    If it is a right image, its camera is corrected by the rotation found in matching.
+    """
     image = image_record(entry, workspace)
     matches = matches_of(entry, workspace) if entry.eye == Eye.RIGHT else None
-    turn = _right_turn(workspace.store.path(matches)) if matches else None
-    if turn is None:
+    rotation = _right_rotation(workspace.store.path(matches)) if matches else None
+    if rotation is None:
         return image
-    camera = turn_in_place(image.camera, image.stop.frame, np.array(turn))
+    camera = turn_in_place(image.camera, image.stop.frame, np.array(rotation))
     return replace(image, camera=camera)
 
 
 def matches_of(entry: ImageEntry, workspace: Workspace) -> ProductRef | None:
-    """The matches of an image's pair; None where there are none."""
+    """The matches of an image's pair; None if there are none."""
     pair_id = entry.id if entry.eye == Eye.LEFT else entry.partner
     scope = Scope(ScopeLevel.PAIR, (pair_id or "").lower())
     digest = workspace.catalogue.latest(scope.name, ProductKind.MATCHES)
@@ -147,7 +158,7 @@ def geometry_of(matches: ProductRef, workspace: Workspace) -> EpipolarPair:
 
 
 def stereo_partners(entry: ImageEntry, workspace: Workspace) -> StereoPartners | None:
-    """The matched pair of an image; None without partner or matches."""
+    """The matched pair of an image; None if it has no partner or was not matched."""
     matches = matches_of(entry, workspace)
     if matches is None or entry.partner is None:
         return None
@@ -166,7 +177,7 @@ def stereo_partners(entry: ImageEntry, workspace: Workspace) -> StereoPartners |
     )
 
 
-@lru_cache(maxsize=_NETWORKS)
+@lru_cache(maxsize=_CACHED_NETWORKS)
 def _stops_and_pairs(
     network: NetworkProduct,
 ) -> tuple[dict[StopId, StopPose], dict[str, AdjustedPair]]:
@@ -182,10 +193,10 @@ def _geometry(path: Path) -> EpipolarPair:
 
 
 @lru_cache(maxsize=1024)
-def _right_turn(path: Path) -> tuple[float, float, float] | None:
+def _right_rotation(path: Path) -> tuple[float, float, float] | None:
     return read_right_turn(path)
 
 
-@lru_cache(maxsize=_MATCHED)
+@lru_cache(maxsize=_CACHED_MATCHES)
 def _dense(path: Path) -> DenseMatches:
     return read_dense(path)

@@ -35,7 +35,7 @@ def run_turn(
 
 
 @contextmanager
-def mission_turn(
+def exclusive_mission(
     root: Path, engine: sa.Engine, mission: str, on_wait: Callable[[], None] = lambda: None
 ) -> Iterator[None]:
     """Change a mission exclusively; waits for another run that does."""

@@ -36,12 +36,12 @@ class Workspace:
         """Use it beside other runs: nothing is pruned, repaired or restored meanwhile."""
         return turns.run_turn(self.store.root, self.catalogue.engine, on_wait)
 
-    def mission_turn(
+    def exclusive_mission(
         self, mission: str, on_wait: Callable[[], None] = lambda: None
     ) -> AbstractContextManager[None]:
         """Change a mission, all of its maps, alone; `on_wait` is called where another run does."""
         name = mission_of(mission)
-        return turns.mission_turn(self.store.root, self.catalogue.engine, name, on_wait)
+        return turns.exclusive_mission(self.store.root, self.catalogue.engine, name, on_wait)
 
     def maintenance_turn(self, what: str) -> AbstractContextManager[None]:
         """Use it exclusively; `what` names the action to repeat later if others use it.

@@ -291,7 +291,7 @@ def looking_up() -> Iterator[None]:
 def _not_found(ref: ProductRef) -> ProductNotFoundError:
     return ProductNotFoundError(
         f"{ref.kind} of {ref.scope} with digest {ref.digest} is not in the store; "
-        "run the flow that makes it"
+        "run the processing that makes it (`solmap run`)"
     )
 
 

@@ -33,7 +33,7 @@ VOLUME = "/mer2no_0xxx"
 TABLE, LABEL = f"{VOLUME}/index/edrindex.tab", f"{VOLUME}/index/edrindex.lbl"
 ROW_BYTES = 933
 COLUMNS = (
-    # name, width, quoted; the first eight lie where the archive's label puts them (facts 6.3)
+    # name, width, quoted; the first eight lie where the archive's label puts them
     ("VOLUME_ID", 11, True),
     ("DATA_SET_ID", 40, True),
     ("INSTRUMENT_HOST_ID", 4, True),

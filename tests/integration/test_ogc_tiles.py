@@ -318,12 +318,12 @@ GET_TILE = {
     ("changed", "code", "content"),
     [
         ({"request": "GetMap"}, "OperationNotSupported", "request=GetMap is neither"),
-        ({"layer": ""}, "MissingParameterValue", "GetTile needs layer"),
+        ({"layer": ""}, "MissingParameterValue", "GetTile requires the parameter layer"),
         ({"layer": "moon"}, "InvalidParameterValue", "MER2 has no map moon"),
         ({"style": "sepia"}, "InvalidParameterValue", "has no style sepia"),
-        ({"tilematrix": "1e9"}, "InvalidParameterValue", "tilematrix=1e9 is not a number"),
+        ({"tilematrix": "1e9"}, "InvalidParameterValue", "tilematrix=1e9 is not a whole number"),
         ({"tilerow": "8"}, "TileOutOfRange", "columns and rows 0 to 7"),
-        ({"tilecol": "-1"}, "InvalidParameterValue", "tilecol=-1 is not a number"),
+        ({"tilecol": "-1"}, "InvalidParameterValue", "tilecol=-1 is not a whole number"),
         ({"format": "image/jpeg"}, "InvalidParameterValue", "format=image/jpeg is not"),
     ],
 )
@@ -333,6 +333,11 @@ def test_an_invalid_wmts_request_gets_an_exception_report(ogc, changed, code, co
     assert status == 400
     assert f'exceptionCode="{code}"' in text
     assert content in text
+
+
+def test_the_exception_report_on_an_unknown_style_locates_it_in_the_style(ogc):
+    query = urllib.parse.urlencode({**GET_TILE, "style": "sepia"})
+    assert 'locator="style"' in refusal(f"{ogc}/wmts?{query}")[1]
 
 
 def test_parameters_of_wmts_may_be_written_in_any_case(ogc):

@@ -61,7 +61,7 @@ def test_errors_stay_within_the_stereo_formula_in_every_band_of_range(evaluated)
     for band in evaluated.bands:
         low, high = band["range_m"]
         middle = (low + high) / 2
-        # facts 7.1: Z^2 sigma_p / (b f) along the ray, b f = 244.5; level ground 1.5 m below the
+        # Z^2 sigma_p / (b f) along the ray, b f = 244.5; level ground 1.5 m below the
         # mast turns a share of 1.5 / Z of it into elevation
         along = middle**2 * 0.25 / 244.5
         assert band["median_m"] < along * min(1.0, 1.5 / middle) + 0.002, band

@@ -232,7 +232,9 @@ class AdjustmentReport:
 
     def __str__(self) -> str:
         if not self.redundancy:
-            return f"{self.name}: no tie points; {self.stops} positions left at telemetry"
+            return (
+                f"{self.name}: no tie points; {_counted(self.stops, 'position')} left at telemetry"
+            )
         ties = ", ".join(f"{self.ties.get(kind, 0)} {kind.value}" for kind in TieKind)
         state = "converged" if self.converged else "NOT CONVERGED"
         cross, was = self.after.get(TieKind.CROSS_SITE), self.before.get(TieKind.CROSS_SITE)
@@ -242,18 +244,23 @@ class AdjustmentReport:
             if cross and was and cross.comparisons
             else ""
         )
-        loose = f", {len(self.untied)} stops left at telemetry" if self.untied else ""
+        loose = f", {_counted(len(self.untied), 'stop')} left at telemetry" if self.untied else ""
         extra = f" ({self.message})" if self.message else ""
         if self.control or self.control_refused:
             refused = (
                 f", REFUSED: {'; '.join(self.control_refused)}" if self.control_refused else ""
             )
-            extra = f", control at {self.control} stops{refused}{extra}"
+            extra = f", control at {_counted(self.control, 'stop')}{refused}{extra}"
         return (
             f"{self.name}: {state} after {self.iterations} iterations, sigma0 {self.sigma0:.3f}, "
-            f"redundancy {self.redundancy}, {self.stops} stops, {self.pairs} pairs, ties: {ties}, "
+            f"redundancy {self.redundancy}, {_counted(self.stops, 'stop')}, "
+            f"{_counted(self.pairs, 'pair')}, ties: {ties}, "
             f"{self.blunders} blunders{change}{loose}{extra}"
         )
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -483,19 +483,19 @@ def _best_pairs(entries: Sequence[IndexEntry]) -> list[IndexPair]:
     """The frames of an exposure to match, in the order of the module's docstring."""
     best: dict[tuple[Eye, int, str], IndexEntry] = {}
     for entry in sorted(entries, key=_preference, reverse=True):
-        best[entry.eye, entry.name.filter_number, entry.name.part] = entry
+        best[entry.eye, entry.name.filter_number, entry.name.tile_or_zoom] = entry
     candidates = [
         IndexPair(left, right)
         for left in best.values()
         if left.eye is Eye.LEFT
         for right in best.values()
         if right.eye is Eye.RIGHT
-        and right.name.part == left.name.part
+        and right.name.tile_or_zoom == left.name.tile_or_zoom
         and _filters_agree(left, right)
     ]
     found: dict[str, IndexPair] = {}
     for pair in sorted(candidates, key=lambda p: (_preference(p.left), _preference(p.right))):
-        found.setdefault(pair.left.name.part, pair)
+        found.setdefault(pair.left.name.tile_or_zoom, pair)
     return list(found.values())
 
 

@@ -53,7 +53,7 @@ BODIES = {
 }
 """Dimensions of rovers from the fact sheets: Spirit and Opportunity 1.6 m long and 2.3 m wide over
 their panels; Curiosity and Perseverance 3 m long and 2.7 to 2.8 m wide. The origin of the first two
-lies between the axles of the middle wheels, 0.294 m above level ground (facts 5, VICAR)."""
+lies between the axles of the middle wheels, 0.294 m above level ground (VICAR)."""
 
 
 def mask_rover(view: TerrainView, mission: str) -> TerrainView:

@@ -1,41 +1,43 @@
-"""The terrain model of a stop: all dense parallax of its pairs, fused cell by cell.
+"""The terrain model of a stop, made by fusing the dense parallaxes of all its pairs, cell by cell.
 
 Every view gives one height for each cell it sees. A cell represents the ground visible from
 straight above: where a cell contains points of two levels (a rock's top and the ground at its foot)
-the upper part is used, so rocks keep their tops. A cell with points is MEASURED; one that is only
-covered by the mesh between neighbouring pixels of one surface is INTERPOLATED.
+the upper part is used, so the elevation of a rock is that of its top. A cell with points is
+MEASURED; one that is only covered by the mesh that joins neighbouring pixels on one continuous
+surface is INTERPOLATED.
 
 A parallax error dp moves a point along its ray by P dp/p (P: from camera to point). On ground with
-gradient g (rise per metre) the elevation at a fixed position changes by the component of this away
-from the ground, so with f the focal length and Z the depth
+gradient g (rise per metre) the elevation at a fixed position changes by (P_up - g.P_plan) dp/p,
+where P_up and P_plan are the vertical and horizontal parts of P. So with f the focal length and Z
+the depth
 
     sigma_h^2 = (sigma_p/p)^2 (P_up - g.P_plan)^2 / k + (Z sigma_i/f)^2 (1 + g.g) / k
                 + (sigma_a/p)^2 (P_up - g.P_plan)^2
-                + s^2 / n + (r sag)^2 + (c Z/f)^2 / 12 G^2
+                + s^2 / n + (r sag)^2 + G^2 (c Z/f)^2 / 12
 
-where sigma_a is the common part of all parallaxes of a view (wide-baseline pairs; else 0), sigma_p
-is the rest, n points come from k = max(1, n / c^2) independent matches (windows of c x c pixels
-overlap), s is the scatter within the cell and r the roughness of ground between pixels. The height
-of flat ground is accurate to (sigma_p/p) times the camera's height: centimetres at 20 m, although
-the range is less accurate.
+where sigma_a is the part of the parallax error that is common to a view (wide-baseline pairs; else
+0), sigma_p is the rest, n points come from k = max(1, n / c^2) independent matches (windows of
+c x c pixels overlap), s is the scatter within the cell, r the roughness of ground between pixels
+and sag the length over which the ground may deviate from the mesh. The height of flat ground is
+accurate to (sigma_p/p) times the camera's height: centimetres at 20 m, although the distance along
+the ray is less accurate.
 
-The last term is for hidden ground that matching interpolates. Relief lower than the window's height
-on the ground, c Z/f, is not resolved, and hides ground that the matcher replaces by a ramp along
-the line of sight, too high by up to that much. Such ramps are seen edge-on: the distance of their
-plane below the camera is less than their own depth below it, so with h = -(P_up - g.P_plan) the
-fraction
+The last term is the error where matching has interpolated hidden ground. Relief smaller than the
+window's footprint c Z/f is not resolved. The matcher replaces the ground hidden behind it by a ramp
+along the line of sight, up to c Z/f too high. The plane of such a ramp passes closer below the
+camera (by h = -(P_up - g.P_plan)) than the ramp itself lies (|P_up|). The fraction
 
-    G = 1 - h / |P_up|      between 0 and 1
+    G = 1 - h / |P_up|      clipped to 0..1
 
-of that uncertainty (uniform over the window) is added. It is 0 on level and on rising ground.
+of this uncertainty (uniform over the window) is added. It is 0 on level and on rising ground.
 
 `fusion` adds the variance of the poses and averages the views.
 
 Ground seen at a grazing angle is biased upwards (`matching.height_bias`); where links of the stop
-determine the bias, it is subtracted from the model.
+to other stops determine the bias, it is subtracted from the model.
 
-With `Gridding.TIN` gaps between measured cells are filled by triangles, as in the paper (section
-5). The measured cells, each the weighted mean of its points, are triangulated on the map
+With `Gridding.TIN` gaps between measured cells are filled by triangles, as by Di et al. (2008,
+section 5). The measured cells, each the weighted mean of its points, are triangulated on the map
 (Delaunay). A cell without points gets its height from the plane of its triangle if none of the
 triangle's sides is longer than the widest gap to be bridged and if the cell is not occluded
 (`occlusion`). With the barycentric coordinates l of the cell the variance is
@@ -43,7 +45,7 @@ triangle's sides is longer than the widest gap to be bridged and if the cell is 
     sigma^2 = sum(l sigma_i^2) + (r L q)^2,      q = (1 - sum l^2) / 2
 
 where L is the triangle's longest side and r the roughness of ground: in the middle of a side L q is
-L/4, as in the mesh between two lines of an image.
+L/4, the same as for the mesh between two image lines.
 
 Far ground, measured by wide-baseline stereo, has its own parameters: at 200 m a Navcam pixel covers
 0.16 m across the line of sight and, from a mast, twenty metres along it, so cells are larger and
@@ -91,18 +93,18 @@ from solmap.photogrammetry.terrain.dtm.occlusion import mark_occluded
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainView
 
 STEEPEST = 1.0
-"""Gradient above which a cell's own slope is not used: beyond 45 degrees, a rock's side."""
+"""Patch gradients of this (45 degrees) and more are not used: they are the sides of rocks."""
 FACET_M = 0.1
-"""Standard deviation of the Gaussian that smooths facets, as in surface alignment,"""
+"""Sigma of the Gaussian that smooths elevations before the bias is computed, metres."""
 LEAST_KNOWN = 0.15
-"""and the fraction of its weight that known cells must have."""
+"""Smallest share of the Gaussian's weight on known cells for a result."""
 LEAST_NODES = 4
 """Fewest points of a triangulation."""
 Weights3 = Float64[np.ndarray, "n 3"]
 
 
 class Gridding(StrEnum):
-    """Filling of cells between the measured ones (paper, section 5)."""
+    """Filling of cells between the measured ones (Di et al. 2008, section 5)."""
 
     GRID = "grid"
     """Interpolate by the mesh of connected pixels in an image."""
@@ -115,13 +117,15 @@ class DtmParams(FusionParams):
     """How to build a terrain model."""
 
     method: Gridding = Gridding.GRID
-    """How gaps are filled: `grid`, by the mesh of pixels, which follows jumps of the image; or
-    `tin`, by triangles, a tenth to a fifth more accurate in more than twice the time."""
+    """How gaps are filled: `grid` by the mesh of pixels, which breaks at depth discontinuities;
+    `tin` by triangles, 10 to 20 % more accurate but more than twice as slow."""
 
     cell_m: CellSize = 0.04
-    """Side of a cell: four orthophoto cells, and the spacing of Navcam samples at 50 m."""
+    """Side of a cell, equal to the width of four orthophoto cells and to the spacing of Navcam
+    samples at 50 m."""
     slope_baseline_m: ShortMetres = 0.5
-    """Baseline of the slope that enters the standard deviation: some cells, less than a rover."""
+    """Baseline of the slope that enters the standard deviation: several cells, shorter than a
+    rover."""
 
     def __post_init__(self) -> None:
         if 2 * self.radius_m > MOST_SIDE * self.cell_m:
@@ -136,27 +140,28 @@ class FarDtmParams(DtmParams):
     """How to build a terrain model of far ground."""
 
     cell_m: CellSize = 0.64
-    """Four Navcam pixels at 200 m; sixteen cells of a stop's model, so that both maps nest."""
+    """Four Navcam pixels at 200 m; sixteen cells of a stop's model, so that the two grids align."""
     max_relative_sigma: ShareAboveZero = 0.1
-    """A baseline of 10 m is accurate to ten percent beyond a kilometre: the radius ends the map
-    before."""
+    """With a 10 m baseline ten percent is reached only beyond a kilometre, so `radius_m` is the
+    effective limit."""
     radius_m: Metres = 500.0
-    """As far as wide-baseline stereo in the paper (section 5): range errors there are a twentieth
-    with a baseline of 10 m (docs/reference/measurements/matching.md)."""
+    """As far as wide-baseline stereo of Di et al. (2008, section 5): range errors there are 5 % of
+    the range with a baseline of 10 m (docs/reference/measurements/matching.md)."""
     max_spike_px: Pixels = 5.0
-    """Parallax changes by B / h per line, seven pixels with 10 m: far more than with a rig."""
+    """Parallax changes by B/h per image line: about seven pixels for B = 10 m, far more than for a
+    rig."""
     max_gap_m: Metres = 8.0
-    """Widest gap bridged. The line spacing Z^2 / f (h + Z s) of ground that rises away from the
+    """Widest gap bridged. The line spacing Z^2 / (f (h + Z s)) of ground that rises away from the
     camera by s a metre is 1.5 m for s = 0.1 at 200 m, and 8 m for s = 0.013."""
     slope_baseline_m: ShortMetres = 8.0
-    """Some cells, as in the model of a stop."""
+    """Several cells, as in the model of a stop."""
 
 
 def build_dtm(views: Sequence[TerrainView], params: DtmParams, grid: MapGrid | None = None) -> Dtm:
     """The terrain model of all views, on `grid` or on the smallest grid of whole blocks.
 
     Raises:
-        TerrainError: no view has a trusted parallax, or none falls into `grid`.
+        TerrainError: no view has a trusted parallax, or no measured ground lies in `grid`.
     """
     meshed = params.method is Gridding.GRID
     heights = [view_heights(view, params, params.cell_m, meshed=meshed) for view in views]
@@ -179,11 +184,11 @@ def build_dtm(views: Sequence[TerrainView], params: DtmParams, grid: MapGrid | N
     ground = mark_occluded(dtm.ground, dtm.elevation, grid, views, params)
     dtm = replace(dtm, ground=ground)
     dtm = dtm if meshed else fill_by_triangles(dtm, params.max_gap_m, params.roughness)
-    return _lowered(dtm, views)
+    return _without_height_bias(dtm, views)
 
 
-def _lowered(dtm: Dtm, views: Sequence[TerrainView]) -> Dtm:
-    """The model minus the height bias of ground seen at a grazing angle, common to all views."""
+def _without_height_bias(dtm: Dtm, views: Sequence[TerrainView]) -> Dtm:
+    """The model with the height bias subtracted; all views have the same bias."""
     bias = views[0].height_bias
     if bias == NO_BIAS:
         return dtm
@@ -219,7 +224,7 @@ def _grid_around(heights: Sequence[ViewHeights], cell_m: float) -> MapGrid:
 
 
 def _dtm(entries: Entries, fused: Levels) -> Dtm:
-    """The record of the fused cells."""
+    """The terrain model from the fused cells."""
     grid, seen = entries.grid, np.isfinite(fused.level)
     points = entries.sums(entries.points)
     ground = np.where(points > 0, GroundClass.MEASURED, GroundClass.INTERPOLATED)
@@ -232,28 +237,32 @@ def _dtm(entries: Entries, fused: Levels) -> Dtm:
 
 
 def fill_by_triangles(dtm: Dtm, gap_m: float, roughness: float) -> Dtm:
-    """A model of measured and occluded cells with its gaps of up to `gap_m` filled."""
+    """The model with gaps up to `gap_m` filled.
+
+    It contains only measured and occluded cells at first.
+    """
     measured = dtm.ground == GroundClass.MEASURED
     near = cv2.distanceTransform((~measured).astype(np.uint8), cv2.DIST_L2, 5) * dtm.grid.cell_m
-    # no point in a triangle is farther from a corner than its longest side over the root of three
+    # no point in a triangle is farther from the nearest corner than the triangle's longest side
+    # divided by sqrt(3)
     open_ = (dtm.ground == GroundClass.UNSEEN) & (near <= gap_m / np.sqrt(3))
     border = cv2.dilate(open_.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     nodes = np.argwhere(measured & (border | ~_has_measured_neighbours(measured)))
     cells = np.argwhere(open_)
     if len(nodes) < LEAST_NODES or not len(cells):
         return dtm
-    found = _Triangles.around(nodes, cells, gap_m / dtm.grid.cell_m)
+    found = _CellsInTriangles.around(nodes, cells, gap_m / dtm.grid.cell_m)
     return found.fill(dtm, roughness)
 
 
 def _has_measured_neighbours(measured: np.ndarray) -> np.ndarray:
-    """Measured cells whose eight neighbours are measured: their triangles contain no gap."""
+    """Measured cells whose eight neighbours are measured, so no gap adjoins them."""
     return cv2.erode(measured.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Triangles:
-    """Cells in a triangle of measured ones."""
+class _CellsInTriangles:
+    """Unmeasured cells, each with the triangle of measured cells around it."""
 
     cells: np.ndarray
     """(n, 2): row and column."""
@@ -264,8 +273,8 @@ class _Triangles:
     """Longest side, cells."""
 
     @classmethod
-    def around(cls, nodes: np.ndarray, cells: np.ndarray, gap: float) -> _Triangles:
-        """The triangles around some cells whose sides are no longer than `gap` cells."""
+    def around(cls, nodes: np.ndarray, cells: np.ndarray, gap: float) -> _CellsInTriangles:
+        """The cells that lie in triangles with sides up to `gap` cells."""
         mesh = Delaunay(nodes.astype(np.float64))
         sides = np.diff(nodes[mesh.simplices[:, [0, 1, 2, 0]]], axis=1)
         longest = np.sqrt((sides.astype(np.float64) ** 2).sum(axis=2)).max(axis=1)

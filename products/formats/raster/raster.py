@@ -1,9 +1,10 @@
-"""Rasters on disk: bands of one grid, in the local CRS of the landing site, written and read.
+"""Write and read raster files: bands on one grid, in the local CRS of the landing site.
 
-The layout of the bytes is defined in `products.formats.raster.cog`. In overviews of a DTM, cells of
-the band `class` are averages and may be between classes. Class layers include names and colours
-that can be distinguished without colour vision (Paul Tol's bright and muted sets): good ground is
-blue or green, bad ground yellow to red, and lightness decreases from one to the other.
+The layout of the bytes is defined in `products.formats.raster.cog`. In overviews of a DTM, values
+of the band `class` are averaged, so they may lie between two class codes. Class layers contain the
+names and colours of their classes; the colours can be distinguished without colour vision (Paul
+Tol's bright and muted sets): traversable or visible ground is green or blue, other classes are
+yellow, orange, purple or brown.
 
 Rasters of other producers, such as orbital images in any Mars CRS, are resampled to a grid of the
 map.
@@ -49,16 +50,24 @@ _DIRECTIONS = {"aspect"}
 """Bands with cyclic values."""
 _DTM_UNITS = {"elevation": "m", "standard_deviation": "m", "observations": "", "class": ""}
 _POSE_DEVIATION = "pose_deviation"
-"""Band of a DTM whose poses have errors: the part of the deviation common to neighbouring cells."""
-_IN_PLACE = {
+"""Present if pose errors were modelled: the part of the standard deviation that neighbouring cells
+share."""
+_REMOTE_OPTIONS = {
     "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
     "GDAL_INGESTED_BYTES_AT_OPEN": "32768",
 }
 """GDAL options: no sidecar files are searched, and the header is read in one request."""
-_LASTING = ("not recognized", "Access Denied", "AccessKeyId", "signature", "bucket does not exist")
-"""GDAL's messages on objects that no retry opens: broken ones, wrong keys, no bucket."""
+_PERMANENT_ERRORS = (
+    "not recognized",
+    "Access Denied",
+    "AccessKeyId",
+    "signature",
+    "bucket does not exist",
+)
+"""Parts of GDAL messages for errors that a retry cannot fix: broken object, wrong keys, missing
+bucket."""
 _SAMPLED_CELLS = 1 << 20
-"""Cells read for a summary: an overview of at most this many."""
+"""Largest number of cells that `summarise` reads."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +90,7 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
     tags: Mapping[str, str] | None = None,
     overviews: OverviewResampling | None = None,
 ) -> None:
-    """Write the bands of one grid, float32 with NaN or uint8 with 0 where not measured.
+    """Write bands on one grid: float32 (NaN where not measured) or uint8 (0 where not measured).
 
     Args:
         path: The file to write.
@@ -90,8 +99,7 @@ def write_raster(  # noqa: PLR0913 - the properties of one file
         crs: The local CRS of the landing site.
         unit: Unit of all bands, or of each by name: `m`, `degree`.
         tags: Further tags of the file, as text.
-        overviews: Method of the overviews; by default the mean, but the nearest cell for
-            directions.
+        overviews: Method of the overviews; default: mean; nearest cell if a band is a direction.
 
     Raises:
         ProductError: a band does not fit the grid, or types are mixed or unknown.
@@ -117,7 +125,10 @@ def write_parts(
     crs: CRS,
     tags: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a band of float32 from its parts, each with its rows and columns; NaN elsewhere."""
+    """Write one float32 band from windows (row and column slices, values).
+
+    Cells outside all windows are NaN.
+    """
     band = Band(name, colour=ColorInterp.gray)
     with create_cog(path, grid, crs, RasterDescription("float32", (band,), tags=tags)) as dataset:
         for (rows, cols), values in parts:
@@ -134,12 +145,14 @@ def write_classes(  # noqa: PLR0913 - the properties of one file
     classes: Sequence[RasterClass],
     tags: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a layer of classes, 0 where unknown, with their names and colours inside."""
+    """Write a class layer, 0 where unknown, with class names and colours stored in the file."""
     if codes.shape != grid.shape:
-        raise ProductError(f"{path.name}: {codes.shape} classes on a grid of {grid.shape}")
+        raise ProductError(
+            f"{path.name}: class codes have shape {codes.shape}, but the grid has {grid.shape}"
+        )
     band = Band(name, colour=ColorInterp.palette)
-    notes = RasterDescription("uint8", (band,), "NEAREST", tags, tuple(classes))
-    with create_cog(path, grid, crs, notes) as dataset:
+    description = RasterDescription("uint8", (band,), "NEAREST", tags, tuple(classes))
+    with create_cog(path, grid, crs, description) as dataset:
         dataset.write(codes, 1)
 
 
@@ -147,21 +160,23 @@ def _band_stack(
     path: Path, grid: MapGrid, bands: Mapping[str, Raster | np.ndarray]
 ) -> list[np.ndarray]:
     if not bands:
-        raise ProductError(f"{path.name} would have no band")
+        raise ProductError(f"{path.name}: no bands were given")
     stack = [np.asarray(band) for band in bands.values()]
     types = {band.dtype.name for band in stack}
     if len(types) > 1 or not types <= set(get_args(Kind)):
-        raise ProductError(f"{path.name}: bands are all float32 or all uint8, not {sorted(types)}")
+        raise ProductError(
+            f"{path.name}: bands must be all float32 or all uint8; got {', '.join(sorted(types))}"
+        )
     for name, band in zip(bands, stack, strict=True):
         if band.shape != grid.shape:
             raise ProductError(
-                f"{path.name}: band {name} has {band.shape} cells on a grid of {grid.shape}"
+                f"{path.name}: band {name} has shape {band.shape}, but the grid has {grid.shape}"
             )
     return stack
 
 
 def open_raster(address: Path | str) -> rasterio.DatasetReader:
-    """Open a raster for reading: a file, or an object by GDAL's address.
+    """Open a raster for reading: a file, or an object in a store, by its GDAL path.
 
     Raises:
         ProductNotFoundError: there is no such file.
@@ -171,7 +186,7 @@ def open_raster(address: Path | str) -> rasterio.DatasetReader:
     try:
         if isinstance(address, Path):
             return rasterio.open(address)
-        with rasterio.Env(DummySession(), **_IN_PLACE):
+        with rasterio.Env(DummySession(), **_REMOTE_OPTIONS):
             return rasterio.open(address)
     except RasterioIOError as error:
         name = PurePosixPath(address).name
@@ -181,9 +196,9 @@ def open_raster(address: Path | str) -> rasterio.DatasetReader:
             else "key does not" in str(error)
         ):
             raise ProductNotFoundError(
-                f"{name} does not exist; run the flow that makes it"
+                f"{name} does not exist; run the processing that makes it (`solmap run`)"
             ) from error
-        if isinstance(address, str) and not any(word in str(error) for word in _LASTING):
+        if isinstance(address, str) and not any(word in str(error) for word in _PERMANENT_ERRORS):
             raise StoreAwayError(f"the store of {name} does not respond: {error}") from error
         raise ProductError(f"{name} cannot be read as a raster: {error}") from error
 
@@ -191,9 +206,15 @@ def open_raster(address: Path | str) -> rasterio.DatasetReader:
 def read_error(address: Path | str, error: RasterioError) -> ProductError:
     """The error for a part of an open raster that cannot be read."""
     name = PurePosixPath(address).name
-    if isinstance(address, str):  # GDAL does not report which of the two
-        return StoreAwayError(f"the store of {name} does not respond, or it is broken: {error}")
-    return ProductError(f"{name} is broken: {error}; make it again")
+    if isinstance(address, str):
+        # GDAL does not distinguish a missing response from a broken object
+        return StoreAwayError(
+            f"the store of {name} does not respond, or the object is broken: {error}"
+        )
+    return ProductError(
+        f"{name} is broken: {error}; `solmap check --repair` removes it, "
+        "the next run makes it again"
+    )
 
 
 def grid_of(dataset: rasterio.DatasetReader) -> MapGrid:
@@ -205,7 +226,7 @@ def grid_of(dataset: rasterio.DatasetReader) -> MapGrid:
 def read_raster(
     path: Path, names: Collection[str] | None = None
 ) -> tuple[MapGrid, dict[str, np.ndarray]]:
-    """The grid and the stored values of bands by name, of all or of those requested.
+    """The grid, and the stored values by band name; all bands, or those in `names`.
 
     Raises:
         ProductNotFoundError: there is no such file.
@@ -236,7 +257,10 @@ def class_names(dataset: rasterio.DatasetReader) -> dict[int, str]:
 
 
 def summarise(path: Path) -> tuple[MapGrid, tuple[BandSummary, ...]]:
-    """Grid, and name, unit and range of true values of every band, from an overview."""
+    """The grid, and for each band name, unit and range of scaled values.
+
+    The range is estimated from an overview.
+    """
     with open_raster(path) as dataset:
         shrink = max(1.0, math.sqrt(dataset.width * dataset.height / _SAMPLED_CELLS))
         shape = (math.ceil(dataset.height / shrink), math.ceil(dataset.width / shrink))
@@ -266,7 +290,7 @@ def _range_of(
 
 
 def write_dtm(path: Path, dtm: Dtm, crs: CRS, *, tags: Mapping[str, str] | None = None) -> None:
-    """Write a terrain model: elevation, deviation, observations, class, deviation of the pose."""
+    """Write a terrain model: elevation, deviation, observations, class, pose deviation."""
     bands = {
         "elevation": dtm.elevation,
         "standard_deviation": dtm.sigma_m,
@@ -275,8 +299,8 @@ def write_dtm(path: Path, dtm: Dtm, crs: CRS, *, tags: Mapping[str, str] | None 
         **({} if dtm.pose_sigma_m is None else {_POSE_DEVIATION: dtm.pose_sigma_m}),
     }
     units = {**_DTM_UNITS, _POSE_DEVIATION: "m"}
-    notes = {"VERTICAL": height_reference(crs), **(tags or {})}
-    write_raster(path, dtm.grid, bands, crs, unit=units, tags=notes)
+    all_tags = {"VERTICAL": height_reference(crs), **(tags or {})}
+    write_raster(path, dtm.grid, bands, crs, unit=units, tags=all_tags)
 
 
 def read_dtm(path: Path) -> Dtm:
@@ -310,13 +334,13 @@ def open_dtm(path: Path) -> Iterator[StoredDtm]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredDtm:
-    """An open terrain model; blocks that the file does not hold are not decoded."""
+    """An open terrain model; blocks not stored in the file are not decoded."""
 
     grid: MapGrid
     _dataset: rasterio.DatasetReader
 
     def seen_blocks(self) -> np.ndarray:
-        """The blocks that the file holds."""
+        """Which blocks are stored in the file, as an array of flags."""
         rows, cols = (-(-count // BLOCK) for count in self.grid.shape)
         return np.array([[self._is_held(row, col) for col in range(cols)] for row in range(rows)])
 
@@ -331,13 +355,14 @@ class StoredDtm:
         window = Window.from_slices(rows, cols)
         known = {name: k for k, name in enumerate(band_names(self._dataset), start=1)}
         names = [name for name in (*_DTM_UNITS, _POSE_DEVIATION) if name in known]
+        # one call: each block holds all bands
         stack = self._dataset.read([known[name] for name in names], window=window)
-        bands = dict(zip(names, stack, strict=True))  # one call: each block holds all bands
+        bands = dict(zip(names, stack, strict=True))
         return Dtm(
             self.grid.part(rows.start, cols.start, window.height, window.width),
             elevation=bands["elevation"],
             sigma_m=bands["standard_deviation"],
-            # blocks that hold nothing are not kept
+            # blocks without data are not stored and read as NaN
             observations=np.nan_to_num(bands["observations"], copy=False),
             ground=np.nan_to_num(bands.pop("class"), copy=False).astype(np.uint8),
             pose_sigma_m=bands.get(_POSE_DEVIATION),
@@ -347,7 +372,7 @@ class StoredDtm:
 def values_in(
     dataset: rasterio.DatasetReader, east: float, north: float
 ) -> dict[str, float] | None:
-    """True values of every band in the cell at a position; None beyond the raster's edge.
+    """Scaled values of every band in the cell at a position; None outside the raster.
 
     NaN where nothing was measured.
     """
@@ -357,8 +382,8 @@ def values_in(
     row, col = found
     cell = dataset.read(window=Window(col, row, 1, 1), masked=True)[:, 0, 0]
     stored = np.ma.filled(cell.astype(np.float64), np.nan)
-    true = stored * np.array(dataset.scales) + np.array(dataset.offsets)
-    return dict(zip(band_names(dataset), (float(value) for value in true), strict=True))
+    scaled = stored * np.array(dataset.scales) + np.array(dataset.offsets)
+    return dict(zip(band_names(dataset), (float(value) for value in scaled), strict=True))
 
 
 HAZARD_CLASSES = (
@@ -374,16 +399,17 @@ VISIBILITY_CLASSES = (
 
 
 _PLANE = "+proj=eqc +R=3396190 +units=m +no_defs"
-"""Any plane in metres: rasters in the same engineering CRS are not transformed."""
+"""Stand-in CRS for source and target if both are the same engineering CRS, so that nothing is
+transformed."""
 MOST_CELLS = 100_000_000
-"""Most cells of an image that is read whole: 10,000 x 10,000."""
+"""Largest number of cells that may be read at once: 10,000 x 10,000."""
 
 
 def bounds_on_map(path: Path, crs: CRS) -> tuple[Bounds, float]:
     """(west, south, east, north) of a raster on the local map, and the side of its cells, metres.
 
     Raises:
-        ProductError: it has no georeference, or one that is not on Mars.
+        ProductError: it has no CRS, or its CRS cannot be transformed to this map.
     """
     with open_raster(path) as dataset:
         if dataset.crs is None:
@@ -392,7 +418,7 @@ def bounds_on_map(path: Path, crs: CRS) -> tuple[Bounds, float]:
             source, target = _crs_of(dataset, crs)
             bounds = transform_bounds(source, target, *dataset.bounds, densify_pts=21)
         except (CRSError, RasterioError) as error:
-            raise ProductError(f"{path.name} is not on this map: {error}") from error
+            raise ProductError(f"{path.name} cannot be transformed to this map: {error}") from error
         if not np.isfinite(bounds).all():
             raise ProductError(f"{path.name} is not near the landing site")
         width_m = (bounds[2] - bounds[0]) / dataset.width
@@ -403,8 +429,8 @@ def bounds_on_map(path: Path, crs: CRS) -> tuple[Bounds, float]:
 def _crs_of(dataset: rasterio.DatasetReader, crs: CRS) -> tuple[str, str]:
     """The CRS of a raster and a map, in PROJ's form.
 
-    PROJ has no operation from an engineering CRS to itself: a raster on an untied map is not
-    transformed.
+    PROJ has no operation from an engineering CRS to itself: a raster of a map that is not tied to
+    the lander is not transformed.
     """
     own = dataset.crs.to_wkt()
     if crs.is_engineering and own.startswith(f'LOCAL_CS["{crs.name}"'):
@@ -415,17 +441,19 @@ def _crs_of(dataset: rasterio.DatasetReader, crs: CRS) -> tuple[str, str]:
 def read_onto_grid(path: Path, grid: MapGrid, crs: CRS) -> Raster:
     """The first band of a raster on a grid of the local map; NaN where it has no data.
 
-    Larger cells are interpolated, smaller ones averaged.
+    Source cells smaller than two thirds of the grid's are averaged; others are interpolated.
 
     Raises:
-        ProductError: the grid is too large to be read whole, or the file is broken.
+        ProductError: the grid has too many cells, or the file is broken.
     """
     if grid.rows * grid.cols > MOST_CELLS:
-        raise ProductError(f"{path.name} on {grid.shape} cells is too large: request less ground")
+        raise ProductError(
+            f"{path.name} on {grid.shape} cells has too many cells: request a smaller area"
+        )
     out = np.full(grid.shape, np.nan, dtype=np.float32)
     transform = Affine(grid.cell_m, 0.0, grid.west, 0.0, -grid.cell_m, grid.north)
     with open_raster(path) as dataset:
-        finer = abs(dataset.transform.a) < grid.cell_m / 1.5
+        source_is_finer = abs(dataset.transform.a) < grid.cell_m / 1.5
         try:
             source, target = _crs_of(dataset, crs)
             values = dataset.read(1, masked=True).astype(np.float32).filled(np.nan)
@@ -438,7 +466,7 @@ def read_onto_grid(path: Path, grid: MapGrid, crs: CRS) -> Raster:
                 dst_transform=transform,
                 dst_crs=target,
                 dst_nodata=np.nan,
-                resampling=Resampling.average if finer else Resampling.cubic,
+                resampling=Resampling.average if source_is_finer else Resampling.cubic,
             )
         except (CRSError, RasterioError) as error:
             raise ProductError(f"{path.name} cannot be read: {error}") from error

@@ -28,7 +28,7 @@ def test_file_names_are_decoded_as_in_the_facts(test_vectors):
 
 
 def test_the_sol_of_a_name_equals_that_of_the_facts():
-    """Facts 6.2: sol = floor((clock - e) / 88775.42064), e = 126322960 for Spirit."""
+    """sol = floor((clock - e) / 88775.42064), e = 126322960 for Spirit."""
     first = math.ceil(126_322_960 + 1869 * 88_775.42064)
     found = [parse_file_name(f"2N{clock}EFFB100P0703L0M1").sol for clock in (first - 1, first)]
     assert found == [1868, 1869]

@@ -52,7 +52,7 @@ def test_the_rig_of_spirit_has_its_published_baseline_and_scale(cameras):
     left, right = (cameras[f"navcam_{eye}_spirit_sol767"] for eye in ("left", "right"))
     pair = pair_of(left, right)
     assert pair.base_m == pytest.approx(0.200345, abs=2e-6)
-    assert pair.focal_px == pytest.approx(1215.0, rel=0.02)  # mean of facts 2.6, less distortion
+    assert pair.focal_px == pytest.approx(1215.0, rel=0.02)  # mean of labels, less distortion
     assert 1000 <= pair.lines <= 1060
     assert 1000 <= pair.samples <= 1110
 

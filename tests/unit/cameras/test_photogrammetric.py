@@ -47,7 +47,7 @@ def test_conversion_to_photogrammetric_parameters_and_back_is_exact(cameras, rng
 
 
 def test_omitting_the_shear_costs_a_third_of_a_pixel(cameras):
-    """Facts 3.2: 0.31 px at the edge of Spirit's left Navcam."""
+    """0.31 px at the edge of Spirit's left Navcam."""
     shear = photogrammetric(cameras["navcam_left_spirit_sol767"]).shear
     assert abs(shear) * 512 == pytest.approx(0.31, abs=0.005)
 

@@ -406,7 +406,7 @@ def test_a_damaged_or_removed_product_is_named_and_the_rest_is_served(own_world)
     assert f"{dtm['digest']}.tif is broken" in broken.json()["detail"]
     gone = client.get(slope["tiles"].format(**address))
     assert gone.status_code == 404
-    assert "run the flow that makes it" in gone.json()["detail"]
+    assert "run the processing that makes it" in gone.json()["detail"]
     hillshade = layers[f"{STOP.name}/hillshade"]["tiles"].format(**address)
     assert client.get(hillshade).status_code == 200
     place = client.get("/api/missions/MER2/identify", params={"east": 3.0, "north": 3.0}).json()

@@ -1,8 +1,9 @@
-/** Lines of tables for spreadsheets. */
+/** Rows of CSV files. */
 
 export type Cell = string | number | null | undefined;
 
-const quoted = (text: string) => (/[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
+const quoteIfNeeded = (text: string) =>
+  /[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 
 export const csvRow = (cells: readonly Cell[]): string =>
-  cells.map((cell) => quoted(String(cell ?? ""))).join(",");
+  cells.map((cell) => quoteIfNeeded(String(cell ?? ""))).join(",");

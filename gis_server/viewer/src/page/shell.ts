@@ -25,7 +25,7 @@ export interface Shell {
   /** Box in the line below the map: state of server and engine. */
   readonly statusBox: HTMLElement;
   /** Shown while the server is not connected. */
-  readonly connection: HTMLElement;
+  readonly connectionLost: HTMLElement;
   readonly scale: HTMLElement;
   readonly legend: HTMLElement;
   readonly north: HTMLElement;
@@ -79,7 +79,7 @@ export function shell(root: HTMLElement): Shell {
   const readout = h("div", { class: "readout", "aria-live": "off" });
   const formatBox = h("div", {});
   const statusBox = h("div", { class: "status" });
-  const connection = h(
+  const connectionLost = h(
     "output",
     { class: "connection", hidden: true },
     "Not connected: what is published does not appear until the server answers.",
@@ -141,7 +141,7 @@ export function shell(root: HTMLElement): Shell {
       bench.element,
     ),
     h("aside", { class: "right", "aria-label": "side panel" }, right.bar, right.panels),
-    h("footer", {}, readout, connection, statusBox, formatBox),
+    h("footer", {}, readout, connectionLost, statusBox, formatBox),
     dialog,
   );
   return {
@@ -154,7 +154,7 @@ export function shell(root: HTMLElement): Shell {
     readout,
     formatBox,
     statusBox,
-    connection,
+    connectionLost,
     scale,
     legend,
     north,

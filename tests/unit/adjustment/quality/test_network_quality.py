@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solmap.photogrammetry.adjustment.model.adjusted_network import USED
+from solmap.photogrammetry.adjustment.model.adjusted_network import USED, AdjustmentReport
 from solmap.photogrammetry.adjustment.modes.overall import adjust_overall
 from solmap.photogrammetry.adjustment.quality.network_quality import error_ellipse, network_quality
 from solmap.photogrammetry.adjustment.quality.records import PairCamera, QualityParams
@@ -147,3 +147,11 @@ def test_the_document_is_json_and_names_images_and_stops(clean):
     assert set(document["ties"]) == {str(kind) for kind in TieKind}
     first, second = network.stop_ids[:2]
     assert document["links"][f"{first} - {second}"] >= 20
+
+
+@pytest.mark.parametrize(("stops", "words"), [(1, "1 position left"), (2, "2 positions left")])
+def test_the_report_counts_one_position_in_the_singular(stops, words):
+    report = AdjustmentReport(
+        "x", converged=True, iterations=0, sigma0=1.0, redundancy=0, stops=stops, pairs=1
+    )
+    assert words in str(report)

@@ -112,7 +112,7 @@ def test_the_half_pixel_of_averaged_images_is_corrected_or_kept(small):
     )
     np.testing.assert_array_equal(plain.h, left.h)
     points = plain.centre + 5 * plain.rays(np.array([[10.0, 20.0]]))
-    # Facts 1.6: the label is larger by (1 - s) / 2, 0.375 px for blocks of four.
+    # The label is larger by (1 - s) / 2, 0.375 px for blocks of four.
     np.testing.assert_allclose(right.project(points), [[9.625, 20.0]], atol=1e-9)
 
 
@@ -265,7 +265,7 @@ def averaged(small):
 
 
 def test_the_half_pixel_is_corrected_for_the_mission_that_omits_it(small):
-    """MER scaled about a pixel's corner; software after 2011 does not (facts 1.6)."""
+    """MER scaled about a pixel's corner; software after 2011 does not."""
     label = parse_label(averaged(small).label, "x.img")
     later = replace(MER, leaves_out_half_pixel=False)
     stated = camera_model(label)

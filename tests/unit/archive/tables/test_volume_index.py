@@ -34,7 +34,7 @@ COLUMNS = (
     ("SOLAR_LONGITUDE", "ASCII_REAL", 11),
 )
 DESCAM = {
-    # the descent camera's index, whose first row is public: start and length (facts 6.3)
+    # the descent camera's index, whose first row is public: start and length
     "VOLUME_ID": (2, 11),
     "PRODUCT_ID": (94, 27),
     "PLANET_DAY_NUMBER": (186, 4),

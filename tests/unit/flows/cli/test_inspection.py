@@ -52,7 +52,7 @@ def pair(rendered, tmp_path) -> tuple[Path, Path]:
 
 
 def test_directions_of_a_real_image_agree_with_the_published_ones(shared_data):
-    """Facts 2.3 and 2.4: of the mast's x axis, computed from the quaternions of the label."""
+    """Of the mast's x axis, computed from the quaternions of the label."""
     found = inspect_file(shared_data / SPIRIT)
     mast = found["pointing"]["mast"]
     assert mast["in_rover_deg"] == pytest.approx([141.994, -25.7423], abs=2e-3)  # six digits

@@ -78,7 +78,7 @@ def _pruned_within(seconds: float, workspace: Workspace) -> list[UnreferencedPro
             time.sleep(0.02)
 
 
-@pytest.mark.parametrize("turn", ["maintenance_turn prune", "mission_turn MER2"])
+@pytest.mark.parametrize("turn", ["maintenance_turn prune", "exclusive_mission MER2"])
 def test_a_waiting_process_gets_the_lock_when_the_holder_is_killed(places, turn):
     mine, other, url = places
     workspace, waited, done = Workspace.open(mine, url), threading.Event(), threading.Event()
@@ -86,7 +86,7 @@ def test_a_waiting_process_gets_the_lock_when_the_holder_is_killed(places, turn)
     def work() -> None:
         mission = "mission" in turn
         mine = (
-            workspace.mission_turn("MER2", waited.set)
+            workspace.exclusive_mission("MER2", waited.set)
             if mission
             else workspace.run_turn(waited.set)
         )
@@ -94,7 +94,7 @@ def test_a_waiting_process_gets_the_lock_when_the_holder_is_killed(places, turn)
             done.set()
 
     with holding(other, turn, url) as process:
-        with workspace.mission_turn("MER1"):
+        with workspace.exclusive_mission("MER1"):
             pass  # another mission
         thread = threading.Thread(target=work)
         thread.start()

@@ -41,9 +41,9 @@ export function livePart(context: Context): void {
   };
   let wasLost = false;
   listen(mission.mission, lastEvent, signal, receive, (isConnected) => {
-    page.connection.hidden = isConnected;
+    page.connectionLost.hidden = isConnected;
     if (isConnected && wasLost) signals.reconnected.emit();
     wasLost = !isConnected;
   });
-  signal.addEventListener("abort", () => (page.connection.hidden = true));
+  signal.addEventListener("abort", () => (page.connectionLost.hidden = true));
 }

@@ -105,7 +105,7 @@ function hints({ mission }: Context): HTMLElement[] {
   const texts = [
     "Click on the map for the value of every layer there and the images that see it. Click a pointing line or footprint to open its image.",
     mission.lsl_note ?? "",
-    `Origin: ${mission.landing.name}, ${mission.landing.source}`,
+    `Origin: ${mission.landing.name.replace(/^origin: /, "")}, ${mission.landing.source}`,
   ];
   return texts.map((text) => h("p", { class: "hint" }, text));
 }

@@ -19,7 +19,7 @@ import { enginePanel } from "./deployments";
 import { runsPanel } from "./panel";
 import { advanced } from "./progress";
 import { confirmation, startForm, valueText, whenText } from "./start";
-import { indicator } from "./status";
+import { statusIndicator } from "./status";
 
 /** The engine's state changes without an event: it is requested again after this time. */
 const POLL_MS = 20_000;
@@ -36,7 +36,7 @@ export function runsPart(context: Context): void {
   let known: Runs = { runs: [], requests: [], reports: [] };
   let kinds: readonly RunKind[] = [];
   let engine: Engine | null = null;
-  const status = indicator(context, () => page.showTab("runs"));
+  const status = statusIndicator(context, () => page.showTab("runs"));
 
   const open = (run: Run) =>
     waiting.run(async () => {
