@@ -166,11 +166,16 @@ def test_the_linearised_place_equals_that_of_the_resampled_image(stereo, stereo_
         ("ground-to-image", {"east": 5000, "north": 0}, 422, "no elevation"),
         ("ground-to-image", {"east": "nan", "north": 0}, 422, "finite"),
         ("ground-to-image", {"east": 0, "north": 0, "within_m": 1e9}, 422, "500"),
-        ("ground-to-image", {"east": 0, "north": 0, "layer": "x"}, 422, "no terrain model"),
+        ("ground-to-image", {"east": 0, "north": 0, "layer": "x"}, 422, "not a terrain model"),
         ("image-to-ground", {"image": "NONE", "sample": 1, "line": 1}, 404, "no image"),
         ("image-to-ground", {"image": "../etc", "sample": 1, "line": 1}, 422, "pattern"),
         ("image-to-ground", {"image": "OWN", "sample": 5000, "line": 1}, 422, "not on it"),
-        ("image-to-image", {"image": "OWN", "sample": 9, "line": 9, "stop": "x"}, 422, "no stop"),
+        (
+            "image-to-image",
+            {"image": "OWN", "sample": 9, "line": 9, "stop": "x"},
+            422,
+            "not a stop",
+        ),
     ],
 )
 def test_unanswerable_queries_are_refused(stereo, stereo_client, what, query, status, reported):
