@@ -163,7 +163,7 @@ def stated_counts() -> dict[str, dict[str, list[int]]]:
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines()[2:]]
     return {
         task: {
-            hand: [int(count) for count in cell.split(",")]
+            hand: [int(count.split()[0]) for count in cell.split(",")]
             for hand, cell in (("mouse", mouse), ("keyboard", keyboard))
         }
         for task, mouse, keyboard, _ in rows
