@@ -244,4 +244,4 @@ def test_a_click_on_a_tie_point_selects_the_pointing_line_below(page, dome_url):
     until(page, lambda: "tie point" in page.locator(".tip").inner_text())
     page.mouse.click(*spot)
     page.wait_for_selector(".pane h2", state="visible")
-    assert "2N14000000" in page.locator(".pane").inner_text()
+    until(page, lambda: "2N14000000" in page.locator(".pane").inner_text())
