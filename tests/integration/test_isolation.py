@@ -58,7 +58,7 @@ def misplace(label: Path, north_m: float, year: bytes = b"2004") -> bytes:
     data = label.read_bytes()
     found = OFFSET.search(data)
     assert found is not None
-    vector = f"({north_m:g},0.0,0.0)".encode().ljust(len(found[2]))
+    vector = f"({north_m:g},0,0)".encode().ljust(len(found[2]))
     assert len(vector) == len(found[2])
     changed = data[: found.start(2)] + vector + data[found.end(2) :]
     changed = changed.replace(

@@ -60,6 +60,8 @@ BY_COMMAND = {
     "draw_base",
     "fetch_images",
     "fetch_index",
+    "fetch_raw_images",
+    "find_raw_images",
     "keep_labels",
     "register_orbital",
     "write_truth",

@@ -36,7 +36,7 @@ def misplace(image: Path, north_m: float) -> bytes:
     data = image.read_bytes()
     found = OFFSET.search(data)
     assert found is not None
-    vector = f"({north_m:g},0.0,0.0)".encode().ljust(len(found[2]))
+    vector = f"({north_m:g},0,0)".encode().ljust(len(found[2]))
     return data[: found.start(2)] + vector + data[found.end(2) :]
 
 
