@@ -237,9 +237,9 @@ def test_versions_and_removal_in_an_object_store(url, tmp_path):
     for _ in range(2):
         store.remove(made[0])
     assert set(store.refs()) == set(made[1:])
-    with pytest.raises(ProductNotFoundError, match="is not in the store; run the flow"):
+    with pytest.raises(ProductNotFoundError, match="is not in the store; run the processing"):
         store.path(made[0])
-    with pytest.raises(ProductNotFoundError, match="is not in the store; run the flow"):
+    with pytest.raises(ProductNotFoundError, match="is not in the store; run the processing"):
         store.provenance(made[0])
 
 
