@@ -187,6 +187,7 @@ def test_the_file_of_deployments_deploys_and_every_deployment_runs(installation)
         made = client.post(
             f"deployments/{known['id']}/create_flow_run", json={"parameters": parameters}
         )
+        assert made.is_success, made.text
         runs[name] = made.json()["id"]
     prefect("worker", "start", "--pool", "solmap", "--run-once", "--limit", "4")
     states = {name: client.get(f"flow_runs/{run}").json()["state"] for name, run in runs.items()}
