@@ -7,12 +7,13 @@ point from `cli` to `service` to the flows to `runtime`; science is called in `t
 and nothing is imported from `gis_server`.
 """
 
-import gc
 import sys
-
-gc.set_threshold(50_000)  # of imports of a command, collections at 700 objects take a tenth
 
 if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
     # `python -m solmap.flows.cli`: what is imported from here on is not looked for in the folder
     # that the user is in; with `-P` nothing is.
     del sys.path[0]
+
+from solmap.products.store.garbage import collect_garbage_rarely
+
+collect_garbage_rarely()  # else a tenth of the time of a command's imports

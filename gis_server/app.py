@@ -49,11 +49,8 @@ from solmap.gis_server.routes import (
 from solmap.gis_server.services import open_services
 from solmap.gis_server.workers import Worker, limit_arenas
 from solmap.products.store.backends import ObjectStorage
-from solmap.products.store.process import (
-    collect_garbage_rarely,
-    exempt_objects_from_collection,
-    log_to_store,
-)
+from solmap.products.store.garbage import collect_garbage_rarely, exempt_objects_from_collection
+from solmap.products.store.process import log_to_store
 
 _THREADS = 8
 """Threads for light requests: with more, they and the event loop would wait for each other."""

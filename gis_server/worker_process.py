@@ -23,12 +23,8 @@ from anyio import to_thread
 from solmap.gis_server.app import create_app
 from solmap.gis_server.errors import LACKED_MEMORY
 from solmap.gis_server.workers import Answer, AnswerStorageError, collect, resident_bytes
-from solmap.products.store.process import (
-    collect_garbage_rarely,
-    exempt_objects_from_collection,
-    log_to_store,
-    return_free_memory,
-)
+from solmap.products.store.garbage import collect_garbage_rarely, exempt_objects_from_collection
+from solmap.products.store.process import log_to_store, return_free_memory
 
 log = logging.getLogger(__name__)
 _NICENESS = 10

@@ -23,7 +23,8 @@ from prefect.tasks import exponential_backoff
 
 from solmap.products.errors import cause_of
 from solmap.products.store.faults import is_transient
-from solmap.products.store.process import ResourceMeter, collect_garbage_rarely
+from solmap.products.store.garbage import collect_garbage_rarely
+from solmap.products.store.process import ResourceMeter
 from solmap.products.store.product_store import NotMadeError, looking_up
 
 log = logging.getLogger(__name__)
@@ -44,14 +45,14 @@ class LookedUp(PrefectFuture[R]):
         self._made = made
 
     def wait(self, timeout: float | None = None) -> None:
-        """Nothing is waited for."""
+        """Return at once."""
 
     def result(self, timeout: float | None = None, raise_on_failure: bool = True) -> R:  # noqa: ARG002, FBT001, FBT002 - as Prefect has it
-        """The result."""
+        """The references of its products."""
         return self._made
 
     def add_done_callback(self, fn: Callable[[PrefectFuture[R]], None]) -> None:
-        """Call at once."""
+        """Call `fn` at once."""
         fn(self)
 
 
@@ -76,7 +77,7 @@ def stage(
     """A function as a task.
 
     Args:
-        task_run_name: Of its runs, may have parameters: `dtm-{stop}`.
+        task_run_name: Name of its runs, which may hold parameters: `dtm-{stop}`.
         makes_products: Whether it makes products and does nothing else, so that its result may be
             looked up.
     """

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import ctypes
 import fcntl
-import gc
 import json
 import logging
 import resource
@@ -134,6 +133,9 @@ class ResourceMeter:
         }
 
 
+_ARENA_MAX = -8
+
+
 def use_one_heap() -> None:
     """Let all threads of this process allocate from one heap; call before there are any.
 
@@ -147,23 +149,3 @@ def return_free_memory() -> None:
     """Return what this process has freed to the system; otherwise most of it stays resident."""
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
-
-
-_ARENA_MAX = -8
-_OBJECTS = 50_000
-"""New objects before a collection; Python's default is 700. Documents of a long mission are a
-million lists without a cycle, and collecting would take twice as long as reading them."""
-
-
-def collect_garbage_rarely() -> None:
-    """Let this process collect garbage less often than by default."""
-    gc.set_threshold(_OBJECTS)
-
-
-def exempt_objects_from_collection() -> None:
-    """Exempt the existing objects from garbage collection: modules and routes of a server.
-
-    Scanning the 180,000 of them stops all threads for 0.15 s of processor time.
-    """
-    gc.collect()
-    gc.freeze()
