@@ -62,10 +62,10 @@ def write_state(root: Path, *, has_inbox: bool, is_scheduler_alive: bool) -> Non
     _write(root, EngineState(_now(), True, None, has_inbox, ordered, tuple(queued)))  # noqa: FBT003
 
 
-def write_problem(root: Path, trouble: str) -> None:
+def write_problem(root: Path, problem: str) -> None:
     """Write down that the engine does not answer."""
     known = read_engine_state(root).deployments
-    _write(root, EngineState(_now(), is_up=False, trouble=trouble, deployments=known))
+    _write(root, EngineState(_now(), is_up=False, trouble=problem, deployments=known))
 
 
 def _write(root: Path, state: EngineState) -> None:

@@ -111,7 +111,7 @@ def read_views(pairs: Iterable[OrientedPair], store: ProductStore) -> list[Terra
     return [_read_view(pair, store) for pair in pairs]
 
 
-def forget_views() -> None:
+def clear_views() -> None:
     """Free the memory of the views that are kept, 13 MB each."""
     _read_in_place.cache_clear()
 

@@ -493,23 +493,27 @@ def _covariance(
     covariance = inverse @ (squares + known) @ inverse
     along = along_rays(cells.arms, later, params) - along_rays(cells.places, earlier, params)
     off = inverse @ (weighted @ (along * cells.by_shift).sum(axis=1)) * cells.steepness
-    whole = _whole(cells, params) * _suns_differ(earlier.sun, later.sun)
-    covariance = covariance + np.outer(off, off) + whole @ whole.T
+    shared_motions = _shared_motions(cells, params) * _sun_difference(earlier.sun, later.sun)
+    covariance = covariance + np.outer(off, off) + shared_motions @ shared_motions.T
     shared = float(np.trace(inverse @ squares)) / (MOTION + 1) / cells.steepness
     return covariance, replace(cells, weight=cells.weight / max(shared, 1.0))
 
 
-def _whole(cells: Cells, params: SurfaceParams) -> Float64[np.ndarray, "7 3"]:
-    """Standard deviations of motions that displace and turn all ground alike, about its middle."""
+def _shared_motions(cells: Cells, params: SurfaceParams) -> Float64[np.ndarray, "7 3"]:
+    """Motions of all common ground alike, each of one standard deviation under opposite suns.
+
+    Columns: shift north, shift east, rotation about the vertical through the middle of the ground.
+    Rows: the unknowns, rotation vector (radians), shift (metres), height bias (lines).
+    """
     arm = np.average(cells.arms, axis=0, weights=cells.weight)
-    whole, up = np.zeros((MOTION + 1, 3)), np.array([0.0, 0.0, params.shared_turn])
-    whole[3, 0] = whole[4, 1] = params.shared_shift_m
-    whole[:3, 2], whole[3:MOTION, 2] = up, -np.cross(up, arm)
-    return whole
+    motions, up = np.zeros((MOTION + 1, 3)), np.array([0.0, 0.0, params.shared_turn])
+    motions[3, 0] = motions[4, 1] = params.shared_shift_m
+    motions[:3, 2], motions[3:MOTION, 2] = up, -np.cross(up, arm)
+    return motions
 
 
-def _suns_differ(one: Vector3 | None, other: Vector3 | None) -> float:
-    """Half the length of the difference of two directions; 1 where one is not known."""
+def _sun_difference(one: Vector3 | None, other: Vector3 | None) -> float:
+    """Half the length of the difference of unit vectors towards two suns; 1 if one is unknown."""
     return 1.0 if one is None or other is None else float(np.linalg.norm(one - other)) / 2
 
 

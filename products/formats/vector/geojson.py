@@ -131,16 +131,6 @@ class FeatureCollection:
     features: tuple[Feature, ...]
     tags: Mapping[str, Any] = field(default_factory=dict)
 
-    @property
-    def bounds(self) -> tuple[float, float, float, float] | None:
-        """(west, south, east, north) of all features, metres; None where there is none."""
-        if not self.features:
-            return None
-        each = np.array([feature.bounds for feature in self.features])
-        west, south = each[:, :2].min(axis=0)
-        east, north = each[:, 2:].max(axis=0)
-        return float(west), float(south), float(east), float(north)
-
 
 def write_features(
     path: Path,

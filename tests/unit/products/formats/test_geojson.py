@@ -19,6 +19,7 @@ from solmap.products.formats.vector.geojson import (
     Feature,
     FeatureCollection,
     read_features,
+    read_placed,
     write_features,
 )
 from solmap.products.formats.vector.geopackage import write_geopackage
@@ -134,13 +135,13 @@ def test_no_features_are_an_empty_collection(tmp_path):
     write_features(tmp_path / "f.geojson", [], GUSEV)
     read = read_features(tmp_path / "f.geojson")
     assert read.features == ()
-    assert read.bounds is None
+    assert read_placed(tmp_path / "f.geojson").bounds is None
 
 
 def test_the_bounds_include_all_points(tmp_path):
     write_features(tmp_path / "f.geojson", FEATURES, GUSEV)
     expected = (0.0, -2034.05, 3104.65, 10.0)
-    assert read_features(tmp_path / "f.geojson").bounds == pytest.approx(expected, abs=1e-4)
+    assert read_placed(tmp_path / "f.geojson").bounds == pytest.approx(expected, abs=1e-4)
 
 
 @pytest.mark.parametrize(
