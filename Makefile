@@ -52,7 +52,7 @@ $(VENV)/.node-installed: requirements-node.lock $(VENV)/.installed
 viewer: $(VIEWER)/dist/index.html
 
 $(VIEWER)/dist/index.html: $(NPM_INSTALLED) $(shell find $(VIEWER)/src $(VIEWER)/index.html $(VIEWER)/package-lock.json $(VIEWER)/vite.config.ts 2>/dev/null)
-	cd $(VIEWER) && $(NPM) ci --no-audit --no-fund --silent && $(NPM) run --silent build
+	cd $(VIEWER) && $(NPM) ci --no-audit --no-fund --silent && $(NPM) run --silent build -- --logLevel error
 
 demo: setup viewer  ## A synthetic downlink through every stage to the map in the browser.
 	@test -f $(DOWNLINK)/orbital/orbital.tif || $(BIN)/solmap simulate $(DOWNLINK) --stops 2 --seed 1

@@ -19,8 +19,9 @@ const nameOf = ({ kind, scope }: Pick<Layer, "kind" | "scope">) =>
 const file = (href: string, name: string) =>
   h("a", { class: "text download", href, download: true }, icon("down"), name);
 
-function section(title: string, open: boolean, ...content: (HTMLElement | null)[]): HTMLElement {
-  return h("details", { class: "downloads-section", open }, h("summary", {}, title), ...content);
+/** A part of the tab that opens and closes; its content alone changes later. */
+function section(title: string, open: boolean, content: HTMLElement): HTMLElement {
+  return h("details", { class: "downloads-section", open }, h("summary", {}, title), content);
 }
 
 function rows(entries: readonly (readonly [string, readonly HTMLElement[]])[]): HTMLElement {
@@ -115,51 +116,88 @@ const MODEL_FORMATS: Readonly<Record<string, string>> = {
   model: "glTF",
 };
 
-export function filesPanel(offered: Offered, actions: DownloadActions): HTMLElement {
-  const { shown, box, collections, models, terrains, addresses } = offered;
-  return h(
-    "div",
-    {},
-    section("Layers on the map", true, layerFiles(shown)),
-    section("Parts of them", true, clips(shown, box, actions.drawBox)),
-    section(
-      "Features of the mission",
-      false,
-      rows(
-        collections.map(({ title, items }) => [
-          title,
-          FEATURE_FORMATS.map(([form, name]) =>
-            h("a", { class: "text", href: `${items}?f=${form}`, download: true }, name),
-          ),
-        ]),
+function featureFiles(collections: readonly Collection[]): HTMLElement {
+  return rows(
+    collections.map(({ title, items }) => [
+      title,
+      FEATURE_FORMATS.map(([form, name]) =>
+        h("a", { class: "text", href: `${items}?f=${form}`, download: true }, name),
       ),
-    ),
-    section(
-      "Models in three dimensions",
-      false,
-      models.length + terrains.length === 0
-        ? h("p", { class: "hint" }, "No model is published yet.")
-        : rows([
-            ...models.map(
-              (model) =>
-                [
-                  nameOf(model),
-                  [file(model.download, MODEL_FORMATS[model.kind] ?? "glTF")],
-                ] as const,
-            ),
-            ...terrains.map(
-              (layer) =>
-                [
-                  `solid to print · ${scopeTitle(layer.scope)}`,
-                  [file(stlUrl(layer), "STL")],
-                ] as const,
-            ),
-          ]),
-    ),
-    section(
-      "Addresses for QGIS, GDAL and others",
-      false,
-      h("ul", { class: "files" }, ...addresses.map((one) => addressRow(one, actions.copy))),
-    ),
+    ]),
   );
+}
+
+function modelFiles(models: readonly ModelFile[], terrains: readonly Layer[]): HTMLElement {
+  if (models.length + terrains.length === 0) {
+    return h("p", { class: "hint" }, "No model is published yet.");
+  }
+  const [made, solids] = [
+    models.map(
+      (model) =>
+        [nameOf(model), [file(model.download, MODEL_FORMATS[model.kind] ?? "glTF")]] as const,
+    ),
+    terrains.map(
+      (layer) =>
+        [`solid to print · ${scopeTitle(layer.scope)}`, [file(stlUrl(layer), "STL")]] as const,
+    ),
+  ];
+  return rows([...made, ...solids]);
+}
+
+/** The list of files: what is offered changes by parts, and only their own rows with it. */
+export class FilesPanel {
+  readonly element: HTMLElement;
+  readonly #holders: Readonly<Record<Exclude<keyof Offered, "terrains">, HTMLElement>>;
+  #offered: Offered = {
+    shown: [],
+    box: null,
+    collections: [],
+    models: [],
+    terrains: [],
+    addresses: [],
+  };
+
+  constructor(private readonly actions: DownloadActions) {
+    this.#holders = {
+      shown: h("div"),
+      box: h("div"),
+      collections: h("div"),
+      models: h("div"),
+      addresses: h("div"),
+    };
+    const { shown, box, collections, models, addresses } = this.#holders;
+    this.element = h(
+      "div",
+      {},
+      section("Layers on the map", true, shown),
+      section("Parts of them", true, box),
+      section("Features of the mission", false, collections),
+      section("Models in three dimensions", false, models),
+      section("Addresses for QGIS, GDAL and others", false, addresses),
+    );
+    shown.replaceChildren(layerFiles([]));
+    this.show(this.#offered);
+  }
+
+  /** Replace the rows of what has changed; focus and open sections elsewhere stay. */
+  show(part: Partial<Offered>): void {
+    const { shown, box, collections, models, addresses } = this.#holders;
+    const { drawBox, copy } = this.actions;
+    const before = this.#offered.shown;
+    const offered = { ...this.#offered, ...part };
+    this.#offered = offered;
+    const isOther =
+      offered.shown.length !== before.length || offered.shown.some((one, k) => one !== before[k]);
+    if (isOther) shown.replaceChildren(layerFiles(offered.shown));
+    if (isOther || part.box !== undefined) {
+      box.replaceChildren(clips(offered.shown, offered.box, drawBox));
+    }
+    if (part.collections) collections.replaceChildren(featureFiles(offered.collections));
+    if (part.models) models.replaceChildren(modelFiles(offered.models, offered.terrains));
+    if (part.addresses) {
+      addresses.replaceChildren(
+        h("ul", { class: "files" }, ...offered.addresses.map((one) => addressRow(one, copy))),
+      );
+    }
+  }
 }

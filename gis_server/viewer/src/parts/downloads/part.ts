@@ -2,13 +2,12 @@
 
 import { Sketch } from "../../map/sketch";
 import { copyText } from "../../page/copy";
-import { h } from "../../page/dom";
 import { saveFile } from "../../page/save";
 import { downloads } from "../../server/downloads";
 import type { Bounds, MapPoint } from "../../server/records";
 import type { Context } from "../../session/context";
 import "./downloads.css";
-import { filesPanel, type Offered } from "./panel";
+import { FilesPanel } from "./panel";
 import { pdfOf } from "./pdf";
 import { imageSettings, type ImageFormat, type ImageSettings } from "./image-settings";
 import { withDensity } from "./png";
@@ -22,15 +21,6 @@ const JPEG_QUALITY = 0.95;
 export function downloadsPart(context: Context): void {
   const { page, layers, view, mission, waiting, keys, signal } = context;
   const tab = page.addTab("downloads");
-  const files = h("div");
-  let offered: Offered = {
-    shown: layers.shown,
-    box: null,
-    collections: [],
-    models: [],
-    terrains: [],
-    addresses: [],
-  };
   let sketch: Sketch | null = null;
 
   const stop = () => {
@@ -41,43 +31,42 @@ export function downloadsPart(context: Context): void {
     stop();
     sketch = new Sketch(view, "box", {
       end: (corners) => {
-        show({ box: boundsOf(corners) });
+        files.show({ box: boundsOf(corners) });
         stop();
       },
     });
   };
   const copy = (text: string) => void copyText(page, "Address", text);
-  const show = (part: Partial<Offered>) => {
-    offered = { ...offered, ...part };
-    files.replaceChildren(filesPanel(offered, { drawBox, copy }));
-  };
+  const files = new FilesPanel({ drawBox, copy });
   /** Each list loads by itself: a failed one shows its error, the others are complete. */
   const load = () => {
+    isLoaded = true;
     const { mission: name } = mission;
-    waiting.run(async () => show({ collections: await downloads.collections(name) }));
+    waiting.run(async () => files.show({ collections: await downloads.collections(name) }));
     const terrains = layers.of("dtm").filter(({ level }) => level === "stop");
-    waiting.run(async () => show({ models: await downloads.models(name), terrains }));
-    waiting.run(async () => show({ addresses: await downloads.addresses(name) }));
+    waiting.run(async () => files.show({ models: await downloads.models(name), terrains }));
+    waiting.run(async () => files.show({ addresses: await downloads.addresses(name) }));
   };
   const saveMap = (settings: ImageSettings, format: ImageFormat) =>
     waiting.run(() => saveImage(context, settings, format));
+  let isOpen = false;
   let isLoaded = false;
   // The content is fetched only when the tab is opened.
   new IntersectionObserver((entries) => {
-    if (isLoaded || !entries.some(({ isIntersecting }) => isIntersecting)) return;
-    isLoaded = true;
-    load();
-  }).observe(files);
-  layers.changed.on(() => show({ shown: layers.shown }));
-  layers.rearranged.on(() => show({ shown: layers.shown }));
+    isOpen = entries.some(({ isIntersecting }) => isIntersecting);
+    if (isOpen && !isLoaded) load();
+  }).observe(files.element);
+  layers.changed.on(() => files.show({ shown: layers.shown }));
+  layers.rearranged.on(() => files.show({ shown: layers.shown }));
   layers.replaced.on(() => {
     isLoaded = false;
-    show({ shown: layers.shown });
+    files.show({ shown: layers.shown });
+    if (isOpen) load();
   });
   keys.add("Escape", "stop drawing a box", stop);
   signal.addEventListener("abort", stop);
-  tab.replaceChildren(imageSettings(firstSettings(context), saveMap), files);
-  show({});
+  tab.replaceChildren(imageSettings(firstSettings(context), saveMap), files.element);
+  files.show({ shown: layers.shown });
 }
 
 function boundsOf(corners: readonly MapPoint[]): Bounds {
