@@ -65,6 +65,23 @@ def test_the_exported_image_equals_the_map_and_has_a_true_scale_bar(page, url):
     assert struct.unpack(">I", body[41:45])[0] == round(96 / INCH_M)
 
 
+def test_grid_lines_of_the_map_are_in_the_exported_image(page, url):
+    resolution = 0.1  # 80 px are 8 m: a line every 10 m
+    look(page, url + at(resolution, "mer2/orthophoto") + "&grid=1")
+    page.locator('[data-tab="downloads"]').click()
+    _, with_lines = image_of(page, "sheet-grid")
+    page.locator("div.map").focus()
+    page.keyboard.press("#")
+    _, without = image_of(page, "sheet-no-grid")
+    height, width = without.shape[0] - STRIP, without.shape[1]
+    is_line = np.abs(with_lines[:height].astype(int) - without[:height]).sum(axis=2) > 30
+    columns = [x for x in range(width) if is_line[:, x].mean() > 0.9]
+    rows = [y for y in range(height) if is_line[y].mean() > 0.9]
+    assert 0 < len(columns) < 20
+    assert np.allclose((np.array(columns) - width / 2) * resolution % 10, 0.0, atol=0.1)
+    assert np.allclose((height / 2 - np.array(rows)) * resolution % 10, 0.0, atol=0.1)
+
+
 def test_a_metre_on_paper_has_the_length_that_the_scale_gives(page, url):
     look(page, url + at(0.1, "mer2/orthophoto"))
     page.locator('[data-tab="downloads"]').click()
@@ -105,6 +122,27 @@ def test_a_box_cuts_a_part_out_of_a_layer(page, url):
         heights = part.read(1)
         row, column = part.index(3.0, 5.0)
         assert heights[row, column] == pytest.approx(elevation_at(3.0, 5.0), abs=GRID.cell_m)
+
+
+def test_a_list_that_arrives_late_leaves_focus_and_open_sections(page, url):
+    held = []
+
+    def hold(route) -> None:
+        held.append(route)
+
+    page.route("**/addresses", hold)
+    look(page, url + at(0.1, "mer2/orthophoto"))
+    page.locator('[data-tab="downloads"]').click()
+    files = page.locator("#panel-downloads")
+    link = files.get_by_text("GeoTIFF").first
+    link.focus()
+    files.locator("summary", has_text="Addresses").evaluate(
+        "one => (one.parentElement.open = true)"
+    )
+    until(page, lambda: len(held) == 1)
+    held[0].continue_()
+    files.locator("li", has_text="QGIS").first.wait_for()
+    assert link.evaluate("one => one === document.activeElement")
 
 
 def test_feature_files_and_service_urls_are_offered_and_answer(page, url):

@@ -354,6 +354,23 @@ def test_the_map_frame_is_labelled_with_round_metres(page, url):
         assert page.locator(f"{side} span").count() >= 2
 
 
+def test_grid_lines_pass_through_the_labels_and_are_in_the_link(page, url):
+    look(page, url + at(0.1))
+    assert page.locator(".grid").is_hidden()
+    page.get_by_role("button", name="grid lines").click()
+    until(page, lambda: "grid=1" in page.url)
+    places = "all => all.map((one) => Math.round(parseFloat(one.style.%s)))"
+    for line, label, side in (("easting", "eastings", "left"), ("northing", "northings", "top")):
+        lines = page.locator(f".grid .{line}").evaluate_all(places % side)
+        labels = page.locator(f".frame.{label} span").evaluate_all(places % side)
+        assert len(labels) >= 2
+        assert set(labels) <= set(lines)
+    keep_screenshot(page, "grid")
+    page.keyboard.press("#")
+    until(page, lambda: "grid=1" not in page.url)
+    assert page.locator(".grid").is_hidden()
+
+
 def centre(page) -> tuple[float, float]:
     east, north = page.url.split("at=")[1].split("&")[0].split(",")[:2]
     return float(east), float(north)

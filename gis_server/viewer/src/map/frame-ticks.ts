@@ -9,6 +9,12 @@ export function roundStep(least: number): number {
   );
 }
 
+/** Least distance of two coordinates along an edge, pixels at 96 dots an inch. */
+export const APART_PX = 80;
+
+/** Whether north is up, to what labels along an edge can tell. */
+export const isNorthUp = (rotationDeg: number) => Math.abs(rotationDeg) < 0.05;
+
 export interface Tick {
   readonly px: number;
   readonly metres: number;
@@ -33,4 +39,9 @@ export function ticks(
     const metres = Number(((first + k) * step).toPrecision(12));
     return { metres, px: lengthPx / 2 + (metres - middle) / perPx };
   });
+}
+
+/** "E 20 m" for 20 and "EW", "W 20 m" for -20. */
+export function coordinateLabel(metres: number, [plus, minus]: "EW" | "NS"): string {
+  return metres === 0 ? "0 m" : `${metres > 0 ? plus : minus} ${Math.abs(metres)} m`;
 }

@@ -87,6 +87,7 @@ function anyState(seed: number): State {
     })),
     on: maybe(() => new Map(several(() => [some(WORDS), layer()] as const))),
     order: next() < 0.5,
+    grid: next() < 0.5,
     sol: maybe(() => [sol, sol + number(0, 0, 9)] as const),
     filter: { words: some(["", "slope 50 %", "~"]), kind: some(["", "Slope"]), instrument: "" },
     tab: some(TABS),

@@ -341,6 +341,10 @@ export type PaneName = keyof typeof PANE_FIELDS;
 export const PANES = Object.keys(PANE_FIELDS) as readonly PaneName[];
 
 const some = list(",", choice<string>(PANES));
+const flag: Codec<boolean> = {
+  read: (from) => from === "1" || undefined,
+  write: (is) => (is ? "1" : ""),
+};
 
 const FIELDS = {
   /** The mission; none: the first. */
@@ -356,10 +360,9 @@ const FIELDS = {
   /** The layers that are on; null: those that are at first. */
   on: maybe(layers),
   /** Whether their order was chosen by hand. */
-  order: initially(false, {
-    read: (from) => from === "1" || undefined,
-    write: (is) => (is ? "1" : ""),
-  }),
+  order: initially(false, flag),
+  /** Whether grid lines cross the map. */
+  grid: initially(false, flag),
   sol: maybe(linkedSols),
   filter: initially<LayerFilter>(
     { words: "", kind: "", instrument: "" },

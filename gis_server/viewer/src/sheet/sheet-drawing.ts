@@ -1,8 +1,9 @@
 /** A map with its marginal information: title, scale, north, legend, place and credit. */
 
+import { APART_PX, coordinateLabel, ticks } from "../map/frame-ticks";
 import { scaleBar } from "../map/scale";
 import { compact, unitSign } from "../page/format";
-import type { Legend } from "../server/records";
+import type { Legend, MapPoint } from "../server/records";
 import type { Sheet } from "./sheet";
 
 export interface SheetTexts {
@@ -11,6 +12,8 @@ export interface SheetTexts {
   readonly lines: readonly string[];
   readonly legends: readonly (readonly [name: string, legend: Legend])[];
   readonly rotationDeg: number;
+  /** East and north of the centre, where grid lines are drawn; null: none. */
+  readonly grid: MapPoint | null;
 }
 
 /** Sizes at 96 dots an inch; they grow with the density. */
@@ -41,6 +44,7 @@ export function drawSheet(
   drawScale(context, sheet, factor);
   drawTexts(context, texts, MARGIN + BAR_MOST + 24, whole.width / factor);
   context.restore();
+  if (texts.grid) drawGrid(context, sheet, texts.grid, factor);
   drawNorth(context, sheet.width - 34 * factor, 34 * factor, factor, texts.rotationDeg);
   return whole;
 }
@@ -110,6 +114,33 @@ function drawLegend(
   context.textAlign = "right";
   context.fillText(compact(last[0], 3), left + RAMP, 72);
   context.textAlign = "left";
+}
+
+/** Lines of equal east and north across the map, labelled at its lower and left edges. */
+function drawGrid(
+  context: CanvasRenderingContext2D,
+  { width, height, resolution }: Sheet,
+  [east, north]: MapPoint,
+  factor: number,
+): void {
+  context.save();
+  context.font = font(10 * factor);
+  const label = (text: string, x: number, y: number) => {
+    context.fillStyle = "rgba(255,255,255,0.85)";
+    context.fillRect(x, y - 12 * factor, context.measureText(text).width + 6 * factor, 15 * factor);
+    context.fillStyle = INK;
+    context.fillText(text, x + 3 * factor, y);
+  };
+  context.fillStyle = "rgba(255,255,255,0.45)";
+  context.globalCompositeOperation = "difference";
+  const easts = ticks(east, resolution, width, APART_PX * factor);
+  const norths = ticks(north, -resolution, height, APART_PX * factor);
+  for (const { px } of easts) context.fillRect(Math.round(px), 0, factor, height);
+  for (const { px } of norths) context.fillRect(0, Math.round(px), width, factor);
+  context.globalCompositeOperation = "source-over";
+  for (const { px, metres } of easts) label(coordinateLabel(metres, "EW"), px, height - 4 * factor);
+  for (const { px, metres } of norths) label(coordinateLabel(metres, "NS"), 0, px - 4 * factor);
+  context.restore();
 }
 
 function drawNorth(

@@ -1,5 +1,6 @@
 /** Texts and legends below an image of the map. */
 
+import { isNorthUp } from "../map/frame-ticks";
 import { kindTitle } from "../map/layers";
 import { legendFor, type RasterStyle } from "../map/raster-style";
 import { titleOf } from "../map/title";
@@ -12,7 +13,7 @@ import type { SheetTexts } from "./sheet-drawing";
 export const CREDIT = "NASA/JPL-Caltech; map: solmap";
 
 export function textsOf(
-  { view, layers, mission, drawing }: Context,
+  { view, layers, mission, drawing, state }: Context,
   { title, credit }: { readonly title: string; readonly credit: string },
 ): SheetTexts {
   const { east, north, rotationDeg } = view.place;
@@ -33,6 +34,7 @@ export function textsOf(
       return legend ? [[layerTitle(layer), legend] as const] : [];
     }),
     rotationDeg,
+    grid: state.get("grid") && isNorthUp(rotationDeg) ? [east, north] : null,
   };
 }
 

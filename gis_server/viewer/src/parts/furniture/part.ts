@@ -35,12 +35,17 @@ export function furniturePart(context: Context): void {
     "zoom out",
   );
   page.addTool(button("show everything (f)", "fit", everything, { class: "fit" }), "everything");
+  const toggleGrid = () => state.set("grid", !state.get("grid"));
+  const gridTool = button("grid lines (#)", "grid", toggleGrid);
+  page.addTool(gridTool, "grid");
+  state.follow("grid", (isOn) => gridTool.setAttribute("aria-pressed", String(isOn)));
   const copyLink = () => void copyText(page, "Link", new URL(state.link, location.href).href);
   page.addTool(button("copy the link to this view (u)", "link", copyLink), "copy link");
   keys.add("Ctrl+z", "back to the view before", () => history.undo());
   keys.add("Ctrl+y", "forward to the view after", () => history.redo());
   keys.add("u", "copy the link to this view", copyLink);
   keys.add("g", "go to the map", () => page.map.focus());
+  keys.add("#", "grid lines", toggleGrid);
   keys.add("f", "show everything", everything);
   keys.add("n", "north up", () => view.northUp());
   keys.add("+", "zoom in", () => view.zoomBy(0.5));
