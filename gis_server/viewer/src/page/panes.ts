@@ -1,8 +1,8 @@
 /**
- * Panes beside and below the map, for what is looked at together with it. Beside it there are as many as there is room
- * for: side by side on a wide window, two one above the other on a laptop; below it they stand side by side. On a small
- * window there is one, beside the map if it is wider than high, else below it. Where there is no room the oldest one closes. Dividers before them give room from
- * one to the other; how much the map keeps is remembered in the browser.
+ * Panes beside and below the map. Beside it there are as many as have room: side by side on a wide window, two one above
+ * the other on a laptop; below it they stand side by side. On a small window there is one, beside the map if it is wider
+ * than high, else below it. Where there is no room the oldest one closes. Dividers before them change their sizes; the
+ * size left for the map is remembered in the browser.
  */
 
 import { button, h } from "./dom";

@@ -1,6 +1,6 @@
 /**
  * Resources that the parts of a session share. A part is a function that is called once with it: it adds its tab, tools and keys
- * to the page and listens to the signals of others. Parts do not import each other.
+ * to the page and listens to the events of others. Parts do not import each other.
  */
 
 import type Feature from "ol/Feature";
@@ -30,7 +30,7 @@ export interface Pointed {
   readonly touched: { readonly feature: Feature<Geometry>; readonly layer: Layer } | null;
 }
 
-export interface Signals {
+export interface Events {
   /** The pointer moved over the map; null: it left. */
   readonly pointer: Signal<Pointed | null>;
   /** The map was clicked, while no tool claims clicks. */
@@ -76,7 +76,7 @@ export interface Context {
   readonly frames: StopFrames;
   /** How longitude and latitude are shown; kept in the browser. */
   readonly coordinates: Observable<CoordinateFormat>;
-  readonly signals: Signals;
+  readonly events: Events;
   /** Number of the last event included when the page was loaded; null: unknown. */
   readonly lastEvent: string | null;
   /** Aborted when the session ends; for listeners and requests. */

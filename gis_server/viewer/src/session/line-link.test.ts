@@ -16,34 +16,34 @@ function marked() {
 }
 
 function linked() {
-  const signals = { pointer: new Signal<Pointed | null>(), cursor: new Signal<MapPoint | null>() };
-  const context = { signals, view: { resolution: 0.1 } } as unknown as Context;
+  const events = { pointer: new Signal<Pointed | null>(), cursor: new Signal<MapPoint | null>() };
+  const context = { events, view: { resolution: 0.1 } } as unknown as Context;
   const { marks, chart } = marked();
   const link = new LineLink(context);
   link.on(LINE, chart);
-  return { signals, link, marks };
+  return { events, link, marks };
 }
 const at = (point: MapPoint): Pointed => ({ point, pixel: [0, 0], touched: null });
 
 test("the pointer near the line marks the chart, further off it does not", () => {
-  const { signals, marks } = linked();
-  signals.pointer.emit(at([7, 3.9]));
-  signals.pointer.emit(at([7, 4.1]));
+  const { events, marks } = linked();
+  events.pointer.emit(at([7, 3.9]));
+  events.pointer.emit(at([7, 4.1]));
   expect(marks).toEqual([null, 7, null]);
 });
 
 test("a chart that replaces another keeps the place that is pointed at", () => {
-  const { signals, link } = linked();
-  signals.pointer.emit(at([7, 1]));
+  const { events, link } = linked();
+  events.pointer.emit(at([7, 1]));
   const { marks, chart } = marked();
   link.on(LINE, chart);
   expect(marks).toEqual([7]);
 });
 
 test("the chart's cursor is a place on the map", () => {
-  const { signals, link } = linked();
+  const { events, link } = linked();
   const places: (MapPoint | null)[] = [];
-  signals.cursor.on((place) => places.push(place));
+  events.cursor.on((place) => places.push(place));
   link.setCursor(2.5);
   link.off();
   expect(places).toEqual([[2.5, 0], null]);

@@ -14,10 +14,10 @@ export class LineLink {
   private pointed: MapPoint | null = null;
   private readonly unsubscribe: readonly (() => void)[];
 
-  constructor(private readonly context: Pick<Context, "signals" | "view">) {
+  constructor(private readonly context: Pick<Context, "events" | "view">) {
     this.unsubscribe = [
-      context.signals.pointer.on((pointed) => this.markNear(pointed?.point ?? null)),
-      context.signals.cursor.on((point) => this.markNear(point)),
+      context.events.pointer.on((pointed) => this.markNear(pointed?.point ?? null)),
+      context.events.cursor.on((point) => this.markNear(point)),
     ];
   }
 
@@ -30,13 +30,13 @@ export class LineLink {
 
   off(): void {
     for (const end of this.unsubscribe) end();
-    this.context.signals.cursor.emit(null);
+    this.context.events.cursor.emit(null);
   }
 
   /** The chart's cursor is at a distance along the line; null: it left. */
   readonly setCursor = (distance_m: number | null): void => {
     const place = distance_m === null ? null : placeAt(this.line, distance_m);
-    this.context.signals.cursor.emit(place);
+    this.context.events.cursor.emit(place);
   };
 
   private markNear(point: MapPoint | null): void {

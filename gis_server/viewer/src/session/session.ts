@@ -15,7 +15,7 @@ import { searchPart } from "../parts/search/part";
 import type { Account } from "../server/account";
 import { isVersion } from "../server/versions";
 import type { Layer, Mission } from "../server/records";
-import type { Context, Part, Signals } from "./context";
+import type { Context, Part, Events } from "./context";
 import { Observable } from "./observable";
 import { LayerList } from "./layer-list";
 import { LinkHistory } from "./link-history";
@@ -32,7 +32,7 @@ const PARTS: readonly Part[] = [layersPart, searchPart, furniturePart, cursorPar
 /** The rest of the page loads after this time even if the map is not drawn: the server is slow, or the page hidden. */
 const LATEST_MS = 4000;
 
-const signals = (): Signals => ({
+const events = (): Events => ({
   pointer: new Signal(),
   click: new Signal(),
   cursor: new Signal(),
@@ -72,7 +72,7 @@ export class Session {
       places: new PlaceActions(),
       frames: new StopFrames(mission.mission, this.lifetime.signal),
       coordinates: new Observable(keptFormat()),
-      signals: signals(),
+      events: events(),
       lastEvent,
       signal: this.lifetime.signal,
     };
@@ -110,7 +110,7 @@ export class Session {
   }
 
   private listen(): void {
-    const { page, view, waiting, signals, keys, layers, state, drawing } = this.context;
+    const { page, view, waiting, events, keys, layers, state, drawing } = this.context;
     const { frames, coordinates, history } = this.context;
     view.map.on("rendercomplete", () => {
       history.flush();
@@ -135,7 +135,7 @@ export class Session {
     this.linkLayers();
     state.changed.on(() => history.changed());
     history.changed();
-    signals.reconnected.on(() => {
+    events.reconnected.on(() => {
       view.reloadTiles();
       waiting.answered();
     });

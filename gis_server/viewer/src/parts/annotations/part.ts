@@ -22,7 +22,7 @@ const Z_INDEX = 990;
 
 export function annotationsPart(context: Context): void {
   const annotations = new Annotations(context);
-  const { account, signals, waiting, keys, mission, places, signal } = context;
+  const { account, events, waiting, keys, mission, places, signal } = context;
   account.changed.on(() => {
     annotations.draw();
     annotations.send();
@@ -33,11 +33,11 @@ export function annotationsPart(context: Context): void {
     isOffered: () => mayAct(account.value, "analyst"),
   });
   keys.add("Escape", "stop drawing an annotation", () => annotations.stop());
-  signals.serverEvent.on(({ kind, document }) => {
+  events.serverEvent.on(({ kind, document }) => {
     const concerns = kind === "edits.changed" && document.mission === mission.mission;
     if (concerns || kind === "reload") waiting.run(() => annotations.load());
   });
-  signals.reconnected.on(() => annotations.send());
+  events.reconnected.on(() => annotations.send());
   window.addEventListener("online", () => annotations.send(), { signal });
   waiting.run(() => annotations.load());
   annotations.send();

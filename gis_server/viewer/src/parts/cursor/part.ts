@@ -5,7 +5,7 @@ import { h } from "../../page/dom";
 import type { Context, Pointed } from "../../session/context";
 import { type Tip, tipOf } from "./tip";
 
-export function cursorPart({ page, view, signals, signal }: Context): void {
+export function cursorPart({ page, view, events, signal }: Context): void {
   const over = (pointed: Pointed) => {
     const { touched, pixel } = pointed;
     page.map.style.cursor = touched && CLICKABLE.has(touched.layer.kind) ? "pointer" : "";
@@ -14,7 +14,7 @@ export function cursorPart({ page, view, signals, signal }: Context): void {
       page.tip.replaceChildren(...lines(tipOf(touched.layer, touched.feature.getProperties())));
       placeTip(page.tip, page.map, pixel);
     }
-    signals.pointer.emit(pointed);
+    events.pointer.emit(pointed);
   };
   view.onPointer((event, point) => {
     if (event.dragging) return;
@@ -23,7 +23,7 @@ export function cursorPart({ page, view, signals, signal }: Context): void {
   });
   view.onClick((event, point) => {
     page.tip.hidden = true;
-    signals.click.emit({
+    events.click.emit({
       point,
       pixel: event.pixel,
       touched: view.touched(event.pixel, CLICKABLE),
@@ -33,11 +33,11 @@ export function cursorPart({ page, view, signals, signal }: Context): void {
     "pointerleave",
     () => {
       page.tip.hidden = true;
-      signals.pointer.emit(null);
+      events.pointer.emit(null);
     },
     { signal },
   );
-  signals.cursor.on((point) => view.setCursor(point));
+  events.cursor.on((point) => view.setCursor(point));
 }
 
 /** Beside the pointer, on the side where there is room. */

@@ -6,7 +6,7 @@ import type { Context } from "../../session/context";
 import type { Editor } from "./editor";
 
 export function editorPart(context: Context): void {
-  const { page, mission, waiting, keys, account, signals } = context;
+  const { page, mission, waiting, keys, account, events } = context;
   let editor: Editor | null = null;
 
   const open = async () => {
@@ -39,7 +39,7 @@ export function editorPart(context: Context): void {
   keys.add("t", "edit tie points between stops", toggle);
   keys.add("Escape", "close the editor", () => page.bench.close());
   account.changed.on(() => editor?.redraw());
-  signals.serverEvent.on(({ kind, document }) => {
+  events.serverEvent.on(({ kind, document }) => {
     if (kind === "edits.changed" && document.mission === mission.mission)
       waiting.run(async () => editor?.loadSaved());
   });

@@ -10,7 +10,7 @@ import { addPane } from "../../session/pane";
 import { ImageViewer } from "./viewer";
 
 export function imageViewPart(context: Context): void {
-  const { signals, mission, layers, view } = context;
+  const { events, mission, layers, view } = context;
   let viewer: ImageViewer | null = null;
   let known: Promise<ReadonlyMap<string, ImageEntry>> | null = null;
 
@@ -49,10 +49,10 @@ export function imageViewPart(context: Context): void {
       };
     },
   });
-  signals.pointer.on((pointed) => {
+  events.pointer.on((pointed) => {
     if (pointed && !view.isClaimed) viewer?.mark(pointed.point);
   });
-  signals.cursor.on((point) => {
+  events.cursor.on((point) => {
     if (point) viewer?.mark(point);
   });
   layers.replaced.on(() => {

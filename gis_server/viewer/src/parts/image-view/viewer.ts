@@ -82,7 +82,7 @@ export class ImageViewer {
   close(): void {
     this.queries.stop();
     this.image = null;
-    this.context.signals.cursor.emit(null);
+    this.context.events.cursor.emit(null);
   }
 
   /** Marks a place of the map in the image, and in all that show it. */
@@ -140,7 +140,7 @@ export class ImageViewer {
     const { image } = this;
     if (!at || !image) {
       this.queries.stop();
-      this.context.signals.cursor.emit(null);
+      this.context.events.cursor.emit(null);
       return;
     }
     const tie = this.tools.hasTies ? tieAt(this.ties, this.imageCanvas.viewport, screen) : null;
@@ -157,7 +157,7 @@ export class ImageViewer {
   /** The place on the map and in all other images, while the pointer is on this one. */
   private async followed({ ground }: ImageToGround, signal: AbortSignal): Promise<void> {
     const point: MapPoint | null = ground && [ground.east, ground.north];
-    this.context.signals.cursor.emit(point);
+    this.context.events.cursor.emit(point);
     if (!point) return;
     const { images } = await projection.toImages(this.context.mission.mission, point, signal);
     this.strip.show(images, this.image?.id ?? null);

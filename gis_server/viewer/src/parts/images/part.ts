@@ -9,7 +9,7 @@ import { type Context, openImage } from "../../session/context";
 import { imageDetail, imageList, stopsOf } from "./panel";
 
 export function imagesPart(context: Context): void {
-  const { page, view, layers, waiting, signals, mission, state, places } = context;
+  const { page, view, layers, waiting, events, mission, state, places } = context;
   const panel = page.addTab("images");
   const [detail, place, list] = [h("div"), h("div"), h("div")];
   const viewing = new ImageFeatures(() => [
@@ -29,7 +29,7 @@ export function imagesPart(context: Context): void {
     );
     const actions = {
       open,
-      hover: (id: string | null) => signals.imageHovered.emit(id),
+      hover: (id: string | null) => events.imageHovered.emit(id),
     };
     list.replaceChildren(imageList(some, chosen, actions));
   };
@@ -82,14 +82,14 @@ export function imagesPart(context: Context): void {
   state.on("image", (image) => {
     if (image && image.id !== chosen) choose(image.id);
   });
-  signals.imageHovered.on(showOnMap);
+  events.imageHovered.on(showOnMap);
   state.on("sol", drawList);
   state.on("images", draw);
-  signals.click.on(({ touched }) => {
+  events.click.on(({ touched }) => {
     const image = touched?.feature.get("image");
     if (typeof image === "string") open(image);
   });
-  signals.pointer.on((pointed) => {
+  events.pointer.on((pointed) => {
     if (pointed?.touched) view.setHighlight([pointed.touched.feature]);
     else showOnMap(null);
   });

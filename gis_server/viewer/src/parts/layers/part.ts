@@ -24,7 +24,7 @@ import { type SolActions, solFilter, solsByPlace, solsOf } from "./sol-filter";
 import { layerTree } from "./tree";
 
 export function layersPart(context: Context): void {
-  const { layers, mission, view, page, drawing, sun, signals, state, keys, waiting, signal } =
+  const { layers, mission, view, page, drawing, sun, events, state, keys, waiting, signal } =
     context;
 
   const here = new WeakSet<Shown>();
@@ -150,7 +150,7 @@ export function layersPart(context: Context): void {
     tree.setSols(range);
     putAll();
   });
-  signals.ellipses.on(() => {
+  events.ellipses.on(() => {
     layers.of("stops").forEach((layer) => tree.follow(layer));
     drawLegend();
   });

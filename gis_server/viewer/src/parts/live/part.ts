@@ -12,7 +12,7 @@ const AGAIN_MS = 2000;
 const RELOAD: ServerEvent = { kind: "reload", document: {} };
 
 export function livePart(context: Context): void {
-  const { mission, layers, page, waiting, signals, lastEvent, signal } = context;
+  const { mission, layers, page, waiting, events, lastEvent, signal } = context;
   let isBehind = false;
   const refresh = async (ids: readonly string[]) => {
     try {
@@ -28,21 +28,21 @@ export function livePart(context: Context): void {
     if (!isBehind) return;
     isBehind = false; // requests of other parts may have failed too
     waiting.answered();
-    signals.serverEvent.emit(RELOAD);
+    events.serverEvent.emit(RELOAD);
   };
   const published = gathered<readonly string[]>(QUIET_MS, (all) =>
     waiting.act(() => refresh(all.flat())),
   );
   signal.addEventListener("abort", published.cancel);
   const receive = (event: ServerEvent) => {
-    signals.serverEvent.emit(event);
+    events.serverEvent.emit(event);
     if (event.kind === "layers.published") published.add(event.document.layers);
     if (event.kind === "reload") published.add([]);
   };
   let wasLost = false;
   listen(mission.mission, lastEvent, signal, receive, (isConnected) => {
     page.connectionLost.hidden = isConnected;
-    if (isConnected && wasLost) signals.reconnected.emit();
+    if (isConnected && wasLost) events.reconnected.emit();
     wasLost = !isConnected;
   });
   signal.addEventListener("abort", () => (page.connectionLost.hidden = true));

@@ -31,7 +31,7 @@ export class LocalFiles {
     private readonly list: HTMLElement,
   ) {
     context.account.changed.on(() => this.follow());
-    context.signals.identified.on(({ point, box }) => this.showAttributes(point, box));
+    context.events.identified.on(({ point, box }) => this.showAttributes(point, box));
   }
 
   async add(files: readonly File[]): Promise<void> {

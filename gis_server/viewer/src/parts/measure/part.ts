@@ -24,7 +24,7 @@ import { quantityText } from "./quantities";
 const BETWEEN = ["straight, in space", "length on the map", "rise", "slope"];
 
 export function measurePart(context: Context): void {
-  const { page, keys, places, signals, signal } = context;
+  const { page, keys, places, events, signal } = context;
   const panel = page.addTab("measure");
   const tool = button("measure (m)", "ruler", () => measuring.toggle(), {
     class: "measure",
@@ -40,7 +40,7 @@ export function measurePart(context: Context): void {
       title: "Measure from here",
       run: (point) => measuring.start(distance, point),
     });
-  if (distance) signals.measure.on(({ corners, box }) => measuring.between(distance, corners, box));
+  if (distance) events.measure.on(({ corners, box }) => measuring.between(distance, corners, box));
   if (viewshed)
     places.add({ title: "Viewshed from here", run: (point) => measuring.at(viewshed, point) });
   keys.add("m", "measure a distance", () => measuring.toggle());

@@ -44,7 +44,7 @@ export class PanoramaView {
     private readonly panoramas: readonly Panorama[],
     private readonly write: (value: { stop: string; sight: PanoramaSight | null }) => void,
   ) {
-    const { view, signals, waiting } = context;
+    const { view, events, waiting } = context;
     this.queries = new Latest(REST_MS, (reason) => waiting.notify(String(reason)));
     this.choice = h(
       "select",
@@ -68,8 +68,8 @@ export class PanoramaView {
     );
     view.map.addLayer(this.layer);
     this.stopListening = [
-      signals.pointer.on((pointed) => this.follow(pointed?.point ?? null)),
-      signals.cursor.on((point) => this.follow(point)),
+      events.pointer.on((pointed) => this.follow(pointed?.point ?? null)),
+      events.cursor.on((point) => this.follow(point)),
     ];
   }
 
@@ -88,7 +88,7 @@ export class PanoramaView {
     for (const stop of this.stopListening) stop();
     this.context.view.map.removeLayer(this.layer);
     this.strip?.dispose();
-    this.context.signals.cursor.emit(null);
+    this.context.events.cursor.emit(null);
   }
 
   private open(id: string, sight: PanoramaSight | null): void {
@@ -156,7 +156,7 @@ export class PanoramaView {
   /** The cursor of this view, which it does not follow itself. */
   private emit(point: MapPoint | null): void {
     this.isOwn = true;
-    this.context.signals.cursor.emit(point);
+    this.context.events.cursor.emit(point);
     this.isOwn = false;
   }
 

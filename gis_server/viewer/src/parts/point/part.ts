@@ -13,14 +13,14 @@ import { readout } from "./readout";
 const HOVER_MS = 120;
 
 export function pointPart(context: Context): void {
-  const { page, view, mission, waiting, signals, places, frames, coordinates, state } = context;
+  const { page, view, mission, waiting, events, places, frames, coordinates, state } = context;
   const panel = page.addTab("point");
   panel.replaceChildren(...hints(context));
 
   let shown: { readonly found: Identified; readonly frames: SceneStops } | null = null;
   const actions = {
     openImage: (id: string) => openImage(context, id),
-    hoverImage: (id: string | null) => signals.imageHovered.emit(id),
+    hoverImage: (id: string | null) => events.imageHovered.emit(id),
     copy: (text: string) => void copyText(page, "Coordinates", text),
   };
   const [about, beside] = [h("div"), h("div")];
@@ -38,9 +38,9 @@ export function pointPart(context: Context): void {
   const query = (point: MapPoint) => {
     view.setMark(point);
     for (const box of [about, beside]) box.replaceChildren();
-    signals.identified.emit({ point, box: beside });
+    events.identified.emit({ point, box: beside });
     const stop = state.get("stop");
-    if (stop !== null) signals.stop.emit({ stop, point, box: about });
+    if (stop !== null) events.stop.emit({ stop, point, box: about });
     shown = null;
     chosen = point;
     panel.replaceChildren(about, beside, h("p", { class: "hint", role: "status" }, "Loading…"));
@@ -58,7 +58,7 @@ export function pointPart(context: Context): void {
   coordinates.changed.on(draw);
   state.follow("pt", (point) => (point ? query(point) : forget()));
   places.add({ title: "Identify", run: (point) => identify(context, point) });
-  signals.click.on(({ point, touched }) => {
+  events.click.on(({ point, touched }) => {
     if (typeof touched?.feature.get("image") === "string") return;
     const isStop = touched?.layer.kind === "stops";
     identify(context, point, isStop ? String(touched.feature.get("stop")) : null);
@@ -67,7 +67,7 @@ export function pointPart(context: Context): void {
 }
 
 function followPointer(context: Context): void {
-  const { page, view, layers, mission, waiting, signals, coordinates, signal } = context;
+  const { page, view, layers, mission, waiting, events, coordinates, signal } = context;
   let timer: ReturnType<typeof setTimeout> | undefined;
   let running: AbortController | null = null;
   const heightOf = (id: string) => {
@@ -92,7 +92,7 @@ function followPointer(context: Context): void {
       })
       .catch((reason: unknown) => waiting.fail(reason));
   };
-  signals.pointer.on((pointed) => {
+  events.pointer.on((pointed) => {
     stop();
     if (!pointed) return;
     showReadout(pointed.point, null);

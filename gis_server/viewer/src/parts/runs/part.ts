@@ -31,7 +31,7 @@ const PAUSE = "No scheduled run of it begins from now on. A run in progress is n
 const RESUME = "Its scheduled runs begin again.";
 
 export function runsPart(context: Context): void {
-  const { page, account, signals, waiting, mission } = context;
+  const { page, account, events, waiting, mission } = context;
   const panel = page.addTab("runs");
   let known: Runs = { runs: [], requests: [], reports: [] };
   let kinds: readonly RunKind[] = [];
@@ -115,7 +115,7 @@ export function runsPart(context: Context): void {
   context.signal.addEventListener("abort", () => clearInterval(timer));
 
   account.changed.on(draw);
-  signals.serverEvent.on(({ kind, document }) => {
+  events.serverEvent.on(({ kind, document }) => {
     if (kind === "requests.changed" && document.state === "refused")
       page.toast(`Refused: ${document.answer ?? "no reason given"}`);
     if (kind === "requests.changed" || kind === "engine.changed" || kind === "reload")

@@ -6,7 +6,7 @@ import type { Context } from "../../session/context";
 
 /** Returns a function to call with each new state of the engine. */
 export function statusIndicator(
-  { page, signals: events, signal: abortSignal }: Context,
+  { page, events, signal }: Context,
   open: () => void,
 ): (engine: Engine | null) => void {
   const server = h("span", { "data-part": "server" });
@@ -27,7 +27,7 @@ export function statusIndicator(
   const watch = new MutationObserver(draw);
   watch.observe(page.connectionLost, { attributes: true, attributeFilter: ["hidden"] });
   events.reconnected.on(draw);
-  abortSignal.addEventListener("abort", () => watch.disconnect());
+  signal.addEventListener("abort", () => watch.disconnect());
   draw();
   return (state) => {
     last = state;

@@ -87,7 +87,7 @@ export class SceneView {
       this.reportShown(at === "standing");
     });
     this.tape = new Tape(this.stage, this.measured, (corners, box) =>
-      context.signals.measure.emit({ corners, box }),
+      context.events.measure.emit({ corners, box }),
     );
     this.route = new Route(stops.stops, origin);
     this.route.enlarge(context.drawing.ellipseFactor);
@@ -208,7 +208,7 @@ export class SceneView {
   dispose(): void {
     this.closing.abort();
     clearTimeout(this.awaiting);
-    this.context.signals.cursor.emit(null);
+    this.context.events.cursor.emit(null);
     this.terrain.dispose();
     this.views?.dispose();
     this.cloud?.dispose();
@@ -387,7 +387,7 @@ export class SceneView {
   }
 
   private listen(): void {
-    const { signals, state } = this.context;
+    const { events, state } = this.context;
     let resting: ReturnType<typeof setTimeout> | undefined;
     this.stage.controls.addEventListener("change", () => {
       clearTimeout(resting);
@@ -395,10 +395,10 @@ export class SceneView {
     });
     this.closing.signal.addEventListener("abort", () => clearTimeout(resting));
     const stops = [
-      signals.pointer.on((pointed) => void this.marker.at(pointed?.point ?? null)),
-      signals.cursor.on((point) => void this.marker.at(point)),
+      events.pointer.on((pointed) => void this.marker.at(pointed?.point ?? null)),
+      events.cursor.on((point) => void this.marker.at(point)),
       state.on("image", (image) => image && this.sights.choose(image.id)),
-      signals.ellipses.on((factor) => this.route.enlarge(factor)),
+      events.ellipses.on((factor) => this.route.enlarge(factor)),
     ];
     this.closing.signal.addEventListener("abort", () => stops.forEach((stop) => stop()));
     const handlers = {
@@ -458,6 +458,6 @@ export class SceneView {
     this.readout.textContent = place
       ? `east ${fixed(east, 2)}  north ${fixed(north, 2)}  elevation ${fixed(up, 2)} m`
       : "";
-    this.context.signals.cursor.emit(place ? [place[0], place[1]] : null);
+    this.context.events.cursor.emit(place ? [place[0], place[1]] : null);
   }
 }

@@ -55,7 +55,7 @@ const factsOf = (feature: Feature<Geometry>): StopFacts => ({
 });
 
 async function go(context: Context, goal: Goal): Promise<void> {
-  const { signals, state } = context;
+  const { events, state } = context;
   switch (goal.to) {
     case "sol":
       state.set("sol", [goal.sol, goal.sol]);
@@ -76,7 +76,7 @@ async function go(context: Context, goal: Goal): Promise<void> {
       );
       return;
     case "place":
-      signals.cursor.emit(goal.point);
+      events.cursor.emit(goal.point);
       fitTo(context, around(goal.point));
       return;
     default:

@@ -150,7 +150,7 @@ export class StereoView {
     this.closing.abort();
     this.resized.disconnect();
     this.display?.dispose();
-    this.context.signals.cursor.emit(null);
+    this.context.events.cursor.emit(null);
   }
 
   private open(display: StereoDisplay): void {
@@ -257,11 +257,11 @@ export class StereoView {
       this.queries.run(async (signal) => {
         const ground = await this.groundAt(at, signal);
         this.element.dataset["ground"] = ground?.join(",") ?? "";
-        this.context.signals.cursor.emit(ground);
+        this.context.events.cursor.emit(ground);
       });
     else {
       this.queries.stop();
-      this.context.signals.cursor.emit(null);
+      this.context.events.cursor.emit(null);
     }
   }
 
@@ -299,7 +299,7 @@ export class StereoView {
   private listen(): void {
     const { signal } = this.closing;
     const { canvas } = this;
-    const { signals } = this.context;
+    const { events } = this.context;
     let dragged = 0;
     const wheel = (event: WheelEvent) => {
       event.preventDefault();
@@ -318,8 +318,8 @@ export class StereoView {
       if (dragged > CLICK_PX) this.see(moved(this.sight, movementX * ratio, movementY * ratio));
     };
     const stops = [
-      signals.pointer.on((pointed) => this.mark(pointed?.point ?? null)),
-      signals.cursor.on((point) => point && this.mark(point)),
+      events.pointer.on((pointed) => this.mark(pointed?.point ?? null)),
+      events.cursor.on((point) => point && this.mark(point)),
     ];
     signal.addEventListener("abort", () => stops.forEach((stop) => stop()));
     canvas.addEventListener("pointerdown", () => (dragged = 0), { signal });

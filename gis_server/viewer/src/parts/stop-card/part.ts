@@ -10,8 +10,8 @@ import { stopCard } from "./card";
 import "./stop-card.css";
 
 export function stopCardPart(context: Context): void {
-  const { mission, layers, view, signals, waiting, signal } = context;
-  signals.stop.on(({ stop, point, box }) =>
+  const { mission, layers, view, events, waiting, signal } = context;
+  events.stop.on(({ stop, point, box }) =>
     waiting.run(async () => {
       const [row, images, panoramas, features] = await Promise.all([
         rowOf(mission.mission, stop, signal),

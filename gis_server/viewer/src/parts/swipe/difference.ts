@@ -36,7 +36,7 @@ function pairOf(a: Layer, b: Layer): Pair {
 }
 
 export const showDifference: Show = (context, comparison, [a, b], box, change) => {
-  const { view, layers, mission, signals, waiting } = context;
+  const { view, layers, mission, events, waiting } = context;
   const pair = pairOf(a, b);
   const set = mission.tile_matrix_set;
   let { most } = comparison;
@@ -63,7 +63,7 @@ export const showDifference: Show = (context, comparison, [a, b], box, change) =
   let isOver = false;
   const moved = () => waiting.run(update);
   view.map.on("moveend", moved);
-  const stop = signals.pointer.on((pointed) => {
+  const stop = events.pointer.on((pointed) => {
     const here = box.querySelector(".here");
     if (here && pointed)
       void valueAt(context, pair, pointed.point).then((text) => (here.textContent = text));

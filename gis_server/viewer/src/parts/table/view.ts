@@ -68,7 +68,7 @@ export class TableView {
     private readonly context: Context,
     private readonly write: (table: Table) => void,
   ) {
-    const { view, signals, layers, mission, state } = context;
+    const { view, events, layers, mission, state } = context;
     this.grid = new Grid(
       {
         sort: (column) => this.sort(column),
@@ -102,10 +102,10 @@ export class TableView {
     view.map.addLayer(this.overlay);
     this.footprints = new ImageFeatures(() => layers.widest("footprints"));
     this.forget = [
-      signals.click.on((pointed) => this.clicked(pointed)),
+      events.click.on((pointed) => this.clicked(pointed)),
       state.on("image", (image) => image && this.mark("image", image.id)),
       layers.replaced.on(() => this.load()),
-      signals.serverEvent.on(({ kind, document }) => {
+      events.serverEvent.on(({ kind, document }) => {
         const isOfEdits = kind === "edits.changed" && document.mission === mission.mission;
         if (isOfEdits && this.subject.key === "annotations") this.load();
       }),

@@ -38,7 +38,7 @@ export function traversePart(context: Context): void {
 }
 
 function sizeEllipses(
-  { drawing, signals, view }: Context,
+  { drawing, events, view }: Context,
   features: readonly Feature<Geometry>[],
   rows: readonly StopRow[],
 ): void {
@@ -50,6 +50,6 @@ function sizeEllipses(
     Math.max(...easts) - Math.min(...easts),
   );
   drawing.ellipseFactor = ellipseFactor(Math.max(0, ...majors), Math.max(extent, STOP_VIEW_M));
-  signals.ellipses.emit(drawing.ellipseFactor);
+  events.ellipses.emit(drawing.ellipseFactor);
   view.redraw();
 }
