@@ -2,10 +2,13 @@
 
 import functools
 import re
+import subprocess
+import textwrap
 from pathlib import Path
 
 import pytest
 
+import solmap
 from tests.support.pages import GENERATED, REFERENCE, all_commands, page
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -131,6 +134,53 @@ def test_make_targets_and_test_files_in_documents_exist(document):
     assert [
         path for path in re.findall(r"tests/[\w/]+\.py", text) if not (ROOT / path).is_file()
     ] == []
+
+
+BLOCK = re.compile(
+    r"^```\w*\n(.*?)^```$|(^ {4}\S[^\n]*\n(?:(?: {4}[^\n]*)?\n)*)", re.DOTALL | re.MULTILINE
+)
+SHELL = {"export", "git", "make", "npm", "podman", "prefect", "pytest", "python", "solmap", "sudo"}
+
+
+def blocks(text: str) -> list[str]:
+    """Code between fences and indented code, without the indent."""
+    return [fenced or textwrap.dedent(indented) for fenced, indented in BLOCK.findall(text)]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_shell_commands_in_documents_parse(document):
+    for block in blocks(document.read_text()):
+        if Path(block.split()[0]).name in SHELL:
+            parsed = subprocess.run(
+                ["/bin/bash", "-n"], input=block, capture_output=True, text=True, check=False
+            )
+            assert parsed.stderr == "", block
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_python_in_documents_compiles_and_names_what_solmap_has(document):
+    for block in blocks(document.read_text()):
+        if not re.match(r"(?:import|from) \w", block):
+            continue
+        compile(block, document.name, "exec")
+        for name in re.findall(r"\bsolmap\.([A-Za-z_]\w*)", block):
+            assert hasattr(solmap, name), f"{document.name}: solmap.{name}"
+
+
+def test_prefect_commands_in_documents_are_those_that_a_test_runs():
+    ran = (ROOT / "tests" / "integration" / "test_deployments.py").read_text()
+    text = (ROOT / "docs" / "how-to" / "deploy.md").read_text()
+    lines = re.findall(r"^ {4}prefect (.*)$", text, re.MULTILINE)
+    assert len(lines) > 4
+    assert [
+        line for line in lines if not all(f'"{word}"' in ran for word in line.split()[:2])
+    ] == []
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_files_of_deploy_and_config_in_documents_exist(document):
+    named = re.findall(r"\b((?:deploy|config)/[\w./-]*\w)", document.read_text())
+    assert [path for path in named if not (ROOT / path).exists()] == []
 
 
 def test_links_of_pages_outside_the_site_lead_to_files():
