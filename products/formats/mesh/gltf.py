@@ -291,7 +291,9 @@ def read_glb(data: bytes) -> tuple[dict[str, Any], bytes]:
         document = json.loads(data[20 : 20 + length])
         (size,) = struct.unpack_from("<I", data, 20 + length)
     except (struct.error, ValueError) as error:
-        raise ProductError(f"this glTF binary is broken: {error}; make it again") from error
+        raise ProductError(
+            f"this glTF binary is broken: {error}; `solmap check --repair` and a new run replace it"
+        ) from error
     return document, data[28 + length : 28 + length + size]
 
 

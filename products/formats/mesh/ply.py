@@ -58,10 +58,16 @@ def read_ply(path: Path) -> np.ndarray:
     end = head.find(_END)
     counts = [line for line in head[: max(end, 0)].split(b"\n") if line.startswith(b"element ver")]
     if end < 0 or not head.startswith(b"ply\n") or len(counts) != 1:
-        raise ProductError(f"{path.name} is not a point cloud of solmap; make it again")
+        raise ProductError(
+            f"{path.name} is not a point cloud of solmap; "
+            "`solmap check --repair` and a new run replace it"
+        )
     count, start = int(counts[0].split()[-1]), end + len(_END)
     if path.stat().st_size != start + count * _ROW.itemsize:
-        raise ProductError(f"{path.name} does not contain its {count} points; make it again")
+        raise ProductError(
+            f"{path.name} does not contain its {count} points; "
+            "`solmap check --repair` and a new run replace it"
+        )
     return np.memmap(path, _ROW, "r", offset=start, shape=(count,))
 
 

@@ -202,7 +202,10 @@ def read_member(path: Path, name: str) -> bytes:
     except KeyError as error:
         raise ProductNotFoundError(f"{path.name} has no member {name!r}") from error
     except (OSError, zipfile.BadZipFile) as error:
-        raise ProductError(f"{path.name} is not a tileset: {error}; make it again") from error
+        raise ProductError(
+            f"{path.name} is not a tileset: {error}; "
+            "`solmap check --repair` and a new run replace it"
+        ) from error
 
 
 def read_tileset(path: Path) -> dict[str, Any]:

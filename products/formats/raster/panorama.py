@@ -111,7 +111,10 @@ def read_panorama_facts(dataset: rasterio.DatasetReader) -> PanoramaFacts:
     """
     text = dataset.tags().get(_TAG)
     if text is None:
-        raise ProductError(f"{dataset.name} is not a panorama: it has no tag {_TAG}; make it again")
+        raise ProductError(
+            f"{dataset.name} is not a panorama: it has no tag {_TAG}; "
+            "`solmap check --repair` and a new run replace it"
+        )
     facts = json.loads(text)
     at = dataset.transform
     grid = AngleGrid(at.c, at.f, at.a, dataset.height, dataset.width)

@@ -309,7 +309,8 @@ def read_placed(path: Path) -> PlacedFeatures:
         raise ProductNotFoundError(f"{path.name} does not exist") from error
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise ProductError(
-            f"{path.name} is not a feature collection of a landing site: {error!r}; make it again"
+            f"{path.name} is not a feature collection of a landing site: {error!r}; "
+            "`solmap check --repair` and a new run replace it"
         ) from error
 
 

@@ -88,7 +88,7 @@ const OWN: Readonly<Record<Exclude<Quantity, "value">, Own>> = {
     band: "standard_deviation",
   },
   pose: {
-    title: "Deviation by the rover's pose",
+    title: "Pose deviation",
     ramp: "inferno",
     range: [0, 0.1],
     unit: "m",

@@ -71,7 +71,7 @@ export function comparisonPanel(
       "p",
       { class: "hint" },
       "Swipe: A to the left of the divider, B to the right. Difference: A − B in every cell. " +
-        "To let a layer flicker use its button in the list on the left. Earlier versions of a layer are listed " +
+        "To flicker a layer, use its button in the list on the left. Earlier versions of a layer are listed " +
         "with its details there.",
     ),
   );
