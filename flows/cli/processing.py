@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -217,6 +218,7 @@ def serve(
 
     settings = Settings()
     address, listening_port = host or settings.host, port or settings.port
+    _require_free(address, listening_port)
     os.environ["SOLMAP_STORE"] = str(root)
     print_line(f"map at http://{address}:{listening_port}/  (Ctrl-C stops)")
     uvicorn.run(
@@ -262,6 +264,7 @@ def up(
     with end_on_signals(stopping.set), try_lock(root / "up.lock") as is_alone:
         if not is_alone:
             fail(f"another `solmap up` runs on {root}; stop it first")
+        _require_free(settings.host, settings.port)
         machine = Machine(settings, print_line)
         try:
             machine.start()
@@ -273,6 +276,15 @@ def up(
         finally:
             machine.stop()
     print_line("stopped; what was made is kept")
+
+
+def _require_free(host: str, port: int) -> None:
+    """End the command if nothing can listen at an address, before something says that it does."""
+    try:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        socket.create_server((host, port), family=family).close()
+    except OSError as error:
+        fail(f"cannot listen at {host}:{port}: {error.strerror}; choose another with --port")
 
 
 @contextmanager

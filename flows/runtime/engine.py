@@ -210,7 +210,7 @@ def start_engine(store: Path, flows: str = "prefect.main") -> None:
     prepare_engine(store)
     if os.environ.get("PREFECT_API_URL"):
         return
-    port = _free_port()
+    port = free_port()
     child = engine_child(store, port, has_pages=False)
     child.start()
     atexit.register(child.stop)
@@ -229,7 +229,8 @@ def _keep_alive(child: Child) -> None:
         time.sleep(_POLL_S)
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """A port of this machine that nothing listens at."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

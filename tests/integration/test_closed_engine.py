@@ -16,10 +16,10 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from solmap.flows.runtime.engine import (
-    _free_port,
     address,
     await_engine,
     engine_child,
+    free_port,
     password_file,
     prepare_engine,
 )
@@ -40,7 +40,7 @@ class Engine:
                 del os.environ[name]
             prepare_engine(store)
             os.environ["PREFECT_SERVER_SERVICES_DB_VACUUM_LOOP_SECONDS"] = "5"
-            self.port = _free_port()
+            self.port = free_port()
             self.child = engine_child(store, self.port, has_pages=True)
             self.child.start()
         finally:

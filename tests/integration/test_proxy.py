@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import re
 import shutil
-import socket
 import ssl
 import subprocess
 import sys
@@ -25,6 +24,7 @@ from fastapi.testclient import TestClient
 from typer.testing import CliRunner
 
 from solmap.flows.cli import app as command_line
+from solmap.flows.runtime.engine import free_port
 from solmap.gis_server.app import create_app
 from solmap.products.catalogue.workspace import Workspace
 from solmap.tasks.mission.publish import update_stac
@@ -110,9 +110,10 @@ def test_routes_see_the_path_without_the_proxy_prefix(root):
 def test_only_trusted_proxies_set_the_scheme(root, trusted, scheme, monkeypatch):
     monkeypatch.setenv("SOLMAP_TRUSTED_PROXIES", trusted)
     monkeypatch.setenv("FORWARDED_ALLOW_IPS", "*")
+    command = ["serve", "--store", str(root), "--port", str(free_port())]
     given = {}
     monkeypatch.setattr(uvicorn, "run", lambda _app, **options: given.update(options))
-    assert CliRunner().invoke(command_line, ["serve", "--store", str(root)]).exit_code == 0
+    assert CliRunner().invoke(command_line, command).exit_code == 0
     del given["factory"]
     config = uvicorn.Config(create_app(root), **given)
     config.load()
@@ -151,9 +152,7 @@ def proxy(request, served, certificate, tmp_path_factory):
     if program is None:
         pytest.skip(f"{request.param} is not installed")
     folder = tmp_path_factory.mktemp(request.param)
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     text = re.search(rf"```{request.param}\n(.*?)```", HOW_TO.read_text(), re.DOTALL)[1]
     text = text.replace("127.0.0.1:8765", f"127.0.0.1:{served}")
     command = (_nginx if request.param == "nginx" else _caddy)(

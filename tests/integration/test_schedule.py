@@ -5,7 +5,6 @@ The pins in pyproject.toml avoid the two known ones; this test notices the next.
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -14,6 +13,8 @@ import urllib.request
 from pathlib import Path
 
 import pytest
+
+from solmap.flows.runtime.engine import free_port
 
 SCRIPT = """
 from pathlib import Path
@@ -27,13 +28,6 @@ def leave_a_mark(marker: str) -> None:
 if __name__ == "__main__":
     serve(leave_a_mark.to_deployment("marks", interval=5, parameters={"marker": "MARKER"}))
 """
-
-
-@pytest.fixture
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def wait_until(condition, seconds: float, what: str) -> None:
@@ -63,11 +57,12 @@ def stop(process: subprocess.Popen) -> None:
 
 
 @pytest.mark.timeout(700)
-def test_a_scheduled_deployment_starts_at_its_time(tmp_path: Path, free_port: int):
+def test_a_scheduled_deployment_starts_at_its_time(tmp_path: Path):
+    port = free_port()
     marker = tmp_path / "marker"
     script = tmp_path / "deployment.py"
     script.write_text(SCRIPT.replace("MARKER", str(marker)))
-    api = f"http://127.0.0.1:{free_port}/api"
+    api = f"http://127.0.0.1:{port}/api"
     environment = {
         # not the engine, nor its password, of tests that ran before in this process
         **{name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")},
@@ -81,7 +76,7 @@ def test_a_scheduled_deployment_starts_at_its_time(tmp_path: Path, free_port: in
     log = (tmp_path / "log").open("w")
     start = {"env": environment, "stdout": log, "stderr": log, "start_new_session": True}
     server = subprocess.Popen(
-        [sys.executable, "-m", "prefect", "server", "start", "--port", str(free_port)], **start
+        [sys.executable, "-m", "prefect", "server", "start", "--port", str(port)], **start
     )
     try:
         wait_until(lambda: answers(f"{api}/health"), 300, "the server answers")

@@ -16,18 +16,10 @@ from pathlib import Path
 import psutil
 import pytest
 
+from solmap.flows.runtime.engine import free_port
+
 PATIENCE_S = 180.0
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
-
-
-def free_ports(number: int) -> list[int]:
-    probes = [socket.socket() for _ in range(number)]
-    for probe in probes:
-        probe.bind(("127.0.0.1", 0))
-    ports = [probe.getsockname()[1] for probe in probes]
-    for probe in probes:
-        probe.close()
-    return ports
 
 
 def until(holds, what: str, seconds: float = PATIENCE_S):
@@ -58,7 +50,7 @@ class Up:
 
     def __init__(self, root: Path) -> None:
         self.root, self.inbox = root, root / "inbox"
-        engine, self.port = free_ports(2)
+        engine, self.port = free_port(), free_port()
         self.map = f"http://127.0.0.1:{self.port}"
         self.engine = f"http://127.0.0.1:{engine}/api"
         self.environment = {**os.environ, "SOLMAP_ENGINE_PORT": str(engine)}

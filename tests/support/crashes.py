@@ -34,7 +34,7 @@ import numpy as np
 import psutil
 
 from solmap.flows.runtime.children import Child
-from solmap.flows.runtime.engine import _free_port, await_engine, engine_child, use_engine
+from solmap.flows.runtime.engine import await_engine, engine_child, free_port, use_engine
 from solmap.products.catalogue.maintenance.backups import restore
 from solmap.products.catalogue.workspace import Workspace
 from tests.support.kill_moments import Moment, Watch
@@ -160,7 +160,7 @@ class CrashTest:
         shutil.rmtree(store, ignore_errors=True)
         shutil.rmtree(self.backups, ignore_errors=True)
         Workspace.open(store)
-        port = _free_port()
+        port = free_port()
         server, onlooker = self.server(store, port), Onlooker(port)
         onlooker.start()
         before: set[str] = set()
@@ -380,7 +380,7 @@ def _engine(folder: Path) -> Child | None:
     """A server of Prefect for all flows; None where the environment names one."""
     if os.environ.get("PREFECT_API_URL"):
         return None
-    port = _free_port()
+    port = free_port()
     os.environ["PREFECT_HOME"] = str(folder / "prefect")
     (folder / "prefect").mkdir(exist_ok=True)
     engine = engine_child(folder, port, has_pages=False)

@@ -6,7 +6,6 @@ import contextlib
 import json
 import os
 import queue
-import socket
 import subprocess
 import sys
 import threading
@@ -17,6 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
+
+from solmap.flows.runtime.engine import free_port
 
 _SERVE = (
     "import sys, pathlib, uvicorn; from solmap.gis_server.app import create_app; "
@@ -47,9 +48,7 @@ def serving(root: Path) -> Iterator[str]:
 @contextlib.contextmanager
 def running(command: list[str], environment: Mapping[str, str] | None = None) -> Iterator[Server]:
     """The server that `command`, with a free port as its last word, starts; it answers /healthz."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     process = subprocess.Popen([*command, str(port)], env={**os.environ, **(environment or {})})
     server = Server(port, process.pid)
     try:

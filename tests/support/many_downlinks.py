@@ -43,7 +43,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from solmap.flows.runtime.children import module_command
-from solmap.flows.runtime.engine import _free_port
+from solmap.flows.runtime.engine import free_port
 from tests.support.crash_targets import Onlooker
 from tests.support.small_downlink import FEW_LAYERS, write_coarse_pipeline, write_small_downlink
 
@@ -82,7 +82,7 @@ class Rig:
 
     folder: Path
     stops: int
-    port: int = field(default_factory=_free_port)
+    port: int = field(default_factory=free_port)
     editions: Counter[int] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
@@ -115,7 +115,7 @@ class Rig:
         environment = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT_")} | {
             "SOLMAP_PIPELINE": str(self.folder / "coarse.toml"),
             "SOLMAP_INBOX_SETTLE_S": "1",
-            "SOLMAP_ENGINE_PORT": str(_free_port()),
+            "SOLMAP_ENGINE_PORT": str(free_port()),
             "PREFECT_RUNNER_POLL_FREQUENCY": "1",
             "PREFECT_SERVER_SERVICES_DB_VACUUM_LOOP_SECONDS": "120",
         }

@@ -20,6 +20,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from solmap.flows.runtime.engine import free_port
+
 _BUFFER = 1 << 16
 
 
@@ -76,9 +78,7 @@ def running_object_store(folder: Path) -> Iterator[ObjectStore]:
     """
     if importlib.util.find_spec("moto") is None or importlib.util.find_spec("obstore") is None:
         raise NoObjectStoreError("moto's S3 server or obstore is not installed")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     log = folder / "requests.log"
     command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
     with log.open("w") as opened:

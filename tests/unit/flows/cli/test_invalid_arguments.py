@@ -5,6 +5,7 @@ import logging
 import os
 import random
 import shutil
+import socket
 
 import pytest
 import typer
@@ -297,3 +298,13 @@ def test_a_wrong_setting_ends_a_command_with_a_line(monkeypatch):
         "warning SOLMAP_STOR is not a setting of solmap; did you mean SOLMAP_STORE?" in ended.stderr
     )
     assert "error SOLMAP_PORT=abc: it should be a valid integer" in ended.stderr
+
+
+@pytest.mark.parametrize("command", ["serve", "up"])
+def test_a_port_in_use_is_named_before_anything_starts(command, stores):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        said = CLI.invoke(app, [command, "--store", str(stores / "whole"), "--port", port])
+    assert said.exit_code == 1
+    assert f"cannot listen at 127.0.0.1:{port}" in " ".join(said.output.split())
+    assert "map at" not in said.output
