@@ -84,7 +84,7 @@ def run(
     folder, recipe = downlink.resolve() if downlink else None, _pipeline_of(pipeline)
     if folder and not stated and not _holds_anything_of_use(folder):
         _note_faults(folder, root, as_json=as_json)
-    with _engine_of(root, "solmap.flows.downlink"):
+    with engine_of(root, "solmap.flows.downlink"):
         from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - Prefect is ready now
 
         report = process_downlink(folder, root, recipe, places=stated)
@@ -134,7 +134,7 @@ def adjust(
     """Adjust all stops of a mission in one adjustment, and map again the stops that move."""
     root, name = existing_store(store).absolute(), mission_of(mission, store)
     recipe = _pipeline_of(pipeline)
-    with _engine_of(root, "solmap.flows.overall"):
+    with engine_of(root, "solmap.flows.overall"):
         from solmap.flows.overall import readjust  # noqa: PLC0415 - Prefect is ready now
 
         report = readjust(name, root, recipe)
@@ -170,7 +170,7 @@ def fetch(  # noqa: PLR0913 - options
     of_mission = load_archive(addresses).mission(mission)
     for name in () if raw else instrument or ():
         of_mission.volume(name)
-    with _engine_of(folder / ".fetch", "solmap.flows.fetch"):
+    with engine_of(folder / ".fetch", "solmap.flows.fetch"):
         from solmap.flows.fetch import fetch_archive  # noqa: PLC0415 - Prefect is ready now
 
         report = fetch_archive(
@@ -288,14 +288,16 @@ def _require_free(host: str, port: int) -> None:
 
 
 @contextmanager
-def _engine_of(store: Path, flows: str) -> Iterator[None]:
+def engine_of(store: Path, flows: str) -> Iterator[None]:
     """Run an engine for the flows of a module in the block, and show its progress."""
-    from solmap.flows.runtime.engine import start_engine  # noqa: PLC0415 - slow to import
+    from solmap.flows.runtime.engine import BY_COMMAND, start_engine  # noqa: PLC0415 - slow to import
     from solmap.flows.runtime.stopping import end_on_signals  # noqa: PLC0415
 
     with end_on_signals():
         start_engine(store, flows)
-        with progress_shown():
+        from prefect import tags  # noqa: PLC0415 - after the engine's settings
+
+        with progress_shown(), tags(BY_COMMAND):
             yield
 
 

@@ -17,6 +17,7 @@ downlink's. `leave_folder` changes to a folder of the store before Prefect is im
 from __future__ import annotations
 
 import atexit
+import base64
 import contextlib
 import errno
 import importlib
@@ -37,6 +38,8 @@ from solmap.products.store.faults import require_writable
 from solmap.products.store.process import use_one_heap
 
 log = logging.getLogger(__name__)
+BY_COMMAND = "by-command"
+"""Tag of runs that a command started, not the scheduler."""
 _START_S = 300.0
 """Longest time of a start, which at first makes a database, on a loaded machine."""
 _POLL_S = 0.5
@@ -189,10 +192,31 @@ def await_engine(child: Child, port: int) -> None:
         time.sleep(0.2)
 
 
+def port_file(store: Path) -> Path:
+    """The file with the port of the server that `solmap up` runs; absent when it stops."""
+    return store / "prefect" / "port"
+
+
+def running_engine(store: Path) -> int | None:
+    """Port of the server that `solmap up` runs for a store; None if there is none.
+
+    A server of another store, or a stranger's at the same port, does not accept the password.
+    """
+    try:
+        port = int(port_file(store).read_text())
+    except (OSError, ValueError):
+        return None
+    request = urllib.request.Request(f"{address(port)}/api/admin/version")  # noqa: S310 - our own
+    password = base64.b64encode(password_file(store).read_bytes()).decode()
+    request.add_header("Authorization", f"Basic {password}")
+    return port if _answers(request) else None
+
+
 def start_engine(store: Path, flows: str = "prefect.main") -> None:
     """Run a server until this process ends; call before the first import of a flow.
 
-    The server in `PREFECT_API_URL` is used if set. The server is stopped after Prefect has sent its
+    The server in `PREFECT_API_URL` is used if set, else that of a running `solmap up`, which saves
+    its start. A server started here is stopped after Prefect has sent its
     last messages: exit handlers run in reverse order.
 
     Args:
@@ -209,6 +233,9 @@ def start_engine(store: Path, flows: str = "prefect.main") -> None:
     leave_folder(store)
     prepare_engine(store)
     if os.environ.get("PREFECT_API_URL"):
+        return
+    if (running := running_engine(store)) is not None:
+        use_engine(store, running)
         return
     port = free_port()
     child = engine_child(store, port, has_pages=False)
@@ -236,9 +263,9 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def _answers(url: str) -> bool:
+def _answers(request: str | urllib.request.Request) -> bool:
     try:
-        with urllib.request.urlopen(url, timeout=2) as answer:  # noqa: S310 - our own server
+        with urllib.request.urlopen(request, timeout=2) as answer:  # noqa: S310 - our own server
             return bool(answer.status == 200)  # noqa: PLR2004 - HTTP's OK
     except OSError:
         return False

@@ -21,6 +21,7 @@ from solmap.flows.runtime.engine import (
     await_engine,
     engine_child,
     leave_folder,
+    port_file,
     prepare_engine,
     use_engine,
 )
@@ -72,9 +73,10 @@ class Machine:
         engine = engine_child(self.store, self.settings.engine_port, has_pages=True)
         self._keep(engine)
         await_engine(engine, self.settings.engine_port)
+        port_file(self.store).write_text(str(self.settings.engine_port))
         from solmap.flows.service import submission  # noqa: PLC0415 - after the engine's settings
 
-        if dead := submission.mark_crashed_runs():
+        if dead := submission.mark_crashed_runs(of_commands=True):
             self.report(f"{dead} runs ended with the last `solmap up`; their products are kept")
         self._child("scheduler", *module_command("solmap.flows.service.deployments"))
         self._child("map", *module_command("solmap.flows.cli", "serve", *self._address()))
@@ -102,6 +104,7 @@ class Machine:
 
     def stop(self) -> None:
         """Stop the map and the scheduler with its runs, then the engine; a few seconds in all."""
+        port_file(self.store).unlink(missing_ok=True)
         first = [child for name, child in self._children.items() if name != "engine"]
         for child in first:
             child.request_end()
@@ -178,7 +181,7 @@ class Machine:
             return
         from solmap.flows.service import submission  # noqa: PLC0415 - after the engine's settings
 
-        submission.mark_crashed_runs()
+        submission.mark_crashed_runs(of_commands=False)
         self._scheduler_died = False
 
     def _check_requests(self) -> None:

@@ -28,6 +28,7 @@ from prefect.types import DateTime
 
 from solmap.config.run_parameters import RUN_KINDS
 from solmap.config.workspace import open_catalogue
+from solmap.flows.runtime.engine import BY_COMMAND
 from solmap.flows.service.deployments import DOWNLINK
 from solmap.products.catalogue.edits import RequestKind, RequestState, RunRequest, RunRequests
 from solmap.products.catalogue.events import REQUESTS_CHANGED
@@ -142,18 +143,26 @@ def final_state(submitted: SubmittedRun) -> str | None:
     return state.type.value if state is not None and state.is_final() else None
 
 
-def mark_crashed_runs() -> int:
-    """Mark all runs in the state "running" as crashed; returns their number.
+def mark_crashed_runs(*, of_commands: bool) -> int:
+    """Mark runs in the state "running" as crashed; returns their number.
 
-    Called while no scheduler runs, so that none of them can be running.
+    Called while no scheduler runs, so that none of its runs can be running.
+
+    Args:
+        of_commands: Whether runs that commands such as `solmap run` started are marked too: not
+            while the server works, because they may be running.
     """
-    number, sort = 0, FlowRunSort.START_TIME_ASC
+    number, kept, sort = 0, 0, FlowRunSort.START_TIME_ASC
     with _client() as client:
-        while dead := client.read_flow_runs(flow_run_filter=_of_types(_TAKEN), sort=sort, limit=50):
+        while found := client.read_flow_runs(
+            flow_run_filter=_of_types(_TAKEN), sort=sort, limit=50, offset=kept
+        ):
+            dead = [run for run in found if of_commands or BY_COMMAND not in run.tags]
             for run in dead:
                 message = "solmap ended while this ran; the next run continues"
                 client.set_flow_run_state(run.id, Crashed(message=message), force=True)
             number += len(dead)
+            kept += len(found) - len(dead)
     return number
 
 

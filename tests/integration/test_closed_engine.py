@@ -1,9 +1,11 @@
-"""Prefect's server as solmap starts it gives nothing to clients without its password."""
+"""Prefect's server as solmap starts it: nothing without its password; commands reuse it."""
 
 import json
 import os
 import re
 import sqlite3
+import subprocess
+import sys
 import time
 from collections import Counter
 from contextlib import closing
@@ -21,7 +23,9 @@ from solmap.flows.runtime.engine import (
     engine_child,
     free_port,
     password_file,
+    port_file,
     prepare_engine,
+    running_engine,
 )
 
 WRITES = {"post", "put", "patch", "delete"}
@@ -183,3 +187,77 @@ def test_old_runs_are_removed_and_recent_ones_kept(engine, deployment):
         assert time.monotonic() < end, "an old run is still there"
         time.sleep(0.5)
     assert engine.friend.get(f"/api/flow_runs/{young}").status_code == 200
+
+
+@pytest.fixture
+def offered(engine):
+    """The server as `solmap up` offers it to commands on its store."""
+    port_file(engine.store).write_text(str(engine.port))
+    yield engine
+    port_file(engine.store).unlink()
+
+
+def test_only_the_server_of_the_same_store_is_used(offered, tmp_path):
+    assert running_engine(offered.store) == offered.port
+    other = tmp_path / "other"
+    assert running_engine(other) is None
+    password_file(other)
+    port_file(other).write_text(str(offered.port))
+    assert running_engine(other) is None
+    port_file(offered.store).write_text(str(free_port()))
+    assert running_engine(offered.store) is None
+
+
+def environment() -> dict[str, str]:
+    """What a command gets: nothing about a server."""
+    return {name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")}
+
+
+COMMAND = """
+import os
+import sys
+from pathlib import Path
+from solmap.flows.cli.processing import engine_of
+
+with engine_of(Path(sys.argv[1]), "prefect.main"):
+    from prefect import flow
+    flow(lambda: None, name="short")()
+    print(os.environ["PREFECT_API_URL"])
+"""
+
+
+def test_a_command_runs_on_the_server_that_is_there(offered):
+    ran = subprocess.run(
+        (sys.executable, "-c", COMMAND, offered.store),
+        env=environment(),
+        check=True,
+        timeout=120,
+        capture_output=True,
+        text=True,
+    )
+    assert ran.stdout.splitlines()[-1] == f"{offered.url}/api"
+    found = offered.request("/flow_runs/filter", {"flows": {"name": {"any_": ["short"]}}})
+    assert [run["tags"] for run in found] == [["by-command"]]
+    assert found[0]["state"]["type"] == "COMPLETED"
+
+
+def test_a_dead_scheduler_does_not_end_runs_of_commands(offered):
+    flow = offered.request("/flows/", {"name": "harmless"})["id"]
+    running = {"flow_id": flow, "state": {"type": "RUNNING"}}
+    own = offered.request("/flow_runs/", {**running, "tags": ["by-command"]})["id"]
+    scheduled = offered.request("/flow_runs/", running)["id"]
+    for of_commands, expected in ((False, ["RUNNING", "CRASHED"]), (True, ["CRASHED"] * 2)):
+        script = (
+            "from solmap.flows.service.submission import mark_crashed_runs\n"
+            f"mark_crashed_runs(of_commands={of_commands})"
+        )
+        client = {
+            "PREFECT_API_URL": f"{offered.url}/api",
+            "PREFECT_API_AUTH_STRING": password_file(offered.store).read_text(),
+        }
+        subprocess.run((sys.executable, "-c", script), env={**environment(), **client}, check=True)
+        states = [
+            offered.friend.get(f"/api/flow_runs/{run}").json()["state"]["type"]
+            for run in (own, scheduled)
+        ]
+        assert states == expected
