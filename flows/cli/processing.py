@@ -279,7 +279,7 @@ def up(
 
 
 def _require_free(host: str, port: int) -> None:
-    """End the command if nothing can listen at an address, before something says that it does."""
+    """End the command if nothing can listen at an address; called before the address is printed."""
     try:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         socket.create_server((host, port), family=family).close()
