@@ -200,7 +200,7 @@ def port_file(store: Path) -> Path:
 def running_engine(store: Path) -> int | None:
     """Port of the server that `solmap up` runs for a store; None if there is none.
 
-    A server of another store, or a stranger's at the same port, does not accept the password.
+    Another server at the same port does not accept the store's password.
     """
     try:
         port = int(port_file(store).read_text())
