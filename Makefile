@@ -16,7 +16,9 @@ export DO_NOT_TRACK = 1
 # Compiled modules are kept, whatever the caller's environment says: tests start hundreds of processes.
 export PYTHONDONTWRITEBYTECODE =
 
-PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-deps
+PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-compile
+# On all processors; pip compiles on one.
+COMPILE := $(BIN)/python -m compileall -q -j 0 $(VENV)/lib
 
 .PHONY: setup cluster develop viewer demo test test-all unit integration e2e test-viewer test-wheel check audit bench accuracy peers fuzz screenshots docs wheel clean
 
@@ -26,18 +28,21 @@ $(VENV)/.installed: requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(PIP_INSTALL) --requirement requirements.lock
 	$(PIP_INSTALL) --editable .
+	$(COMPILE)
 	touch $@
 
 cluster: $(VENV)/.cluster  ## Also what PostgreSQL, an object store and Dask need.
 
 $(VENV)/.cluster: $(VENV)/.installed requirements-cluster.lock
 	$(PIP_INSTALL) --requirement requirements-cluster.lock
+	$(COMPILE)
 	touch $@
 
 develop: $(VENV)/.develop  ## Also what tests, checks and documentation need.
 
 $(VENV)/.develop: $(VENV)/.cluster requirements-dev.lock
 	$(PIP_INSTALL) --requirement requirements-dev.lock
+	$(COMPILE)
 	touch $@
 
 # npm is the machine's if it has one, else that of a Python package that carries Node.
@@ -47,6 +52,7 @@ NPM_INSTALLED := $(if $(HAVE_NPM),,$(VENV)/.node-installed)
 
 $(VENV)/.node-installed: requirements-node.lock $(VENV)/.installed
 	$(PIP_INSTALL) --requirement requirements-node.lock
+	$(COMPILE)
 	touch $@
 
 viewer: $(VIEWER)/dist/index.html
@@ -54,12 +60,15 @@ viewer: $(VIEWER)/dist/index.html
 $(VIEWER)/dist/index.html: $(NPM_INSTALLED) $(shell find $(VIEWER)/src $(VIEWER)/index.html $(VIEWER)/package-lock.json $(VIEWER)/vite.config.ts 2>/dev/null)
 	cd $(VIEWER) && $(NPM) ci --no-audit --no-fund --silent && $(NPM) run --silent build -- --logLevel error
 
-demo: setup viewer  ## A synthetic downlink through every stage to the map in the browser.
+demo:  ## A synthetic downlink through every stage to the map in the browser.
+	$(MAKE) --jobs 2 setup viewer
 	@test -f $(DOWNLINK)/orbital/orbital.tif || $(BIN)/solmap simulate $(DOWNLINK) --stops 2 --seed 1
-	$(BIN)/solmap run $(DOWNLINK) --store $(STORE)
-	$(BIN)/solmap orbital add $(DOWNLINK)/orbital/orbital.tif --no-control --store $(STORE)
-	$(BIN)/solmap positions --store $(STORE)
-	$(BIN)/solmap serve --store $(STORE) --port $(PORT)
+	@mkdir -p $(STORE)/drafts  # an empty store: the map answers at once, and shows layers as they come
+	@$(BIN)/solmap serve --store $(STORE) --port $(PORT) & trap "kill $$! 2> /dev/null" EXIT; \
+	$(BIN)/solmap run $(DOWNLINK) --store $(STORE) && \
+	$(BIN)/solmap orbital add $(DOWNLINK)/orbital/orbital.tif --no-control --store $(STORE) && \
+	$(BIN)/solmap positions --store $(STORE) && \
+	echo "the map is complete; Ctrl-C stops its server" && wait $$!
 
 # `make test` tries the same examples each time; `make test-all` looks for more.
 REPEATABLE := --hypothesis-profile=repeatable
@@ -69,7 +78,8 @@ REPEATABLE := --hypothesis-profile=repeatable
 PARALLEL := --numprocesses 2 --dist loadfile
 SUITES := unit integration e2e
 
-test: develop viewer  ## Everything that continuous integration asks for.
+test:  ## Everything that continuous integration asks for.
+	$(MAKE) --jobs 2 develop viewer
 	$(MAKE) --jobs 2 check test-viewer
 	$(MAKE) --jobs 3 $(SUITES) PYTEST='-m "not slow" $(REPEATABLE)'
 
