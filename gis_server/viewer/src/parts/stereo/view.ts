@@ -29,7 +29,7 @@ export class StereoView {
   readonly element: HTMLElement;
   private readonly canvas = h("canvas", { tabindex: 0, role: "img" });
   private readonly host = h("div", { class: "stereo-view" }, this.canvas);
-  private readonly status = h("output", { class: "hint" });
+  private readonly status = h("output");
   private readonly choice: HTMLSelectElement;
   private readonly ways: HTMLSelectElement;
   private readonly slider: HTMLInputElement;
@@ -156,6 +156,7 @@ export class StereoView {
   private open(display: StereoDisplay): void {
     const most = Math.round(display.width / 2);
     Object.assign(this.slider, { min: String(-most), max: String(most), step: "1" });
+    this.status.className = display.isLinearised ? "hint" : "";
     this.status.textContent = display.isLinearised
       ? "Rows correspond exactly. Arrow keys: parallax; plus and minus, wheel: nearer; drag: move."
       : "This pair was not matched: its images are not epipolar, rows may differ.";
