@@ -119,4 +119,4 @@ def test_the_stereo_view_shows_the_pair_of_the_open_image(page, pair_url):
     page.wait_for_selector('.stereo[data-settled="true"]', timeout=30_000)
     label = page.locator(".stereo-view canvas").get_attribute("aria-label")
     assert label == "stereo pair 2N140200000EDN1100P1600L0M1 and 2N140200000EDN1100P1600R0M1"
-    assert "was not matched" in page.locator(".stereo .hint").inner_text()
+    assert "was not matched" in page.locator(".stereo-controls > output").inner_text()
