@@ -9,7 +9,7 @@ import numpy as np
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.raster.raster import summarise, write_raster
 from solmap.products.model import Layer, ProductKind, Recipe
-from tests.support.bowl_store import CRS, GRID, REGION
+from tests.support.bowl_store import CRS, GRID, REGION, fill
 from tests.support.browsing import (
     at,
     colour_at,
@@ -19,6 +19,7 @@ from tests.support.browsing import (
     screenshot,
     until,
 )
+from tests.support.live_server import serving
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,3 +116,14 @@ def test_a_failed_request_for_the_list_is_repeated(page, workspace, live):
     page.unroute("**/layers")
     until(page, lambda: page.locator('li.layer[data-kind="roughness"]').count() == 1)
     until(page, lambda: not page.locator(".banner").is_visible())
+
+
+def test_the_first_layers_of_an_empty_store_open_the_map(page, tmp_path):
+    empty = Workspace.open(tmp_path / "store")
+    with serving(empty.store.root) as address:
+        page.goto(address)
+        until(page, lambda: "Nothing is published yet" in page.locator(".banner").inner_text())
+        fill(empty)
+        ready(page)
+        assert not page.locator(".banner").is_visible()
+        assert page.locator("li.layer").count() > 5

@@ -1,4 +1,4 @@
-/** From an empty page to the map of a mission; retries while the server does not answer. */
+/** From an empty page to the map of a mission; retries while the server does not answer or nothing is published. */
 
 import { ApiError, api, UnreachableError } from "./server/api";
 import { h } from "./page/dom";
@@ -9,6 +9,8 @@ import { parseLink } from "./session/state";
 import { type Shell, shell } from "./page/shell";
 
 const RETRY_MS = 4000;
+const NOTHING_YET =
+  "Nothing is published yet: the map opens here when `solmap run` publishes its first layers.";
 
 class App {
   private session: Session | null = null;
@@ -23,8 +25,9 @@ class App {
   async open(): Promise<void> {
     document.documentElement.dataset["ready"] = "false";
     try {
-      await this.load(parseLink(location.hash).state.m);
-      this.page.banner(null);
+      const isLoaded = await this.load(parseLink(location.hash).state.m);
+      this.page.banner(isLoaded ? null : NOTHING_YET);
+      if (!isLoaded) setTimeout(() => void this.retry(), RETRY_MS);
     } catch (reason) {
       if (!(reason instanceof UnreachableError || reason instanceof ApiError)) throw reason;
       this.page.banner(reason.message, () => void this.open());
@@ -38,21 +41,19 @@ class App {
     else setTimeout(() => void this.retry(), RETRY_MS);
   }
 
-  private async load(requested: string | null): Promise<void> {
+  /** Opens the requested mission, or the first one; returns false if there is none. */
+  private async load(requested: string | null): Promise<boolean> {
     const begin = await api.start();
     const { missions } = begin;
     const mission = missions.find((item) => item.mission === requested) ?? missions[0];
-    if (!mission) {
-      throw new ApiError(
-        "the store holds no mission yet: run `solmap run DOWNLINK_DIR --store STORE`",
-      );
-    }
+    if (!mission) return false;
     const { mission: name } = mission;
     const layers = begin.mission === name ? begin.layers : await api.layers(name);
     this.session?.dispose();
     this.page.missionBox.replaceChildren(...this.heading(mission, missions));
     document.title = `${mission.title} – solmap`;
     this.session = new Session(this.page, mission, layers, begin.lastEvent);
+    return true;
   }
 
   private heading(mission: Mission, missions: readonly Mission[]): Node[] {
