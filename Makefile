@@ -61,7 +61,7 @@ $(VIEWER)/dist/index.html: $(NPM_INSTALLED) $(shell find $(VIEWER)/src $(VIEWER)
 	cd $(VIEWER) && $(NPM) ci --no-audit --no-fund --silent && $(NPM) run --silent build -- --logLevel error
 
 demo:  ## A synthetic downlink through every stage to the map in the browser.
-	$(MAKE) --jobs 2 setup viewer
+	@$(MAKE) --no-print-directory --jobs 2 setup viewer
 	@test -f $(DOWNLINK)/orbital/orbital.tif || $(BIN)/solmap simulate $(DOWNLINK) --stops 2 --seed 1
 	@mkdir -p $(STORE)/drafts  # an empty store: the map answers at once, and shows layers as they come
 	@$(BIN)/solmap serve --store $(STORE) --port $(PORT) & trap "kill $$! 2> /dev/null" EXIT; \
@@ -79,13 +79,13 @@ PARALLEL := --numprocesses 2 --dist loadfile
 SUITES := unit integration e2e
 
 test:  ## Everything that continuous integration asks for.
-	$(MAKE) --jobs 2 develop viewer
-	$(MAKE) --jobs 2 check test-viewer
-	$(MAKE) --jobs 3 $(SUITES) PYTEST='-m "not slow" $(REPEATABLE)'
+	@$(MAKE) --no-print-directory --jobs 2 develop viewer
+	@$(MAKE) --no-print-directory --jobs 2 check test-viewer
+	@$(MAKE) --no-print-directory --jobs 3 $(SUITES) PYTEST='-m "not slow" $(REPEATABLE)'
 
 test-all: develop viewer  ## Also what takes minutes: the rendered traverse, long simulations.
-	$(MAKE) --jobs 2 check test-viewer
-	$(MAKE) --jobs 3 $(SUITES)
+	@$(MAKE) --no-print-directory --jobs 2 check test-viewer
+	@$(MAKE) --no-print-directory --jobs 3 $(SUITES)
 
 $(SUITES): develop viewer  ## One of the suites of tests; PYTEST has further options.
 	$(BIN)/pytest $(PARALLEL) $(PYTEST) tests/$@
