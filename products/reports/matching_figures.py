@@ -24,7 +24,6 @@ from solmap.photogrammetry.arrays import (
     Mask,
     ParallaxMap,
     PerPoint,
-    UInt8,
 )
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import MatchingError
@@ -53,39 +52,46 @@ BLACK = (0, 0, 0)
 GREEN = (80, 200, 80)
 ORANGE = (0, 140, 255)
 RED = (60, 20, 220)
+DOT_PX = 2
 AGREES_PX = 0.3
 """Residual of a good match: what published stereo reaches on board (NPO-42487: 0.32 px)."""
 
 
-def in_three_bands(image: GreyImage, mask: Mask) -> EightBits:
-    """The stretched image, to be drawn upon in colours; black where not usable."""
+def in_three_bands(image: GreyImage, mask: Mask, scale: float = 1.0) -> EightBits:
+    """The image shrunk and stretched, to be drawn upon in colours; black where not usable."""
+    if scale < 1:
+        size = _size(mask.shape, scale)
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        mask = cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
     grey = np.where(mask, stretch(image, mask), 0).astype(np.uint8)
     return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
 
 
-def draw_candidates(images: EpipolarImages, candidates: Candidates) -> EightBits:
+def draw_candidates(
+    images: EpipolarImages, candidates: Candidates, scale: float = 1.0
+) -> EightBits:
     """Both images side by side: accepted candidates white, those off the parallax curve black."""
     figures = []
     for image, mask, points in (
         (images.left, images.left_mask, candidates.left),
         (images.right, images.right_mask, candidates.right),
     ):
-        figure = in_three_bands(image, mask)
-        _dots(figure, points[candidates.accepted].astype(np.float64), WHITE, BLACK)
-        _dots(figure, points[~candidates.accepted].astype(np.float64), BLACK, WHITE)
+        figure = in_three_bands(image, mask, scale)
+        _dots(figure, points[candidates.accepted] * scale, WHITE, BLACK, scale)
+        _dots(figure, points[~candidates.accepted] * scale, BLACK, WHITE, scale)
         figures.append(figure)
     return np.hstack(figures)
 
 
 def draw_residuals(
-    images: EpipolarImages, matches: StereoMatches, parallax: ParallaxMap
+    images: EpipolarImages, matches: StereoMatches, parallax: ParallaxMap, scale: float = 1.0
 ) -> EightBits:
     """The left image with the matches, coloured by their difference from dense matching.
 
     Least squares and semi-global matching are independent: green agrees to 0.3 px, orange to one,
     red does not; white has no dense parallax.
     """
-    figure = in_three_bands(images.left, images.left_mask)
+    figure = in_three_bands(images.left, images.left_mask, scale)
     sample, line = np.rint(matches.left).astype(int).T
     apart = np.abs(matches.parallax_px - parallax[line, sample])
     for colour, chosen in (
@@ -94,12 +100,15 @@ def draw_residuals(
         (ORANGE, (apart > AGREES_PX) & (apart <= 1)),
         (RED, apart > 1),
     ):
-        _dots(figure, matches.left[chosen], colour, BLACK)
+        _dots(figure, matches.left[chosen] * scale, colour, BLACK, scale)
     return figure
 
 
-def draw_parallax(parallax: ParallaxMap) -> EightBits:
+def draw_parallax(parallax: ParallaxMap, scale: float = 1.0) -> EightBits:
     """Parallax in colours over its own range, on a logarithmic scale; black where unmatched."""
+    if scale < 1:
+        size = _size(parallax.shape, scale)
+        parallax = cv2.resize(parallax, size, interpolation=cv2.INTER_NEAREST)
     return _colours(parallax)
 
 
@@ -109,18 +118,19 @@ def draw_pair(
     matches: StereoMatches,
     dense: DenseMatches,
     params: VerificationParams,
+    scale: float = 1.0,
 ) -> EightBits:
-    """All matches of a pair, on one sheet.
+    """All matches of a pair, on one sheet, `scale` times as large as its images.
 
     Top: candidates in both images. Middle: matches coloured by residual, and the dense parallax.
     Foot: the standard deviation of the dense parallax, and the parallax curve.
     """
-    lines, samples = images.left.shape
-    middle = (draw_residuals(images, matches, dense.parallax_px), draw_parallax(dense.parallax_px))
-    curve = draw_parallax_curve(candidates, params, samples, lines)
-    foot = (_colours(dense.sigma_px), curve)
-    rows = (draw_candidates(images, candidates), np.hstack(middle), np.hstack(foot))
-    return np.vstack(rows)
+    residuals = draw_residuals(images, matches, dense.parallax_px, scale)
+    curve = draw_parallax_curve(candidates, params, *residuals.shape[1::-1])
+    middle = residuals, draw_parallax(dense.parallax_px, scale)
+    foot = draw_parallax(dense.sigma_px, scale), curve
+    top = draw_candidates(images, candidates, scale)
+    return np.vstack([top, np.hstack(middle), np.hstack(foot)])
 
 
 def draw_parallax_curve(
@@ -164,12 +174,14 @@ def _dots(
     points: ImagePoints,
     colour: tuple[int, int, int],
     rim: tuple[int, int, int] | None,
+    scale: float = 1.0,
 ) -> None:
     """Small discs, drawn into the image."""
+    radius = max(1, round(DOT_PX * scale))
     for x, y in np.rint(points).astype(int).tolist():
         if rim is not None:
-            cv2.circle(figure, (x, y), 3, rim, -1)
-        cv2.circle(figure, (x, y), 2, colour, -1)
+            cv2.circle(figure, (x, y), radius + 1, rim, -1)
+        cv2.circle(figure, (x, y), radius, colour, -1)
 
 
 GAP_PX = 8
@@ -224,7 +236,7 @@ def draw_ties(
     for shown in (first, second):
         if shown.name not in ties.pair_ids:
             raise MatchingError(f"{shown.name} is not among the images of these ties")
-    grey = [_small(in_three_bands(s.image, s.mask), scale) for s in (first, second)]
+    grey = [in_three_bands(s.image, s.mask, scale) for s in (first, second)]
     height = max(g.shape[0] for g in grey)
     offset = grey[0].shape[1] + GAP_PX
     figure = np.zeros((height, offset + grey[1].shape[1], 3), np.uint8)
@@ -301,9 +313,9 @@ def _cell(
     return np.vstack([caption(text, drawn.shape[1]), drawn])
 
 
-def _small(image: EightBits, scale: float) -> UInt8[np.ndarray, "height width 3"]:
-    size = tuple(max(1, round(side * scale)) for side in image.shape[1::-1])
-    return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
+def _size(shape: tuple[int, ...], scale: float) -> tuple[int, int]:
+    """Width and height of a shrunk image."""
+    return max(1, round(shape[1] * scale)), max(1, round(shape[0] * scale))
 
 
 def _between(ties: Ties, one: str, other: str) -> Flags:

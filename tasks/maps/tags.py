@@ -15,6 +15,7 @@ images, and the tags of its source rasters. A tag without a value is omitted.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 
 from solmap.photogrammetry.archive.images.reading import read_image_record
 from solmap.products.formats.raster.raster import open_raster
@@ -49,16 +50,21 @@ def _order(value: str) -> tuple[int, str]:
 
 def _values(ref: ProductRef, store: ProductStore) -> Iterator[tuple[str, list[str]]]:
     if ref.kind is ProductKind.IMAGE:
-        image = read_image_record(store.path(ref).read_bytes(), f"{ref.scope.name}.img")
-        stop = image.stop
-        yield "MISSION", [stop.mission]
-        yield "SOL", [str(image.sol)]
-        yield "SITE", [str(stop.site)]
-        yield "DRIVE", [str(stop.drive)]
-        yield "INSTRUMENT", [image.instrument]
-        yield "LOCAL_TIME", [image.local_solar_time] if image.local_solar_time else []
+        yield from _values_of_image(ref, store).items()
     elif ref.kind.suffix == ProductKind.DTM.suffix:
         with open_raster(store.path(ref)) as dataset:
             tags = dataset.tags()
         for name in ORIGIN_TAGS:
             yield name, tags.get(name, "").replace("/", " ").split()
+
+
+@lru_cache(maxsize=1 << 12)
+def _values_of_image(ref: ProductRef, store: ProductStore) -> dict[str, list[str]]:
+    """Read once per process: each raster of a stop is of the same images."""
+    image = read_image_record(store.path(ref).read_bytes(), f"{ref.scope.name}.img")
+    stop, time = image.stop, image.local_solar_time
+    values = (stop.mission, image.sol, stop.site, stop.drive, image.instrument)
+    return {
+        **{name: [str(value)] for name, value in zip(ORIGIN_TAGS, values, strict=False)},
+        "LOCAL_TIME": [time] if time else [],
+    }

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from solmap.photogrammetry.adjustment.modes.rig_pooling import CameraRows
 from solmap.photogrammetry.matching.stereo.dense import DenseParams, match_densely
+from solmap.photogrammetry.matching.stereo.interest_points import InterestPoints
 from solmap.photogrammetry.matching.stereo.orientation import (
     FEWEST_POINTS,
     RowCells,
@@ -19,6 +20,7 @@ from solmap.photogrammetry.matching.stereo.sparse import (
     Candidates,
     SparseParams,
     match_interest_points,
+    points_of_pair,
     refine_candidates,
 )
 from solmap.products.formats.documents.archives import write_dense, write_matches
@@ -50,7 +52,8 @@ def measure_rows(pair: PairFiles, store: ProductStore) -> ProductRef:
 
     def write(path: Path) -> None:
         left, images = read_epipolar(pair, None, store)
-        measured = vertical_parallax(images)
+        params = SparseParams()
+        measured = vertical_parallax(images, params, find_points(pair, None, params, store))
         rows = rows_of_pair(measured)
         found = PairRows(
             pair.id,
@@ -110,4 +113,13 @@ def find_candidates(
     pair: PairFiles, turn: Turn | None, params: SparseParams, store: ProductStore
 ) -> Candidates:
     """The interest points of a pair that may correspond; kept for the preview of its matches."""
-    return match_interest_points(read_epipolar(pair, turn, store)[1], params)
+    images = read_epipolar(pair, turn, store)[1]
+    return match_interest_points(images, params, find_points(pair, turn, params, store))
+
+
+@lru_cache(maxsize=PAIRS_KEPT)
+def find_points(
+    pair: PairFiles, turn: Turn | None, params: SparseParams, store: ProductStore
+) -> tuple[InterestPoints, InterestPoints]:
+    """The interest points of both images; kept because rows are measured with the same ones."""
+    return points_of_pair(read_epipolar(pair, turn, store)[1], params)

@@ -43,8 +43,12 @@ from solmap.tasks.stage import stage
 
 MAX_WIDTH = 1024
 """Width of a preview, pixels: two images side by side at half their width."""
-LEVEL = 1
-"""PNG compression: level 3 takes a third longer and saves seven percent."""
+ENCODING = (
+    *(cv2.IMWRITE_PNG_COMPRESSION, 1),
+    *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB),
+)
+"""Level 3 takes a third longer and saves seven percent; a choice of filters by row takes half as
+long again and saves one."""
 FROM_ABOVE = (
     "relief, then grey values, from above, north up: earlier stop in red, later in cyan, grey "
     "where they agree"
@@ -60,8 +64,11 @@ def preview_pair(pair: PairProducts, params: SparseParams, store: ProductStore) 
         turn = read_right_turn(store.path(pair.matches))
         candidates = find_candidates(pair.files, turn, params, store)
         dense = read_dense(store.path(pair.parallax))
-        sheet = draw_pair(matched.images, candidates, matched.matches, dense, params.verification)
-        write_preview(path, sheet)
+        images, matches = matched.images, matched.matches
+        scale = min(1.0, MAX_WIDTH / (2 * images.left.shape[1]))
+        write_preview(
+            path, draw_pair(images, candidates, matches, dense, params.verification, scale)
+        )
 
     return store.make(
         Recipe(ProductKind.QUICKLOOK, pair_scope(pair.files.id), pair.made, params), write
@@ -136,9 +143,10 @@ def _stack(above: EightBits, below: EightBits) -> EightBits:
 
 def write_preview(path: Path, image: EightBits) -> None:
     """Write an image (BGR or BGRA) as PNG, no wider than `MAX_WIDTH`."""
-    shrink = min(1.0, MAX_WIDTH / image.shape[1])
-    small = cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-    encoded, png = cv2.imencode(".png", small, [cv2.IMWRITE_PNG_COMPRESSION, LEVEL])
+    shrink = MAX_WIDTH / image.shape[1]
+    if shrink < 1:
+        image = cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+    encoded, png = cv2.imencode(".png", image, ENCODING)
     if not encoded:
         raise ProductError(f"{path.name} could not be encoded as PNG")
     path.write_bytes(png.tobytes())

@@ -35,6 +35,7 @@ from solmap.photogrammetry.matching.stereo.interest_points import (
     FoerstnerParams,
     interest_points,
     strongest_by_cell,
+    subpixel_places,
 )
 from solmap.photogrammetry.matching.stereo.verification import VerificationParams
 from solmap.photogrammetry.ranges import Count, NearestMetres, PixelsOrZero, Radians, WholePixels
@@ -108,7 +109,7 @@ def select_candidates(
     """Interest points whose epipolar segment may be in the other image, spread out, best first."""
     margin = params.conjugates.half_px
     found = interest_points(one.view.image, one.view.mask, params.interest, margin)
-    points = found.points
+    points = subpixel_places(one.view.image, found.pixels, params.interest)
     middle = two_views.project(points, np.full(len(points), 0.5 / params.nearest_m))
     far = two_views.project(points, np.zeros(len(points)))
     seen = other.geometry.shows(middle) | other.geometry.shows(far)

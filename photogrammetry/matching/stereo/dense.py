@@ -173,14 +173,19 @@ class Fit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WindowSums:
-    """Least squares of the windows about all pixels."""
+class Windows:
+    """The left image in the windows about all pixels."""
 
-    step_px: ParallaxMap
+    known: Mask
+    """Where there is a parallax."""
+    slope: GreyImage
+    """Slope along the row; 0 where there is no parallax."""
+    count: GreyImage
+    """Weight of the pixels with a parallax."""
+    slopes: GreyImage
+    """Sum of the slopes."""
     energy: GreyImage
     """E: squared slope minus that of its mean."""
-    variance: GreyImage
-    """Variance of the residual."""
 
 
 def match_densely(images: EpipolarImages, params: DenseParams | None = None) -> DenseMatches:
@@ -248,11 +253,12 @@ class PixelwiseMatcher:
 
     def refine(self, rough: ParallaxMap) -> tuple[ParallaxMap, ParallaxMap]:
         """Refined parallax where reliable, and its standard deviation."""
+        windows = self._windows(np.isfinite(rough))
         parallax = self.smooth(rough)
         for _ in range(self.params.steps - 1):
-            parallax = self.smooth(parallax + self.step(parallax))
-        parallax = parallax + self.step(parallax)
-        fit = self.fit(parallax)
+            parallax = self.smooth(parallax + self._step(windows, self._residual(parallax)))
+        parallax = parallax + self._step(windows, self._residual(parallax))
+        fit = self._fit(windows, parallax)
         good = (fit.sigma_px <= self.params.largest_sigma_px) & (parallax > 0)
         good &= fit.correlation >= self.params.least_correlation
         good &= np.abs(parallax - rough) <= FURTHEST_PX
@@ -274,47 +280,46 @@ class PixelwiseMatcher:
 
         return keeping(FAR_EDGE * self.params.edge_px), keeping(self.params.edge_px)
 
-    def fit(self, parallax: ParallaxMap) -> Fit:
+    def _fit(self, windows: Windows, parallax: ParallaxMap) -> Fit:
         """Agreement of the images under a parallax."""
-        slope, residual = self._compare(parallax)
-        sums = self._sums(slope, residual, np.isfinite(parallax))
-        noise = np.float32(WINDOW_NOISE) * sums.variance / sums.energy
-        unsettled = np.float32(UNSETTLED) * self._mean_square(sums.step_px, parallax)
+        residual = self._residual(parallax)
+        total = self._window_sum(residual)
+        variance = self._window_sum(residual * residual) - total * total / windows.count
+        variance = np.maximum(variance, 0) / windows.count
+        step = self._step(windows, residual)
+        noise = np.float32(WINDOW_NOISE) * variance / windows.energy
+        unsettled = np.float32(UNSETTLED) * self._mean_square(step, windows.known)
         return Fit(
             sigma_px=np.sqrt(noise + unsettled),
-            correlation=1 - sums.variance / np.maximum(2 * self._contrast(parallax), TINY),
+            correlation=1 - variance / np.maximum(2 * self._contrast(windows), TINY),
         )
 
-    def step(self, parallax: ParallaxMap) -> ParallaxMap:
-        """The least-squares correction."""
-        slope, residual = self._compare(parallax)
-        return self._sums(slope, residual, np.isfinite(parallax)).step_px
+    def _windows(self, known: Mask) -> Windows:
+        """Sums that do not depend on the parallax, only on where there is one."""
+        slope = np.where(known, self.slope, np.float32(0))
+        count = np.maximum(self._window_sum(known.astype(np.float32)), np.float32(1e-3))
+        total = self._window_sum(slope)
+        energy = np.maximum(self._window_sum(slope * slope) - total * total / count, TINY)
+        return Windows(known, slope, count, total, energy)
 
-    def _compare(self, parallax: ParallaxMap) -> tuple[GreyImage, GreyImage]:
-        """Slope of the left image and residual of the right one; 0 where there is no parallax."""
+    def _step(self, windows: Windows, residual: GreyImage) -> ParallaxMap:
+        """The least-squares correction."""
+        both = self._window_sum(windows.slope * residual)
+        step = both - windows.slopes * self._window_sum(residual) / windows.count
+        return np.clip(step / windows.energy, -1, 1)
+
+    def _residual(self, parallax: ParallaxMap) -> GreyImage:
+        """The right image less the left one under a parallax; 0 where there is none."""
         known = np.isfinite(parallax)
         sample = self.samples - np.where(known, parallax, np.float32(0))
         right = sample_rows(self.right_coefficients, sample, self.lines)
-        nothing = np.float32(0)
-        return np.where(known, self.slope, nothing), np.where(known, right - self.left, nothing)
+        return np.where(known, right - self.left, np.float32(0))
 
-    def _sums(self, g: GreyImage, r: GreyImage, known: Mask) -> WindowSums:
-        """The least squares of all windows; g and r are slope and residual."""
-        total = self._window_sum
-        n = np.maximum(total(known.astype(np.float32)), np.float32(1e-3))
-        sum_g, sum_r = total(g), total(r)
-        energy = np.maximum(total(g * g) - sum_g * sum_g / n, TINY)
-        step = (total(g * r) - sum_g * sum_r / n) / energy
-        variance = np.maximum(total(r * r) - sum_r * sum_r / n, 0) / n
-        return WindowSums(np.clip(step, -1, 1), energy, variance)
-
-    def _contrast(self, parallax: ParallaxMap) -> GreyImage:
+    def _contrast(self, windows: Windows) -> GreyImage:
         """Variance of the left image in the window, where there is parallax."""
-        known = np.isfinite(parallax)
-        n = np.maximum(self._window_sum(known.astype(np.float32)), np.float32(1e-3))
-        grey = np.where(known, self.left, np.float32(0))
+        grey = np.where(windows.known, self.left, np.float32(0))
         total, squares = self._window_sum(grey), self._window_sum(grey * grey)
-        return np.maximum(squares - total * total / n, 0) / n
+        return np.maximum(squares - total * total / windows.count, 0) / windows.count
 
     def _window_sum(self, values: GreyImage) -> GreyImage:
         """Sums over the windows about all pixels."""
@@ -326,9 +331,9 @@ class PixelwiseMatcher:
 
         return _far_and_near(values, self.far_lines, 2 * side, over(wide, low), over(side, side))
 
-    def _mean_square(self, values: GreyImage, parallax: ParallaxMap) -> GreyImage:
+    def _mean_square(self, values: GreyImage, known: Mask) -> GreyImage:
         """Mean square over the surroundings, of the pixels with a parallax."""
-        known, window = np.isfinite(parallax), (UNSETTLED_PX, UNSETTLED_PX)
+        window = (UNSETTLED_PX, UNSETTLED_PX)
         share = np.maximum(cv2.blur(known.astype(np.float32), window), np.float32(1e-3))
         total = cv2.blur(np.where(known, values * values, np.float32(0)), window)
         return np.maximum(total, 0) / share  # running sums may round below zero

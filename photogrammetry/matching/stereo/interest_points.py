@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import Float64, GreyImage, ImagePoints, Int32, Mask, PerPoint
+from solmap.photogrammetry.arrays import GreyImage, ImagePoints, Int32, Mask, PerPoint
 from solmap.photogrammetry.ranges import Count, FactorOrZero, OddPixels, Share, WholePixels
 
 WINDOW_SIGMAS = 4.0
@@ -51,10 +51,7 @@ class InterestPoints:
 
     pixels: Int32[np.ndarray, "n 2"]
     """(sample, line) of the maximum."""
-    points: ImagePoints
-    """Sub-pixel place."""
     weight: PerPoint
-    roundness: PerPoint
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -64,16 +61,14 @@ def interest_points(
     image: GreyImage, mask: Mask, params: FoerstnerParams, margin_px: int = 0
 ) -> InterestPoints:
     """Interest points whose surroundings of `margin_px` are usable."""
-    gx, gy = (cv2.Scharr(image, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
+    gx, gy = _gradient(image)
     xx, xy, yy = (_window_sum(a * b, params.window_px) for a, b in ((gx, gx), (gx, gy), (gy, gy)))
     trace, determinant = xx + yy, xx * yy - xy * xy
     safe = np.maximum(trace, np.float32(1e-12))
     w, q = determinant / safe, 4 * determinant / (safe * safe)
     usable = _usable_with_margin(mask, max(margin_px, params.window_px // 2 + 1))
     if not usable.any():
-        return InterestPoints(
-            np.empty((0, 2), np.int32), np.empty((0, 2)), np.empty(0), np.empty(0)
-        )
+        return InterestPoints(np.empty((0, 2), np.int32), np.empty(0))
     around = np.ones((2 * SEPARATION_PX + 1,) * 2, np.uint8)
     peak = usable & (w >= cv2.dilate(np.where(usable, w, 0), around)) & (w > 0)
     peak &= (w > params.smallest_weight * float(w[usable].mean())) & (q > params.smallest_roundness)
@@ -82,13 +77,7 @@ def interest_points(
         np.column_stack([sample, line]).astype(float), w[line, sample], params.cell_px, params.count
     )
     pixels = np.column_stack([sample, line]).astype(np.int32)[kept]
-    at = (pixels[:, 1], pixels[:, 0])
-    return InterestPoints(
-        pixels=pixels,
-        points=pixels + _corner_offsets(pixels, gx, gy, params.window_px),
-        weight=w[at].astype(np.float64),
-        roundness=q[at].astype(np.float64),
-    )
+    return InterestPoints(pixels, w[pixels[:, 1], pixels[:, 0]].astype(np.float64))
 
 
 def strongest_by_cell(
@@ -115,17 +104,25 @@ def _usable_with_margin(mask: Mask, margin_px: int) -> Mask:
     return eroded > 0
 
 
-def _corner_offsets(
-    pixels: np.ndarray, gx: GreyImage, gy: GreyImage, window_px: int
-) -> Float64[np.ndarray, "n 2"]:
-    """Intersection of each window's gradient lines, from its middle; zero if outside."""
-    half = window_px // 2
+def subpixel_places(
+    image: GreyImage, pixels: Int32[np.ndarray, "n 2"], params: FoerstnerParams
+) -> ImagePoints:
+    """Where the gradient lines of the windows about pixels meet; the pixel if that is outside."""
+    half = params.window_px // 2
     dy, dx = (w.ravel() for w in np.mgrid[-half : half + 1, -half : half + 1])
     at = (pixels[:, 1, None] + dy, pixels[:, 0, None] + dx)
-    x, y = gx[at].astype(np.float64), gy[at].astype(np.float64)
-    weight = np.exp(-0.5 * (dx**2 + dy**2) / (window_px / WINDOW_SIGMAS) ** 2)
+    x, y = (gradient[at].astype(np.float64) for gradient in _gradient(image))
+    weight = np.exp(-0.5 * (dx**2 + dy**2) / (params.window_px / WINDOW_SIGMAS) ** 2)
     normal = np.einsum("nik,k,njk->nij", np.stack([x, y], 1), weight, np.stack([x, y], 1))
     across = weight * (x * dx + y * dy)
     right = np.stack([(x * across).sum(axis=1), (y * across).sum(axis=1)], axis=1)
     shift = np.linalg.solve(normal, right[:, :, None])[:, :, 0] if len(pixels) else right
-    return np.where(np.abs(shift).max(axis=1, keepdims=True) <= half, shift, 0.0)
+    return pixels + np.where(np.abs(shift).max(axis=1, keepdims=True) <= half, shift, 0.0)
+
+
+def _gradient(image: GreyImage) -> tuple[GreyImage, GreyImage]:
+    """Slopes along the row and down the column."""
+    return (
+        cv2.Scharr(image, cv2.CV_32F, 1, 0, scale=1 / 32),
+        cv2.Scharr(image, cv2.CV_32F, 0, 1, scale=1 / 32),
+    )

@@ -41,7 +41,10 @@ from solmap.photogrammetry.frames import Frame, Pose
 from solmap.photogrammetry.matching.least_squares import match_offsets
 from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.stereo.dense import SharedSigma
-from solmap.photogrammetry.matching.stereo.interest_points import strongest_by_cell
+from solmap.photogrammetry.matching.stereo.interest_points import (
+    InterestPoints,
+    strongest_by_cell,
+)
 from solmap.photogrammetry.matching.stereo.sparse import SparseParams, match_interest_points
 from solmap.photogrammetry.ranges import Metres, Pixels, Radians
 from solmap.photogrammetry.robust import geman_mcclure_weights, robust_sigma
@@ -172,11 +175,13 @@ class MeasuredOffsets:
 
 
 def vertical_parallax(
-    images: EpipolarImages, params: SparseParams | None = None
+    images: EpipolarImages,
+    params: SparseParams | None = None,
+    points: tuple[InterestPoints, InterestPoints] | None = None,
 ) -> VerticalParallax:
     """Vertical parallax at well-distributed interest points, to a fraction of a pixel."""
     wide = replace(params or SparseParams(), line_tolerance_px=LINE_TOLERANCE_PX)
-    candidates = match_interest_points(images, wide)
+    candidates = match_interest_points(images, wide, points)
     left = candidates.left[candidates.accepted]
     right = candidates.right[candidates.accepted]
     kept = strongest_by_cell(

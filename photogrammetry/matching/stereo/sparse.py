@@ -137,11 +137,28 @@ def match_sparsely(
     return refine_candidates(pair_id, images, candidates, params)
 
 
-def match_interest_points(images: EpipolarImages, params: SparseParams) -> Candidates:
-    """Mutually best pairs of interest points, each tested by the parallax curve."""
+def points_of_pair(
+    images: EpipolarImages, params: SparseParams
+) -> tuple[InterestPoints, InterestPoints]:
+    """Interest points of both images, with correlation windows inside them."""
     margin = params.window_px // 2 + 1
     left = interest_points(images.left, images.left_mask, params.interest, margin)
-    right = interest_points(images.right, images.right_mask, params.interest, margin)
+    return left, interest_points(images.right, images.right_mask, params.interest, margin)
+
+
+def match_interest_points(
+    images: EpipolarImages,
+    params: SparseParams,
+    points: tuple[InterestPoints, InterestPoints] | None = None,
+) -> Candidates:
+    """Mutually best pairs of interest points, each tested by the parallax curve.
+
+    Args:
+        images: The pair.
+        params: Parameters of matching.
+        points: Those of `points_of_pair`, if they are known.
+    """
+    left, right = points or points_of_pair(images, params)
     a, b = _pairs_on_a_line(left, right, images.geometry, params)
     correlation = _correlations(
         _windows(images.left, left.pixels, params.window_px),

@@ -1,0 +1,94 @@
+"""A whole run and the engine's part of it, as ratios to a peer beside it.
+
+`pytest tests/benchmarks/test_runs.py --benchmark-only`; processor time, memory and the time to the
+first map are in the columns of further figures.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from datetime import datetime
+from pathlib import Path
+
+import cv2
+
+from solmap.photogrammetry.stretching import stretch
+from solmap.products.catalogue.workspace import Workspace
+from solmap.products.model import ProductKind
+from solmap.products.store.product_store import ProductStore
+from solmap.tasks.images.pairs import pairs_of, read_epipolar
+from tests.support.engine_overhead import run_on, stages
+
+TASKS = 100
+
+
+def test_a_stop_against_opencvs_matching_of_its_pairs(benchmark, husband, tmp_path: Path):
+    downlink, store = tmp_path / "downlink", tmp_path / "store"
+    downlink.mkdir()
+    for file in (*(husband / "sol0156").rglob("2n*"), *(husband / "masters").iterdir()):
+        shutil.copy(file, downlink)
+    command = (sys.executable, "-m", "solmap.flows.cli", "run", str(downlink))
+    kept = {name: text for name, text in os.environ.items() if not name.startswith("PREFECT_")}
+
+    def run() -> tuple[int, resource.struct_rusage]:
+        child = subprocess.Popen(
+            (*command, "--store", str(store)), env=kept, stdout=subprocess.DEVNULL
+        )
+        _, status, used = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
+        return child.returncode, used
+
+    began = time.time()
+    status, used = benchmark.pedantic(run, rounds=1)
+    assert status == 0
+    processor_s, workspace = used.ru_utime + used.ru_stime, Workspace.open(store)
+    made = [
+        datetime.fromisoformat(workspace.store.made_at(layer.ref)).timestamp()
+        for layer in workspace.catalogue.layers("MER2")
+        if layer.ref.kind in {ProductKind.DTM, ProductKind.ORTHOPHOTO}
+    ]
+    pairs = [
+        read_epipolar(pair, None, workspace.store)[1]
+        for pair in pairs_of(workspace.catalogue.images("MER2"))
+    ]
+    matcher = cv2.StereoSGBM.create(0, 208, 5, P1=200, P2=800)
+    before = time.process_time()
+    for images in pairs:
+        left, right = (
+            stretch(images.left, images.left_mask),
+            stretch(images.right, images.right_mask),
+        )
+        matcher.compute(left, right)
+    opencv_s = time.process_time() - before
+    benchmark.extra_info["processor s"] = round(processor_s, 1)
+    benchmark.extra_info["peak MB"] = round(used.ru_maxrss * 1024 / 1e6)
+    benchmark.extra_info["s to terrain model and orthophoto"] = round(max(made) - began)
+    benchmark.extra_info["times OpenCV's matching"] = round(processor_s / opencv_s, 1)
+
+
+def test_a_stage_against_an_empty_task_of_prefect(benchmark, engine: None, tmp_path: Path):  # noqa: ARG001
+    from prefect import task  # noqa: PLC0415 - reads the settings of the engine
+
+    from solmap.flows.runtime.failures import wait_for  # noqa: PLC0415
+
+    store, nothing = ProductStore.open(tmp_path), stages()["nothing"]
+    empty = task(lambda number, _: number, name="empty")
+
+    def processor_s(one) -> float:
+        def body() -> float:
+            wait_for("warm", {k: one.submit(k, store) for k in range(8)})
+            before = time.process_time()
+            wait_for("timed", {k: one.submit(k, store) for k in range(TASKS)})
+            return time.process_time() - before
+
+        return run_on("threads", body)
+
+    own_s = benchmark.pedantic(lambda: processor_s(nothing), rounds=1)
+    peer_s = processor_s(empty)
+    benchmark.extra_info["processor ms a task"] = round(1000 * own_s / TASKS, 2)
+    benchmark.extra_info["times an empty task"] = round(own_s / peer_s, 2)
