@@ -155,8 +155,6 @@ def _findings(inputs: SolInputs, standing: Standing) -> list[str]:
 
 
 def _remapped_line(stop: MappedStop, params: ReissueParams) -> str:
-    if (stop.moved_m or 0.0) <= params.shift_m:
-        return f"{stop.stop} is mapped again: links changed its height bias"
     return (
         f"{stop.stop} is mapped again: ground within {params.range_m:g} m of it moved by up to "
         f"{stop.moved_m:.3f} m"

@@ -40,7 +40,7 @@ from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
-from solmap.tasks.network.orientations import OrientedPair, inputs_of, orientations_of, read_views
+from solmap.tasks.network.orientations import OrientedPair, inputs_of, read_views
 from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
 
@@ -156,7 +156,7 @@ def map_dips(
 def _recipe(
     kind: ProductKind, stop: StopId, pairs: tuple[OrientedPair, ...], params: tuple[object, ...]
 ) -> Recipe:
-    orientations = orientations_of(pairs)
+    orientations = tuple(pair.orientation for pair in pairs)
     return Recipe(kind, stop_scope(stop), inputs_of(pairs), (*params, orientations))
 
 
@@ -196,7 +196,7 @@ def make_points(
     store: ProductStore,
 ) -> tuple[ProductRef, ProductRef]:
     """Store the dense points of the pairs of a stop, in one file and as tiles."""
-    orientations = orientations_of(pairs)
+    orientations = tuple(pair.orientation for pair in pairs)
     file, tiles = (
         Recipe(kind, stop_scope(stop), inputs_of(pairs), (params, landing, orientations))
         for kind in (ProductKind.POINTS, ProductKind.POINT_TILES)

@@ -46,7 +46,7 @@ from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.maps.tags import raster_tags
-from solmap.tasks.network.orientations import OrientedPair, inputs_of, orientations_of, read_views
+from solmap.tasks.network.orientations import OrientedPair, inputs_of, read_views
 from solmap.tasks.stage import stage
 
 CAMERA = "PANCAM"
@@ -61,7 +61,7 @@ def render_orthophoto(
     store: ProductStore,
 ) -> tuple[ProductRef, ProductRef]:
     """Render the orthophoto of a terrain model from its images, and the source of each cell."""
-    orientations = orientations_of(pairs)
+    orientations = tuple(pair.orientation for pair in pairs)
     orthophoto, sources = (
         Recipe(kind, dtm.scope, (dtm, *inputs_of(pairs)), (params, landing, orientations))
         for kind in (ProductKind.ORTHOPHOTO, ProductKind.SOURCES)

@@ -106,11 +106,6 @@ def inputs_of(pairs: Iterable[OrientedPair]) -> tuple[ProductRef, ...]:
     return tuple(ref for pair in pairs for ref in pair.inputs)
 
 
-def orientations_of(pairs: Iterable[OrientedPair]) -> tuple[Orientation, ...]:
-    """The orientations without the height bias, of which only terrain models are corrected."""
-    return tuple(replace(pair.orientation, height_bias=NO_BIAS) for pair in pairs)
-
-
 def read_views(pairs: Iterable[OrientedPair], store: ProductStore) -> list[TerrainView]:
     """The views of some pairs."""
     return [_read_view(pair, store) for pair in pairs]
@@ -241,10 +236,8 @@ def choose_for_stop(
         )
         for pair in pairs
     )
-    if moved_m > params.shift_m:
+    if moved_m > params.shift_m or height_bias.differs_from(before.height_bias):
         return replace(new, moved_m=moved_m)
-    if height_bias.differs_from(before.height_bias):
-        return replace(before, moved_m=moved_m, is_new=True, height_bias=height_bias)
     return replace(before, moved_m=moved_m, is_new=False)
 
 
