@@ -12,7 +12,7 @@ export function roundStep(least: number): number {
 /** Least distance of two coordinates along an edge, pixels at 96 dots an inch. */
 export const APART_PX = 80;
 
-/** Whether north is up, to what labels along an edge can tell. */
+/** Whether north is up, as precisely as labels along an edge need it. */
 export const isNorthUp = (rotationDeg: number) => Math.abs(rotationDeg) < 0.05;
 
 export interface Tick {
