@@ -18,7 +18,8 @@ from tests.support.store_checks import Contents
 @pytest.fixture(scope="module")
 def small_world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("small")
-    write_downlink(folder, WorldParams("plains", TraverseParams(stops=1), pairs=1), seed=5)
+    world = WorldParams("plains", TraverseParams(stops=1), pairs=1, averaging=2)
+    write_downlink(folder, world, seed=5)
     return folder
 
 
