@@ -1,6 +1,6 @@
 """Array types with shape, unit and frame conventions in their names.
 
-Every test run checks the axis names at each call (see `--jaxtyping-packages` in pyproject.toml), so
+Every run of the unit tests checks the axis names at each call (`tests/support/array_checks.py`), so
 a transposed array fails at the function that received it. NaN means "not measured".
 """
 

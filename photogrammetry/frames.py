@@ -164,15 +164,15 @@ class Pose:
     translation_m: Vector3
 
     def __post_init__(self) -> None:
-        def part_name(part: str) -> str:
-            return f"the {part} of {self.target}_from_{self.source}"
-
-        rotation = read_only(self.rotation, (3, 3), lambda: part_name("rotation"))
+        rotation = read_only(self.rotation, (3, 3), lambda: f"the rotation of {self}")
         if not _is_proper_rotation(rotation):
-            raise FrameError(f"{part_name('rotation')} is not a proper rotation matrix")
+            raise FrameError(f"the rotation of {self} is not a proper rotation matrix")
         object.__setattr__(self, "rotation", rotation)
-        translation_m = read_only(self.translation_m, (3,), lambda: part_name("translation"))
+        translation_m = read_only(self.translation_m, (3,), lambda: f"the translation of {self}")
         object.__setattr__(self, "translation_m", translation_m)
+
+    def __str__(self) -> str:
+        return f"{self.target}_from_{self.source}"
 
     @classmethod
     def many(

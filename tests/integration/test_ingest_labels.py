@@ -24,6 +24,7 @@ from solmap.products.catalogue.images import image_file, image_record, read_prod
 from solmap.products.catalogue.workspace import Workspace
 from solmap.tasks.images.ingest import Delivery, ingest_downlink
 from solmap.tasks.images.telemetry import read_telemetry
+from tests.support.small_downlink import write_coarse_pipeline
 
 MSL = "NLB_517261274EDR_F0541610CCAM15900M1"
 M2020 = "NLF_0670_0726421423_362ECM_N0320604NCAM08111_01_095J01"
@@ -222,7 +223,8 @@ def test_raw_images_with_metadata_are_mapped(shared_data, downlink, tmp_path):
     (downlink / real.name).write_bytes(real.read_bytes())
     (downlink / f"{M2020}-metadata.json").write_bytes(metadata(shared_data))
     (downlink / "selfie.jpg").write_bytes(cv2.imencode(".jpg", np.ones((9, 9), np.uint8))[1])
-    report = process_downlink(downlink, tmp_path / "store")
+    pipeline = write_coarse_pipeline(tmp_path / "coarse.toml")
+    report = process_downlink(downlink, tmp_path / "store", str(pipeline))
     assert report.succeeded, report.failures
     named = [line.partition(":")[0] for line in report.warnings]
     assert named[:2] == [real.name, "selfie.jpg"]  # then the note on where the LSL starts

@@ -90,10 +90,10 @@ def names(path: Path, found: dict[str, int]) -> Iterator[Text]:
             yield Text(path, line, "name", re.sub(r"[_.-]", " ", words))
 
 
-def names_of_python(path: Path, tree: ast.AST) -> Iterator[Text]:
+def names_of_python(path: Path, nodes: list[ast.AST]) -> Iterator[Text]:
     """Names that a module defines."""
     found = {path.stem: 1}
-    for node in ast.walk(tree):
+    for node in nodes:
         match node:
             case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name):
                 pass
@@ -109,16 +109,16 @@ def names_of_python(path: Path, tree: ast.AST) -> Iterator[Text]:
 
 def texts_of_python(path: Path, source: str) -> Iterator[Text]:
     """Names, docstrings, comments and strings of several words of a module."""
-    tree = ast.parse(source)
-    yield from names_of_python(path, tree)
+    nodes = list(ast.walk(ast.parse(source)))
+    yield from names_of_python(path, nodes)
     documented = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         match node:
             case ast.Expr(value=ast.Constant(value=str(text)) as constant):
                 documented.add(id(constant))
                 yield Text(path, constant.lineno, "docstring", text)
-    parts = {id(part) for n in ast.walk(tree) if isinstance(n, ast.JoinedStr) for part in n.values}
-    for node in ast.walk(tree):
+    parts = {id(part) for n in nodes if isinstance(n, ast.JoinedStr) for part in n.values}
+    for node in nodes:
         if isinstance(node, ast.JoinedStr):
             whole = "".join(
                 part.value if isinstance(part, ast.Constant) else " _ " for part in node.values
@@ -130,6 +130,8 @@ def texts_of_python(path: Path, source: str) -> Iterator[Text]:
         is_code = re.search(r"\bSELECT\b|^import ", whole, re.MULTILINE)
         if len(re.findall(r"[a-z]{2,}", whole)) >= FEWEST_WORDS and not is_code:
             yield Text(path, node.lineno, "message", whole)
+    if "#" not in source:
+        return
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT:
             yield Text(path, token.start[0], "comment", token.string)

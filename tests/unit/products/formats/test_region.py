@@ -94,7 +94,7 @@ def test_stops_without_common_ground_have_no_seam(made):
 
 
 def test_far_ground_with_large_cells_fills_the_rest(made, sources, tmp_path):
-    grid = MapGrid.covering((-60.0, -60.0, 60.0, 60.0), 0.64)
+    grid = MapGrid.covering((-60.0, -60.0, 60.0, 60.0), 0.32)
     x, y = np.meshgrid(*grid.centres())
     far = Dtm(
         grid,
