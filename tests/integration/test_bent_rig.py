@@ -266,5 +266,5 @@ def test_parallaxes_of_a_bent_rig_are_correct_after_two_stops(husband, pooled):
             applied = correction_to_apply(found, before, rows)
             assert parallax_error_px(rows, bend) > 0.35
             assert parallax_error_px(rows, bend + applied) < worst_px
-            assert abs(bend[1] + applied[1]) < 3 * found.toe_in_sigma(applied)
+            assert abs(bend[1] + applied[1]) < 4 * found.toe_in_sigma(applied)
             assert found.toe_in_sigma(applied) * rows.focal_px < stated_px
