@@ -23,16 +23,5 @@ class RecipeNames:
     """Values, as plain JSON, of fields that have become constants."""
 
 
-_CONTOURS = RecipeNames(fields={"most_contours": "contours_wanted"})
-
-RECIPE_NAMES: dict[str, RecipeNames] = {
-    "ContourParams": _CONTOURS,
-    "FarContourParams": _CONTOURS,
-    "RegionContourParams": _CONTOURS,
-    "OrientationParams": RecipeNames(fields={"rig_sigma_px": "bar_sigma_px"}),
-    "WideParams": RecipeNames(fields={"rig_error_px": "bar_error_px"}),
-    "CrossSiteParams": RecipeNames(fields={"link_test": "verdict", "surface_matching": "by_shape"}),
-    "LinkTestParams": RecipeNames("VerdictParams"),
-    "MonoParams": RecipeNames(fields={"first_points": "scouts"}),
-}
+RECIPE_NAMES: dict[str, RecipeNames] = {}
 """Names in recipes by class name in the code."""

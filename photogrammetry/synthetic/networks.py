@@ -146,8 +146,8 @@ def simulate_network(  # noqa: PLR0913 - one keyword for each thing that a test 
     pointings = rng.normal(0, np.radians(errors.pointing_deg) * noise, (len(pairs), 3))
     if errors.mast_deg:
         own = rng.spawn(1)[0]  # all other values are drawn as without blunders
-        mast = own.normal(0, np.radians(errors.mast_deg) * noise, 3)
-        pointings += mast_partials(pairs) @ mast
+        B = mast_partials(pairs)
+        pointings += B @ own.normal(0, np.radians(errors.mast_deg) * noise, B.shape[2])
     views = [_true_view(truth, pairs, pointings, k, pairs_per_stop) for k in range(len(pairs))]
     plan = _tie_plan(
         rng,

@@ -7,14 +7,16 @@ from functools import lru_cache
 from pathlib import Path
 
 from solmap.photogrammetry.adjustment.modes.rig_pooling import CameraRows
+from solmap.photogrammetry.arrays import Vector3
+from solmap.photogrammetry.matching.records import EpipolarImages
 from solmap.photogrammetry.matching.stereo.dense import DenseParams, match_densely
 from solmap.photogrammetry.matching.stereo.interest_points import InterestPoints
 from solmap.photogrammetry.matching.stereo.orientation import (
     FEWEST_POINTS,
     RowCells,
     VerticalParallax,
+    rows_of_rig,
     straightened,
-    vertical_parallax,
 )
 from solmap.photogrammetry.matching.stereo.sparse import (
     Candidates,
@@ -52,15 +54,21 @@ def measure_rows(pair: PairFiles, store: ProductStore) -> ProductRef:
 
     def write(path: Path) -> None:
         left, images = read_epipolar(pair, None, store)
-        params = SparseParams()
-        measured = vertical_parallax(images, params, find_points(pair, None, params, store))
+        rover_from_pair = images.geometry.rover_from_pair.rotation
+
+        def turned(rotation: Vector3) -> EpipolarImages:
+            x, y, z = (rover_from_pair @ rotation).tolist()
+            return read_epipolar(pair, (x, y, z), store)[1]
+
+        points = find_points(pair, None, SparseParams(), store)
+        measured = rows_of_rig(images, turned, points)
         rows = rows_of_pair(measured)
         found = PairRows(
             pair.id,
             str(pair.stop),
             pair.instrument,
             str(measured),
-            images.geometry.rover_from_pair.rotation,
+            rover_from_pair,
             replace(rows, celsius=left.camera_celsius) if rows else None,
         )
         write_pair_rows(path, found)

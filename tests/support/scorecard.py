@@ -59,12 +59,14 @@ def mean_nees(result: Result) -> float:
 def _goal(
     name: str, value: Any, limit: float, floor: np.ndarray | None = None, over: Any = np.median
 ) -> dict[str, Any]:
+    lowest = None if floor is None else round(float(over(floor)), 4)
     return {
         "goal": name,
         "reached": round(float(value), 4),
         "asked": f"<= {limit:g}",
         "holds": bool(value <= limit),
-        "floor": None if floor is None else round(float(over(floor)), 4),
+        "floor": lowest,
+        "in_reach": lowest is None or lowest <= limit,
     }
 
 
@@ -78,6 +80,7 @@ def _between(name: str, value: float, bounds: tuple[float, float]) -> dict[str, 
         "asked": requested,
         "holds": holds,
         "floor": None,
+        "in_reach": True,
     }
 
 
@@ -85,7 +88,7 @@ def markdown(card: Iterable[dict[str, Any]], results: Iterable[Result]) -> str:
     """The scorecard as a page: goals first, then every stop and world."""
     results = list(results)
     goals = [
-        (row["goal"], row["reached"], row["asked"], _or_dash(row["floor"]), _held(row["holds"]))
+        (row["goal"], row["reached"], row["asked"], _or_dash(row["floor"]), _state(row))
         for row in card
     ]
     stops = [
@@ -155,8 +158,10 @@ def _or_dash(value: Any) -> Any:
     return "-" if value is None else value
 
 
-def _held(holds: bool) -> str:  # noqa: FBT001 - a word for it
-    return "held" if holds else "**missed**"
+def _state(row: dict[str, Any]) -> str:
+    if row["holds"]:
+        return "held"
+    return "**missed**" if row["in_reach"] else "**missed**, as by the floor"
 
 
 def _table(heading: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:

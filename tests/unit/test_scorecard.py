@@ -53,6 +53,16 @@ def test_goals_are_compared_with_medians_and_worst_stops():
     )
 
 
+def test_a_goal_that_mast_pointing_forbids_is_named():
+    results = [
+        world(stop(20.0, 0.14, 1.0, floor=FLOOR | {"percent": percent})) for percent in (0.05, 0.13)
+    ]
+    pages = [markdown(scorecard([result]), [result]) for result in results]
+    median = "| position, median, % of the way | 0.14 | <= 0.1 |"
+    assert f"{median} 0.05 | **missed** |" in pages[0]
+    assert f"{median} 0.13 | **missed**, as by the floor |" in pages[1]
+
+
 def test_links_count_by_distance_and_false_ones_are_named():
     links = [link(12.0), link(24.0), link(30.0, linked=False), link(35.0, false=True), link(60.0)]
     card = reached([world(stop(15.0, 0.1, 1.0), links=links)])

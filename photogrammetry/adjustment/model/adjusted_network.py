@@ -115,11 +115,11 @@ class Memory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustedMast:
-    """Systematic errors of the mast: elevation zero, tilt of the azimuth axis about x and y."""
+    """Systematic errors of the mast: elevation zero, axis tilt about x and y, azimuth zero."""
 
-    values: Float64[np.ndarray, " 3"] = field(default_factory=lambda: np.zeros(3))
+    values: Float64[np.ndarray, " 4"] = field(default_factory=lambda: np.zeros(4))
     """Radians."""
-    covariance: Float64[np.ndarray, "3 3"] = field(default_factory=lambda: np.zeros((3, 3)))
+    covariance: Float64[np.ndarray, "4 4"] = field(default_factory=lambda: np.zeros((4, 4)))
     """Zero where they were not unknowns."""
 
 

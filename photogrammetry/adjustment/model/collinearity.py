@@ -47,6 +47,7 @@ from solmap.photogrammetry.adjustment.model.small_matrices import (
 from solmap.photogrammetry.arrays import Bool, Flags, Float64, Int32
 
 STOP_UNKNOWNS = 6
+MAST_UNKNOWNS = 4
 PAIR_UNKNOWNS = 3
 
 
@@ -244,7 +245,7 @@ class State:
     points: Float64[np.ndarray, "points 3"]
     frames: Float64[np.ndarray, "frames 5"] = field(default_factory=lambda: np.zeros((0, 5)))
     """Places of the control frames: shift east, north, up (m), turn (rad), change of scale."""
-    mast: Float64[np.ndarray, " 3"] = field(default_factory=lambda: np.zeros(3))
+    mast: Float64[np.ndarray, " 4"] = field(default_factory=lambda: np.zeros(MAST_UNKNOWNS))
     """Systematic errors of the mast, see `telemetry`."""
 
     def of_stops(self, stops: np.ndarray) -> State:

@@ -18,12 +18,12 @@ deviation is a fraction of the distance driven (slip) plus a floor. First order:
 with p = M_10 - M_01, q = M_00 + M_11. The mast pointing error m_j of a pair is the sum of errors of
 the mast that are the same at all stops and a small independent one,
 
-    m_j - B_j s = 0,     s = 0,     B_j s = s_1 e + s_2 x + s_3 y,     e = z x f / |z x f|
+    m_j - B_j s = 0,     s = 0,     B_j s = s_1 e + s_2 x + s_3 y + s_4 z,     e = z x f / |z x f|
 
-with the elevation zero s_1 about the elevation axis e of a pair that looks along f, and the tilt of
-the azimuth axis about the rover's x and y. The azimuth zero is not an unknown: like the heading, it
-rotates everything that a stop sees about the vertical. Headings are determined by the increments,
-which do not depend on it, and the first heading belongs to the datum.
+with the elevation zero s_1 about the elevation axis e of a pair that looks along f, the tilt of the
+azimuth axis about the rover's x and y, and the azimuth zero s_4. Ties determine s_1 alone. The
+azimuth zero rotates everything that any stop sees about the vertical: headings stay, and the places
+of all stops turn about the held one by as much as s_4 is uncertain.
 
 Tilt is observed in the rover's level frame and not as (M e_z)_x,y = 0: that is as small, but
 rotates with the azimuth, and Gauss-Newton would take the rotation for a misfit. After 2,000 stops
@@ -37,7 +37,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.model.collinearity import State
+from solmap.photogrammetry.adjustment.model.collinearity import MAST_UNKNOWNS, State
 from solmap.photogrammetry.adjustment.model.network import Network, PairGeometry
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.small_matrices import cross_matrix
@@ -117,10 +117,10 @@ class Telemetry:
         )
 
 
-def mast_partials(pairs: Sequence[PairGeometry]) -> Float64[np.ndarray, "pairs 3 3"]:
-    """B: rotations of every pair by elevation zero and tilts of the azimuth axis."""
-    B = np.zeros((len(pairs), 3, 3))
-    B[:, 0, 1] = B[:, 1, 2] = 1.0
+def mast_partials(pairs: Sequence[PairGeometry]) -> Float64[np.ndarray, "pairs 3 4"]:
+    """B: rotations of every pair by elevation zero, tilts of the azimuth axis, azimuth zero."""
+    B = np.zeros((len(pairs), 3, MAST_UNKNOWNS))
+    B[:, :, 1:] = np.eye(3)
     for k, pair in enumerate(pairs):
         x, y, _ = pair.geometry.rover_from_pair.rotation[:, 2]
         level = float(np.hypot(x, y))

@@ -327,7 +327,8 @@ def component_quality(network: AdjustedNetwork) -> tuple[ComponentQuality, ...]:
 
 def mast_quality(network: AdjustedNetwork) -> tuple[MastQuality, ...]:
     """Systematic errors of the mast."""
-    mast, names = network.mast, ("elevation zero", "axis about x", "axis about y")
+    mast = network.mast
+    names = ("elevation zero", "axis about x", "axis about y", "azimuth zero")
     sigmas = np.degrees(np.sqrt(np.clip(np.diagonal(mast.covariance), 0.0, None)))
     values = np.degrees(mast.values)
     return tuple(

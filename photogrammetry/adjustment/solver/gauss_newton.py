@@ -36,7 +36,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solmap.photogrammetry.adjustment.model.collinearity import State, Views
+from solmap.photogrammetry.adjustment.model.collinearity import MAST_UNKNOWNS, State, Views
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
 from solmap.photogrammetry.adjustment.model.small_matrices import (
     by_component,
@@ -184,7 +184,7 @@ class Correction:
     frames: np.ndarray
     """(frames, 5)."""
     mast: np.ndarray
-    """(3,)"""
+    """(4,)"""
 
     @classmethod
     def of(
@@ -200,7 +200,8 @@ class Correction:
         of_base = np.take(turn_shift.T, problem.bases, axis=1)
         points += of_base[3:]
         points += cross(of_base[:3], arm)
-        mast = x[len(x) - 3 :] if problem.unknowns.mast else np.zeros(3)
+        k = problem.unknowns.mast
+        mast = x[len(x) - k :] if k else np.zeros(MAST_UNKNOWNS)
         return cls(turn_shift, pointing, points, frames, mast)
 
     def scale(self, part: float) -> Correction:

@@ -97,7 +97,7 @@ def adjusted_records(
     )
     frames = adjusted_frames(network, outcome.problem, outcome.solution.state, outcome.inverse)
     adjusted = AdjustedNetwork(stops, pairs, ties, control=control, frames=frames)
-    mast = AdjustedMast(outcome.solution.state.mast, np.zeros((3, 3)))
+    mast = replace(AdjustedMast(), values=outcome.solution.state.mast)
     if outcome.problem.unknowns.mast:
         mast = replace(mast, covariance=outcome.inverse[outcome.problem.mast_own] * factor)
     return replace(adjusted, mast=mast), report

@@ -90,7 +90,10 @@ def network_of_document(document: Document) -> AdjustedNetwork:
 
 
 def _mast_of(document: Document) -> AdjustedMast:
-    return AdjustedMast(_array(document["values"], 3), _array(document["covariance"], 3, 3))
+    values, k = AdjustedMast().values, len(document["values"])  # three before the azimuth zero
+    covariance = AdjustedMast().covariance
+    values[:k], covariance[:k, :k] = document["values"], document["covariance"]
+    return AdjustedMast(values, covariance)
 
 
 def components_document(components: VarianceComponents) -> Document:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from solmap.photogrammetry.adjustment.model.network import select
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
@@ -183,12 +184,33 @@ def test_errors_that_all_pairs_share_are_unknowns_of_the_mast(params):
     for seed in (1, 2):
         network, truth = simulated(seed, stops=3, errors=errors)
         B = mast_partials(network.pairs)
-        true = np.linalg.lstsq(B.reshape(-1, 3), truth.pointings.ravel(), rcond=None)[0]
+        true = np.linalg.lstsq(B.reshape(-1, B.shape[2]), truth.pointings.ravel(), rcond=None)[0]
         adjusted, _ = adjust_overall(network, params)
         elevation, *axes = mast_quality(adjusted)
         assert elevation.sigma_deg < 0.04
         assert abs(elevation.value_deg - np.degrees(true[0])) < 3 * elevation.sigma_deg + 0.02
         assert all(axis.sigma_deg > 0.8 * params.mast_deg for axis in axes)  # as a tilt of all
+
+
+def test_the_azimuth_zero_turns_all_places_about_the_held_stop_and_is_stated():
+    stated = AdjustmentParams(mast_deg=0.2)
+    known = replace(stated, mast_deg=1e-6)
+    errors = TelemetryErrors.assumed_by(stated)
+    across, without = [], []
+    for seed in range(30):
+        network, truth = simulated(seed, stops=3, errors=errors, pairs_per_stop=4, inter_ties=8)
+        last, as_known = (adjust_overall(network, p)[0].stops[-1] for p in (stated, known))
+        true = truth.lsl_from_rover[-1]
+        way = true.translation_m - truth.lsl_from_rover[0].translation_m
+        side = np.cross([0, 0, 1], way) / np.linalg.norm(way[:2])
+        for stop, found in ((last, across), (as_known, without)):
+            off = side @ (stop.lsl_from_rover.translation_m - true.translation_m)
+            found.append((off, (side @ stop.covariance[3:, 3:] @ side) ** 0.5))
+    (off, sigma), (off_if_known, sigma_if_known) = np.array(across).T, np.array(without).T
+    low, high = chi2.ppf([0.0005, 0.9995], len(off)) / len(off)
+    assert low < np.mean((off / sigma) ** 2) < high
+    assert np.mean((off_if_known / sigma_if_known) ** 2) > high
+    assert np.mean(off**2) < 1.02 * np.mean(off_if_known**2)  # no place is worse for it
 
 
 def test_errors_of_the_mast_are_kept_in_the_marginal(stated):
