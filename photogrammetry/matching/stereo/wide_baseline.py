@@ -58,6 +58,7 @@ from solmap.photogrammetry.matching.stereo.orientation import (
     VerticalParallax,
     relative_orientation,
 )
+from solmap.photogrammetry.matching.stereo.semi_global import SemiGlobalParams
 from solmap.photogrammetry.ranges import Factor, Metres, MetresOrZero, PixelsOrZero, Radians
 
 ROUNDS = 2
@@ -119,7 +120,10 @@ class WideParams:
     rig_error_px: PixelsOrZero = 0.5
     """Error of the rig's parallax, three standard deviations: limits the search."""
     orientation: OrientationParams = field(default_factory=OrientationParams)
-    dense: DenseParams = field(default_factory=DenseParams)
+    dense: DenseParams = field(
+        default_factory=lambda: DenseParams(semi_global=SemiGlobalParams(uniqueness_percent=25))
+    )
+    """Less of a margin than for a rig: the prediction leaves few parallaxes to compare."""
 
 
 @runtime_checkable
