@@ -105,14 +105,14 @@ class TraverseAnswer(BaseModel):
 
 
 def solutions(mission: str, catalogue: Catalogue, store: ProductStore) -> list[Solution]:
-    """All adjustments of a mission that the store holds, newest sol first."""
+    """All adjustments of a mission that the store holds: newest sol first, of a sol the newest."""
     latest = latest_network(mission, catalogue)
     found = [
         _solution(ref, store, is_latest=ref == latest)
         for published in published_networks(mission, catalogue)
         for ref in store.versions(ProductKind.NETWORK, published.scope)
     ]
-    return sorted(found, key=lambda one: (one.scope, one.made_at), reverse=True)
+    return sorted(found, key=lambda one: (one.scope, one.made_at, one.is_latest), reverse=True)
 
 
 def _solution(ref: ProductRef, store: ProductStore, *, is_latest: bool) -> Solution:
