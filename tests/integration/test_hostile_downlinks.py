@@ -150,7 +150,7 @@ def test_every_legal_time_gives_all_maps(tmp_path):
 def test_a_folder_without_image_files_is_refused_without_an_engine(tmp_path, monkeypatch):
     from solmap.flows.cli import app, processing  # noqa: PLC0415 - slow to import
 
-    monkeypatch.setattr(processing, "_engine_of", None)
+    monkeypatch.setattr(processing, "engine_of", None)
     folder, root = tmp_path / "downlink", tmp_path / "store"
     folder.mkdir()
     (folder / "notes.img").write_text("not an image at all\n")
