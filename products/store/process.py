@@ -133,25 +133,16 @@ class ResourceMeter:
         }
 
 
-_TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
-_KEPT_BYTES = 1 << 28
-"""Free memory at the end of the heap that is kept for what is allocated next."""
-_HEAP_BYTES = 1 << 25
-"""Arrays up to this size lie in the heap; larger ones are returned to the system when freed."""
+_ARENA_MAX = -8
 
 
 def use_one_heap() -> None:
     """Let all threads of this process allocate from one heap; call before there are any.
 
     The heaps of glibc, one a thread, each keep what they once held: a run of three stops kept 3 GB.
-    The one heap is kept rather than returned to the system after each array, which clears each
-    page again.
     """
     with suppress(OSError, AttributeError):  # another C library
-        library = ctypes.CDLL(None)
-        library.mallopt(_ARENA_MAX, 1)
-        library.mallopt(_MMAP_THRESHOLD, _HEAP_BYTES)
-        library.mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
+        ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)
 
 
 def return_free_memory() -> None:
