@@ -19,11 +19,6 @@ const nameOf = ({ kind, scope }: Pick<Layer, "kind" | "scope">) =>
 const file = (href: string, name: string) =>
   h("a", { class: "text download", href, download: true }, icon("down"), name);
 
-/** A part of the tab that opens and closes; its content alone changes later. */
-function section(title: string, open: boolean, content: HTMLElement): HTMLElement {
-  return h("details", { class: "downloads-section", open }, h("summary", {}, title), content);
-}
-
 function rows(entries: readonly (readonly [string, readonly HTMLElement[]])[]): HTMLElement {
   return h(
     "ul",
@@ -131,73 +126,95 @@ function modelFiles(models: readonly ModelFile[], terrains: readonly Layer[]): H
   if (models.length + terrains.length === 0) {
     return h("p", { class: "hint" }, "No model is published yet.");
   }
-  const [made, solids] = [
-    models.map(
-      (model) =>
-        [nameOf(model), [file(model.download, MODEL_FORMATS[model.kind] ?? "glTF")]] as const,
-    ),
-    terrains.map(
-      (layer) =>
-        [`solid to print · ${scopeTitle(layer.scope)}`, [file(stlUrl(layer), "STL")]] as const,
-    ),
-  ];
+  const made = models.map(
+    (model) =>
+      [nameOf(model), [file(model.download, MODEL_FORMATS[model.kind] ?? "glTF")]] as const,
+  );
+  const solids = terrains.map(
+    (layer) =>
+      [`solid to print · ${scopeTitle(layer.scope)}`, [file(stlUrl(layer), "STL")]] as const,
+  );
   return rows([...made, ...solids]);
 }
 
-/** The list of files: what is offered changes by parts, and only their own rows with it. */
+interface Section {
+  readonly title: string;
+  readonly open: boolean;
+  /** What its rows are drawn from. */
+  readonly of: readonly (keyof Offered)[];
+  readonly draw: (offered: Offered, actions: DownloadActions) => HTMLElement;
+}
+
+const SECTIONS: readonly Section[] = [
+  {
+    title: "Layers on the map",
+    open: true,
+    of: ["shown"],
+    draw: ({ shown }) => layerFiles(shown),
+  },
+  {
+    title: "Parts of them",
+    open: true,
+    of: ["shown", "box"],
+    draw: ({ shown, box }, { drawBox }) => clips(shown, box, drawBox),
+  },
+  {
+    title: "Features of the mission",
+    open: false,
+    of: ["collections"],
+    draw: ({ collections }) => featureFiles(collections),
+  },
+  {
+    title: "Models in three dimensions",
+    open: false,
+    of: ["models", "terrains"],
+    draw: ({ models, terrains }) => modelFiles(models, terrains),
+  },
+  {
+    title: "Addresses for QGIS, GDAL and others",
+    open: false,
+    of: ["addresses"],
+    draw: ({ addresses }, { copy }) =>
+      h("ul", { class: "files" }, ...addresses.map((one) => addressRow(one, copy))),
+  },
+];
+
+const NOTHING: Offered = {
+  shown: [],
+  box: null,
+  collections: [],
+  models: [],
+  terrains: [],
+  addresses: [],
+};
+
+const isSame = (one: Offered[keyof Offered], other: Offered[keyof Offered]) =>
+  one?.length === other?.length && (one ?? []).every((each, k) => each === other?.[k]);
+
+/** The sections of files; each draws its rows again when what they are of has changed. */
 export class FilesPanel {
   readonly element: HTMLElement;
-  readonly #holders: Readonly<Record<Exclude<keyof Offered, "terrains">, HTMLElement>>;
-  #offered: Offered = {
-    shown: [],
-    box: null,
-    collections: [],
-    models: [],
-    terrains: [],
-    addresses: [],
-  };
+  readonly #holders: readonly (readonly [Section, HTMLElement])[];
+  #offered = NOTHING;
 
   constructor(private readonly actions: DownloadActions) {
-    this.#holders = {
-      shown: h("div"),
-      box: h("div"),
-      collections: h("div"),
-      models: h("div"),
-      addresses: h("div"),
-    };
-    const { shown, box, collections, models, addresses } = this.#holders;
-    this.element = h(
-      "div",
-      {},
-      section("Layers on the map", true, shown),
-      section("Parts of them", true, box),
-      section("Features of the mission", false, collections),
-      section("Models in three dimensions", false, models),
-      section("Addresses for QGIS, GDAL and others", false, addresses),
+    this.#holders = SECTIONS.map((section) => [
+      section,
+      h("div", {}, section.draw(NOTHING, actions)),
+    ]);
+    const sections = this.#holders.map(([{ title, open }, rows]) =>
+      h("details", { class: "downloads-section", open }, h("summary", {}, title), rows),
     );
-    shown.replaceChildren(layerFiles([]));
-    this.show(this.#offered);
+    this.element = h("div", {}, ...sections);
   }
 
-  /** Replace the rows of what has changed; focus and open sections elsewhere stay. */
+  /** Focus and open sections stay. */
   show(part: Partial<Offered>): void {
-    const { shown, box, collections, models, addresses } = this.#holders;
-    const { drawBox, copy } = this.actions;
-    const before = this.#offered.shown;
-    const offered = { ...this.#offered, ...part };
-    this.#offered = offered;
-    const isOther =
-      offered.shown.length !== before.length || offered.shown.some((one, k) => one !== before[k]);
-    if (isOther) shown.replaceChildren(layerFiles(offered.shown));
-    if (isOther || part.box !== undefined) {
-      box.replaceChildren(clips(offered.shown, offered.box, drawBox));
-    }
-    if (part.collections) collections.replaceChildren(featureFiles(offered.collections));
-    if (part.models) models.replaceChildren(modelFiles(offered.models, offered.terrains));
-    if (part.addresses) {
-      addresses.replaceChildren(
-        h("ul", { class: "files" }, ...offered.addresses.map((one) => addressRow(one, copy))),
-      );
+    const before = this.#offered;
+    this.#offered = { ...before, ...part };
+    for (const [{ of, draw }, holder] of this.#holders) {
+      if (of.some((name) => !isSame(this.#offered[name], before[name])))
+        holder.replaceChildren(draw(this.#offered, this.actions));
     }
   }
 }
