@@ -11,6 +11,13 @@ class ProductNotFoundError(ProductError):
     """No such product, layer or image."""
 
 
+class BrokenProductError(ProductError):
+    """The file of a product is not of its kind; the text ends with the remedy."""
+
+    def __str__(self) -> str:
+        return f"{super().__str__()}; `solmap check --repair` and a new run replace it"
+
+
 class OutsideCoverageError(ProductError):
     """The product exists but has no data at the requested position."""
 

@@ -33,7 +33,7 @@ import numpy as np
 from solmap.photogrammetry.arrays import EightBits
 from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloud
 from solmap.photogrammetry.terrain.mesh.surface_mesh import SurfaceMesh, TexturedMesh
-from solmap.products.errors import ProductError
+from solmap.products.errors import BrokenProductError, ProductError
 from solmap.products.formats.mesh.draco import compress
 
 _MAGIC, _VERSION, _JSON, _BIN = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
@@ -291,9 +291,7 @@ def read_glb(data: bytes) -> tuple[dict[str, Any], bytes]:
         document = json.loads(data[20 : 20 + length])
         (size,) = struct.unpack_from("<I", data, 20 + length)
     except (struct.error, ValueError) as error:
-        raise ProductError(
-            f"this glTF binary is broken: {error}; `solmap check --repair` and a new run replace it"
-        ) from error
+        raise BrokenProductError(f"this glTF binary is broken: {error}") from error
     return document, data[28 + length : 28 + length + size]
 
 

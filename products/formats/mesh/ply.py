@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from solmap.photogrammetry.terrain.mesh.point_cloud import PointCloud
-from solmap.products.errors import ProductError
+from solmap.products.errors import BrokenProductError
 
 _ROW = np.dtype(
     [
@@ -58,16 +58,10 @@ def read_ply(path: Path) -> np.ndarray:
     end = head.find(_END)
     counts = [line for line in head[: max(end, 0)].split(b"\n") if line.startswith(b"element ver")]
     if end < 0 or not head.startswith(b"ply\n") or len(counts) != 1:
-        raise ProductError(
-            f"{path.name} is not a point cloud of solmap; "
-            "`solmap check --repair` and a new run replace it"
-        )
+        raise BrokenProductError(f"{path.name} is not a point cloud of solmap")
     count, start = int(counts[0].split()[-1]), end + len(_END)
     if path.stat().st_size != start + count * _ROW.itemsize:
-        raise ProductError(
-            f"{path.name} does not contain its {count} points; "
-            "`solmap check --repair` and a new run replace it"
-        )
+        raise BrokenProductError(f"{path.name} does not contain its {count} points")
     return np.memmap(path, _ROW, "r", offset=start, shape=(count,))
 
 

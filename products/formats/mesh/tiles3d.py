@@ -29,7 +29,7 @@ import numpy as np
 
 from solmap.photogrammetry.arrays import ObjectPoints
 from solmap.photogrammetry.terrain.mesh.surface_mesh import TilePlace
-from solmap.products.errors import ProductError, ProductNotFoundError
+from solmap.products.errors import BrokenProductError, ProductError, ProductNotFoundError
 
 TILESET = "tileset.json"
 _INDEX = "@3dtilesIndex1@"
@@ -202,10 +202,7 @@ def read_member(path: Path, name: str) -> bytes:
     except KeyError as error:
         raise ProductNotFoundError(f"{path.name} has no member {name!r}") from error
     except (OSError, zipfile.BadZipFile) as error:
-        raise ProductError(
-            f"{path.name} is not a tileset: {error}; "
-            "`solmap check --repair` and a new run replace it"
-        ) from error
+        raise BrokenProductError(f"{path.name} is not a tileset: {error}") from error
 
 
 def read_tileset(path: Path) -> dict[str, Any]:

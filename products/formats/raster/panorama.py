@@ -25,7 +25,7 @@ from solmap.photogrammetry.terrain.orthophoto.mosaic import NO_SOURCE
 from solmap.photogrammetry.terrain.orthophoto.panorama import Panorama, PanoramaBlock
 from solmap.photogrammetry.terrain.orthophoto.panorama_grid import NODE, AngleGrid
 from solmap.photogrammetry.terrain.orthophoto.panorama_seams import Registration
-from solmap.products.errors import ProductError
+from solmap.products.errors import BrokenProductError
 from solmap.products.formats.raster.orthophoto import BrightnessBlock, write_brightness_blocks
 from solmap.products.formats.raster.raster import open_raster, write_raster
 
@@ -111,10 +111,7 @@ def read_panorama_facts(dataset: rasterio.DatasetReader) -> PanoramaFacts:
     """
     text = dataset.tags().get(_TAG)
     if text is None:
-        raise ProductError(
-            f"{dataset.name} is not a panorama: it has no tag {_TAG}; "
-            "`solmap check --repair` and a new run replace it"
-        )
+        raise BrokenProductError(f"{dataset.name} is not a panorama: it has no tag {_TAG}")
     facts = json.loads(text)
     at = dataset.transform
     grid = AngleGrid(at.c, at.f, at.a, dataset.height, dataset.width)

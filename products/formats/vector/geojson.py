@@ -40,7 +40,7 @@ from solmap.products.crs import (
     local_crs,
     lon_lat,
 )
-from solmap.products.errors import ProductError, ProductNotFoundError
+from solmap.products.errors import BrokenProductError, ProductError, ProductNotFoundError
 
 WrittenFeature = Mapping[str, Any]
 """A GeoJSON feature as it is in a file."""
@@ -308,9 +308,8 @@ def read_placed(path: Path) -> PlacedFeatures:
     except FileNotFoundError as error:
         raise ProductNotFoundError(f"{path.name} does not exist") from error
     except (ValueError, KeyError, TypeError, IndexError) as error:
-        raise ProductError(
-            f"{path.name} is not a feature collection of a landing site: {error!r}; "
-            "`solmap check --repair` and a new run replace it"
+        raise BrokenProductError(
+            f"{path.name} is not a feature collection of a landing site: {error!r}"
         ) from error
 
 
