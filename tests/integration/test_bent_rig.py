@@ -252,19 +252,19 @@ def ties_of_stop(stop, rig):
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_parallaxes_of_a_bent_rig_are_correct_after_two_stops(husband, pooled):
-    """From ties: a Pancam's toe-in, of two and four pairs, to 0.13 and 0.14 px."""
+    """From ties: a Pancam's toe-in, of two and four pairs, to 0.07 and then 0.04 px."""
     bend = np.array([0.54e-3, 0.3e-3, -0.2e-3])  # 0.63 and 1.9 rows
     known = {}
     for sol, stated_px in (("sol0155", 0.08), ("sol0156", 0.05)):
         stop = Stop(husband / sol / "edr", bend)
         name, rig = str(stop.id), pooled(*stop.rows)
         known[name] = replace(rig.stops[name], ties=ties_of_stop(stop, rig))
-        for camera, worst_px in (("NAVCAM", 0.02), ("PANCAM", 3 * stated_px)):
+        for camera, worst_px in (("NAVCAM", 0.02), ("PANCAM", 0.1)):
             rows = known[name].rows[camera]
             before = rig.applied_at(name, camera)
             found = pooled_rotations(known)[name][camera]
             applied = correction_to_apply(found, before, rows)
             assert parallax_error_px(rows, bend) > 0.35
             assert parallax_error_px(rows, bend + applied) < worst_px
-            assert abs(bend[1] + applied[1]) < 4 * found.toe_in_sigma(applied)
+            assert abs(bend[1] + applied[1]) < 3 * found.toe_in_sigma(applied)
             assert found.toe_in_sigma(applied) * rows.focal_px < stated_px
