@@ -1,6 +1,6 @@
 """Array types with shape, unit and frame conventions in their names.
 
-Every run of the unit tests checks the axis names at each call (`tests/support/array_checks.py`), so
+Every run of the unit tests checks the axis names at each call (`tests/unit/conftest.py`), so
 a transposed array fails at the function that received it. NaN means "not measured".
 """
 

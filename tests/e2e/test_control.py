@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from solmap.flows.cli import app
 from solmap.flows.cli.evaluation import true_stops
@@ -13,7 +14,6 @@ from solmap.flows.cli.tables import latest_networks, position_rows
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductKind
-from tests.support.command_line import CliRunner
 
 pytestmark = pytest.mark.slow
 SHIFT = (5.0, -2.0)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+from typer.testing import CliRunner
 
 from solmap.flows.cli import app
 from solmap.flows.cli.tables import position_rows, product_rows
@@ -16,7 +17,6 @@ from solmap.products.formats.mesh.models import extent_of_model
 from solmap.products.formats.mesh.tiles3d import box_of, read_tileset
 from solmap.products.formats.raster.raster import read_dtm, read_raster
 from solmap.products.model import ProductKind
-from tests.support.command_line import CliRunner
 from tests.support.gltf_validator import validate_glb
 
 STOP_KINDS = {"dtm", "orthophoto", "sources", "slope", "aspect", "hillshade", "contours"}

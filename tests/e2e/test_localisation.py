@@ -6,6 +6,7 @@ import numpy as np
 import pyogrio
 import pytest
 import shapely
+from typer.testing import CliRunner
 
 from solmap.flows.cli import app
 from solmap.flows.cli.tables import position_rows
@@ -16,7 +17,6 @@ from solmap.photogrammetry.archive.tables.vector_files import (
     parse_vector_file,
 )
 from solmap.photogrammetry.frames import LSL, rover_frame
-from tests.support.command_line import CliRunner
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,7 @@ from typing import Any
 
 import httpx
 import pytest
+from typer.testing import CliRunner
 
 from solmap.config.archive import load_archive
 from solmap.config.records import ConfigError
@@ -27,7 +28,6 @@ from solmap.photogrammetry.archive.file_names import parse_file_name
 from solmap.photogrammetry.synthetic.downlink import render_jobs
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
-from tests.support.command_line import CliRunner
 
 VOLUME = "/mer2no_0xxx"
 TABLE, LABEL = f"{VOLUME}/index/edrindex.tab", f"{VOLUME}/index/edrindex.lbl"

@@ -4,12 +4,12 @@ import shutil
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from solmap.flows.simulation import write_downlink
 from solmap.photogrammetry.synthetic.scene import WorldParams
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.workspace import Workspace
-from tests.support.command_line import CliRunner
 from tests.support.hostile_files import compare, label_with
 from tests.support.small_downlink import FEW_LAYERS, write_coarse_pipeline, write_small_downlink
 from tests.support.store_checks import Contents

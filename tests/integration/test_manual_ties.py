@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from solmap.flows.cli import app
 from solmap.photogrammetry.adjustment.model.adjusted_network import USED
@@ -23,7 +24,6 @@ from solmap.tasks.images.telemetry import read_telemetry
 from solmap.tasks.network.adjust import NetworkParams, NetworkStep, adjust_network
 from solmap.tasks.network.match import MatchParams, match_stereo_pair
 from solmap.tasks.network.tie import StopProducts, tie_stop
-from tests.support.command_line import CliRunner
 
 HEAD = (
     "action,first_image,first_sample,first_line,second_image,second_sample,second_line,sigma_px\n"

@@ -8,6 +8,7 @@ import pytest
 import rasterio
 from pyproj import CRS
 from rasterio.transform import Affine
+from typer.testing import CliRunner
 
 from solmap.config.landing import landing_site
 from solmap.config.settings import Settings
@@ -21,7 +22,6 @@ from solmap.products.formats.raster.orthophoto import write_orthophoto
 from solmap.products.formats.raster.raster import read_dtm, write_dtm
 from solmap.products.model import ProductKind, Recipe, Scope, ScopeLevel, untied_map
 from solmap.tasks.mission.publish import publish
-from tests.support.command_line import CliRunner
 from tests.support.orbital_scenes import enlarged, scene
 from tests.support.product_readers import read_orthophoto
 

@@ -21,6 +21,7 @@ import httpx
 import pytest
 import uvicorn
 from fastapi.testclient import TestClient
+from typer.testing import CliRunner
 
 from solmap.flows.cli import app as command_line
 from solmap.flows.runtime.engine import free_port
@@ -28,7 +29,6 @@ from solmap.gis_server.app import create_app
 from solmap.products.catalogue.workspace import Workspace
 from solmap.tasks.mission.publish import update_stac
 from tests.support.bowl_store import fill
-from tests.support.command_line import CliRunner
 from tests.support.live_server import running
 
 ROOT = Path(__file__).resolve().parents[2]

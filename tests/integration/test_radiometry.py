@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from solmap.config.radiometry import load_radiometry
 from solmap.flows.cli import app
@@ -24,7 +25,6 @@ from solmap.tasks.images.ingest import ingest_downlink
 from solmap.tasks.images.pairs import pairs_of, read_pair
 from solmap.tasks.network.match import MatchParams, match_stereo_pair
 from solmap.tasks.scopes import pair_scope
-from tests.support.command_line import CliRunner
 
 COUNTS = np.round(4095 * (np.arange(256) / 255) ** 1.9).astype(int)
 """A table that is not among the built-in ones."""

@@ -21,7 +21,7 @@ _REQUEST = """
 import json, sys, tempfile
 from pathlib import Path
 from fastapi.testclient import TestClient
-from tests.support.command_line import CliRunner
+from typer.testing import CliRunner
 from solmap.flows.cli import app
 from solmap.gis_server.app import create_app
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from solmap.flows.cli import app
 from solmap.products.catalogue.catalogue import MissionEntry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.crs import LandingPoint
 from tests.support.adjustment.bent_rigs import with_bent_rig
-from tests.support.command_line import CliRunner
 from tests.support.mission_growth import walked
 from tests.support.simulated_sols import SimulatedSols
 

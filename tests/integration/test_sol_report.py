@@ -6,6 +6,7 @@ import re
 
 import pytest
 from fastapi.testclient import TestClient
+from typer.testing import CliRunner
 
 from solmap.flows.cli import app as command
 from solmap.gis_server.app import create_app
@@ -14,7 +15,6 @@ from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductNotFoundError
 from solmap.products.reports.sol_report import sol_facts, sol_report, thumbnail, timings
 from tests.support.bowl_store import UNPAIRED, fill
-from tests.support.command_line import CliRunner
 
 EVIL = "<script>alert(1)</script>"
 

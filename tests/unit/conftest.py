@@ -1,5 +1,5 @@
 """Runs unit tests under checks of array types and shapes; the longer tests run without them."""
 
-from tests.support import array_checks
+from jaxtyping import install_import_hook
 
-array_checks.install()  # before anything imports what it checks
+install_import_hook("solmap.photogrammetry", "beartype.beartype")  # before anything imports it

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from beartype.roar import BeartypeCallHintParamViolation
 from hypothesis import example, given
 from hypothesis import strategies as st
+from jaxtyping import TypeCheckError
 
 from solmap.photogrammetry.cameras.cahv import Cahv
 from solmap.photogrammetry.cameras.cahvor import Cahvor, largest_square, undistort
@@ -25,7 +25,7 @@ def test_projecting_and_back_projecting_closes_for_every_camera_of_the_facts(uni
 
 
 def test_a_transposed_array_fails_at_the_call_that_received_it(navcam, rng):
-    with pytest.raises(BeartypeCallHintParamViolation, match="points"):
+    with pytest.raises(TypeCheckError, match="points"):
         navcam.project(rng.uniform(1, 2, (3, 200)))
 
 

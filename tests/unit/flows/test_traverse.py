@@ -4,11 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from solmap.flows.cli import app
 from solmap.photogrammetry.errors import TraverseError
 from solmap.photogrammetry.traverse.georeference import parse_points, simulate_mosaic
-from tests.support.command_line import CliRunner
 
 
 def run(*command):

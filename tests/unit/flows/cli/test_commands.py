@@ -7,6 +7,7 @@ import sys
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
 import solmap
 from solmap.config.description import configuration_page
@@ -14,7 +15,6 @@ from solmap.config.pipeline import load_pipeline
 from solmap.config.settings import Settings
 from solmap.flows.cli import app
 from solmap.products.catalogue.maintenance.pruning import PruningParams
-from tests.support.command_line import CliRunner
 from tests.support.old_store import unpack_old_store
 
 CLI = CliRunner()

@@ -3,9 +3,9 @@
 import json
 
 import pytest
+from typer.testing import CliRunner
 
 from solmap.flows.cli import app
-from tests.support.command_line import CliRunner
 from tests.unit.gis_server.conftest import build
 
 CLI = CliRunner()

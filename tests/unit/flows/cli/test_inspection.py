@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from solmap.flows.cli import app
 from solmap.flows.cli.inspection import (
@@ -24,7 +25,6 @@ from solmap.photogrammetry.stretching import stretch
 from solmap.photogrammetry.synthetic.downlink import render_jobs
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
-from tests.support.command_line import CliRunner
 
 SPIRIT = "mer_spirit_sol1869_troy/2n292280938effb100p0703l0m1.img"
 

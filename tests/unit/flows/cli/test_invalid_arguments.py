@@ -9,11 +9,11 @@ import socket
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
 from solmap.flows.cli import app
 from solmap.flows.runtime import engine
 from solmap.products.store.process import log_to_store
-from tests.support.command_line import CliRunner
 from tests.support.old_store import unpack_old_store
 
 CLI = CliRunner()

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from solmap.flows.cli import app
 from solmap.photogrammetry.errors import TraverseError
@@ -15,7 +16,6 @@ from solmap.products.crs import LandingPoint
 from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import ProductKind
 from solmap.tasks.mission.imported_traverse import draw_mission_traverse, read_traverses
-from tests.support.command_line import CliRunner
 
 LANDING = LandingPoint("here", 175.4729, -14.5692, 3_393_000.0, "a test")
 TABLE = (
