@@ -14,6 +14,7 @@ from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.workspace import Workspace
 from tests.support.bowl_store import fill
 from tests.support.browsing import Server, launch_chromium, launch_firefox, open_driver, open_page
+from tests.support.small_downlink import kept
 from tests.support.stereo_viewer import fill as fill_with_images
 from tests.unit.gis_server.stereo.stereo_store import StereoStore
 
@@ -40,9 +41,8 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A synthetic downlink of two stops with full panoramas, of images of half the size."""
     from solmap.flows.simulation import write_downlink  # noqa: PLC0415 - slow to import
 
-    folder = tmp_path_factory.mktemp("world")
-    write_downlink(folder, WorldParams("hills", TraverseParams(stops=2), averaging=2), seed=11)
-    return folder
+    world = kept(write_downlink, WorldParams("hills", TraverseParams(stops=2), averaging=2), 11)
+    return shutil.copytree(world, tmp_path_factory.mktemp("world") / "downlink")
 
 
 @pytest.fixture(scope="session")

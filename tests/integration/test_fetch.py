@@ -25,9 +25,9 @@ from solmap.config.archive import load_archive
 from solmap.config.records import ConfigError
 from solmap.flows.runtime.progress import Step, listen
 from solmap.photogrammetry.archive.file_names import parse_file_name
-from solmap.photogrammetry.synthetic.downlink import render_jobs
-from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
+from solmap.photogrammetry.synthetic.scene import WorldParams
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from tests.support.small_downlink import rendered_images
 
 VOLUME = "/mer2no_0xxx"
 TABLE, LABEL = f"{VOLUME}/index/edrindex.tab", f"{VOLUME}/index/edrindex.lbl"
@@ -225,9 +225,7 @@ def servers(monkeypatch) -> Iterator[Callable[[], ArchiveServer]]:
 def images() -> dict[str, bytes]:
     """Address -> bytes of three stereo pairs of a synthetic world, on sol 155."""
     params = WorldParams("plains", TraverseParams(stops=1), pairs=3, averaging=4)
-    world = make_world(params, 5)
-    jobs = [job.run(world) for job in render_jobs(world)]
-    return {f"{VOLUME}/data/{job.path}": job.data for job in jobs}
+    return {f"{VOLUME}/data/{file.path}": file.data for file in rendered_images(params, 5)}
 
 
 @pytest.fixture

@@ -11,16 +11,19 @@ from solmap.photogrammetry.synthetic.scene import WorldParams
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.workspace import Workspace
 from tests.support.hostile_files import compare, label_with
-from tests.support.small_downlink import FEW_LAYERS, write_coarse_pipeline, write_small_downlink
+from tests.support.small_downlink import (
+    FEW_LAYERS,
+    kept,
+    write_coarse_pipeline,
+    write_small_downlink,
+)
 from tests.support.store_checks import Contents
 
 
 @pytest.fixture(scope="module")
-def small_world(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("small")
+def small_world() -> Path:
     world = WorldParams("plains", TraverseParams(stops=1), pairs=1, averaging=2)
-    write_downlink(folder, world, seed=5)
-    return folder
+    return kept(write_downlink, world, 5)
 
 
 @pytest.fixture

@@ -17,14 +17,13 @@ from solmap.photogrammetry.archive.images.reading import (
 from solmap.photogrammetry.archive.labels.detached import split_label
 from solmap.photogrammetry.frames import LSL, Pose, site_frame
 from solmap.photogrammetry.imagery import StopId
-from solmap.photogrammetry.synthetic.downlink import render_jobs, simulate_downlink
-from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
+from solmap.photogrammetry.synthetic.scene import WorldParams
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.images import image_file, image_record, read_product_image
 from solmap.products.catalogue.workspace import Workspace
 from solmap.tasks.images.ingest import Delivery, ingest_downlink
 from solmap.tasks.images.telemetry import read_telemetry
-from tests.support.small_downlink import write_coarse_pipeline
+from tests.support.small_downlink import rendered_images, write_coarse_pipeline
 
 MSL = "NLB_517261274EDR_F0541610CCAM15900M1"
 M2020 = "NLF_0670_0726421423_362ECM_N0320604NCAM08111_01_095J01"
@@ -215,9 +214,8 @@ def test_raw_images_with_metadata_are_mapped(shared_data, downlink, tmp_path):
     """Through the whole pipeline, among images that cannot be placed."""
     from solmap.flows.downlink import process_downlink  # noqa: PLC0415 - needs the engine's settings
 
-    world = make_world(WorldParams("plains", TraverseParams(stops=1), pairs=1, averaging=4), 21)
-    for job in render_jobs(world):
-        file = job.run(world)
+    world = WorldParams("plains", TraverseParams(stops=1), pairs=1, averaging=4)
+    for file in rendered_images(world, 21):
         raw_of_mars_2020(read_image(file.data, Path(file.path).name), downlink)
     real = next(shared_data.rglob(f"{M2020}.png"))
     (downlink / real.name).write_bytes(real.read_bytes())
@@ -263,7 +261,7 @@ def test_labels_that_place_their_site_join_the_stops_of_two_sites(shared_data):
 
 def test_of_two_files_of_an_image_the_later_edition_counts_in_any_order(tmp_path):
     world = WorldParams("hills", TraverseParams(stops=1), pairs=1, averaging=4)
-    file = next(f for f in simulate_downlink(world, 3) if f.path.endswith("l0m1.img"))
+    file = next(f for f in rendered_images(world, 3) if f.path.endswith("l0m1.img"))
     made = re.search(rb"PRODUCT_CREATION_TIME\s*= (\d{4})", file.data)
     later = file.data[: made.start(1)] + b"2039" + file.data[made.end(1) :]
     twin = file.data[:-1] + bytes([file.data[-1] ^ 1])  # made at the same time, another content

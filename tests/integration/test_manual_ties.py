@@ -9,8 +9,7 @@ from solmap.photogrammetry.adjustment.model.adjusted_network import USED
 from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
 from solmap.photogrammetry.imagery import TieKind
 from solmap.photogrammetry.matching.inter_stereo import InterStereoParams
-from solmap.photogrammetry.synthetic.downlink import render_jobs
-from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
+from solmap.photogrammetry.synthetic.scene import WorldParams
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.images import image_records
 from solmap.products.catalogue.workspace import Workspace
@@ -24,6 +23,7 @@ from solmap.tasks.images.telemetry import read_telemetry
 from solmap.tasks.network.adjust import NetworkParams, NetworkStep, adjust_network
 from solmap.tasks.network.match import MatchParams, match_stereo_pair
 from solmap.tasks.network.tie import StopProducts, tie_stop
+from tests.support.small_downlink import rendered_images
 
 HEAD = (
     "action,first_image,first_sample,first_line,second_image,second_sample,second_line,sigma_px\n"
@@ -34,10 +34,9 @@ class Stop:
     """A stop with two neighbouring pairs, matched and tied."""
 
     def __init__(self, folder):
-        world = make_world(WorldParams("plains", TraverseParams(stops=1), pairs=2, averaging=2), 5)
+        world = WorldParams("plains", TraverseParams(stops=1), pairs=2, averaging=2)
         self.downlink = folder / "downlink"
-        for job in render_jobs(world):
-            file = job.run(world)
+        for file in rendered_images(world, 5):
             path = self.downlink / file.path.rpartition("/")[2]
             path.parent.mkdir(exist_ok=True)
             path.write_bytes(file.data)

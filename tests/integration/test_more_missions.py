@@ -18,8 +18,7 @@ import pytest
 
 from solmap.photogrammetry.archive.images.reading import ReadImage, read_image
 from solmap.photogrammetry.imagery import Eye
-from solmap.photogrammetry.synthetic.downlink import render_jobs
-from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
+from solmap.photogrammetry.synthetic.scene import WorldParams
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.images import image_record
 from solmap.products.catalogue.workspace import Workspace
@@ -34,6 +33,7 @@ from tests.support.other_missions import (
     pds4_product,
     raw_image,
 )
+from tests.support.small_downlink import rendered_images
 
 LISTS = {"MSL": ("items", "/api/v1/raw_image_items/"), "M20": ("images", "/rss/api/")}
 SORRY = b"<!DOCTYPE html><html>PDS: this page moved</html>"
@@ -100,8 +100,7 @@ def site(monkeypatch) -> Iterator[Site]:
 def images() -> list[tuple[bytes, ReadImage]]:
     """Two stereo pairs of one stop, left before right."""
     params = WorldParams("plains", TraverseParams(stops=1), pairs=2, averaging=4)
-    world = make_world(params, 21)
-    files = [job.run(world) for job in render_jobs(world)]
+    files = rendered_images(params, 21)
     return [(file.data, read_image(file.data, Path(file.path).name)) for file in files]
 
 

@@ -15,7 +15,7 @@ from solmap.flows.cli import app
 from solmap.photogrammetry.archive.images.radiometry import RadialVignetting
 from solmap.photogrammetry.archive.images.reading import read_image
 from solmap.photogrammetry.stretching import stretch
-from solmap.photogrammetry.synthetic.downlink import render_jobs, text_files
+from solmap.photogrammetry.synthetic.downlink import text_files
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
 from solmap.products.catalogue.images import image_file, read_product_image
@@ -25,6 +25,7 @@ from solmap.tasks.images.ingest import ingest_downlink
 from solmap.tasks.images.pairs import pairs_of, read_pair
 from solmap.tasks.network.match import MatchParams, match_stereo_pair
 from solmap.tasks.scopes import pair_scope
+from tests.support.small_downlink import rendered_images
 
 COUNTS = np.round(4095 * (np.arange(256) / 255) ** 1.9).astype(int)
 """A table that is not among the built-in ones."""
@@ -52,8 +53,8 @@ class Frames:
 
 @pytest.fixture(scope="module")
 def frames() -> Frames:
-    world = make_world(WorldParams("plains", TraverseParams(stops=1), pairs=1, averaging=4), 21)
-    files = [job.run(world) for job in render_jobs(world)]
+    params = WorldParams("plains", TraverseParams(stops=1), pairs=1, averaging=4)
+    world, files = make_world(params, 21), rendered_images(params, 21)
     texts = {Path(f.path).name: f.data for f in text_files(world) if f.path.endswith("vf")}
     return Frames({Path(f.path).name: f.data for f in files}, texts)
 

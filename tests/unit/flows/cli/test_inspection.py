@@ -25,21 +25,23 @@ from solmap.photogrammetry.stretching import stretch
 from solmap.photogrammetry.synthetic.downlink import render_jobs
 from solmap.photogrammetry.synthetic.scene import WorldParams, make_world
 from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from tests.support.small_downlink import rendered_images
 
+PARAMS = WorldParams("plains", TraverseParams(stops=1), pairs=1, averaging=4)
+SEED = 5
 SPIRIT = "mer_spirit_sol1869_troy/2n292280938effb100p0703l0m1.img"
 
 
 @pytest.fixture(scope="module")
 def world():
     """A stereo pair of a synthetic world, and what is true of it."""
-    return make_world(WorldParams("plains", TraverseParams(stops=1), pairs=1, averaging=4), 5)
+    return make_world(PARAMS, SEED)
 
 
 @pytest.fixture(scope="module")
-def rendered(world, tmp_path_factory) -> Path:
+def rendered(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("pair")
-    for job in render_jobs(world):
-        file = job.run(world)
+    for file in rendered_images(PARAMS, SEED):
         (folder / Path(file.path).name).write_bytes(file.data)
     return folder
 

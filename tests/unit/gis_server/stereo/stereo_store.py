@@ -30,7 +30,7 @@ from solmap.photogrammetry.imagery import Eye, StereoMatches, TieKind, TiePoints
 from solmap.photogrammetry.matching.stereo.dense import DenseMatches
 from solmap.photogrammetry.synthetic.downlink import RenderJob
 from solmap.photogrammetry.synthetic.scene import Shot, World, WorldParams, make_world
-from solmap.photogrammetry.synthetic.traverse import TraverseParams
+from solmap.photogrammetry.synthetic.traverse import Stop, TraverseParams
 from solmap.photogrammetry.synthetic.truth import true_parallax
 from solmap.photogrammetry.terrain.dtm.grid import MapGrid
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass
@@ -47,6 +47,7 @@ from solmap.products.formats.documents.archives import (
 from solmap.products.formats.raster.raster import read_dtm, summarise, write_dtm
 from solmap.products.model import Layer, ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.tasks.images.pairs import pair_geometry
+from tests.support.small_downlink import kept
 
 LANDING = LandingPoint("Columbia Memorial Station", 175.4729, -14.5692, 3_393_000.0, "a test")
 PARAMS = WorldParams(
@@ -56,6 +57,7 @@ PARAMS = WorldParams(
     pair_step=float(np.deg2rad(40)),
     averaging=4,
 )
+SEED = 11
 CELL_M = 0.04
 STOP_SIGMA = np.diag([1e-4, 1e-4, 2e-4, 5e-3, 5e-3, 2e-3]) ** 2
 POINTING_SIGMA = 2e-4
@@ -111,25 +113,48 @@ class _Pair:
 def build_stereo_store(root: Path) -> StereoStore:
     """Render the world and publish it."""
     root.mkdir(parents=True, exist_ok=True)
-    world, workspace = make_world(PARAMS, rng_seed=11), Workspace.open(root)
-    pairs = [_pair(world, shot, workspace) for shot in world.shots]
+    world, workspace = make_world(PARAMS, SEED), Workspace.open(root)
+    truth = kept(_write_truth, PARAMS, SEED)
+    pairs = [_pair(world, shot, truth, workspace) for shot in world.shots]
     network = workspace.store.make(
         Recipe(ProductKind.NETWORK, Scope(ScopeLevel.SOL, "mer2-sol0156")),
         lambda path: path.write_text(json.dumps(_network(world, pairs))),
     )
-    layers = [_dtm(world, stop.id, workspace) for stop in world.stops]
+    layers = [_dtm(stop, truth, workspace) for stop in world.stops]
     mission = MissionEntry("MER2", "Spirit, Gusev crater", LANDING, None)
     workspace.catalogue.publish(missions=[mission], layers=layers, pointers=[network])
     return StereoStore(world, workspace)
 
 
-def _pair(world: World, shot: Shot, workspace: Workspace) -> _Pair:
-    files = [RenderJob(shot, eye).run(world) for eye in (Eye.LEFT, Eye.RIGHT)]
-    left, right = (read_image(f.data, f.path.rsplit("/", 1)[-1]) for f in files)
+def _write_truth(folder: Path, params: WorldParams, seed: int) -> None:
+    """Images, parallaxes of pairs and elevations around stops."""
+    world = make_world(params, seed)
+    folder.mkdir(parents=True)
+    for shot in world.shots:
+        for job in (RenderJob(shot, eye) for eye in (Eye.LEFT, Eye.RIGHT)):
+            file = job.run(world)
+            (folder / Path(file.path).name).write_bytes(file.data)
+        left, right = (read.image for read in _images(world, shot, folder))
+        number = sum(1 for s in world.shots[: world.shots.index(shot)] if s.stop == shot.stop)
+        parallax = true_parallax(world, shot.stop, number, pair_geometry(left, right))
+        np.save(folder / f"{left.id}.npy", parallax)
+    for stop in world.stops:
+        np.save(folder / f"{stop.id}.npy", world.true_elevation(_grid(stop)).astype(np.float32))
+
+
+def _images(world: World, shot: Shot, truth: Path) -> tuple[ReadImage, ReadImage]:
+    names = [world.exposure(shot, eye).file_name for eye in (Eye.LEFT, Eye.RIGHT)]
+    left, right = (read_image((truth / name).read_bytes(), name) for name in names)
+    return left, right
+
+
+def _pair(world: World, shot: Shot, truth: Path, workspace: Workspace) -> _Pair:
+    left, right = _images(world, shot, truth)
+    files = [truth / world.exposure(shot, eye).file_name for eye in (Eye.LEFT, Eye.RIGHT)]
     geometry = pair_geometry(left.image, right.image)
-    number = sum(1 for s in world.shots[: world.shots.index(shot)] if s.stop == shot.stop)
-    parallax = true_parallax(world, shot.stop, number, geometry)
-    _publish_pair((left, right), [f.data for f in files], geometry, parallax, workspace)
+    parallax = np.load(truth / f"{left.image.id}.npy")
+    data = [file.read_bytes() for file in files]
+    _publish_pair((left, right), data, geometry, parallax, workspace)
     reported = world.true_lsl_from_label_rover(shot)
     lsl_from_label = Pose(
         reported.target, left.image.stop.frame, reported.rotation, reported.translation_m
@@ -285,16 +310,18 @@ def _seen(pair: _Pair, point: np.ndarray):
     return (None, None) if hidden else (left[0], float(parallax[0]))
 
 
-def _dtm(world: World, stop, workspace: Workspace) -> Layer:
-    pose = next(s.lsl_from_rover for s in world.stops if s.id == stop)
-    north, east, _ = pose.translation_m
-    grid = MapGrid.covering((east - 8, north - 8, east + 8, north + 8), CELL_M)
-    elevation = world.true_elevation(grid).astype(np.float32)
+def _grid(stop: Stop) -> MapGrid:
+    north, east, _ = stop.lsl_from_rover.translation_m
+    return MapGrid.covering((east - 8, north - 8, east + 8, north + 8), CELL_M)
+
+
+def _dtm(stop: Stop, truth: Path, workspace: Workspace) -> Layer:
+    grid, elevation = _grid(stop), np.load(truth / f"{stop.id}.npy")
     sigma = np.full(grid.shape, 0.005, np.float32)
     ones = np.ones(grid.shape, np.float32)
     ground = np.full(grid.shape, GroundClass.MEASURED, np.uint8)
     dtm = Dtm(grid, elevation, sigma, ones, ground)
-    scope = Scope(ScopeLevel.STOP, str(stop))
+    scope = Scope(ScopeLevel.STOP, str(stop.id))
     ref = workspace.store.make(
         Recipe(ProductKind.DTM, scope), lambda path: write_dtm(path, dtm, local_crs(LANDING))
     )
