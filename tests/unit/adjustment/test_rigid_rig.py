@@ -1,6 +1,7 @@
 """The rigid stereo body against the paper's way: two free cameras and virtual observations."""
 
 import numpy as np
+import pytest
 from scipy.optimize import least_squares
 
 from solmap.photogrammetry.adjustment.model.params import AdjustmentParams
@@ -46,6 +47,7 @@ def two_camera_residuals(x, network, params):
     return np.array(rows)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_heavily_weighted_virtual_observations_of_the_baseline_give_the_same_result():
     params = AdjustmentParams(sigma_freedoms=np.inf, mast_deg=1e-7)
     network, _ = simulate_network(

@@ -148,6 +148,7 @@ def test_the_weight_that_follows_from_a_factor_is_true_in_the_mean():
         assert 1.0 <= 1.1 * np.mean(np.power(factors, -2)) < 1.25
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_steps_along_the_traverse_count_every_observation_once(rough, stepped, params):
     overall = adjust_overall(rough, params)[0].components
     assert stepped.memory is not None
@@ -192,6 +193,7 @@ def test_errors_that_all_pairs_share_are_unknowns_of_the_mast(params):
         assert all(axis.sigma_deg > 0.8 * params.mast_deg for axis in axes)  # as a tilt of all
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_the_azimuth_zero_turns_all_places_about_the_held_stop_and_is_stated():
     stated = AdjustmentParams(mast_deg=0.2)
     known = replace(stated, mast_deg=1e-6)

@@ -147,6 +147,7 @@ def head_of(path):
         return stream.read(1 << 16)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_every_rendered_image_has_its_partner(husband):
     paths = sorted(husband.rglob("*.img"))
     images = [read_image_record(head_of(path), path.name) for path in paths]

@@ -102,6 +102,7 @@ def test_a_third_of_wrong_ties_is_set_aside(rng, true, start):
     assert error_m < 0.05
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_the_covariance_of_the_pose_is_that_of_its_errors(true, start):
     misfits = []
     for seed in range(30):

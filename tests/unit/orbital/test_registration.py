@@ -30,6 +30,7 @@ def test_a_rotated_and_shifted_image_under_another_sun_is_registered(hills):
     assert found.explained > 3 * found.runner_up
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_an_uncontrolled_mosaic_is_registered_from_hundreds_of_metres():
     """Turned by up to three degrees and scaled by up to one percent as well."""
     one = scene(103, uncontrolled=True)
@@ -45,11 +46,13 @@ def test_an_uncontrolled_mosaic_is_registered_from_hundreds_of_metres():
     )
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_a_negative_of_the_image_is_registered_at_the_same_place(hills):
     negative = replace(hills.image, brightness=255 - hills.image.brightness)
     assert off(register(hills.ground, negative), hills) < 0.25
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_noise_is_not_registered(hills, rng):
     noise = replace(hills.image, brightness=rng.normal(size=hills.image.grid.shape).astype("f4"))
     found = register(hills.ground, noise)
@@ -57,6 +60,7 @@ def test_noise_is_not_registered(hills, rng):
     assert "undecided" in found.reason or "does not converge" in found.reason
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_ground_outside_the_image_is_not_registered(hills):
     found = register(hills.ground, scene(106).image)
     assert found.correction is None

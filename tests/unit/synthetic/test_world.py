@@ -61,6 +61,7 @@ def geometry_of(pair):
     return epipolar_pair(*cameras, size, size, left.image.stop.frame, frame)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_a_seed_repeats_a_downlink_bit_for_bit(small_world):
     jobs = render_jobs(small_world)[:2]
     one = [*text_files(small_world), *(job.run(small_world) for job in jobs)]

@@ -137,6 +137,7 @@ def stops_of(traverse: Traverse, places_m: np.ndarray, every: int = 1) -> list[T
     return sorted(stops, key=lambda one: (one.stop.site, one.stop.drive))
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("every", [60, pytest.param(1, marks=pytest.mark.slow)])
 def test_the_whole_traverse_of_spirit_is_kept(shared_data, every):
     path = shared_data / "traverse" / "mer_spirit" / "MERA-MER2-Spirit_traverse_path.csv"

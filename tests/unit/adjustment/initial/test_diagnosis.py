@@ -153,6 +153,7 @@ def test_a_single_tie_is_set_aside_as_unchecked(network, params):
     assert "one tie, which nothing checks, is set aside" in adjusted.stops[2].held_by
 
 
+@pytest.mark.usefixtures("unchecked")
 @given(seed=st.integers(0, 10_000), kept=st.integers(0, 5), wrong=st.booleans())
 @settings(max_examples=12, deadline=None)
 def test_every_undetermined_pose_is_named(seed, kept, wrong):

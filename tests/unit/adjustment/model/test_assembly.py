@@ -67,6 +67,7 @@ def test_a_stop_is_taken_from_the_last_part_that_contains_it(adjusted):
     assert [pair for pair in again.pairs if pair.stop == adjusted.stops[1].stop] == list(kept)
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("mode", [AdjustmentMode.SEQUENTIAL, AdjustmentMode.STEPWISE])
 def test_steps_from_a_part_equal_those_from_the_whole(mission, params, mode):
     """All that a step needs of the stops before is the part that it touches."""

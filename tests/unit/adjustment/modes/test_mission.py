@@ -67,6 +67,7 @@ def test_stepwise_keeps_stops_that_sequential_moves(network, params):
         assert (np.ptp(seconds[1:], axis=0) > 0).any() == moves
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_new_images_of_a_known_stop_keep_the_information_about_the_stops(network, params):
     late = network.pairs[-1].pair_id
     seen = np.array([name != late for name in network.ties.pair_ids])[network.ties.pair]

@@ -95,6 +95,7 @@ def test_sigma0_is_one_on_clean_networks(params):
     assert sigma0 == pytest.approx(1.0, abs=0.05)  # 2.6 / sqrt(2 * 4000) would be 0.03
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_stated_covariances_are_true(params):
     """Errors squared, normalised by the stated covariances, are what chance makes them."""
     networks = 32
@@ -336,6 +337,7 @@ def test_a_standard_deviation_of_zero_is_refused():
         AdjustmentParams(tilt_deg=0.0)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_a_tie_that_returns_starts_at_its_current_place(params):
     """Its stops moved by metres while it was set aside; started from there it lay behind them."""
     network, _ = simulate_network(

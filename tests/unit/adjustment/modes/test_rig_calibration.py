@@ -99,6 +99,7 @@ def test_pairs_without_a_camera_set_are_not_changed(params):
         calibrate_rig(network, held, {}, params)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_a_network_with_control_keeps_its_datum(params):
     rng = np.random.default_rng(5)
     network, truth = simulate_network(rng, stops=2, inter_ties=20)

@@ -156,6 +156,7 @@ def test_a_correction_stays_until_it_is_significantly_and_noticeably_wrong(rng):
     assert applied(0.3, 0.02, 0.25) == pytest.approx(0.3)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_ties_within_a_stop_determine_toe_in_independently_of_the_applied_correction(rng, params):
     network, truth = simulate_network(rng, stops=1, inter_ties=150, intra_ties=20)
     bent = with_bent_rig(network, truth, np.array([0.0, 0.4e-3, 0.0]), 0.0)

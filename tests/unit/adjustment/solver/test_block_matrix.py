@@ -80,6 +80,7 @@ def test_a_chain_of_stops_has_no_fill():
     assert len(pattern.keys) == 50 + 2 * 49
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_covariances_far_along_a_traverse_equal_those_of_the_dense_inverse():
     """Their asymmetry by rounding, if it were kept, would grow tenfold every eight stops."""
     network, truth = simulate_network(

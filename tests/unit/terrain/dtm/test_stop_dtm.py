@@ -250,6 +250,7 @@ def test_common_errors_of_a_view_do_not_average_out(scenes):
     assert (own.sigma_m[place] < 0.5 * formula).all()
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_pose_errors_within_their_covariance_are_within_the_stated_sigma(scenes, rng):
     view = scenes.view_of(scenes.tilted)
     sigmas = np.r_[np.radians([0.3, 0.4, 0.5]), 0.02, 0.03, 0.04]

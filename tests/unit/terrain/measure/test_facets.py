@@ -62,6 +62,7 @@ def test_the_face_of_a_block_is_found_and_the_level_ground_is_not(view):
     assert facet.pair_id == view.pair_id
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_noise_rotates_the_face_by_the_stated_sigma(view, rng):
     """Over 60 trials the squares have the mean 1 but for 5 sqrt(2 / 60) = 0.9 above.
 

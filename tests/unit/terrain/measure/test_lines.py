@@ -220,6 +220,7 @@ def test_a_pit_is_below_a_level_base():
     assert found.sigma_below_m3 == pytest.approx(found.sigma_m3)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_the_stated_sigma_agrees_with_simulated_errors_of_elevation(rng):
     """Errors drawn as stated: one for all, one per patch, and those of the rim."""
     places, cell = places_inside(polygon_of(SQUARE), 0.05)
@@ -237,6 +238,7 @@ def test_the_stated_sigma_agrees_with_simulated_errors_of_elevation(rng):
     assert cell == pytest.approx(0.05)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_the_sigma_of_a_fitted_base_is_that_of_its_rim(rng):
     places, _ = places_inside(polygon_of(SQUARE), 0.5)
     rim = np.concatenate(

@@ -51,6 +51,7 @@ def loose(rng):
     return root.T @ root / 6
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_the_ellipse_agrees_with_simulated_pose_and_pointing_errors(rng, loose):
     """Poses, pointings and places drawn by their covariances, against the propagated one."""
     stop = pose(1, (2.0, -1.0, 0.0), loose)

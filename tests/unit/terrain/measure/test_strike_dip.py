@@ -64,6 +64,7 @@ def test_strike_and_dip_of_an_exact_plane(strike, dip):
     assert falls == pytest.approx(90)
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     ("strike", "dip", "centre"),
     [(20.0, 35.0, (2.0, 6.0, 0.2)), (250.0, 12.0, (-9.0, 9.0, -0.5)), (130.0, 75.0, (4.0, 3.0, 1))],
@@ -160,6 +161,7 @@ def test_the_slab_inside_the_outline_has_its_strike_and_dip(scenes):
     assert plane.points == pytest.approx(3.35 / 0.04**2, rel=0.02)  # area over that of a cell
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_errors_inside_an_outline_are_as_large_as_stated(scenes, rng):
     """Over 200 trials the mean square is 1 but for 5 sqrt(2 / 200) = 0.5, and the shared tilt."""
     dtm = scenes.dtm_of(slab)

@@ -37,6 +37,7 @@ def doubled_areas(mesh: GridMesh) -> np.ndarray:
     return (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (y[:, 1] - y[:, 0]) * (x[:, 2] - x[:, 0])
 
 
+@pytest.mark.usefixtures("unchecked")
 @settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), tolerance=st.floats(0.01, 3.0))
 def test_no_grid_point_is_farther_from_the_mesh_than_the_tolerance(seed, tolerance):
