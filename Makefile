@@ -80,12 +80,10 @@ SUITES := unit integration e2e
 
 test:  ## Everything that continuous integration asks for.
 	@$(MAKE) --no-print-directory --jobs 2 develop viewer
-	@$(MAKE) --no-print-directory --jobs 2 check test-viewer
-	@$(MAKE) --no-print-directory --jobs 3 $(SUITES) PYTEST='-m "not slow" $(REPEATABLE)'
+	@$(MAKE) --no-print-directory --jobs $(SUITES) check test-viewer PYTEST='-m "not slow" $(REPEATABLE)'
 
 test-all: develop viewer  ## Also what takes minutes: the rendered traverse, long simulations.
-	@$(MAKE) --no-print-directory --jobs 2 check test-viewer
-	@$(MAKE) --no-print-directory --jobs 3 $(SUITES)
+	@$(MAKE) --no-print-directory --jobs $(SUITES) check test-viewer
 
 $(SUITES): develop viewer  ## One of the suites of tests; PYTEST has further options.
 	$(BIN)/pytest $(PARALLEL) $(PYTEST) tests/$@

@@ -64,12 +64,17 @@ SMALL = """() => {
 
 
 @pytest.fixture(params=SIZES, ids=lambda size: str(size[0]))
-def sized(request, browser, url):
+def window(request, browser):
     width, height = request.param
     with open_page(browser, width, height) as page:
         page.width = width
-        look(page, url + at(0.1, "mer2/stops,mer2/traverse"))
         yield page
+
+
+@pytest.fixture
+def sized(window, url):
+    look(window, url + at(0.1, "mer2/stops,mer2/traverse"))
+    return window
 
 
 def test_no_panel_clips_its_content_and_targets_are_24_pixels_wide_and_high(sized):
@@ -132,13 +137,13 @@ def test_nothing_on_the_map_lies_over_anything_else(sized):
     keep_screenshot(sized, f"furniture-{sized.width}")
 
 
-def test_a_pane_leaves_room_for_the_map_and_the_tab(sized, url):
-    look(sized, f"{url}{at(0.1)}&tab=images&image=2N140000000EFFA000P1600L0M1")
-    sized.locator(".panes .pane").wait_for()
-    assert sized.locator(".map").bounding_box()["height"] > 100
-    assert sized.locator(".panes .pane").bounding_box()["height"] > 150
-    assert sized.evaluate(CUT_OFF) == []
-    keep_screenshot(sized, f"layout-{sized.width}-pane")
+def test_a_pane_leaves_room_for_the_map_and_the_tab(window, url):
+    look(window, f"{url}{at(0.1)}&tab=images&image=2N140000000EFFA000P1600L0M1")
+    window.locator(".panes .pane").wait_for()
+    assert window.locator(".map").bounding_box()["height"] > 100
+    assert window.locator(".panes .pane").bounding_box()["height"] > 150
+    assert window.evaluate(CUT_OFF) == []
+    keep_screenshot(sized, f"layout-{window.width}-pane")
 
 
 def test_docks_leave_space_for_the_map_and_clip_nothing(sized):
