@@ -147,7 +147,7 @@ def wait_for(condition, seconds, what):
         time.sleep(0.2)
 
 
-@pytest.mark.slow  # of a file changed wrongly, the test that it agrees with what is served tells
+@pytest.mark.slow  # a wrong change fails the test that the file agrees with what is served
 def test_the_file_of_deployments_deploys_and_every_deployment_runs(installation):
     environment, folder, client = installation
 
