@@ -23,8 +23,14 @@ hypothesis.settings.load_profile("patient")  # no test asserts a time: other wor
 ROOT = Path(__file__).resolve().parents[1]
 
 
-SHARED = {"mapped": "mapped", "images_url": "images", "true_images": "images", "stereo": "stereo"}
-"""Fixtures of a session that take ten seconds and more to make, and what they share."""
+SHARED = {
+    "mapped": "mapped",
+    "images_url": "images",
+    "true_images": "images",
+    "stereo": "stereo",
+    "engine": "engine",
+}
+"""Fixtures of a session that take ten seconds and more to make or to run, and what they share."""
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -36,7 +42,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
         @cache  # noqa: B019 - as long as the run
         def _split_scope(self, nodeid: str) -> str:
             file = nodeid.partition("::")[0]
-            taken = re.findall(r"def \w+\(([^)]*)\)", (ROOT / file).read_text())
+            taken = re.findall(r"(?:def \w+|usefixtures)\(([^)]*)\)", (ROOT / file).read_text())
             words = set(re.findall(r"\w+", " ".join(taken)))
             shared = next((group for fixture, group in SHARED.items() if fixture in words), None)
             return f"{Path(file).parts[1]}/{shared}" if shared else file

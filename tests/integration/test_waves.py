@@ -34,7 +34,7 @@ def wave(event: tuple, workspace: Workspace) -> dict[str, set[str]]:
 
 
 def test_each_new_stop_is_published_before_its_models_are_made(tmp_path: Path, monkeypatch):
-    downlink = write_small_downlink(tmp_path / "downlink")
+    downlink = write_small_downlink(tmp_path / "downlink", pairs=2)
     every_move = f"{COARSE}[reissue]\nshift_m = 1e-6\n"
     pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml", every_move))
     workspace = Workspace.open(tmp_path / "store")
