@@ -38,10 +38,12 @@ class Mapped:
 
 @pytest.fixture(scope="session")
 def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A synthetic downlink of two stops with full panoramas, of images of half the size."""
+    """A synthetic downlink of two stops with six pairs each, of images of half the size."""
     from solmap.flows.simulation import write_downlink  # noqa: PLC0415 - slow to import
 
-    world = kept(write_downlink, WorldParams("hills", TraverseParams(stops=2), averaging=2), 11)
+    world = kept(
+        write_downlink, WorldParams("hills", TraverseParams(stops=2), pairs=6, averaging=2), 11
+    )
     return shutil.copytree(world, tmp_path_factory.mktemp("world") / "downlink")
 
 

@@ -97,7 +97,8 @@ def run(fault: Fault) -> bool:
         for name in (*PACKAGES, "src", "tests"):
             ignored = shutil.ignore_patterns("node_modules", "dist", "__pycache__")
             shutil.copytree(ROOT / name, copy / name, symlinks=True, ignore=ignored)
-        shutil.copy(ROOT / "pyproject.toml", copy)
+        for name in ("pyproject.toml", "requirements.lock"):
+            shutil.copy(ROOT / name, copy)
         module = copy / fault.path
         text = module.read_text()
         assert text.count(fault.right) >= 1, f"{fault.path} does not hold {fault.right!r} any more"
