@@ -217,7 +217,10 @@ def _interpolate(
     """Values of the bicubic spline through `coarse`; splines are linear in their data."""
     by_x = make_interp_spline(x, np.eye(len(x)), k=3)(to_x)
     by_y = make_interp_spline(y, np.eye(len(y)), k=3)(to_y)
-    return np.stack([by_y @ coarse[:, :, k] @ by_x.T for k in (0, 1)], axis=-1)
+    planes = np.empty((2, len(to_y), len(to_x)))
+    for k, plane in enumerate(planes):
+        np.matmul(by_y @ coarse[:, :, k], by_x.T, out=plane)
+    return np.moveaxis(planes, 0, -1)  # each coordinate is used alone
 
 
 def _error_px(
