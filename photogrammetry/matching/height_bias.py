@@ -90,7 +90,6 @@ def mean_of_known(raster: Raster, sigma_cells: float, least: float) -> Raster:
     known = np.isfinite(raster)
     density = cv2.GaussianBlur(known.astype(np.float32), (0, 0), sigma_cells)
     values = np.where(known, raster, np.float32(0))
-    mean = cv2.GaussianBlur(values, (0, 0), sigma_cells)
-    mean /= np.maximum(density, 1e-6)
+    mean = cv2.GaussianBlur(values, (0, 0), sigma_cells) / np.maximum(density, 1e-6)
     mean[density < least] = np.nan
     return mean.astype(np.float32)

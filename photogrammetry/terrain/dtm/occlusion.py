@@ -301,8 +301,7 @@ def _passing_below(
     with np.errstate(invalid="ignore"):
         rise = np.maximum(above - highest, least)
     nearness = np.append(1 / distance_m[:, 0], np.float32(0))
-    nearer = nearness[first]
-    nearer -= np.where(follows < ranges, nearness[follows], beyond.nearness)
+    nearer = nearness[first] - np.where(follows < ranges, nearness[follows], beyond.nearness)
     return rise / np.maximum(nearer, np.float32(1e-6))
 
 
