@@ -36,6 +36,7 @@ from solmap.tasks.images.ingest import Delivery, ingest_downlink
 from solmap.tasks.images.manual_ties import EDITS_FILE, take_edits
 from solmap.tasks.images.pairs import read_epipolar
 from solmap.tasks.images.poses import PoseSources, open_pose_sources, take_poses
+from solmap.tasks.maps.dtms import clear_dtms
 from solmap.tasks.network.orientations import Standing, clear_views
 from solmap.tasks.scopes import network_scope
 
@@ -214,6 +215,7 @@ def _process_map(
                 before = standings.get(name)
                 done = on_workers(flow_of_sol)(name, sol, workspace.store.root, pipeline, before)
                 clear_views()
+                clear_dtms()
                 return_free_memory()
                 reusable.note(scope, key, done)
             reports.append(done)

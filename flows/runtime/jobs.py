@@ -1,7 +1,8 @@
 """Jobs: tasks of a flow that are submitted when their inputs exist, in their order.
 
 A task that is submitted with the future of another occupies a worker while it waits, and tasks run
-in the order of submission. So only one more than the number of workers is submitted at a time.
+in the order of submission. So only one more than the number of workers is submitted at a time, and
+not that one either while an earlier job waits for its inputs: the orthophoto would come after it.
 """
 
 from __future__ import annotations
@@ -66,10 +67,12 @@ def run_jobs(
             settled(key, results)
 
     while waiting or running:
+        all_ready = True
         for key, job in list(waiting.items()):
-            if len(running) >= most:
+            if len(running) >= (most if all_ready else max(1, most - 1)):
                 break
             if any(other in waiting or other in running for other in (*job.needs, *job.after)):
+                all_ready = False
                 continue
             del waiting[key]
             future = _submitted(key, job, results, failures)

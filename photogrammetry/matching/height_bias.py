@@ -87,9 +87,9 @@ def metres_per_line(
 
 def mean_of_known(raster: Raster, sigma_cells: float, least: float) -> Raster:
     """A raster smoothed by a Gaussian, NaN where known cells have less of its weight than this."""
-    known = np.isfinite(raster).astype(np.float32)
-    density = cv2.GaussianBlur(known, (0, 0), sigma_cells)
-    mean = cv2.GaussianBlur(np.nan_to_num(raster), (0, 0), sigma_cells)
-    mean /= np.maximum(density, 1e-6)
+    known = np.isfinite(raster)
+    density = cv2.GaussianBlur(known.astype(np.float32), (0, 0), sigma_cells)
+    values = np.where(known, raster, np.float32(0))
+    mean = cv2.GaussianBlur(values, (0, 0), sigma_cells) / np.maximum(density, 1e-6)
     mean[density < least] = np.nan
     return mean.astype(np.float32)

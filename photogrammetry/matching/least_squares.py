@@ -59,6 +59,7 @@ from solmap.photogrammetry.matching.resampling import (
     sample_points,
     sample_rows,
     spline_coefficients,
+    windows_at,
 )
 from solmap.photogrammetry.ranges import Few, OddPixels
 
@@ -159,8 +160,11 @@ class LeastSquaresMatcher:
         self, pixels: np.ndarray, start_px: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         x, y = pixels[:, 0, None] + self.dx, pixels[:, 1, None] + self.dy
-        left = _centre(self.left[y, x])
-        design = self._design(self.left_slope[y, x])
+        left, slope = (
+            windows_at(image, pixels, self.params.window_px)
+            for image in (self.left, self.left_slope)
+        )
+        left, design = _centre(left), self._design(slope)
         inverse = np.linalg.inv(np.einsum("nki,nkj->nij", design, design) + _regularisation(design))
         geometry = np.zeros((len(pixels), 3))  # parallax, its slope along samples and along lines
         geometry[:, 0] = start_px
@@ -230,8 +234,10 @@ def match_offsets(
     dy, dx = (w.ravel() for w in np.mgrid[-half : half + 1, -half : half + 1])
     x, y = pixels[:, 0, None] + dx, pixels[:, 1, None] + dy
     gy, gx = np.gradient(images.left)
-    left = _centre(images.left[y, x])
-    design = np.stack([_centre(gx[y, x]), _centre(gy[y, x])], axis=2)
+    left, along, down = (
+        _centre(windows_at(image, pixels, window_px)) for image in (images.left, gx, gy)
+    )
+    design = np.stack([along, down], axis=2)
     normal = np.einsum("nki,nkj->nij", design, design) + 1e-6 * np.eye(2)
     coefficients = spline_coefficients(images.right)
     offset = start.copy()

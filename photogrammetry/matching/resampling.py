@@ -27,9 +27,10 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.interpolate import make_interp_spline
 
-from solmap.photogrammetry.arrays import Bool, Float32, Float64, GreyImage, ImagePoints, Mask
+from solmap.photogrammetry.arrays import Bool, Float32, Float64, GreyImage, ImagePoints, Int32, Mask
 from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.cameras.model import CameraModel
 from solmap.photogrammetry.errors import MatchingError
@@ -82,6 +83,15 @@ def sample_points(coefficients: GreyImage, x: SampleGrid, y: SampleGrid) -> Samp
         lower = _mix(g_x, *(_fetch(coefficients, u, below) for u in (left, right)))
         values[part] = _mix(g_y, upper, lower)
     return values
+
+
+def windows_at(
+    image: GreyImage, pixels: Int32[np.ndarray, "n 2"], window_px: int
+) -> Float32[np.ndarray, "n k"]:
+    """Square windows of an image around pixels (sample, line), row by row; all inside it."""
+    windows = sliding_window_view(image, (window_px, window_px))
+    sample, line = (pixels - window_px // 2).T
+    return windows[line, sample].reshape(len(pixels), window_px**2)
 
 
 def _strips(x: SampleGrid) -> Iterator[slice]:
@@ -207,7 +217,10 @@ def _interpolate(
     """Values of the bicubic spline through `coarse`; splines are linear in their data."""
     by_x = make_interp_spline(x, np.eye(len(x)), k=3)(to_x)
     by_y = make_interp_spline(y, np.eye(len(y)), k=3)(to_y)
-    return np.stack([by_y @ coarse[:, :, k] @ by_x.T for k in (0, 1)], axis=-1)
+    planes = np.empty((2, len(to_y), len(to_x)))
+    for k, plane in enumerate(planes):
+        np.matmul(by_y @ coarse[:, :, k], by_x.T, out=plane)
+    return np.moveaxis(planes, 0, -1)  # each coordinate is used alone
 
 
 def _error_px(

@@ -36,10 +36,10 @@ from solmap.products.formats.mesh.models import notes_of
 from solmap.products.formats.mesh.ply import write_ply
 from solmap.products.formats.mesh.tiles3d import TEXELS, TilesetWriter
 from solmap.products.formats.raster.orthophoto import read_texture
-from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
+from solmap.tasks.maps.dtms import read_stop_dtm
 from solmap.tasks.network.orientations import OrientedPair, inputs_of, read_views
 from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
@@ -67,7 +67,7 @@ def model_terrain(
 
     @cache
     def mesher() -> TerrainMesher:
-        return TerrainMesher.of(read_dtm(store.path(dtm)))
+        return TerrainMesher.of(read_stop_dtm(dtm, store))
 
     def write_model(path: Path) -> None:
         texture, bounds = read_texture(

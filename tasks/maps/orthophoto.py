@@ -42,9 +42,9 @@ from solmap.products.formats.raster.orthophoto import (
     write_brightness_blocks,
     write_sources,
 )
-from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
+from solmap.tasks.maps.dtms import read_stop_dtm
 from solmap.tasks.maps.tags import raster_tags
 from solmap.tasks.network.orientations import OrientedPair, inputs_of, read_views
 from solmap.tasks.stage import stage
@@ -69,7 +69,7 @@ def render_orthophoto(
 
     @cache
     def prepare() -> tuple[OrthophotoRendering, Classes]:
-        made = prepare_orthophoto(read_dtm(store.path(dtm)), read_views(pairs, store), params)
+        made = prepare_orthophoto(read_stop_dtm(dtm, store), read_views(pairs, store), params)
         return made, np.zeros(made.source_grid.shape, np.uint8)
 
     def write_orthophoto(path: Path) -> None:
@@ -185,7 +185,7 @@ def render_colour(
     def write(path: Path) -> None:
         coloured = [_read(frame, store) for frame in frames]
         views, bands = [view for view, _ in coloured], [images for _, images in coloured]
-        made = prepare_orthophoto(read_dtm(store.path(dtm)), views, params, bands)
+        made = prepare_orthophoto(read_stop_dtm(dtm, store), views, params, bands)
         tags = {"FILTERS": filters, **raster_tags(recipe, store)}
         write_rendering(path, made, np.zeros(made.source_grid.shape, np.uint8), landing, tags)
 

@@ -37,10 +37,10 @@ from solmap.products.formats.raster.panorama import (
     write_panorama,
     write_panorama_ground,
 )
-from solmap.products.formats.raster.raster import read_dtm
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import pair_frame, turn_right_camera
+from solmap.tasks.maps.dtms import read_stop_dtm
 from solmap.tasks.maps.tags import raster_tags
 from solmap.tasks.network.orientations import Orientation
 from solmap.tasks.network.singles import ON_THE_MAST
@@ -152,7 +152,7 @@ def _panorama(
     for one, lsl_from_rover in read:
         camera = one.image.camera.transform(lsl_from_rover)
         images.append(PanoramaImage.of(one.image.id, camera, one.pixels, one.mask))
-    terrain = read_dtm(store.path(dtm)) if dtm else None
+    terrain = read_stop_dtm(dtm, store) if dtm else None
     return prepare_panorama(images, _standing_plane(read[0][1], stop), params, terrain)
 
 

@@ -24,14 +24,13 @@ from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import (
     HAZARD_CLASSES,
     VISIBILITY_CLASSES,
-    open_dtm,
-    read_dtm,
     write_classes,
     write_raster,
 )
 from solmap.products.formats.vector.geojson import Feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
+from solmap.tasks.maps.dtms import read_stop_dtm, terrain_of
 from solmap.tasks.maps.tags import raster_tags
 from solmap.tasks.network.orientations import OrientedPair
 from solmap.tasks.stage import stage
@@ -50,7 +49,7 @@ def map_insolation(
 
     @cache
     def insolation() -> Insolation:
-        with open_dtm(store.path(dtm)) as terrain:
+        with terrain_of(dtm, store) as terrain:
             return insolation_of(terrain, latitude, params)
 
     map_recipe = Recipe(dtm.map_kind(ProductKind.INSOLATION), dtm.scope, (dtm,), (params, landing))
@@ -112,7 +111,7 @@ def map_hazards(
     recipe = Recipe(dtm.map_kind(ProductKind.HAZARD), dtm.scope, (dtm,), (params, landing))
 
     def write(path: Path) -> None:
-        with open_dtm(store.path(dtm)) as terrain:
+        with terrain_of(dtm, store) as terrain:
             codes, grid = hazards(terrain, params)
         tags = raster_tags(recipe, store)
         write_classes(
@@ -148,7 +147,7 @@ def map_viewshed(
 
     def write(path: Path) -> None:
         place = np.array([eye.east, eye.north, eye.up])
-        seen, grid = viewshed_of_stop(read_dtm(store.path(dtm)), place, params)
+        seen, grid = viewshed_of_stop(read_stop_dtm(dtm, store), place, params)
         tags = {"EYE_EAST_NORTH_UP_M": f"{eye.east} {eye.north} {eye.up}"}
         tags |= {"TARGET_HEIGHT_M": f"{params.target_height_m:g}", **raster_tags(recipe, store)}
         crs = local_crs(landing)

@@ -24,7 +24,6 @@ from solmap.photogrammetry.terrain.relief.slope import (
 )
 from solmap.products.crs import LandingPoint, local_crs
 from solmap.products.formats.raster.raster import (
-    open_dtm,
     write_dtm,
     write_parts,
     write_raster,
@@ -32,6 +31,7 @@ from solmap.products.formats.raster.raster import (
 from solmap.products.formats.vector.geojson import contour_feature, write_features
 from solmap.products.model import ProductKind, ProductRef, Recipe
 from solmap.products.store.product_store import ProductStore
+from solmap.tasks.maps.dtms import terrain_of
 from solmap.tasks.maps.tags import raster_tags
 from solmap.tasks.network.orientations import OrientedPair, inputs_of, read_views
 from solmap.tasks.scopes import stop_scope
@@ -81,7 +81,7 @@ def trace_contours(
     """Trace the contours of a terrain model."""
 
     def write(path: Path) -> None:
-        with open_dtm(store.path(dtm)) as terrain:
+        with terrain_of(dtm, store) as terrain:
             contours = trace_terrain(terrain, params)
         write_features(path, map(contour_feature, contours), landing)
 
@@ -98,7 +98,7 @@ def map_relief(
 
     @cache
     def fit_relief() -> tuple[Relief, MapGrid]:
-        with open_dtm(store.path(dtm)) as terrain:
+        with terrain_of(dtm, store) as terrain:
             return relief_map(terrain, params)
 
     def make_map(kind: ProductKind, unit: str, bands_of: Callable[[Relief], Bands]) -> ProductRef:
@@ -124,7 +124,7 @@ def shade_relief(
 
     def write(path: Path) -> None:
         crs, tags = local_crs(landing), raster_tags(recipe, store)
-        with open_dtm(store.path(dtm)) as terrain:
+        with terrain_of(dtm, store) as terrain:
             parts = hillshade_parts(terrain, params)
             write_parts(path, terrain.grid, "hillshade", parts, crs, tags)
 

@@ -14,8 +14,10 @@ import sys
 import time
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import cv2
+import pytest
 
 from solmap.photogrammetry.stretching import stretch
 from solmap.products.catalogue.workspace import Workspace
@@ -23,38 +25,32 @@ from solmap.products.model import ProductKind
 from solmap.products.store.product_store import ProductStore
 from solmap.tasks.images.pairs import pairs_of, read_epipolar
 from tests.support.engine_overhead import run_on, stages
+from tests.support.mission_growth import walked
+from tests.support.simulated_sols import SimulatedSols
 
+NEW = (156,)
+"""The sol that is processed."""
+STOPS = 40
 TASKS = 100
 
 
-def test_a_stop_against_opencvs_matching_of_its_pairs(benchmark, husband, tmp_path: Path):
-    downlink, store = tmp_path / "downlink", tmp_path / "store"
-    downlink.mkdir()
-    for file in (*(husband / "sol0156").rglob("2n*"), *(husband / "masters").iterdir()):
-        shutil.copy(file, downlink)
-    command = (sys.executable, "-m", "solmap.flows.cli", "run", str(downlink))
-    kept = {name: text for name, text in os.environ.items() if not name.startswith("PREFECT_")}
-
-    def run() -> tuple[int, resource.struct_rusage]:
-        child = subprocess.Popen(
-            (*command, "--store", str(store)), env=kept, stdout=subprocess.DEVNULL
-        )
-        _, status, used = os.wait4(child.pid, 0)
-        child.returncode = os.waitstatus_to_exitcode(status)
-        return child.returncode, used
-
+@pytest.mark.parametrize("earlier", [(), (155,)], ids=["alone", "after an earlier one"])
+def test_a_stop_against_opencvs_matching_of_its_pairs(benchmark, husband, tmp_path: Path, earlier):
+    store = tmp_path / "store"
+    for sol in earlier:
+        process(navcam(husband, sol, tmp_path), store)
+    downlink = navcam(husband, NEW[0], tmp_path)
     began = time.time()
-    status, used = benchmark.pedantic(run, rounds=1)
-    assert status == 0
+    used = benchmark.pedantic(process, args=(downlink, store), rounds=1)
     processor_s, workspace = used.ru_utime + used.ru_stime, Workspace.open(store)
     made = [
         datetime.fromisoformat(workspace.store.made_at(layer.ref)).timestamp()
-        for layer in workspace.catalogue.layers("MER2")
-        if layer.ref.kind in {ProductKind.DTM, ProductKind.ORTHOPHOTO}
+        for layer in workspace.catalogue.layers("MER2", {ProductKind.DTM, ProductKind.ORTHOPHOTO})
+        if layer.sols == NEW
     ]
     pairs = [
         read_epipolar(pair, None, workspace.store)[1]
-        for pair in pairs_of(workspace.catalogue.images("MER2"))
+        for pair in pairs_of(workspace.catalogue.images("MER2", sol=NEW[0]))
     ]
     matcher = cv2.StereoSGBM.create(0, 208, 5, P1=200, P2=800)
     before = time.process_time()
@@ -69,6 +65,60 @@ def test_a_stop_against_opencvs_matching_of_its_pairs(benchmark, husband, tmp_pa
     benchmark.extra_info["peak MB"] = round(used.ru_maxrss * 1024 / 1e6)
     benchmark.extra_info["s to terrain model and orthophoto"] = round(max(made) - began)
     benchmark.extra_info["times OpenCV's matching"] = round(processor_s / opencv_s, 1)
+
+
+def navcam(husband: Path, sol: int, folder: Path) -> Path:
+    """The Navcam images of a sol in a folder of their own, with the tables of poses."""
+    downlink = folder / f"sol{sol}"
+    downlink.mkdir()
+    for file in (*(husband / f"sol0{sol}").rglob("2n*"), *(husband / "masters").iterdir()):
+        shutil.copy(file, downlink)
+    return downlink
+
+
+def process(downlink: Path, store: Path) -> resource.struct_rusage:
+    """Process a downlink in a process of its own; what that used."""
+    command = (sys.executable, "-m", "solmap.flows.cli", "run", str(downlink))
+    kept = {name: text for name, text in os.environ.items() if not name.startswith("PREFECT_")}
+    child = subprocess.Popen((*command, "--store", str(store)), env=kept, stdout=subprocess.DEVNULL)
+    _, status, used = os.wait4(child.pid, 0)
+    child.returncode = os.waitstatus_to_exitcode(status)
+    assert child.returncode == 0
+    return used
+
+
+def test_layers_of_a_mission_with_a_new_sol_against_drawing_all_again(
+    benchmark,
+    engine: None,  # noqa: ARG001
+    tmp_path: Path,
+):
+    from solmap.flows.mission import draw_mission  # noqa: PLC0415 - reads the settings of the engine
+
+    def draw(standing: Any, root: Path) -> float:
+        workspace, failed = Workspace.open(root), dict[str, str]()
+
+        def body() -> float:
+            before = time.process_time()
+            draw_mission("MER2", standing.network, workspace, "default", failed)
+            return time.process_time() - before
+
+        processor_s = run_on("threads", body)
+        assert not failed
+        return processor_s
+
+    sols = SimulatedSols.of(STOPS, pairs_per_stop=4, inter_ties=400, intra_ties=400)
+    root = tmp_path / "updated"
+    *_, (standing, _) = walked(sols, STOPS - 1, root)
+    draw(standing, root)
+    *_, (standing, _) = walked(sols, STOPS, root)
+    shutil.copytree(root, tmp_path / "withdrawn")
+    bare = Workspace.open(tmp_path / "withdrawn").catalogue
+    bare.withdraw(bare.layers("MER2"))
+    updated_s = benchmark.pedantic(draw, args=(standing, root), rounds=1)
+    benchmark.extra_info["processor s"] = round(updated_s, 2)
+    benchmark.extra_info["over all again"] = round(
+        updated_s / draw(standing, tmp_path / "withdrawn"), 2
+    )
 
 
 def test_a_stage_against_an_empty_task_of_prefect(benchmark, engine: None, tmp_path: Path):  # noqa: ARG001

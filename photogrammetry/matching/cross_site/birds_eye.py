@@ -166,7 +166,7 @@ def _add_points(
     row = np.floor((radius_m - ground[:, 0]) / cell_m).astype(np.int32)
     col = np.floor((radius_m + ground[:, 1]) / cell_m).astype(np.int32)
     inside = (row >= 0) & (row < size) & (col >= 0) & (col < size)
-    inside &= (ground[:, :2] ** 2).sum(axis=1) > ROVER_M**2
+    inside &= ground[:, 0] ** 2 + ground[:, 1] ** 2 > ROVER_M**2
     index = row[inside] * size + col[inside]
     for k, weight in enumerate((None, grey[inside], -ground[inside, 2])):
         sums[k] += np.bincount(index, weight, minlength=size * size)

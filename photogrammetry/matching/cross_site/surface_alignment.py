@@ -260,7 +260,7 @@ def _seen_well(
         facing = parallax / (normal * rays)
         good = (facing > np.minimum(LEAST_FACING, ahead[:, 2] / range_m)) & (range_m < farthest_m)
     places = ahead + level_from_rover @ g.rover_from_pair.translation_m
-    good &= (places[:, :2] ** 2).sum(axis=1) > ROVER_M**2
+    good &= places[:, 0] ** 2 + places[:, 1] ** 2 > ROVER_M**2
     return places[good], range_m[good]
 
 

@@ -43,6 +43,7 @@ from solmap.photogrammetry.matching.least_squares import (
     RefinedParallax,
 )
 from solmap.photogrammetry.matching.records import EpipolarImages
+from solmap.photogrammetry.matching.resampling import windows_at
 from solmap.photogrammetry.matching.stereo.interest_points import (
     FoerstnerParams,
     InterestPoints,
@@ -65,8 +66,9 @@ from solmap.photogrammetry.ranges import (
 )
 from solmap.photogrammetry.robust import MAD_TO_SIGMA
 
-PAIRS_AT_A_TIME = 16_384
-"""Candidate pairs correlated together: 15 x 15 windows of both take 30 MB."""
+PAIRS_AT_A_TIME = 512
+"""Candidate pairs correlated together: 15 x 15 windows of both take 1 MB, which fits a
+processor's cache."""
 
 BELOW_HALF = 2.0
 """Ratio of the relief below the whole window to that between the half and the whole one, H =
@@ -233,12 +235,11 @@ def _windows(
     image: GreyImage, pixels: Int32[np.ndarray, "n 2"], window_px: int
 ) -> Float32[np.ndarray, "n k"]:
     """Windows around pixels, of mean 0 and length 1."""
-    half = window_px // 2
-    dy, dx = (w.ravel() for w in np.mgrid[-half : half + 1, -half : half + 1])
-    windows = image[pixels[:, 1, None] + dy, pixels[:, 0, None] + dx]
-    windows = windows - windows.mean(axis=1, keepdims=True)
+    windows = windows_at(image, pixels, window_px)
+    windows -= windows.mean(axis=1, keepdims=True)
     length = np.sqrt(np.einsum("nk,nk->n", windows, windows))[:, None]
-    return windows / np.maximum(length, np.float32(1e-6))
+    windows /= np.maximum(length, np.float32(1e-6))
+    return windows
 
 
 def _correlations(

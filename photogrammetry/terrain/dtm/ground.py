@@ -125,7 +125,7 @@ def ground_points(view: TerrainView, parallax: ParallaxMap, params: SightParams)
     for axis, (right, below, forward) in enumerate(rotation):
         ray = (right * across[None, :] + below * down[:, None] + forward).astype(np.float32)
         np.multiply(ray, depth, out=planes[axis])
-    planes[:, np.hypot(planes[0], planes[1]) > params.radius_m] = np.nan
+    np.copyto(planes, np.float32(np.nan), where=np.hypot(planes[0], planes[1]) > params.radius_m)
     return planes
 
 
@@ -233,12 +233,14 @@ def _divide_group(
     flat: np.ndarray, corner: np.ndarray, lines_m: np.ndarray, width: int, parts: tuple[int, int]
 ) -> MeshSamples:
     """Bilinear samples at the middles of `parts` (down, across) of quads."""
-    t = ((np.arange(parts[0], dtype=np.float32) + 0.5) / parts[0])[:, None]
-    s = ((np.arange(parts[1], dtype=np.float32) + 0.5) / parts[1])[None, :]
-    upper = _interpolate(flat[:, corner, None], flat[:, corner + 1, None], s)
-    lower = _interpolate(flat[:, corner + width, None], flat[:, corner + width + 1, None], s)
-    points = _interpolate(upper[:, :, None, :], lower[:, :, None, :], t)
-    bow = np.broadcast_to(t * (1 - t), parts).ravel()
+    t, s = ((np.arange(n, dtype=np.float32) + np.float32(0.5)) / np.float32(n) for n in parts)
+    upper, lower = (
+        _interpolate(flat[:, None, corner + shift], flat[:, None, corner + shift + 1], s[:, None])
+        for shift in (0, width)
+    )
+    points = _interpolate(upper[:, None], lower[:, None], t[:, None, None])
+    points = np.moveaxis(points, -1, 1)  # computed with the quads last: parts are often two
+    bow = np.repeat(t * (1 - t), parts[1])
     return MeshSamples(points.reshape(3, -1), (lines_m[:, None] * bow).ravel())
 
 

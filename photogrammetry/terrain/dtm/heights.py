@@ -69,7 +69,7 @@ def view_heights(
     planes = ground_points(view, parallax, params)
     step_px = largest_step_px(view.geometry.base_m, params)
     quads = continuous_quads(planes, parallax, step_px, params.max_gap_m)
-    planes[:, ~quad_corners(quads, parallax.shape)] = np.nan
+    np.copyto(planes, np.float32(np.nan), where=~quad_corners(quads, parallax.shape))
     camera = camera_on_map(view.lsl_from_pair)
     window = _Window.around(planes, camera, cell_m)
     trusted = np.isfinite(planes[0])

@@ -294,14 +294,14 @@ def _passing_below(
     first = np.maximum.accumulate(np.where(rises, place, np.int32(0)), axis=0)
     follows = np.minimum.accumulate(np.where(rises, place, np.int32(ranges))[::-1], axis=0)[::-1]
     follows = np.concatenate([follows[1:], np.full_like(follows[:1], ranges)])
-    above = np.concatenate([highest, np.maximum(beyond.tangent, highest[-1])[None]])
-    nearness = np.concatenate(
-        [1 / np.broadcast_to(distance_m, highest.shape), beyond.nearness[None]]
-    )
+    # profiles rise steadily, so the next rise is the lowest one beyond
+    above = np.where(rises[1:], highest[1:], np.float32(np.inf))
+    above = np.concatenate([above, np.maximum(beyond.tangent, highest[-1])[None]])
+    above = np.minimum.accumulate(above[::-1], axis=0)[::-1]
     with np.errstate(invalid="ignore"):
-        rise = np.maximum(np.take_along_axis(above, follows, axis=0) - highest, least)
-    nearer = np.take_along_axis(nearness, first, axis=0)
-    nearer = nearer - np.take_along_axis(nearness, follows, axis=0)
+        rise = np.maximum(above - highest, least)
+    nearness = np.append(1 / distance_m[:, 0], np.float32(0))
+    nearer = nearness[first] - np.where(follows < ranges, nearness[follows], beyond.nearness)
     return rise / np.maximum(nearer, np.float32(1e-6))
 
 
@@ -309,7 +309,8 @@ def _last_known(height: Profiles, known: Marks) -> Profiles:
     """The last known value up to each point of every profile; NaN before the first."""
     place = np.where(known, np.arange(len(height), dtype=np.int32)[:, None], np.int32(-1))
     last = np.maximum.accumulate(place, axis=0)
-    value = np.take_along_axis(height, np.maximum(last, 0), axis=0)
+    columns = np.arange(height.shape[1])
+    value = height.ravel()[np.maximum(last, 0) * height.shape[1] + columns]
     return np.where(last >= 0, value, np.float32(np.nan))
 
 

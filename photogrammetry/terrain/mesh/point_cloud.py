@@ -93,14 +93,14 @@ def point_cloud(views: Sequence[TerrainView], params: PointCloudParams) -> Point
     sample = np.concatenate([view.image[view.mask][::SAMPLED] for view in views])
     stretch = black_and_white(sample)
     spacing_m = params.spacing_m
-    cloud = PointCloud(
-        np.zeros((0, 3)), np.zeros(0, np.uint8), np.zeros(0, np.float32), params.spacing_m
-    )
+    parts: list[PointCloud] = []
     for view in views:
-        cloud = thin(_concatenate(cloud, _view_points(view, params, stretch, spacing_m)), spacing_m)
-        while len(cloud) > params.most_points:
-            spacing_m *= 2
-            cloud = thin(cloud, spacing_m)
+        parts.append(_view_points(view, params, stretch, spacing_m))
+        while sum(map(len, parts)) > params.most_points:
+            if len(parts) == 1:
+                spacing_m *= 2
+            parts = [thin(_concatenate(parts), spacing_m)]
+    cloud = thin(_concatenate(parts), spacing_m)
     if not len(cloud):
         raise TerrainError(
             f"none of the {len(views)} pairs has a point accurate to "
@@ -167,12 +167,12 @@ def _view_points(
     )
 
 
-def _concatenate(one: PointCloud, other: PointCloud) -> PointCloud:
+def _concatenate(clouds: Sequence[PointCloud]) -> PointCloud:
     return PointCloud(
-        np.concatenate([one.points, other.points]),
-        np.concatenate([one.grey, other.grey]),
-        np.concatenate([one.sigma_m, other.sigma_m]),
-        one.spacing_m,
+        np.concatenate([cloud.points for cloud in clouds]),
+        np.concatenate([cloud.grey for cloud in clouds]),
+        np.concatenate([cloud.sigma_m for cloud in clouds]),
+        clouds[0].spacing_m,
     )
 
 
@@ -184,7 +184,8 @@ def _best_in_cubes(cloud: PointCloud, spacing_m: float) -> np.ndarray:
     east, north, up = (axis - axis.min() for axis in (east, north, up))
     key = (up * (int(north.max()) + 1) + north) * (int(east.max()) + 1) + east
     worth = np.clip(cloud.sigma_m / SIGMA_STEP_M, 0, 65535).astype(np.int64)
-    order = np.argsort((key << 16) | worth)  # sorting by one number takes half the time of two
+    # one number sorts in half the time of two; of equal points the first is kept, on any machine
+    order = np.argsort((key << 16) | worth, kind="stable")
     ordered = key[order]
     first = np.ones(len(order), np.bool_)
     first[1:] = ordered[1:] != ordered[:-1]

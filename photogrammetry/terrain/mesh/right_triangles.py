@@ -24,8 +24,8 @@ that cover both squares and holes are split down to single squares, and the hole
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -103,18 +103,19 @@ class RightTriangles:
         if not tolerance > 0:
             raise TerrainError(f"a mesh needs a tolerance above zero, not {tolerance}")
         kept = []
+        error = self.error.ravel()
         corners = self._root_triangles(roots)
         for _ in range(2 * self.levels):
-            a, b, c = corners
-            middle = (a + b) // 2
-            split = self.error[middle[0], middle[1]] > tolerance
-            kept.append(corners[:, :, ~split])
-            a, b, c, middle = (part[:, split] for part in (a, b, c, middle))
-            corners = np.concatenate([np.stack([c, a, middle]), np.stack([b, c, middle])], axis=2)
-        return self._compact(np.concatenate([*kept, corners], axis=2))
+            middle = (corners[0] + corners[1]) // 2
+            split = error[middle] > tolerance
+            kept.append(corners[:, ~split])
+            a, b, c = corners[:, split]
+            middle = middle[split]
+            corners = np.stack([[c, b], [a, c], [middle, middle]]).reshape(3, -1)
+        return self._compact(np.concatenate([*kept, corners], axis=1))
 
     def _root_triangles(self, roots: tuple[slice, slice]) -> np.ndarray:
-        """(a, b, c) x (row, col) of two triangles per root square; a to b is the longest side."""
+        """Places (a, b, c) of two triangles per root square; a to b is the longest side."""
         down, across = (np.arange(n)[part] for n, part in zip(self.roots, roots, strict=True))
         i, j = (one.ravel() for one in np.meshgrid(down, across, indexing="ij"))
         falling = (i + j) % 2 == 0
@@ -122,96 +123,135 @@ class RightTriangles:
         sw, se = np.stack([i + 1, j]), np.stack([i + 1, j + 1])
         first = np.where(falling, np.stack([nw, se, ne]), np.stack([sw, ne, nw]))
         second = np.where(falling, np.stack([se, nw, sw]), np.stack([ne, sw, se]))
-        return np.concatenate([first, second], axis=2) << self.levels
+        row, col = np.concatenate([first, second], axis=2).swapaxes(0, 1) << self.levels
+        return row * self.error.shape[1] + col
 
     def _compact(self, corners: np.ndarray) -> GridMesh:
         """Triangles except those over holes, and the points that they use."""
-        row, col = corners.sum(axis=0) // 3  # a square inside: also the corners of one square
-        corners = corners[:, :, self.whole[row, col]]
         width = self.error.shape[1]
-        used, index = np.unique(corners[:, 0] * width + corners[:, 1], return_inverse=True)
-        row, col = np.divmod(used, width)
-        triangles = index.reshape(3, -1).T
+        row, col = (part.sum(axis=0) // 3 for part in np.divmod(corners, width))
+        corners = corners[:, self.whole[row, col]]  # a square inside: also the corners of one
+        first = corners.min(initial=self.error.size)
+        number = np.zeros(corners.max(initial=first) - first + 1, np.int32)
+        number[corners - first] = 1
+        used = np.flatnonzero(number)
+        number[used] = np.arange(len(used), dtype=np.int32)
+        row, col = np.divmod(used + first, width)
+        triangles = number[corners - first].T
         return GridMesh(
             row.astype(np.int32), col.astype(np.int32), np.ascontiguousarray(triangles, np.int32)
         )
 
 
+class _Points(NamedTuple):
+    """Values at the points of a level: the middles of squares, and of their sides."""
+
+    middles: np.ndarray
+    across: np.ndarray
+    down: np.ndarray
+
+    @classmethod
+    def of(cls, grid: np.ndarray, level: int) -> _Points:
+        """Their values in a grid, copied, because strided arrays take several times as long."""
+        return cls(*(view.copy() for view in _views(grid, level)))
+
+    def raise_middles(self) -> None:
+        """Raise every middle to the largest of its square's sides."""
+        across, down = self.across, self.down
+        for around in (across[:-1], across[1:], down[:, :-1], down[:, 1:]):
+            np.maximum(self.middles, around, out=self.middles)
+
+    def raise_sides(self, inside: np.ndarray) -> None:
+        """Raise every side to the middles of the four squares, half as large, around its middle."""
+        across, down = self.across, self.down
+        beside = np.maximum(inside[:, ::2], inside[:, 1::2])
+        np.maximum(across[1:], beside[1::2], out=across[1:])
+        np.maximum(across[:-1], beside[::2], out=across[:-1])
+        above = np.maximum(inside[::2], inside[1::2])
+        np.maximum(down[:, 1:], above[:, 1::2], out=down[:, 1:])
+        np.maximum(down[:, :-1], above[:, ::2], out=down[:, :-1])
+
+
+def _views(grid: np.ndarray, level: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The middles, and those of sides across and down, as views of the grid."""
+    s, h = 1 << level, 1 << level >> 1
+    return grid[h::s, h::s], grid[::s, h::s], grid[h::s, ::s]
+
+
 def _errors(grid: np.ndarray, whole: np.ndarray, levels: int) -> np.ndarray:
     """The error of every point: exact, no less than its dependents', infinite next to holes."""
-    error = np.zeros_like(grid)
-    for j in range(levels, 0, -1):
-        for kind in "AB":
-            surface = grid.copy()
-            for step, which in _finer(j, kind):
-                _interpolate(surface, step, which)
-            off = np.abs(np.subtract(grid, surface, out=surface), out=surface)
-            _lift(off, None, j, kind)
-            for mine, exact in zip(_points(error, j, kind), _points(off, j, kind), strict=True):
-                mine[...] = exact
-    good, bad = np.zeros(grid.shape, np.uint8), np.zeros(grid.shape, np.uint8)
-    _lift(good, whole.astype(np.uint8), levels, "A")
-    _lift(bad, (~whole).astype(np.uint8), levels, "A")
-    error[(bad > 0) & (good > 0)] = np.inf
-    error[good == 0] = 0
-    _lift(error, None, levels, "A")
-    return error
+    truth = [_Points.of(grid, level) for level in range(1, levels + 1)]
+    good, bad = _dependents(whole, levels), _dependents(~whole, levels)
+    errors: list[_Points] = []
+    for level, known, unknown in zip(range(1, levels + 1), good, bad, strict=True):
+        middles = _deviations(grid, truth[:level], "A").middles
+        mine = _deviations(grid, truth[:level], "B")._replace(middles=middles)
+        for values, some, others in zip(mine, known, unknown, strict=True):
+            values[some & others] = np.inf
+            values[~some] = 0
+        errors.append(mine)
+    _raise(errors, None)
+    out = np.zeros_like(grid)
+    for level, points in enumerate(errors, start=1):
+        for view, values in zip(_views(out, level), points, strict=True):
+            view[...] = values
+    return out
 
 
-def _finer(level: int, kind: str) -> Iterator[tuple[int, str]]:
-    """Levels from (level, kind) down to the finest."""
-    for j in range(level, 0, -1):
-        for which in "AB":
-            if j < level or which >= kind:
-                yield j, which
+def _deviations(grid: np.ndarray, truth: list[_Points], kind: str) -> _Points:
+    """Largest deviations of the grid from its interpolation, at the coarsest of these levels.
+
+    From the corners of its squares if `kind` is A; else from their middles, too.
+    """
+    top = len(truth)
+    corners = grid[:: 1 << top, :: 1 << top].copy()
+    half, off = np.float32(0.5), list[_Points]()
+    for level, exact in zip(range(top, 0, -1), reversed(truth), strict=True):
+        is_exact = level == top and kind == "B"
+        surface = _Points(
+            exact.middles if is_exact else _middles_between(corners),
+            half * (corners[:, :-1] + corners[:, 1:]),
+            half * (corners[:-1] + corners[1:]),
+        )
+        pairs = zip(exact, surface, strict=True)
+        off.append(_Points(*(np.abs(one - other) for one, other in pairs)))
+        if level > 1:
+            down, across = (2 * n - 1 for n in corners.shape)
+            finer = np.empty((down, across), np.float32)
+            finer[::2, ::2] = corners
+            for view, values in zip(_views(finer, 1), surface, strict=True):
+                view[...] = values
+            corners = finer
+    off.reverse()
+    _raise(off, None)
+    return off[-1]
 
 
-def _points(grid: np.ndarray, level: int, kind: str) -> list[np.ndarray]:
-    """The points of a level, as views of the grid: middles, or those of sides across and down."""
-    s, h = 1 << level, 1 << level >> 1
-    return [grid[h::s, h::s]] if kind == "A" else [grid[::s, h::s], grid[h::s, ::s]]
-
-
-def _interpolate(grid: np.ndarray, level: int, kind: str) -> None:
-    """Set the points of a level to the mean of the ends of the longest sides that they bisect."""
-    s = 1 << level
-    corners = grid[::s, ::s]
-    half = np.float32(0.5)
-    if kind == "B":
-        across, down = _points(grid, level, kind)
-        across[...] = half * (corners[:, :-1] + corners[:, 1:])
-        down[...] = half * (corners[:-1] + corners[1:])
-        return
-    (middle,) = _points(grid, level, kind)
-    i, j = np.ogrid[: middle.shape[0], : middle.shape[1]]
+def _middles_between(corners: np.ndarray) -> np.ndarray:
+    """The mean of the ends of every square's diagonal."""
     falling, rising = corners[:-1, :-1] + corners[1:, 1:], corners[:-1, 1:] + corners[1:, :-1]
-    middle[...] = half * np.where((i + j) % 2 == 0, falling, rising)
+    falling[::2, 1::2] = rising[::2, 1::2]
+    falling[1::2, ::2] = rising[1::2, ::2]
+    falling *= np.float32(0.5)
+    return falling
 
 
-def _lift(grid: np.ndarray, squares: np.ndarray | None, level: int, kind: str) -> None:
-    """Raise every point up to (level, kind) to the largest of the points that depend on it."""
-    for step, which in reversed(list(_finer(level, kind))):
-        if which == "A":
-            _lift_middles(grid, step)
-            continue
-        inside = squares if step == 1 else _points(grid, step - 1, "A")[0]
+def _dependents(squares: np.ndarray, levels: int) -> list[_Points]:
+    """The points that any of these squares depends on."""
+    down, across = squares.shape
+    marked = [
+        _Points.of(np.zeros((down + 1, across + 1), np.bool_), level)
+        for level in range(1, levels + 1)
+    ]
+    _raise(marked, squares)
+    return marked
+
+
+def _raise(levels: list[_Points], squares: np.ndarray | None) -> None:
+    """Raise every point, finest level first, to the largest of the points that depend on it."""
+    inside = squares
+    for points in levels:
         if inside is not None:
-            _lift_sides(grid, inside, step)
-
-
-def _lift_middles(grid: np.ndarray, level: int) -> None:
-    (middle,) = _points(grid, level, "A")
-    across, down = _points(grid, level, "B")
-    for around in (across[:-1], across[1:], down[:, :-1], down[:, 1:]):
-        np.maximum(middle, around, out=middle)
-
-
-def _lift_sides(grid: np.ndarray, inside: np.ndarray, level: int) -> None:
-    """Sides from the middles of the four squares, half as large, around the middle of each."""
-    across, down = _points(grid, level, "B")
-    beside = np.maximum(inside[:, ::2], inside[:, 1::2])
-    np.maximum(across[1:], beside[1::2], out=across[1:])
-    np.maximum(across[:-1], beside[::2], out=across[:-1])
-    above = np.maximum(inside[::2], inside[1::2])
-    np.maximum(down[:, 1:], above[:, 1::2], out=down[:, 1:])
-    np.maximum(down[:, :-1], above[:, ::2], out=down[:, :-1])
+            points.raise_sides(inside)
+        points.raise_middles()
+        inside = points.middles

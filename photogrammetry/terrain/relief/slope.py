@@ -21,7 +21,7 @@ gives the largest deviation in a ring of 4 cm instead, for an arm's tool.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -104,22 +104,33 @@ def normals_of(gradient: Gradients) -> Normals:
 
 def slope_of(normal: Normals) -> Raster:
     """Slope in degrees of surfaces with these normals."""
-    u, v, w = normal
-    return np.degrees(np.arctan2(np.hypot(u, v), -w))
+    return _of_known(normal, lambda n: np.degrees(np.arctan2(np.hypot(n[0], n[1]), -n[2])))
 
 
 def aspect_of(normal: Normals) -> Raster:
     """Aspect in degrees of surfaces with these normals; NaN where level."""
-    u, v, _ = normal
-    azimuth = np.mod(np.degrees(np.arctan2(v, u)), np.float32(360.0))
-    azimuth[azimuth >= 360.0] = 0.0  # noqa: PLR2004 - a full circle, reached by rounding
-    azimuth[np.hypot(u, v) < 1e-6] = np.nan  # noqa: PLR2004 - single precision of a unit vector
-    return azimuth
+
+    def aspect(n: np.ndarray) -> np.ndarray:
+        azimuth = np.mod(np.degrees(np.arctan2(n[1], n[0])), np.float32(360.0))
+        azimuth[azimuth >= 360.0] = 0.0  # noqa: PLR2004 - a full circle, reached by rounding
+        level = np.hypot(n[0], n[1]) < 1e-6  # noqa: PLR2004 - single precision of a unit vector
+        azimuth[level] = np.nan
+        return azimuth
+
+    return _of_known(normal, aspect)
 
 
 def northerly_tilt_of(normal: Normals) -> Raster:
     """Tilt towards north in degrees of surfaces with these normals."""
-    return np.degrees(np.arcsin(np.clip(normal[0], -1, 1)))
+    return _of_known(normal, lambda n: np.degrees(np.arcsin(np.clip(n[0], -1, 1))))
+
+
+def _of_known(normal: Normals, angle: Callable[[np.ndarray], np.ndarray]) -> Raster:
+    """A function of the normals that are known: few of a region are. NaN elsewhere."""
+    known = np.isfinite(normal[2])
+    out = np.full(known.shape, np.nan, normal.dtype)
+    out[known] = angle(normal[:, known])
+    return out
 
 
 def hillshade_parts(terrain: Terrain, params: HillshadeParams) -> Iterator[tuple[Window, Raster]]:
@@ -209,6 +220,6 @@ def relief_map(terrain: Terrain, params: SlopeParams) -> tuple[Relief, MapGrid]:
     for part in seen_parts(terrain, half_window(grid.shape, grid.cell_m, params.baseline_m)):
         for whole, fine in zip(layers, relief(part.dtm, params).layers, strict=True):
             place_means(whole, place, fine[part.inner], part.grid)
-    north, east, down, sigma, rough = layers
-    length = np.sqrt(north**2 + east**2 + down**2)
-    return Relief(np.stack([north, east, down]) / length, sigma, rough), place
+    normal, sigma, rough = layers[:3], layers[3], layers[4]
+    normal /= np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    return Relief(normal, sigma, rough), place

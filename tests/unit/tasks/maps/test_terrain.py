@@ -12,10 +12,12 @@ from solmap.photogrammetry.terrain.insolation.maps import HavenParams, Insolatio
 from solmap.photogrammetry.terrain.traversability.hazard import Hazard
 from solmap.photogrammetry.terrain.visibility.viewshed import Sight
 from solmap.products.crs import LandingPoint, local_crs
-from solmap.products.formats.raster.raster import open_raster, read_raster, write_dtm
+from solmap.products.errors import ProductNotFoundError
+from solmap.products.formats.raster.raster import open_dtm, open_raster, read_raster, write_dtm
 from solmap.products.formats.vector.geojson import read_features
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
 from solmap.products.store.product_store import ProductStore
+from solmap.tasks.maps.dtms import clear_dtms, read_stop_dtm, terrain_of
 from solmap.tasks.maps.suitability import (
     Eye,
     highest_camera,
@@ -52,6 +54,21 @@ def dtm(store) -> ProductRef:
     )
     recipe = Recipe(ProductKind.DTM, Scope(ScopeLevel.STOP, "mer2-site0010-drive0064"))
     return store.make(recipe, lambda path: write_dtm(path, made, local_crs(LANDING)))
+
+
+def test_the_terrain_model_of_a_stop_is_read_once_until_the_end_of_the_sol(store, dtm):
+    rows, cols = slice(100, 300), slice(0, 512)
+    with terrain_of(dtm, store) as kept, open_dtm(store.path(dtm)) as stored:
+        part = kept.part(rows, cols)
+        np.testing.assert_array_equal(part.elevation, stored.part(rows, cols).elevation)
+        np.testing.assert_array_equal(kept.seen_blocks(), stored.seen_blocks())
+    with pytest.raises(ValueError, match="read-only"):
+        part.elevation[0, 0] = 0.0
+    store.path(dtm).unlink()
+    assert read_stop_dtm(dtm, store).grid == kept.grid
+    clear_dtms()
+    with pytest.raises(ProductNotFoundError):
+        read_stop_dtm(dtm, store)
 
 
 def at(store, ref, east, north):
