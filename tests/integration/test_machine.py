@@ -23,8 +23,11 @@ def machine(tmp_path, engine):  # noqa: ARG001 - Prefect reads its settings at i
     return made, message
 
 
-def test_files_before_the_deployments_wait_without_a_message(machine):
+def test_files_before_the_deployments_wait_without_a_message(machine, monkeypatch):
+    from solmap.flows.service import submission  # noqa: PLC0415
+
     up, message = machine
+    monkeypatch.setattr(submission, "DOWNLINK", "downlink/not-served-yet")
     up.check()  # the engine of the tests has no deployment of this name
     assert message == []
     assert up._running is None
