@@ -17,7 +17,7 @@ so that along the ray the uncertain range has little weight and across it the ac
 much. There is no scale (Di et al. 2008, section 3.2: rotation and translation only). Within a stop
 the toe-in r of each camera set is unknown too: parallaxes p become p - f (1 + u^2) r, with u the
 right image's (x - c)/f. A wrong toe-in shifts all ties of two camera sets, and a test without it
-keeps those whose errors compensate the shift, so that what they say of toe-in is too small.
+keeps those whose errors compensate the shift, so that they determine too small a toe-in.
 Unknowns with a prior are weighted by its covariance. The robust estimate is graduated non-convexity
 with the Geman-McClure kernel (Yang et al. 2020), w = (k c^2 / (v' C_v^-1 v + k c^2))^2, k falling
 to 1.
