@@ -14,9 +14,13 @@ both measurements, the first one's propagated,
     C_v = diag(s_x^2, s_y^2, s_p^2) + J diag(s_x^2, s_y^2, s_p^2)_first J',
 
 so that along the ray the uncertain range has little weight and across it the accurate direction
-much. There is no scale (Di et al. 2008, section 3.2: rotation and translation only). Unknowns with
-a prior are weighted by its covariance. The robust estimate is graduated non-convexity with the
-Geman-McClure kernel (Yang et al. 2020), w = (k c^2 / (v' C_v^-1 v + k c^2))^2, k falling to 1.
+much. There is no scale (Di et al. 2008, section 3.2: rotation and translation only). Within a stop
+the toe-in r of each camera set is unknown too: parallaxes p become p - f (1 + u^2) r, with u the
+right image's (x - c)/f. A wrong toe-in shifts all ties of two camera sets, and a test without it
+keeps those whose errors compensate the shift, so that they determine too small a toe-in.
+Unknowns with a prior are weighted by its covariance. The robust estimate is graduated non-convexity
+with the Geman-McClure kernel (Yang et al. 2020), w = (k c^2 / (v' C_v^-1 v + k c^2))^2, k falling
+to 1.
 
 Ties are tested by the squared Mahalanobis length v' C_v^-1 v against chi-square of 3 degrees of
 freedom: one test for ray distance, reprojection and range, each in units of its uncertainty.
@@ -24,7 +28,7 @@ freedom: one test for ray distance, reprojection and range, each in units of its
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +47,9 @@ ROUNDS = 14
 
 FIRST_SCALE = 64.0
 """Initial k: a tie 8 times further off than the limit still has a quarter of its weight."""
+
+TOE_IN_SIGMA = float(np.radians(0.05))
+"""Standard deviation of the toe-in of a camera set, as in `adjustment.modes.rig_calibration`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +97,8 @@ class _System:
     focal: PerPoint
     base: PerPoint
     centre: Float64[np.ndarray, "n 2"]
+    toe_in: tuple[Float64[np.ndarray, "n k"], Float64[np.ndarray, "n k"]]
+    """Derivatives of both parallaxes by the toe-in of each camera set."""
 
 
 def align(
@@ -98,22 +107,28 @@ def align(
     start: Pose,
     pose_prior: Float64[np.ndarray, "6 6"] | None,
     params: AlignmentParams,
+    camera_sets: Mapping[str, str] | None = None,
 ) -> Alignment:
     """Align by ties; `start` is first_from_second, its prior covariance None where it is known.
 
     Pairs of one stop share the rover frame: `start` is then the identity and fixed. The pointing of
-    every pair is free within its prior.
+    every pair is free within its prior, and so is the toe-in of the camera sets, if `camera_sets`
+    names that of every pair.
     """
     if not len(ties):
         raise MatchingError("an alignment needs at least one tie")
     used = np.unique(np.concatenate([ties.first, ties.second]))
-    system = _system(ties, geometries, used)
+    sets = [camera_sets[ties.pair_ids[k]] for k in used] if camera_sets else []
+    system = _system(ties, geometries, used, sets)
     free_pose = 6 if pose_prior is not None else 0
-    size = free_pose + 3 * len(used)
+    turns = 3 * len(used)
+    size = free_pose + turns + len(set(sets))
     prior = np.zeros((size, size))
     if pose_prior is not None:
         prior[:6, :6] = np.linalg.inv(pose_prior)
-    prior[free_pose:, free_pose:] = np.eye(3 * len(used)) / params.pointing_sigma**2
+    sigmas = np.full(size - free_pose, params.pointing_sigma)
+    sigmas[turns:] = TOE_IN_SIGMA
+    prior[free_pose:, free_pose:] = np.diag(sigmas**-2.0)
     x = np.zeros(size)
     scales = np.maximum(np.geomspace(FIRST_SCALE, 0.5, ROUNDS - 3), 1.0)
     for k in (*scales, 1.0, 1.0, 1.0):
@@ -129,8 +144,10 @@ def align(
     return _result(system, x, start, free_pose, np.linalg.inv(normal), used, params)
 
 
-def _system(ties: Ties, geometries: Mapping[str, EpipolarPair], used: np.ndarray) -> _System:
-    """Gather the geometry of every tie's two pairs."""
+def _system(
+    ties: Ties, geometries: Mapping[str, EpipolarPair], used: np.ndarray, sets: Sequence[str]
+) -> _System:
+    """Gather the geometry of every tie's two pairs; camera sets are those of the used pairs."""
     pairs = [geometries[ties.pair_ids[k]] for k in used]
     rows = (np.searchsorted(used, ties.first), np.searchsorted(used, ties.second))
     rotation = np.stack([p.rover_from_pair.rotation for p in pairs])
@@ -145,6 +162,17 @@ def _system(ties: Ties, geometries: Mapping[str, EpipolarPair], used: np.ndarray
     covariances = along[:, :, None] * along[:, None, :]
     covariances[:, 0, 0] += (z * ties.first_sigma_px / f) ** 2
     covariances[:, 1, 1] += (z * ties.first_sigma_line_px / f) ** 2
+    of_set = np.array([[one == name for name in sorted(set(sets))] for one in sets], dtype=float)
+    of_set = of_set.reshape(len(used), -1)
+    measured = (
+        (ties.first_left, ties.first_parallax_px),
+        (ties.second_left, ties.second_parallax_px),
+    )
+    by_toe_in = [
+        (focal[k] * (1 + ((left[:, 0] - parallax - centre[k][:, 0]) / focal[k]) ** 2))[:, None]
+        * of_set[k]
+        for k, (left, parallax) in zip(rows, measured, strict=True)
+    ]
     return _System(
         ties,
         rows,
@@ -154,6 +182,7 @@ def _system(ties: Ties, geometries: Mapping[str, EpipolarPair], used: np.ndarray
         focal[rows[1]],
         base[rows[1]],
         centre[rows[1]],
+        (by_toe_in[0], by_toe_in[1]),
     )
 
 
@@ -173,13 +202,18 @@ def _linearise(
     system: _System, x: np.ndarray, start: Pose, free_pose: int
 ) -> tuple[ObjectPoints, Float64[np.ndarray, "n 3 m"], Float64[np.ndarray, "n 3 3"]]:
     """(residuals, design matrices, weights) at the present values of the unknowns."""
-    theta = x[free_pose:].reshape(-1, 3)
+    sets = system.toe_in[0].shape[1]
+    toe_in = x[len(x) - sets :]
+    theta = x[free_pose : len(x) - sets].reshape(-1, 3)
     turn = ScipyRotation.from_rotvec(theta).as_matrix()
     (rs, cs), (rt, ct) = system.rover_from_pair
     first, second = system.rows
     pose = _move(start, x[:6]) if free_pose else start
     r, t = pose.rotation, pose.translation_m
-    turned = _apply(turn[first], system.points)
+    parallax = system.ties.first_parallax_px
+    corrected = parallax - system.toe_in[0] @ toe_in
+    points = system.points * (parallax / corrected)[:, None]
+    turned = _apply(turn[first], points)
     in_first = _apply(rs, turned) + cs
     in_second = (in_first - t) @ r
     untilted = _apply(np.swapaxes(rt, 1, 2), in_second - ct)
@@ -198,6 +232,10 @@ def _linearise(
         design[rows, :, free_pose + 3 * first + axis] += by_first[:, :, axis]
         design[rows, :, free_pose + 3 * second + axis] += by_second[:, :, axis]
     carry = to_target @ rs @ turn[first]
+    design[:, :, len(x) - sets :] = (
+        _apply(carry, points)[:, :, None] * (system.toe_in[0] / corrected[:, None])[:, None, :]
+    )
+    design[:, 2, len(x) - sets :] += system.toe_in[1]
     spread = carry @ system.covariances @ np.swapaxes(carry, 1, 2)
     own = np.column_stack(
         [
@@ -211,12 +249,13 @@ def _linearise(
     spread[behind] = np.eye(3)
     weight = np.linalg.inv(spread)
     weight[behind] = np.nan
-    return _observations(system) - _project(seen, system), design, weight
+    return _observations(system, toe_in) - _project(seen, system), design, weight
 
 
-def _observations(system: _System) -> ObjectPoints:
-    """(sample, line, parallax) measured in the second pair."""
-    return np.column_stack([system.ties.second_left, system.ties.second_parallax_px])
+def _observations(system: _System, toe_in: np.ndarray) -> ObjectPoints:
+    """(sample, line, parallax) measured in the second pair, corrected."""
+    parallax = system.ties.second_parallax_px - system.toe_in[1] @ toe_in
+    return np.column_stack([system.ties.second_left, parallax])
 
 
 def _project(points: ObjectPoints, system: _System) -> ObjectPoints:

@@ -287,7 +287,8 @@ def _verify(
     if len(ties):
         geometries = {pair.pair_id: pair.images.geometry for pair in stop.pairs}
         rest = Pose.identity(stop.stop.frame, stop.stop.frame)
-        alignment = align(ties, geometries, rest, None, params.alignment)
+        sets = {pair.pair_id: pair.instrument for pair in stop.pairs}
+        alignment = align(ties, geometries, rest, None, params.alignment, sets)
         kept = ties.select(alignment.agrees)
         pointing, rms_px = alignment.pointing, alignment.rms_px
     else:

@@ -252,14 +252,17 @@ def ties_of_stop(stop, rig):
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_parallaxes_of_a_bent_rig_are_correct_after_two_stops(husband, pooled):
-    """From ties: a Pancam's toe-in, of two and four pairs, to 0.07 and then 0.04 px."""
+    """A Pancam's toe-in from ties: of two pairs to 0.07 px, of six to 0.04 px, one sigma.
+
+    The first stop cannot do better: a Navcam's toe-in, known to 0.011 px, has 4.5 times the effect.
+    """
     bend = np.array([0.54e-3, 0.3e-3, -0.2e-3])  # 0.63 and 1.9 rows
     known = {}
-    for sol, stated_px in (("sol0155", 0.08), ("sol0156", 0.05)):
+    for sol, stated_px, pancam_px in (("sol0155", 0.08, 0.2), ("sol0156", 0.05, 0.05)):
         stop = Stop(husband / sol / "edr", bend)
         name, rig = str(stop.id), pooled(*stop.rows)
         known[name] = replace(rig.stops[name], ties=ties_of_stop(stop, rig))
-        for camera, worst_px in (("NAVCAM", 0.02), ("PANCAM", 0.1)):
+        for camera, worst_px in (("NAVCAM", 0.02), ("PANCAM", pancam_px)):
             rows = known[name].rows[camera]
             before = rig.applied_at(name, camera)
             found = pooled_rotations(known)[name][camera]

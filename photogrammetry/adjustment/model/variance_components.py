@@ -15,8 +15,9 @@ unbiased. The adjustment is repeated until its factors are those that its residu
 Ties also have common errors: heights at one stop against another, parallaxes of a pair, shadows
 that have moved. Residuals do not contain what is common; matching states it in the standard
 deviations of ties. The factor of ties is therefore that of the coordinate that scatters most, of
-samples, lines and parallaxes; within a stop, only as far as the difference is significant. Between
-stops it is never below 1, because residuals cannot show that common errors are smaller than stated.
+samples, lines and parallaxes, as far as the difference is significant: the largest of three would
+exceed their true factor by chance. Between stops it is never below 1, because residuals cannot show
+that common errors are smaller than stated.
 
 For observations that were marginalised (`marginal`) the sums of that moment are kept.
 """
@@ -81,7 +82,6 @@ class Scatter:
         together = np.sqrt((freedoms + squares) / (freedoms + redundancy))
         alone = np.sqrt((freedoms + self.squares) / (freedoms + self.redundancy))
         sure = 1.0 - _share_by_chance(freedoms + self.redundancy)
-        sure[TIES + 1 :] = 1.0
         largest = np.maximum(together, (np.where(self.redundancy > 0, sure, 0) * alone).max(axis=1))
         factors = largest * np.sqrt(1.0 + 2.0 * redundancy / (freedoms + redundancy) ** 2)
         factors[TIES + 1 :] = np.maximum(factors[TIES + 1 :], 1.0)

@@ -44,6 +44,7 @@ from solmap.photogrammetry.synthetic.networks import (
 MODES = ("stepwise", "sequential", "overall")
 PARAMS = AdjustmentParams(window_stops=2)
 """So short a window that stops leave it although the networks are small."""
+AS_STATED = replace(PARAMS, sigma_freedoms=np.inf)
 DETECTED = 7.5
 """Shift of an observation's test by a blunder that is found for certain: the gate of clean networks
 (4.4 for three coordinates) and three standard deviations more."""
@@ -86,6 +87,8 @@ class Found:
 
     nees: tuple[float, float, float]
     """Of the last stop in each mode."""
+    nees_if_known: float
+    """Of the last stop, overall, with standard deviations taken as stated, which is true here."""
     earlier: float
     """Mean over all other stops, overall."""
     cost: float
@@ -125,8 +128,10 @@ def found(case: Case, seed: int) -> Found:
     last, overall, report = in_each_mode(network)
     pairs = list(zip(overall.stops[1:-1], truth.lsl_from_rover[1:-1], strict=True))
     left, moved = _harm(network, truth, overall) if case.blunders else (0, 0.0)
+    known = adjust_overall(network, AS_STATED)[0].stops[-1]
     return Found(
         tuple(nees(stop, truth.lsl_from_rover[-1]) for stop in last),
+        nees(known, truth.lsl_from_rover[-1]),
         float(np.mean([nees(stop, pose) for stop, pose in pairs])),
         report.sigma0**2 * report.redundancy,
         report.redundancy,

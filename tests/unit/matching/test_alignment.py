@@ -11,6 +11,7 @@ from solmap.photogrammetry.matching.records import Ties
 
 FIRST, SECOND = rover_frame(1, 0), rover_frame(1, 8)
 PRIOR = np.diag([0.01, 0.01, 0.03, 2.0, 2.0, 1.0]) ** 2
+SETS = {"a": "NAVCAM", "b": "NAVCAM", "c": "PANCAM", "d": "PANCAM"}
 
 
 def pair(rover, number, turn, origin=(0.0, 0.0, -1.4)):
@@ -58,14 +59,14 @@ def start():
 
 def test_the_design_matrix_is_the_derivative_of_the_residuals(rng, true, start):
     ties, geometries = network(rng, true, count=12)
-    system = alignment._system(ties, geometries, np.arange(4))
-    x = rng.normal(0, 1e-3, 18)
+    system = alignment._system(ties, geometries, np.arange(4), [*SETS.values()])
+    x = rng.normal(0, 1e-3, 20)
     # rotation vectors are turned one after the other: their sum is exact to first order about zero
     x[:3] = 0.0
-    x[6:] = 0.0
+    x[6:18] = 0.0
     _, design, _ = alignment._linearise(system, x, start, 6)
     step = 1e-6
-    for k in range(18):
+    for k in range(20):
         ahead, behind = x.copy(), x.copy()
         ahead[k] += step
         behind[k] -= step
@@ -100,6 +101,18 @@ def test_a_third_of_wrong_ties_is_set_aside(rng, true, start):
     assert found.agrees[~wrong].mean() > 0.95
     error_m = np.linalg.norm(found.first_from_second.translation_m - true.translation_m)
     assert error_m < 0.05
+
+
+def test_a_wrong_toe_in_rejects_no_ties_where_it_is_unknown(rng, true):
+    ties, geometries = network(rng, true, count=400)
+    before = align(ties, geometries, true, None, AlignmentParams(), SETS).agrees
+    u = (ties.second_left[:, 0] - ties.second_parallax_px - 511.5) / 1200
+    ties.second_parallax_px[:] += 1200 * 0.6e-3 * (1 + u**2)
+    known, unknown = (
+        align(ties, geometries, true, None, AlignmentParams(), sets) for sets in (None, SETS)
+    )
+    assert known.agrees.mean() < 0.5
+    np.testing.assert_array_equal(unknown.agrees, before)
 
 
 @pytest.mark.usefixtures("unchecked")
