@@ -89,6 +89,8 @@ def windows_at(
     image: GreyImage, pixels: Int32[np.ndarray, "n 2"], window_px: int
 ) -> Float32[np.ndarray, "n k"]:
     """Square windows of an image around pixels (sample, line), row by row; all inside it."""
+    if not len(pixels):  # as in an image smaller than a window
+        return np.empty((0, window_px**2), np.float32)
     windows = sliding_window_view(image, (window_px, window_px))
     sample, line = (pixels - window_px // 2).T
     return windows[line, sample].reshape(len(pixels), window_px**2)
