@@ -23,6 +23,7 @@ from contextlib import contextmanager
 from functools import cache, lru_cache, partial
 from pathlib import Path
 from threading import Lock
+from time import monotonic, sleep
 from typing import Any
 
 import sqlalchemy as sa
@@ -238,8 +239,20 @@ def upsert(
 def _configure(connection: DBAPIConnection, _record: object) -> None:
     """Readers never wait for a writer, and two writers wait for each other."""
     connection.isolation_level = None  # `_begin` starts transactions
-    for pragma in ("journal_mode=WAL", f"busy_timeout={1000 * _WAIT_S}", "synchronous=NORMAL"):
-        connection.cursor().execute(f"PRAGMA {pragma}")
+    cursor = connection.cursor()
+    for pragma in (f"busy_timeout={1000 * _WAIT_S}", "synchronous=NORMAL"):
+        cursor.execute(f"PRAGMA {pragma}")
+    give_up_at = monotonic() + _WAIT_S
+    while True:
+        try:
+            cursor.execute("PRAGMA journal_mode=WAL")
+        except sqlite3.OperationalError as error:
+            # SQLite does not wait where two processes open a new file at the same time
+            if error.sqlite_errorcode != sqlite3.SQLITE_BUSY or monotonic() > give_up_at:
+                raise
+            sleep(0.01)
+        else:
+            return
 
 
 def _begin(connection: sa.Connection) -> None:
