@@ -48,8 +48,9 @@ ROUNDS = 14
 FIRST_SCALE = 64.0
 """Initial k: a tie 8 times further off than the limit still has a quarter of its weight."""
 
-TOE_IN_SIGMA = float(np.radians(0.05))
-"""Standard deviation of the toe-in of a camera set, as in `adjustment.modes.rig_calibration`."""
+RIG_ROTATION_SIGMA_DEG = 0.05
+"""Prior standard deviation of the right camera's rotation, per axis: the observed effect of
+temperature and years on Mars on archived camera models."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +128,7 @@ def align(
     if pose_prior is not None:
         prior[:6, :6] = np.linalg.inv(pose_prior)
     sigmas = np.full(size - free_pose, params.pointing_sigma)
-    sigmas[turns:] = TOE_IN_SIGMA
+    sigmas[turns:] = np.radians(RIG_ROTATION_SIGMA_DEG)
     prior[free_pose:, free_pose:] = np.diag(sigmas**-2.0)
     x = np.zeros(size)
     scales = np.maximum(np.geomspace(FIRST_SCALE, 0.5, ROUNDS - 3), 1.0)

@@ -254,11 +254,11 @@ def ties_of_stop(stop, rig):
 def test_parallaxes_of_a_bent_rig_are_correct_after_two_stops(husband, pooled):
     """A Pancam's toe-in from ties: of two pairs to 0.07 px, of six to 0.04 px, one sigma.
 
-    The first stop cannot do better: a Navcam's toe-in, known to 0.011 px, has 4.5 times the effect.
+    The first stop misses its bound: a Navcam's toe-in, known to 0.011 px, has 4.5 times the effect.
     """
     bend = np.array([0.54e-3, 0.3e-3, -0.2e-3])  # 0.63 and 1.9 rows
-    known = {}
-    for sol, stated_px, pancam_px in (("sol0155", 0.08, 0.2), ("sol0156", 0.05, 0.05)):
+    known, too_large = {}, {}
+    for sol, stated_px, pancam_px in (("sol0155", 0.08, 0.1), ("sol0156", 0.05, 0.05)):
         stop = Stop(husband / sol / "edr", bend)
         name, rig = str(stop.id), pooled(*stop.rows)
         known[name] = replace(rig.stops[name], ties=ties_of_stop(stop, rig))
@@ -268,6 +268,9 @@ def test_parallaxes_of_a_bent_rig_are_correct_after_two_stops(husband, pooled):
             found = pooled_rotations(known)[name][camera]
             applied = correction_to_apply(found, before, rows)
             assert parallax_error_px(rows, bend) > 0.35
-            assert parallax_error_px(rows, bend + applied) < worst_px
+            error_px = parallax_error_px(rows, bend + applied)
+            if error_px >= worst_px:
+                too_large[sol, camera] = error_px
             assert abs(bend[1] + applied[1]) < 3 * found.toe_in_sigma(applied)
             assert found.toe_in_sigma(applied) * rows.focal_px < stated_px
+    assert not too_large

@@ -45,10 +45,8 @@ from solmap.photogrammetry.adjustment.solver.results import SIGNIFICANT
 from solmap.photogrammetry.arrays import Float64, Vector3
 from solmap.photogrammetry.errors import AdjustmentError
 from solmap.photogrammetry.imagery import StopId
+from solmap.photogrammetry.matching.alignment import RIG_ROTATION_SIGMA_DEG
 
-ROTATION_SIGMA_DEG = 0.05
-"""Prior standard deviation of the right camera's rotation, per axis: the observed effect of
-temperature and years on Mars on archived camera models."""
 BASELINE_SIGMA_M = 0.001
 """Prior standard deviation of the baseline: half a per cent of the Navcam's."""
 UNKNOWNS = 4
@@ -96,7 +94,7 @@ class RigCorrection:
 
 def prior_sigmas(sets: int) -> Float64[np.ndarray, " k"]:
     """Prior standard deviations of the unknowns of a number of camera sets."""
-    return np.tile([*3 * [np.radians(ROTATION_SIGMA_DEG)], BASELINE_SIGMA_M], sets)
+    return np.tile([*3 * [np.radians(RIG_ROTATION_SIGMA_DEG)], BASELINE_SIGMA_M], sets)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
