@@ -18,6 +18,7 @@ import httpx
 from prefect import Task
 from prefect.cache_policies import NO_CACHE
 from prefect.client.schemas.objects import State, TaskRun
+from prefect.context import TagsContext
 from prefect.futures import PrefectFuture
 from prefect.tasks import exponential_backoff
 
@@ -56,7 +57,25 @@ class LookedUp(PrefectFuture[R]):
         fn(self)
 
 
-class Stage(Task[P, R]):
+class Untagged(Task[P, R]):
+    """A task whose runs do not have the tags of their flow.
+
+    Before a run with tags the engine asks the server for a free place, which takes up to two seconds
+    when the server's database is being written.
+    """
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:  # type: ignore[override]
+        """Run the task in the flow's own thread."""
+        with TagsContext(current_tags=set()):
+            return super().__call__(*args, **kwargs)
+
+    def submit(self, *args: P.args, **kwargs: P.kwargs) -> PrefectFuture[R]:  # type: ignore[override]
+        """Submit the task to the workers of its flow."""
+        with TagsContext(current_tags=set()):
+            return super().submit(*args, **kwargs)
+
+
+class Stage(Untagged[P, R]):
     """A task whose result is looked up where its products exist."""
 
     def submit(self, *args: P.args, **kwargs: P.kwargs) -> PrefectFuture[R]:  # type: ignore[override]
@@ -83,7 +102,7 @@ def stage(
     """
 
     def as_task(work: Callable[P, R]) -> Task[P, R]:
-        return (Stage if makes_products else Task)(
+        return (Stage if makes_products else Untagged)(
             _log_effort(work, task_run_name),
             task_run_name=task_run_name,
             cache_policy=NO_CACHE,  # the store caches results
