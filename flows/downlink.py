@@ -14,31 +14,23 @@ from solmap.config.radiometry import load_radiometry
 from solmap.config.records import ConfigError
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
-from solmap.flows.finished import ReusableSols, withdraw_leftovers
+from solmap.flows.finished import withdraw_leftovers
 from solmap.flows.mission import draw_mission, map_regions
-from solmap.flows.overall import overall_sols, process_overall
 from solmap.flows.runtime.failures import clear_failure, isolate, keep_going
 from solmap.flows.runtime.progress import report as report_progress
 from solmap.flows.runtime.run_page import downlink_name, folder_name, rename_run, write_report
 from solmap.flows.runtime.run_record import record_run
-from solmap.flows.runtime.runners import on_workers
-from solmap.flows.runtime.sol_report import DownlinkReport, SolReport
-from solmap.flows.sol import process_sol
+from solmap.flows.runtime.sol_report import DownlinkReport
 from solmap.flows.sol_inputs import assign_maps
-from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
+from solmap.flows.sols import MapSols
 from solmap.photogrammetry.archive.images.radiometry import Radiometry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, cause_of
-from solmap.products.model import Scope
-from solmap.products.store.process import return_free_memory
 from solmap.tasks.images.folders import NO_FILES
 from solmap.tasks.images.ingest import Delivery, ingest_downlink
 from solmap.tasks.images.manual_ties import EDITS_FILE, take_edits
-from solmap.tasks.images.pairs import read_epipolar
 from solmap.tasks.images.poses import PoseSources, open_pose_sources, take_poses
-from solmap.tasks.maps.dtms import clear_dtms
-from solmap.tasks.network.orientations import Standing, clear_views
-from solmap.tasks.scopes import network_scope
+from solmap.tasks.network.orientations import Standing
 
 
 @flow(name="downlink", flow_run_name=folder_name)
@@ -170,68 +162,15 @@ def _process_mission(
     maps = assign_maps(mission, workspace)
     if not maps:
         report.warnings.append(f"{mission}: vector files are kept until images of it come")
-    standings: dict[str, Standing] = {}
-    finished = [_process_map(name, workspace, pipeline, report, standings) for name in maps]
+    sols_of_maps = [MapSols(name, workspace, pipeline, report.failures) for name in maps]
+    finished = [sols.process() for sols in sols_of_maps]
+    report.sols += [done for sols in sols_of_maps for done in sols.reports]
     if all(finished):
         _withdraw_leftovers(mission, maps, workspace, report)
-    for name, standing in standings.items():
-        _draw(name, standing, workspace, pipeline, report)
-        _map_regions(name, workspace, pipeline, report)
-
-
-def _process_map(
-    name: str,
-    workspace: Workspace,
-    pipeline: str,
-    report: DownlinkReport,
-    standings: dict[str, Standing],
-) -> bool:
-    """All sols on a map, oldest first: each adjustment starts from the one before.
-
-    A map that was adjusted overall is adjusted again, because later sols continued from there.
-    `standings` gains the result of the last sol; returns whether every sol was completed.
-    """
-    sols = sorted({entry.sol for entry in workspace.catalogue.images(name)})
-    overall = overall_sols(name, workspace)
-    if load_pipeline(pipeline).adjustment_mode is AdjustmentMode.OVERALL:
-        overall |= set(sols[-1:])
-    steps = [
-        (flow_of_sol, sol, _scope_of(flow_of_sol, name, sol))
-        for sol in sols
-        for flow_of_sol in ((process_sol, process_overall) if sol in overall else (process_sol,))
-    ]
-    reusable, walks = ReusableSols.of(name, workspace, pipeline), False
-    workspace.catalogue.forget_sols(name, kept=[scope.name for _, _, scope in steps])
-    reports: list[SolReport] = []
-    for flow_of_sol, sol, scope in steps:
-        line = f"{name} sol {sol}: {{}}"
-        with isolate(scope.name, workspace, report.failures, line):
-            key = reusable.key(sol, standings.get(name))
-            done = None if walks else reusable.report(scope, sol, key)
-            if done is None:
-                if not walks:
-                    reusable.forget(scope)
-                walks = True  # later sols publish maps of the same stops after this one
-                before = standings.get(name)
-                done = on_workers(flow_of_sol)(name, sol, workspace.store.root, pipeline, before)
-                clear_views()
-                clear_dtms()
-                return_free_memory()
-                reusable.note(scope, key, done)
-            reports.append(done)
-            report.failures += [f"{name} sol {sol}: {line}" for line in done.failures]
-            if done.standing is not None:
-                standings[name] = done.standing
-    report.sols += reports
-    read_epipolar.cache_clear()  # 10 MB a pair: links of a later sol would need them
-    return_free_memory()
-    return len(reports) == len(steps)
-
-
-def _scope_of(flow_of_sol: object, mission: str, sol: int) -> Scope:
-    is_overall = flow_of_sol is process_overall
-    mode = AdjustmentMode.OVERALL if is_overall else AdjustmentMode.SEQUENTIAL
-    return network_scope(mission, sol, mode)
+    for sols in sols_of_maps:
+        if sols.standing is not None:
+            _draw(sols.name, sols.standing, workspace, pipeline, report)
+            _map_regions(sols.name, workspace, pipeline, report)
 
 
 def _withdraw_leftovers(

@@ -10,7 +10,7 @@ from prefect import flow
 from solmap.flows.runtime.failures import keep_going, keep_outcome, wait_for
 from solmap.flows.runtime.jobs import Job, run_jobs
 from solmap.flows.runtime.sol_report import SolReport
-from solmap.flows.sol_inputs import SolInputs, gather
+from solmap.flows.sol_inputs import SolInputs, gather, stops_of_next
 from solmap.flows.sol_maps import (
     Key,
     Matched,
@@ -38,9 +38,24 @@ from solmap.tasks.network.report import report_quality
 
 @flow(name="sol", flow_run_name="{mission} sol {sol}")
 def process_sol(
-    mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
+    mission: str,
+    sol: int,
+    store: Path,
+    pipeline: str,
+    previous: Standing | None = None,
+    following: int | None = None,
 ) -> SolReport:
-    """Process one sol from raw images to published layers."""
+    """Process one sol from raw images to published layers.
+
+    Args:
+        mission: Name of the map.
+        sol: The sol.
+        store: Folder of products and catalogue.
+        pipeline: Name of a shipped pipeline, or path of a TOML file.
+        previous: The adjustment before this sol.
+        following: The next sol of the run. It may move stops of this one, and makes their layers;
+            this one only makes the first maps of stops that have none.
+    """
     report = SolReport(mission, sol)
     inputs = gather(mission, sol, store, pipeline, previous)
     report.notes += inputs.unplaced
@@ -51,16 +66,19 @@ def process_sol(
     of_sol = inputs.workspace.catalogue.images(mission, sol=sol)
     report.notes += [f"{image.id}: {note}" for image in of_sol for note in image.notes]
     if inputs.touched:
-        map_what_moved(inputs, previous, report)
+        map_what_moved(inputs, previous, report, following)
     else:  # none of the sol's stops can be placed
         report.add_failures("read", inputs.unread)
         keep_outcome(outcome_of(inputs, report), inputs.workspace)
     return report
 
 
-def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolReport) -> None:
+def map_what_moved(
+    inputs: SolInputs, previous: Standing | None, report: SolReport, following: int | None = None
+) -> None:
     """Match, adjust, map new and moved stops, and publish; each step adds to the report."""
     report.add_failures("read", inputs.unread)
+    failed: dict[str, str] = {}
     matched, rig = match_pairs(inputs, previous, report)
     waves = Waves.of(inputs, report)
     waves.pointers += [rig] if rig else []
@@ -72,8 +90,10 @@ def map_what_moved(inputs: SolInputs, previous: Standing | None, report: SolRepo
     if report.standing is not None:
         waves.pointers.append(report.standing.orientations)
         waves.show_positions(report.standing)
+        if following is not None:
+            with keep_going(failed, f"sol {following}"):
+                report.postponed = stops_of_next(inputs, following, report.standing)
     _make(waves, network, matched)
-    failed: dict[str, str] = {}
     if report.standing is not None:
         with keep_going(failed, "its findings"):
             report.notes += _findings(inputs, report.standing)
@@ -88,20 +108,32 @@ def _make(waves: Waves, network: ProductRef | None, matched: Matched) -> None:
     jobs: dict[Key, Job] = {}
     if standing is not None:
         with keep_going(unsubmitted, "maps"):
-            first, more = map_jobs(inputs, standing.orientations, matched, waves.new)
-            models = model_jobs(inputs, standing.orientations, matched)
-            models |= panorama_jobs(inputs, standing.orientations, matched)
-            waves.plan(first, more, models)
-            jobs = first | more | models
+            jobs = _plan(waves, standing, matched)
     if network is not None:
         jobs |= _quality_job(network, matched, inputs)
-    jobs |= preview_jobs(inputs, matched, mapped={stop for stop, what in jobs if what == "dtm"})
+    due = {stop: pairs for stop, pairs in matched.items() if stop not in report.postponed}
+    jobs |= preview_jobs(inputs, due, mapped=[stop for stop in due if (stop, "dtm") in jobs])
     _note_failures(report, jobs, run_jobs(jobs, waves.settled)[1])
     if standing is not None:
         with keep_going(unsubmitted, "far ground"):
             for stop, far in map_far_ground(inputs, standing, matched, report).items():
                 waves.layers.setdefault(stop, []).extend(far)
     report.add_failures("make", unsubmitted)
+
+
+def _plan(waves: Waves, standing: Standing, matched: Matched) -> dict[Key, Job]:
+    """Jobs for the layers of the stops; of a postponed one that is new, only the first maps."""
+    inputs, postponed = waves.inputs, waves.report.postponed
+    first, more = map_jobs(inputs, standing.orientations, matched, waves.new)
+    models = model_jobs(inputs, standing.orientations, matched)
+    models |= panorama_jobs(inputs, standing.orientations, matched)
+    later = postponed - waves.new, postponed, postponed
+    planned = [
+        {key: job for key, job in jobs.items() if key[0] not in stops}
+        for jobs, stops in zip((first, more, models), later, strict=True)
+    ]
+    waves.plan(*planned)
+    return planned[0] | planned[1] | planned[2]
 
 
 def _quality_job(network: ProductRef, matched: Matched, inputs: SolInputs) -> dict[Key, Job]:

@@ -51,6 +51,8 @@ class SolInputs:
     """Inputs of the processing of a sol, or of all sols up to one together."""
 
     workspace: Workspace
+    pipeline: str
+    """Name or path of `config`."""
     config: PipelineConfig
     mission: MissionEntry
     sol: int
@@ -88,6 +90,7 @@ def gather(
     seen = {entry.stop for entry in entries if entry.sol == sol}
     return SolInputs(
         known.workspace,
+        pipeline,
         known.config,
         known.mission,
         sol,
@@ -107,6 +110,16 @@ def gather(
     )
 
 
+def stops_of_next(inputs: SolInputs, sol: int, previous: Standing) -> frozenset[StopId]:
+    """The stops that a later sol maps, after the adjustment `previous`; none if it has no stop."""
+    store = inputs.workspace.store.root
+    known = _Known.of(inputs.mission.mission, sol, store, inputs.pipeline, previous)
+    stops = known.telemetry.stops
+    touched = [stop for stop in stops if sol in stop.sols]
+    window = _window(touched, stops, known, previous) if touched else ()
+    return frozenset(stop.stop for stop in window)
+
+
 def gather_all(
     mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
 ) -> SolInputs:
@@ -115,6 +128,7 @@ def gather_all(
     stops = known.telemetry.stops
     return SolInputs(
         known.workspace,
+        pipeline,
         known.config,
         known.mission,
         sol,

@@ -244,6 +244,8 @@ def _match_wide_pairs(
     futures: dict[tuple[StopId, str], PrefectFuture[WidePair]] = {}
     unsubmitted: dict[tuple[StopId, str], str] = {}
     for earlier, later in _linked_stops(standing, matched, inputs):
+        if later in report.postponed:
+            continue
         with keep_going(unsubmitted, (later, f"{earlier} - {later}")):
             chosen = choose_wide_pairs(oriented[later], oriented[earlier], params.limits, store)
             for eyes in chosen:

@@ -60,8 +60,8 @@ class LookedUp(PrefectFuture[R]):
 class Untagged(Task[P, R]):
     """A task whose runs do not have the tags of their flow.
 
-    Before a run with tags the engine asks the server for a free place, which takes up to two seconds
-    when the server's database is being written.
+    Before a run with tags the engine asks the server for a free place, which takes up to two
+    seconds when the server's database is being written.
     """
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:  # type: ignore[override]

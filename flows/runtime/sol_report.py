@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from solmap.photogrammetry.imagery import StopId
 from solmap.products.model import ProductRef
 from solmap.tasks.network.orientations import Standing
 
@@ -24,6 +25,8 @@ class SolReport:
     """The layers."""
     pointed: tuple[ProductRef, ...] = ()
     """Other published products: networks, reports, results of matching."""
+    postponed: frozenset[StopId] = frozenset()
+    """Stops whose layers the next sol of the run makes, because it may move them."""
 
     def add_failures(self, what: str, failed: Mapping[Any, str]) -> None:
         """Add the failures that have a cause of their own."""

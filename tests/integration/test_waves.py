@@ -49,13 +49,13 @@ def test_each_new_stop_is_published_before_its_models_are_made(tmp_path: Path, m
     waves = [wave(event, workspace) for event in events if event[0] == "layers.published"]
     stops = sorted({image.stop for image in workspace.catalogue.images()})
 
+    of_stops = {stop: [found[stop] - DIFFER for found in waves if stop in found] for stop in stops}
+    first, last = stops
+    assert of_stops[first] == [FIRST, FIRST | GROUND | MODELS]  # the last sol moved it
+    assert of_stops[last][:3] == [FIRST, GROUND, MODELS]
     for stop in stops:
-        of_stop = [found[stop] for found in waves if stop in found]
-        assert [kinds - DIFFER for kinds in of_stop[:3]] == [FIRST, GROUND, MODELS]
         at = waves.index(next(found for found in waves if stop in found))
         assert {"traverse", "stops"} <= waves[at - 1]["mer2"]
-    again = [found for found in waves if stops[0] in found][3:]
-    assert [found[stops[0]] - DIFFER for found in again] == [FIRST | GROUND | MODELS]  # at once
     assert "tie-points" in waves[-2]["mer2"]
     assert {"region-dtm"} <= set.union(*waves[-1].values())
 
@@ -64,6 +64,33 @@ def test_each_new_stop_is_published_before_its_models_are_made(tmp_path: Path, m
     monkeypatch.setattr(Waves, "plan", lambda *_: None)
     monkeypatch.setattr(Waves, "show_positions", lambda *_: None)
     shutil.copytree(tmp_path / "store" / "products", tmp_path / "other" / "products")
+    assert process(downlink, tmp_path / "other", pipeline).succeeded
+    assert differences(Contents.of(tmp_path / "store"), Contents.of(tmp_path / "other")) == []
+
+
+def test_layers_left_to_a_sol_that_fails_are_made(tmp_path: Path, monkeypatch):
+    from solmap.flows import sol as module  # noqa: PLC0415 - imports Prefect
+
+    downlink = write_small_downlink(tmp_path / "downlink", pairs=2)
+    pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml"))
+    gather, last = module.gather, 156
+
+    def failing(mission, sol, *rest):
+        if sol == last:
+            raise ValueError("no sol")
+        return gather(mission, sol, *rest)
+
+    monkeypatch.setattr(module, "gather", failing)
+    report = process(downlink, tmp_path / "store", pipeline)
+    assert report.failures == [f"MER2 sol {last}: ValueError: no sol"]
+    workspace = Workspace.open(tmp_path / "store")
+    stops = sorted({image.stop for image in workspace.catalogue.images()})
+    layers = workspace.catalogue.layers()
+    made = {one.ref.kind for one in layers if one.ref.scope.name == stops[0]}
+    assert made >= FIRST | GROUND | MODELS
+
+    monkeypatch.undo()
+    assert process(downlink, tmp_path / "store", pipeline).succeeded
     assert process(downlink, tmp_path / "other", pipeline).succeeded
     assert differences(Contents.of(tmp_path / "store"), Contents.of(tmp_path / "other")) == []
 
