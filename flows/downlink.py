@@ -14,7 +14,6 @@ from solmap.config.radiometry import load_radiometry
 from solmap.config.records import ConfigError
 from solmap.config.settings import Settings
 from solmap.config.workspace import open_workspace
-from solmap.flows.finished import withdraw_leftovers
 from solmap.flows.mission import draw_mission, map_regions
 from solmap.flows.runtime.failures import clear_failure, isolate, keep_going
 from solmap.flows.runtime.progress import report as report_progress
@@ -22,7 +21,7 @@ from solmap.flows.runtime.run_page import downlink_name, folder_name, rename_run
 from solmap.flows.runtime.run_record import record_run
 from solmap.flows.runtime.sol_report import DownlinkReport
 from solmap.flows.sol_inputs import assign_maps
-from solmap.flows.sols import MapSols
+from solmap.flows.sols import MapSols, withdraw_leftovers
 from solmap.photogrammetry.archive.images.radiometry import Radiometry
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.errors import ProductError, cause_of

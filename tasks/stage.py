@@ -60,7 +60,7 @@ class LookedUp(PrefectFuture[R]):
 class Untagged(Task[P, R]):
     """A task whose runs do not have the tags of their flow.
 
-    Before a run with tags the engine asks the server for a free place, which takes up to two
+    Before a run with tags the engine requests a place from the server, which takes up to two
     seconds when the server's database is being written.
     """
 

@@ -53,8 +53,8 @@ def take(files: dict[str, bytes], folder: Path, workspace: Workspace) -> None:
 def test_a_stop_five_kilometres_away_has_its_own_map_until_its_labels_are_corrected(
     tmp_path, downlink, sol
 ):
-    from solmap.flows.finished import ReusableSols  # noqa: PLC0415 - imports Prefect
     from solmap.flows.sol_inputs import assign_maps, gather  # noqa: PLC0415
+    from solmap.flows.sols import ReusableSols  # noqa: PLC0415 - imports Prefect
 
     workspace = Workspace.open(tmp_path / "store")
     true = files_of(downlink)

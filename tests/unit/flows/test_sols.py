@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from solmap.flows.finished import ReusableSols, withdraw_leftovers
 from solmap.flows.runtime.sol_report import SolReport
+from solmap.flows.sols import ReusableSols, withdraw_leftovers
 from solmap.products.catalogue.catalogue import Catalogue
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.model import ProductKind, ProductRef, Recipe, Scope, ScopeLevel
