@@ -111,8 +111,8 @@ def _make(waves: Waves, network: ProductRef | None, matched: Matched) -> None:
             jobs = _plan(waves, standing, matched)
     if network is not None:
         jobs |= _quality_job(network, matched, inputs)
-    due = {stop: pairs for stop, pairs in matched.items() if stop not in report.postponed}
-    jobs |= preview_jobs(inputs, due, mapped=[stop for stop in due if (stop, "dtm") in jobs])
+    mapped = {stop for stop, what in jobs if what == "dtm"} - report.postponed
+    jobs |= preview_jobs(inputs, matched, mapped)
     _note_failures(report, jobs, run_jobs(jobs, waves.settled)[1])
     if standing is not None:
         with keep_going(unsubmitted, "far ground"):
