@@ -186,16 +186,12 @@ def _region_jobs(
 ) -> dict[str, Job]:
     """Jobs for the layers of a region: relief, suitability for a rover, merged orthophoto."""
 
-    def job(task: Task[..., Any], *params: object, after: Sequence[str] = ("relief",)) -> Job:
-        return Job(
-            "map the region's layers",
-            lambda _: task.submit(dtm, *params, landing, store),
-            after=after,
-        )
+    def job(task: Task[..., Any], *params: object) -> Job:
+        stage = "map the region's layers"
+        return Job(stage, lambda _: task.submit(dtm, *params, landing, store))
 
     jobs = {
-        # relief takes 0.7 GB of memory, so it runs before all others
-        "relief": job(map_relief, config.slope, after=()),
+        "relief": job(map_relief, config.slope),
         "hillshade": job(shade_relief, config.hillshade),
         "contours": job(trace_contours, config.region.contour),
         "hazard": job(map_hazards, config.hazard),
