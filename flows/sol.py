@@ -25,12 +25,15 @@ from solmap.flows.sol_network import adjust_stops
 from solmap.flows.sol_waves import Waves, outcome_of
 from solmap.photogrammetry.adjustment.quality.movement import ReissueParams
 from solmap.photogrammetry.errors import TerrainError
+from solmap.photogrammetry.imagery import StopId
 from solmap.products.formats.documents.network import read_network
 from solmap.products.model import ProductRef
+from solmap.tasks.maps.dtms import clear_dtms
 from solmap.tasks.network.orientations import (
     MappedStop,
     Standing,
     choose_orientations,
+    clear_views,
     read_orientations,
 )
 from solmap.tasks.network.report import report_quality
@@ -114,6 +117,8 @@ def _make(waves: Waves, network: ProductRef | None, matched: Matched) -> None:
     mapped = {stop for stop, what in jobs if what == "dtm"} - report.postponed
     jobs |= preview_jobs(inputs, matched, mapped)
     _note_failures(report, jobs, run_jobs(jobs, waves.settled)[1])
+    clear_views()
+    clear_dtms()
     if standing is not None:
         with keep_going(unsubmitted, "far ground"):
             for stop, far in map_far_ground(inputs, standing, matched, report).items():
@@ -133,7 +138,13 @@ def _plan(waves: Waves, standing: Standing, matched: Matched) -> dict[Key, Job]:
         for jobs, stops in zip((first, more, models), later, strict=True)
     ]
     waves.plan(*planned)
-    return planned[0] | planned[1] | planned[2]
+    jobs = planned[0] | planned[1] | planned[2]
+    # new stops wave by wave, then the others one by one, so that the views of one are in memory
+    return {key: jobs[key] for key in sorted(jobs, key=lambda key: _turn(key[0], waves.new))}
+
+
+def _turn(stop: StopId, new: frozenset[StopId]) -> str:
+    return "" if stop in new else str(stop)
 
 
 def _quality_job(network: ProductRef, matched: Matched, inputs: SolInputs) -> dict[Key, Job]:

@@ -50,10 +50,9 @@ from solmap.products.model import (
 )
 from solmap.products.store.process import return_free_memory
 from solmap.tasks.images.pairs import read_epipolar
-from solmap.tasks.maps.dtms import clear_dtms
 from solmap.tasks.mission.localisation import traverse_products
 from solmap.tasks.mission.publish import withdraw
-from solmap.tasks.network.orientations import Standing, clear_views
+from solmap.tasks.network.orientations import Standing
 from solmap.tasks.scopes import is_of_mission, network_scope, pair_scope
 
 PARTS = "standing", "layers", "pointers"
@@ -253,8 +252,6 @@ class MapSols:
         following = () if later is None or step.is_overall or later.is_overall else (later.sol,)
         root, before = self.workspace.store.root, self._before[step]
         done = on_workers(flow)(self.name, step.sol, root, self.pipeline, before, *following)
-        clear_views()
-        clear_dtms()
         return_free_memory()
         return done
 
