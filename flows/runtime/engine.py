@@ -52,6 +52,7 @@ _NO_HARD_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS}
 _IDLE_SERVICES = (
     "CANCELLATION_CLEANUP",
     "CLEANUP_RECONCILER",
+    "EVENT_PERSISTER",
     "FOREMAN",
     "LATE_RUNS",
     "PAUSE_EXPIRATIONS",
@@ -63,7 +64,8 @@ _RUN_ONLY = {
     "PREFECT_UI_ENABLED": "false",
     **{f"PREFECT_SERVER_SERVICES_{name}_ENABLED": "false" for name in _IDLE_SERVICES},
 }
-"""The server of a run ends with it: it needs no pages, and has nothing to schedule or to watch."""
+"""The server of a run ends with it: it needs no pages, and has nothing to schedule or to watch.
+States, logs and artifacts of runs are kept for the pages of `solmap up`; events are not."""
 
 
 def prepare_engine(store: Path) -> None:
