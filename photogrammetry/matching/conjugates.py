@@ -22,7 +22,6 @@ of the smoothing and pixel-locking of the dense matcher.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import cv2
 import numpy as np
@@ -40,7 +39,6 @@ from solmap.photogrammetry.cameras.epipolar import EpipolarPair
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.matching.least_squares import fit_patches
 from solmap.photogrammetry.matching.parallax_planes import (
-    ParallaxPlanes,
     map_points,
     parallax_planes,
     stereo_homographies,
@@ -148,31 +146,23 @@ class Conjugates:
     """A cell's standard deviation, along each axis of the common grid, in pixels of the target."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class TieView:
     """A matched pair with precomputed data for finding ties."""
 
     pair: MatchedPair
     left: View
     right: View
-    half_px: int
-    """Half the width of the local surfaces."""
 
     @classmethod
-    def of(cls, pair: MatchedPair, half_px: int = 10) -> TieView:
+    def of(cls, pair: MatchedPair) -> TieView:
         """Precompute the data of a pair."""
         images = pair.images
         return cls(
             pair,
             View.of(images.left, images.left_mask),
             View.of(images.right, images.right_mask),
-            half_px,
         )
-
-    @cached_property
-    def planes(self) -> ParallaxPlanes:
-        """Local surfaces around every sparse match of the pair."""
-        return parallax_planes(self.pair.parallax, self.pair.matches.left, self.half_px)
 
     @property
     def geometry(self) -> EpipolarPair:

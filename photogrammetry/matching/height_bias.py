@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from solmap.photogrammetry.arrays import Float32, Raster
+from solmap.photogrammetry.arrays import Float32, Mask, Raster
 
 LEVEL_FACING = 0.1
 """Tangent of the angle between ray and facet at which the bias is b lines."""
@@ -87,9 +87,25 @@ def metres_per_line(
 
 def mean_of_known(raster: Raster, sigma_cells: float, least: float) -> Raster:
     """A raster smoothed by a Gaussian, NaN where known cells have less of its weight than this."""
+    mean = np.full(raster.shape, np.nan, np.float32)
     known = np.isfinite(raster)
+    part = _part_with(known, round(4 * sigma_cells) + 1)
+    if part is None:
+        return mean
+    known, raster = known[part], raster[part]
     density = cv2.GaussianBlur(known.astype(np.float32), (0, 0), sigma_cells)
     values = np.where(known, raster, np.float32(0))
-    mean = cv2.GaussianBlur(values, (0, 0), sigma_cells) / np.maximum(density, 1e-6)
-    mean[density < least] = np.nan
-    return mean.astype(np.float32)
+    blurred = cv2.GaussianBlur(values, (0, 0), sigma_cells) / np.maximum(density, 1e-6)
+    mean[part] = np.where(density < least, np.float32(np.nan), blurred)
+    return mean
+
+
+def _part_with(known: Mask, margin: int) -> tuple[slice, slice] | None:
+    """The rows and columns that hold all known cells, with a margin; None without any."""
+    parts = []
+    for axis, size in zip((1, 0), known.shape, strict=True):
+        where = np.flatnonzero(known.any(axis=axis))
+        if not len(where):
+            return None
+        parts.append(slice(max(int(where[0]) - margin, 0), min(int(where[-1]) + margin + 1, size)))
+    return parts[0], parts[1]

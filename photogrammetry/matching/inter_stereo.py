@@ -41,6 +41,7 @@ from solmap.photogrammetry.matching.conjugates import (
 )
 from solmap.photogrammetry.matching.parallax_planes import (
     ParallaxPlanes,
+    parallax_planes,
     plane_homographies,
 )
 from solmap.photogrammetry.matching.records import MatchedPair, MatchedStop, Ties, join_ties
@@ -121,7 +122,7 @@ class PairTies:
 
 def tie_inter_stereo(stop: MatchedStop, params: InterStereoParams) -> PairTies:
     """Tie every two pairs of a stop whose fields of view overlap."""
-    views = [TieView.of(pair, params.conjugates.half_px) for pair in stop.pairs]
+    views = [TieView.of(pair) for pair in stop.pairs]
     pair_ids = tuple(pair.pair_id for pair in stop.pairs)
     measured, searched = [], {}
     for one, other in combinations(range(len(views)), 2):
@@ -170,15 +171,16 @@ def _overlap(
 
 
 def _visible(source: TieView, target: TieView, params: InterStereoParams) -> Flags:
-    """Which sparse matches of the source lie in the target's image."""
+    """Which sparse matches of the source, on a plane, lie in the target's image."""
     matches = source.pair.matches
     scale = source.geometry.focal_px * source.geometry.base_m
-    rows = (matches.parallax_px > scale / params.farthest_m) & source.planes.found
-    seen = np.zeros(len(matches), dtype=bool)
+    rows = matches.parallax_px > scale / params.farthest_m
+    seen, half_px = np.zeros(len(matches), dtype=bool), params.conjugates.half_px
     if not rows.any():
         return seen
     left, _, _ = _predict_points(source, target, _between(source, target), rows)
-    seen[np.flatnonzero(rows)] = in_view(target, left, params.conjugates.half_px)
+    seen[np.flatnonzero(rows)] = in_view(target, left, half_px)
+    seen[seen] = parallax_planes(source.pair.parallax, matches.left[seen], half_px).found
     return seen
 
 
@@ -226,17 +228,18 @@ def _tie_pair(  # noqa: PLR0913, PLR0917 - two views, what joins them, which mat
 ) -> Ties:
     """Ties between sparse matches `rows` of the source pair and their conjugates in the target."""
     matches = source.pair.matches
-    planes = ParallaxPlanes(
-        matches.parallax_px[rows], source.planes.gradient[rows], source.planes.residual_px[rows]
-    )
+    planes = parallax_planes(source.pair.parallax, matches.left[rows], params.half_px)
+    planes = ParallaxPlanes(matches.parallax_px[rows], planes.gradient, planes.residual_px)
     good = np.isfinite(planes.gradient).all(axis=1)
     rows, planes = rows[good], planes.select(good)
     points = matches.left[rows]
     maps = plane_homographies(source.geometry, target.geometry, target_from_source, points, planes)
     found = find_conjugates(source.left, target.left, points, maps, reach, params)
     parallax, sigma_parallax = measure_parallax(target, found.points[found.found], params)
-    floor_px = params.parallax_floor_px
-    return _assemble(source, target, rows, found, parallax, sigma_parallax, pair_ids, floor_px)
+    residual_px, floor_px = planes.residual_px[found.found], params.parallax_floor_px
+    return _assemble(
+        source, target, rows, found, parallax, sigma_parallax, pair_ids, residual_px, floor_px
+    )
 
 
 def _assemble(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
@@ -247,12 +250,13 @@ def _assemble(  # noqa: PLR0913, PLR0917 - gathers the columns of the ties
     parallax: Float64[np.ndarray, " found"],
     sigma_parallax: Float64[np.ndarray, " found"],
     pair_ids: tuple[str, ...],
+    residual_px: Float64[np.ndarray, " found"],
     floor_px: float,
 ) -> Ties:
     """Found conjugates with measured parallax, as ties."""
     matches, some = source.pair.matches, rows[found.found]
     own_px = matches.parallax_px[some]
-    relief_px = RELIEF_SHARE * source.planes.residual_px[some] * parallax / own_px
+    relief_px = RELIEF_SHARE * residual_px * parallax / own_px
     sigma = found.sigma_px[found.found]
     apart = np.linalg.norm(_between(source, target).translation_m) / target.geometry.base_m
     indices = [

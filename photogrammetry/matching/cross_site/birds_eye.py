@@ -163,13 +163,15 @@ def _add_points(
     size: int,
 ) -> None:
     """Add count, grey value and elevation of points to their cells."""
-    row = np.floor((radius_m - ground[:, 0]) / cell_m).astype(np.int32)
-    col = np.floor((radius_m + ground[:, 1]) / cell_m).astype(np.int32)
+    north, east, down = ground.T
+    row = np.floor((radius_m - north) / cell_m).astype(np.int64)
+    col = np.floor((radius_m + east) / cell_m).astype(np.int64)
     inside = (row >= 0) & (row < size) & (col >= 0) & (col < size)
-    inside &= ground[:, 0] ** 2 + ground[:, 1] ** 2 > ROVER_M**2
-    index = row[inside] * size + col[inside]
-    for k, weight in enumerate((None, grey[inside], -ground[inside, 2])):
-        sums[k] += np.bincount(index, weight, minlength=size * size)
+    inside &= north**2 + east**2 > ROVER_M**2
+    index = (row * size + col)[inside]
+    sums[0] += np.bincount(index, minlength=size * size)
+    sums[1] += np.bincount(index, grey[inside], minlength=size * size)
+    sums[2] -= np.bincount(index, down[inside], minlength=size * size)
 
 
 def _level_points(
@@ -192,7 +194,8 @@ def _level_points(
     origin = level_from_rover @ geometry.rover_from_pair.translation_m
     points = np.column_stack([x * z, y * z, z]) @ rotation.T.astype(np.float32)
     usual = float(np.median(grey)) if len(grey) else 1.0
-    return points + origin.astype(np.float32), grey / np.float32(max(usual, 1e-6))
+    columns = np.add(points.T, origin.astype(np.float32)[:, None], order="C")
+    return columns.T, grey / np.float32(max(usual, 1e-6))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,7 +30,6 @@ from solmap.photogrammetry.arrays import (
     Flags,
     Float32,
     Float64,
-    GreyImage,
     ObjectPoints,
     PerPoint,
     Raster,
@@ -44,6 +43,7 @@ from solmap.photogrammetry.matching.cross_site.birds_eye import (
     draw_birds_eye,
 )
 from solmap.photogrammetry.matching.cross_site.light import relighting, slopes
+from solmap.photogrammetry.matching.cross_site.surface_alignment import HeightGrid, SurfaceParams
 from solmap.photogrammetry.matching.records import MatchedStop
 
 SLOPE_STEP_M = 0.25
@@ -137,7 +137,6 @@ class GroundView:
     rotation: Float64[np.ndarray, "3 3"]
     """level_from_pair."""
     origin_m: Float64[np.ndarray, " 3"]
-    averaged: dict[tuple[int, int], GreyImage] = field(default_factory=dict)
     _ground: MatchedGround | None = None
 
     @property
@@ -225,9 +224,8 @@ class GroundView:
         left = left.reshape(n, size, size, 2)
         patches = np.zeros((n, size, size), np.float32)
         levels = self._levels(centres, grids)
-        for level in {tuple(row) for row in levels.tolist()}:
-            rows = np.flatnonzero((levels == level).all(axis=1))
-            patches[rows] = self._sample(left[rows], (int(level[0]), int(level[1])))
+        for patch, points, (across, down) in zip(patches, left, levels.tolist(), strict=True):
+            patch[:] = self._sample(points, (across, down))
         if sun is not None and self.sun is not None:
             brighter = self.surface.relighting(flat[..., 0], flat[..., 1], self.sun, sun)
             patches *= brighter.reshape(patches.shape)
@@ -262,25 +260,23 @@ class GroundView:
         return np.clip(np.round(np.log2(pixels)), 0, WIDEST_AVERAGE).astype(np.int64)
 
     def _sample(self, left: np.ndarray, level: tuple[int, int]) -> np.ndarray:
-        """Grey values at image points of some patches, from the image averaged as required."""
-        if level not in self.averaged:
-            width = (2 ** level[0], 2 ** level[1])
-            self.averaged[level] = (
-                self.view.left.image if level == (0, 0) else cv2.blur(self.view.left.image, width)
-            ).astype(np.float32, copy=False)
+        """Grey values at image points of a patch, from the image averaged as required."""
+        image, width = self.view.left.image, (2 ** level[0], 2 ** level[1])
+        part = _part_around(left, image.shape, max(width))
+        if part is None:
+            return np.full(left.shape[:2], np.nan, np.float32)
+        rows, cols = part
+        image = image[rows, cols]
         # an even box is centred half a pixel too early
         shift = [0.5 if k else 0.0 for k in level]
-        n, size = left.shape[:2]
-        at = left.reshape(n * size, size, 2)
-        out = cv2.remap(
-            self.averaged[level],
-            (at[..., 0] + shift[0]).astype(np.float32),
-            (at[..., 1] + shift[1]).astype(np.float32),
+        return cv2.remap(
+            image if level == (0, 0) else cv2.blur(image, width),
+            (left[..., 0] + shift[0]).astype(np.float32) - np.float32(cols.start),
+            (left[..., 1] + shift[1]).astype(np.float32) - np.float32(rows.start),
             cv2.INTER_LINEAR,
             borderMode=cv2.BORDER_CONSTANT,
             borderValue=float("nan"),
         )
-        return out.reshape(n, size, size)
 
     def _inside(self, left: np.ndarray) -> np.ndarray:
         """Whether image points lie on usable pixels."""
@@ -301,6 +297,7 @@ class StopViews:
     stop: MatchedStop
     birds_eye: BirdsEyeView
     views: tuple[GroundView, ...]
+    _heights: dict[SurfaceParams, HeightGrid] = field(default_factory=dict, init=False)
 
     @classmethod
     def of(cls, stop: MatchedStop, params: BirdsEyeParams) -> StopViews:
@@ -311,6 +308,12 @@ class StopViews:
         views = tuple(GroundView.of(TieView.of(pair), surface, level) for pair in stop.pairs)
         return cls(stop, seen, views)
 
+    def heights(self, params: SurfaceParams) -> HeightGrid:
+        """The heights of its ground, computed once."""
+        if params not in self._heights:
+            self._heights[params] = HeightGrid.of(self.stop, params)
+        return self._heights[params]
+
     @property
     def id(self) -> StopId:
         """Identifier of the stop."""
@@ -320,6 +323,20 @@ class StopViews:
     def pair_ids(self) -> tuple[str, ...]:
         """Its pairs, in the order of `views`."""
         return tuple(view.view.pair.pair_id for view in self.views)
+
+
+def _part_around(
+    points: Float64[np.ndarray, "a a 2"], shape: tuple[int, int], margin_px: int
+) -> tuple[slice, slice] | None:
+    """Rows and columns of an image that hold some points and a margin; None if none lies in it."""
+    known = points[np.isfinite(points).all(axis=2)]
+    if not len(known):
+        return None
+    first = np.maximum(np.floor(known.min(axis=0)).astype(np.int64) - margin_px, 0)
+    last = np.minimum(np.ceil(known.max(axis=0)).astype(np.int64) + margin_px + 1, shape[::-1])
+    if (last <= first).any():
+        return None
+    return slice(int(first[1]), int(last[1])), slice(int(first[0]), int(last[0]))
 
 
 def _places(

@@ -190,8 +190,6 @@ def _match_plan(
         )
         for size in np.unique(classes)
     ]
-    for view in (plan.source, plan.target):
-        view.averaged.clear()  # 4 MB each; those of all plans would be 300 MB a link
     return _join(ties, pair_ids)
 
 

@@ -76,7 +76,7 @@ from solmap.photogrammetry.matching.cross_site.links import (
     refused_link,
     tie_places,
 )
-from solmap.photogrammetry.matching.cross_site.surface_alignment import HeightGrid
+from solmap.photogrammetry.matching.cross_site.surface_alignment import RELIEF
 from solmap.photogrammetry.matching.cross_site.surface_matching import (
     SurfaceTieParams,
     tie_by_surface,
@@ -129,13 +129,22 @@ class CrossSiteParams:
     their ground along either axis, and are nearly independent."""
 
 
+def prepare_stop(stop: MatchedStop, params: CrossSiteParams) -> StopViews:
+    """A stop with everything that all its links need."""
+    views = StopViews.of(stop, params.birds_eye)
+    if params.surface_matching.enabled:
+        heights = views.heights(params.surface_matching.surface)
+        for relief, sigma_m in RELIEF:
+            heights.surface(sigma_m, relief=relief)
+    return views
+
+
 def tie_cross_site(
     earlier: MatchedStop | StopViews, later: MatchedStop | StopViews, params: CrossSiteParams
 ) -> SiteLink:
     """Link two stops by their common ground, or give the reason why not."""
     one, other = (
-        s if isinstance(s, StopViews) else StopViews.of(s, params.birds_eye)
-        for s in (earlier, later)
+        s if isinstance(s, StopViews) else prepare_stop(s, params) for s in (earlier, later)
     )
     stages = search_stages(one.stop, other.stop, params.gate, params.birds_eye.radius_m)
     if not stages:
@@ -169,7 +178,7 @@ def _link_by_surfaces(
     """The link of stops whose surfaces agree beyond doubt; None otherwise."""
     one, other, surfaces = trials.one, trials.other, params.surface_matching
     stops = (one.stop, other.stop)
-    first, second = (HeightGrid.of(stop, surfaces.surface) for stop in stops)
+    first, second = (views.heights(surfaces.surface) for views in (one, other))
     starts, elsewhere = (
         [level_pose(*stops, pose_from_fit(*stops, fit)) for fit in some] for some in (fits, wrong)
     )

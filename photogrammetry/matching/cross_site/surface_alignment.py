@@ -44,12 +44,22 @@ towards both suns: 1 for opposite directions.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation as ScipyRotation
 
-from solmap.photogrammetry.arrays import Flags, Float64, ObjectPoints, PerPoint, Raster, Vector3
+from solmap.photogrammetry.arrays import (
+    Flags,
+    Float32,
+    Float64,
+    ObjectPoints,
+    ParallaxMap,
+    PerPoint,
+    Raster,
+    Vector3,
+)
 from solmap.photogrammetry.errors import MatchingError
 from solmap.photogrammetry.frames import Pose
 from solmap.photogrammetry.matching.cross_site.birds_eye import ROVER_M
@@ -150,7 +160,7 @@ class SurfaceParams:
             raise MatchingError("surfaces need at least one round, and cells below their size")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class HeightGrid:
     """Heights around a stop in its level frame; row 0 is the northernmost, the rover central."""
 
@@ -165,7 +175,8 @@ class HeightGrid:
     """f, of the pairs with the smallest f B."""
     sun: Vector3 | None = None
     """Mean direction towards the Sun in the axes of the LSL; None if not known."""
-    smoothed: dict[float, Raster] = field(default_factory=dict)
+    smoothed: dict[float, Raster] = field(default_factory=dict, init=False)
+    _surfaces: dict[tuple[float, bool], _Surface] = field(default_factory=dict, init=False)
 
     @classmethod
     def of(cls, stop: MatchedStop, params: SurfaceParams) -> HeightGrid:
@@ -173,13 +184,15 @@ class HeightGrid:
         size = 2 * round(params.farthest_m / params.cell_m)
         total = np.zeros((2, size * size))
         for pair in stop.pairs:
-            places, range_m = _seen_well(pair, stop.lsl_from_rover.rotation, params.farthest_m)
-            row = np.floor(size / 2 - places[:, 0] / params.cell_m).astype(np.int32)
-            col = np.floor(size / 2 + places[:, 1] / params.cell_m).astype(np.int32)
+            places, range2 = _seen_well(pair, stop.lsl_from_rover.rotation, params.farthest_m)
+            north, east, down = places.T
+            row = np.floor(size / 2 - north / params.cell_m).astype(np.int64)
+            col = np.floor(size / 2 + east / params.cell_m).astype(np.int64)
             inside = (row >= 0) & (row < size) & (col >= 0) & (col < size)
-            index, weight = (row * size + col)[inside], range_m[inside] ** -2.0
-            for k, value in enumerate((1.0, -places[inside, 2])):
-                total[k] += np.bincount(index, weight * value, minlength=size * size)
+            inside &= north**2 + east**2 > ROVER_M**2
+            index, weight = (row * size + col)[inside], 1 / range2[inside]
+            total[0] += np.bincount(index, weight, minlength=size * size)
+            total[1] -= np.bincount(index, weight * down[inside], minlength=size * size)
         weight, up = total.reshape(2, size, size)
         with np.errstate(invalid="ignore"):
             up = (up / weight).astype(np.float32)
@@ -190,6 +203,21 @@ class HeightGrid:
         suns = [pair.sun for pair in stop.pairs if pair.sun is not None]
         sun = np.mean(suns, axis=0) if suns else None
         return cls(params.cell_m, up, -float(level[2]), scale_px_m, coarsest.focal_px, sun)
+
+    @cached_property
+    def known(self) -> Raster:
+        """1 where heights are known, else 0."""
+        return np.isfinite(self.up).astype(np.float32)
+
+    @cached_property
+    def filled(self) -> Raster:
+        """Heights, 0 where unknown."""
+        return np.nan_to_num(self.up)
+
+    @cached_property
+    def cells(self) -> ObjectPoints:
+        """Positions of all known heights, row by row."""
+        return self.points(self.up, 1)
 
     def noise_m(self, distance_m: PerPoint, parallax_px: float) -> PerPoint:
         """Height error of level ground at this distance for an error of its parallax."""
@@ -212,6 +240,18 @@ class HeightGrid:
             self.smoothed[sigma_m] = mean_of_known(self.up, sigma_m / self.cell_m, LEAST_KNOWN)
         return self.smoothed[sigma_m]
 
+    def surface(self, sigma_m: float, *, relief: bool) -> _Surface:
+        """Heights smoothed by a Gaussian, or only their relief; computed once."""
+        key = sigma_m, relief
+        if key not in self._surfaces:
+            heights = self.smooth(sigma_m)
+            shape = heights - self.smooth(RELIEF_WAVE_M) if relief else heights
+            south, east = np.gradient(shape)
+            slopes = (-south / self.cell_m, east / self.cell_m)
+            points = self.points(heights, max(1, round(sigma_m / self.cell_m)))
+            self._surfaces[key] = _Surface(shape, slopes, points)
+        return self._surfaces[key]
+
     def at(self, raster: Raster, places: ObjectPoints) -> PerPoint:
         """Values of a raster on this grid at positions of the level frame, NaN where unknown."""
         half, size = self.up.shape[0] / 2 - 0.5, -(-len(places) // ROW) * ROW
@@ -231,37 +271,68 @@ class HeightGrid:
         return np.column_stack([north, east, -heights[row, col].astype(np.float64)])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Surface:
+    """The ground of a stop smoothed by a Gaussian: its heights, or only their relief."""
+
+    shape: Raster
+    slopes: tuple[Raster, Raster]
+    """Its derivatives by north and east."""
+    points: ObjectPoints
+    """Points of its heights, one Gaussian's standard deviation apart."""
+
+
 def _seen_well(
     pair: MatchedPair, level_from_rover: np.ndarray, farthest_m: float
 ) -> tuple[ObjectPoints, PerPoint]:
-    """(positions in the level frame, ranges) of the dense points that are not crests."""
-    g, p = pair.images.geometry, pair.parallax.astype(np.float32)
-    slope = np.full((2, *p.shape), np.nan, np.float32)
-    k = GRADIENT_PX
-    slope[0, :, k:-k] = (p[:, 2 * k :] - p[:, : -2 * k]) / (2 * k)
-    slope[1, k:-k] = (p[2 * k :] - p[: -2 * k]) / (2 * k)
-    scale = g.focal_px * g.base_m
-    with np.errstate(invalid="ignore"):
-        in_range = (p > scale / farthest_m)[:, ::2]
-        in_range[1::2] &= p[1::2, ::2] < scale / DENSE_M
-    line, half_sample = np.nonzero(in_range)
-    sample = 2 * half_sample
-    points = np.column_stack([sample, line]).astype(np.float64)
-    parallax = p[line, sample].astype(np.float64)
-    gradient = slope[:, line, sample].T.astype(np.float64)
-    in_pair = g.triangulate(points, parallax)
+    """(positions in the level frame, squared ranges) of the dense points that are not crests.
+
+    Of every second column; nearer than `DENSE_M`, of every second line. A point of parallax p on
+    the ray (x, y, 1) / f is in range and faces the camera where p exceeds a limit that depends on
+    the ray and, for facing, on the slope of the parallax.
+    """
+    g, every = pair.images.geometry, pair.parallax.astype(np.float32, copy=False)
+    p, scale, focal = np.ascontiguousarray(every[:, ::2]), g.focal_px * g.base_m, float(g.focal_px)
     rotation = level_from_rover @ g.rover_from_pair.rotation
-    ahead = in_pair @ rotation.T
-    range_m = np.linalg.norm(ahead, axis=1)
-    at_centre = parallax - (gradient * (points - np.asarray(g.centre_px))).sum(axis=1)
-    normal = np.hypot(np.linalg.norm(g.focal_px * gradient, axis=1), at_centre)
-    rays = range_m / in_pair[:, 2]
+    line, sample = (np.arange(n, dtype=np.float32) for n in every.shape)
+    x, y = (
+        sample[None, ::2] - np.float32(g.centre_px[0]),
+        line[:, None] - np.float32(g.centre_px[1]),
+    )
+    ray = np.sqrt(1 + (x / focal) ** 2 + (y / focal) ** 2)
+    across, down, ahead = (rotation[2] / [focal, focal, 1.0]).astype(np.float32)
+    limit = np.minimum(np.float32(LEAST_FACING) * ray, (across * x + ahead) + down * y)
     with np.errstate(invalid="ignore"):
-        facing = parallax / (normal * rays)
-        good = (facing > np.minimum(LEAST_FACING, ahead[:, 2] / range_m)) & (range_m < farthest_m)
-    places = ahead + level_from_rover @ g.rover_from_pair.translation_m
-    good &= places[:, 0] ** 2 + places[:, 1] ** 2 > ROVER_M**2
-    return places[good], range_m[good]
+        good = p > np.float32(scale / farthest_m) * ray
+        good[1::2] &= p[1::2] < np.float32(scale / DENSE_M)
+        good &= p > limit * _steepness(every, p, x, y, focal)
+    row, half_col = np.nonzero(good)
+    points = np.column_stack([2 * half_col, row]).astype(np.float64)
+    in_pair = g.triangulate(points, p[row, half_col].astype(np.float64))
+    turned = np.ascontiguousarray((in_pair @ rotation.T).T)
+    origin = level_from_rover @ g.rover_from_pair.translation_m
+    return (turned + origin[:, None]).T, (turned**2).sum(axis=0)
+
+
+def _steepness(
+    every: ParallaxMap,
+    p: Float32[np.ndarray, "lines half"],
+    x: Float32[np.ndarray, "1 half"],
+    y: Float32[np.ndarray, "lines 1"],
+    focal: float,
+) -> Float32[np.ndarray, "lines half"]:
+    """Length of the normal of facets, in units of parallax; NaN at gaps.
+
+    `p` are the even columns of `every`, x and y their distances from the centre in pixels.
+    """
+    k, first = GRADIENT_PX, -(-GRADIENT_PX // 2)  # the first even column with both neighbours
+    along, down = np.full((2, *p.shape), np.nan, np.float32)
+    right = every[:, 2 * first + k :: 2]
+    left = every[:, 2 * first - k :: 2][:, : right.shape[1]]
+    along[:, first : first + right.shape[1]] = (right - left) / (2 * k)
+    down[k:-k] = (p[2 * k :] - p[: -2 * k]) / (2 * k)
+    at_centre = p - along * x - down * y
+    return np.sqrt(focal**2 * (along**2 + down**2) + at_centre**2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -334,17 +405,12 @@ class _Surfaces:
         params: SurfaceParams,
     ) -> _Surfaces:  # fmt: skip
         """Smooth both."""
-        there, here = earlier.smooth(sigma_m), later.smooth(sigma_m)
-        cell_m, step = earlier.cell_m, max(1, round(sigma_m / later.cell_m))
-        points, rest, too_high = later.points(here, step), None, None
-        if not relief:
-            too_high = (earlier.too_high_m(sigma_m), later.too_high_m(sigma_m))
-        else:
-            there = there - earlier.smooth(RELIEF_WAVE_M)
-            rest = later.at(here - later.smooth(RELIEF_WAVE_M), points)
-        south, east = np.gradient(there)
-        slopes = (-south / cell_m, east / cell_m)
-        return cls(earlier, later, there, slopes, points, rest, too_high, sigma_m, params)
+        there, here = (grid.surface(sigma_m, relief=relief) for grid in (earlier, later))
+        rest = later.at(here.shape, here.points) if relief else None
+        too_high = None if relief else (earlier.too_high_m(sigma_m), later.too_high_m(sigma_m))
+        return cls(
+            earlier, later, there.shape, there.slopes, here.points, rest, too_high, sigma_m, params
+        )
 
     def compare(self, pose: Pose, lines: float = 0.0) -> Cells:
         """The later stop's ground, transformed by a pose, compared with the earlier one's.
@@ -392,15 +458,14 @@ class _Surfaces:
         Smoothed where both are known. Smoothed separately, ground hidden behind a crest at one stop
         would get the height of the crest, and the stops would move apart.
         """
-        earlier, known = self.earlier, np.isfinite(self.later.up)
-        cells = self.later.points(self.later.up, 1)
+        earlier, cells = self.earlier, self.later.cells
         places = pose.apply(cells)
-        share = earlier.at(np.isfinite(earlier.up).astype(np.float32), places)
+        share = earlier.at(earlier.known, places)
         with np.errstate(invalid="ignore", divide="ignore"):
-            off = earlier.at(np.nan_to_num(earlier.up), places) / share + places[:, 2]
+            off = earlier.at(earlier.filled, places) / share + places[:, 2]
             off[~(_alike(places, cells) & (share > MOSTLY))] = np.nan
-        raster = np.full(known.shape, np.nan, np.float32)
-        raster[known] = off
+        raster = np.full(self.later.up.shape, np.nan, np.float32)
+        raster[self.later.known > 0] = off
         return mean_of_known(raster, self.sigma_m / self.later.cell_m, LEAST_SHARED)
 
     def correlation(self, pose: Pose) -> float:

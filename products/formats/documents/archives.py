@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Collection
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -50,16 +51,19 @@ def write_archive(path: Path, header: dict[str, Any], **arrays: np.ndarray) -> N
                 np.lib.format.write_array(entry, np.asanyarray(array), allow_pickle=False)
 
 
-def read_archive(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """The header and arrays of an archive.
+def read_archive(
+    path: Path, names: Collection[str] | None = None
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """The header and arrays of an archive, all of them or those of some names.
 
     Raises:
         ProductError: the file is not an archive of solmap.
     """
     try:
         with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        return json.loads(arrays.pop("header").tobytes()), arrays
+            header = json.loads(archive["header"].tobytes())
+            others = [name for name in archive.files if name != "header"]
+            return header, {n: archive[n] for n in others if names is None or n in names}
     except (OSError, ValueError, KeyError) as error:
         raise ProductError(f"{path.name} is not an archive of arrays: {error}") from error
 
@@ -170,7 +174,7 @@ def read_right_turn(path: Path) -> tuple[float, float, float] | None:
 
 
 def _triple(path: Path, name: str) -> tuple[float, float, float] | None:
-    values = read_archive(path)[0][name]
+    values = read_archive(path, ())[0][name]
     return (values[0], values[1], values[2]) if values else None
 
 
@@ -202,7 +206,7 @@ def read_dense(path: Path) -> DenseMatches:
 
 def read_parallax(path: Path) -> ParallaxMap:
     """The parallax written by `write_dense`."""
-    return _parallax(*read_archive(path))
+    return _parallax(*read_archive(path, {"steps"}))
 
 
 def _parallax(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> ParallaxMap:

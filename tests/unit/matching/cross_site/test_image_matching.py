@@ -1,5 +1,8 @@
 """Errors along the ground, seen in an image."""
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 
@@ -8,6 +11,8 @@ from solmap.photogrammetry.frames import Frame, FrameKind, Pose
 from solmap.photogrammetry.imagery import StereoMatches
 from solmap.photogrammetry.matching.conjugates import TieView
 from solmap.photogrammetry.matching.cross_site import image_matching as ground_spread
+from solmap.photogrammetry.matching.cross_site.birds_eye import BirdsEyeView
+from solmap.photogrammetry.matching.cross_site.ground_views import GroundSurface, GroundView
 from solmap.photogrammetry.matching.cross_site.image_matching import ground_sigmas
 from solmap.photogrammetry.matching.records import EpipolarImages, MatchedPair
 
@@ -59,3 +64,21 @@ def test_no_patch_is_located_better_than_its_relief_allows(view):
     range_m = 1200.0 * 0.2 / 16.0
     np.testing.assert_allclose([sample, line], 1200.0 * ground_spread.RELIEF_M / range_m)
     assert of_parallax[0] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("corner", [(500.3, 410.7), (-9.4, 3.2), (1010.1, 1002.6), (-90.0, 40.0)])
+@pytest.mark.parametrize("level", [(0, 0), (1, 0), (2, 3)])
+def test_a_patch_is_averaged_as_the_whole_image_would_be(view, rng, corner, level):
+    grey = rng.normal(500.0, 60.0, (1024, 1024)).astype(np.float32)
+    surface = GroundSurface.of(BirdsEyeView(0.1, *np.zeros((2, 20, 20), np.float32)))
+    view = replace(view, left=replace(view.left, image=grey))
+    step = 2.0 ** np.array(level)
+    points = corner + step * np.stack(np.meshgrid(*[np.arange(9.0)] * 2), axis=-1)
+    drawn = GroundView.of(view, surface, np.eye(3))._sample(points, level)
+    x, y = (points + np.where(np.array(level) > 0, 0.5, 0.0)).astype(np.float32).transpose(2, 0, 1)
+    whole = cv2.blur(grey, (2 ** level[0], 2 ** level[1]))
+    nothing = float("nan")
+    expected = cv2.remap(
+        whole, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=nothing
+    )
+    np.testing.assert_allclose(drawn, expected, rtol=1e-6)

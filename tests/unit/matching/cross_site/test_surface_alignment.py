@@ -14,6 +14,7 @@ from solmap.photogrammetry.matching.cross_site.surface_alignment import (
     SurfaceParams,
     register,
 )
+from solmap.photogrammetry.matching.height_bias import mean_of_known
 
 PARAMS = SurfaceParams(farthest_m=15.0)
 FRAMES = [StopId("MER2", 1, drive).frame for drive in (0, 8)]
@@ -114,3 +115,16 @@ def test_suns_from_opposite_sides_add_an_error_of_all_ground(ground, exact):
     assert added[2, 2] == pytest.approx((share * PARAMS.shared_turn) ** 2)
     unknown = registered(ground, suns=(None, SUN))[2]
     assert unknown.covariance[2, 2] > across.covariance[2, 2]
+
+
+@pytest.mark.parametrize("sigma_cells", [1.5, 8.0])
+def test_unknown_ground_around_does_not_change_the_smoothed_heights(rng, sigma_cells):
+    known = rng.normal(size=(60, 70)).astype(np.float32)
+    known[20:30, 40:50] = np.nan
+    near, far = (
+        mean_of_known(np.pad(known, width, constant_values=np.nan), sigma_cells, 0.15)
+        for width in (40, 120)
+    )
+    np.testing.assert_allclose(near, far[80:-80, 80:-80], rtol=1e-5, atol=1e-6)
+    assert np.isnan(far[:80]).all()
+    assert np.isnan(mean_of_known(np.full((9, 9), np.nan, np.float32), 2.0, 0.15)).all()
