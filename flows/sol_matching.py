@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from solmap.flows.runtime.failures import keep_going, wait_for
+from solmap.flows.runtime.runners import shares_memory
 from solmap.flows.runtime.sol_report import SolReport
-from solmap.flows.sol_inputs import SolInputs
+from solmap.flows.sol_inputs import SolInputs, candidates
 from solmap.photogrammetry.adjustment.model.params import AdjustmentMode
 from solmap.photogrammetry.archive.rig import INSTRUMENT
 from solmap.photogrammetry.imagery import StopId
@@ -19,7 +21,8 @@ from solmap.tasks.network.adjust import NetworkParams
 from solmap.tasks.network.match import MatchParams, match_stereo_pair, measure_rows
 from solmap.tasks.network.orientations import Standing
 from solmap.tasks.network.rig import StopTies, pool_rig, refine_rig, turn_of_pair
-from solmap.tasks.network.tie import StopProducts, tie_stop
+from solmap.tasks.network.tie import STOPS_KEPT, StopProducts, prepare_to_link, tie_stop
+from solmap.tasks.stage import LookedUp
 
 Matched = dict[StopId, list[PairProducts]]
 
@@ -102,6 +105,8 @@ def _refine_rig(
         )
         for name, stop in stops.items()
     }
+    if not all(isinstance(future, LookedUp) for future in futures.values()):
+        _prepare_links(matched, inputs)
     # reported after adjustment
     ties, _ = wait_for(f"sol {inputs.sol}: tie pairs within stops", futures)
     if not ties:
@@ -112,6 +117,28 @@ def _refine_rig(
     done, failed = wait_for(f"sol {inputs.sol}: refine the stereo rigs", {inputs.sol: future})
     report.add_failures("refine the stereo rigs of sol", failed)
     return done.get(inputs.sol, rig)
+
+
+def _prepare_links(matched: Matched, inputs: SolInputs) -> None:
+    """Prepare earlier stops for links of new ones, while ties within these occupy another worker.
+
+    A stop that cannot be prepared is reported by its links.
+    """
+    if not shares_memory():
+        return
+    stops, config, store = inputs.telemetry.stops, inputs.config, inputs.workspace.store
+    new = [stop for stop in inputs.window if stop.stop in inputs.new_stops]
+    near = {old.stop: old for stop in new for old in candidates(stop, stops, config)}
+    for name, telemetry in list(near.items())[: STOPS_KEPT - 1]:
+        if not matched.get(name) or name in inputs.touched:
+            continue
+        stop = StopProducts(name, tuple(matched[name]))
+        tied = tie_stop.submit(
+            stop, telemetry, config.inter_stereo, store, previews=config.previews
+        )
+        if isinstance(tied, LookedUp):
+            stop = replace(stop, ties=tied.result())
+            prepare_to_link.submit(stop, telemetry, config.cross_site, store)
 
 
 def _turns(

@@ -15,6 +15,7 @@ from solmap.photogrammetry.matching.cross_site.parts import LinkPoses, Part, par
 from solmap.photogrammetry.matching.manual.editing import EditRequest
 from solmap.products.formats.documents.rig import RigProduct, read_rig
 from solmap.products.model import ProductKind, ProductRef
+from solmap.products.store.process import return_free_memory
 from solmap.tasks.images.manual_ties import read_edit_requests, requests_within
 from solmap.tasks.images.pairs import PairProducts
 from solmap.tasks.mission.control import holds_control_of
@@ -31,6 +32,7 @@ from solmap.tasks.network.singles import (
 from solmap.tasks.network.tie import (
     PlainPose,
     StopProducts,
+    clear_prepared,
     link_poses,
     link_stops,
     tie_stop,
@@ -123,6 +125,8 @@ def _link(inputs: SolInputs, stops: Mapping[StopId, StopProducts], report: SolRe
     for new in inputs.window:
         merged = tie(parts_at(new, inputs, stops, poses))
         links, poses = links | merged, poses | link_poses(merged, store)
+    clear_prepared()
+    return_free_memory()
     return links
 
 

@@ -44,6 +44,11 @@ def places() -> int:
     return sys.maxsize if settings.dask_address else settings.task_workers + 1
 
 
+def shares_memory() -> bool:
+    """Whether tasks run in one process, where one can use what another has prepared."""
+    return Settings().task_runner is TaskRunnerName.THREADS
+
+
 def _runner(settings: Settings) -> Runner:
     if settings.task_runner is TaskRunnerName.THREADS:
         return cast("Runner", ThreadPoolTaskRunner(max_workers=settings.task_workers))

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from threading import Condition
 from typing import Any
 
 import numpy as np
+from cachetools import LRUCache, cached
 
 from solmap.photogrammetry.adjustment.model.network import StopPrior
 from solmap.photogrammetry.adjustment.modes.rig_pooling import add_toe_in
 from solmap.photogrammetry.frames import Frame, Pose
 from solmap.photogrammetry.imagery import StopId
 from solmap.photogrammetry.matching.cross_site.ground_views import StopViews
-from solmap.photogrammetry.matching.cross_site.linking import CrossSiteParams, tie_cross_site
+from solmap.photogrammetry.matching.cross_site.linking import (
+    CrossSiteParams,
+    prepare_stop,
+    tie_cross_site,
+)
 from solmap.photogrammetry.matching.cross_site.links import SiteLink
 from solmap.photogrammetry.matching.cross_site.parts import merge_ground
 from solmap.photogrammetry.matching.inter_stereo import (
@@ -39,6 +45,10 @@ from solmap.tasks.images.pairs import PairProducts, read_matched_stop
 from solmap.tasks.network.previews import write_link_preview, write_ties_preview
 from solmap.tasks.scopes import stop_scope
 from solmap.tasks.stage import stage
+
+STOPS_KEPT = 3
+"""Stops that a process keeps, read and prepared, 200 MB each: a new one, and those that two links
+at a time join to it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +136,7 @@ def link_stops(  # noqa: PLR0913 - two stops, each with telemetry
     @cache
     def tie_sites() -> tuple[StopViews, StopViews, SiteLink]:
         one, other = (
-            StopViews.of(_read_pointed(stop, telemetry, params, store), params.birds_eye)
+            _prepared(stop, telemetry, params, store)
             for stop, telemetry in ((earlier, earlier_telemetry), (later, later_telemetry))
         )
         return one, other, tie_cross_site(one, other, params)
@@ -145,6 +155,14 @@ def link_stops(  # noqa: PLR0913 - two stops, each with telemetry
             lambda path: write_link_preview(path, *tie_sites(), params),
         )
     return links
+
+
+@stage(task_run_name="prepare-{stop.stop}", makes_products=False)
+def prepare_to_link(
+    stop: StopProducts, telemetry: StopPrior, params: CrossSiteParams, store: ProductStore
+) -> None:
+    """Prepare a stop for links that this process will make soon."""
+    _prepared(stop, telemetry, params, store)
 
 
 def links_recipe(
@@ -188,7 +206,13 @@ def _merged(stop: StopProducts) -> tuple[StopProducts, ...]:
     return (stop, *(other for other, _ in stop.beside))
 
 
+def _same_stop(stop: StopProducts, telemetry: StopPrior, store: ProductStore) -> Hashable:
+    return stop.stop, stop.inputs, PlainPose.of(telemetry.lsl_from_rover), store
+
+
+@cached(LRUCache(STOPS_KEPT), key=_same_stop, condition=Condition())
 def _read_stop(stop: StopProducts, telemetry: StopPrior, store: ProductStore) -> MatchedStop:
+    """A stop as matched, read once for ties within it and for its links."""
     return read_matched_stop(telemetry, np.zeros((6, 6)), stop.pairs, store)
 
 
@@ -206,6 +230,29 @@ def _read_pointed(
         prior = StopPrior(other.stop, telemetry.lsl_from_rover @ pose)
         others.append((_read_pointed(other, prior, params, store), pose))
     return merge_ground(matched, others)
+
+
+def _ground_of(
+    stop: StopProducts, telemetry: StopPrior, params: CrossSiteParams, store: ProductStore
+) -> Hashable:
+    """What determines a prepared stop."""
+    ground = tuple((one.stop, one.inputs, one.ties) for one in _merged(stop))
+    places = tuple(place for _, place in stop.beside)
+    return ground, places, PlainPose.of(telemetry.lsl_from_rover), params, store
+
+
+@cached(LRUCache(STOPS_KEPT), key=_ground_of, condition=Condition())
+def _prepared(
+    stop: StopProducts, telemetry: StopPrior, params: CrossSiteParams, store: ProductStore
+) -> StopViews:
+    """A stop prepared for linking, once for all its links."""
+    return prepare_stop(_read_pointed(stop, telemetry, params, store), params)
+
+
+def clear_prepared() -> None:
+    """Free the memory of the stops that are kept."""
+    _prepared.cache_clear()
+    _read_stop.cache_clear()
 
 
 def _toe_in_px(matched: MatchedStop, stop: StopProducts) -> dict[str, float]:
