@@ -21,7 +21,7 @@ from solmap.tasks.network.adjust import NetworkParams
 from solmap.tasks.network.match import MatchParams, match_stereo_pair, measure_rows
 from solmap.tasks.network.orientations import Standing
 from solmap.tasks.network.rig import StopTies, pool_rig, refine_rig, turn_of_pair
-from solmap.tasks.network.tie import STOPS_KEPT, StopProducts, prepare_to_link, tie_stop
+from solmap.tasks.network.tie import StopProducts, prepare_to_link, tie_stop
 from solmap.tasks.stage import LookedUp
 
 Matched = dict[StopId, list[PairProducts]]
@@ -106,7 +106,7 @@ def _refine_rig(
         for name, stop in stops.items()
     }
     if not all(isinstance(future, LookedUp) for future in futures.values()):
-        _prepare_links(matched, inputs)
+        _prepare_link(matched, inputs)
     # reported after adjustment
     ties, _ = wait_for(f"sol {inputs.sol}: tie pairs within stops", futures)
     if not ties:
@@ -119,26 +119,23 @@ def _refine_rig(
     return done.get(inputs.sol, rig)
 
 
-def _prepare_links(matched: Matched, inputs: SolInputs) -> None:
-    """Prepare earlier stops for links of new ones, while ties within these occupy another worker.
+def _prepare_link(matched: Matched, inputs: SolInputs) -> None:
+    """Prepare the stop nearest to a new one for their link, while a worker ties the new one.
 
-    A stop that cannot be prepared is reported by its links.
+    If that fails, the link reports it.
     """
-    if not shares_memory():
-        return
     stops, config, store = inputs.telemetry.stops, inputs.config, inputs.workspace.store
     new = [stop for stop in inputs.window if stop.stop in inputs.new_stops]
-    near = {old.stop: old for stop in new for old in candidates(stop, stops, config)}
-    for name, telemetry in list(near.items())[: STOPS_KEPT - 1]:
-        if not matched.get(name) or name in inputs.touched:
-            continue
-        stop = StopProducts(name, tuple(matched[name]))
-        tied = tie_stop.submit(
-            stop, telemetry, config.inter_stereo, store, previews=config.previews
-        )
-        if isinstance(tied, LookedUp):
+    near = [old for stop in new for old in candidates(stop, stops, config)]
+    near = [old for old in near if matched.get(old.stop) and old.stop not in inputs.touched]
+    if not near or not shares_memory():
+        return
+    stop = StopProducts(near[0].stop, tuple(matched[near[0].stop]))
+    tied = tie_stop.submit(stop, near[0], config.inter_stereo, store, previews=config.previews)
+    if isinstance(tied, LookedUp):
+        with keep_going({}, f"{stop.stop} is not prepared"):
             stop = replace(stop, ties=tied.result())
-            prepare_to_link.submit(stop, telemetry, config.cross_site, store)
+            prepare_to_link(stop, near[0], config.cross_site, store)
 
 
 def _turns(

@@ -157,7 +157,6 @@ def link_stops(  # noqa: PLR0913 - two stops, each with telemetry
     return links
 
 
-@stage(task_run_name="prepare-{stop.stop}", makes_products=False)
 def prepare_to_link(
     stop: StopProducts, telemetry: StopPrior, params: CrossSiteParams, store: ProductStore
 ) -> None:

@@ -1,4 +1,4 @@
-"""Which stops are prepared for links while a new one is tied."""
+"""Which stop is prepared for its link while a new one is tied."""
 
 from types import SimpleNamespace
 
@@ -20,7 +20,7 @@ TELEMETRY = tuple(
 
 @pytest.fixture
 def prepared(monkeypatch):
-    """The stops whose preparation was submitted; ties of all but the new one exist."""
+    """The stops that were prepared; ties of all but the new one exist."""
     from solmap.flows import sol_matching  # noqa: PLC0415 - imports Prefect
     from solmap.tasks.stage import LookedUp  # noqa: PLC0415
 
@@ -30,8 +30,11 @@ def prepared(monkeypatch):
         return LookedUp(None) if stop.stop != STOPS[3] else SimpleNamespace()
 
     monkeypatch.setattr(sol_matching, "tie_stop", SimpleNamespace(submit=tie))
-    submit = SimpleNamespace(submit=lambda stop, *_: order.append(stop.stop))
-    monkeypatch.setattr(sol_matching, "prepare_to_link", submit)
+
+    def note(stop, *_):
+        order.append(stop.stop)
+
+    monkeypatch.setattr(sol_matching, "prepare_to_link", note)
     return order
 
 
@@ -47,12 +50,12 @@ def prepare(new=(STOPS[3],), touched=(STOPS[3],)):
         touched=touched,
     )
     pairs = {stop: [SimpleNamespace()] for stop in STOPS}
-    sol_matching._prepare_links(pairs, inputs)
+    sol_matching._prepare_link(pairs, inputs)
 
 
-def test_the_nearest_earlier_stops_are_prepared_as_many_as_are_kept(prepared):
+def test_the_nearest_earlier_stop_is_prepared(prepared):
     prepare()
-    assert prepared == [STOPS[2], STOPS[1]]
+    assert prepared == [STOPS[2]]
 
 
 def test_a_sol_without_new_stops_prepares_none(prepared):

@@ -76,7 +76,7 @@ def test_a_stop_prepared_ahead_is_used_by_its_link(tie, prepared, tmp_path):
     store = ProductStore.open(tmp_path)
     ties = ProductRef(ProductKind.TIES, Scope(ScopeLevel.STOP, str(STOPS[0])), "0" * 16)
     ahead = tie.StopProducts(STOPS[0], (), ties=ties)
-    tie.prepare_to_link.fn(ahead, TELEMETRY[STOPS[0]], CrossSiteParams(), store)
+    tie.prepare_to_link(ahead, TELEMETRY[STOPS[0]], CrossSiteParams(), store)
     link(tie, store, STOPS[0], STOPS[1])
     assert prepared == [STOPS[0], STOPS[1]]
 
