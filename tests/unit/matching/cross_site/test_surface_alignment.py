@@ -46,11 +46,10 @@ def seen_from(ground, north_m, east_m, lines=0.0):
     far = np.hypot(place[:, None], place[None, :])
     over = ((up - MAST_M) / far).astype(np.float32)
     middle, size = (half - 0.5, half - 0.5), (2 * half, 1440)
-    polar = cv2.warpPolar(over, size, middle, 2 * half, cv2.INTER_LINEAR)
+    drawn = cv2.INTER_LINEAR | cv2.WARP_FILL_OUTLIERS  # outside is not what memory held
+    polar = cv2.warpPolar(over, size, middle, 2 * half, drawn)
     horizon = np.maximum.accumulate(polar, axis=1)
-    back = cv2.warpPolar(
-        horizon, up.shape, middle, 2 * half, cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    )
+    back = cv2.warpPolar(horizon, up.shape, middle, 2 * half, drawn | cv2.WARP_INVERSE_MAP)
     up[(over < back - 0.003) | (far > PARAMS.farthest_m) | (far < 1.5)] = np.nan
     by_row, by_col = np.gradient(
         cv2.GaussianBlur(ground, (0, 0), 2.0)[row - half : row + half, col - half : col + half]
