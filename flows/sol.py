@@ -12,6 +12,7 @@ from solmap.flows.runtime.jobs import Job, run_jobs
 from solmap.flows.runtime.sol_report import SolReport
 from solmap.flows.sol_inputs import SolInputs, gather, stops_of_next
 from solmap.flows.sol_maps import (
+    FIRST,
     Key,
     Matched,
     map_far_ground,
@@ -116,6 +117,8 @@ def _make(waves: Waves, network: ProductRef | None, matched: Matched) -> None:
         jobs |= _quality_job(network, matched, inputs)
     mapped = {stop for stop, what in jobs if what == "dtm"} - report.postponed
     jobs |= preview_jobs(inputs, matched, mapped)
+    first = [(stop, what) for stop, what in jobs if stop in waves.new and what in FIRST]
+    jobs = {key: job if key in first else job.only_after(first) for key, job in jobs.items()}
     _note_failures(report, jobs, run_jobs(jobs, waves.settled)[1])
     clear_views()
     clear_dtms()

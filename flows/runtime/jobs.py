@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from queue import SimpleQueue
 from typing import Any, TypeVar
@@ -35,6 +35,10 @@ class Job:
     """Keys of earlier jobs whose results it requires."""
     after: Sequence[Any] = ()
     """Keys of earlier jobs whose end it waits for, with or without a result."""
+
+    def only_after(self, others: Sequence[Any]) -> Job:
+        """The same job, which also waits for the end of others."""
+        return replace(self, after=(*self.after, *others))
 
 
 def run_jobs(

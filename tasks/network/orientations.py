@@ -29,6 +29,7 @@ from solmap.photogrammetry.matching.resampling import resample
 from solmap.photogrammetry.matching.stereo.dense import SharedSigma
 from solmap.photogrammetry.terrain.dtm.records import PoseCovariance, TerrainView
 from solmap.photogrammetry.terrain.dtm.rover_body import mask_rover
+from solmap.photogrammetry.threads import in_threads
 from solmap.products.catalogue.images import read_product_image
 from solmap.products.catalogue.workspace import Workspace
 from solmap.products.formats.documents.archives import read_dense, read_matches
@@ -108,7 +109,7 @@ def inputs_of(pairs: Iterable[OrientedPair]) -> tuple[ProductRef, ...]:
 
 def read_views(pairs: Iterable[OrientedPair], store: ProductStore) -> list[TerrainView]:
     """The views of some pairs."""
-    return [_read_view(pair, store) for pair in pairs]
+    return in_threads(lambda pair: _read_view(pair, store), pairs)
 
 
 def clear_views() -> None:

@@ -91,6 +91,7 @@ from solmap.photogrammetry.terrain.dtm.ground import camera_on_map
 from solmap.photogrammetry.terrain.dtm.heights import ViewHeights, view_heights
 from solmap.photogrammetry.terrain.dtm.occlusion import mark_occluded
 from solmap.photogrammetry.terrain.dtm.records import Dtm, GroundClass, TerrainView
+from solmap.photogrammetry.threads import in_threads
 
 STEEPEST = 1.0
 """Patch gradients of this (45 degrees) and more are not used: they are the sides of rocks."""
@@ -164,7 +165,9 @@ def build_dtm(views: Sequence[TerrainView], params: DtmParams, grid: MapGrid | N
         TerrainError: no view has a trusted parallax, or no measured ground lies in `grid`.
     """
     meshed = params.method is Gridding.GRID
-    heights = [view_heights(view, params, params.cell_m, meshed=meshed) for view in views]
+    heights = in_threads(
+        lambda view: view_heights(view, params, params.cell_m, meshed=meshed), views
+    )
     if not any(len(one) for one in heights):
         raise TerrainError(
             f"none of the {len(views)} views has a parallax above "

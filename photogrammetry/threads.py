@@ -1,0 +1,18 @@
+"""Work on two items at a time: NumPy and OpenCV mostly compute without the interpreter's lock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+THREADS = 2
+"""As many as stages run at a time; each view that is worked on takes some 50 MB."""
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def in_threads(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """Results in the order of the items; the first error is raised."""
+    with ThreadPoolExecutor(THREADS) as pool:
+        return list(pool.map(work, items))
