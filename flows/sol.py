@@ -10,7 +10,7 @@ from prefect import flow
 from solmap.flows.runtime.failures import keep_going, keep_outcome, wait_for
 from solmap.flows.runtime.jobs import Job, run_jobs
 from solmap.flows.runtime.sol_report import SolReport
-from solmap.flows.sol_inputs import SolInputs, gather, stops_of_next
+from solmap.flows.sol_inputs import SolInputs, gather
 from solmap.flows.sol_maps import (
     FIRST,
     Key,
@@ -96,13 +96,20 @@ def map_what_moved(
         waves.show_positions(report.standing)
         if following is not None:
             with keep_going(failed, f"sol {following}"):
-                report.postponed = stops_of_next(inputs, following, report.standing)
+                report.postponed = _stops_of(following, inputs, report.standing)
     _make(waves, network, matched)
     if report.standing is not None:
         with keep_going(failed, "its findings"):
             report.notes += _findings(inputs, report.standing)
     report.add_failures("read", failed)
     waves.close()
+
+
+def _stops_of(sol: int, inputs: SolInputs, standing: Standing) -> frozenset[StopId]:
+    """The stops that a following sol maps; none if it has none of its own."""
+    name, store = inputs.mission.mission, inputs.workspace.store.root
+    following = gather(name, sol, store, inputs.pipeline, standing)
+    return frozenset(stop.stop for stop in following.window) if following.touched else frozenset()
 
 
 def _make(waves: Waves, network: ProductRef | None, matched: Matched) -> None:
@@ -135,19 +142,16 @@ def _plan(waves: Waves, standing: Standing, matched: Matched) -> dict[Key, Job]:
     first, more = map_jobs(inputs, standing.orientations, matched, waves.new)
     models = model_jobs(inputs, standing.orientations, matched)
     models |= panorama_jobs(inputs, standing.orientations, matched)
-    later = postponed - waves.new, postponed, postponed
-    planned = [
-        {key: job for key, job in jobs.items() if key[0] not in stops}
-        for jobs, stops in zip((first, more, models), later, strict=True)
-    ]
+
+    def due(jobs: Mapping[Key, Job], left_out: frozenset[StopId]) -> dict[Key, Job]:
+        return {key: job for key, job in jobs.items() if key[0] not in left_out}
+
+    planned = due(first, postponed - waves.new), due(more, postponed), due(models, postponed)
     waves.plan(*planned)
     jobs = planned[0] | planned[1] | planned[2]
     # new stops wave by wave, then the others one by one, so that the views of one are in memory
-    return {key: jobs[key] for key in sorted(jobs, key=lambda key: _turn(key[0], waves.new))}
-
-
-def _turn(stop: StopId, new: frozenset[StopId]) -> str:
-    return "" if stop in new else str(stop)
+    names = {key: "" if key[0] in waves.new else str(key[0]) for key in jobs}
+    return {key: jobs[key] for key in sorted(jobs, key=names.__getitem__)}
 
 
 def _quality_job(network: ProductRef, matched: Matched, inputs: SolInputs) -> dict[Key, Job]:

@@ -110,16 +110,6 @@ def gather(
     )
 
 
-def stops_of_next(inputs: SolInputs, sol: int, previous: Standing) -> frozenset[StopId]:
-    """The stops that a later sol maps, after the adjustment `previous`; none if it has no stop."""
-    store = inputs.workspace.store.root
-    known = _Known.of(inputs.mission.mission, sol, store, inputs.pipeline, previous)
-    stops = known.telemetry.stops
-    touched = [stop for stop in stops if sol in stop.sols]
-    window = _window(touched, stops, known, previous) if touched else ()
-    return frozenset(stop.stop for stop in window)
-
-
 def gather_all(
     mission: str, sol: int, store: Path, pipeline: str, previous: Standing | None = None
 ) -> SolInputs:

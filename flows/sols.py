@@ -195,7 +195,7 @@ class MapSols:
     """The adjustment from which each step started."""
     _unrecorded: list[tuple[Step, str, SolReport]] = field(default_factory=list)
     """Steps with their keys, whose layers are not all made yet."""
-    _walks: bool = False
+    _has_processed: bool = False
     """Whether a sol was processed; later ones publish maps of the same stops after it."""
 
     @property
@@ -234,11 +234,11 @@ class MapSols:
         line = f"{self.name} sol {step.sol}: {{}}"
         with isolate(step.scope.name, self.workspace, self.failures, line):
             key = reusable.key(step.sol, self._before[step])
-            done = None if self._walks else reusable.report(step.scope, step.sol, key)
+            done = None if self._has_processed else reusable.report(step.scope, step.sol, key)
             if done is None:
-                if not self._walks:
+                if not self._has_processed:
                     reusable.forget(step.scope)
-                self._walks = True
+                self._has_processed = True
                 done = self._run(step, later)
                 self._record(reusable, step, key, done)
             self._reports[step] = done

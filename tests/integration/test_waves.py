@@ -73,14 +73,14 @@ def test_layers_left_to_a_sol_that_fails_are_made(tmp_path: Path, monkeypatch):
 
     downlink = write_small_downlink(tmp_path / "downlink", pairs=2)
     pipeline = str(write_coarse_pipeline(tmp_path / "coarse.toml"))
-    gather, last = module.gather, 156
+    match_pairs, last = module.match_pairs, 156
 
-    def failing(mission, sol, *rest):
-        if sol == last:
+    def failing(inputs, *rest):
+        if inputs.sol == last:
             raise ValueError("no sol")
-        return gather(mission, sol, *rest)
+        return match_pairs(inputs, *rest)
 
-    monkeypatch.setattr(module, "gather", failing)
+    monkeypatch.setattr(module, "match_pairs", failing)
     report = process(downlink, tmp_path / "store", pipeline)
     assert report.failures == [f"MER2 sol {last}: ValueError: no sol"]
     workspace = Workspace.open(tmp_path / "store")
